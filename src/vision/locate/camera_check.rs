@@ -6,12 +6,10 @@
 //! that the fixture does not constrain is reported as not observed, never as not moved.
 
 use super::covariance::worst_mm;
-use super::grid::{self, ColoredCloud, DepthReading, Grid, RigidF32, camera_point};
-use super::model::Model;
-use super::profile;
-use super::sampling::spread_indices;
+use super::grid::{ColoredCloud, DepthReading, Grid, RigidF32, camera_point, spread_indices};
+use super::model::{Model, TaughtModel};
 use super::solve::{Constraint, ResidualSums, ResidualWeighting, apply_twist, spread};
-use super::taught_model::TaughtModel;
+use super::{edges, grid};
 use nalgebra::{Matrix6, Vector2};
 use panelprep_base::geometry::statistics::PANEL_MAX_95;
 use panelprep_base::geometry::{Camera, Frame, OrganizedCloud, Panel, Pixel, Rigid};
@@ -217,10 +215,10 @@ impl<'a> StaticScene<'a> {
         let look = |k: &usize| {
             let TaughtEdge { block, pixel, across } = found[*k];
             let outward = [across.x, across.y];
-            let taught = profile::step(&profile::line(&panel.scan, pixel, outward)?, 0.0)?;
+            let taught = edges::step(&edges::line(&panel.scan, pixel, outward)?, 0.0)?;
             let point = self.taught.point(block % self.taught.columns, block / self.taught.columns)?;
             let (_, slope) = self.taught.camera.project_with_jacobian(camera_point(&point))?;
-            let now = profile::line(scan, pixel, outward).and_then(|line| profile::step(&line, taught.offset_px));
+            let now = edges::line(scan, pixel, outward).and_then(|line| edges::step(&line, taught.offset_px));
             let now = now.filter(|now| taught.contrast * now.contrast > 0.0).map(|now| Constraint {
                 point,
                 gradient: slope.transpose() * across,
@@ -330,5 +328,5 @@ struct TaughtEdge {
 }
 
 fn brightness(panel: &TaughtPanel, pixel: Pixel) -> Option<f64> {
-    profile::brightness(&panel.scan, pixel)
+    edges::brightness(&panel.scan, pixel)
 }

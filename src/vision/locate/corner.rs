@@ -5,20 +5,23 @@
 //! thesis. First, a direction states which corner of the box is meant, since the order of `minAreaRect`'s corners
 //! jumps as the box turns. Second, the reported point is the intersection of the two extended edges beside that
 //! contour point: a single pixel on a rounded corner is a poor measurement, two lines through hundreds of sub-pixel
-//! points are a good one (see `edge`). Lens distortion and the panel's curvature bend the edges by a fraction of a
-//! pixel over the fitted length. The edges of the taught and the found corner are bent alike, because they are seen
-//! from nearly the same position; this is not corrected. This module does not know the expected place of the corner:
-//! see `refine`.
+//! points are a good one. Lens distortion and the panel's curvature bend the edges by a fraction of a pixel over the
+//! fitted length. The edges of the taught and the found corner are bent alike, because they are seen from nearly the
+//! same position; this is not corrected. This module does not know the expected place of the corner: see `refine`.
+//!
+//! A straight edge is found to a fraction of a pixel. A line through contour pixels shows roughly where it is. At
+//! every pixel along this line, the grey of the unfiltered picture is read across the edge, from the panel's side to
+//! the other. The edge is where the grey crosses the middle between its values on both sides. A robust line through
+//! these places is the edge; the grey is read once more from this line.
+//!
+//! A picture that shows no corner gives an error, as text for the person who set the recipe.
 
-mod edge;
-mod error;
-
-pub use edge::EdgeLine;
-pub use error::CornerError;
-
-use panelprep_base::geometry::{FlangeCamera, GrayPicture, Mask, PinholeCamera, Pixel, Point, polygon};
-use panelprep_cell::imaging::{bilateral_filter, min_area_box, outer_contours};
-use panelprep_cell::recipe::{self, CornerName};
+use nalgebra::{Matrix2, Vector2};
+use panelprep_base::geometry::{FlangeCamera, GrayPicture, Mask, PinholeCamera, Pixel, Point, median, polygon};
+use panelprep_base::number_text::distinguishable_texts;
+use panelprep_cell::imaging::{ImagingError, bilateral_filter, min_area_box, outer_contours};
+use panelprep_cell::recipe;
+use panelprep_cell::recipe::CornerName;
 
 /// A contour that encloses less than this fraction of the picture is not the panel.
 const MIN_PICTURE_SHARE: f64 = 0.02;
@@ -68,22 +71,22 @@ pub fn find(
         return Err(CornerError::CornerAtBorder { u: nearest_px.u, v: nearest_px.v });
     }
     let length =
-        edge::EdgeStretch { skip_px: settings.rounding_mm() * px_per_mm, fit_px: settings.edge_mm() * px_per_mm };
+        EdgeStretch { skip_px: settings.rounding_mm() * px_per_mm, fit_px: settings.edge_mm() * px_per_mm };
     let fitted = |start: usize, step: isize| {
         let along =
             walk_contour(&contour, start, step).take_while(|&(_, way_px)| way_px <= length.skip_px + length.fit_px);
         // Points on the picture's border follow the border and not the panel.
         let beside = along.filter(|&(pixel, way_px)| way_px >= length.skip_px && inside(pixel));
-        edge::fit(picture, &beside.map(|(pixel, _)| pixel).collect::<Vec<_>>(), length)
+        fit_edge(picture, &beside.map(|(pixel, _)| pixel).collect::<Vec<_>>(), length)
     };
     let edges_from =
         |start: usize| -> Result<[EdgeLine; 2], CornerError> { Ok([fitted(start, 1)?, fitted(start, -1)?]) };
     // In a turned picture the thesis's corner point does not lie in the middle of the rounding: a first intersection
     // of the edges shows where the middle is.
     let rough = edges_from(nearest)?;
-    let rough_px = edge::intersect_edges(&rough[0], &rough[1], MIN_ANGLE_DEG)?;
+    let rough_px = intersect_edges(&rough[0], &rough[1], MIN_ANGLE_DEG)?;
     let edges = edges_from(nearest_contour_index(&contour, rough_px))?;
-    let corner_px = edge::intersect_edges(&edges[0], &edges[1], MIN_ANGLE_DEG)?;
+    let corner_px = intersect_edges(&edges[0], &edges[1], MIN_ANGLE_DEG)?;
     if !inside(corner_px) {
         return Err(CornerError::CornerAtBorder { u: corner_px.u, v: corner_px.v });
     }
@@ -146,5 +149,348 @@ fn walk_contour(contour: &[Pixel], start: usize, step: isize) -> impl Iterator<I
     })
 }
 
+/// How far across the edge the grey is read, px.
+const REACH_PX: i32 = 8;
+/// Number of samples at each end of a profile that determine the grey of a side.
+const SIDE_SAMPLES: usize = 5;
+/// Smallest difference between both sides of an edge, grey levels.
+const MIN_CONTRAST: f64 = 20.0;
+/// Smallest number of sharp edge points per pixel of length; with fewer, the edge is too short or too broken.
+const MIN_SHARE: f64 = 0.5;
+/// Points farther from the line than this multiple of the median distance are left out, but points within a third of a
+/// pixel are always used.
+const MAX_OUTLIER_MEDIANS: f64 = 4.0;
+const FLOOR_PX: f64 = 0.33;
+const LINE_FIT_ITERATIONS: usize = 6;
+
+/// The segment in which an edge is searched, starting at the corner.
+#[derive(Debug, Clone, Copy)]
+struct EdgeStretch {
+    /// Length that is left out beside the corner, px.
+    pub skip_px: f64,
+    /// Fitted, px.
+    pub fit_px: f64,
+}
+
+/// A straight edge.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EdgeLine {
+    /// The end of the edge near the corner.
+    pub from: Pixel,
+    /// Its other end.
+    pub to: Pixel,
+    /// Root mean square distance of the edge points from the line, px.
+    pub rms_px: f64,
+    /// Number of edge points on the line.
+    pub points: usize,
+}
+
+/// Fits the edge along contour pixels, given from the corner outwards.
+fn fit_edge(picture: &GrayPicture, contour: &[Pixel], length: EdgeStretch) -> Result<EdgeLine, CornerError> {
+    let needed = ((length.fit_px * MIN_SHARE) as usize).max(4);
+    let short = |found: usize| CornerError::EdgeTooShort { found, needed };
+    let (Some(first), Some(last)) = (contour.first(), contour.last()) else { return Err(short(0)) };
+    let outwards = vector(*last) - vector(*first);
+    let mut line =
+        FittedLine::fit_trimmed(&contour.iter().map(|&pixel| vector(pixel)).collect::<Vec<_>>(), outwards)
+            .ok_or_else(|| short(contour.len()))?;
+    for _ in 0..2 {
+        let places = edge_points(picture, &line);
+        line = FittedLine::fit_trimmed(&places, outwards)
+            .filter(|line| line.points >= needed)
+            .ok_or_else(|| short(places.len()))?;
+    }
+    Ok(EdgeLine {
+        from: pixel(line.centre + line.direction * line.span[0]),
+        to: pixel(line.centre + line.direction * line.span[1]),
+        rms_px: line.rms_px,
+        points: line.points,
+    })
+}
+
+/// Returns the intersection of two edges.
+fn intersect_edges(a: &EdgeLine, b: &EdgeLine, min_angle_deg: f64) -> Result<Pixel, CornerError> {
+    let along = |edge: &EdgeLine| (vector(edge.to) - vector(edge.from)).normalize();
+    let (along_a, along_b) = (along(a), along(b));
+    let sine = along_a.perp(&along_b);
+    let angle_deg = sine.abs().asin().to_degrees();
+    if angle_deg.is_nan() || angle_deg < min_angle_deg {
+        return Err(CornerError::EdgesParallel { angle_deg, min_deg: min_angle_deg });
+    }
+    let way = (vector(b.from) - vector(a.from)).perp(&along_b) / sine;
+    Ok(pixel(vector(a.from) + along_a * way))
+}
+
+struct FittedLine {
+    centre: Vector2<f64>,
+    direction: Vector2<f64>,
+    /// First and last point along the line, measured from the middle of the line.
+    span: [f64; 2],
+    rms_px: f64,
+    points: usize,
+}
+
+impl FittedLine {
+    /// Fits a line by total least squares with trimming: the direction of largest scatter among the points near the
+    /// line.
+    fn fit_trimmed(places: &[Vector2<f64>], outwards: Vector2<f64>) -> Option<FittedLine> {
+        let mut kept = places.to_vec();
+        let mut line = FittedLine::fit_least_squares(&kept, outwards)?;
+        for _ in 0..LINE_FIT_ITERATIONS {
+            let away = |place: &Vector2<f64>| (place - line.centre).perp(&line.direction).abs();
+            let mut sizes: Vec<f64> = kept.iter().map(away).collect();
+            let limit_px = (MAX_OUTLIER_MEDIANS * median(&mut sizes)?).max(FLOOR_PX);
+            kept = places.iter().filter(|place| away(place) <= limit_px).copied().collect();
+            line = FittedLine::fit_least_squares(&kept, outwards)?;
+        }
+        Some(line)
+    }
+
+    fn fit_least_squares(places: &[Vector2<f64>], outwards: Vector2<f64>) -> Option<FittedLine> {
+        if places.len() < 2 {
+            return None;
+        }
+        let count = places.len() as f64;
+        let middle = places.iter().sum::<Vector2<f64>>() / count;
+        let scatter: Matrix2<f64> =
+            places.iter().map(|place| (place - middle) * (place - middle).transpose()).sum();
+        let eigen = scatter.symmetric_eigen();
+        let along = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
+        let along = if along.dot(&outwards) < 0.0 { -along } else { along };
+        let way = |place: &Vector2<f64>| (place - middle).dot(&along);
+        let span = [places.iter().map(way).fold(0.0, f64::min), places.iter().map(way).fold(0.0, f64::max)];
+        let rms_px = (eigen.eigenvalues.min().max(0.0) / count).sqrt();
+        Some(FittedLine { centre: middle, direction: along, span, rms_px, points: places.len() })
+    }
+}
+
+/// Finds the sub-pixel edge points, one for each pixel along a line near the edge.
+fn edge_points(picture: &GrayPicture, line: &FittedLine) -> Vec<Vector2<f64>> {
+    let across = Vector2::new(-line.direction.y, line.direction.x);
+    let steps = (line.span[1] - line.span[0]).floor().max(0.0) as usize;
+    let place = |step: usize| {
+        let centre = line.centre + line.direction * (line.span[0] + step as f64);
+        let profile = (-REACH_PX..=REACH_PX)
+            .map(|offset| gray_at(picture, centre + across * f64::from(offset)))
+            .collect::<Option<Vec<f64>>>()?;
+        Some(centre + across * (find_crossing(&profile)? - f64::from(REACH_PX)))
+    };
+    (0..=steps).filter_map(place).collect()
+}
+
+/// Finds where a profile crosses the middle between its ends, nearest to its centre, in samples; `None` if the ends
+/// differ too little.
+fn find_crossing(profile: &[f64]) -> Option<f64> {
+    let mean = |side: &[f64]| side.iter().sum::<f64>() / side.len() as f64;
+    let (first, last) = (mean(&profile[..SIDE_SAMPLES]), mean(&profile[profile.len() - SIDE_SAMPLES..]));
+    if (last - first).abs() < MIN_CONTRAST {
+        return None;
+    }
+    let middle = (first + last) / 2.0;
+    let centre = (profile.len() - 1) as f64 / 2.0;
+    let crosses = |i: usize| {
+        let (a, b) = (profile[i] - middle, profile[i + 1] - middle);
+        ((a < 0.0) != (b < 0.0)).then(|| i as f64 + a / (a - b))
+    };
+    let rising = |i: &usize| (profile[i + 1] > profile[*i]) == (last > first);
+    (0..profile.len() - 1)
+        .filter(rising)
+        .filter_map(crosses)
+        .min_by(|a, b| (a - centre).abs().total_cmp(&(b - centre).abs()))
+}
+
+/// Interpolates the grey between pixel centres, bilinear; `None` outside the picture.
+fn gray_at(picture: &GrayPicture, place: Vector2<f64>) -> Option<f64> {
+    let (column, row) = (place.x.floor(), place.y.floor());
+    if column < 0.0 || row < 0.0 || column as usize + 1 >= picture.width || row as usize + 1 >= picture.height {
+        return None;
+    }
+    let (right, down) = (place.x - column, place.y - row);
+    let at =
+        |dx: usize, dy: usize| f64::from(picture.gray[(row as usize + dy) * picture.width + column as usize + dx]);
+    let upper = at(0, 0) * (1.0 - right) + at(1, 0) * right;
+    let lower = at(0, 1) * (1.0 - right) + at(1, 1) * right;
+    Some(upper * (1.0 - down) + lower * down)
+}
+
+fn vector(pixel: Pixel) -> Vector2<f64> {
+    Vector2::new(pixel.u, pixel.v)
+}
+
+fn pixel(place: Vector2<f64>) -> Pixel {
+    Pixel::at(place.x, place.y)
+}
+
+/// The reason why a picture shows no corner.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CornerError {
+    /// No pixel has the panel's brightness.
+    #[error(
+        "no pixel has the brightness of the panel, {min}…{max}; check that the light is on and that the panel is \
+         in view"
+    )]
+    NoContour {
+        /// Darkest brightness of the panel.
+        min: usize,
+        /// Brightest brightness of the panel.
+        max: usize,
+    },
+    /// The largest object with the panel's brightness is too small.
+    #[error(
+        "the largest object with the panel's brightness covers {} % of the picture, at least {} % are needed; \
+         check that the panel is in view, and check panel_gray_max", distinguishable_texts(*found_percent, *needed_percent, 1)[0], distinguishable_texts(*found_percent, *needed_percent, 1)[1]
+    )]
+    ContourTooSmall {
+        /// The fraction of the picture that the object covers, percent.
+        found_percent: f64,
+        /// The required fraction, percent.
+        needed_percent: f64,
+    },
+    /// The corner lies at the border of the picture or beyond.
+    #[error(
+        "the corner at ({u:.0}, {v:.0}) px lies at the picture's border; move the camera so that the corner is \
+         well inside the picture"
+    )]
+    CornerAtBorder {
+        /// Column, px.
+        u: f64,
+        /// Row, px.
+        v: f64,
+    },
+    /// One of the edges that meet in the corner is too short or too faint.
+    #[error(
+        "an edge beside the corner has {found} sharp points, at least {needed} are needed; check that the edge is \
+         in view over rounding_mm and edge_mm, free of reflections, and clearly darker than the background"
+    )]
+    EdgeTooShort {
+        /// Number of edge points found.
+        found: usize,
+        /// Number of edge points needed.
+        needed: usize,
+    },
+    /// The two edges have nearly the same direction.
+    #[error(
+        "the two edges meet at {}°, at least {}° are needed; check that the picture shows a corner of the panel", distinguishable_texts(*angle_deg, *min_deg, 1)[0],
+        distinguishable_texts(*angle_deg, *min_deg, 1)[1]
+    )]
+    EdgesParallel {
+        /// The angle, degrees.
+        angle_deg: f64,
+        /// The smallest angle allowed, degrees.
+        min_deg: f64,
+    },
+    /// OpenCV rejected the picture.
+    #[error(transparent)]
+    Imaging(#[from] ImagingError),
+}
+
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+    use panelprep_cell::recipe::Recipe;
+
+    fn settings(corner: &str) -> recipe::Corner {
+        let text = format!(
+            "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\
+             [locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 1, 1]\n[corner]\n{corner}"
+        );
+        Recipe::check("test.toml", &text).unwrap_or_else(|problems| panic!("{problems}")).corner().clone()
+    }
+
+    /// Draws a dark panel to the right of and below a corner, in front of a light wall. Its edges are turned by
+    /// `turn_deg`, rounded by `rounding_px` and spread over one pixel; a little unevenness replaces noise.
+    fn picture(corner: Pixel, turn_deg: f64, rounding_px: f64) -> GrayPicture {
+        let (width, height) = (320usize, 240usize);
+        let (sin, cos) = turn_deg.to_radians().sin_cos();
+        let gray = (0..width * height).map(|i| {
+            let (u, v) = ((i % width) as f64 - corner.u, (i / width) as f64 - corner.v);
+            let (x, y) = (cos * u + sin * v, cos * v - sin * u);
+            let (short_x, short_y) = ((rounding_px - x).max(0.0), (rounding_px - y).max(0.0));
+            let inside_px = rounding_px - if x.min(y) < rounding_px { short_x.hypot(short_y) } else { 0.0 };
+            let share = (0.5 + inside_px).clamp(0.0, 1.0);
+            let uneven = f64::from((i * 7919 % 13) as u8) - 6.0;
+            (170.0 - 100.0 * share + uneven).round() as u8
+        });
+        GrayPicture { width, height, gray: gray.collect() }
+    }
+
+    const SHORT: &str = "rounding_mm = 4\nedge_mm = 12\n";
+
+    /// By construction the edges meet at (103.4, 77.8), outside the panel: the corner is rounded by 22 px.
+    #[test]
+    fn a_rounded_turned_corner_is_found_to_a_tenth_of_a_pixel() {
+        for turn_deg in [-14.0, 0.0, 3.0, 12.0] {
+            let corner = Pixel::at(103.4, 77.8);
+            let found = find(&picture(corner, turn_deg, 22.0), &settings(SHORT), CornerName::TopLeft, 5.0)
+                .expect("a corner");
+            assert!(found.corner_px.distance_px(corner) < 0.1, "{turn_deg}°: {:?}", found.corner_px);
+            // The thesis's corner point lies on the rounding, (√2 − 1)·22 = 9.1 px from the corner. In a turned picture
+            // the corner point lies beside the middle of the rounding.
+            let mark_px = found.nearest_px.distance_px(corner);
+            assert!((8.0..28.0).contains(&mark_px), "{turn_deg}°: {:?}", found.nearest_px);
+            assert!(found.edges.iter().all(|edge| edge.rms_px < 0.2 && edge.points > 50), "{:?}", found.edges);
+        }
+    }
+
+    /// Tests another corner by turning the picture: `which` selects the corner.
+    #[test]
+    fn the_named_corner_is_found() {
+        let upright = picture(Pixel::at(103.0, 77.0), 2.0, 10.0);
+        let (width, height) = (upright.width, upright.height);
+        let turned = GrayPicture { gray: upright.gray.iter().rev().copied().collect(), ..upright };
+        let found = find(&turned, &settings(SHORT), CornerName::BottomRight, 5.0).expect("a corner");
+        let expected = Pixel::at(width as f64 - 1.0 - 103.0, height as f64 - 1.0 - 77.0);
+        assert!(found.corner_px.distance_px(expected) < 0.1, "{:?}", found.corner_px);
+    }
+
+    #[test]
+    fn what_is_no_corner_is_refused_in_words() {
+        let settings = settings(SHORT);
+        let nothing = find(&GrayPicture::uniform(320, 240, 200), &settings, CornerName::TopLeft, 5.0);
+        assert!(matches!(nothing, Err(CornerError::NoContour { min: 0, max: 110 })), "{nothing:?}");
+        let speck = find(&picture(Pixel::at(310.0, 230.0), 0.0, 1.0), &settings, CornerName::TopLeft, 5.0);
+        assert!(matches!(speck, Err(CornerError::ContourTooSmall { .. })), "{speck:?}");
+        let cut = find(&picture(Pixel::at(-20.0, 77.0), 0.0, 5.0), &settings, CornerName::TopLeft, 5.0);
+        assert!(matches!(cut, Err(CornerError::CornerAtBorder { .. })), "{cut:?}");
+        let short = find(&picture(Pixel::at(290.0, 77.0), 0.0, 5.0), &settings, CornerName::TopLeft, 5.0);
+        assert!(matches!(short, Err(CornerError::EdgeTooShort { .. })), "{short:?}");
+    }
+
+    /// Calculated by hand: between 40 and 140 the middle is 90. From 60 to 120 this value is crossed half-way, 8.5
+    /// samples from the start.
+    #[test]
+    fn the_middle_grey_is_crossed_between_two_samples() {
+        let mut profile = [40.0; 17];
+        profile[8] = 60.0;
+        profile[9] = 120.0;
+        profile[10..].fill(140.0);
+        assert!((find_crossing(&profile).expect("a step") - 8.5).abs() < 1e-12);
+        assert_eq!(find_crossing(&[100.0; 17]), None);
+    }
+
+    /// By hand: y = 10 and x = 20 + y/2 meet at (25, 10).
+    #[test]
+    fn two_lines_meet() {
+        let line = |a: (f64, f64), b: (f64, f64)| EdgeLine {
+            from: Pixel::at(a.0, a.1),
+            to: Pixel::at(b.0, b.1),
+            rms_px: 0.0,
+            points: 2,
+        };
+        let level = line((40.0, 10.0), (90.0, 10.0));
+        let steep = line((30.0, 20.0), (50.0, 60.0));
+        let corner = intersect_edges(&level, &steep, 20.0).expect("a corner");
+        assert!(corner.distance_px(Pixel::at(25.0, 10.0)) < 1e-12, "{corner:?}");
+        let error = intersect_edges(&level, &line((40.0, 20.0), (90.0, 22.0)), 20.0).expect_err("nearly parallel");
+        assert!(matches!(error, CornerError::EdgesParallel { angle_deg, .. } if (angle_deg - 2.29).abs() < 0.01));
+    }
+
+    #[test]
+    fn a_few_wrong_places_do_not_turn_the_line() {
+        let place =
+            |i: i32| Vector2::new(f64::from(i), if i % 9 == 0 { 14.0 } else { 5.0 + 0.01 * f64::from(i % 2) });
+        let line = FittedLine::fit_trimmed(&(0..90).map(place).collect::<Vec<_>>(), Vector2::x()).expect("a line");
+        assert!(line.direction.y.abs() < 1e-3 && (line.centre.y - 5.005).abs() < 1e-3, "{:?}", line.centre);
+        assert_eq!(line.points, 80);
+    }
+}

@@ -26,9 +26,8 @@
 
 use super::deviation::{Deviation, PanelPlane};
 use super::fit::{EDGE_CORRELATION_MM, KINDS, Residuals};
-use super::grid::RigidF32;
+use super::grid::{RigidF32, spread_indices};
 use super::model::Model;
-use super::sampling::spread_indices;
 use super::scan_errors::RangeErrors;
 use super::solve::{Constraint, ResidualSums, ResidualWeighting};
 use nalgebra::{Matrix3, Matrix3x6, Matrix6, Matrix6x3, Vector3, Vector6};

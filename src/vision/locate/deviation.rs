@@ -10,8 +10,8 @@
 //! marks constrain a bent panel there (`covariance`).
 
 use super::fit::{FitInputs, IterationEnd, Residuals, Samples, fit};
+use super::grid::spread_indices;
 use super::model::Model;
-use super::sampling::spread_indices;
 use nalgebra::{Matrix3, Vector3};
 use panelprep_base::geometry::{HeightSample, RobustField, SmoothField};
 

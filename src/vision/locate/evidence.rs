@@ -1,21 +1,38 @@
 //! The evidence for a located pose, in numbers.
 //!
-//! It consists of the matched fractions (`matched_shares`), the uncertainty of the pose (`covariance`), the results of further
-//! checks (independent starts, competing poses, the fixture), and the displacement from the nominal pose. `gate`
-//! judges these numbers. An error of the camera's calibration, which both scans share, is not visible here.
+//! It consists of the matched fractions, the uncertainty of the pose (`covariance`), the results of further checks
+//! (independent starts, competing poses, the fixture), and the displacement from the nominal pose. `gate` judges these
+//! numbers. An error of the camera's calibration, which both scans share, is not visible here.
+//!
+//! For the fractions of the panel and of the scan that were matched, each taught point is looked up at its projection,
+//! each point of the outline at the expected place of its edge, and the scan's pieces at the places that the taught
+//! panel would show. A point that is occluded or out of view is neither counted against the pose nor as matched; nor
+//! is a missing point beside a nearer object that may shade it.
+//!
+//! An object in front of the panel may block the light of the 3D camera's projector. A camera with a projector has no
+//! points where its projector does not reach. The projector is mounted beside the lens, along the picture's rows, at a
+//! distance of at most B. An object at the depth z′ can shade a place at the depth z only if it is seen in the same
+//! row, at a distance of at most
+//!     f B (1/z′ − 1/z) px.                                                                               (1)
+//! The side of the object depends on the camera, so both sides are examined. A panel cannot shade itself: with slope s
+//! over k px, (1) is k s B / z, which is less than k up to s = 6, 81°.
 
-use super::LocateError;
 use super::camera_check::CameraCheck;
 use super::covariance::{PoseCovariance, WeakestMotion, covariance, worst_mm};
 use super::deviation::Deviation;
+use super::edges::EdgeReading;
 use super::fit::{FitInputs, IterationEnd, Residuals, Samples};
-use super::grid::RigidF32;
-use super::matched_shares::{OutlineShares, SurfaceShares, marks_found, saturated_share, scan_found};
+use super::grid::{Grid, RigidF32, camera_point};
 use super::model::Model;
 use super::pieces::Piece;
+use super::search::{PointObservation, covered_share, observe_point};
+use super::{LocateError, pieces};
 use nalgebra::Matrix6;
 use panelprep_base::geometry::statistics::{NORMAL_TWO_SIDED_95, PANEL_MAX_95};
-use panelprep_base::geometry::{Base, Camera, Degrees, Panel, Point, PoseUncertainty, Rigid};
+use panelprep_base::geometry::{
+    Base, Camera, Degrees, Panel, Pixel, Point, PoseUncertainty, Rigid, median, polygon,
+};
+use rayon::prelude::*;
 
 /// A pose with its evidence.
 #[derive(Debug, Clone, PartialEq)]
@@ -248,4 +265,234 @@ fn displacement(base_from_panel: Rigid<Base, Panel>, model: &Model) -> (f64, Deg
     let turn_rad = 2.0 * rotation.imag().dot(&normal.mm).atan2(rotation.scalar());
     let wrapped_rad = turn_rad.sin().atan2(turn_rad.cos());
     ((moved * centre).distance_mm(centre), Degrees::from_rad(wrapped_rad), (moved * normal).angle_between(normal))
+}
+
+/// A point of the outline is found if the edge is this near, px.
+pub(super) const EDGE_FOUND_PX: f64 = 1.5;
+/// A channel at this level or above is saturated.
+pub const SATURATED: u8 = 252;
+/// Pieces of which at least this fraction lies on the panel are part of the panel.
+const PART_OF_PANEL: f64 = 0.2;
+
+/// Fractions of the taught surface, 0…1.
+pub(super) struct SurfaceShares {
+    pub found: f64,
+    pub through: f64,
+    pub measured: f64,
+    pub rms_mm: f64,
+}
+
+impl SurfaceShares {
+    pub fn compute(motion: &RigidF32, inputs: FitInputs<'_>) -> SurfaceShares {
+        let FitInputs { model, grid, scan } = inputs;
+        let look = |i: usize| {
+            let pixel = grid.camera.project(camera_point(&motion.point(&model.points[i])));
+            let place = pixel.and_then(|pixel| pixel.nearest_whole(scan.width(), scan.height()));
+            let measured = place.is_some_and(|(column, row)| scan.point(column, row).is_some());
+            let unlit = || pixel.is_some_and(|pixel| may_occlude(grid, pixel, motion.point(&model.points[i]).z));
+            (observe_point(motion, model, grid, i), measured, !measured && unlit())
+        };
+        let looks: Vec<(PointObservation, bool, bool)> =
+            (0..model.points.len()).into_par_iter().with_min_len(1_024).map(look).collect();
+        let (mut on, mut near, mut through, mut squares) = (0usize, 0usize, 0usize, 0.0);
+        let (mut in_view, mut measured) = (0usize, 0usize);
+        for (sight, has_point, unlit) in &looks {
+            match sight {
+                PointObservation::On(residual_mm) => (on, squares) = (on + 1, squares + residual_mm * residual_mm),
+                PointObservation::Near => near += 1,
+                PointObservation::Through => through += 1,
+                PointObservation::Unknown => {}
+                PointObservation::Hidden => continue,
+            }
+            in_view += usize::from(!unlit);
+            measured += usize::from(*has_point);
+        }
+        let share = |part: usize, whole: usize| part as f64 / whole.max(1) as f64;
+        SurfaceShares {
+            found: share(on + near, looks.len()),
+            through: share(through, looks.len()),
+            measured: share(measured, in_view),
+            rms_mm: (squares / on.max(1) as f64).sqrt(),
+        }
+    }
+}
+
+/// Fractions of the taught outline, 0…1.
+pub(super) struct OutlineShares {
+    pub found: f64,
+    pub absent: f64,
+    pub rms_px: f64,
+    pub width_px: Option<f64>,
+}
+
+impl OutlineShares {
+    pub fn compute(residuals: &Residuals, model: &Model) -> OutlineShares {
+        let (mut found, mut absent, mut in_view, mut squares, mut near) = (0.0, 0.0, 0.0, 0.0, 0usize);
+        let mut widths = Vec::new();
+        for (k, edge) in &residuals.edges {
+            let length_mm = model.outline[*k].length_mm;
+            let offset_px = match edge {
+                EdgeReading::Colour { offset_px, width_px } => {
+                    widths.push(*width_px);
+                    *offset_px
+                }
+                EdgeReading::Depth { offset_px } => *offset_px,
+                EdgeReading::Absent => f64::INFINITY,
+                EdgeReading::Hidden | EdgeReading::OutOfView => continue,
+            };
+            in_view += length_mm;
+            if offset_px.abs() <= EDGE_FOUND_PX {
+                found += length_mm;
+                squares += offset_px * offset_px;
+                near += 1;
+            } else {
+                absent += length_mm;
+            }
+        }
+        let whole: f64 = model.outline.iter().map(|sample| sample.length_mm).sum();
+        let enough = widths.len() >= 20;
+        OutlineShares {
+            found: found / whole.max(1.0),
+            absent: absent / f64::max(in_view, 1.0),
+            rms_px: (squares / near.max(1) as f64).sqrt(),
+            width_px: median(&mut widths).filter(|_| enough),
+        }
+    }
+}
+
+/// A panel with a shorter border of marks in view than this has no usable marks, mm.
+const MIN_MARKS_MM: f64 = 100.0;
+
+/// Returns the fraction of the marks in view that are at their place, by the length of their borders, 0…1.
+fn marks_found(residuals: &Residuals, model: &Model) -> Option<f64> {
+    let (mut found_mm, mut in_view_mm) = (0.0, 0.0);
+    for (mark, edge) in &residuals.mark_edges {
+        let length_mm = model.marks.points[*mark].length_mm;
+        let Some(is_found) = edge.is_within_distance(EDGE_FOUND_PX) else { continue };
+        in_view_mm += length_mm;
+        found_mm += if is_found { length_mm } else { 0.0 };
+    }
+    (in_view_mm >= MIN_MARKS_MM).then(|| found_mm / in_view_mm)
+}
+
+/// Returns the fraction of the panel's pieces that the taught panel covers. An object attached to the panel at a held
+/// place counts as another piece.
+fn scan_found(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
+    if !inputs.model.held_px.is_empty() {
+        return scan_overlap(motion, inputs, &cut_held_places(motion, inputs, pieces));
+    }
+    scan_overlap(motion, inputs, pieces)
+}
+
+fn scan_overlap(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
+    let (mut found, mut whole) = (0.0, 0.0);
+    for piece in pieces {
+        let share = covered_share(motion, inputs.model, inputs.grid, piece, 1_500);
+        if share >= PART_OF_PANEL {
+            found += share * piece.area_mm2;
+            whole += piece.area_mm2;
+        }
+    }
+    found / f64::max(whole, 1.0)
+}
+
+/// The pieces without the blocks that lie in a held place of the taught picture.
+fn cut_held_places(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> Vec<Piece> {
+    let FitInputs { model, grid, .. } = inputs;
+    let (back, taught) = (motion.inverse(), RigidF32::from_rigid(&model.camera_from_panel));
+    let is_held = |block: usize| {
+        let point = grid.point(block % grid.columns, block / grid.columns);
+        let pixel =
+            point.and_then(|point| model.grid.camera.project(camera_point(&taught.point(&back.point(&point)))));
+        pixel.is_some_and(|pixel| model.held_px.iter().any(|held| polygon::contains(held, pixel)))
+    };
+    let mut free = vec![false; grid.columns * grid.rows];
+    for &block in pieces.iter().flat_map(|piece| &piece.blocks) {
+        free[block as usize] = !is_held(block as usize);
+    }
+    pieces::find_pieces(grid, &free)
+}
+
+/// Returns the fraction of the panel's pixels that are overexposed.
+fn saturated_share(motion: &RigidF32, inputs: FitInputs<'_>) -> f64 {
+    let FitInputs { model, grid, scan } = inputs;
+    let (mut asked, mut over) = (0usize, 0usize);
+    for point in model.points.iter().step_by(7) {
+        let pixel = grid.camera.project(camera_point(&motion.point(point)));
+        let Some((column, row)) = pixel.and_then(|pixel| pixel.nearest_whole(scan.width(), scan.height())) else {
+            continue;
+        };
+        asked += 1;
+        over += usize::from(scan.color_at(row * scan.width() + column).iter().any(|&level| level >= SATURATED));
+    }
+    over as f64 / asked.max(1) as f64
+}
+
+/// Largest distance of a projector from its lens, mm: in a Zivid Two it is 112 mm.
+const MAX_BASELINE_MM: f64 = 120.0;
+
+/// Returns whether a nearer object may block the light at a place of this depth.
+fn may_occlude(grid: &Grid, pixel: Pixel, depth_mm: f64) -> bool {
+    let [x, y] = grid.block_position(pixel).map(f64::round);
+    if !(x >= 0.0 && y >= 0.0 && x < grid.columns as f64 && y < grid.rows as f64) {
+        return false;
+    }
+    let (column, row) = (x as usize, y as usize);
+    // Along the row, because lens and projector lie side by side.
+    (0..grid.columns).any(|other| {
+        let away_px = (column.abs_diff(other) * grid.factor) as f64;
+        let reaches =
+            |nearer_mm: f64| grid.camera.fx_px * MAX_BASELINE_MM * (1.0 / nearer_mm - 1.0 / depth_mm) > away_px;
+        other != column && grid.depth_mm(row * grid.columns + other).is_some_and(reaches) // (1)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use panelprep_base::geometry::PinholeCamera;
+
+    const CAMERA: PinholeCamera = PinholeCamera {
+        width_px: 486,
+        height_px: 300,
+        fx_px: 446.0,
+        fy_px: 446.0,
+        cx_px: 243.0,
+        cy_px: 150.0,
+        k1: 0.0,
+        k2: 0.0,
+        p1: 0.0,
+        p2: 0.0,
+        k3: 0.0,
+    };
+
+    /// By hand: f = 446 px, an object at 680 mm in front of a panel at 780 mm: 446 · 120 · (1/680 − 1/780) = 10.1
+    /// px beside it.
+    #[test]
+    fn the_shadow_of_a_thing_is_as_wide_as_by_hand() {
+        let thing = |column: usize, row: usize| (200..=240).contains(&column) && (100..=140).contains(&row);
+        let depth = |index: usize| Some(if thing(index % 486, index / 486) { 680.0 } else { 780.0 });
+        let grid = Grid::from_depths((486, 300), &CAMERA, depth);
+        let hidden = |u: f64, v: f64| may_occlude(&grid, Pixel::at(u, v), 780.0);
+        assert!(hidden(190.0, 120.0) && hidden(250.0, 120.0));
+        assert!(!hidden(188.0, 120.0) && !hidden(252.0, 120.0), "too far away");
+        assert!(!hidden(195.0, 150.0) && !hidden(220.0, 95.0), "in another row");
+        assert!(!may_occlude(&grid, Pixel::at(190.0, 120.0), 690.0), "10 mm behind it: 4 px");
+    }
+
+    /// A plane that slopes away at 70° has no object in front of it.
+    #[test]
+    fn a_steep_panel_is_no_thing_before_itself() {
+        let slope = 70.0_f64.to_radians().tan();
+        let depth = |index: usize| {
+            let x = ((index % 486) as f64 - 243.0) / 446.0;
+            Some((780.0 / (1.0 - slope * x)).clamp(300.0, 3_000.0) as f32)
+        };
+        let grid = Grid::from_depths((486, 300), &CAMERA, depth);
+        assert!((200..280).all(|column| !may_occlude(
+            &grid,
+            Pixel::at(column as f64, 150.0),
+            780.0 / (1.0 - slope * (column as f64 - 243.0) / 446.0)
+        )));
+    }
 }

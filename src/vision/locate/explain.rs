@@ -4,17 +4,16 @@
 //! Every sample is evaluated once more at the located pose, in the same way as in `evidence`. This module makes no
 //! decisions.
 
-use super::camera_check::{self, FixtureEdge};
+use super::camera_check::FixtureEdge;
 use super::deviation::Deviation;
 use super::edges::EdgeReading;
-use super::evidence::Fit;
+pub use super::evidence::SATURATED;
+use super::evidence::{EDGE_FOUND_PX, Fit};
 use super::fit::{FitInputs, Residuals, Samples};
 use super::grid::{RigidF32, camera_point};
-use super::matched_shares::EDGE_FOUND_PX;
-pub use super::matched_shares::SATURATED;
 use super::search::{PointObservation, observe_point};
 use super::solve::apply_twist;
-use super::{PreparedScan, covariance, pieces};
+use super::{PreparedScan, camera_check, covariance, pieces};
 use panelprep_base::geometry::statistics::NORMAL_TWO_SIDED_95;
 use panelprep_base::geometry::{Camera, Panel, Pixel, Rigid};
 
@@ -204,10 +203,12 @@ fn weakest_displacement(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, fi
 
 #[cfg(test)]
 mod tests {
-    use super::super::{ScanView, TaughtModel, tests::taught};
+    use super::super::tests::taught;
+    use super::super::{ScanView, TaughtModel};
     use super::*;
     use panelprep_base::geometry::OrganizedCloud;
-    use panelprep_sim::{self as sim, Scene};
+    use panelprep_sim as sim;
+    use panelprep_sim::Scene;
 
     /// By hand: the panel at its taught place, each of its points 0.3 mm nearer to the camera along its ray. The
     /// surface leans by 20° at most, so that along the normal the scan lies 0.28 to 0.3 mm in front of the taught

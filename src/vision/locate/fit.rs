@@ -8,11 +8,9 @@
 //! information than a few dozen independent ones.
 
 use super::edges::EdgeReading;
-use super::grid::{ColoredCloud, Grid, RigidF32};
-use super::mark_edges;
+use super::grid::{ColoredCloud, Grid, RigidF32, spread_indices};
 use super::model::Model;
 use super::outline_edges;
-use super::sampling::spread_indices;
 use super::search::surface_residual;
 use super::solve::{Constraint, ResidualSums, ResidualWeighting, apply_twist, spread};
 use nalgebra::Vector3;
@@ -194,7 +192,7 @@ fn marks_at_pose(
     samples: &[usize],
 ) -> (Vec<Constraint>, Vec<(usize, EdgeReading)>) {
     let observe = |&mark: &usize| {
-        Some((mark, mark_edges::observe_mark(motion, &model.marks.points[mark], &grid.camera, scan)?))
+        Some((mark, outline_edges::observe_mark(motion, &model.marks.points[mark], &grid.camera, scan)?))
     };
     let looked: Vec<_> = samples.par_iter().with_min_len(64).filter_map(observe).collect();
     let constraint = |(sample, looked): &(usize, outline_edges::EdgeObservation)| match looked.edge {

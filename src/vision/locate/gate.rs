@@ -6,20 +6,21 @@
 //! and tilt are judged at the panel's centre and never at the base's origin: a small rotation moves a distant origin
 //! far, which is not information about the panel. Evidence against the panel itself leads to reject; evidence that a
 //! person can judge better leads to review.
+//!
+//! The fixture shows a motion of the 3D camera since teaching, with an error. The measured motion minus this error is
+//! the smallest distance by which the camera's motion displaced the panel. A fixture that shows too little cannot
+//! detect a camera motion.
+//!
+//! The cause of a pose's uncertainty decides what helps: more of the panel in view, a place nearer to the taught one,
+//! or a 3D camera with a measured scale.
 
-mod camera;
-mod pose;
-
-pub use camera::{MAX_CAMERA_MOVED_MM, MAX_CAMERA_NOTICED_MM, MIN_FIXTURE_SAME, can_detect_motion, noticed_mm};
-pub use pose::{MAX_DISAGREEMENT_MM, MAX_UNCERTAINTY_MM, MIN_MARGIN};
-
-use super::LocateError;
-use super::OutlineEvidence;
 use super::evidence::Fit;
 use super::fit::CONVERGED_MM;
-use panelprep_base::number_text::{distinguishable_percents, distinguishable_texts};
+use super::{CompetingPose, LocateError, OutlineEvidence};
+use panelprep_base::number_text::{distinguishable_percents, distinguishable_texts, fixed_decimals};
 use panelprep_base::verdict::{Check, Judgement, LimitSource, Reason, Severity, Verdict};
-use panelprep_cell::recipe::{self, Recipe};
+use panelprep_cell::recipe;
+use panelprep_cell::recipe::Recipe;
 use panelprep_cell::record::name;
 
 /// If the overlap is below the limit by at most this, a person decides: an object may cover the panel. An even lower
@@ -75,12 +76,11 @@ pub fn judgement(checks: &[Check]) -> Judgement {
 /// Returns every number of a fit with its limit, in the order in which they are judged.
 pub fn checks(fit: &Fit, recipe: &Recipe) -> Vec<Check> {
     let limits = recipe.locate();
-    let of_panel = [panel(fit, limits), picture(fit), camera::camera(fit)].concat();
+    let of_panel = [panel(fit, limits), picture(fit), camera(fit)].concat();
     // Judged first: a pose of another object has no meaning, and its numbers would hide the one reason that helps.
     let is_rejected = Judgement::from_checks(&of_panel).verdict == Verdict::Reject;
     let bend = vec![check_bend(fit, recipe.surface())];
-    let of_pose =
-        [bend, camera::check_fixture(fit), pose::check_pose_uncertainty(fit), pose::motion(fit, limits)].concat();
+    let of_pose = [bend, check_fixture(fit), check_pose_uncertainty(fit), motion(fit, limits)].concat();
     // If the object is not the panel, the checks of its pose are informational.
     let of_pose = of_pose.into_iter().map(|check| if is_rejected { check.without_consequence() } else { check });
     of_panel.into_iter().chain(of_pose).collect()
@@ -262,7 +262,7 @@ pub fn teaching_warnings(seen: &OutlineEvidence, fit: Option<&Fit>) -> Vec<Check
                  brightness, or scan again with fewer missing points at its edge"
             )
         });
-    std::iter::once(outline).chain(fit.map(camera::check_taught_fixture)).collect()
+    std::iter::once(outline).chain(fit.map(check_taught_fixture)).collect()
 }
 
 /// The verdict if nothing was found: a bad panel is a verdict, not a fault.
@@ -275,146 +275,197 @@ pub(super) fn exceeds_limit(measured: f64, allowed: f64) -> bool {
     measured.is_nan() || measured > allowed
 }
 
-#[cfg(test)]
-mod tests {
-    use super::super::{CameraCheck, CompetingPose, WeakestMotion};
-    use super::*;
-    use nalgebra::{Isometry3, Matrix6};
-    use panelprep_base::geometry::{Base, Degrees, Panel, Rigid};
-    use panelprep_base::verdict::Verdict;
+/// A camera motion that displaces the panel by more than this distance, mm, means that the camera has moved since
+/// teaching.
+pub const MAX_CAMERA_MOVED_MM: f64 = 0.25;
+/// A fixture that shows camera motion must detect a motion that displaces the panel by this distance, mm.
+pub const MAX_CAMERA_NOTICED_MM: f64 = 0.55;
+/// Minimum fraction of the fixture that must lie at its taught place: objects come and go, the fixture stays.
+pub const MIN_FIXTURE_SAME: f64 = 0.4;
+/// Returns the smallest camera motion that is noticed, mm, if the fixture determines the camera's pose with this
+/// uncertainty, 95 %, mm.
+pub fn noticed_mm(uncertainty_mm: f64) -> f64 {
+    MAX_CAMERA_MOVED_MM + uncertainty_mm
+}
 
-    pub(super) fn good() -> Fit {
-        let base_from_panel: Rigid<Base, Panel> = Rigid::from_isometry_unchecked(Isometry3::identity());
-        Fit {
-            base_from_panel,
-            rms_mm: 0.08,
-            deviation_mm: Some(0.3),
-            outline_rms_mm: 0.1,
-            outline_rms_px: 0.25,
-            taught_found: 0.99,
-            scan_found: 0.98,
-            outline_found: 0.97,
-            seen_through_share: 0.001,
-            outline_absent: 0.01,
-            marks_found: None,
-            measured: 0.99,
-            edge_width_px: Some(1.3),
-            taught_edge_width_px: 1.2,
-            saturated_share: 0.0,
-            iterations: 5,
-            last_step_mm: 0.001,
-            agreement_mm: 0.01,
-            rival: None,
-            camera: Some(CameraCheck { moved_mm: 0.02, uncertainty_mm: 0.05, unmoved_share: 0.9 }),
-            camera_at_teaching_mm: None,
-            weakest_direction: WeakestMotion::Normal,
-            covariance: Matrix6::identity(),
-            centre: panelprep_base::geometry::Point::at(0.0, 0.0, 700.0),
-            uncertainty_mm: 0.15,
-            uncertainty_at_taught_place_mm: 0.14,
-            uncertainty_without_scale_mm: 0.13,
-            weakest_mm: 0.07,
-            shift_mm: 20.0,
-            turn: Degrees(-5.0),
-            tilt: Degrees(3.0),
-            points: 12_000,
-        }
-    }
+/// Returns whether a fixture that gives the camera's pose with this uncertainty, mm, can detect a motion of the
+/// camera; `None` means that the fixture carries no information.
+pub fn can_detect_motion(uncertainty_mm: Option<f64>) -> bool {
+    uncertainty_mm.is_some_and(|mm| noticed_mm(mm) <= MAX_CAMERA_NOTICED_MM)
+}
 
-    fn judged(fit: &Fit) -> (Verdict, Vec<std::borrow::Cow<'static, str>>) {
-        let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\
-                    [locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 1, 1]\n";
-        let recipe = recipe::Recipe::check("test.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
-        let judgement = judge(fit, &recipe);
-        (judgement.verdict, judgement.reasons.into_iter().map(|reason| reason.code).collect())
-    }
+/// Checks that the camera has not moved since teaching.
+fn camera(fit: &Fit) -> Vec<Check> {
+    let camera = fit.camera.as_ref();
+    let (moved_mm, uncertainty_mm) = (camera.map(|it| it.moved_mm), camera.map(|it| it.uncertainty_mm));
+    let same = Check::new("fixture that stands where it stood", "", camera.map(|it| it.unmoved_share))
+        .with_min(MIN_FIXTURE_SAME, LimitSource::Program);
+    let is_other = !same.is_met();
+    let same = same.or_reject("camera_moved", || {
+        let [same, needed] =
+            distinguishable_percents(camera.map_or(f64::NAN, |it| it.unmoved_share), MIN_FIXTURE_SAME, 0);
+        format!(
+            "only {same} % of the fixture is where it was at teaching, at least {needed} % are needed; check \
+             whether the camera or the fixture was moved, then calibrate and teach again"
+        )
+    });
+    let moved = Check::new("motion less its error", "mm", fit.camera_moved_mm())
+        .with_max(MAX_CAMERA_MOVED_MM, LimitSource::Program)
+        .or_reject("camera_moved", || {
+            let (moved_mm, uncertainty_mm) = (moved_mm.unwrap_or(f64::NAN), uncertainty_mm.unwrap_or(f64::NAN));
+            let [least, allowed] = distinguishable_texts(moved_mm - uncertainty_mm, MAX_CAMERA_MOVED_MM, 2);
+            format!(
+                "the fixture shows that the camera has moved since teaching, which shifts the panel's pose by {} ± \
+                 {} mm, at least {least} mm (limit {allowed} mm); calibrate the camera again",
+                fixed_decimals(moved_mm, 2),
+                fixed_decimals(uncertainty_mm, 2)
+            )
+        });
+    vec![
+        same,
+        Check::new("camera has moved the panel since teaching, by the fixture", "mm", moved_mm),
+        Check::new("error of that, 95 %", "mm", uncertainty_mm),
+        // A different fixture gives no information about the camera's motion.
+        if is_other { moved.without_consequence() } else { moved },
+    ]
+}
 
-    /// The recipe's defaults: 60 mm, 15°, 15°, 0.25 mm rms, 0.75 of overlap.
-    #[test]
-    fn each_limit_has_its_reason() {
-        assert_eq!(judged(&good()), (Verdict::Accept, vec![]));
-        assert_eq!(judged(&Fit { shift_mm: 60.1, ..good() }), (Verdict::Reject, vec!["shift_limit".into()]));
-        assert_eq!(judged(&Fit { turn: Degrees(-15.1), ..good() }), (Verdict::Reject, vec!["turn_limit".into()]));
-        assert_eq!(judged(&Fit { tilt: Degrees(15.1), ..good() }), (Verdict::Reject, vec!["tilt_limit".into()]));
-        assert_eq!(judged(&Fit { rms_mm: 0.26, ..good() }), (Verdict::Reject, vec!["poor_fit".into()]));
-        assert_eq!(judged(&Fit { last_step_mm: 0.011, ..good() }), (Verdict::Reject, vec!["not_converged".into()]));
-        assert_eq!(judged(&Fit { rms_mm: f64::NAN, ..good() }), (Verdict::Reject, vec!["poor_fit".into()]));
-        let other_panel = Fit { last_step_mm: 0.9, rms_mm: 1.0, ..good() };
-        assert_eq!(judged(&other_panel).1, ["poor_fit", "not_converged"], "the cause first");
-    }
+/// Checks whether this scan can show that the camera has not moved.
+fn check_fixture(fit: &Fit) -> Vec<Check> {
+    let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
+    let noticed = Check::new("a camera is noticed that moves it by", "mm", uncertainty_mm.map(noticed_mm));
+    // The limit applies if the fixture can detect a motion of the camera, now or at teaching.
+    let is_shown = can_detect_motion(uncertainty_mm) || can_detect_motion(fit.camera_at_teaching_mm);
+    let noticed = if is_shown { noticed.with_max(MAX_CAMERA_NOTICED_MM, LimitSource::Program) } else { noticed };
+    // If the fixture at teaching also shows too little, a warning was already given at teaching.
+    let is_unwatched = !can_detect_motion(uncertainty_mm) && can_detect_motion(fit.camera_at_teaching_mm);
+    vec![noticed.with_consequence_if(is_unwatched, Severity::Review, "camera_unwatched", || {
+        let seen = uncertainty_mm.map_or("too little of the fixture is visible".to_owned(), |mm| {
+            let [noticed, _] = distinguishable_texts(noticed_mm(mm), MAX_CAMERA_NOTICED_MM, 2);
+            format!(
+                "the fixture reveals a movement of the camera only if it shifts the panel by {noticed} mm or more"
+            )
+        });
+        format!(
+            "it is unknown whether the camera has moved: {seen} (limit {MAX_CAMERA_NOTICED_MM} mm, met at \
+             teaching); remove objects in front of the fixture. If the camera was calibrated again since teaching, \
+             teach the panel again"
+        )
+    })]
+}
 
-    #[test]
-    fn a_little_less_overlap_is_for_a_person_and_much_less_is_no_panel() {
-        assert_eq!(judged(&Fit { scan_found: 0.7, ..good() }), (Verdict::Review, vec!["low_overlap".into()]));
-        assert_eq!(judged(&Fit { taught_found: 0.64, ..good() }), (Verdict::Reject, vec!["low_overlap".into()]));
-        assert_eq!(judged(&Fit { outline_found: 0.55, ..good() }), (Verdict::Review, vec!["low_overlap".into()]));
-        assert_eq!(judged(&Fit { outline_found: 0.45, ..good() }), (Verdict::Reject, vec!["low_overlap".into()]));
-    }
+/// Checks whether the taught scan shows enough of the fixture to notice a camera that moved.
+fn check_taught_fixture(fit: &Fit) -> Check {
+    let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
+    Check::new("a camera is noticed that moves the panel by", "mm", uncertainty_mm.map(noticed_mm))
+        .with_max(MAX_CAMERA_NOTICED_MM, LimitSource::Program)
+        .with_consequence_if(!can_detect_motion(uncertainty_mm), Severity::Review, "camera_unwatched", || {
+            "too little of the fixture is visible to detect a movement of the camera; put fixed objects into view \
+             beside the panel, outside of the search box, with clear edges in two directions"
+                .to_owned()
+        })
+}
 
-    #[test]
-    fn what_is_not_the_panel_is_rejected_and_what_a_person_may_judge_is_not() {
-        let reject = |fit: Fit, code: &'static str| assert_eq!(judged(&fit), (Verdict::Reject, vec![code.into()]));
-        let review = |fit: Fit, code: &'static str| assert_eq!(judged(&fit), (Verdict::Review, vec![code.into()]));
-        reject(Fit { seen_through_share: 0.03, ..good() }, "seen_through");
-        reject(Fit { outline_absent: 0.2, ..good() }, "outline_differs");
-        reject(Fit { outline_rms_px: f64::NAN, ..good() }, "outline_differs");
-        review(Fit { measured: 0.8, ..good() }, "points_missing");
-        review(Fit { marks_found: Some(0.49), ..good() }, "marks_differ");
-        assert_eq!(judged(&Fit { marks_found: Some(0.5), ..good() }).0, Verdict::Accept);
-        review(Fit { edge_width_px: Some(2.3), ..good() }, "blurred");
-        review(Fit { saturated_share: 0.3, ..good() }, "overexposed");
-        review(Fit { deviation_mm: Some(2.01), ..good() }, "bent");
-        review(Fit { deviation_mm: Some(f64::NAN), ..good() }, "bent");
-        review(Fit { deviation_mm: None, ..good() }, "bent");
-        review(Fit { uncertainty_mm: 0.36, ..good() }, "uncertain");
-        review(Fit { agreement_mm: f64::INFINITY, ..good() }, "starts_disagree");
-    }
+/// Largest distance between the results of fits from independent starts, mm.
+pub const MAX_DISAGREEMENT_MM: f64 = 0.1;
+/// Smallest ratio of the support of the pose to the support of any other pose.
+pub const MIN_MARGIN: f64 = 2.0;
+/// Largest stated error of a usable pose anywhere on the panel, mm: the error of 0.25 mm at one place, times 2.35 /
+/// 1.7 (`geometry/statistics`).
+pub const MAX_UNCERTAINTY_MM: f64 = 0.35;
 
-    /// By hand: 0.35 mm with an uncertainty of 0.05 mm is at least 0.3 mm; 0.35 ± 0.15 mm may be 0.2 mm. A rival
-    /// that is supported by 20 mm, against 40 mm for the first pose, has a margin of 48/28 = 1.7.
-    #[test]
-    fn a_moved_camera_and_a_rival() {
-        let camera = |moved_mm, uncertainty_mm, same| {
-            judged(&Fit { camera: Some(CameraCheck { moved_mm, uncertainty_mm, unmoved_share: same }), ..good() })
-        };
-        assert_eq!(camera(0.35, 0.05, 0.9), (Verdict::Reject, vec!["camera_moved".into()]));
-        assert_eq!(camera(0.35, 0.15, 0.9).0, Verdict::Accept);
-        assert_eq!(camera(0.0, 0.05, 0.3), (Verdict::Reject, vec!["camera_moved".into()]));
-        let rival = |for_first_mm, for_rival_mm| {
-            let base_from_panel = good().base_from_panel;
-            judged(&Fit {
-                rival: Some(CompetingPose {
-                    base_from_panel,
-                    rotation: Degrees(180.0),
-                    for_first_mm,
-                    for_rival_mm,
-                }),
-                ..good()
-            })
-        };
-        assert_eq!(rival(40.0, 20.0), (Verdict::Review, vec!["ambiguous".into()]));
-        assert_eq!(rival(40.0, 0.0).0, Verdict::Accept);
-    }
+/// Checks whether the panel's pose is known well enough.
+fn check_pose_uncertainty(fit: &Fit) -> Vec<Check> {
+    let rival = fit.rival.as_ref();
+    let ambiguous = |rival: &CompetingPose| {
+        let [margin, needed] = distinguishable_texts(rival.evidence_ratio(), MIN_MARGIN, 1);
+        format!(
+            "another pose, turned by {}°, explains the scan about as well: {} mm of outline and surface support \
+             only the first pose and {} mm only the other, a ratio of {margin} (at least {needed} is needed); a \
+             person must decide which pose is right",
+            fixed_decimals(rival.rotation.0, 0),
+            fixed_decimals(rival.for_first_mm, 0),
+            fixed_decimals(rival.for_rival_mm, 0)
+        )
+    };
+    vec![
+        Check::new(name::LOCATION_ERROR, "mm", fit.uncertainty_mm)
+            .with_max(MAX_UNCERTAINTY_MM, LimitSource::Program)
+            .reviews("uncertain", || {
+                let [known, allowed] = distinguishable_texts(fit.uncertainty_mm, MAX_UNCERTAINTY_MM, 2);
+                format!(
+                    "the uncertainty of the pose is {known} mm at the worst place of the panel (95 %; limit \
+                     {allowed} mm); {}",
+                    uncertainty_reason(fit)
+                )
+            }),
+        Check::new("error along the weakest direction, 95 %", "mm", fit.weakest_mm),
+        Check::new("fits from independent starts, apart", "mm", fit.agreement_mm)
+            .with_max(MAX_DISAGREEMENT_MM, LimitSource::Program)
+            .reviews("starts_disagree", || {
+                let [agreement, allowed] = distinguishable_texts(fit.agreement_mm, MAX_DISAGREEMENT_MM, 3);
+                format!("fits from independent starts end {agreement} mm apart (limit {allowed} mm); scan again")
+            }),
+        Check::new("for this placement against the next best, times", "", rival.map(CompetingPose::evidence_ratio))
+            .with_min(MIN_MARGIN, LimitSource::Program)
+            .reviews("ambiguous", || rival.map_or(String::new(), ambiguous)),
+    ]
+}
 
-    /// By hand: with an uncertainty of 0.2 mm, a moved camera is detected from 0.45 mm on. With 0.31 mm it is detected
-    /// from 0.56 mm on, which is more than 0.55. With an uncertainty of 2 mm, a measured motion of 2 mm does not show
-    /// that the camera moved.
-    #[test]
-    fn a_camera_that_no_client_watches_any_more_is_for_a_person() {
-        let told =
-            |uncertainty_mm| Some(CameraCheck { moved_mm: uncertainty_mm, uncertainty_mm, unmoved_share: 0.9 });
-        let judged = |camera, camera_at_teaching_mm| judged(&Fit { camera, camera_at_teaching_mm, ..good() });
-        for camera in [None, told(0.31), told(2.0)] {
-            assert_eq!(judged(camera, Some(0.2)), (Verdict::Review, vec!["camera_unwatched".into()]), "{camera:?}");
-            assert_eq!(judged(camera, Some(0.31)).0, Verdict::Accept, "teaching has warned: {camera:?}");
-            assert_eq!(judged(camera, None).0, Verdict::Accept, "{camera:?}");
-        }
-        assert_eq!(judged(told(0.2), Some(0.1)).0, Verdict::Accept);
-    }
-
-    /// A wrong panel that ends up far away is reported as a wrong panel, not as a shifted one.
-    #[test]
-    fn a_poor_fit_gives_no_information_on_motion() {
-        assert_eq!(judged(&Fit { rms_mm: 3.0, shift_mm: 90.0, ..good() }).1, ["poor_fit"]);
+/// States what makes a pose uncertain, and what helps.
+fn uncertainty_reason(fit: &Fit) -> String {
+    let mm = |value| fixed_decimals(value, 2);
+    if fit.uncertainty_at_taught_place_mm <= MAX_UNCERTAINTY_MM {
+        format!(
+            "the panel's centre is {} mm from its taught position, so the scale error of the 3D camera counts; at \
+             the taught position the uncertainty would be {} mm: put the panel nearer to it, measure the camera \
+             with `panelprep calibrate scanner`, or correct the pose with two corners",
+            fixed_decimals(fit.shift_mm, 0),
+            mm(fit.uncertainty_at_taught_place_mm)
+        )
+    } else if fit.uncertainty_without_scale_mm <= MAX_UNCERTAINTY_MM {
+        format!(
+            "the scale of the 3D camera varies from scan to scan; without this variation the uncertainty would be \
+             {} mm: let the camera warm up, and measure its scale again with `panelprep calibrate scanner`",
+            mm(fit.uncertainty_without_scale_mm)
+        )
+    } else {
+        format!(
+            "the pose is least certain {}; uncover more of the panel, or correct the pose with two corners",
+            fit.weakest_direction.describe()
+        )
     }
 }
+
+/// Checks whether the panel's pose is within its limits.
+fn motion(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
+    vec![
+        Check::new("shift of the panel's centre", "mm", fit.shift_mm)
+            .with_max(limits.max_shift_mm(), LimitSource::recipe("locate.max_shift_mm"))
+            .or_reject("shift_limit", || {
+                let [shift, allowed] = distinguishable_texts(fit.shift_mm, limits.max_shift_mm(), 1);
+                format!(
+                    "the panel's centre is {shift} mm from its nominal position (limit {allowed} mm); move the \
+                     panel nearer to it"
+                )
+            }),
+        Check::new("turn in the panel's plane, either way", "°", fit.turn.0.abs())
+            .with_max(limits.turn_limit_deg(), LimitSource::recipe("locate.turn_limit_deg"))
+            .or_reject("turn_limit", || {
+                let [turn, allowed] = distinguishable_texts(fit.turn.0.abs(), limits.turn_limit_deg(), 2);
+                let sign = if fit.turn.0 < 0.0 { "-" } else { "" };
+                format!(
+                    "the panel is turned by {sign}{turn}° in its plane (limit ±{allowed}°); turn the panel back"
+                )
+            }),
+        Check::new("tilt of the panel's normal", "°", fit.tilt.0)
+            .with_max(limits.max_tilt_deg(), LimitSource::recipe("locate.max_tilt_deg"))
+            .or_reject("tilt_limit", || {
+                let [tilt, allowed] = distinguishable_texts(fit.tilt.0, limits.max_tilt_deg(), 2);
+                format!("the panel's normal is tilted by {tilt}° (limit {allowed}°); set the panel upright")
+            }),
+    ]
+}
+
+#[cfg(test)]
+mod tests;

@@ -3,69 +3,61 @@
 //! The search needs no start value and covers all poses in the search box. The scan is downsampled ([`grid`]) and
 //! segmented into connected pieces in the box ([`pieces`]). The taught panel is aligned with these pieces at every
 //! rotation ([`search`]). The best pose hypotheses are fitted to the surface and to the outline's edges in the colour
-//! picture together ([`fit`], [`edges`]), with the borders of marks inside it (`print_features`, `mark_edges`), and
-//! compared with each other ([`consistency`]). The result is a [`Fit`]: the pose with its covariance, the agreement of
-//! independent starts, and the check of the camera's pose by the fixture. [`gate`] judges this evidence. [`explain`]
-//! marks the origin of a reason in the scan's picture. [`corner`] finds the panel's corner in a picture of the flange
-//! camera, and [`refine`] corrects the pose by it. [`thesis_icp`] is the thesis's own method, for comparison. An error
-//! of the camera's calibration moves taught and located panel alike and cannot be detected here.
+//! picture together ([`fit`], [`edges`]), with the borders of marks inside it (`print_features`, `outline_edges`), and
+//! compared with each other ([`ConsistencyScore`]). The result is a [`Fit`]: the pose with its covariance, the
+//! agreement of independent starts, and the check of the camera's pose by the fixture. [`gate`] judges this evidence.
+//! [`explain`] marks the origin of a reason in the scan's picture. [`corner`] finds the panel's corner in a picture of
+//! the flange camera, and [`refine`] corrects the pose by it. [`thesis_icp`] is the thesis's own method, for
+//! comparison. An error of the camera's calibration moves taught and located panel alike and cannot be detected here.
+//!
+//! Two pose hypotheses of one panel are compared by the evidence that supports only one of the two. Only places at
+//! which the two poses disagree carry information. Such a place is a segment of the outline, or the border of a mark,
+//! that has its edge at only one of the poses. It may also be a piece of surface that lies on the scan at only one of
+//! the poses. Places that are occluded at either pose are left out. The evidence is a length; a square of surface
+//! counts as the length of its side.
 
 mod camera_check;
-mod consistency;
 pub mod corner;
-mod correspond;
 mod covariance;
 mod deviation;
-mod edge_map;
 mod edges;
-mod error;
 mod evidence;
 pub mod explain;
 mod fit;
 pub mod gate;
 mod grid;
-mod mark_edges;
-mod mark_search;
-mod matched_shares;
 mod model;
 mod outline_edges;
 mod pieces;
 mod point_to_point;
 mod print_features;
-mod profile;
 pub mod refine;
-mod sampling;
 mod scan_errors;
-mod scatter;
 mod search;
-mod shadow;
 mod solve;
-mod taught_model;
 mod taught_outline;
-mod taught_surface;
 
 pub use camera_check::CameraCheck;
 pub use covariance::WeakestMotion;
-pub use error::LocateError;
-pub use evidence::{CompetingPose, Fit};
-pub use point_to_point::thesis_icp;
-pub use refine::refine;
-pub use taught_outline::OutlineEvidence;
-
-use consistency::{ConsistencyScore, MAX_SURFACE_DISTANCE_MM};
 use deviation::{BentFit, Deviation};
 use evidence::FurtherEvidence;
+pub use evidence::{CompetingPose, Fit};
 use fit::{FitInputs, IterationEnd, Residuals, Samples};
-use grid::{Grid, RigidF32};
+use grid::{Grid, RigidF32, spread_indices};
 use model::Model;
+pub use model::TaughtModel;
 use nalgebra::{Rotation3, Vector3, Vector6};
 use panelprep_base::geometry::{Base, Camera, OrganizedCloud, Panel, PinholeCamera, Point, Rigid};
+use panelprep_base::number_text::distinguishable_texts;
 use panelprep_cell::panel::TaughtPanel;
-use panelprep_cell::recipe::{self, Registration};
+use panelprep_cell::recipe;
+use panelprep_cell::recipe::Registration;
+pub use point_to_point::thesis_icp;
 use rayon::prelude::*;
+pub use refine::refine;
 pub use scan_errors::{RangeErrors, ScanErrors};
-use search::PoseHypothesis;
-pub use taught_model::TaughtModel;
+use search::{PointObservation, PoseHypothesis, observe_point};
+pub use taught_outline::OutlineEvidence;
 
 /// A scan and the pose of its camera.
 #[derive(Debug, Clone, Copy)]
@@ -205,12 +197,12 @@ impl<'a> PreparedScan<'a> {
     fn locate_by_thesis(&self, start: &Rigid<Camera, Panel>) -> Rigid<Camera, Panel> {
         let PreparedScan { view, grid, inside, .. } = self;
         let points = &self.taught_model.model.points;
-        let taught: Vec<Point<Panel>> = sampling::spread_indices(points.len(), THESIS_TAUGHT)
+        let taught: Vec<Point<Panel>> = grid::spread_indices(points.len(), THESIS_TAUGHT)
             .into_iter()
             .map(|index| Point::new(points[index].into()))
             .collect();
         let in_box: Vec<usize> = (0..inside.len()).filter(|&index| inside[index]).collect();
-        let scanned: Vec<Point<Base>> = sampling::spread_indices(in_box.len(), THESIS_SCANNED)
+        let scanned: Vec<Point<Base>> = grid::spread_indices(in_box.len(), THESIS_SCANNED)
             .into_iter()
             .filter_map(|place| grid.point(in_box[place] % grid.columns, in_box[place] / grid.columns))
             .map(|point| view.base_from_camera * grid::camera_point(&point))
@@ -326,9 +318,114 @@ fn no_fit_error(model: &Model, pieces: &[pieces::Piece], found: usize) -> Locate
     }
 }
 
+/// Reasons why the panel is not located. Every variant but the last means that there is no panel of the taught kind.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum LocateError {
+    /// The search box is nearly empty.
+    #[error(
+        "the search box is nearly empty: it contains {found} blocks of scan points, at least {needed} are needed; \
+         check that the panel is in the fixture"
+    )]
+    EmptyBox {
+        /// The number of scan places in the box.
+        found: usize,
+        /// Number of points needed.
+        needed: usize,
+    },
+    /// There are objects in the box, but none of the panel's size.
+    #[error(
+        "none of {pieces} objects in the search box has the panel's size: the most similar object has {} mm², the \
+         panel has {} mm²; check that the right panel is in the fixture and that nothing is in front of it", distinguishable_texts(*area_mm2, *taught_area_mm2, 0)[0],
+        distinguishable_texts(*area_mm2, *taught_area_mm2, 0)[1]
+    )]
+    NoPieceFits {
+        /// Number of pieces examined.
+        pieces: usize,
+        /// Area of the most similar object, mm².
+        area_mm2: f64,
+        /// The panel's area, mm².
+        taught_area_mm2: f64,
+    },
+    /// Surface and outline leave one direction unconstrained.
+    #[error(
+        "the matched points do not determine the panel's pose in every direction: {surface} points on the surface \
+         and {outline} on the outline; scan the whole panel"
+    )]
+    Degenerate {
+        /// The number of points matched on the surface.
+        surface: usize,
+        /// The number of points matched on the outline.
+        outline: usize,
+    },
+}
+
+/// An edge within this distance is at the outline's place, px.
+const MAX_EDGE_DISTANCE_PX: f64 = 1.2;
+/// A surface within this distance counts as the taught surface, mm.
+const MAX_SURFACE_DISTANCE_MM: f64 = 0.35;
+/// Side of the square that a point of the surface represents, mm.
+const SQUARE_MM: f64 = 8.0;
+
+/// The result of comparing each place of the panel at a pose with the scan: consistent, contradicted, or unknown.
+struct ConsistencyScore {
+    agreements: Vec<Option<bool>>,
+    lengths_mm: Vec<f64>,
+}
+
+impl ConsistencyScore {
+    /// Computes the score at a pose.
+    pub fn compute(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> ConsistencyScore {
+        let motion = RigidF32::from_rigid(placed);
+        let FitInputs { model, grid, scan } = inputs;
+        let outline = (0..model.outline.len()).into_par_iter().with_min_len(64).map(|k| {
+            outline_edges::observe_edge(&motion, model, &grid.camera, scan, k)?
+                .edge
+                .is_within_distance(MAX_EDGE_DISTANCE_PX)
+        });
+        let chosen = squares(model);
+        let surface = chosen.par_iter().with_min_len(512).map(|&i| match observe_point(&motion, model, grid, i) {
+            PointObservation::On(residual_mm) => Some(residual_mm.abs() <= MAX_SURFACE_DISTANCE_MM),
+            PointObservation::Through => Some(false),
+            // An object in front of the panel hides it and contradicts nothing; only a ray that passes through the
+            // panel does.
+            PointObservation::Near | PointObservation::Hidden | PointObservation::Unknown => None,
+        });
+        let marks = model.marks.points.par_iter().with_min_len(64).map(|mark| {
+            outline_edges::observe_mark(&motion, mark, &grid.camera, scan)?
+                .edge
+                .is_within_distance(MAX_EDGE_DISTANCE_PX)
+        });
+        let mut agreement: Vec<Option<bool>> = outline.collect();
+        agreement.extend(surface.collect::<Vec<_>>());
+        let mut lengths_mm: Vec<f64> = model.outline.iter().map(|sample| sample.length_mm).collect();
+        lengths_mm.resize(agreement.len(), SQUARE_MM);
+        agreement.extend(marks.collect::<Vec<_>>());
+        lengths_mm.extend(model.marks.points.iter().map(|mark| mark.length_mm));
+        ConsistencyScore { agreements: agreement, lengths_mm }
+    }
+
+    /// Returns the lengths that support only this pose and only the other pose, mm.
+    pub fn exclusive_support_mm(&self, other: &ConsistencyScore) -> [f64; 2] {
+        let mut alone_mm = [0.0; 2];
+        for ((a, b), length_mm) in self.agreements.iter().zip(&other.agreements).zip(&self.lengths_mm) {
+            match (a, b) {
+                // A place that is unknown at one of the two poses says nothing about their difference.
+                (Some(true), Some(false)) => alone_mm[0] += length_mm,
+                (Some(false), Some(true)) => alone_mm[1] += length_mm,
+                _ => {}
+            }
+        }
+        alone_mm
+    }
+}
+
+fn squares(model: &Model) -> Vec<usize> {
+    spread_indices(model.points.len(), ((model.area_mm2 / (SQUARE_MM * SQUARE_MM)) as usize).clamp(100, 4_000))
+}
+
 #[cfg(test)]
 mod tests {
-    use super::{RangeErrors, ScanView, gate, locate};
+    use super::*;
     use panelprep_base::verdict::Verdict;
     use panelprep_cell::panel::TaughtPanel;
     use panelprep_cell::recipe::Recipe;
@@ -373,5 +470,18 @@ mod tests {
         assert!(apart_mm > 0.05 && apart_mm < 5.0, "{apart_mm}");
         assert!(thesis.uncertainty_mm >= ours.uncertainty_mm.max(apart_mm), "{thesis:?}");
         assert!(apart_mm < 0.3 || gate::judge(&thesis, &by_thesis).verdict != Verdict::Accept, "{apart_mm}");
+    }
+
+    /// By hand: 3 mm support only the first pose, 5 mm only the second; places that either pose does not see are
+    /// left out.
+    #[test]
+    fn only_differences_count() {
+        let votes = |said: [Option<bool>; 4]| ConsistencyScore {
+            agreements: said.to_vec(),
+            lengths_mm: vec![3.0, 5.0, 7.0, 9.0],
+        };
+        let first = votes([Some(true), Some(false), Some(true), Some(true)]);
+        let second = votes([Some(false), Some(true), None, Some(true)]);
+        assert_eq!(first.exclusive_support_mm(&second), [3.0, 5.0]);
     }
 }

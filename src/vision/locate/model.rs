@@ -1,15 +1,15 @@
 //! The taught panel in the form that the search and the fit use: points with normals, an outline in space, and its
 //! own grid.
 //!
-//! The outline is found in the taught scan's colours and depths (`taught_outline`).
+//! The outline is found in the taught scan's colours and depths (`taught_outline`). All data that the localization
+//! derives from a taught panel before there is a scan are derived once, because they do not depend on the scan.
 
 use super::LocateError;
 use super::grid::{Grid, RigidF32, camera_point};
+use super::pieces::centroid_and_normal;
 use super::print_features::TaughtMarks;
 use super::scan_errors::RangeErrors;
-use super::scatter::centroid_and_normal;
-use super::taught_outline::{MIN_OUTLINE, OutlineEvidence, OutlinePoint, TaughtOutline};
-use super::taught_surface::Surface;
+use super::taught_outline::{MIN_OUTLINE, OutlineEvidence, OutlinePoint, Surface, TaughtOutline};
 use nalgebra::Vector3;
 use panelprep_base::geometry::{Base, Camera, Panel, Pixel, Point, Rigid, Vector};
 use panelprep_cell::panel::TaughtPanel;
@@ -56,7 +56,7 @@ pub(super) struct Model {
 }
 
 /// Returns the depths of the taught scan: those of its panel, or all others.
-pub(super) fn taught_grid(panel: &TaughtPanel, of_panel: bool) -> Grid {
+fn taught_grid(panel: &TaughtPanel, of_panel: bool) -> Grid {
     let motion = RigidF32::from_rigid(&panel.panel_from_camera.inverse());
     let depth_row = motion.turn.row(2).into_owned();
     let raw = panel.scan.raw_points_mm();
@@ -138,5 +138,30 @@ impl Model {
         let (a, b) = (RigidF32::from_rigid(a), RigidF32::from_rigid(b));
         let apart = |sample: &OutlinePoint| (a.point(&sample.point) - b.point(&sample.point)).norm();
         self.outline.iter().step_by(4).map(apart).fold(0.0, f64::max)
+    }
+}
+
+/// A taught panel as the localization uses it.
+pub struct TaughtModel {
+    /// The panel.
+    pub(super) model: Model,
+    /// The other surfaces in the taught scan: the fixture.
+    pub(super) fixture: Grid,
+}
+
+impl TaughtModel {
+    /// Derives the model.
+    ///
+    /// # Errors
+    /// If the taught panel has too little surface or outline.
+    pub fn from_panel(panel: &TaughtPanel, range: RangeErrors) -> Result<Self, LocateError> {
+        let (model, fixture) = rayon::join(|| Model::from_panel(panel, range), || taught_grid(panel, false));
+        Ok(TaughtModel { model: model?, fixture })
+    }
+}
+
+impl std::fmt::Debug for TaughtModel {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("TaughtModel").finish_non_exhaustive()
     }
 }

@@ -7,8 +7,7 @@
 //! Process. 14, 1980).
 
 use super::grid::{Grid, RigidF32};
-use super::scatter::centroid_and_normal;
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use panelprep_base::geometry::{DIRECT_NEIGHBOURS, RasterSize};
 
 /// A piece with fewer blocks is a speck.
@@ -227,4 +226,15 @@ pub(super) fn grid_position_in(
     let there = motion.point(point);
     let pixel = grid.camera.project(super::grid::camera_point(&there))?;
     Some((there, grid.block_position(pixel)))
+}
+
+/// Returns the centroid, and the direction in which the points scatter least; `None` for no points.
+pub(super) fn centroid_and_normal(points: &[Vector3<f64>]) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    if points.is_empty() {
+        return None;
+    }
+    let mean = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
+    let scatter: Matrix3<f64> = points.iter().map(|point| (point - mean) * (point - mean).transpose()).sum();
+    let eigen = scatter.symmetric_eigen();
+    Some((mean, eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned()))
 }
