@@ -334,6 +334,15 @@ fn find_single_step(line: &BrightnessLine, expected_px: f64) -> Option<Brightnes
     })
 }
 
+/// Returns the unit vector of the picture perpendicular to an outline's direction, outwards.
+pub(super) fn outward_px(
+    along: &nalgebra::Vector2<f64>,
+    outward: &nalgebra::Vector2<f64>,
+) -> Option<nalgebra::Vector2<f64>> {
+    let across = nalgebra::Vector2::new(along.y, -along.x).try_normalize(1e-9)?;
+    Some(if across.dot(outward) < 0.0 { -across } else { across })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -3,12 +3,12 @@
 //! The search needs no start value and covers all poses in the search box. The scan is downsampled ([`grid`]) and
 //! segmented into connected pieces in the box ([`pieces`]). The taught panel is aligned with these pieces at every
 //! rotation ([`search`]). The best pose hypotheses are fitted to the surface and to the outline's edges in the colour
-//! picture together ([`fit`], [`edges`]), with the borders of marks inside it (`print_features`, `outline_edges`), and
-//! compared with each other ([`ConsistencyScore`]). The result is a [`Fit`]: the pose with its covariance, the
-//! agreement of independent starts, and the check of the camera's pose by the fixture. [`gate`] judges this evidence.
-//! [`explain`] marks the origin of a reason in the scan's picture. [`corner`] finds the panel's corner in a picture of
-//! the flange camera, and [`refine`] corrects the pose by it. [`thesis_icp`] is the thesis's own method, for
-//! comparison. An error of the camera's calibration moves taught and located panel alike and cannot be detected here.
+//! picture together ([`fit`], [`edges`]), with the borders of marks inside it (`print_features`), and compared with
+//! each other ([`ConsistencyScore`]). The result is a [`Fit`]: the pose with its covariance, the agreement of
+//! independent starts, and the check of the camera's pose by the fixture. [`gate`] judges this evidence. [`explain`]
+//! marks the origin of a reason in the scan's picture. [`corner`] finds the panel's corner in a picture of the flange
+//! camera, and [`refine`] corrects the pose by it. [`thesis_icp`] is the thesis's own method, for comparison. An error
+//! of the camera's calibration moves taught and located panel alike and cannot be detected here.
 //!
 //! Two pose hypotheses of one panel are compared by the evidence that supports only one of the two. Only places at
 //! which the two poses disagree carry information. Such a place is a segment of the outline, or the border of a mark,
@@ -27,7 +27,6 @@ mod fit;
 pub mod gate;
 mod grid;
 mod model;
-mod outline_edges;
 mod pieces;
 mod point_to_point;
 mod print_features;
@@ -378,9 +377,7 @@ impl ConsistencyScore {
         let motion = RigidF32::from_rigid(placed);
         let FitInputs { model, grid, scan } = inputs;
         let outline = (0..model.outline.len()).into_par_iter().with_min_len(64).map(|k| {
-            outline_edges::observe_edge(&motion, model, &grid.camera, scan, k)?
-                .edge
-                .is_within_distance(MAX_EDGE_DISTANCE_PX)
+            fit::observe_edge(&motion, model, &grid.camera, scan, k)?.edge.is_within_distance(MAX_EDGE_DISTANCE_PX)
         });
         let chosen = squares(model);
         let surface = chosen.par_iter().with_min_len(512).map(|&i| match observe_point(&motion, model, grid, i) {
@@ -391,9 +388,7 @@ impl ConsistencyScore {
             PointObservation::Near | PointObservation::Hidden | PointObservation::Unknown => None,
         });
         let marks = model.marks.points.par_iter().with_min_len(64).map(|mark| {
-            outline_edges::observe_mark(&motion, mark, &grid.camera, scan)?
-                .edge
-                .is_within_distance(MAX_EDGE_DISTANCE_PX)
+            fit::observe_mark(&motion, mark, &grid.camera, scan)?.edge.is_within_distance(MAX_EDGE_DISTANCE_PX)
         });
         let mut agreement: Vec<Option<bool>> = outline.collect();
         agreement.extend(surface.collect::<Vec<_>>());

@@ -13,9 +13,9 @@
 //! steps which become brighter in the same direction. Within the possible shifts, the picture is treated as an affine
 //! map of the panel's plane about each mark.
 
+use super::edges::outward_px;
 use super::grid::{ColoredCloud, DepthReading, Grid, RigidF32, camera_point, spread_indices};
 use super::model::Model;
-use super::outline_edges::outward_px;
 use super::pieces::{Border, MAX_BORDER_DISTANCE_BLOCKS, Piece, grid_position_in, points};
 use super::print_features::{MIN_STEP, MarkSteps};
 use super::solve::{Constraint, ResidualSums, ResidualWeighting, apply_twist};
