@@ -70,7 +70,6 @@ const CALLS: [(&str, &str); 13] = [
     ("removal/gate.rs", " bounded("),
     ("removal/gate.rs", " power("),
     ("removal/gate.rs", " exponent("),
-    ("locate/refine/judge.rs", "beyond(refined"),
     (".rs", ".broken("),
 ];
 

@@ -13,7 +13,7 @@ pub const GEOMETRY_NUMBERS: usize = 32;
 /// Number of parameters of a smooth correction.
 pub const SMOOTH_NUMBERS: usize = 24;
 
-/// The numbers of a correction, rotations in rad, lengths in mm; `calib::robot_correction` describes each of them.
+/// The numbers of a correction, rotations in rad, lengths in mm; `calib::arm_errors` describes each of them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum CorrectionNumbers {
     /// Errors of the arm's geometry: the axis angles are needed to apply them.
