@@ -58,7 +58,7 @@ const TABLES: [(&str, &str); 4] = [
 ];
 
 /// Calls whose first argument is a code, in all files or in those with this ending.
-const CALLS: [(&str, &str); 13] = [
+const CALLS: [(&str, &str); 12] = [
     (".rs", "Reason::new("),
     (".rs", ".bound("),
     (".rs", ".doubt("),
