@@ -1,36 +1,26 @@
 //! The command line, as `interfaces` fixes it for scripts.
 
-mod archive;
-mod backup;
 mod files;
-mod history;
-mod new;
-mod package_files;
-mod people;
-mod record;
 mod robot;
 mod service;
-mod shooting;
-mod simulated;
 mod simulation;
 mod storage;
-mod values;
 
-pub use archive::{Archive, ArchiveAccount, ArchiveTask, CheckArchive, Fleet, OfferRecipe, RunArchive};
-pub use backup::{Backup, BackupPart, Restore};
-pub use files::{Check, Doctor, Inspect, Label, Locate, Look, Plan, PurposeName, Refine, Teach, Tune};
-pub use history::{EndName, History, HistoryTask, SearchArguments};
-pub use new::{FlangeCameraKind, New, NewCell, NewFile, NewRecipe, RobotKindName, ScannerKind};
-pub use package_files::PackageFiles;
-pub use people::{User, UserTask};
-pub use record::{ExportRecord, HeadOfRecords, MeaningName, RecordCommand, RecordTask, SignRecord, VerifyRecord};
-pub use robot::{OnOff, Prove, Robot, RobotFunction, TipName};
-pub use service::{CountArguments, Ctl, CtlAsk, Cycle, Decision, PartArguments, Run, ZividWorker};
-pub use shooting::{Shoot, Shot};
-pub use simulated::{Demo, FilmName, MockRobot, Render, ToolName, TreatName, real_arm, scanner_distortion};
-pub use simulation::{SceneName, Simulation};
-pub use storage::{Explain, PageOf, RenewStore, Replay, StoreCommand, StoreTask, VerifyStore};
-pub use values::parse_non_empty;
+pub use files::{
+    Check, Doctor, FlangeCameraKind, Inspect, Label, Locate, Look, New, NewCell, NewFile, NewRecipe, PackageFiles,
+    Plan, PurposeName, Refine, RobotKindName, ScannerKind, Teach, Tune,
+};
+pub use robot::{OnOff, Prove, Robot, RobotFunction, Shoot, Shot, TipName};
+pub use service::{CountArguments, Ctl, CtlAsk, Cycle, Decision, PartArguments, Run, User, UserTask, ZividWorker};
+pub use simulation::{
+    Demo, FilmName, MockRobot, Render, SceneName, Simulation, ToolName, TreatName, real_arm, scanner_distortion,
+};
+pub use storage::{
+    Archive, ArchiveAccount, ArchiveTask, Backup, BackupPart, CheckArchive, EndName, Explain, ExportRecord, Fleet,
+    HeadOfRecords, History, HistoryTask, MeaningName, OfferRecipe, PageOf, RecordCommand, RecordTask, RenewStore,
+    Replay, Restore, RunArchive, SearchArguments, SignRecord, StoreCommand, StoreTask, VerifyRecord, VerifyStore,
+    parse_non_empty,
+};
 
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use panelprep_devices::mock::FaultSpec;

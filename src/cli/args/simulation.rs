@@ -1,7 +1,10 @@
-//! The content of a simulated cell.
+//! The content of a simulated cell, and the arguments of the commands that simulate a cell.
 
 use clap::{Args, ValueEnum};
 use panelprep_devices::acf::PlannedToolFault;
+use panelprep_devices::mock::FaultSpec;
+use panelprep_sim::{RealArm, ScannerDistortion};
+use std::path::PathBuf;
 
 /// The scene that the simulated cell shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
@@ -53,4 +56,156 @@ impl Default for Simulation {
 pub(super) fn arm_error(text: &str) -> Result<f64, String> {
     let allowed = || "the limits are 0 to 5 mm".to_owned();
     text.parse().ok().filter(|mm| (0.0..=5.0).contains(mm)).ok_or_else(allowed)
+}
+
+/// How difficult the films of a simulated cell are to evaluate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum FilmName {
+    /// Steady light and no glints.
+    Calm,
+    /// The usual conditions of a good cell in the simulation: some drift, glints, drops.
+    #[default]
+    Usual,
+    /// Drift, flicker, a shadow, glints, drops, a dark or bright exposure, as determined by the seed.
+    Hard,
+}
+
+/// The tool that presses the disc on the panel in the demo.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum ToolName {
+    /// A tool with its own force, calibrated on coupons: the recipe requests a removal in µm.
+    #[default]
+    Compliant,
+    /// A spring on the flange: the path gives an even time under the disc, and the removal is not known.
+    Spring,
+}
+
+/// What the demo abrades of a grid that failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum TreatName {
+    /// The whole grid.
+    #[default]
+    Grid,
+    /// Areas around the breaks.
+    Break,
+}
+
+/// Options of `demo`.
+#[derive(Debug, Clone, Args)]
+pub struct Demo {
+    /// Seed for all random values.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Scene of the simulated cell.
+    #[arg(long, value_enum, default_value_t)]
+    pub scene: SceneName,
+    /// Folder for pictures, files and the page.
+    #[arg(long, value_name = "DIR", default_value = "target/demo")]
+    pub out: PathBuf,
+    /// Factor by which the cameras have fewer pixels in each direction; 1 is full size.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
+    pub reduction: u32,
+    /// Deviation of the simulated arm from its nominal geometry at the tool, rms, mm; it is calibrated before the
+    /// cycle. 0 is an arm with its nominal geometry.
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
+    pub arm_error_mm: f64,
+    /// Calibrate cameras and tool, but not the errors of the arm.
+    #[arg(long, requires = "arm_error_mm")]
+    pub uncorrected: bool,
+    /// The tool that presses the disc on the panel.
+    #[arg(long, value_enum, default_value_t)]
+    pub tool: ToolName,
+    /// What is abraded of a grid that failed; `[treat] by` in the rendered recipe.
+    #[arg(long, value_enum, default_value_t)]
+    pub treat: TreatName,
+    /// Make the compliant tool fail during the path: NAME[=VALUE]@N, from the Nth waypoint in contact on, for
+    /// example `silent@40`; the score then states how soon the sander was off.
+    #[arg(long, value_name = "FAULT", conflicts_with = "page")]
+    pub tool_fault: Option<PlannedToolFault>,
+    /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film needs a gigabyte at
+    /// full size.
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+    /// Instead of one cycle, serve the simulated cell with the operator's page until the command is interrupted:
+    /// open the address in a browser on this computer.
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8090", conflicts_with = "record")]
+    pub page: Option<std::net::SocketAddr>,
+}
+
+/// Options of `render`.
+#[derive(Debug, Clone, Args)]
+pub struct Render {
+    /// Seed for all random values.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Scene of the simulated cell.
+    #[arg(long, value_enum, default_value_t)]
+    pub scene: SceneName,
+    /// The number of the panel's displacement: with the same seed, it is the same panel with the same grease,
+    /// displaced differently for each number. The data for teaching are the same for all numbers.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub place: u32,
+    /// Also write the panel's drawing, drawing.stl, and a recipe for teaching the panel from it.
+    #[arg(long)]
+    pub drawing: bool,
+    /// Also write pictures of boards, poses and touched points, for `panelprep calibrate`.
+    #[arg(long)]
+    pub boards: bool,
+    /// Number of scans of a board to add, for `panelprep calibrate scanner`.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=60))]
+    pub board_scans: u32,
+    /// How difficult the films of the cell are to evaluate.
+    #[arg(long, value_enum, default_value_t)]
+    pub film: FilmName,
+    /// Add a labelled set with this number of clips in `set`, each with other grease and every third one clean, for
+    /// `panelprep inspect --truth`.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1_000))]
+    pub clips: u32,
+    /// Length of a wet film, s.
+    #[arg(long, value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u32).range(5..=600))]
+    pub seconds: u32,
+    /// The folder to write; it must be empty, new, or written earlier by `render`.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Factor by which the cameras have fewer pixels in each direction; 1 is full size.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
+    pub reduction: u32,
+    /// Deviation of the simulated arm from its nominal geometry at the tool, rms, mm; 0 is an arm with its nominal
+    /// geometry.
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
+    pub arm_error_mm: f64,
+    /// Error of the simulated 3D camera, which is not well calibrated: its scans are bent by this amount, mm, the
+    /// same each time.
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
+    pub scanner_error_mm: f64,
+}
+
+/// Options of `mock-robot`.
+#[derive(Debug, Clone, Args)]
+pub struct MockRobot {
+    /// Folder with CELLCMD.xml and CELLSTAT.xml; without this option the files with which this program was built,
+    /// on the cell's ports.
+    #[arg(long, value_name = "DIR")]
+    pub config: Option<PathBuf>,
+    /// The fault that occurs, and its time: see below.
+    #[arg(long, value_name = "SPEC")]
+    pub fault: Option<FaultSpec>,
+    /// Execute the controller's KRL programs instead of the built-in model: the shipped programs or, with a folder,
+    /// its .src, .sub and .dat files. Each file of the folder replaces the shipped file of the same name. Parts of
+    /// your programs that are not executed are listed.
+    #[arg(long, value_name = "FOLDER")]
+    pub programs: Option<Option<PathBuf>>,
+    /// Address on which the mock controller listens.
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
+    pub host: std::net::IpAddr,
+}
+
+/// The simulated 3D camera's own error; `None` if it is well calibrated.
+pub fn scanner_distortion(seed: u64, error_mm: f64) -> Option<ScannerDistortion> {
+    (error_mm > 0.0).then(|| ScannerDistortion::new(seed, error_mm))
+}
+
+/// The simulated arm of this seed; `None` if it has its nominal geometry.
+pub fn real_arm(seed: u64, error_mm: f64) -> Option<RealArm> {
+    (error_mm > 0.0).then(|| RealArm::new(seed, error_mm))
 }
