@@ -2,8 +2,7 @@
 //! measured and verified, the removal by its disc is fitted to coupons, and the recipe requests a removal.
 
 use super::args::Common;
-use super::calibrate::args as asked;
-use super::calibrate::{force, removal};
+use super::calibrate::{args as asked, tool};
 use super::fault::Fault;
 use super::outcome::Outcome;
 use super::rendered::RenderedFiles;
@@ -38,7 +37,7 @@ pub fn calibrate(seed: u64, rendered: &RenderedFiles, progress: &dyn Fn(&str)) -
     render_boards::write_force(rendered)?;
     render_coupons::write(seed, rendered)?;
     let common = rendered.common_arguments();
-    removal::run(&asked::Removal {
+    tool::run_removal(&asked::Removal {
         coupons: rendered.file_path("boards/coupons.csv"),
         disc_diameter_mm: render_coupons::DISC_DIAMETER_MM,
         pad_n_mm3: render_coupons::TOOL.pad.stiffness_n_mm3,
@@ -46,7 +45,7 @@ pub fn calibrate(seed: u64, rendered: &RenderedFiles, progress: &dyn Fn(&str)) -
         orbit_rev_min: render_coupons::TOOL.orbit.speed_rev_min,
         out: rendered.file_path(CALIBRATION),
     })?;
-    let measured = force::run(&readings(rendered, false), &common)?;
+    let measured = tool::run_force(&readings(rendered, false), &common)?;
     let [payload_kg, zero_n] = ["payload_kg", "zero_n"].map(|key| measured.json.get(key).and_then(Value::as_f64));
     let (payload_kg, zero_n) = (payload_kg.unwrap_or(f64::NAN), zero_n.unwrap_or(f64::NAN));
     let cell = disk::read_text(&common.cell)?.replace(NAMED, &format!("{NAMED}removal = \"{CALIBRATION}\"\n"));
@@ -63,7 +62,7 @@ pub fn calibrate(seed: u64, rendered: &RenderedFiles, progress: &dyn Fn(&str)) -
 /// # Errors
 /// As `panelprep calibrate force --verify`.
 pub fn verify(rendered: &RenderedFiles, common: &Common) -> Result<Outcome, Fault> {
-    force::run(&readings(rendered, true), common)
+    tool::run_force(&readings(rendered, true), common)
 }
 
 fn readings(rendered: &RenderedFiles, verify: bool) -> asked::Force {

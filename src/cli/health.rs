@@ -1,6 +1,6 @@
 //! Reads the last verifications in the store, to decide whether a cycle may start with these calibrations.
 
-use super::calibrate::{force, now_unix_s};
+use super::calibrate::{now_unix_s, tool};
 use super::fault::Fault;
 use super::load::CellFiles;
 use panelprep_base::verdict::{Judgement, Reason};
@@ -47,9 +47,9 @@ pub fn judge(files: &CellFiles) -> Result<Judgement, Fault> {
     let of_force = health(
         TOOL_FORCE,
         last_force.as_ref(),
-        &force::hash(tool),
+        &tool::force_hash(tool),
         now_unix_s(),
-        force::verification_limits(files, tool),
+        tool::verification_limits(files, tool),
     );
     Ok(start.combined_with(of_force))
 }

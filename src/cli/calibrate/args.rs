@@ -1,16 +1,10 @@
-//! Options of `panelprep calibrate`.
+//! Options of `panelprep calibrate`: the board; the cameras' lens, mount and errors; the arm's errors; the tool's
+//! point, force and removal; the verification of existing calibrations with pictures and touches, and striking a
+//! verification out.
 
-mod board;
-mod camera;
-mod robot;
-mod verification;
-
-pub use board::{BoardArgs, NamedBoard};
-pub use camera::{CameraName, HandEye, Intrinsics, LiveArgs, ModelName, MountName, Scanner};
-pub use robot::{Force, Removal, Robot, Tcp};
-pub use verification::{StrikeOut, Touch, Verify};
-
-use clap::{Args, Subcommand};
+use crate::cli::args::{Simulation, parse_non_empty};
+use clap::{Args, Subcommand, ValueEnum};
+use std::path::PathBuf;
 
 /// The calibration to make, or to verify again.
 #[derive(Debug, Clone, Args)]
@@ -143,4 +137,387 @@ pub enum CalibrationTask {
         --cell target/cell/cell.toml"
     )]
     Strike(StrikeOut),
+}
+
+/// The board.
+#[derive(Debug, Clone, Args)]
+pub struct BoardArgs {
+    /// Inner corners of a chessboard, 9x6; squares of a ChArUco board, charuco:8x6:15:4X4_50[:legacy]; circles,
+    /// circles:7x11:40 (7 in each of 11 rows, 40 mm apart in both directions), acircles:4x11:20 (4 in each of 11 rows, rows 20 mm
+    /// apart, circles of a row 40 mm, each second row shifted by 20 mm).
+    #[arg(long)]
+    pub board: String,
+    /// Side of a square, mm; measure it over many squares. Not needed for circles.
+    #[arg(long, value_name = "MM")]
+    pub square_mm: Option<f64>,
+    /// Half the side of the window that refines a corner, px; if not given, calculated from the distance of corners.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
+    pub subpix: Option<u32>,
+}
+
+/// The board, if a file also states it.
+#[derive(Debug, Clone, Default, Args)]
+pub struct NamedBoard {
+    /// Inner corners of a chessboard, 9x6; squares of a ChArUco board, charuco:8x6:15:4X4_50[:legacy]; circles,
+    /// circles:7x11:40 or acircles:4x11:20.
+    #[arg(long)]
+    pub board: Option<String>,
+    /// Side of a square, mm; measure it over many squares. Not needed for circles.
+    #[arg(long, value_name = "MM", requires = "board")]
+    pub square_mm: Option<f64>,
+    /// Half the side of the window that refines a corner, px; if it is not given, it is calculated from the distance
+    /// between corners.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
+    pub subpix: Option<u32>,
+}
+
+impl NamedBoard {
+    /// The board that the command names; `None` if it names none.
+    pub fn board(&self) -> Option<BoardArgs> {
+        Some(BoardArgs { board: self.board.clone()?, square_mm: self.square_mm, subpix: self.subpix })
+    }
+}
+
+impl From<BoardArgs> for NamedBoard {
+    fn from(BoardArgs { board, square_mm, subpix }: BoardArgs) -> Self {
+        NamedBoard { board: Some(board), square_mm, subpix }
+    }
+}
+
+/// Which camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum CameraName {
+    /// The fixed 3D camera.
+    Scanner,
+    /// The camera on the flange.
+    FlangeCamera,
+}
+
+/// Options of a calibration that takes its own pictures.
+#[derive(Debug, Clone, Args)]
+pub struct LiveArgs {
+    /// Take the pictures now, with the cell's camera, and keep them and their poses in this folder. The command
+    /// reports what each picture shows and which picture to take next.
+    #[arg(long, value_name = "DIR")]
+    pub live: Option<PathBuf>,
+    /// With --live: take this number of pictures without asking; without this option, one each time Enter is pressed.
+    #[arg(long, value_name = "N", requires = "live", value_parser = clap::value_parser!(u32).range(1..=60))]
+    pub count: Option<u32>,
+    /// With --count: the time between two pictures, s, in which a person moves the board to its next pose.
+    #[arg(long, value_name = "S", requires = "count", default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=60))]
+    pub every_s: u32,
+    /// Settings of the simulated cell.
+    #[command(flatten)]
+    pub simulation: Simulation,
+}
+
+impl LiveArgs {
+    /// Returns arguments without live pictures.
+    pub fn without_live() -> Self {
+        LiveArgs { live: None, count: None, every_s: 0, simulation: Simulation::default() }
+    }
+}
+
+/// The distortion coefficients of a lens.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ModelName {
+    /// The simplest model that predicts left-out pictures as well as any other model.
+    Auto,
+    /// No distortion.
+    Pinhole,
+    /// k1.
+    K1,
+    /// k1, k2.
+    K1k2,
+    /// k1, k2, p1, p2.
+    K1k2p1p2,
+    /// k1, k2, p1, p2, k3, as in OpenCV by default.
+    K1k2p1p2k3,
+}
+
+/// Options of `calibrate intrinsics`.
+#[derive(Debug, Clone, Args)]
+pub struct Intrinsics {
+    /// The board.
+    #[command(flatten)]
+    pub board: NamedBoard,
+    /// Read the lens from a scan of the 3D camera itself: each point of the scan lies on the ray of its pixel. No
+    /// board is needed.
+    #[arg(long, value_name = "SCAN", conflicts_with_all = ["live", "images", "board", "model", "keep_all", "subpix"], required_unless_present = "board")]
+    pub from_scan: Option<PathBuf>,
+    /// The lens model; by default auto, and k1k2p1p2k3 if --keep-all and --subpix request what OpenCV does. With
+    /// any model, the lens has one ray for each pixel.
+    #[arg(long, value_enum)]
+    pub model: Option<ModelName>,
+    /// Do not exclude pictures because of their residuals.
+    #[arg(long)]
+    pub keep_all: bool,
+    /// Serial number of the camera, for the file.
+    #[arg(long)]
+    pub serial: Option<String>,
+    /// The file to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Folder for a picture of the residuals.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+    /// Pictures of the board.
+    #[arg(required_unless_present_any = ["live", "from_scan"], value_name = "IMAGE", conflicts_with = "live")]
+    pub images: Vec<PathBuf>,
+    /// With --live: the camera.
+    #[arg(long, value_enum, requires = "live")]
+    pub camera: Option<CameraName>,
+    /// Pictures that are taken now.
+    #[command(flatten)]
+    pub live: LiveArgs,
+}
+
+/// How the camera is mounted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MountName {
+    /// Fixed in the cell.
+    EyeToHand,
+    /// On the flange.
+    EyeInHand,
+}
+
+/// Options of `calibrate hand-eye`.
+#[derive(Debug, Clone, Args)]
+pub struct HandEye {
+    /// How the camera is mounted.
+    #[arg(long, value_enum)]
+    pub mount: MountName,
+    /// The board.
+    #[command(flatten)]
+    pub board: BoardArgs,
+    /// The camera's intrinsics.
+    #[arg(long, value_name = "FILE")]
+    pub intrinsics: PathBuf,
+    /// Three points: the picture of the board, or the 3D camera's shot of the board.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["poses", "live"], required_unless_present_any = ["poses", "live"])]
+    pub image: Option<PathBuf>,
+    /// Three points: the positions at which the corners were touched.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["poses", "live"])]
+    pub points: Option<PathBuf>,
+    /// Many poses: the flange's pose at each picture.
+    #[arg(long, value_name = "FILE", requires = "images", conflicts_with = "live")]
+    pub poses: Option<PathBuf>,
+    /// Many poses: the file with the arm's own errors from `calibrate robot`, with which the poses are corrected.
+    #[arg(long, value_name = "FILE", conflicts_with = "image")]
+    pub robot: Option<PathBuf>,
+    /// Many poses: the folder of the pictures.
+    #[arg(long, value_name = "DIR", requires = "poses")]
+    pub images: Option<PathBuf>,
+    /// Many poses, fixed camera: a point of the panel in the base, at which the uncertainty is stated.
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
+    pub at_mm: Option<[f64; 3]>,
+    /// Serial number of the camera, for the file.
+    #[arg(long)]
+    pub serial: Option<String>,
+    /// The file to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Folder for pictures; without this option, the folder of `--out`.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+    /// With --live: the arm moves automatically, each time through the gate of `panelprep robot move-j`.
+    #[arg(long, requires = "live")]
+    pub r#move: bool,
+    /// Many poses that are taken now.
+    #[command(flatten)]
+    pub live: LiveArgs,
+}
+
+fn parse_point(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
+    let allowed = || "valid: three numbers in mm, such as 560,0,360".to_owned();
+    <[f64; 3]>::try_from(numbers.map_err(|_| allowed())?).map_err(|_| allowed())
+}
+
+/// Options of `calibrate scanner`.
+#[derive(Debug, Clone, Args)]
+pub struct Scanner {
+    /// The board.
+    #[command(flatten)]
+    pub board: BoardArgs,
+    /// The lens of the 3D camera, as written by `calibrate intrinsics` or as stated by the camera.
+    #[arg(long, value_name = "FILE")]
+    pub intrinsics: PathBuf,
+    /// The file to write, with the lens and the errors; it may be the same as the lens's file.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Write a picture of the result: the error that is the same in each scan, and the remaining error in each part
+    /// of the camera's picture.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+    /// Scans of the board.
+    #[arg(required = true, value_name = "SCAN")]
+    pub scans: Vec<PathBuf>,
+}
+
+/// Options of `calibrate robot`.
+#[derive(Debug, Clone, Args)]
+#[command(group(clap::ArgGroup::new("pictures of boards").required(true).multiple(true).args(["eye_to_hand", "eye_in_hand"])))]
+pub struct Robot {
+    /// The board.
+    #[command(flatten)]
+    pub board: BoardArgs,
+    /// Poses for the pictures of the fixed camera, with the board on the flange.
+    #[arg(long, value_name = "POSES", requires = "scanner_lens")]
+    pub eye_to_hand: Option<PathBuf>,
+    /// Intrinsics of the fixed camera.
+    #[arg(long, value_name = "FILE", requires = "eye_to_hand")]
+    pub scanner_lens: Option<PathBuf>,
+    /// Poses for the pictures of the camera on the flange, with the board at rest.
+    #[arg(long, value_name = "POSES", requires = "flange_camera_lens")]
+    pub eye_in_hand: Option<PathBuf>,
+    /// Intrinsics of the camera on the flange.
+    #[arg(long, value_name = "FILE", requires = "eye_in_hand")]
+    pub flange_camera_lens: Option<PathBuf>,
+    /// Poses in which the tip touched spots, or corners of fixed boards.
+    #[arg(long, value_name = "FILE")]
+    pub touches: Option<PathBuf>,
+    /// The file to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+}
+
+/// Options of `calibrate tcp`.
+#[derive(Debug, Clone, Args)]
+pub struct Tcp {
+    /// Flange poses that hold the tip at one spot, and poses that determine the axis.
+    #[arg(long, value_name = "FILE", required_unless_present = "live", conflicts_with = "live")]
+    pub poses: Option<PathBuf>,
+    /// Read the poses from the controller now, one each time Enter is pressed, and store them in this folder.
+    #[arg(long, value_name = "DIR")]
+    pub live: Option<PathBuf>,
+    /// The arm's correction from `calibrate robot`; without this option, the correction that the cell's file names.
+    #[arg(long, value_name = "FILE")]
+    pub robot: Option<PathBuf>,
+    /// The file to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+}
+
+/// Options of the force of a compliant tool.
+#[derive(Debug, Clone, Args)]
+pub struct Force {
+    /// Readings without contact, each with the flange's pose.
+    #[arg(long, value_name = "FILE")]
+    pub readings: PathBuf,
+    /// Compare with payload_kg and zero_n of the cell's file, and store the result: a cycle needs this verification
+    /// each day.
+    #[arg(long)]
+    pub verify: bool,
+}
+
+/// Options of `calibrate removal`.
+#[derive(Debug, Clone, Args)]
+pub struct Removal {
+    /// The file of the measured depths.
+    #[arg(value_name = "COUPONS.csv")]
+    pub coupons: PathBuf,
+    /// Diameter of the disc's contact, mm.
+    #[arg(long, value_name = "MM", value_parser = parse_in_range::<2, 300>)]
+    pub disc_diameter_mm: f64,
+    /// Stiffness of the pad, N/mm³: its modulus divided by its thickness.
+    #[arg(long, value_name = "N/MM3", value_parser = parse_stiffness)]
+    pub pad_n_mm3: f64,
+    /// Diameter of the orbit, mm; 0 for a disc that does not orbit.
+    #[arg(long, value_name = "MM", value_parser = parse_in_range::<0, 50>)]
+    pub orbit_mm: f64,
+    /// Orbits a minute.
+    #[arg(long, value_name = "N", value_parser = parse_in_range::<0, 100_000>)]
+    pub orbit_rev_min: f64,
+    /// The file to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+}
+
+fn parse_in_range<const LOW: i32, const HIGH: i32>(text: &str) -> Result<f64, String> {
+    number(text, f64::from(LOW)..=f64::from(HIGH))
+}
+
+fn parse_stiffness(text: &str) -> Result<f64, String> {
+    number(text, 1e-4..=1_000.0)
+}
+
+fn number(text: &str, allowed: std::ops::RangeInclusive<f64>) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|number| allowed.contains(number));
+    number.ok_or_else(|| format!("valid: a number from {} to {}", allowed.start(), allowed.end()))
+}
+
+/// Options of `calibrate verify`.
+#[derive(Debug, Clone, Args)]
+pub struct Verify {
+    /// The camera to verify.
+    #[arg(long, value_enum)]
+    pub camera: CameraName,
+    /// The fixed board; the file of `--target` states its kind, and the command may also state it.
+    #[command(flatten)]
+    pub board: NamedBoard,
+    /// Instead of a board: the recipe of a panel that is at its nominal pose, with its first taught corner.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["board", "square_mm", "target", "learn"])]
+    pub recipe: Option<PathBuf>,
+    /// A picture of the target, or the 3D camera's shot.
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["poses", "live"])]
+    pub image: Option<PathBuf>,
+    /// Take the picture now, with the cell's camera, and keep it in this folder; for the scanner, a 3D shot.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["image", "poses", "flange"])]
+    pub live: Option<PathBuf>,
+    /// Settings of the simulated cell.
+    #[command(flatten)]
+    pub simulation: Simulation,
+    /// Many pictures of the board at rest by the camera on the flange, in this file's folder: shows the remaining
+    /// error over the working volume, with a map.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["image", "flange", "recipe", "learn"])]
+    pub poses: Option<PathBuf>,
+    /// The flange's pose at the picture, for the camera on the flange.
+    #[arg(long, value_name = "POSE.json")]
+    pub flange: Option<PathBuf>,
+    /// The known pose of the board.
+    #[arg(long, value_name = "FILE")]
+    pub target: Option<PathBuf>,
+    /// Write the target from this picture, immediately after the calibration.
+    #[arg(long)]
+    pub learn: bool,
+    /// Folder for the trend of all verifications, and with --poses for the map.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+}
+
+/// Options of `calibrate touch`.
+#[derive(Debug, Clone, Args)]
+pub struct Touch {
+    /// The board; the file of `--target` states its kind, and the command may also state it.
+    #[command(flatten)]
+    pub board: NamedBoard,
+    /// The known pose of the board.
+    #[arg(long, value_name = "FILE")]
+    pub target: PathBuf,
+    /// The positions of the tool's tip when it touched the corners, with the cell's own tool selected on the pendant.
+    /// With p1_axes_deg = [A1, …, A6] the tip is computed from the axes, the arm's correction and the cell's tool; a
+    /// cell with a correction needs them.
+    #[arg(long, value_name = "FILE", required_unless_present = "live", conflicts_with = "live")]
+    pub points: Option<PathBuf>,
+    /// Read the tip's position from the controller now, at one corner after the other, and keep it in this folder.
+    #[arg(long, value_name = "DIR")]
+    pub live: Option<PathBuf>,
+    /// Folder for a map of the remaining errors, and for the trend of all touches.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+}
+
+/// Options of `calibrate strike`.
+#[derive(Debug, Clone, Args)]
+pub struct StrikeOut {
+    /// Number of the verification in `panelprep calibrate history`.
+    #[arg(value_name = "NUMBER")]
+    pub number: i64,
+    /// The person who strikes the verification out.
+    #[arg(long, value_name = "NAME", value_parser = parse_non_empty)]
+    pub by: String,
+    /// The reason.
+    #[arg(long, value_name = "TEXT", value_parser = parse_non_empty)]
+    pub why: String,
 }

@@ -1,24 +1,28 @@
 //! `panelprep calibrate robot`: determines the arm's own errors, from pictures of boards and from touches.
+//!
+//! Its report about the working volume states the possible error of the tip, the next pose to take, and whether one
+//! more pose is useful.
 
 use super::super::args::Common;
 use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::args::Robot as Args;
-use super::board_image::BoardImage;
-use super::boards;
-use super::mounted;
-use super::output::{provenance, write_calibration};
-use super::{date, files, robot_advice};
-use panelprep_base::geometry::{Camera, PinholeCamera};
+use super::boards::{self, BoardImage};
+use super::output::{self, provenance, write_calibration};
+use super::{arm_correction, files};
+use nalgebra::{Isometry3, Vector3};
+use panelprep_base::geometry::{Base, Camera, Flange, Joints, KukaPose, PinholeCamera, Point, Rigid, median};
 use panelprep_cell::cell::{ArmGeometry, Cell, FlangeCameraMount, RobotCorrection, ScannerMount};
+use panelprep_toolpath::path::{Kinematics, reach};
 use panelprep_vision::calib::board_orientation::resolve_symmetry;
 use panelprep_vision::calib::hand_eye::{MIN_STATIONS, hand_eye as mount_of};
 use panelprep_vision::calib::robot::{
     self, ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, TouchTarget,
 };
+use panelprep_vision::calib::robot_next::{self, Candidate, NextPose};
 use panelprep_vision::calib::{
-    Arrangement, BoardObservation, CalibError, Station, arm_errors, board_pose, gate, robot_next,
+    Arrangement, Board, BoardObservation, CalibError, Station, arm_errors, board_pose, gate,
 };
 use rayon::prelude::*;
 use serde_json::json;
@@ -36,7 +40,7 @@ struct BoardPicture {
 /// # Errors
 /// If a file is invalid.
 pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
-    let cell = match mounted::cell(common)? {
+    let cell = match arm_correction::cell(common)? {
         Some(cell) => cell,
         None => Cell::check("", "")?,
     };
@@ -51,7 +55,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
     ];
     for (kind, poses, lens) in rigs {
         let (Some(poses), Some(lens)) = (poses, lens) else { continue };
-        let camera = mounted::intrinsics(lens)?.camera;
+        let camera = arm_correction::intrinsics(lens)?.camera;
         let mut looks = collect_board_views(args, (poses, &geometry), &camera, &mut aside, progress)?;
         let rig = data.rigs.len();
         let started = match kind {
@@ -83,8 +87,8 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
     let judgement = gate::robot(&found, data.views.len());
     let mut outcome = Outcome::from_judgement(&judgement);
     report_result(&mut outcome, &found, &aside);
-    let board = boards::board(&args.board)?;
-    robot_advice::report_advice(&mut outcome, &cell, &found, (&data, &cameras, &board));
+    let board = boards::parse_board(&args.board)?;
+    report_advice(&mut outcome, &cell, &found, (&data, &cameras, &board));
     if gate::needs_no_correction(&found) {
         outcome.add_line(format!("{}: not written, the arm needs no correction", args.out.display()));
         return Ok(outcome);
@@ -93,7 +97,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
         numbers: found.correction.for_file(),
         left_out_before_mm: found.uncorrected_left_out_mm,
         left_out_after_mm: found.corrected_left_out_mm,
-        date: date::today_utc(),
+        date: output::today_utc(),
         provenance: provenance(hashes, vec![]),
     };
     write_calibration(&mut outcome, &judgement, &args.out, &file.to_toml())?;
@@ -112,7 +116,7 @@ fn refused(code: &'static str, message: String, args: &Args) -> Outcome {
 
 /// Reads the touches; a touched corner belongs to the rig with the fixed board, or to a picture of the fixed camera.
 fn touches(args: &Args, file: &Path, data: &RobotData, cameras: &[PinholeCamera]) -> Result<Vec<ArmTouch>, Fault> {
-    let board = boards::board(&args.board)?;
+    let board = boards::parse_board(&args.board)?;
     let folder = file.parent().unwrap_or(Path::new("."));
     let is_there = |image: &str| folder.join(image).is_file();
     let stated = files::arm_touches(&file.display().to_string(), &disk::read_text(file)?, &is_there)?;
@@ -174,7 +178,7 @@ fn collect_board_views(
     aside: &mut Vec<(String, String)>,
     progress: &(dyn Fn(&str) + Sync),
 ) -> Result<Vec<BoardPicture>, Fault> {
-    let board = boards::board(&args.board)?;
+    let board = boards::parse_board(&args.board)?;
     let folder = file.parent().unwrap_or(Path::new("."));
     let is_there = |image: &str| folder.join(image).is_file();
     let poses = files::arm_poses(&file.display().to_string(), &disk::read_text(file)?, &is_there)?;
@@ -201,7 +205,7 @@ fn start<A: Arrangement>(
     camera: &PinholeCamera,
     looks: &mut [BoardPicture],
 ) -> Result<Rig, Fault> {
-    let board = boards::board(&args.board)?;
+    let board = boards::parse_board(&args.board)?;
     let mut pictures: Vec<_> =
         looks.iter_mut().map(|look| (look.pose.base_from_flange, &mut look.corners)).collect();
     resolve_symmetry::<A>(camera, &board, &mut pictures).map_err(Fault::stage)?;
@@ -272,4 +276,168 @@ fn report_result(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, St
         aside.iter().map(|(file, reason)| json!({"file": file, "reason": reason})).collect(),
     );
     aside.iter().for_each(|(file, reason)| outcome.add_line(format!("excluded: {file}: {reason}")));
+}
+
+/// Number of evaluated positions in the working volume along each of its sides.
+const EVALUATION_GRID: [usize; 3] = [4, 4, 3];
+
+/// Reports the stated error over the working volume and the next pose.
+fn report_advice(
+    outcome: &mut Outcome,
+    cell: &Cell,
+    found: &RobotFound,
+    (data, cameras, board): (&RobotData, &[PinholeCamera], &Board),
+) {
+    let volume = volume(cell, found, data);
+    let mut stated: Vec<(f64, Point<Base>)> = volume
+        .iter()
+        .filter_map(|pose| Some((found.tip_uncertainty_mm(pose)?, (pose.base_from_flange * tip(found)))))
+        .collect();
+    stated.sort_by(|a, b| a.0.total_cmp(&b.0));
+    outcome.add_value("tip_uncertainty_mm", json!(null));
+    if let Some((worst_mm, at)) = stated.last().copied() {
+        let mut all: Vec<f64> = stated.iter().map(|(mm, _)| *mm).collect();
+        let median_mm = median(&mut all).unwrap_or(worst_mm);
+        let (x, y, z) = (at.mm.x, at.mm.y, at.mm.z);
+        let places = stated.len();
+        outcome.add_value(
+            "tip_uncertainty_mm",
+            json!({"median": median_mm, "worst": worst_mm, "at_mm": [x, y, z], "places": places}),
+        );
+        outcome.add_line(format!(
+            "error of the tip with the correction: at most {median_mm:.2} mm (95 %, median of {places} positions in the working \
+             volume); at the worst position {worst_mm:.2} mm, at ({x:.0}, {y:.0}, {z:.0}) mm"
+        ));
+    }
+    let candidates = candidates(cell, found, data, (cameras, board));
+    let next = robot_next::best_next_pose(found, &candidates, &volume);
+    outcome.add_value("next_pose", next.as_ref().map_or(json!(null), |next| object(found, next)));
+    outcome.add_value("enough", json!(next.as_ref().map(NextPose::is_sufficient)));
+    outcome.add_line(describe_advice(found, next.as_ref()));
+}
+
+fn describe_advice(found: &RobotFound, next: Option<&NextPose>) -> String {
+    let Some(next) = next else {
+        return "no next pose: no pose within the axis limits shows a whole board, or the data determine no parameter \
+                yet"
+            .to_owned();
+    };
+    let less = |share: f64| format!("{:.1} %", 100.0 * (1.0 - share));
+    if next.is_sufficient() {
+        return format!(
+            "enough poses: no further pose reduces the tip's stated error by more than {}",
+            less(next.tip_share)
+        );
+    }
+    let KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg } = KukaPose::from_rigid(&next.pose.base_from_flange);
+    let axes = next.pose.joints.map_or(String::new(), |joints| {
+        let all: Vec<String> = joints.degrees().iter().map(|deg| format!("{deg:.1}")).collect();
+        format!("axes [{}]°, ", all.join(", "))
+    });
+    format!(
+        "next pose, for {}: {axes}flange X {x_mm:.1} Y {y_mm:.1} Z {z_mm:.1} A {a_deg:.1} B {b_deg:.1} C {c_deg:.1}; the uncertainty \
+         of the least known parameter, {}, falls by {}; a further pose reduces the tip's stated error by up to {}",
+        describe_board(found, next.rig),
+        next.weakest_parameter,
+        less(next.weakest_share),
+        less(next.tip_share)
+    )
+}
+
+fn describe_board(found: &RobotFound, rig: usize) -> &'static str {
+    match found.rigs[rig].kind {
+        RigKind::EyeToHand => "the board on the flange in front of the fixed camera",
+        RigKind::EyeInHand => "the fixed board in front of the camera on the flange",
+    }
+}
+
+fn object(found: &RobotFound, next: &NextPose) -> serde_json::Value {
+    let rig = match found.rigs[next.rig].kind {
+        RigKind::EyeToHand => "eye-to-hand",
+        RigKind::EyeInHand => "eye-in-hand",
+    };
+    json!({
+        "board": rig,
+        "axes_deg": next.pose.joints.map(|joints| joints.degrees()),
+        "base_from_flange": KukaPose::from_rigid(&next.pose.base_from_flange),
+        "improves": next.weakest_parameter,
+        "improves_share": next.weakest_share,
+        "tip_share": next.tip_share,
+    })
+}
+
+fn tip(found: &RobotFound) -> Point<Flange> {
+    Point::new(found.tip_mm.unwrap_or(Vector3::zeros()).into())
+}
+
+/// Returns poses from which a camera sees a board, within the gates.
+fn candidates(
+    cell: &Cell,
+    found: &RobotFound,
+    data: &RobotData,
+    (cameras, board): (&[PinholeCamera], &Board),
+) -> Vec<Candidate> {
+    let arm = Kinematics::new(cell.arm());
+    let mut all = Vec::new();
+    for (rig, camera) in cameras.iter().enumerate() {
+        for viewpoint in robot_next::viewpoints(found, &data.views, rig, (camera, board)) {
+            let stands = reachable_postures(cell, &arm, &viewpoint.base_from_flange, tip(found));
+            all.extend(stands.into_iter().map(|pose| Candidate { viewpoint: viewpoint.clone(), pose }));
+        }
+    }
+    all
+}
+
+/// The possible postures of the arm at a pose, with its tip in the cell's box.
+fn reachable_postures(
+    cell: &Cell,
+    arm: &Kinematics,
+    base_from_flange: &Rigid<Base, Flange>,
+    tip: Point<Flange>,
+) -> Vec<ArmPose> {
+    let is_inside = cell.limits().workspace().is_none_or(|workspace| workspace.contains(*base_from_flange * tip));
+    let ways = if is_inside { reach::postures(arm, base_from_flange, tip) } else { Vec::new() };
+    let drawn = |joints: Joints| {
+        let flange = arm_errors::base_from_flange(cell.arm().geometry(), &joints, &[0.0; arm_errors::ARM_NUMBERS]);
+        ArmPose { joints: Some(joints), base_from_flange: flange }
+    };
+    ways.into_iter().map(drawn).collect()
+}
+
+/// Poses all over the working volume: the cell's box or, without one, the region of the measured poses. The tool's
+/// orientation at each position is that of the nearest measured pose.
+fn volume(cell: &Cell, found: &RobotFound, data: &RobotData) -> Vec<ArmPose> {
+    let arm = Kinematics::new(cell.arm());
+    let measured: Vec<Rigid<Base, Flange>> = data.views.iter().map(|view| view.pose.base_from_flange).collect();
+    let tips: Vec<Point<Base>> = measured.iter().map(|pose| *pose * tip(found)).collect();
+    let (low, high) = match cell.limits().workspace() {
+        Some(workspace) => (workspace.min.mm, workspace.max.mm),
+        None => {
+            tips.iter().fold((tips[0].mm, tips[0].mm), |(low, high), tip| (low.inf(&tip.mm), high.sup(&tip.mm)))
+        }
+    };
+    let along = |axis: usize, index: usize| {
+        let share = (index as f64 + 0.5) / EVALUATION_GRID[axis] as f64;
+        low[axis] + share * (high[axis] - low[axis])
+    };
+    let mut all = Vec::new();
+    for index in 0..EVALUATION_GRID.iter().product() {
+        let place = nalgebra::Point3::new(
+            along(0, index % EVALUATION_GRID[0]),
+            along(1, index / EVALUATION_GRID[0] % EVALUATION_GRID[1]),
+            along(2, index / EVALUATION_GRID[0] / EVALUATION_GRID[1]),
+        );
+        let mut near: Vec<usize> = (0..tips.len()).collect();
+        let away = |at: usize| (tips[at].mm - place).norm();
+        near.sort_by(|a, b| away(*a).total_cmp(&away(*b)));
+        let standing = near.into_iter().take(3).find_map(|at| {
+            let turn = measured[at].isometry().rotation;
+            let shift = place.coords - turn * tip(found).mm.coords;
+            let flange: Rigid<Base, Flange> =
+                Rigid::from_isometry_unchecked(Isometry3::from_parts(shift.into(), turn));
+            reachable_postures(cell, &arm, &flange, tip(found)).into_iter().next()
+        });
+        all.extend(standing);
+    }
+    if all.is_empty() { data.views.iter().map(|view| view.pose).collect() } else { all }
 }

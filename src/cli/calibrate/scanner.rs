@@ -1,14 +1,11 @@
 //! `panelprep calibrate scanner`: determines the 3D camera's own errors, from scans of a flat board at many positions.
 
-use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
-use super::super::pictures;
+use super::super::{disk, pictures};
 use super::args::Scanner as Args;
-use super::board_image::BoardImage;
-use super::boards;
-use super::date;
-use super::output::{provenance, write_calibration};
+use super::boards::{self, BoardImage};
+use super::output::{self, provenance, write_calibration};
 use panelprep_base::geometry::PinholeCamera;
 use panelprep_base::number_text::fixed_decimals;
 use panelprep_base::verdict::{Judgement, Reason};
@@ -31,7 +28,7 @@ type ScanRead = (String, String, Result<PlaneView, CalibError>);
 /// # Errors
 /// If a file is invalid, or writing to the disk fails.
 pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
-    let board = boards::board(&args.board)?;
+    let board = boards::parse_board(&args.board)?;
     let lens = Intrinsics::check(&args.intrinsics.display().to_string(), &disk::read_text(&args.intrinsics)?)?;
     let done = AtomicUsize::new(0);
     let read = |file: &std::path::PathBuf| {
@@ -64,7 +61,7 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
         scale_deviation_percent: found.scale_deviation_percent,
         board_positions: views.len(),
         field: found.field,
-        date: date::today_utc(),
+        date: output::today_utc(),
         provenance: made,
     };
     let text = Intrinsics { errors: Some(measured), ..lens }.to_toml();

@@ -1,18 +1,23 @@
 //! `panelprep calibrate verify` and `touch`: check whether the calibration is still valid.
+//!
+//! With `--poses`, the remaining error over the working volume is measured. The camera on the flange looks at one fixed
+//! board from many poses. Each picture gives the board's pose through arm, mount and lens. The distance of the board's
+//! farthest corner from its known position is the remaining error at this pose.
+//!
+//! With `--recipe`, a taught corner at its nominal position is the target of the flange camera. The corner in the
+//! picture is compared with its expected position, in mm perpendicular to the viewing direction. This tests mount, lens
+//! and arm together, but no error along the viewing direction.
 
 use super::super::args::Common;
 use super::super::disk;
 use super::super::fault::{CalibrationFault, Fault};
-use super::super::load::{CellFiles, flange_file};
+use super::super::load::{self, CellFiles, flange_file};
 use super::super::outcome::Outcome;
 use super::args::{BoardArgs, CameraName, Touch, Verify};
-use super::board_image::BoardImage;
-use super::boards;
-use super::output::provenance;
-use super::over_volume;
-use super::target::Target;
-use super::verification::{store_and_judge, verification};
-use super::{date, files, taught_corner, tips};
+use super::arm_correction::{self, CorrectionInUse};
+use super::boards::{self, BoardImage, Target};
+use super::files;
+use super::output::{self, provenance, store_and_judge, verification};
 use panelprep_base::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, Rigid};
 use panelprep_base::verdict::{Judgement, Reason};
 use panelprep_cell::cell::{BoardSize, MountedPose, TargetMount};
@@ -20,6 +25,8 @@ use panelprep_service::report::{self, RemainingError};
 use panelprep_store::store::calibration_hash;
 use panelprep_vision::calib::health::{self, BoardMeasurement};
 use panelprep_vision::calib::{Board, BoardObservation, BoardPose, CalibError, board_pose};
+use panelprep_vision::locate::corner::find_taught;
+use rayon::prelude::*;
 use serde_json::json;
 use std::path::Path;
 
@@ -119,7 +126,7 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
     let files = CellFiles::read(common)?;
     let wrong = |message: &str| Err(Fault::stage(CalibError::Points(message.to_owned())));
     let file = match (&args.recipe, &args.target) {
-        (Some(recipe), None) => return taught_corner::run(args, &files, recipe),
+        (Some(recipe), None) => return run_on_taught_corner(args, &files, recipe),
         (None, Some(file)) => file,
         _ => return wrong("give --target for a board, or --recipe for a taught corner"),
     };
@@ -129,13 +136,13 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
         let Some(named) = &named else {
             return wrong("--learn writes the kind of board into the target file: give --board and --square-mm");
         };
-        let board = boards::board(named)?;
+        let board = boards::parse_board(named)?;
         let seen = measure_board(args, &files, (&board, window), progress)?;
         return write_target((file, files.cell.limits().verify_limit_mm()), &board, named, &seen);
     }
     let target = Target::read(file, named.as_ref())?;
     if let Some(poses) = &args.poses {
-        return over_volume::run(args, (&files, poses), &target, progress);
+        return run_over_volume(args, (&files, poses), &target, progress);
     }
     let seen = measure_board(args, &files, (&target.board, window), progress)?;
     let off_mm = |found| health::distance_mm(&target.base_from_board, found, &target.board.corners());
@@ -197,7 +204,7 @@ fn write_target(
     let pose = KukaPose::from_rigid(&seen.measurement.base_from_board);
     let mut mounted = MountedPose::<TargetMount>::from_pose(pose);
     mounted.board = Some(BoardSize { board: named.board.clone(), square_mm: board.square_mm() });
-    mounted.date = date::today_utc();
+    mounted.date = output::today_utc();
     mounted.provenance = provenance(vec![seen.picture_hash.clone()], vec![]);
     disk::write_durable(target, mounted.to_toml())?;
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
@@ -218,7 +225,7 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
     let file = args.points.as_ref().ok_or(CalibrationFault::NoPoses)?;
     let mut points = files::points(&file.display().to_string(), &disk::read_text(file)?)?;
     let tool = files.tool_tip()?;
-    tips::place_tips_by_axes(&files, &tool.value, (file, &mut points))?;
+    arm_correction::place_tips_by_axes(&files, &tool.value, (file, &mut points))?;
     let mut errors_mm = Vec::with_capacity(points.touched.len());
     let mut corners = Vec::with_capacity(points.touched.len());
     for touched in &points.touched {
@@ -257,5 +264,161 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
             board.square_mm()
         ));
     }
+    Ok(outcome)
+}
+
+/// Minimum number of pictures for a measurement over the volume.
+const MIN_PICTURES: usize = 3;
+
+/// Evaluates every picture, and stores the worst result as a verification.
+///
+/// # Errors
+/// If a file is invalid, too few pictures show the board, or the store cannot be written.
+pub fn run_over_volume(
+    args: &Verify,
+    (files, poses_file): (&CellFiles, &Path),
+    target: &Target,
+    progress: &dyn Fn(&str),
+) -> Result<Outcome, Fault> {
+    if args.camera != CameraName::FlangeCamera {
+        let message =
+            "--poses is for the camera on the flange: the fixed camera sees a board at rest from one position only";
+        return Err(Fault::stage(CalibError::Points(message.to_owned())));
+    }
+    let folder = poses_file.parent().unwrap_or(Path::new("."));
+    let is_there = |image: &str| folder.join(image).is_file();
+    let name = poses_file.display().to_string();
+    let poses = files::picture_poses(&name, &disk::read_text(poses_file)?, &is_there)?;
+    progress(&format!("{name}: searching for the board in {} pictures", poses.len()));
+    let (lens, mount) = (files.flange_camera()?, files.flange_from_camera()?);
+    let arm = CorrectionInUse::from_cell(files);
+    let window = args.board.subpix.map(|half_window_px| half_window_px as usize);
+    let look = |pose: &files::PicturePose| -> Result<Result<RemainingError, (String, String)>, Fault> {
+        let aside = |why: String| Ok(Err((pose.image.clone(), why)));
+        let base_from_flange = match &arm {
+            None => pose.base_from_flange,
+            Some(arm) => arm.flange((poses_file, &pose.image), pose.base_from_flange, pose.joints.as_ref())?,
+        };
+        let board_image = BoardImage::read(&folder.join(&pose.image), &lens.value)?;
+        let detected = match board_image.detect(&target.board, window) {
+            Ok(detected) => detected,
+            Err(error) => return aside(error.to_string()),
+        };
+        if let Some(reason) =
+            health::lens_extent_refusal(&lens.extent, detected.corners.iter().map(|(_, pixel)| *pixel))
+        {
+            return aside(reason.message);
+        }
+        let found = match board_pose::<FlangeCamera>(&lens.value, &BoardObservation::Pixels(detected.corners)) {
+            Ok(found) => found,
+            Err(error) => return aside(error.to_string()),
+        };
+        let base_from_board = base_from_flange * mount.value * found.camera_from_board;
+        let look = BoardMeasurement { base_from_board, pnp_rms_px: found.rms, measured_square_mm: None };
+        if let Some(reason) = health::uninformative_measurement(&target.base_from_board, &look, &target.board) {
+            return aside(reason.message);
+        }
+        let error_mm = health::distance_mm(&target.base_from_board, &base_from_board, &target.board.corners());
+        Ok(Ok(RemainingError { name: pose.image.clone(), place: base_from_flange.origin(), error_mm }))
+    };
+    let all: Vec<Result<RemainingError, (String, String)>> =
+        poses.par_iter().map(look).collect::<Result<_, Fault>>()?;
+    let (mut left, mut aside) = (Vec::new(), Vec::new());
+    for one in all {
+        match one {
+            Ok(one) => left.push(one),
+            Err(reason) => aside.push(reason),
+        }
+    }
+    if left.len() < MIN_PICTURES {
+        let first_reason = aside.first().map(|(image, why)| format!("{image}: {why}"));
+        let (found, given) = (left.len(), poses.len());
+        let error = CalibError::TooFewPictures { found, given, needed: MIN_PICTURES, first_reason };
+        return Err(Fault::stage(error));
+    }
+    record_verification(args, files, (&left, &aside), files.hash_with_arm(&[&lens.text, &mount.text]))
+}
+
+fn record_verification(
+    args: &Verify,
+    files: &CellFiles,
+    (left, aside): (&[RemainingError], &[(String, String)]),
+    calibration_hash: String,
+) -> Result<Outcome, Fault> {
+    let worst_mm = left.iter().map(|one| one.error_mm).fold(0.0, f64::max);
+    let rms_mm = (left.iter().map(|one| one.error_mm.powi(2)).sum::<f64>() / left.len() as f64).sqrt();
+    let verification = output::verification(files, "flange_camera", worst_mm, calibration_hash);
+    let mut outcome = output::store_and_judge(files, &verification, args.pictures.as_deref())?;
+    outcome.add_value("rms_mm", json!(rms_mm));
+    let places = left.iter().map(|one| {
+        let place = one.place.mm;
+        json!({"file": one.name, "flange_mm": [place.x, place.y, place.z], "error_mm": one.error_mm})
+    });
+    outcome.add_value("left", places.collect());
+    outcome.add_value(
+        "set_aside",
+        aside.iter().map(|(file, reason)| json!({"file": file, "reason": reason})).collect(),
+    );
+    outcome
+        .add_line(format!("{} pictures: remaining error {rms_mm:.3} mm rms, {worst_mm:.3} mm at most", left.len()));
+    for one in left {
+        let place = one.place.mm;
+        let (name, mm) = (&one.name, one.error_mm);
+        outcome.add_line(format!(
+            "  {name}: {mm:.3} mm, the flange at ({:.0}, {:.0}, {:.0}) mm",
+            place.x, place.y, place.z
+        ));
+    }
+    aside.iter().for_each(|(file, reason)| outcome.add_line(format!("excluded: {file}: {reason}")));
+    if let Some(folder) = &args.pictures {
+        let file = folder.join("map_flange_camera.svg");
+        let limit_mm = files.cell.limits().verify_limit_mm();
+        let title = "remaining error at the board, by the flange's position";
+        disk::write(&file, report::error_map(title, left, limit_mm))?;
+        outcome.add_line(format!("{}: the map", file.display()));
+    }
+    Ok(outcome)
+}
+
+/// Measures the first taught corner in the picture and compares it with its expected position.
+///
+/// # Errors
+/// If a file is invalid, no corner was taught, the picture shows none, or the store cannot be written.
+pub fn run_on_taught_corner(args: &Verify, files: &CellFiles, recipe_file: &Path) -> Result<Outcome, Fault> {
+    let wrong = |message: &str| Fault::stage(CalibError::Points(message.to_owned()));
+    if args.camera != CameraName::FlangeCamera {
+        return Err(wrong(
+            "--recipe verifies the flange camera by a taught corner; verify the scanner with a board",
+        ));
+    }
+    let Some(flange) = &args.flange else {
+        return Err(wrong("--flange is missing: give the flange's pose at the picture"));
+    };
+    let recipe = load::recipe(recipe_file)?;
+    let taught = load::taught(files, recipe_file, &recipe)?;
+    let (camera, mount) = (files.flange_camera()?, files.flange_from_camera()?);
+    let Some(image) = &args.image else { return Err(wrong("--image is missing: give the picture of the corner")) };
+    let (image, flange) = (std::slice::from_ref(image), std::slice::from_ref(flange));
+    let shots = load::corner_shots(files, image, flange, &camera.value)?;
+    let (Some(shot), Some(corner)) = (shots.first(), taught.corners.first()) else {
+        return Err(wrong("no corner of this panel was taught; teach a corner with --corner and --flange"));
+    };
+    let base_from_flange: Rigid<Base, Flange> = shot.base_from_flange.to_rigid();
+    let panel_from_camera = taught.panel.nominal_pose.inverse() * base_from_flange * mount.value;
+    let in_camera = panel_from_camera.inverse() * corner.point;
+    let Some(expected) = camera.value.project(in_camera) else {
+        return Err(wrong("the taught corner lies behind the camera; is this the flange's pose at the picture?"));
+    };
+    let found = find_taught(&shot.picture.to_gray(), (recipe.corner(), 0), &camera.value, in_camera);
+    let found = found.map_err(Fault::stage)?.corner_px;
+    if let Some(reason) = health::lens_extent_refusal(&camera.extent, [found]) {
+        return Ok(Outcome::from_judgement(&Judgement::new(vec![reason], vec![])));
+    }
+    let (px_per_mm, _) = camera.value.px_per_mm_at(in_camera.mm.z);
+    let error_px = found.distance_px(expected);
+    let hash = files.hash_with_arm(&[&camera.text, &mount.text]);
+    let verification = output::verification(files, "flange_camera", error_px / px_per_mm, hash);
+    let mut outcome = output::store_and_judge(files, &verification, args.pictures.as_deref())?;
+    outcome.add_value("error_px", json!(error_px));
     Ok(outcome)
 }

@@ -5,7 +5,7 @@
 //! the one with the lowest number is the oldest. Mask and times are written before `labels.json`, and the draft is
 //! removed last. After a power cut in between, the draft still exists and is saved again.
 
-use super::super::calibrate::date::now_unix_s;
+use super::super::calibrate::now_unix_s;
 use super::super::disk;
 use super::super::fault::{ClipFault, Fault};
 use panelprep_base::number_text::utc_text;

@@ -6,18 +6,12 @@
 //! For the mount of the 3D camera they are 3D shots: its mount is computed from its own points.
 //! A person moves the board or the arm and presses Enter, or with `--count` has some seconds for it. With `--move`
 //! the arm moves automatically, through the gates of `panelprep robot move-j`.
-//!
-//! - `looking`: one picture of the target of a verification · `touching`: poses in which the tip touches something
 
-mod interim;
 mod moving;
 mod session;
-mod target_picture;
 mod touching;
-mod view;
 
-pub use target_picture::take_target_picture;
-pub use touching::{tool, touch};
+pub use touching::{take_target_picture, tool, touch};
 
 use super::super::args::Common;
 use super::super::fault::{CalibrationFault, Fault};
@@ -26,16 +20,12 @@ use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
 use super::super::shoot::opening;
 use super::args::{CameraName, HandEye, Intrinsics, MountName};
-use super::boards;
-use super::mounted;
-use super::{hand_eye, intrinsics};
-use interim::{report_lens, report_mount};
+use super::{arm_correction, boards, hand_eye, intrinsics};
 use panelprep_devices::cameras::BoardView;
 use panelprep_vision::calib::CalibError;
 use panelprep_vision::calib::hand_eye::MIN_STATIONS;
-use session::{OperatorChoice, Session};
+use session::{CalibrationCamera, OperatorChoice, Session, report_lens, report_mount};
 use std::path::PathBuf;
-use view::CalibrationCamera;
 
 /// Maximum number of pictures: enough for any lens.
 const MAX_PICTURES: usize = 60;
@@ -50,7 +40,7 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
     };
     let cell = CellFiles::read(common)?;
     let named = boards::board_from_option(&args.board)?;
-    let board = boards::board(&named)?;
+    let board = boards::parse_board(&named)?;
     let view = match camera {
         CameraName::Scanner => BoardView::HandHeldForFixed,
         CameraName::FlangeCamera => BoardView::HandHeldForFlange,
@@ -83,8 +73,8 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
 pub fn mount(args: &HandEye, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     let Some(folder) = &args.live.live else { return Err(CalibrationFault::NoLiveCamera.into()) };
     let cell = CellFiles::read(common)?;
-    let board = boards::board(&args.board)?;
-    let camera = mounted::intrinsics(&args.intrinsics)?.camera;
+    let board = boards::parse_board(&args.board)?;
+    let camera = arm_correction::intrinsics(&args.intrinsics)?.camera;
     let kind = match args.mount {
         MountName::EyeToHand => BoardView::Fixed,
         MountName::EyeInHand => BoardView::Flange,

@@ -13,9 +13,7 @@ use super::super::super::outcome::Outcome;
 use super::super::super::output::write_progress as tell;
 use super::super::args::HandEye;
 use super::super::boards;
-use super::interim::suggest_next_pose;
-use super::session::{OperatorChoice, Session};
-use super::view::{self, CalibrationCamera};
+use super::session::{self, CalibrationCamera, OperatorChoice, Session, suggest_next_pose};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep_base::geometry::{self, Base, Degrees, Flange, Joints, PinholeCamera, Point, Rigid};
 use panelprep_cell::cell::RobotKind;
@@ -66,7 +64,7 @@ pub fn run(
     let starts = if is_mock { first_pose((args, cell, kind), board, camera)? } else { None };
     let (mut robot, simulated) = live::start_robot_at(&cell.cell, starts)?;
     let mut view = match &simulated {
-        Some(simulated) if view::is_simulated(cell, kind) => {
+        Some(simulated) if session::is_simulated(cell, kind) => {
             let arm = Some(simulated.server.handle());
             CalibrationCamera::simulated((kind, board), (&args.live, Some(camera)), arm)?
         }
@@ -175,7 +173,7 @@ fn distance_mm(
         return Ok(0.0);
     }
     let Some(first) = pictures.first() else { return Ok(0.0) };
-    let board_image = super::super::board_image::BoardImage::read(first, camera)?;
+    let board_image = boards::BoardImage::read(first, camera)?;
     let found = detect::detect(&board_image.name, &board_image.gray, board, boards::window(&args.board))
         .map_err(Fault::stage)?;
     let seen: BoardObservation<geometry::FlangeCamera> = BoardObservation::Pixels(found.corners);
@@ -204,7 +202,7 @@ fn first_pose(
     board: &Board,
     camera: PinholeCamera,
 ) -> Result<Option<Joints>, Fault> {
-    let boards = view::board_cell((kind, board), (&args.live, Some(camera)))?;
+    let boards = session::board_cell((kind, board), (&args.live, Some(camera)))?;
     let flanges: Vec<Rigid<Base, Flange>> = match kind.is_fixed() {
         true => boards.fixed_shots(MAX_DRAWS).iter().map(|shot| shot.base_from_flange).collect(),
         false => boards.flange_shots(MAX_DRAWS).iter().map(|shot| shot.base_from_flange).collect(),

@@ -1,17 +1,30 @@
-//! The data of one session: pictures in a folder, each with its pose if it has one, and what was seen in them.
+//! One session: its camera, its pictures in a folder, and the report about them.
+//!
+//! The camera is the cell's own one, or in a simulated cell a camera that looks at a board. Each picture is stored with
+//! its pose if it has one, and with what was seen in it. The report states the result from the pictures so far, and the
+//! next picture to take.
 
-use super::super::super::disk;
-use super::super::super::fault::Fault;
-use super::super::super::output::{read_answer_line, write_progress as tell};
 use super::super::args::LiveArgs;
-use super::super::board_image::BoardImage;
+use super::super::boards::BoardImage;
 use super::super::pose_keys;
-use panelprep_base::geometry::{Camera, ColorPicture, OrganizedCloud, PinholeCamera};
+use crate::cli::args::Shot;
+use crate::cli::disk;
+use crate::cli::fault::{CalibrationFault, Fault};
+use crate::cli::load::CellFiles;
+use crate::cli::outcome::Outcome;
+use crate::cli::output::{read_answer_line, write_progress as tell};
+use crate::cli::render_boards::ROBOT;
+use crate::cli::shoot::opening::{self, RequestedShot};
+use panelprep_base::geometry::{
+    Base, Camera, ColorPicture, Flange, KukaPose, OrganizedCloud, PinholeCamera, Rigid,
+};
+use panelprep_base::verdict::Verdict;
 use panelprep_cell::files::{self, ReportedFlange};
-use panelprep_devices::cameras::PictureQuality;
-use panelprep_vision::calib::Board;
-use panelprep_vision::calib::detect;
+use panelprep_devices::cameras::{BoardView, FlangeCamera, PictureQuality, Scanner, SimulatedBoards};
+use panelprep_devices::mock::MockHandle;
+use panelprep_sim::{BoardCell, BoardPrint};
 use panelprep_vision::calib::intrinsics::coverage;
+use panelprep_vision::calib::{Board, detect};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -188,4 +201,174 @@ impl<'a> Session<'a> {
             }
         }
     }
+}
+
+pub(super) fn report_lens(outcome: &Outcome) {
+    let number = |key: &str| outcome.json.get(key).and_then(serde_json::Value::as_f64);
+    let verdict = outcome.json.get("verdict").and_then(serde_json::Value::as_str).unwrap_or_default();
+    if let (Some(rms_px), Some(coverage)) = (number("rms_px"), number("coverage")) {
+        tell(&format!(
+            "so far: {verdict}, residuals {rms_px:.3} px rms, corners cover {:.0} % of the picture",
+            100.0 * coverage
+        ));
+    }
+    report_reasons(outcome);
+    match outcome.json.get("next_picture").and_then(serde_json::Value::as_str) {
+        Some(next) => tell(&format!("next: {next}")),
+        None => tell("enough pictures: no further picture reduces the lens's error by 2 % or more"),
+    }
+}
+
+pub(super) fn report_reasons(outcome: &Outcome) {
+    let reasons = outcome.json.get("reasons").and_then(serde_json::Value::as_array);
+    for reason in reasons.into_iter().flatten().filter_map(|reason| reason["message"].as_str()) {
+        tell(&format!("  {reason}"));
+    }
+}
+
+/// Reports the mount so far; returns whether another pose is useful.
+pub(super) fn report_mount(outcome: &Outcome) -> bool {
+    let number = |key: &str| outcome.json.get(key).and_then(serde_json::Value::as_f64);
+    let verdict = outcome.json.get("verdict").and_then(serde_json::Value::as_str).unwrap_or_default();
+    let Some(uncertainty_mm) = number("uncertainty_mm") else {
+        report_reasons(outcome);
+        return true;
+    };
+    tell(&format!("so far: {verdict}, uncertainty ± {uncertainty_mm:.3} mm at the panel (95 %)"));
+    report_reasons(outcome);
+    let (Some(pose), Some(next_mm)) = (suggest_next_pose(outcome), number("next_uncertainty_mm")) else {
+        tell("enough poses: no further pose reduces the mount's uncertainty");
+        return verdict != Verdict::Accept.keyword();
+    };
+    // The next pose is chosen for the pictures: its error is compared with theirs, not with that of the points.
+    let by_pictures_mm = number("picture_uncertainty_mm").unwrap_or(uncertainty_mm);
+    let is_worth = next_mm < MAX_REMAINING_SHARE * by_pictures_mm && by_pictures_mm > SUFFICIENT_ERROR_MM;
+    let worth = if is_worth { "next" } else { "enough poses; the most useful further pose" };
+    tell(&format!("{worth}: flange {pose}, then the uncertainty is ± {next_mm:.3} mm"));
+    is_worth || verdict != Verdict::Accept.keyword()
+}
+
+/// Returns the pose that would improve the result most.
+pub(super) fn suggest_next_pose(outcome: &Outcome) -> Option<KukaPose> {
+    outcome.json.get("next_pose").and_then(|pose| serde_json::from_value(pose.clone()).ok())
+}
+
+/// Another pose is only useful if less than this share of the error remains after it.
+const MAX_REMAINING_SHARE: f64 = 0.95;
+
+/// If the error is below this value, no further pose is useful: the arm returns to a pose only with about 0.03 mm
+/// (data sheet of the KR 6 R700).
+const SUFFICIENT_ERROR_MM: f64 = 0.02;
+
+/// The camera.
+pub enum CalibrationCamera {
+    /// The fixed camera, with its colour picture.
+    Scanner(Box<dyn Scanner>),
+    /// The fixed camera, with its 3D shot: its mount is computed from its own points.
+    Scans(Box<dyn Scanner>),
+    /// The camera on the flange.
+    Flange(Box<dyn FlangeCamera>),
+    /// A simulated camera.
+    Boards(SimulatedBoards),
+    /// A simulated one, with its 3D shot.
+    BoardScans(SimulatedBoards),
+}
+
+impl CalibrationCamera {
+    /// Opens the camera that the cell's file names; `lens` is given if the camera's size is known.
+    ///
+    /// # Errors
+    /// If it cannot be opened.
+    pub fn open(
+        cell: &CellFiles,
+        (view, board): (BoardView, &Board),
+        (args, lens): (&LiveArgs, Option<PinholeCamera>),
+        progress: &(dyn Fn(&str) + Sync),
+    ) -> Result<Self, Fault> {
+        if is_simulated(cell, view) {
+            return CalibrationCamera::simulated((view, board), (args, lens), None);
+        }
+        let wanted = |shot| RequestedShot { shot, simulation: args.simulation };
+        Ok(match view {
+            BoardView::Fixed => {
+                CalibrationCamera::Scans(opening::scanner(cell, &wanted(Shot::Scan), progress)?.camera)
+            }
+            BoardView::HandHeldForFixed => {
+                CalibrationCamera::Scanner(opening::scanner(cell, &wanted(Shot::Picture), progress)?.camera)
+            }
+            BoardView::Flange | BoardView::HandHeldForFlange => {
+                CalibrationCamera::Flange(opening::flange_camera(cell, &wanted(Shot::Corner), progress)?.camera)
+            }
+        })
+    }
+
+    /// The simulated cell's camera, in front of a board.
+    ///
+    /// # Errors
+    /// If the board is not a chessboard: no other one is simulated here.
+    pub fn simulated(
+        (view, board): (BoardView, &Board),
+        (args, lens): (&LiveArgs, Option<PinholeCamera>),
+        arm: Option<MockHandle>,
+    ) -> Result<Self, Fault> {
+        let boards = SimulatedBoards::new(board_cell((view, board), (args, lens))?, view, arm);
+        Ok(if view == BoardView::Fixed {
+            CalibrationCamera::BoardScans(boards)
+        } else {
+            CalibrationCamera::Boards(boards)
+        })
+    }
+
+    /// Takes a picture or a 3D shot; returns it with the flange's pose if the camera's source knows it.
+    ///
+    /// # Errors
+    /// If the camera does not deliver.
+    pub fn capture(&mut self) -> Result<(Capture, Option<Rigid<Base, Flange>>), Fault> {
+        Ok(match self {
+            CalibrationCamera::Scanner(camera) => {
+                (Capture::Picture(camera.capture_2d().map_err(Fault::stage)?.picture), None)
+            }
+            CalibrationCamera::Scans(camera) => {
+                (Capture::Scan(camera.capture_3d().map_err(Fault::stage)?.cloud), None)
+            }
+            CalibrationCamera::Flange(camera) => {
+                let taken = camera.capture().map_err(Fault::stage)?;
+                (Capture::Picture(taken.picture), taken.base_from_flange)
+            }
+            CalibrationCamera::BoardScans(camera) => {
+                let (cloud, flange) = camera.scan().map_err(Fault::stage)?;
+                (Capture::Scan(cloud), Some(flange))
+            }
+            CalibrationCamera::Boards(camera) => {
+                let (picture, flange) = camera.capture().map_err(Fault::stage)?;
+                (Capture::Picture(picture), flange)
+            }
+        })
+    }
+}
+
+/// Whether the camera of this view is simulated.
+pub fn is_simulated(cell: &CellFiles, view: BoardView) -> bool {
+    match view.is_fixed() {
+        true => cell.cell.scanner().is_simulated(),
+        false => cell.cell.flange_camera().is_simulated(),
+    }
+}
+
+/// Returns the simulated cell's board in the form that the renderer needs.
+///
+/// # Errors
+/// As [`CalibrationCamera::simulated`].
+pub fn board_cell(
+    (view, board): (BoardView, &Board),
+    (args, lens): (&LiveArgs, Option<PinholeCamera>),
+) -> Result<BoardCell, Fault> {
+    if !board.is_chessboard() {
+        return Err(CalibrationFault::NoSimulatedBoard.into());
+    }
+    let print = BoardPrint::chessboard(board.columns(), board.rows(), board.square_mm());
+    let cell = BoardCell::new(args.simulation.seed, print, ROBOT);
+    let full = if view.is_fixed() { cell.scanner() } else { cell.flange_camera() };
+    let reduction = lens.map_or(1, |lens| full.width_px.checked_div(lens.width_px).unwrap_or(1).max(1));
+    Ok(cell.with_reduction(reduction))
 }
