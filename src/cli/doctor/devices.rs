@@ -1,16 +1,41 @@
-//! Checks of the connected devices: cameras, the robot's ports, the service. Nothing is moved.
+//! Checks of the connected devices: cameras, the robot's ports, the service, the compliant tool. Nothing is moved.
+//!
+//! For a Zivid they state whether it delivers, whether the light is suitable for its exposures, whether it is warm, and
+//! on which device its SDK computes. A camera that the service uses is judged by the service's reply. For the tool they
+//! state whether it answers and reports no fault; it is held back, and nothing is pressed.
 
-use super::check::Check;
-use super::{machine, zivid};
+use super::check::{self, Check};
 use crate::cli::fault::Fault;
 use crate::cli::load::{CellFiles, LoadedCalibration};
 use crate::cli::shoot::opening;
 use crate::cli::{live, service_request};
-use panelprep_base::geometry::PinholeCamera;
-use panelprep_cell::cell::{Camera, Cell, Gige, RobotKind};
-use panelprep_devices::cameras::{CameraError, RecordedFlangeCamera, RecordedScanner};
+use panelprep_base::geometry::{ColorPicture, PinholeCamera};
+use panelprep_base::number_text::fixed_decimals;
+use panelprep_cell::cell::{Camera, Cell, CompliantTool, Gige, RobotKind, ZividCamera};
+use panelprep_cell::force::{LinkLossCause, ToolReading, not_ready_reason};
+use panelprep_devices::acf::{AcfLink, ConnectedTool as _, ToolReport};
+use panelprep_devices::cameras::{CameraError, RecordedFlangeCamera, RecordedScanner, Scanner as _};
+use panelprep_devices::zivid::{AnswerTimeouts, ZividFault, ZividScanner};
 use panelprep_kuka::eki::LinkLoss;
-use panelprep_service::daemon::{SingleError, SingleRobot};
+use panelprep_service::daemon::{RemoteScanner, SingleError, SingleRobot};
+use std::time::{Duration, Instant};
+
+/// Judges a camera that the service uses, from the result of a request for a shot; a cell that is at work is not
+/// disturbed.
+fn judge_shot_reply(name: &str, state: &str, taken: Result<ColorPicture, CameraError>) -> Check {
+    let holder = format!("in use by the service, state {state}");
+    match taken {
+        Ok(picture) => Check::passed(name, format!("{holder}: delivers {}×{}", picture.width, picture.height)),
+        Err(CameraError::AtWork) => {
+            Check::passed(name, format!("{holder}; no test picture was taken, because the cell is working"))
+        }
+        Err(error) => Check::failed(
+            name,
+            format!("{holder}: {error}"),
+            "check the camera's power, cable and address; read the service's log",
+        ),
+    }
+}
 
 /// Checks both cameras, and the sockets that a network camera needs.
 pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
@@ -19,7 +44,7 @@ pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
         Camera::Recorded { folder } => {
             vec![recorded_check("scanner", files.scanner(), |lens| RecordedScanner::open(folder, lens).map(drop))]
         }
-        Camera::Device(camera) => zivid::checks(files, camera, warm_up),
+        Camera::Device(camera) => zivid_checks(files, camera, warm_up),
     };
     let flange_camera = match files.cell.flange_camera() {
         Camera::Simulated => vec![simulated_check("flange camera")],
@@ -29,7 +54,7 @@ pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
         }
         Camera::Device(gige) => {
             let (camera, size_px) = gige_camera(files, gige);
-            vec![machine::receive_buffer(size_px, gige.packet_bytes), camera]
+            vec![check::receive_buffer(size_px, gige.packet_bytes), camera]
         }
     };
     scanner.into_iter().chain(flange_camera).collect()
@@ -39,7 +64,7 @@ pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
 /// picture. Also returns the size if it is known: from its calibration, else from the camera itself.
 #[cfg(feature = "gige")]
 fn gige_camera(files: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
-    use super::leased_camera::judge_shot_reply;
+    use judge_shot_reply;
     use panelprep_devices::cameras::FlangeCamera as _;
     use panelprep_service::daemon::BorrowedFlangeCamera;
     let name = "flange camera";
@@ -188,5 +213,188 @@ fn advice(error: &SingleError) -> &'static str {
             "the program that answers is not this cell's controller program: compare its EthernetKRL files with \
               --kuka"
         }
+    }
+}
+
+/// Starts the camera's worker, opens the camera and takes a shot to warm it up. If requested, takes shots for ten
+/// minutes and follows the camera's temperature.
+fn zivid_checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> Vec<Check> {
+    let graphics = check::graphics_processor();
+    if let Some(state) = service_request::service_state(&files.socket()) {
+        let taken = RemoteScanner::new(files.socket()).capture_3d();
+        return vec![graphics, judge_shot_reply("scanner", &state, taken.map(|taken| taken.cloud.picture()))];
+    }
+    let lens = opening::lens(files.scanner());
+    let calibrated_px = lens.as_ref().ok().copied().flatten().map(|lens| lens.fx_px);
+    let opened = lens.and_then(|lens| {
+        let open = |lens: &PinholeCamera| crate::cli::zivid::scanner(&files.cell, camera, lens);
+        opening::open_with_size(lens, open, opening::zivid_ready)
+    });
+    let mut scanner = match opened {
+        Ok((scanner, _)) => scanner,
+        Err(fault) => {
+            let wrong = Check::failed("scanner", fault.to_string(), "correct [scanner] in the cell's file");
+            return vec![graphics, wrong];
+        }
+    };
+    let ready = scanner.wait_ready(AnswerTimeouts::default().start());
+    let (found, own) = match ready.and_then(|()| Ok((scanner.temperatures()?, scanner.intrinsics()?))) {
+        Ok(both) => both,
+        Err(fault) => {
+            let wrong = Check::failed(
+                "scanner",
+                fault.to_string(),
+                "see the requirements of the Zivid camera in src/devices/README.md",
+            );
+            return vec![graphics, wrong];
+        }
+    };
+    let light = match (scanner.measure_ambient_light(), crate::cli::zivid::checked_settings(camera)) {
+        (Ok(light), Ok(settings)) => check::judge_light(&light, &settings),
+        (Err(fault), _) => check::unknown_light(&fault.to_string()),
+        (_, Err(fault)) => check::unknown_light(&fault.to_string()),
+    };
+    let warm = found.lens_c.map_or("unknown".to_owned(), |celsius| format!("{celsius:.0} °C"));
+    let calibrated =
+        calibrated_px.map_or("not calibrated yet".to_owned(), |px| format!("{px:.1} px in its calibration file"));
+    let reported = format!(
+        "Zivid camera ready; lens temperature {warm}; focal length {:.1} px as the camera reports, {calibrated}",
+        own.matrix_px[0]
+    );
+    let followed = if warm_up { warm_up_camera(&mut scanner, WARM_UP_TIME_AND_INTERVAL) } else { Ok(()) };
+    let warmth = match followed {
+        Ok(()) => check::judge_warmth(scanner.temperature_state()),
+        Err(fault) => Check::failed(
+            "scanner's warmth",
+            fault.to_string(),
+            "repair the 3D camera, then run `panelprep doctor --warm-up` again",
+        ),
+    };
+    vec![graphics, Check::passed("scanner", reported), light, warmth]
+}
+
+/// Duration of the warm-up of a camera, which is the maker's ten minutes, and interval between two shots.
+const WARM_UP_TIME_AND_INTERVAL: [Duration; 2] = [Duration::from_secs(605), Duration::from_secs(10)];
+
+/// Takes 3D shots, which warm the camera and from which its temperature is followed.
+fn warm_up_camera(scanner: &mut ZividScanner, [long, every]: [Duration; 2]) -> Result<(), ZividFault> {
+    let begun = Instant::now();
+    while begun.elapsed() < long {
+        let lens = scanner
+            .take_scan()?
+            .metadata
+            .lens_c
+            .map_or(String::new(), |celsius| format!(", lens temperature {celsius:.1} °C"));
+        let left_s = long.saturating_sub(begun.elapsed()).as_secs();
+        tracing::info!("the 3D camera is warming up, {left_s} s left{lens}");
+        std::thread::sleep(every.min(long.saturating_sub(begun.elapsed())));
+    }
+    Ok(())
+}
+
+const NAME: &str = "compliant tool";
+/// Time limit for the tool to answer and to move back.
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(3);
+
+/// Checks the tool of a cell; `None` if it is a spring. `served` states that the service runs and holds the tool.
+pub(super) fn check_tool(cell: &Cell, served: bool) -> Option<Check> {
+    let tool = cell.tool().compliant()?;
+    Some(match &tool.address {
+        None => Check::passed(NAME, "simulated: the tool presses on the simulated panel"),
+        Some(_) if served => {
+            Check::passed(NAME, "in use by the service, which reports at a reset whether the tool is ready")
+        }
+        Some(address) => match AcfLink::start(tool, address) {
+            Ok(link) => wait_until_ready(tool, link),
+            Err(error) => {
+                Check::failed(NAME, error.to_string(), "end the programs that use up the computer's threads")
+            }
+        },
+    })
+}
+
+/// Waits until the tool is ready, up to the time limit.
+fn wait_until_ready(tool: &CompliantTool, mut link: AcfLink) -> Check {
+    let began = Instant::now();
+    let (mut last, mut lost): (Option<ToolReading>, Option<LinkLossCause>) = (None, None);
+    while began.elapsed() < RESPONSE_TIMEOUT {
+        match link.next_report() {
+            Some(ToolReport::Reading { reading, .. }) => (last, lost) = (Some(reading), None),
+            Some(ToolReport::Lost(loss)) => lost = Some(loss),
+            None => std::thread::sleep(Duration::from_millis(5)),
+        }
+        if last.is_some_and(|reading| not_ready_reason(&reading, tool.stroke_mm).is_none()) {
+            break;
+        }
+    }
+    describe_tool_state(tool, last, lost)
+}
+
+/// Describes the tool's state in words.
+fn describe_tool_state(tool: &CompliantTool, last: Option<ToolReading>, lost: Option<LinkLossCause>) -> Check {
+    let place =
+        tool.address.as_ref().map_or(String::new(), |address| format!("{}, port {}", address.host, address.port));
+    let Some(reading) = last.filter(|_| lost.is_none()) else {
+        let why = lost.map_or("the tool does not answer".to_owned(), |loss| loss.to_string());
+        let advice = "check the tool's power, cable and address (`ping`), end other programs that are connected to the \
+                      tool, and compare [tool] with the tool's settings";
+        return Check::failed(NAME, format!("{place}: {why}"), advice);
+    };
+    let says = format!(
+        "{place}: responds; force {} N, extended {} mm of {} mm",
+        fixed_decimals(reading.force_n, 1),
+        fixed_decimals(reading.position_mm, 1),
+        fixed_decimals(tool.stroke_mm, 1)
+    );
+    match not_ready_reason(&reading, tool.stroke_mm) {
+        None => Check::passed(NAME, says),
+        Some(why) => Check::failed(
+            NAME,
+            format!("{says}; {}", why.message),
+            "correct the reported problem; until then, no cycle starts",
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use panelprep_devices::acf::{MockAcfServer, ToolFault};
+
+    fn cell(port: u16) -> Cell {
+        let text = format!(
+            "[tool]\nkind = 'acf'\nhost = '127.0.0.1'\ntcp_port = {port}\nstroke_mm = 30\nmin_force_n = -60\nmax_force_n = 100\n\
+             payload_kg = 1.5\n"
+        );
+        Cell::check("f", &text).unwrap_or_else(|problems| panic!("{problems}"))
+    }
+
+    /// A spring is not checked. A tool that answers passes; one that is broken or missing is reported with
+    /// advice.
+    #[test]
+    fn the_tool_is_looked_at() {
+        let spring = Cell::check("f", "").unwrap_or_else(|problems| panic!("{problems}"));
+        assert_eq!(check_tool(&spring, false), None);
+        let tool = cell(1);
+        let server = MockAcfServer::start(tool.tool().compliant().expect("one"), 15.0).expect("a port");
+        let there = cell(server.address().port());
+        let right = check_tool(&there, false).expect("looked at");
+        assert!(
+            right.is_passed() && right.found.contains("responds; force") && right.found.contains("of 30.0 mm"),
+            "{right:?}"
+        );
+        assert!(
+            check_tool(&there, true)
+                .is_some_and(|check| check.is_passed() && check.found.contains("in use by the service"))
+        );
+        server.set_fault(Some(ToolFault::Errors(2)));
+        let wrong = check_tool(&there, false).expect("looked at");
+        assert!(!wrong.is_passed() && wrong.found.contains("its sensor has an error"), "{wrong:?}");
+        drop(server);
+        let away = check_tool(&there, false).expect("looked at");
+        assert!(
+            !away.is_passed() && away.found.contains("the connection failed") && away.advice.contains("ping"),
+            "{away:?}"
+        );
     }
 }

@@ -1,27 +1,21 @@
-//! `panelprep doctor`: checks the cell from the bottom up, with one line per item and advice if an item is not
-//! right.
+//! `panelprep doctor`: checks the cell from the bottom up, with one line per item and advice if an item is not right.
 //!
 //! It moves nothing and writes nothing. A check with a failed prerequisite is reported as skipped and counts as a
-//! failure. `judge` turns facts into text. `machine` finds the facts of the computer, `cell` those of the cell's
-//! files, `devices`, `tool` and `zivid` those of connected devices, and `plant` those outside the cell.
+//! failure. `check` contains one line and finds the facts of the computer, `cell` those of the cell's files, `devices`
+//! those of connected devices, and `plant` those outside the cell.
 
 mod cell;
 mod check;
 mod devices;
-mod judge;
-mod leased_camera;
-mod machine;
 mod plant;
-mod tool;
-mod zivid;
 
 use super::args::{Common, Doctor};
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::service_request;
+pub(in crate::cli) use check::low_disk_space;
 use check::{Check, Status};
-pub(in crate::cli) use judge::low_disk_space;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 
@@ -35,7 +29,7 @@ pub fn run(args: &Doctor, common: &Common) -> Result<Outcome, Fault> {
 
 /// Returns all checks, in order from the basis upwards.
 pub(in crate::cli) fn run_checks(args: &Doctor, common: &Common) -> Vec<Check> {
-    let mut checks = vec![machine::program(), machine::check_time_sync()];
+    let mut checks = vec![check::program(), check::check_time_sync()];
     match CellFiles::read(common) {
         Ok(files) => checks.extend(cell_checks(args, common, &files)),
         Err(fault) => {
@@ -53,11 +47,11 @@ pub(in crate::cli) fn run_checks(args: &Doctor, common: &Common) -> Vec<Check> {
 
 fn cell_checks(args: &Doctor, common: &Common, files: &CellFiles) -> Vec<Check> {
     let mut checks = cell::check_cell_file(common, files);
-    checks.push(machine::disk(files.store_folder()));
-    checks.extend(machine::recordings(files.store_folder()));
+    checks.push(check::disk(files.store_folder()));
+    checks.extend(check::recordings(files.store_folder()));
     let (check, store) = cell::store(files);
     checks.push(check);
-    checks.extend(machine::check_clock_order(files.store_folder()));
+    checks.extend(check::check_clock_order(files.store_folder()));
     checks.extend(store.iter().flat_map(cell::taught));
     checks.extend(cell::calibrations(files, store.as_ref()));
     let programs = cell::kuka(args.kuka.as_deref(), &files.cell);
@@ -70,7 +64,7 @@ fn cell_checks(args: &Doctor, common: &Common, files: &CellFiles) -> Vec<Check> 
         checks.push(cell::acceptance(&programs, reported, &common.cell));
     }
     checks.extend(plant::check_connections(&files.cell));
-    checks.extend(tool::check_tool(&files.cell, service_request::service_state(&files.socket()).is_some()));
+    checks.extend(devices::check_tool(&files.cell, service_request::service_state(&files.socket()).is_some()));
     checks
 }
 
