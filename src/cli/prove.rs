@@ -5,11 +5,7 @@
 //! and writes down what the person at the controller has seen. It causes no motion. The answers become a page to
 //! sign; `--sign` stores the signature.
 
-mod link_trials;
 mod page;
-mod proof;
-mod raw_client;
-mod sign;
 mod table;
 mod trial;
 mod unattended;
@@ -27,10 +23,9 @@ use panelprep_kuka::eki::Mode;
 use panelprep_service::daemon::current_user;
 use panelprep_service::requirements::Purpose;
 use panelprep_store::store::{ProofsPage, Store};
-use proof::{Assumption, Finding, Proof};
 use serde_json::json;
 use std::io::BufRead;
-use table::{INSTALLATION, assumptions};
+use table::{Assumption, Finding, INSTALLATION, Proof, assumptions};
 
 /// Goes through the rows of a stage and writes its page, or stores the signature of a page.
 ///
@@ -44,7 +39,7 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
         return Err(DeviceFault::NothingToProve.into());
     }
     if args.sign {
-        return sign::run(args, files);
+        return page::sign(args, files);
     }
     // The store is free while a person is asked: that person uses other commands of this program meanwhile.
     drop(files.settled_store()?);

@@ -1,11 +1,21 @@
-//! The page of proofs to sign.
+//! The page of proofs to sign, and the signature of a page of which each row was proven.
 
+use super::super::args::Prove;
 use super::super::calibrate::now_unix_s;
 use super::super::controller_kind::{ControllerKind, ReportedController};
-use super::proof::{Finding, Proof};
+use super::super::disk;
+use super::super::fault::{DeviceFault, Fault};
+use super::super::load::CellFiles;
+use super::super::outcome::Outcome;
+use super::table::{Finding, Proof};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use panelprep_base::number_text::utc_text;
+use panelprep_base::verdict::Judgement;
 use panelprep_cell::cell::{ProofStage, Robot};
+use panelprep_cell::files::content_hash;
+use panelprep_service::daemon::current_user;
+use panelprep_store::store::{ProofsPage, Store};
+use serde_json::json;
 
 const STYLE: &str = "body{font:14px/1.4 sans-serif;max-width:1100px;margin:2em auto}table{border-collapse:collapse;width:100%}\
 td,th{border:1px solid #999;padding:4px 6px;text-align:left;vertical-align:top}\
@@ -185,6 +195,41 @@ impl ProofPage<'_> {
         };
         page.into_string() + "\n"
     }
+}
+
+/// Stores that a person signed the page: with the stage, the person, the date and the checksum of the programs.
+///
+/// # Errors
+/// If the stage before it is not signed, the page is not the newest one of which each row was proven, the cell was
+/// accepted with other programs, or the store cannot be read or written.
+pub(super) fn sign(args: &Prove, files: &CellFiles) -> Result<Outcome, Fault> {
+    let robot = files.cell.robot();
+    let stage = args.stage.unwrap_or_else(|| ProofStage::after(robot.signed_stage()));
+    if let Some(before) = stage.before().filter(|before| robot.signed_stage() < Some(*before)) {
+        return Err(DeviceFault::ProvenTooEarly { stage, before }.into());
+    }
+    let page_sha256 = content_hash(&disk::read(&args.out)?);
+    let newest = files.store()?.newest_proofs(|page| !page.is_signed && page.stage == stage);
+    let Some(proven) = newest.map_err(Fault::stage)?.filter(|page| page.page_sha256 == page_sha256) else {
+        return Err(DeviceFault::PageNotProven { page: args.out.clone(), stage }.into());
+    };
+    let (reported, accepted) = (proven.programs_sum, robot.programs_sum());
+    if accepted != Some(reported) {
+        return Err(DeviceFault::ProofsOfOtherPrograms { reported, accepted }.into());
+    }
+    let signature = ProofsPage { by: args.by.clone(), is_signed: true, ..proven };
+    Store::store_proofs_in(files.store_folder(), &signature, current_user()).map_err(Fault::stage)?;
+    let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
+    let letter = stage.letter();
+    outcome.add_line(format!(
+        "the signature of stage {letter} by {} is stored, for programs with the checksum {reported}; now set signed_stage = \
+         \"{letter}\" in [robot] of the cell's file",
+        args.by
+    ));
+    outcome.add_value("stage", json!(letter));
+    outcome.add_value("programs_sum", json!(reported));
+    outcome.add_value("page", json!(args.out.display().to_string()));
+    Ok(outcome)
 }
 
 #[cfg(test)]

@@ -1,10 +1,171 @@
-//! What each trial of this program uses: its result, a client in a new epoch, commands that move nothing.
+//! What each trial of this program uses: its result, a client in a new epoch, commands that move nothing, and a client
+//! of the controller's two ports that can send what the robot link never sends.
 
 use super::super::fault::Fault;
-use super::proof::Finding;
-use super::raw_client::{Heard, OP_RESET, RawClient};
+use super::table::Finding;
 use panelprep_cell::cell::Cell;
-use std::time::Duration;
+use std::io::{ErrorKind, Read, Write};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::time::{Duration, Instant};
+
+/// A controller makes its channels available again within this time, whatever happened to them.
+const RECONNECT_TIMEOUT: Duration = Duration::from_secs(10);
+/// Time limit for a state; states come every 100 ms.
+pub(super) const STATE_TIMEOUT: Duration = Duration::from_millis(1_500);
+/// Interval between two heartbeats: a controller stops what is queued after 400 ms of silence.
+const HEARTBEAT: Duration = Duration::from_millis(100);
+/// Longest wait for one read.
+const READ_TIMEOUT: Duration = Duration::from_millis(20);
+/// The operations of the state channel.
+const OP_HEARTBEAT: i32 = 10;
+pub(super) const OP_ABORT: i32 = 11;
+pub(super) const OP_RESET: i32 = 12;
+
+/// Connects to a port of the controller.
+pub(super) fn connect(cell: &Cell, port: u16) -> std::io::Result<TcpStream> {
+    let address = (cell.robot().host(), port).to_socket_addrs()?.next();
+    let address = address.ok_or_else(|| std::io::Error::other("no such host"))?;
+    let stream = TcpStream::connect_timeout(&address, Duration::from_secs(1))?;
+    stream.set_read_timeout(Some(READ_TIMEOUT))?;
+    Ok(stream)
+}
+
+/// A channel: its connection, and what was received since the last complete document.
+struct RawChannel {
+    stream: TcpStream,
+    text: Vec<u8>,
+    is_closed: bool,
+}
+
+impl RawChannel {
+    fn new(stream: TcpStream) -> Self {
+        RawChannel { stream, text: Vec::new(), is_closed: false }
+    }
+
+    /// Reads what has arrived; returns the newest complete document with this tag, without its end tag.
+    fn read(&mut self, tag: &str) -> Option<String> {
+        let mut piece = [0; 4_096];
+        match self.stream.read(&mut piece) {
+            Ok(0) => self.is_closed = true,
+            Ok(count) => self.text.extend_from_slice(&piece[..count]),
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
+            Err(_) => self.is_closed = true,
+        }
+        let text = String::from_utf8_lossy(&self.text).into_owned();
+        let close = format!("</{tag}>");
+        let end = text.rfind(&close)?;
+        let start = text[..end].rfind(&format!("<{tag} "))?;
+        self.text = text.as_bytes()[end + close.len()..].to_vec();
+        Some(text[start..end].to_owned())
+    }
+}
+
+/// What a client has received: the newest state and acknowledgement, and which channels were closed.
+#[derive(Debug, Default)]
+pub(super) struct Heard {
+    pub(super) state: Option<String>,
+    pub(super) ack: Option<String>,
+    pub(super) is_command_closed: bool,
+    pub(super) is_state_closed: bool,
+}
+
+impl Heard {
+    /// Returns a number of the newest state.
+    pub(super) fn state_value(&self, name: &str) -> Option<i64> {
+        attribute(self.state.as_deref()?, name)?.parse().ok()
+    }
+
+    /// Returns whether the controller has answered a request that was sent after this one: `Re` is the number of the last
+    /// request that it has read.
+    pub(super) fn has_answered_after(&self, request: i32) -> bool {
+        self.state_value("Re").is_some_and(|answered| answered > i64::from(request))
+    }
+
+    /// Returns a number of the newest acknowledgement.
+    pub(super) fn ack_value(&self, name: &str) -> Option<i64> {
+        attribute(self.ack.as_deref()?, name)?.parse().ok()
+    }
+}
+
+/// A client of both channels.
+pub(super) struct RawClient {
+    command: RawChannel,
+    state: RawChannel,
+    /// The id of the last request.
+    asked: i32,
+}
+
+impl RawClient {
+    /// Connects again and again until the controller reports a state; `None` if it does not report one in time.
+    pub(super) fn patient(cell: &Cell) -> Option<(RawClient, Heard)> {
+        let begun = Instant::now();
+        while begun.elapsed() < RECONNECT_TIMEOUT {
+            let both = (connect(cell, cell.robot().command_port()), connect(cell, cell.robot().state_port()));
+            if let (Ok(command), Ok(state)) = both {
+                let [command, state] = [command, state].map(RawChannel::new);
+                let mut client = RawClient { command, state, asked: 0 };
+                let heard = client.listen(STATE_TIMEOUT, |heard| heard.state.is_some());
+                if heard.state.is_some() {
+                    return Some((client, heard));
+                }
+            }
+            std::thread::sleep(Duration::from_millis(200));
+        }
+        None
+    }
+
+    /// Returns the id of the last request: a controller that has read it states it in `Re`.
+    pub(super) fn last_asked(&self) -> i32 {
+        self.asked
+    }
+
+    /// Listens for a time, or until it has heard enough, and sends heartbeats meanwhile.
+    pub(super) fn listen(&mut self, timeout: Duration, is_enough: impl Fn(&Heard) -> bool) -> Heard {
+        let (begun, mut beat) = (Instant::now(), None::<Instant>);
+        let mut heard = Heard::default();
+        while begun.elapsed() < timeout && !is_enough(&heard) && !heard.is_state_closed {
+            if beat.is_none_or(|at| at.elapsed() >= HEARTBEAT) {
+                beat = Some(Instant::now());
+                #[expect(clippy::let_underscore_must_use, reason = "a closed channel is reported by the next read")]
+                let _ = self.ask(OP_HEARTBEAT, 0);
+            }
+            heard.state = self.state.read("St").or(heard.state);
+            heard.ack = self.command.read("Ack").or(heard.ack);
+            heard.is_state_closed = self.state.is_closed;
+            heard.is_command_closed = self.command.is_closed;
+        }
+        heard
+    }
+
+    /// Sends a request on the state channel.
+    pub(super) fn ask(&mut self, operation: i32, number: i32) -> std::io::Result<()> {
+        self.asked += 1;
+        let request = format!("<Req Id=\"{}\" Ep=\"0\" Op=\"{operation}\" N1=\"{number}\"></Req>", self.asked);
+        self.state.stream.write_all(request.as_bytes())
+    }
+
+    /// Sends bytes on the state channel.
+    pub(super) fn send_on_state(&mut self, bytes: &[u8]) -> std::io::Result<()> {
+        self.state.stream.write_all(bytes)
+    }
+
+    /// Sends bytes on the command channel.
+    pub(super) fn send_on_command(&mut self, bytes: &[u8]) -> std::io::Result<()> {
+        self.command.stream.write_all(bytes)
+    }
+}
+
+/// Returns the text of an attribute of a document; of the first, if several elements have it.
+pub(super) fn attribute<'t>(document: &'t str, name: &str) -> Option<&'t str> {
+    document.split(&format!(" {name}=\"")).nth(1)?.split('"').next()
+}
+
+/// Returns the texts of the six numbers of a pose in a document.
+pub(super) fn pose<'t>(document: &'t str, element: &str) -> Option<[&'t str; 6]> {
+    let inside = document.split(&format!("<{element}")).nth(1)?;
+    let [x, y, z, a, b, c] = ["X", "Y", "Z", "A", "B", "C"].map(|name| attribute(inside, name));
+    Some([x?, y?, z?, a?, b?, c?])
+}
 
 /// The finding of a trial, with what was commanded and what was reported.
 pub(super) type TestResult = Result<(Finding, String), Fault>;
