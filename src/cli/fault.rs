@@ -1,16 +1,10 @@
 //! The faults that stop a command, as text. Only here do the errors of all modules come together.
 
-mod calibration;
-mod clip;
-mod devices;
-mod record;
-mod teaching;
+mod cell;
+mod data;
 
-pub use calibration::CalibrationFault;
-pub use clip::ClipFault;
-pub use devices::DeviceFault;
-pub use record::RecordFault;
-pub use teaching::TeachingFault;
+pub use cell::{CalibrationFault, DeviceFault};
+pub use data::{ClipFault, RecordFault, TeachingFault};
 
 use panelprep_service::daemon::DaemonError;
 use panelprep_service::requirements::{Purpose, UnmetRequirement};
