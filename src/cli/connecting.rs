@@ -1,5 +1,11 @@
-//! Checks whether a program listens at an address. Nothing is sent.
+//! What answers: a program at an address, cameras and the controller of a cell. Nothing is sent to a program, nothing
+//! is set and nothing is moved.
 
+use super::zivid::{LIBRARY, OWN_EXECUTABLE, ROLE};
+use panelprep_devices::gige;
+use panelprep_devices::zivid::{
+    AnswerTimeouts, CameraSetup, Restarts, Size, Source, ZividFault, ZividScanner, command_launcher,
+};
 use std::io::{Error, ErrorKind};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::sync::mpsc;
@@ -30,4 +36,71 @@ pub(super) fn connected(place: impl ToSocketAddrs + Send + 'static, within: Dura
     receiver
         .recv_timeout(2 * within)
         .unwrap_or_else(|_| Err(format!("no answer within {} s", 2 * within.as_secs())))
+}
+
+/// Time limit for the controller's answer.
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// The devices of one kind that were found: serial numbers, and a sentence for a person.
+pub(super) struct FoundDevices {
+    pub serials: Vec<String>,
+    pub description: String,
+}
+
+/// Finds GigE Vision cameras on all networks of this machine.
+pub(super) fn gige_cameras() -> FoundDevices {
+    match gige::search() {
+        Ok(cameras) if cameras.is_empty() => FoundDevices {
+            serials: vec![],
+            description: "no GigE Vision camera answers on the networks of this machine".to_owned(),
+        },
+        Ok(cameras) => {
+            let each: Vec<String> =
+                cameras.iter().map(|camera| format!("serial {} at {}", camera.serial, camera.address)).collect();
+            let words = format!("GigE Vision cameras that answer: {}", each.join("; "));
+            FoundDevices { serials: cameras.into_iter().map(|camera| camera.serial).collect(), description: words }
+        }
+        Err(words) => FoundDevices { serials: vec![], description: words },
+    }
+}
+
+/// The connected Zivid camera, if it is the only one.
+pub(super) fn zivid_camera() -> FoundDevices {
+    match single_zivid_serial() {
+        Ok(serial) => {
+            FoundDevices { description: format!("a Zivid camera answers: serial {serial}"), serials: vec![serial] }
+        }
+        Err(words) => FoundDevices { serials: vec![], description: format!("no Zivid camera was found: {words}") },
+    }
+}
+
+/// The serial number of the connected camera, if it is the only one; its worker releases it again.
+fn single_zivid_serial() -> Result<String, String> {
+    let setup = CameraSetup {
+        source: Source::Only,
+        // No camera has this number: the camera that is found is reported, and nothing is set in it.
+        serial: Some(String::new()),
+        size: Size { width: 0, height: 0 },
+        scan_yaml: String::new(),
+        picture_yaml: String::new(),
+        restarts: Restarts::default(),
+        timeouts: AnswerTimeouts::default(),
+    };
+    let arguments = [ROLE.into(), "--library".into(), LIBRARY.into()];
+    let camera = ZividScanner::start(setup, command_launcher(OWN_EXECUTABLE.into(), arguments.into()))
+        .map_err(|error| error.to_string())?;
+    match camera.wait_ready(AnswerTimeouts::default().start()) {
+        Err(ZividFault::WrongCamera { found, .. }) => Ok(found),
+        Err(fault) => Err(fault.to_string()),
+        Ok(()) => Err("the camera reports no serial number".to_owned()),
+    }
+}
+
+/// Describes whether a program listens at the controller's address.
+pub(super) fn controller(host: &str, port: u16) -> String {
+    let place = format!("{host}, port {port}");
+    match connected((host.to_owned(), port), RESPONSE_TIMEOUT) {
+        Ok(()) => format!("{place}: the controller accepts connections; `panelprep doctor` checks more"),
+        Err(problem) => format!("{place}: no answer yet: {problem}"),
+    }
 }

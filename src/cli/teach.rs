@@ -1,7 +1,6 @@
 //! `panelprep teach`: teaches a panel at its nominal pose and stores the taught data.
 
-mod drawn;
-mod live_inputs;
+mod inputs;
 
 use super::args::{Common, Teach};
 use super::fault::{Fault, TeachingFault};
@@ -9,7 +8,7 @@ use super::load::{self, CellFiles, LoadedPanel};
 use super::outcome::Outcome;
 use super::output::write_progress;
 use super::pictures;
-use drawn::ViewedDrawing;
+use inputs::ViewedDrawing;
 use panelprep_base::geometry::{Camera, OrganizedCloud, Pixel, Point};
 use panelprep_base::number_text;
 use panelprep_base::verdict::{Judgement, Reason};
@@ -32,7 +31,7 @@ use std::path::Path;
 pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let cell_files = CellFiles::read(common)?;
     let mut drawn = ViewedDrawing::view_drawing(args, &cell_files)?;
-    let args = &live_inputs::with_files(args, &cell_files, drawn.as_ref().map(|drawn| &drawn.scan))?;
+    let args = &inputs::with_files(args, &cell_files, drawn.as_ref().map(|drawn| &drawn.scan))?;
     let recipe = load::recipe(&args.recipe)?;
     let (scanner, base_from_camera) = (cell_files.scanner()?, cell_files.base_from_camera()?);
     let (scan, scan_bytes) = match (&mut drawn, &args.scan) {

@@ -5,14 +5,13 @@
 //! surroundings, the cameras' poses measured by tape, a stated error of the tool) is left as a comment.
 
 use super::super::args::{Common, FlangeCameraKind, NewCell, RobotKindName, ScannerKind};
+use super::super::connecting::{self, FoundDevices};
 use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::super::output::write_progress;
-use super::connected::{self, FoundDevices};
-use super::questions::{Asker, BoxMm, Question, Refusal, accept_any};
+use super::questions::{Asker, BoxMm, Question, Refusal, accept_any, format_numbers, refusal, set};
 use super::recipe::parse_document;
-use super::setting::{format_numbers, refusal, set};
 use clap::ValueEnum;
 use panelprep_base::config::Problems;
 use panelprep_base::verdict::{Judgement, Verdict};
@@ -206,7 +205,7 @@ fn refuse_option_value<T: ValueEnum>(
 
 fn scanner(args: &NewCell, asker: &mut Asker<'_>, answers: Answers) -> Result<Answers, Fault> {
     let found = match (args.scanner, &args.scanner_serial) {
-        (None | Some(ScannerKind::Zivid), None) => report_search(args, connected::zivid_camera),
+        (None | Some(ScannerKind::Zivid), None) => report_search(args, connecting::zivid_camera),
         _ => vec![],
     };
     let is_none = found.is_empty() && args.scanner_serial.is_none() && !answers.is_robot_remote();
@@ -238,7 +237,7 @@ fn flange_camera(args: &NewCell, asker: &mut Asker<'_>, answers: Answers) -> Res
     let found = match args.flange_camera {
         Some(FlangeCameraKind::Simulated) => vec![],
         _ if is_named => vec![],
-        _ => report_search(args, connected::gige_cameras),
+        _ => report_search(args, connecting::gige_cameras),
     };
     let is_none = found.is_empty() && !is_named && !answers.is_robot_remote();
     let proposal = if is_none { "simulated" } else { "gige" };
@@ -313,7 +312,7 @@ fn robot(args: &NewCell, asker: &mut Asker<'_>, answers: Answers) -> Result<Answ
     let host = asker
         .ask_text(&question, |host| Answers { host: Some(host.clone()), ..answers.clone() }.check_file("robot"))?;
     if !args.no_search {
-        write_progress(&connected::controller(&host, STATE_PORT));
+        write_progress(&connecting::controller(&host, STATE_PORT));
     }
     Ok(Answers { host: Some(host), ..answers })
 }

@@ -3,13 +3,11 @@
 //! The text is that of the samples in `config/`, with its comments; answers are set in it. The written file has passed
 //! the checks of `panelprep check`, and no file is overwritten.
 //!
-//! - `questions`: questions and answers · `connected`: what answers at the cell · `cell` · `recipe`
+//! - `questions`: questions and answers · `cell` · `recipe`
 
 mod cell;
-mod connected;
 mod questions;
 mod recipe;
-mod setting;
 
 use super::args::{Common, New, NewFile};
 use super::fault::Fault;

@@ -1,10 +1,15 @@
-//! Questions on the terminal: each can be answered by an option instead, and has a proposal if one can be made.
+//! Questions on the terminal, and their answers in a sample's text.
+//!
+//! Each question can be answered by an option instead, and has a proposal if one can be made. Values are set in the
+//! sample's text, and the problems of these values are found there.
 
 use super::super::fault::Fault;
 use super::super::output::write_progress;
+use panelprep_base::config::{Problem, set_value};
 use panelprep_base::number_text::shortest_text;
 use std::io::BufRead;
 use std::ops::RangeInclusive;
+use toml_edit::{DocumentMut, Value};
 
 /// Asks the questions.
 pub(super) struct Asker<'i> {
@@ -177,6 +182,26 @@ fn numbers<const N: usize>(answer: &str) -> Result<[f64; N], String> {
         _ => format!("valid: {N} numbers, separated by commas or spaces"),
     };
     numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(allowed)
+}
+
+/// Sets a value in a file's text, in an existing table; the comment next to it stays.
+pub(super) fn set(document: &mut DocumentMut, table: &str, key: &str, value: impl Into<Value>) {
+    let mut below = table.split('.').filter(|name| !name.is_empty());
+    let home = below.try_fold(document.as_table_mut(), |home, name| home.get_mut(name)?.as_table_mut());
+    if let Some(home) = home {
+        set_value(home, key, value);
+    }
+}
+
+/// Returns the first problem at a key that begins with `keys`, as a refusal.
+pub(super) fn refusal(problems: Vec<Problem>, keys: &str) -> Refusal {
+    let first = problems.into_iter().find(|problem| problem.key.starts_with(keys));
+    first.map_or(Ok(()), |Problem { key, message, .. }| Err(format!("{key}: {message}")))
+}
+
+/// Formats numbers in the form of an answer.
+pub(super) fn format_numbers(numbers: &[f64]) -> String {
+    numbers.iter().copied().map(shortest_text).collect::<Vec<_>>().join(",")
 }
 
 #[cfg(test)]
