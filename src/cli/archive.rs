@@ -2,10 +2,9 @@
 
 use super::args::{Archive, ArchiveAccount, ArchiveTask, CheckArchive, Fleet, OfferRecipe, RunArchive};
 use super::calibrate::now_unix_s;
-use super::disk;
 use super::fault::Fault;
-use super::outcome::Outcome;
-use super::user;
+use super::output::Outcome;
+use super::{disk, user};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::accounts::Role;
 use panelprep_cell::cell::CellName;

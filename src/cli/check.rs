@@ -4,7 +4,7 @@ use super::args::{Check, Common, PurposeName};
 use super::disk;
 use super::fault::Fault;
 use super::load::{self, CellFiles};
-use super::outcome::Outcome;
+use super::output::Outcome;
 use super::teach::region_parts_off_panel;
 use panelprep_base::config::{Problem, key_line};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};

@@ -1,17 +1,137 @@
-//! `panelprep ctl`: sends requests to the service and shows its replies.
+//! `panelprep ctl`: sends requests to the service, shows its replies, and follows it with `watch`, `reset --wait` and
+//! `start --wait`. A follower requests the state a few times a second, so that it does not occupy a connection of the
+//! socket.
+//!
+//! `panelprep clear`: clears an abort in a cell that runs without a service. It sends the state table the same request
+//! as `panelprep ctl clear` sends to a service, and exits when the cell is at rest again. So the same conditions apply:
+//! the robot answers and is at standstill, and tool and water are proven off.
 
 use super::args::{Common, Ctl, CtlAsk, Decision};
-use super::disk;
 use super::fault::Fault;
-use super::follow;
+use super::live::robot_alone;
 use super::load::CellFiles;
-use super::outcome::Outcome;
-use super::output::write_progress;
-use super::part;
-use super::service_request::{outcome, send_stop_with_retries, send_to_service};
-use panelprep_cell::cycle::Request;
-use panelprep_service::daemon::{self, RecipeTextPermission, RecordIn, RequestKind, RequestResult, StartRequest};
+use super::output::{Outcome, write_progress};
+use super::{disk, part};
+use panelprep_base::geometry::Joints;
+use panelprep_base::supervision::{Supervisor, ThreadFault};
+use panelprep_base::verdict::{Judgement, Reason, Verdict};
+use panelprep_cell::cycle::{self, At, Robot, State};
+use panelprep_service::daemon::{
+    self, CellSetup, Computing, LinkedTool, LoopEvent, LoopPorts, LoopStart, MAX_BYTES, NoCameras,
+    RecipeTextPermission, RecordIn, Reply, Request, RequestKind, RequestResult, Requester, StartRequest,
+    StoreRecord, current_user, request_line,
+};
+use panelprep_store::tape::LoopMemoryStart;
+use serde_json::{Map, Value, json};
+use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::os::unix::net::UnixStream;
 use std::path::Path;
+use std::sync::Arc;
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// How long a stop or an abort is repeated if the service is too busy to accept it.
+const RETRY_TIMEOUT: Duration = Duration::from_secs(5);
+
+const RETRY_INTERVAL: Duration = Duration::from_millis(20);
+
+/// Repeats a request for a stop while the service, or the connection to it, is too busy to accept the request.
+fn send_stop_with_retries(socket: &Path, what: &RequestKind) -> Result<Reply, Fault> {
+    let since = Instant::now();
+    loop {
+        let answered = send_to_service(socket, what);
+        let is_busy = match &answered {
+            Ok(reply) => reply.reasons.iter().any(|reason| reason.code == "busy"),
+            Err(Fault::NoService { .. }) => false,
+            Err(_) => true,
+        };
+        if !is_busy || since.elapsed() >= RETRY_TIMEOUT {
+            return answered;
+        }
+        thread::sleep(RETRY_INTERVAL);
+    }
+}
+
+pub(super) fn send_to_service(socket: &Path, what: &RequestKind) -> Result<Reply, Fault> {
+    let named = |error: std::io::Error| Fault::file_fault(socket, error);
+    let mut stream = UnixStream::connect(socket).map_err(|error| match error.kind() {
+        ErrorKind::NotFound | ErrorKind::ConnectionRefused => Fault::NoService { socket: socket.to_owned() },
+        _ => named(error),
+    })?;
+    stream.set_read_timeout(Some(RESPONSE_TIMEOUT)).map_err(named)?;
+    stream.set_write_timeout(Some(RESPONSE_TIMEOUT)).map_err(named)?;
+    let line = request_line(what).map_err(Fault::stage)?;
+    // The service answers a line that is too long before it has read the whole line.
+    let written = stream.write_all(line.as_bytes());
+    let mut answer = Vec::new();
+    let read = BufReader::new(stream).take(MAX_BYTES as u64).read_until(b'\n', &mut answer);
+    if answer.is_empty() {
+        written.and(read.map(drop)).map_err(named)?;
+    }
+    serde_json::from_slice(&answer).map_err(|error| Fault::file_fault(socket, error))
+}
+
+/// Returns the fields of a reply that scripts read.
+pub(super) fn object(reply: &Reply) -> Map<String, Value> {
+    let Reply { answer, state, phase, epoch, step, cycle_id, verdict, recording, reasons, done, .. } = reply;
+    let Reply { panel, pass, film_s, waypoint, of, page, axes_deg, .. } = reply;
+    let json = json!({
+        "verdict": verdict, "reasons": reasons, "answer": answer, "state": state, "phase": phase, "epoch": epoch, "step": step,
+        "cycle_id": cycle_id, "recording": recording, "panel": panel, "pass": pass, "film_s": film_s,
+        "waypoint": waypoint, "of": of, "page": page, "done": done,
+        "axes_deg": axes_deg,
+    });
+    json.as_object().cloned().unwrap_or_else(Map::new)
+}
+
+/// Converts a reply to an outcome for scripts and for people.
+pub(super) fn outcome(reply: &Reply) -> Outcome {
+    let Reply { state, cycle_id, verdict, recording, reasons, panel, page, done, .. } = reply;
+    let mut outcome = Outcome { exit_code: reply.answer.code(), json: object(reply), lines: vec![] };
+    outcome.lines.extend(done.clone());
+    if state.is_some() {
+        let step = reply.step.map_or(String::new(), |step| format!("; step {step}"));
+        outcome.add_line(format!("state: {}{step}", describe_progress(reply)));
+    }
+    if let Some(cycle) = cycle_id {
+        let panel = panel.as_ref().map_or(String::new(), |panel| format!(" of panel {panel}"));
+        let verdict = verdict.map_or(String::new(), |verdict| format!(": {}", verdict.keyword()));
+        outcome.add_line(format!("cycle {cycle}{panel}{verdict}"));
+    }
+    if let Some(page) = page {
+        outcome.add_line(format!("page: {}", page.display()));
+    }
+    if let Some(recorded) = recording {
+        outcome.add_line(&recorded.message);
+    }
+    for reason in reasons {
+        outcome.add_line(format!("  {} ({})", reason.message, reason.code));
+    }
+    outcome
+}
+
+/// Returns the state and the phase, and the progress of the work in this phase.
+fn describe_progress(reply: &Reply) -> String {
+    let Reply { state, phase, pass, film_s, waypoint, of, .. } = reply;
+    let mut parts: Vec<String> = state.iter().chain(phase).cloned().collect();
+    parts.extend(pass.filter(|pass| *pass > 0 && phase.is_some()).map(|pass| format!("pass {pass}")));
+    parts.extend(film_s.map(|seconds| format!("{seconds:.0} s of film")));
+    parts.extend(waypoint.zip(*of).map(|(waypoint, of)| format!("waypoint {waypoint} of {of}")));
+    parts.join(", ")
+}
+
+/// Returns the state of the service, if one answers.
+pub(super) fn service_state(socket: &Path) -> Option<String> {
+    send_to_service(socket, &RequestKind::State).ok()?.state.map(|state| state.to_string())
+}
+
+/// Returns the arm's axis angles, if a service answers and has them.
+pub(super) fn service_axes(socket: &Path) -> Option<Joints> {
+    send_to_service(socket, &RequestKind::State).ok()?.axes_deg.map(Joints::from)
+}
+
+/// The service answers a start only after it has loaded the taught data.
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Sends the request and reports the answer.
 ///
@@ -21,18 +141,16 @@ pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let socket = files.socket();
     if matches!(args.ask, CtlAsk::Watch) {
-        return follow::print_changes(&socket, common.json);
+        return print_changes(&socket, common.json);
     }
     let what = to_request(&args.ask, &socket)?;
     let reply = match what {
-        RequestKind::Table(Request::Stop | Request::Abort) => send_stop_with_retries(&socket, &what)?,
+        RequestKind::Table(cycle::Request::Stop | cycle::Request::Abort) => send_stop_with_retries(&socket, &what)?,
         _ => send_to_service(&socket, &what)?,
     };
     match args.ask {
-        CtlAsk::Start { wait: true, .. } if reply.answer == RequestResult::Done => {
-            follow::wait_for_end(&socket, &reply)
-        }
-        CtlAsk::Reset { wait: true } if reply.answer == RequestResult::Done => follow::to_idle(&socket),
+        CtlAsk::Start { wait: true, .. } if reply.answer == RequestResult::Done => wait_for_end(&socket, &reply),
+        CtlAsk::Reset { wait: true } if reply.answer == RequestResult::Done => to_idle(&socket),
         _ => Ok(outcome(&reply)),
     }
 }
@@ -49,15 +167,15 @@ fn to_request(ask: &CtlAsk, socket: &Path) -> Result<RequestKind, Fault> {
             is_stated_clear: false,
             own_text: RecipeTextPermission::default(),
         }),
-        CtlAsk::Hold => RequestKind::Table(Request::Hold),
+        CtlAsk::Hold => RequestKind::Table(cycle::Request::Hold),
         CtlAsk::Unhold { dried, decision } => {
-            decision_request(socket, Request::Unhold { dried: *dried }, *decision)?
+            decision_request(socket, cycle::Request::Unhold { dried: *dried }, *decision)?
         }
-        CtlAsk::Stop => RequestKind::Table(Request::Stop),
-        CtlAsk::Abort => RequestKind::Table(Request::Abort),
-        CtlAsk::Clear { decision } => decision_request(socket, Request::Clear, *decision)?,
-        CtlAsk::Reset { .. } => RequestKind::Table(Request::Reset),
-        CtlAsk::Accept { decision } => decision_request(socket, Request::Accept, *decision)?,
+        CtlAsk::Stop => RequestKind::Table(cycle::Request::Stop),
+        CtlAsk::Abort => RequestKind::Table(cycle::Request::Abort),
+        CtlAsk::Clear { decision } => decision_request(socket, cycle::Request::Clear, *decision)?,
+        CtlAsk::Reset { .. } => RequestKind::Table(cycle::Request::Reset),
+        CtlAsk::Accept { decision } => decision_request(socket, cycle::Request::Accept, *decision)?,
         CtlAsk::NewDisc => RequestKind::NewDisc,
         CtlAsk::State | CtlAsk::Watch => RequestKind::State,
     })
@@ -65,7 +183,7 @@ fn to_request(ask: &CtlAsk, socket: &Path) -> Result<RequestKind, Fault> {
 
 /// Returns a decision on the step that the person names. If no step is named, the step that is shown now is used, and
 /// the person types its number.
-fn decision_request(socket: &Path, request: Request, decision: Decision) -> Result<RequestKind, Fault> {
+fn decision_request(socket: &Path, request: cycle::Request, decision: Decision) -> Result<RequestKind, Fault> {
     if let Some(step) = decision.step {
         return Ok(RequestKind::Decided { request, step });
     }
@@ -89,4 +207,215 @@ fn record_in(file: Option<&Path>) -> Result<RecordIn, Fault> {
     // Resolves `..` and links if the folder exists. If it does not, the service reports this.
     let folder = whole.parent().and_then(|folder| folder.canonicalize().ok());
     Ok(RecordIn::File(folder.zip(whole.file_name()).map_or(whole.clone(), |(folder, name)| folder.join(name))))
+}
+
+/// Interval between two queries.
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
+/// If the service does not answer within this time, it is considered gone; a service that restarts may be away for
+/// a moment.
+const SERVICE_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// A reset warms the cameras up, which may need minutes.
+const RESET_TIMEOUT: Duration = Duration::from_secs(600);
+
+/// Prints each change until the output has no reader or the service is gone.
+///
+/// # Errors
+/// If no service answers.
+fn print_changes(socket: &Path, as_json: bool) -> Result<Outcome, Fault> {
+    let mut last_line = None;
+    loop {
+        let reply = state(socket)?;
+        let line = if as_json { Value::Object(watched_fields(&reply)).to_string() } else { describe_reply(&reply) };
+        if last_line.as_ref() != Some(&line) && writeln!(std::io::stdout(), "{line}").is_err() {
+            return Ok(Outcome { exit_code: 0, json: object(&reply), lines: vec![] });
+        }
+        last_line = Some(line);
+        thread::sleep(POLL_INTERVAL);
+    }
+}
+
+/// Waits for the end of the cycle that was just begun, reports each change on standard error, and ends with the
+/// cycle's verdict.
+///
+/// # Errors
+/// If the service does not answer any more.
+pub fn wait_for_end(socket: &Path, begun: &Reply) -> Result<Outcome, Fault> {
+    let mut last_line = None;
+    loop {
+        let reply = state(socket)?;
+        let line = describe_reply(&reply);
+        if last_line.as_ref() != Some(&line) {
+            write_progress(&line);
+        }
+        last_line = Some(line);
+        let is_other = reply.cycle_id != begun.cycle_id;
+        if is_other {
+            return Err(Fault::OtherCycle { waited_for: begun.cycle_id, found: reply.cycle_id });
+        }
+        let rests = matches!(reply.state.as_deref(), Some("stopped" | "complete" | "aborted"));
+        if let (Some(verdict), true, true) = (reply.verdict, rests, is_page_written(&reply)) {
+            let exit = verdict.exit_code();
+            return Ok(Outcome { exit_code: exit, ..outcome(&reply) });
+        }
+        thread::sleep(POLL_INTERVAL);
+    }
+}
+
+/// Waits for the end of a reset that was just begun; the exit code is 3 if the reset does not lead to idle.
+///
+/// # Errors
+/// If the service does not answer any more.
+fn to_idle(socket: &Path) -> Result<Outcome, Fault> {
+    let since = Instant::now();
+    loop {
+        let reply = state(socket)?;
+        let is_at = |word: &str| reply.state.as_deref() == Some(word);
+        if is_at("resetting") && since.elapsed() < RESET_TIMEOUT {
+            thread::sleep(POLL_INTERVAL);
+            continue;
+        }
+        let exit = if is_at("idle") { RequestResult::Done } else { RequestResult::Fault };
+        let mut outcome = Outcome { exit_code: exit.code(), ..outcome(&reply) };
+        if is_at("resetting") {
+            let words = "the reset did not finish within";
+            outcome.add_line(format!(
+                "{words} {} s; `panelprep ctl state` shows its progress",
+                RESET_TIMEOUT.as_secs()
+            ));
+        }
+        return Ok(outcome);
+    }
+}
+
+/// Whether the page is written: this happens after the cycle's end.
+fn is_page_written(reply: &Reply) -> bool {
+    reply.page.is_some()
+}
+
+fn state(socket: &Path) -> Result<Reply, Fault> {
+    let since = Instant::now();
+    loop {
+        match send_to_service(socket, &RequestKind::State) {
+            Ok(reply) if reply.state.is_some() => return Ok(reply),
+            Ok(reply) if since.elapsed() >= SERVICE_TIMEOUT => return Ok(reply),
+            Err(fault) if since.elapsed() >= SERVICE_TIMEOUT => return Err(fault),
+            Ok(_) | Err(_) => thread::sleep(POLL_INTERVAL),
+        }
+    }
+}
+
+/// The fields that are watched for changes, without the number of requests to the service.
+fn watched_fields(reply: &Reply) -> serde_json::Map<String, Value> {
+    let mut object = object(reply);
+    object.remove("answer");
+    object.insert("recording".to_owned(), json!(reply.recording.as_ref().map(|recorded| &recorded.message)));
+    object
+}
+
+fn describe_reply(reply: &Reply) -> String {
+    let verdict = reply.verdict.map_or(String::new(), |verdict| format!(": {}", verdict.keyword()));
+    let cycle = reply.cycle_id.map_or(String::new(), |cycle| format!("; cycle {cycle}{verdict}"));
+    let panel = reply.panel.as_ref().map_or(String::new(), |panel| format!(" of panel {panel}"));
+    let page = reply.page.as_ref().map_or(String::new(), |page| format!("; page {}", page.display()));
+    let reasons: Vec<&str> = reply.reasons.iter().map(|reason| reason.message.as_str()).collect();
+    let reasons = if reasons.is_empty() { String::new() } else { format!("; {}", reasons.join("; ")) };
+    format!("{}{cycle}{panel}{page}{reasons}", describe_progress(reply))
+}
+
+/// A robot that sends nothing for this time is not connected.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// Confirms that the cause of the last abort is removed.
+///
+/// # Errors
+/// If a file is invalid, there is no store, a service uses the store, or the store cannot be written.
+pub fn clear(common: &Common) -> Result<Outcome, Fault> {
+    let files = CellFiles::read(common)?;
+    let cell = Arc::new(CellSetup::new(&files.cell).map_err(Fault::stage)?);
+    // If no store exists, there is nothing to clear, and no store is created.
+    drop(files.store()?);
+    let mut store = files.store_for_writing()?;
+    let recovered = store.recover().map_err(Fault::stage)?;
+    if !matches!(recovered.at, At::Aborted { .. }) {
+        let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+        outcome.add_line("the last cycle in this store was not aborted; nothing to clear");
+        outcome.add_value("state", recovered.at.keyword().into());
+        return Ok(outcome);
+    }
+    let state = store.state().map_err(Fault::stage)?;
+    let (mut robot, _simulated) = robot_alone(&files.cell)?;
+    let supervisor = Supervisor::default();
+    supervisor.add_thread(robot.supervision_handle());
+    let lock_step = robot.is_lock_step();
+    let mut record = StoreRecord::new(&mut store, None);
+    let mut clears = ClearRequester::new(supervisor);
+    let ports = LoopPorts {
+        robot: &mut robot,
+        tool: &mut LinkedTool::default(),
+        record: &mut record,
+        requests: &mut clears,
+        computing: Computing::inline(Box::new(NoCameras), lock_step),
+        lock_step,
+    };
+    let start = LoopStart { cell, cycle: None, state, before: LoopMemoryStart::Boot };
+    let ended = daemon::run(start, ports).map_err(Fault::from_loop_error)?.state;
+    Ok(clear_outcome(&ended, clears.refusal))
+}
+
+fn clear_outcome(ended: &State, refused: Option<Reason>) -> Outcome {
+    let at = ended.at;
+    let is_clear = at == At::Stopped;
+    let reasons = if is_clear { vec![] } else { refused.into_iter().chain(daemon::state_reason(ended)).collect() };
+    let verdict = if is_clear { Verdict::Accept } else { Verdict::Aborted };
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons });
+    outcome.add_value("state", at.keyword().into());
+    outcome.lines[0] = match is_clear {
+        true => "cleared: the robot is stopped, tool and water are off; the next cycle may start".to_owned(),
+        false => format!("not cleared, the cell is {}", at.keyword()),
+    };
+    outcome
+}
+
+/// Requests a clear when the robot has answered, and exits when the cell is at rest after that.
+struct ClearRequester {
+    supervisor: Supervisor,
+    started: Instant,
+    is_requested: bool,
+    refusal: Option<Reason>,
+    /// The state that the loop last showed.
+    state: State,
+}
+
+impl ClearRequester {
+    fn new(supervisor: Supervisor) -> Self {
+        ClearRequester {
+            supervisor,
+            started: Instant::now(),
+            is_requested: false,
+            refusal: None,
+            state: State::INITIAL,
+        }
+    }
+}
+
+impl Requester for ClearRequester {
+    fn next_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
+        self.state = *state;
+        self.supervisor.check_threads()?;
+        let is_there = !matches!(state.facts.robot, Robot::Unknown | Robot::LinkLost);
+        let what = match (state.at, self.is_requested) {
+            (at, true) if at.is_at_rest() => Some(RequestKind::Leave),
+            (At::Aborted { .. }, false) if is_there || self.started.elapsed() >= CONNECT_TIMEOUT => {
+                self.is_requested = true;
+                Some(RequestKind::Table(cycle::Request::Clear))
+            }
+            _ => None,
+        };
+        Ok(what.map(|what| Request::new(what, current_user())))
+    }
+
+    fn on_loop_event(&mut self, news: LoopEvent) {
+        self.refusal = news.refusal_reason(&self.state).or(self.refusal.take());
+    }
 }

@@ -1,24 +1,25 @@
-//! `panelprep cycle` and `panelprep air-run`: one cycle on the configured cell, or its path in the air, then exit.
+//! `panelprep cycle` and `panelprep air-run`: one cycle on the configured cell, or its path in the air, then exit. The
+//! report describes what the cycle did to the panel: which grids it abraded, and how much it removed.
 
 use super::args::{Common, Cycle, Simulation};
-use super::controller_kind;
-use super::cycle_files::{Calibrated, TaughtRecipe};
+use super::cycle_files::{self, Calibrated, TaughtRecipe};
 use super::fault::{DeviceFault, Fault};
-use super::health;
 use super::interrupts::Interrupts;
-use super::live::{CellDevices, FlangeLink, SimulatedController};
+use super::live::{self, CellDevices, FlangeLink, SimulatedController};
 use super::load::CellFiles;
-use super::outcome::Outcome;
-use super::record as signed;
-use super::recording;
+use super::output::Outcome;
 use super::report::{self, StoredCycle};
-use super::work_done;
+use super::{record as signed, recording};
 use panelprep_base::geometry::KukaPose;
+use panelprep_base::number_text::fixed_decimals;
 use panelprep_base::supervision::{Supervisor, ThreadFault};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::cell::{Cell, ProofStage};
 use panelprep_cell::cycle::{self, At, Event, Hold, Phase, Refusal, Report, Robot, State, Why};
-use panelprep_cell::record::{Answer, RecordingFile, RequestAuthor, RequestRecord, RequestSource, RequestedAction};
+use panelprep_cell::record::{
+    self, AbradedGrid, Answer, CycleRecord, PathRemoval, RecordingFile, RequestAuthor, RequestRecord,
+    RequestSource, RequestedAction,
+};
 use panelprep_service::daemon::{
     self, Calibrations, Computing, LiveView, LoopEvent, LoopOutcome, LoopPorts, LoopStart, RecordPort as _,
     RecordedPort, RecordingResult, RecordingSwitch, Request, RequestKind, Requester, StoreRecord, current_user,
@@ -26,7 +27,8 @@ use panelprep_service::daemon::{
 use panelprep_service::requirements::Purpose;
 use panelprep_store::store::CycleStart;
 use panelprep_store::tape::LoopMemoryStart;
-use serde_json::json;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -92,7 +94,7 @@ fn run_once(
 ) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     files.require(Purpose::Cycle)?;
-    controller_kind::require_signed(&files.cell, needed)?;
+    live::require_signed(&files.cell, needed)?;
     if let Some(file) = &args.record {
         recording::check_command_file(file, files.store_folder())?;
     }
@@ -108,7 +110,7 @@ fn run_once(
         taught_recipe.check_part_passes()?;
     }
     let calibrated = Calibrated::read(&files, common)?;
-    let health = health::judge(&files)?;
+    let health = cycle_files::judge(&files)?;
     if health.verdict == Verdict::Reject {
         return Ok(unhealthy_outcome(&health));
     }
@@ -254,7 +256,7 @@ impl CycleRun {
         if let Some(why) = &self.refusal {
             outcome.add_line(format!("refused: {}", why.message));
         }
-        let passes = work_done::describe_grids(&self.stored.record);
+        let passes = describe_grids(&self.stored.record);
         if self.stored.record.is_air_run() {
             outcome.add_line("air-run: the panel was neither tested nor abraded");
         }
@@ -262,7 +264,7 @@ impl CycleRun {
             "abraded: {}",
             if passes.is_empty() { "nothing".to_owned() } else { passes.join(", ") }
         ));
-        work_done::removed(&self.stored.record).iter().for_each(|line| outcome.add_line(line));
+        removed(&self.stored.record).iter().for_each(|line| outcome.add_line(line));
         if let Some(recorded) = &self.recorded {
             outcome.add_line(&recorded.message);
             outcome.add_value("recording", json!(recorded));
@@ -271,7 +273,7 @@ impl CycleRun {
         outcome.add_value("cycle_id", json!(cycle.0));
         outcome.add_value("state", json!(ended.state.at.keyword()));
         outcome.add_value("abraded", json!(passes));
-        outcome.add_value("removed", work_done::removed_json(&self.stored.record));
+        outcome.add_value("removed", removed_json(&self.stored.record));
         outcome
             .add_value("base_from_panel", json!(ended.base_from_panel.map(|place| KukaPose::from_rigid(&place))));
         outcome.add_value(
@@ -417,6 +419,44 @@ fn describe_state(at: At) -> String {
         At::Completing { verdict } | At::Complete { verdict } => format!("{}: {}", at.keyword(), verdict.keyword()),
         at => at.keyword().to_owned(),
     }
+}
+
+/// Describes each grid with the passes that touched it; unknown facts are marked as such.
+fn describe_grids(record: &CycleRecord) -> Vec<String> {
+    let mut passes: BTreeMap<(String, u8), bool> = BTreeMap::new();
+    for AbradedGrid { grid, pass, how } in record::abraded_grids(&record.findings, &record.motions) {
+        let grid = grid.unwrap_or_else(|| "any grid".to_owned());
+        *passes.entry((grid, pass)).or_default() |= how.is_certain();
+    }
+    let mut grids: BTreeMap<&str, [usize; 2]> = BTreeMap::new();
+    for ((grid, _), is_sure) in &passes {
+        grids.entry(grid).or_default()[usize::from(!is_sure)] += 1;
+    }
+    let words = |(grid, [sure, perhaps]): (&&str, &[usize; 2])| match (sure, perhaps) {
+        (sure, 0) => format!("{grid} ×{sure}"),
+        (0, _) => format!("{grid} possibly (not confirmed)"),
+        (sure, _) => format!("{grid} ×{sure}, possibly once more (not confirmed)"),
+    };
+    grids.iter().map(words).collect()
+}
+
+/// Describes the removal of each path, a line for each; empty if the recipe does not request a removal.
+fn removed(record: &CycleRecord) -> Vec<String> {
+    let line = |path: PathRemoval| {
+        format!(
+            "removed in pass {}: mean {} µm over the treated grids; at most {} µm so far at any point of the part (95 % bound)",
+            path.pass,
+            fixed_decimals(path.mean_um, 1),
+            fixed_decimals(path.bound_um, 1)
+        )
+    };
+    record::removed(&record.findings).into_iter().map(line).collect()
+}
+
+/// Returns the removal of each path for scripts.
+fn removed_json(record: &CycleRecord) -> Value {
+    let path = |path: PathRemoval| json!({"pass": path.pass, "mean_um": path.mean_um, "bound_um": path.bound_um});
+    record::removed(&record.findings).into_iter().map(path).collect()
 }
 
 #[cfg(test)]

@@ -1,13 +1,13 @@
 //! The files that a cycle uses: the recipe, the taught data of its panel, the calibrations, and the texts of all of
-//! them for the record.
+//! them for the record. The last verifications in the store decide whether a cycle may start with these calibrations.
 
 use super::args::{Common, CountArguments};
-use super::disk;
+use super::calibrate::{now_unix_s, tool};
 use super::fault::{Fault, RecordFault};
 use super::load::{self, CellFiles, LoadedPanel};
-use super::part;
-use super::zivid;
+use super::{disk, part, zivid};
 use panelprep_base::config::Problems;
+use panelprep_base::verdict::{Judgement, Reason};
 use panelprep_cell::cell::LensExtent;
 use panelprep_cell::cycle::Request;
 use panelprep_cell::recipe::{Recipe, SandedReference};
@@ -16,8 +16,11 @@ use panelprep_service::daemon::{Calibrations, CellSetup, CycleSetup, PreparedCyc
 use panelprep_service::requirements::recipe_fits::{parse_plausible_recipe, unmet_demands};
 use panelprep_service::requirements::to_problems;
 use panelprep_service::stages::removal::EarlierRemoval;
-use panelprep_store::store::{CycleStart, LostCount, PassesOfCycle};
+use panelprep_store::store::{CycleStart, LostCount, PassesOfCycle, calibration_hash};
 use panelprep_vision::calib::budget;
+use panelprep_vision::calib::health::{
+    CameraHealth, TOOL_FORCE, VerificationLimits, expiry_warning, health, judge_start,
+};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -283,4 +286,49 @@ pub const EARLIER_REMOVAL_TEXT: &str = "removed_before";
 
 fn count(number: usize) -> u8 {
     u8::try_from(number).unwrap_or(u8::MAX)
+}
+
+/// The verifications of the cameras that expire soon.
+///
+/// # Errors
+/// If there is no store.
+pub fn expiring_verifications(files: &CellFiles) -> Result<Vec<Reason>, Fault> {
+    let (store, demands) = (files.store()?, VerificationLimits::from_limits(files.cell.limits()));
+    let mut ending = Vec::new();
+    for subject in ["scanner", "flange_camera"] {
+        let last = store.newest_verification(subject).map_err(Fault::stage)?;
+        ending.extend(last.and_then(|last| expiry_warning(&last, now_unix_s(), demands)));
+    }
+    Ok(ending)
+}
+
+/// Reads what [`judge_start`] needs and judges it.
+///
+/// # Errors
+/// If a calibration cannot be read, or there is no store.
+pub fn judge(files: &CellFiles) -> Result<Judgement, Fault> {
+    let store = files.store()?;
+    let last = |subject: &str| store.newest_verification(subject).map_err(Fault::stage);
+    let scanner = calibration_hash(&[&files.scanner()?.text, &files.base_from_camera()?.text]);
+    let flange = files.hash_with_arm(&[&files.flange_camera()?.text, &files.flange_from_camera()?.text]);
+    let (last_scanner, last_flange) = (last("scanner")?, last("flange_camera")?);
+    let cameras = [
+        CameraHealth { subject: "scanner", last: last_scanner.as_ref(), calibration_hash: &scanner },
+        CameraHealth { subject: "flange_camera", last: last_flange.as_ref(), calibration_hash: &flange },
+    ];
+    let touch = files.last_touch_check(&files.flange_from_tool()?.text);
+    let start =
+        judge_start(&cameras, touch.as_ref(), now_unix_s(), VerificationLimits::from_limits(files.cell.limits()));
+    // A simulated tool has exactly its stated values and needs no verification.
+    let tool = files.cell.tool().compliant().filter(|tool| tool.address.is_some());
+    let Some(tool) = tool else { return Ok(start) };
+    let last_force = last(TOOL_FORCE)?;
+    let of_force = health(
+        TOOL_FORCE,
+        last_force.as_ref(),
+        &tool::force_hash(tool),
+        now_unix_s(),
+        tool::verification_limits(files, tool),
+    );
+    Ok(start.combined_with(of_force))
 }

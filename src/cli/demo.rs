@@ -1,24 +1,33 @@
 //! `panelprep demo`: a whole live cycle on the simulated cell, its page, and its deviation from the ground truth.
 //!
-//! The cell is rendered as files and taught from these files, and its cameras are verified on their boards. Then
-//! the cycle runs in the same way as in `panelprep cycle`. The ground truth is read only for the score, when the
-//! cycle is over.
+//! The cell is rendered as files and taught from these files, and its cameras are verified on their boards. Then the
+//! cycle runs in the same way as in `panelprep cycle`. The ground truth is read only for the score, when the cycle is
+//! over.
+//!
+//! An arm that differs from its nominal geometry is calibrated as an engineer does it: first the arm with pictures of
+//! boards and with touches, then both cameras and the tool with the corrected poses. A compliant tool is commissioned
+//! in the same way: its payload and zero are measured and verified, the removal by its disc is fitted to coupons, and
+//! the recipe requests a removal.
 
 use super::args::{Common, Demo, Simulation, Teach, ToolName, TreatName, real_arm};
 use super::calibrate::args::CameraName;
-use super::calibrate::verify;
-use super::cycle_files::{Calibrated, TaughtRecipe};
+use super::calibrate::{self, args as asked, tool, verify};
+use super::cycle_files::{self, Calibrated, TaughtRecipe};
 use super::fault::Fault;
 use super::live::CellDevices;
 use super::load::CellFiles;
-use super::outcome::Outcome;
+use super::output::Outcome;
+use super::render_boards::{self, RenderedFiles};
 use super::score::Score;
-use super::{commissioned, cycle, demo_tool, disk, health, recording, render, teach, user};
+use super::{cycle, disk, recording, render, teach, user};
 use panelprep_base::verdict::{Judgement, Verdict};
 use panelprep_cell::accounts::Role;
-use panelprep_sim::{self as sim, Scene};
-use serde_json::json;
+use panelprep_sim as sim;
+use panelprep_sim::Scene;
+use panelprep_vision::calib::CalibError;
+use serde_json::{Value, json};
 use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 use strum::VariantArray;
 
@@ -43,11 +52,11 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
         render::write_taught(&cell, &args.out.join("cell"), &progress)?
     };
     if args.arm_error_mm > 0.0 {
-        commissioned::calibrate(args, &rendered, &progress)?;
+        calibrate_arm(args, &rendered, &progress)?;
     }
     let has_compliant_tool = args.tool == ToolName::Compliant;
     if has_compliant_tool {
-        demo_tool::calibrate(args.seed, &rendered, &progress)?;
+        calibrate_tool(args.seed, &rendered, &progress)?;
     }
     if args.treat == TreatName::Break {
         let recipe = rendered.file_path("recipe.toml");
@@ -84,7 +93,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let taught_recipe = TaughtRecipe::read(&files, &teaching.recipe)?;
     progress("verifying both cameras and the tool on their boards");
     let off_mm = |outcome: Outcome| outcome.json.get("error_mm").cloned();
-    let force = if has_compliant_tool { Some(demo_tool::verify(&rendered, &common)?) } else { None };
+    let force = if has_compliant_tool { Some(verify_force(&rendered, &common)?) } else { None };
     let camera = |name| verify::run(&rendered.verification(name), &common, &|_| {});
     let verified = json!({
         "scanner_mm": off_mm(camera(CameraName::Scanner)?),
@@ -92,7 +101,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
         "tool_mm": off_mm(verify::touch(&rendered.touch(), &common)?),
         "force_n": force.and_then(|outcome| outcome.json.get("error_n").cloned()),
     });
-    let health = health::judge(&files)?;
+    let health = cycle_files::judge(&files)?;
     if health.verdict == Verdict::Reject {
         let mut outcome = cycle::unhealthy_outcome(&health);
         outcome.add_value("verified", verified);
@@ -181,4 +190,159 @@ fn check_all_executed(judgement: Judgement, score: Option<&Score>) -> Judgement 
         },
         None => judgement,
     }
+}
+
+const CORRECTION: &str = "robot_correction.toml";
+const NAMED_FILE: &str = "flange_from_tool = \"flange_from_tool.toml\"\n";
+
+/// Renders boards, calibrates, and enters the correction in the cell's file unless `--uncorrected` is given.
+///
+/// # Errors
+/// If a calibration is rejected.
+fn calibrate_arm(args: &Demo, rendered: &RenderedFiles, progress: &dyn Fn(&str)) -> Result<(), Fault> {
+    progress("rendering boards for the calibration of the arm");
+    let arm = real_arm(args.seed, args.arm_error_mm);
+    render_boards::write(args.seed, args.reduction as usize, (arm.as_ref(), rendered))?;
+    let common = rendered.common_arguments();
+    let robot = (!args.uncorrected).then(|| rendered.file_path(CORRECTION));
+    if let Some(out) = &robot {
+        progress("calibrating the arm");
+        run_calibration(asked::CalibrationTask::Robot(arm_arguments(rendered, out.clone())), &common, out)?;
+    }
+    // An arm that needs no correction has no correction file.
+    let robot = robot.filter(|file| file.exists());
+    progress("calibrating cameras and tool");
+    let [scanner, flange_camera] =
+        ["base_from_camera.toml", "flange_from_camera.toml"].map(|name| rendered.file_path(name));
+    for (mount, folder, lens, out) in [
+        (asked::MountName::EyeToHand, "fixed", "scanner.toml", scanner),
+        (asked::MountName::EyeInHand, "flange", "flange_camera.toml", flange_camera),
+    ] {
+        let what = asked::CalibrationTask::HandEye(asked::HandEye {
+            mount,
+            board: board(),
+            intrinsics: rendered.file_path(lens),
+            image: None,
+            points: None,
+            poses: Some(rendered.file_path(&format!("boards/{folder}/poses.toml"))),
+            robot: robot.clone(),
+            images: Some(rendered.file_path(&format!("boards/{folder}"))),
+            at_mm: None,
+            serial: None,
+            out: out.clone(),
+            pictures: None,
+            r#move: false,
+            live: asked::LiveArgs::without_live(),
+        });
+        run_calibration(what, &common, &out)?;
+    }
+    let (poses, out) = (rendered.file_path("boards/tip.toml"), rendered.file_path("flange_from_tool.toml"));
+    run_calibration(
+        asked::CalibrationTask::Tcp(asked::Tcp {
+            poses: Some(poses),
+            live: None,
+            robot: robot.clone(),
+            out: Some(out.clone()),
+        }),
+        &common,
+        &out,
+    )?;
+    if robot.is_some() {
+        let cell = disk::read_text(&common.cell)?;
+        let named = cell.replace(NAMED_FILE, &format!("{NAMED_FILE}robot_correction = \"{CORRECTION}\"\n"));
+        disk::write(&common.cell, named)?;
+    }
+    // The poses of the boards are learned as this cell sees them: no one measures a robot's base from outside.
+    for camera in [asked::CameraName::Scanner, asked::CameraName::FlangeCamera] {
+        let look = asked::Verify { learn: true, ..rendered.verification(camera) };
+        let target = look.target.clone().unwrap_or_default();
+        run_calibration(asked::CalibrationTask::Verify(look), &common, &target)?;
+    }
+    Ok(())
+}
+
+fn board() -> asked::BoardArgs {
+    asked::BoardArgs { board: "9x6".to_owned(), square_mm: Some(25.0), subpix: None }
+}
+
+fn arm_arguments(rendered: &RenderedFiles, out: PathBuf) -> asked::Robot {
+    asked::Robot {
+        board: board(),
+        eye_to_hand: Some(rendered.file_path("boards/fixed/poses.toml")),
+        scanner_lens: Some(rendered.file_path("scanner.toml")),
+        eye_in_hand: Some(rendered.file_path("boards/flange/poses.toml")),
+        flange_camera_lens: Some(rendered.file_path("flange_camera.toml")),
+        touches: Some(rendered.file_path("boards/touches.toml")),
+        out,
+    }
+}
+
+/// Runs a calibration; a calibration that is rejected ends the demo.
+fn run_calibration(what: asked::CalibrationTask, common: &Common, out: &Path) -> Result<(), Fault> {
+    let outcome = calibrate::run(&asked::Calibrate { what }, common, &|_| {})?;
+    if outcome.json.get("verdict") == Some(&json!(Verdict::Reject)) {
+        let message = format!("{} is refused: {}", out.display(), outcome.lines.join("; "));
+        return Err(Fault::stage(CalibError::Points(message)));
+    }
+    Ok(())
+}
+
+const CALIBRATION: &str = "removal.toml";
+/// The assumed error of the simulated cell at the tool: the tool's stroke must have room for this error.
+const TOOL_ERROR: &str = "tool_error_mm = 1.0\n";
+/// The settings of the recipe. A step-over below the default and a high feed leave the feeds enough range to make the
+/// removal uniform.
+const ASKED: &str = "
+[path]
+force_n = 12.0
+feed_mm_s = 120.0
+step_over_mm = 9.0
+
+[removal]
+method = \"scheduled\"
+target_um = 25.0
+max_um = 60.0
+";
+
+/// Renders readings and coupons, calibrates, and writes the tool into the cell's file and the removal into the
+/// recipe.
+///
+/// # Errors
+/// If a file cannot be written, or a calibration is rejected.
+fn calibrate_tool(seed: u64, rendered: &RenderedFiles, progress: &dyn Fn(&str)) -> Result<(), Fault> {
+    progress("calibrating the compliant tool: payload, force zero, and removal by its disc");
+    render_boards::write_force(rendered)?;
+    render_boards::write_coupons(seed, rendered)?;
+    let common = rendered.common_arguments();
+    tool::run_removal(&asked::Removal {
+        coupons: rendered.file_path("boards/coupons.csv"),
+        disc_diameter_mm: render_boards::DISC_DIAMETER_MM,
+        pad_n_mm3: render_boards::COUPON_TOOL.pad.stiffness_n_mm3,
+        orbit_mm: render_boards::COUPON_TOOL.orbit.diameter_mm,
+        orbit_rev_min: render_boards::COUPON_TOOL.orbit.speed_rev_min,
+        out: rendered.file_path(CALIBRATION),
+    })?;
+    let measured = tool::run_force(&readings(rendered, false), &common)?;
+    let [payload_kg, zero_n] = ["payload_kg", "zero_n"].map(|key| measured.json.get(key).and_then(Value::as_f64));
+    let (payload_kg, zero_n) = (payload_kg.unwrap_or(f64::NAN), zero_n.unwrap_or(f64::NAN));
+    let cell =
+        disk::read_text(&common.cell)?.replace(NAMED_FILE, &format!("{NAMED_FILE}removal = \"{CALIBRATION}\"\n"));
+    let cell = cell.replace("verify_limit_mm", &format!("{TOOL_ERROR}verify_limit_mm"));
+    let tool = format!("\n[tool]\nkind = \"simulated\"\npayload_kg = {payload_kg:.3}\nzero_n = {zero_n:.3}\n");
+    disk::write(&common.cell, format!("{cell}{tool}"))?;
+    let recipe = rendered.file_path("recipe.toml");
+    let text = disk::read_text(&recipe)?;
+    disk::write(&recipe, format!("{text}{ASKED}"))
+}
+
+/// Verifies payload and zero with the same readings, as at the beginning of each day.
+///
+/// # Errors
+/// As `panelprep calibrate force --verify`.
+fn verify_force(rendered: &RenderedFiles, common: &Common) -> Result<Outcome, Fault> {
+    tool::run_force(&readings(rendered, true), common)
+}
+
+fn readings(rendered: &RenderedFiles, verify: bool) -> asked::Force {
+    asked::Force { readings: rendered.file_path("boards/force.toml"), verify }
 }

@@ -1,9 +1,12 @@
-//! Reads and writes files completely or not at all.
+//! Reads and writes files completely or not at all; for `--pictures`, pictures as PNG.
 
 use super::fault::Fault;
 use panelprep_base::disk;
+use panelprep_base::geometry::ColorPicture;
+use panelprep_cell::files;
 use panelprep_service::check::{decode, utf_8_error};
 use panelprep_service::requirements::NamedFile;
+use panelprep_service::stages::ResultDrawing;
 use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -105,4 +108,25 @@ fn write_and_rename(file: &Path, bytes: &[u8], flush: impl Fn(&File) -> std::io:
         let _ = fs::remove_file(&beside);
         named(error)
     })
+}
+
+/// Writes a picture as PNG into a folder.
+///
+/// # Errors
+/// If writing to the disk fails.
+pub fn save(folder: &Path, name: &str, picture: &ColorPicture) -> Result<PathBuf, Fault> {
+    let file = folder.join(format!("{name}.png"));
+    write(&file, files::write_color_png(picture).map_err(Fault::stage)?)?;
+    Ok(file)
+}
+
+/// Writes a stage's drawings.
+///
+/// # Errors
+/// If one could not be drawn, or writing to the disk fails.
+pub fn write_drawings(folder: &Path, drawings: impl IntoIterator<Item = ResultDrawing>) -> Result<(), Fault> {
+    for ResultDrawing { name, picture, .. } in drawings {
+        save(folder, &name, &picture.map_err(Fault::stage)?)?;
+    }
+    Ok(())
 }

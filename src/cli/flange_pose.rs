@@ -4,8 +4,7 @@
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::output::{read_answer_line, write_progress};
-use super::service_request;
-use super::{live, robot};
+use super::{ctl, live, robot};
 use panelprep_base::geometry::{Base, Flange, Joints, KukaPose, Rigid};
 use panelprep_cell::cell::{self, RobotKind};
 use panelprep_cell::files::ReportedFlange;
@@ -59,8 +58,8 @@ impl<'c> FlangePoses<'c> {
     /// The axis positions now, requested before a picture. They come from the running service if it knows them. If
     /// no service runs, they come from the controller if it answers.
     pub fn now(&self) -> Option<Joints> {
-        match service_request::service_state(&self.socket) {
-            Some(_) => service_request::service_axes(&self.socket),
+        match ctl::service_state(&self.socket) {
+            Some(_) => ctl::service_axes(&self.socket),
             None => self.ask_controller(),
         }
     }

@@ -5,7 +5,7 @@
 use super::args::{Common, EndName, History, HistoryTask, SearchArguments};
 use super::fault::{Fault, RecordFault};
 use super::load::CellFiles;
-use super::outcome::Outcome;
+use super::output::Outcome;
 use panelprep_base::config::nearest;
 use panelprep_base::number_text::{fixed_decimals, shortest_text, utc_text};
 use panelprep_base::verdict::{Check, Limit, Reason, Verdict};
@@ -322,7 +322,8 @@ fn comparison_columns(comparison: &Comparison) -> Vec<String> {
     }));
     rows.extend(comparison.checks.iter().map(|pair| {
         let value = |value: Option<f64>| text_or_placeholder(value.map(format_value));
-        let limits = pair.limits.map(|one| one.map_or(String::new(), limit_text).trim_start_matches(", ").to_owned());
+        let limits =
+            pair.limits.map(|one| one.map_or(String::new(), limit_text).trim_start_matches(", ").to_owned());
         let limit = if pair.is_limit_different() { limits.join(" | ") } else { limits[0].clone() };
         let pass = if pair.pass == 0 { String::new() } else { format!(" {}", pair.pass) };
         let unit = if pair.unit.is_empty() { String::new() } else { format!(" [{}]", pair.unit) };

@@ -2,8 +2,11 @@
 //!
 //! A mock robot runs inside this program, in lock step, with the simulated world around it; a controller over
 //! EthernetKRL runs in real time. Simulated cameras look at that world. In a rehearsal the mock controller is another
-//! process on this machine, `panelprep mock-robot`. The world around it is in this program and follows the
-//! controller's reports.
+//! process on this machine, `panelprep mock-robot`. The world around it is in this program and follows the controller's
+//! reports.
+//!
+//! Which controller answers now is decided by what it reports, never by its address, since a tunnel to a real
+//! controller ends at an address of this computer.
 
 use super::args::{Simulation, real_arm};
 use super::fault::{DeviceFault, Fault};
@@ -12,7 +15,7 @@ use super::load::calibrated_serial;
 use super::zivid;
 use panelprep_base::geometry::{Joints, PinholeCamera};
 use panelprep_base::supervision::WatchedThread;
-use panelprep_cell::cell::{self, Cell, MockController, RobotKind};
+use panelprep_cell::cell::{self, Cell, MockController, ProofStage, RobotKind};
 use panelprep_devices::acf::{AcfLink, PlannedToolFault, SimulatedAcf, SimulatedPanel};
 use panelprep_devices::cameras::{
     Arm, BayerFlangeCamera, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner, SimulatedFlangeCamera,
@@ -23,10 +26,11 @@ use panelprep_devices::cameras::{GigeFlangeCamera, LoopbackFlangeCamera};
 use panelprep_devices::mock::{self, ChannelFile, Controller, MockServer, Programs, Setup};
 use panelprep_devices::robot::{Address, BlockingLink, link_limits};
 use panelprep_devices::world::{Follower, SimulatedWorld};
-use panelprep_kuka::eki::{CELLCMD, CELLSTAT, ClockMode};
-use panelprep_service::daemon::{AllCameras, Calibrations, Cameras, LinkedRobot, LinkedTool};
+use panelprep_kuka::eki::{CELLCMD, CELLSTAT, ClockMode, Mode};
+use panelprep_service::daemon::{AllCameras, Calibrations, Cameras, LinkedRobot, LinkedTool, SingleRobot};
 use panelprep_sim as sim;
 use serde_json::{Value, json};
+use std::time::Duration;
 
 /// The cell's devices.
 pub struct CellDevices {
@@ -370,4 +374,62 @@ fn cameras(
         cell::Camera::Device(gige) => gige_camera(cell, gige, &calibrations.flange_camera)?,
     };
     Ok(Cameras { scanner, flange })
+}
+
+/// Time in which a controller makes its channels available again after a client has left: a path that begins sooner
+/// would find them occupied.
+const RELEASE_PAUSE: Duration = Duration::from_millis(500);
+
+/// The kind of controller that answers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ControllerKind {
+    /// A real controller, by its boot id.
+    Real,
+    /// A mock controller: it proves nothing, and moves no arm.
+    Mock,
+    /// Nothing answers, so that the kind is not known.
+    Unknown,
+}
+
+/// The controller that answers, as it reports itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ReportedController {
+    /// The kind.
+    pub kind: ControllerKind,
+    /// The checksum of its programs; `None` if nothing answers.
+    pub programs_sum: Option<i32>,
+    /// Its operating mode; `None` if nothing answers.
+    pub mode: Option<Mode>,
+}
+
+impl ReportedController {
+    /// Nothing answers.
+    pub const UNKNOWN: ReportedController =
+        ReportedController { kind: ControllerKind::Unknown, programs_sum: None, mode: None };
+}
+
+/// Connects to the cell's controller and reads its state once. Nothing moves.
+///
+/// # Errors
+/// If the link cannot be started.
+pub fn identify(cell: &Cell) -> Result<ReportedController, Fault> {
+    let (mut robot, _simulated) = robot_alone(cell)?;
+    let Ok(single) = SingleRobot::connect(&mut robot, cell.arm()) else { return Ok(ReportedController::UNKNOWN) };
+    let state = single.state();
+    let kind = if state.is_simulated() { ControllerKind::Mock } else { ControllerKind::Real };
+    Ok(ReportedController { kind, programs_sum: Some(state.programs_checksum), mode: Some(state.mode) })
+}
+
+/// Refuses a path that needs this stage of the proofs, before anything is read or written for it. Only a controller
+/// that reports itself as a mock needs none.
+///
+/// # Errors
+/// If the stage is not signed, or the link cannot be started.
+pub fn require_signed(cell: &Cell, needed: ProofStage) -> Result<(), Fault> {
+    let Err(unsigned) = cell.robot().requires_signed(needed) else { return Ok(()) };
+    if identify(cell)?.kind == ControllerKind::Mock {
+        std::thread::sleep(RELEASE_PAUSE);
+        return Ok(());
+    }
+    Err(DeviceFault::from(unsigned).into())
 }

@@ -4,7 +4,7 @@ use super::args::{Common, MockRobot};
 use super::disk;
 use super::fault::{DeviceFault, Fault};
 use super::load::CellFiles;
-use super::outcome::Outcome;
+use super::output::Outcome;
 use panelprep_base::number_text::fixed_decimals;
 use panelprep_cell::cell::{Cell, RobotKind};
 use panelprep_devices::mock::{ChannelFile, Clock, Controller, MockServer, Ports, Programs, Setup};

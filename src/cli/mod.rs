@@ -1,83 +1,54 @@
 //! The command line: reads files, calls the phases, writes files and texts. Besides the store, it is the only module
 //! that uses a clock and a disk, and it is the only one that turns errors into text.
 //!
-//! Each command is in a file of its name: `run` reads and reports, `stage` computes.
+//! A file contains one command, or the commands of one subject: `run` reads and reports, `stage` computes.
 
 mod archive;
 pub mod args;
-mod backup;
 mod calibrate;
 mod check;
-mod clear;
-mod commissioned;
 mod connecting;
-mod controller_kind;
 mod ctl;
 mod cycle;
 mod cycle_files;
 pub mod demo;
-mod demo_tool;
 mod disk;
 mod doctor;
 mod explain;
 mod fault;
 mod flange_pose;
-mod follow;
-mod health;
 mod history;
 mod inspect;
 mod inspected;
 mod interfaces;
 mod interrupts;
 mod label;
-mod labels;
 mod live;
 mod load;
 mod locate;
-mod log;
-mod look;
 mod mock_robot;
 mod new;
-mod outcome;
 mod output;
-mod package_files;
-mod page;
 mod part;
-mod person;
-mod pictures;
 mod plan;
-mod plan_places;
 mod prove;
 mod record;
-mod record_data;
-mod record_source;
 mod recording;
-mod refine;
 mod render;
 mod render_boards;
-mod render_coupons;
-mod rendered;
-mod replay;
 mod report;
-mod retention;
 mod robot;
 mod run;
 mod score;
-mod score_runs;
-mod service_request;
-mod setup_source;
 mod shoot;
 mod store;
 mod teach;
-mod tool_fault_score;
 mod tune;
 mod user;
-mod validate;
-mod work_done;
 mod zivid;
 
 pub use fault::Fault;
-pub use outcome::Outcome;
+pub use output::Outcome;
 
 use args::{Arguments, Command};
 use std::process::ExitCode;
@@ -90,7 +61,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Demo(_) | Command::Cycle(_) | Command::AirRun(_) | Command::Replay(_) => LevelFilter::WARN,
         _ => LevelFilter::INFO,
     };
-    log::start(usual);
+    output::start_log(usual);
     let common = &arguments.common;
     let outcome = match &arguments.command {
         Command::Demo(args) => demo::run(args, &|line| output::write_progress(line)),
@@ -104,33 +75,33 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Robot(args) => robot::run(args, common),
         Command::MockRobot(args) => mock_robot::run(args, common, &|line| output::write_progress(line)),
         Command::Run(args) => run::run(args, common),
-        Command::Clear => clear::run(common),
+        Command::Clear => ctl::clear(common),
         Command::Ctl(args) => ctl::run(args, common),
         Command::Calibrate(args) => calibrate::run(args, common, &|line| output::write_progress(line)),
         Command::Teach(args) => teach::run(args, common),
         Command::Shoot(args) => shoot::run(args, common, &|line| output::write_progress(line)),
-        Command::Look(args) => look::run(args, common),
+        Command::Look(args) => locate::run_look(args, common),
         Command::Locate(args) => locate::run(args, common),
-        Command::Refine(args) => refine::run(args, common),
+        Command::Refine(args) => locate::run_refine(args, common),
         Command::Inspect(args) => inspect::run(args, common),
         Command::Tune(args) => tune::run(args, common),
         Command::Label(args) => label::run(args, common),
         Command::Plan(args) => plan::run(args, common),
-        Command::Page(args) => page::run(args, common),
+        Command::Page(args) => report::run_page(args, common),
         Command::History(args) => history::run(args, common),
         Command::Record(args) => record::run(args, common),
         Command::Store(args) => store::run(args, common),
         Command::Archive(args) => archive::run(args),
         Command::Fleet(args) => archive::run_fleet(args),
         Command::User(args) => user::run(args, common),
-        Command::Backup(args) => backup::run(args, common),
-        Command::Restore(args) => backup::restore(args, common),
+        Command::Backup(args) => store::back_up(args, common),
+        Command::Restore(args) => store::restore(args, common),
         Command::New(args) => new::run(args, common),
-        Command::PackageFiles(args) => package_files::run(args),
-        Command::Replay(args) => replay::run(args),
+        Command::PackageFiles(args) => explain::write_package_files(args),
+        Command::Replay(args) => recording::replay(args),
     };
     match outcome {
         Ok(outcome) => outcome.print(common.json),
-        Err(fault) => outcome::print_fault(&fault, common.json),
+        Err(fault) => output::print_fault(&fault, common.json),
     }
 }

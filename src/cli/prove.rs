@@ -11,10 +11,10 @@ mod trial;
 mod unattended;
 
 use super::args::Prove;
-use super::controller_kind::{ControllerKind, ReportedController, identify};
 use super::fault::{DeviceFault, Fault};
+use super::live::{ControllerKind, ReportedController, identify};
 use super::load::CellFiles;
-use super::outcome::Outcome;
+use super::output::Outcome;
 use page::{PageBasis, ProofPage};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::cell::{ProofStage, RobotKind};

@@ -7,8 +7,7 @@ use super::args::{
 use super::disk;
 use super::fault::{Fault, RecordFault};
 use super::load::CellFiles;
-use super::outcome::Outcome;
-use super::record_data;
+use super::output::Outcome;
 use super::report::{self, StoredCycle};
 use panelprep_base::number_text::utc_text;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
@@ -176,7 +175,7 @@ pub fn signed_pdf(store: &Store, key: &CellKey, rows: &[SignatureRow]) -> Result
     let (Some(row), Some(last)) = (rows.iter().find(|row| !row.is_of_person), rows.last()) else { return Ok(None) };
     let kept = StoredCycle::read(store, row.cycle)?;
     let figures: Vec<Figure> = kept.stored_figures().collect();
-    let pdf = record_data::document(store, (&kept.record, &figures), row)?;
+    let pdf = report::document(store, (&kept.record, &figures), row)?;
     let shows = (row.cycle, row.record_hash.as_str(), last.number);
     let (page, signature) = SignedPage::sign(&pdf, shows, last.unix_ms, key).map_err(Fault::stage)?;
     Ok(Some(RecordPdf { pdf, page, signature }))

@@ -4,10 +4,8 @@ use super::args::{FilmName, Render, SceneName, real_arm, scanner_distortion};
 use super::disk;
 use super::fault::Fault;
 use super::live::FULL_WIDTH_PX;
-use super::outcome::Outcome;
-use super::output;
-use super::rendered::RenderedFiles;
-use super::{render_boards, render_coupons};
+use super::output::{self, Outcome};
+use super::render_boards::{self, RenderedFiles};
 use panelprep_base::geometry::{Camera, ColorPicture, Flange, KukaPose, OrganizedCloud, Rigid, Tool};
 use panelprep_base::phase::Phase;
 use panelprep_base::verdict::{Judgement, Verdict};
@@ -16,7 +14,8 @@ use panelprep_cell::files::{self, Clip, ClipEntry};
 use panelprep_cell::labels;
 use panelprep_cell::panel::TaughtPanel;
 use panelprep_cell::recipe::Recipe;
-use panelprep_sim::{self as sim, Film, FilmSpec, Grease, PanelPosition, SEARCH_BOX_MM, Scene};
+use panelprep_sim as sim;
+use panelprep_sim::{Film, FilmSpec, Grease, PanelPosition, SEARCH_BOX_MM, Scene};
 use panelprep_store::store::{Store, StoreError};
 use panelprep_vision::inspect::{Demands, Footprint};
 use rayon::prelude::*;
@@ -78,7 +77,7 @@ pub fn run(args: &Render) -> Result<Outcome, Fault> {
     if args.boards {
         progress("rendering boards for calibration");
         render_boards::write(args.seed, args.reduction as usize, (arm.as_ref(), &rendered))?;
-        render_coupons::write(args.seed, &rendered)?;
+        render_boards::write_coupons(args.seed, &rendered)?;
     }
     if args.board_scans > 0 {
         progress("rendering scans of a board");

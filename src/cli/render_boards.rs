@@ -1,25 +1,28 @@
-//! Boards of the simulated cell as files: boards for the verification of its cameras, and with `--boards` boards
-//! for their calibration.
+//! Boards and coupons of the simulated cell as files of a rendered folder: boards for the verification of its cameras,
+//! with `--boards` boards for their calibration, and test coupons, with which `panelprep calibrate removal` is tried.
 
 use super::args::{Common, Render, Simulation};
 use super::calibrate::args::{BoardArgs, CameraName, Touch, Verify};
 use super::calibrate::pose_keys;
 use super::disk;
 use super::fault::Fault;
-use super::rendered::RenderedFiles;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use panelprep_base::geometry::{
     Base, Camera, Degrees, Flange, Frame, GrayPicture, KukaPose, PinholeCamera, Point, Rigid, Tool,
 };
 use panelprep_cell::cell::{BoardSize, MountedPose, TargetMount};
 use panelprep_cell::files::{self, ReportedFlange};
-use panelprep_sim::{
-    self as sim, BoardCell, BoardPrint, BoardShot, RealArm, ReportedFlangePose, RobotNoise, ScannerDistortion,
-};
+use panelprep_sim as sim;
+use panelprep_sim::{BoardCell, BoardPrint, BoardShot, RealArm, ReportedFlangePose, RobotNoise, ScannerDistortion};
+use panelprep_toolpath::removal::coupons::{Coupon, CouponTool, Lines};
+use panelprep_toolpath::removal::pad::PadWithDisc;
+use panelprep_toolpath::removal::speed::Orbit;
 use panelprep_vision::calib::{Board, CalibError};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 use std::fmt::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 const TARGET: (&str, f64) = ("5x4", 40.0);
 const POSES: usize = 15;
@@ -29,6 +32,22 @@ const LENS_PICTURES: usize = 25;
 /// A simulated robot's own errors.
 pub(super) const ROBOT: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.005 };
 const TOUCH_MM: f64 = 0.1;
+
+/// The folder's files by their role.
+#[derive(Debug, Clone)]
+pub struct RenderedFiles {
+    /// The folder.
+    pub folder: PathBuf,
+    /// Length of the folder's wet films, s.
+    pub seconds: u32,
+}
+
+impl RenderedFiles {
+    /// Returns the path of a file in the folder.
+    pub fn file_path(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+}
 
 impl RenderedFiles {
     /// Returns the arguments of `panelprep calibrate verify` for this camera's target.
@@ -382,4 +401,76 @@ fn tip_text(arm: Option<&RealArm>) -> Result<String, Fault> {
     let tip = TURNS_DEG.iter().map(|turn_deg| table("poses", turn_deg, sim::TOOL_LENGTH_MM));
     let axis = TURNS_DEG[..2].iter().map(|turn_deg| table("axis", turn_deg, behind_mm));
     tip.chain(axis).collect()
+}
+
+/// The default disc diameter of a recipe, mm.
+pub const DISC_DIAMETER_MM: f64 = 30.0;
+/// The simulated sander, with an orbit of 5 mm.
+pub const COUPON_TOOL: CouponTool = CouponTool {
+    pad: PadWithDisc { radius_mm: DISC_DIAMETER_MM / 2.0, stiffness_n_mm3: 0.05 },
+    orbit: Orbit { diameter_mm: 5.0, speed_rev_min: 10_000.0 },
+};
+/// The disc's removal coefficient, mm²/N, and its decay with wear, 1/mm².
+const PRESTON_MM2_PER_N: f64 = 4e-4;
+const DECAY_PER_MM2: f64 = 0.8e-6;
+/// Maximum relative difference of a coupon's removal from the mean of its disc, in both directions.
+const MAX_RELATIVE_DIFFERENCE: f64 = 0.05;
+/// The same for a disc's from the mean of all discs.
+const DISCS_DIFFER: f64 = 0.03;
+/// Measured places on each coupon.
+const MEASURED_PLACES: [&str; 3] = ["left", "middle", "right"];
+/// For each coupon its force, N, and the area that its disc had swept, mm²; two coupons for each disc.
+const COUPONS: [(f64, f64); 8] = [
+    (20.0, 0.0),
+    (10.0, 390_000.0),
+    (10.0, 130_000.0),
+    (20.0, 260_000.0),
+    (20.0, 390_000.0),
+    (10.0, 0.0),
+    (10.0, 260_000.0),
+    (20.0, 130_000.0),
+];
+
+/// Writes `boards/coupons.csv`: thicknesses before and after, with new and worn discs.
+///
+/// # Errors
+/// If writing to the disk fails.
+pub fn write_coupons(seed: u64, rendered: &RenderedFiles) -> Result<(), Fault> {
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let mut text = "# two forces, single lines, measured in their middle; worn_mm2 as `panelprep plan` reports \
+                    it\ncoupon,place,disc,force_n,feed_mm_s,passes,worn_mm2,before_um,after_um\n"
+        .to_owned();
+    let discs: Vec<f64> =
+        (0..COUPONS.len() / 2).map(|_| 1.0 + random.random_range(-DISCS_DIFFER..DISCS_DIFFER)).collect();
+    for index in 0..MEASURED_PLACES.len() * COUPONS.len() {
+        let number = index / MEASURED_PLACES.len();
+        // The forces are below and above those in the recipes of the simulated cell.
+        let (passes, (force_n, worn_mm2)) = ([1.0, 2.0, 4.0][index % 3], COUPONS[number]);
+        let (name, disc, lines) = (format!("C{}", number + 1), format!("D{}", number / 2 + 1), Lines::One);
+        let coupon = Coupon {
+            line: 0,
+            name,
+            disc: Some(disc.clone()),
+            force_n,
+            feed_mm_s: 60.0,
+            passes,
+            lines,
+            worn_mm2,
+            depth_um: 0.0,
+        };
+        let own =
+            discs[number / 2] * (1.0 + random.random_range(-MAX_RELATIVE_DIFFERENCE..MAX_RELATIVE_DIFFERENCE));
+        let k = PRESTON_MM2_PER_N * (-DECAY_PER_MM2 * worn_mm2).exp();
+        let depth_um = 1_000.0 * k * coupon.exposure_n_mm(&COUPON_TOOL) * own;
+        let before_um = 120.0 + random.random_range(-2.0..2.0);
+        let place = MEASURED_PLACES[index % MEASURED_PLACES.len()];
+        let after_um = before_um - depth_um;
+        #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
+        let _ = writeln!(
+            text,
+            "{},{place},{disc},{force_n},60,{passes},{worn_mm2},{before_um:.2},{after_um:.2}",
+            coupon.name
+        );
+    }
+    disk::write(&rendered.file_path("boards/coupons.csv"), text)
 }

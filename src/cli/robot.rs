@@ -1,11 +1,10 @@
 //! `panelprep robot …`: the nine functions of thesis Table 3.1, one at a time, each through its gate.
 
 use super::args::{Common, OnOff, Robot, RobotFunction, TipName};
-use super::disk;
 use super::fault::Fault;
-use super::live;
 use super::load::CellFiles;
-use super::outcome::Outcome;
+use super::output::Outcome;
+use super::{disk, live};
 use panelprep_base::geometry::{Joints, KukaPose};
 use panelprep_base::number_text::fixed_decimals;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};

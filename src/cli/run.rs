@@ -1,32 +1,30 @@
 //! `panelprep run`: the service of a configured cell.
+//!
+//! At a simulated cell there is a person who dries the panel before confirming that it is dry. `start` and `unhold
+//! --dried` confirm it; no one else could dry it there.
 
 use super::args::{Common, CountArguments, Run};
-use super::cycle_files::{Calibrated, TaughtRecipe};
-use super::disk;
+use super::cycle_files::{self, Calibrated, TaughtRecipe};
 use super::fault::{DeviceFault, Fault, RecordFault};
-use super::health;
 use super::interfaces::{
     SharedInterfaceParts, edge_node, line_front, office_sender, opcua_server, operator_page, push_sender,
 };
 use super::live::CellDevices;
 use super::load::{CellFiles, calibrated_serial};
-use super::outcome::Outcome;
-use super::person::Person;
-use super::record;
-use super::recording;
+use super::output::Outcome;
 use super::report::{self, StoredCycle};
-use super::zivid;
+use super::{disk, record, recording, zivid};
 use panelprep_base::supervision::Supervisor;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
-use panelprep_cell::cycle::{At, Cause, State};
+use panelprep_cell::cycle::{self, At, Cause, State};
 use panelprep_cell::files::content_hash;
 use panelprep_cell::record::{CycleId, RecordingFile};
 use panelprep_devices::world::SimulatedWorld;
 use panelprep_service::daemon::{
     self, CellSetup, Computing, EndedCycle, Gateway, LastWrittenPage, LiveView, Loader, LoopEvent, LoopPorts,
-    LoopStart, PreparedCycle, RecipeTextPermission, RecordIn, RecordedPort, Recording, RecordingResult,
-    RecordingSwitch, Request, RequestHandler, RequestQueue, RequestSender, Requester as _, ServiceParts,
-    SharedCameras, Socket, StartRequest, StoreRecord,
+    LoopStart, Port, PreparedCycle, RecipeTextPermission, RecordIn, RecordedPort, Recording, RecordingResult,
+    RecordingSwitch, Request, RequestAnswer, RequestCommand, RequestHandler, RequestKind, RequestQueue,
+    RequestSender, Requester as _, ServiceParts, SharedCameras, Socket, StartRequest, StoreRecord,
 };
 use panelprep_service::requirements::Purpose;
 use panelprep_store::store::{PrunedFiles, Store, StoreError};
@@ -278,7 +276,7 @@ fn cycle_loader(
                 "another start request is being processed; try again after the service has answered it",
             )]);
         };
-        let health = health::judge(&files).map_err(|fault| vec![unreadable_reason(&fault)])?;
+        let health = cycle_files::judge(&files).map_err(|fault| vec![unreadable_reason(&fault)])?;
         if health.verdict == Verdict::Reject {
             return Err(health.reasons);
         }
@@ -378,6 +376,33 @@ fn outcome(state: &State) -> Outcome {
     outcome.add_value("state", at.keyword().into());
     outcome.lines[0] = format!("ended in state {}", at.keyword());
     outcome
+}
+
+/// Passes requests on, and first dries the panel if the request confirms that it is dry. At a real cell it does
+/// nothing more.
+struct Person<R> {
+    /// The source of the requests.
+    pub requester: R,
+    /// The simulated world.
+    pub world: Option<SimulatedWorld>,
+}
+
+impl<R: Port<RequestCommand>> Port<RequestCommand> for Person<R> {
+    fn perform(&mut self, command: RequestCommand) -> RequestAnswer {
+        let is_held = matches!(command, RequestCommand::Next(state) if matches!(state.at, At::Held(_)));
+        let begins = matches!(command, RequestCommand::Publish(LoopEvent::Begun(..)));
+        let answer = self.requester.perform(command);
+        let unholds =
+            |request: &Request| matches!(request.what, RequestKind::Table(cycle::Request::Unhold { dried: true }));
+        let dries = match &answer {
+            RequestAnswer::Next(Ok(Some(request))) => is_held && unholds(request),
+            _ => begins,
+        };
+        if let (Some(world), true) = (&self.world, dries) {
+            world.dry_panel();
+        }
+        answer
+    }
 }
 
 #[cfg(test)]

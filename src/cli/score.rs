@@ -2,22 +2,23 @@
 //! module reads the true values, and it makes no decisions.
 //!
 //! The measured values come from the record, the executed motions from the mock controller's own log, and the true
-//! values from the simulated world. The log also shows that each waypoint of a path was executed once and
-//! acknowledged once: see [`contact_runs`].
+//! values from the simulated world. The log also shows that each waypoint of a path was executed once and acknowledged
+//! once: see [`contact_runs`]. After a fault of the simulated tool, it shows how soon the sander was off and the disc
+//! lifted.
 
 use super::live::SimulatedController;
-use super::outcome::Outcome;
-use super::score_runs::{contact, contact_runs};
-use super::tool_fault_score::AfterToolFault;
+use super::output::Outcome;
 use panelprep_base::geometry::{Base, KukaPose, Mask, Panel, Point, Rigid, Vector};
 use panelprep_base::verdict::{Reason, Verdict};
+use panelprep_cell::cycle::{Outcome as Ended, Path};
 use panelprep_cell::panel::{Grid, TaughtPanel};
 use panelprep_cell::record::{CycleRecord, Finding, Kind, MotionRecord, name};
 use panelprep_devices::acf::PlannedToolFault;
 use panelprep_devices::mock::{ContactSample, ExecutedMotion};
 use panelprep_devices::world::{ContactErrors, TouchedPoints, contact_errors, measure_step_over};
 use panelprep_service::report::page::{Row, Section};
-use panelprep_sim::{self as sim, CellTruth, PlacementError};
+use panelprep_sim as sim;
+use panelprep_sim::{CellTruth, PlacementError};
 use panelprep_toolpath::path::StepOver;
 use panelprep_vision::inspect::{Inspection, score};
 use rayon::prelude::*;
@@ -297,4 +298,179 @@ fn surface_grid(grid: &Grid, truth: &CellTruth) -> Vec<Point<Panel>> {
         point + down
     };
     (0..across * down).map(at).collect()
+}
+
+/// Returns the contact paths of which at least one waypoint was executed.
+fn contact(motions: &[MotionRecord]) -> impl Iterator<Item = &MotionRecord> {
+    motions.iter().filter(|record| record.motion.path == Path::Contact && record.done > 0)
+}
+
+/// The contact paths as the controller executed them, one for each in the store, in order.
+///
+/// A path is a run of commands with consecutive ids: a speed is set before each and an output is switched after it.
+///
+/// # Errors
+/// If a command was executed twice, or a path has more or fewer waypoints than were sent and acknowledged.
+fn contact_runs<'a>(
+    motions: &[MotionRecord],
+    executed: &'a [ExecutedMotion],
+) -> Result<Vec<&'a [ExecutedMotion]>, Reason> {
+    let lost = |message: String| Reason::new("waypoints", message);
+    let mut ids: Vec<(i32, i32)> = executed.iter().map(|command| (command.epoch, command.id)).collect();
+    ids.sort_unstable();
+    if let Some(pair) = ids.windows(2).find(|pair| pair[0] == pair[1]) {
+        let (epoch, id) = pair[0];
+        return Err(lost(format!("command {id} of epoch {epoch} was executed twice")));
+    }
+    let follows =
+        |before: &ExecutedMotion, after: &ExecutedMotion| before.epoch == after.epoch && after.id == before.id + 1;
+    let touches = |run: &&[ExecutedMotion]| run.iter().any(|command| command.contact);
+    let runs: Vec<&[ExecutedMotion]> = executed.chunk_by(follows).filter(touches).collect();
+    let contact: Vec<&MotionRecord> = contact(motions).collect();
+    if runs.len() != contact.len() {
+        let message = format!("{} paths in contact were executed, {} were sent", runs.len(), contact.len());
+        return Err(lost(message));
+    }
+    for (run, motion) in runs.iter().zip(contact) {
+        let (sent, done) = (motion.motion.waypoints, motion.done);
+        let is_whole = motion.outcome == Some(Ended::Done);
+        let max_done = if is_whole { done } else { done + ON_THEIR_WAY };
+        if !(done as usize..=max_done as usize).contains(&run.len())
+            || (is_whole && done != sent)
+            || run.first().map(|one| one.epoch) != Some(motion.motion.epoch as i32)
+        {
+            let message = format!(
+                "path of {sent} waypoints in epoch {}: the controller executed {} waypoints, {done} were acknowledged",
+                motion.motion.epoch,
+                run.len()
+            );
+            return Err(lost(message));
+        }
+    }
+    Ok(runs)
+}
+
+/// Largest number of acknowledgements of a path that were in transit when its epoch ended early.
+const ON_THEIR_WAY: u32 = 2;
+
+/// The reaction to the fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AfterToolFault {
+    /// Time from the fault until the tool's output was off, ms; `None` if it ran for as long as the disc was on the
+    /// panel.
+    pub off_ms: Option<u64>,
+    /// Time from the fault until the retract began, or until the path left the panel, ms.
+    pub lifted_ms: u64,
+}
+
+impl AfterToolFault {
+    /// Computes the reaction from the executed waypoints and the tool's state at each tick of a contact. `None` if the
+    /// path did not reach the waypoint of the fault, or nothing was in contact afterwards.
+    pub fn compute(
+        planned: PlannedToolFault,
+        executed: &[ExecutedMotion],
+        trace: &[ContactSample],
+    ) -> Option<Self> {
+        let mut touching = executed.iter().filter(|command| command.contact);
+        let begun_ms = touching.nth(planned.from.checked_sub(1)? as usize)?.time_ms;
+        let mut after = trace.iter().filter(|sample| sample.time_ms > begun_ms).peekable();
+        // A later path of the same cycle begins after a gap in the samples.
+        let mut before_ms = after.peek()?.time_ms;
+        let path: Vec<&ContactSample> = after
+            .take_while(|sample| sample.time_ms - std::mem::replace(&mut before_ms, sample.time_ms) < GAP_MS)
+            .collect();
+        let off = path.iter().find(|sample| !sample.tool_on);
+        Some(AfterToolFault {
+            off_ms: off.map(|sample| sample.time_ms - begun_ms),
+            lifted_ms: path.last()?.time_ms - begun_ms,
+        })
+    }
+
+    /// Returns a sentence for a person.
+    pub fn describe_reaction(self) -> String {
+        let off = self
+            .off_ms
+            .map_or("the sander was not switched off".to_owned(), |ms| format!("sander off after {ms} ms"));
+        format!("{off}, disc lifted after {} ms", self.lifted_ms)
+    }
+
+    /// Returns the value for scripts.
+    pub fn json(self) -> Value {
+        json!({"off_ms": self.off_ms, "lifted_ms": self.lifted_ms})
+    }
+}
+
+/// Samples with a longer gap between them belong to two contacts, ms.
+const GAP_MS: u64 = 1_000;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use panelprep_base::geometry::{Base, Flange, Joints, Rigid};
+    use panelprep_cell::cycle::Motion;
+    use panelprep_devices::acf::ToolFault;
+
+    fn command(id: i32, contact: bool) -> ExecutedMotion {
+        let base_from_flange: Rigid<Base, Flange> = Rigid::from_isometry_unchecked(nalgebra::Isometry3::identity());
+        ExecutedMotion { epoch: 3, id, joints: Joints::default(), base_from_flange, time_ms: id as u64, contact }
+    }
+
+    fn motion(waypoints: u32, done: u32) -> MotionRecord {
+        let motion = Motion { epoch: 3, path: Path::Contact, plan: 7, waypoints };
+        let outcome = Some(if done == waypoints { Ended::Done } else { Ended::Held });
+        MotionRecord { motion, outcome, done, contact: None }
+    }
+
+    /// Ids 5 to 8 are a contact path with a part in the air; 2 and 11 are motions in the air.
+    #[test]
+    fn each_waypoint_is_executed_and_acknowledged_once() {
+        let log = [(2, false), (5, true), (6, false), (7, true), (8, false), (11, false)];
+        let log = log.map(|(id, contact)| command(id, contact));
+        let runs = contact_runs(&[motion(4, 4)], &log).expect("whole");
+        assert_eq!(runs.len(), 1);
+        assert_eq!(runs[0].iter().map(|one| one.id).collect::<Vec<_>>(), [5, 6, 7, 8]);
+        let held = contact_runs(&[motion(9, 4)], &log).expect("the rest was never executed");
+        assert_eq!(held[0].len(), 4);
+        // The last acknowledgements were still in transmission when the path was ended.
+        assert!(contact_runs(&[motion(9, 2)], &log).is_ok());
+        let wrong = |motions: &[MotionRecord], log: &[ExecutedMotion]| {
+            contact_runs(motions, log).expect_err("wrong").message
+        };
+        assert!(wrong(&[motion(5, 5)], &log).contains("executed 4 waypoints, 5 were acknowledged"));
+        assert!(wrong(&[motion(3, 3)], &log).contains("executed 4 waypoints, 3"));
+        assert!(wrong(&[motion(9, 1)], &log).contains("executed 4 waypoints, 1"));
+        assert!(wrong(&[motion(9, 5)], &log).contains("executed 4 waypoints, 5"));
+        assert!(wrong(&[], &log).contains("1 paths in contact were executed, 0 were sent"));
+        assert!(wrong(&[motion(4, 4), motion(4, 4)], &log).contains("2 were sent"));
+        let twice = [log[0], log[1], log[2], log[2], log[3], log[4]];
+        assert!(wrong(&[motion(4, 4)], &twice).contains("command 6 of epoch 3 was executed twice"));
+    }
+
+    fn executed(time_ms: u64, contact: bool) -> ExecutedMotion {
+        let base_from_flange = Rigid::from_isometry_unchecked(nalgebra::Isometry3::identity());
+        ExecutedMotion { epoch: 3, id: 1, joints: Joints::default(), base_from_flange, time_ms, contact }
+    }
+
+    fn sample(time_ms: u64, tool_on: bool) -> ContactSample {
+        let base_from_flange = Rigid::from_isometry_unchecked(nalgebra::Isometry3::identity());
+        let base_from_tool = Rigid::from_isometry_unchecked(nalgebra::Isometry3::identity());
+        ContactSample { time_ms, base_from_flange, base_from_tool, sanding: true, tool_on }
+    }
+
+    /// Calculated by hand: the second waypoint in contact ends at 200 ms; the sander is off at 310 ms and the last
+    /// sample of this contact is at 420 ms.
+    #[test]
+    fn times_count_from_the_waypoint_at_which_the_fault_begins() {
+        let planned = PlannedToolFault { fault: ToolFault::Silent, from: 2 };
+        let log = [executed(50, false), executed(100, true), executed(200, true), executed(300, true)];
+        let trace = [190, 205, 300, 310, 420, 5_000].map(|ms| sample(ms, ms < 310));
+        let found = AfterToolFault::compute(planned, &log, &trace);
+        assert_eq!(found, Some(AfterToolFault { off_ms: Some(110), lifted_ms: 220 }));
+        let ran_on = trace.map(|one| ContactSample { tool_on: true, ..one });
+        assert_eq!(
+            AfterToolFault::compute(planned, &log, &ran_on),
+            Some(AfterToolFault { off_ms: None, lifted_ms: 220 })
+        );
+        assert_eq!(AfterToolFault::compute(PlannedToolFault { from: 9, ..planned }, &log, &trace), None);
+    }
 }

@@ -12,7 +12,7 @@ use super::disk;
 use super::fault::{ClipFault, DeviceFault, Fault};
 use super::flange_pose::{FlangePoses, PoseKnowledge};
 use super::load::CellFiles;
-use super::outcome::Outcome;
+use super::output::Outcome;
 use panelprep_base::geometry::ColorPicture;
 use panelprep_base::phase::Phase;
 use panelprep_base::verdict::{Judgement, Reason};

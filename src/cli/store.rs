@@ -1,15 +1,20 @@
 //! `panelprep store`: checks that everything in the store is as written, and lists the records that the office must
-//! have.
+//! have. `panelprep backup` and `panelprep restore`: write the cell into one archive, and restore it from this archive.
 
-use super::args::{Common, RenewStore, StoreCommand, StoreTask, VerifyStore};
+use super::args::{Backup, BackupPart, Common, RenewStore, Restore, StoreCommand, StoreTask, VerifyStore};
+use super::disk;
 use super::fault::Fault;
 use super::load::CellFiles;
-use super::outcome::Outcome;
+use super::output::Outcome;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
+use panelprep_cell::record::CycleId;
+use panelprep_service::check::check_file;
+use panelprep_store::backup::{self, BackupError, Configuration, Permission, Plan, RestoredParts, named_files};
 use panelprep_store::office::ListEntry;
-use panelprep_store::store::{Store, StoreVerification};
+use panelprep_store::store::{Restore as SinceBackup, Store, StoreVerification};
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Runs the requested task.
 ///
@@ -86,5 +91,178 @@ fn verify(args: &VerifyStore, common: &Common) -> Result<Outcome, Fault> {
     outcome.add_value("signatures", json!((!args.rows_only).then_some(signatures)));
     outcome.add_value("public_keys", json!((!args.rows_only).then_some(keys)));
     outcome.add_value("pruned", json!((!args.rows_only).then_some(pruned)));
+    Ok(outcome)
+}
+
+/// Makes an archive of the cell.
+///
+/// # Errors
+/// If something cannot be read, the archive exists already, or it cannot be written.
+pub fn back_up(args: &Backup, common: &Common) -> Result<Outcome, Fault> {
+    let files = CellFiles::read(common)?;
+    let with = |part| args.only.is_none_or(|only| only == part);
+    let configuration = match with(BackupPart::Configuration) {
+        true => Some(configuration(&files, &common.cell)?),
+        false => None,
+    };
+    let store = with(BackupPart::Store).then(|| files.store_folder());
+    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    let made_unix_s = i64::try_from(since_1970.as_secs()).unwrap_or_default();
+    let written = backup::write(&args.archive, store, configuration.as_ref(), made_unix_s).map_err(Fault::stage)?;
+    let mut outcome = outcome_from_findings(&written.differences, "store_changed");
+    let ok = written.differences.is_empty();
+    outcome.add_value("file", json!(ok.then_some(&args.archive)));
+    outcome.add_value("entries", json!(written.manifest.entries.len()));
+    outcome.add_value("bytes", json!(written.bytes));
+    outcome.add_value("links", json!(written.manifest.links));
+    if !ok {
+        outcome.add_line(
+            "no backup was made: the store's content was changed or damaged; `panelprep store verify` lists the differences",
+        );
+        return Ok(outcome);
+    }
+    outcome.add_line(format!(
+        "{}: {} MB, read back and verified",
+        args.archive.display(),
+        written.bytes.div_ceil(1_000_000)
+    ));
+    if let Some(links) = written.manifest.links {
+        outcome.add_line(format!(
+            "the store: {links} links of its hash chain verified; the backup contains neither pages, which are made again from \
+             the store, nor recordings"
+        ));
+    }
+    if let Some(configuration) = &configuration {
+        let (named, recipes) = (configuration.named_files.len(), configuration.recipes.len());
+        outcome.add_line(format!(
+            "the configuration: the cell's file, {} named in the cell's file, {}",
+            format_count(named, "file"),
+            format_count(recipes, "recipe")
+        ));
+    }
+    for (key, file) in named_files(&files.cell).into_iter().filter(|(_, file)| !file.exists()) {
+        outcome.add_line(format!("not in the backup: {key} names {}, which does not exist", file.display()));
+    }
+    Ok(outcome)
+}
+
+fn outcome_from_findings(found: &[String], code: &'static str) -> Outcome {
+    let verdict = if found.is_empty() { Verdict::Pass } else { Verdict::Fail };
+    let reasons = found.iter().map(|words| Reason::new(code, words.clone())).collect();
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons });
+    outcome.add_value("ok", json!(found.is_empty()));
+    outcome.add_value("found", json!(found));
+    outcome
+}
+
+fn configuration(files: &CellFiles, cell: &Path) -> Result<Configuration, Fault> {
+    let named = named_files(&files.cell).into_iter().filter(|(_, file)| file.exists()).collect();
+    let folder = match cell.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    let mut recipes = Vec::new();
+    find_recipes(folder, Path::new(""), &mut recipes)?;
+    recipes.sort();
+    Ok(Configuration { cell: disk::read_text(cell)?, named_files: named, recipes })
+}
+
+/// Depth of the folders, below the folder of the cell's file, in which recipes are searched.
+const DEPTH: usize = 2;
+
+/// Finds the recipes in a folder and those below; the content of a file decides its kind.
+fn find_recipes(folder: &Path, below: &Path, found: &mut Vec<(String, PathBuf)>) -> Result<(), Fault> {
+    let entries = std::fs::read_dir(folder).and_then(Iterator::collect::<Result<Vec<_>, _>>);
+    for entry in entries.map_err(|error| Fault::file_fault(folder, error))? {
+        let (path, relative) = (entry.path(), below.join(entry.file_name()));
+        let Some(name) = relative.to_str() else { continue };
+        let is_hidden = entry.file_name().as_encoded_bytes().starts_with(b".");
+        let kind = entry.file_type().map_err(|error| Fault::file_fault(&path, error))?;
+        if is_hidden {
+            continue;
+        }
+        if kind.is_dir() && relative.components().count() <= DEPTH {
+            find_recipes(&path, &relative, found)?;
+        } else if kind.is_file() && name.ends_with(".toml") {
+            let is_recipe = |text: String| check_file(name, &text).kind == Some("recipe");
+            if disk::read_text(&path).is_ok_and(is_recipe) {
+                found.push((name.to_owned(), path));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Returns the count with its noun: "1 file", "2 files".
+fn format_count(count: usize, word: &str) -> String {
+    if count == 1 { format!("1 {word}") } else { format!("{count} {word}s") }
+}
+
+/// Describes what is known about the time between the backup and the restore.
+fn describe_time_since_backup(since: &SinceBackup) -> String {
+    let abraded = if since.is_nothing_abraded {
+        "nothing was abraded since the backup: the replaced store shows it, and its last cycle is the one that --last-cycle \
+         states"
+    } else {
+        "it is not proven that nothing was abraded since the backup: each part needs a statement at its first start \
+         (`--lost-passes NUMBER`, or `--another-part` for a part without a serial number)"
+    };
+    format!("later cycles are numbered above {}; {abraded}", since.last_cycle)
+}
+
+/// Restores an archive.
+///
+/// # Errors
+/// If something exists already, is in use, or the disk refuses. A damaged archive is an outcome.
+pub fn restore(args: &Restore, common: &Common) -> Result<Outcome, Fault> {
+    let with = |part| args.only.is_none_or(|only| only == part);
+    let plan = Plan {
+        archive: &args.archive,
+        cell: &common.cell,
+        store: common.store.as_deref(),
+        parts: RestoredParts { store: with(BackupPart::Store), configuration: with(BackupPart::Configuration) },
+        permission: Permission {
+            replace_store: args.replace.contains(&BackupPart::Store),
+            replace_configuration: args.replace.contains(&BackupPart::Configuration),
+            outside: args.outside,
+        },
+        last_cycle: args.last_cycle.map(CycleId),
+    };
+    let restored = match backup::restore(&plan) {
+        Ok(restored) => restored,
+        Err(error @ BackupError::Damaged { .. }) => {
+            let mut outcome = outcome_from_findings(&[error.to_string()], "backup_damaged");
+            outcome.add_line("nothing was changed; restore another backup");
+            return Ok(outcome);
+        }
+        Err(error) => return Err(Fault::stage(error)),
+    };
+    let mut outcome = outcome_from_findings(&restored.differences, "backup_damaged");
+    outcome.add_value("store", json!(restored.store));
+    outcome.add_value("configuration", json!(restored.configuration));
+    outcome.add_value("kept", json!(restored.replaced_files));
+    outcome.add_value("links", json!(restored.links));
+    if !restored.differences.is_empty() {
+        outcome.add_line("nothing was changed; restore another backup");
+        return Ok(outcome);
+    }
+    if let Some(store) = &restored.store {
+        outcome.add_line(format!(
+            "the store {}: {} links of its hash chain and {} verified",
+            store.display(),
+            restored.links,
+            format_count(restored.files as usize, "file")
+        ));
+    }
+    if let Some(since) = &restored.since_backup {
+        outcome.add_value("nothing_abraded", json!(since.is_nothing_abraded));
+        outcome.add_line(describe_time_since_backup(since));
+    }
+    restored.configuration.iter().for_each(|file| outcome.add_line(format!("written: {}", file.display())));
+    restored
+        .replaced_files
+        .iter()
+        .for_each(|file| outcome.add_line(format!("the replaced content was moved to {}", file.display())));
+    outcome.add_line("verify the cameras (`panelprep calibrate verify`) before the next cycle: the calibrations are those of the backup");
     Ok(outcome)
 }

@@ -2,10 +2,9 @@
 
 use super::args::{Common, Tune};
 use super::fault::Fault;
-use super::inspected::PlacedPanel;
-use super::labels::{Labels, read_clip};
+use super::inspected::{Labels, PlacedPanel, read_clip};
 use super::load::{self, CellFiles};
-use super::outcome::Outcome;
+use super::output::Outcome;
 use panelprep_base::geometry::{ColorPicture, Mask};
 use panelprep_base::number_text::fixed_decimals;
 use panelprep_base::phase::Phase;

@@ -4,7 +4,7 @@
 use super::args::{Common, User, UserTask};
 use super::fault::Fault;
 use super::load::CellFiles;
-use super::outcome::Outcome;
+use super::output::Outcome;
 use panelprep_base::random;
 use panelprep_base::verdict::{Judgement, Verdict};
 use panelprep_cell::accounts::{Account, AuditEntry, Role};

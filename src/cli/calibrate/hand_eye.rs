@@ -2,9 +2,9 @@
 //! [--points]`).
 
 use super::super::args::Common;
+use super::super::disk;
 use super::super::fault::Fault;
-use super::super::outcome::Outcome;
-use super::super::{disk, pictures};
+use super::super::output::Outcome;
 use super::args::{HandEye as Args, MountName};
 use super::arm_correction::{CorrectionInUse, Mounted, cell, intrinsics};
 use super::boards::{self, BoardImage};
@@ -346,7 +346,7 @@ fn stage_of_three_points<A: Mounted>(
     let drawn = report::draw_corners_to_touch(&board_image.color(), &board, &detected.corners, &to_touch)
         .map_err(Fault::stage)?;
     let beside = args.out.parent().unwrap_or(Path::new("")).to_owned();
-    let picture = pictures::save(args.pictures.as_ref().unwrap_or(&beside), "corners_to_touch", &drawn)?;
+    let picture = disk::save(args.pictures.as_ref().unwrap_or(&beside), "corners_to_touch", &drawn)?;
     let Some(points) = points else {
         let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
         outcome.add_line(format!("{}: touch the corners in their order, 1 to 4", picture.display()));

@@ -1,9 +1,9 @@
 //! `panelprep calibrate intrinsics`: determines the lens from a folder of pictures or, with `--from-scan`, the lens of
 //! a 3D camera from one of its scans. Each point of the scan lies on the ray of its pixel.
 
+use super::super::disk;
 use super::super::fault::Fault;
-use super::super::outcome::Outcome;
-use super::super::{disk, pictures};
+use super::super::output::Outcome;
 use super::args::{Intrinsics as Args, ModelName};
 use super::boards;
 use super::output::{self, provenance, write_calibration};
@@ -80,7 +80,7 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
     report_model(&mut outcome, &found, &board);
     if let Some(folder) = &args.pictures {
         let picture = report::residual_field(size, &found).map_err(Fault::stage)?;
-        let file = pictures::save(folder, "residuals", &picture)?;
+        let file = disk::save(folder, "residuals", &picture)?;
         outcome.add_line(format!("{}: residuals, drawn larger", file.display()));
     }
     write_calibration(&mut outcome, &judgement, &args.out, &text)?;

@@ -20,7 +20,7 @@ pub use output::now_unix_s;
 
 use super::args::Common;
 use super::fault::Fault;
-use super::outcome::Outcome;
+use super::output::Outcome;
 use args::{Calibrate, CalibrationTask};
 
 /// Runs a calibration; `progress` reports long work.

@@ -7,7 +7,7 @@ use super::super::args::Common;
 use super::super::disk;
 use super::super::fault::Fault;
 use super::super::load::CellFiles;
-use super::super::outcome::Outcome;
+use super::super::output::Outcome;
 use super::args::StrikeOut;
 use panelprep_base::number_text::distinguishable_texts;
 use panelprep_base::verdict::{Judgement, Verdict};

@@ -6,7 +6,7 @@
 use super::super::args::Common;
 use super::super::disk;
 use super::super::fault::Fault;
-use super::super::outcome::Outcome;
+use super::super::output::Outcome;
 use super::args::Robot as Args;
 use super::boards::{self, BoardImage};
 use super::output::{self, provenance, write_calibration};

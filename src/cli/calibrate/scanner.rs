@@ -1,8 +1,8 @@
 //! `panelprep calibrate scanner`: determines the 3D camera's own errors, from scans of a flat board at many positions.
 
+use super::super::disk;
 use super::super::fault::Fault;
-use super::super::outcome::Outcome;
-use super::super::{disk, pictures};
+use super::super::output::Outcome;
 use super::args::Scanner as Args;
 use super::boards::{self, BoardImage};
 use super::output::{self, provenance, write_calibration};
@@ -68,7 +68,7 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
     Intrinsics::check(&args.out.display().to_string(), &text)?;
     if let Some(folder) = &args.pictures {
         let picture = report::depth_error_map(&lens.camera, &found).map_err(Fault::stage)?;
-        let file = pictures::save(folder, "scanner_errors", &picture)?;
+        let file = disk::save(folder, "scanner_errors", &picture)?;
         outcome.add_line(format!("{}: map of the errors over the camera's picture", file.display()));
     }
     write_calibration(&mut outcome, &judgement, &args.out, &text)?;

@@ -8,7 +8,7 @@ use super::super::args::Common;
 use super::super::disk;
 use super::super::fault::{CalibrationFault, Fault};
 use super::super::load::{CellFiles, NO_AXES};
-use super::super::outcome::Outcome;
+use super::super::output::Outcome;
 use super::args::{Force, Removal, Tcp};
 use super::arm_correction::CorrectionInUse;
 use super::files;

@@ -12,7 +12,7 @@ use super::super::args::Common;
 use super::super::disk;
 use super::super::fault::{CalibrationFault, Fault};
 use super::super::load::{self, CellFiles, flange_file};
-use super::super::outcome::Outcome;
+use super::super::output::Outcome;
 use super::args::{BoardArgs, CameraName, Touch, Verify};
 use super::arm_correction::{self, CorrectionInUse};
 use super::boards::{self, BoardImage, Target};

@@ -8,7 +8,7 @@ use super::check::{self, Check};
 use crate::cli::fault::Fault;
 use crate::cli::load::{CellFiles, LoadedCalibration};
 use crate::cli::shoot::opening;
-use crate::cli::{live, service_request};
+use crate::cli::{ctl, live};
 use panelprep_base::geometry::{ColorPicture, PinholeCamera};
 use panelprep_base::number_text::fixed_decimals;
 use panelprep_cell::cell::{Camera, Cell, CompliantTool, Gige, RobotKind, ZividCamera};
@@ -69,7 +69,7 @@ fn gige_camera(files: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
     use panelprep_service::daemon::BorrowedFlangeCamera;
     let name = "flange camera";
     let calibrated = || files.flange_camera().ok().map(|lens| [lens.value.width_px, lens.value.height_px]);
-    if let Some(state) = service_request::service_state(&files.socket()) {
+    if let Some(state) = ctl::service_state(&files.socket()) {
         let taken = BorrowedFlangeCamera::new(files.socket()).capture();
         return (judge_shot_reply(name, &state, taken.map(|taken| taken.picture)), calibrated());
     }
@@ -120,7 +120,7 @@ fn recorded_check(
 ///
 /// Also returns the sum of the programs that a real controller reports.
 pub(super) fn robot_and_service(files: &CellFiles, sum: Option<i32>) -> (Vec<Check>, Option<i32>) {
-    match service_request::service_state(&files.socket()) {
+    match ctl::service_state(&files.socket()) {
         Some(state) => {
             let robot = format!("in use by the service, which is {state}");
             (vec![Check::passed("service", format!("runs: {state}")), Check::passed("robot", robot)], None)
@@ -220,7 +220,7 @@ fn advice(error: &SingleError) -> &'static str {
 /// minutes and follows the camera's temperature.
 fn zivid_checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> Vec<Check> {
     let graphics = check::graphics_processor();
-    if let Some(state) = service_request::service_state(&files.socket()) {
+    if let Some(state) = ctl::service_state(&files.socket()) {
         let taken = RemoteScanner::new(files.socket()).capture_3d();
         return vec![graphics, judge_shot_reply("scanner", &state, taken.map(|taken| taken.cloud.picture()))];
     }

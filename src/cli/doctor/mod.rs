@@ -10,10 +10,10 @@ mod devices;
 mod plant;
 
 use super::args::{Common, Doctor};
+use super::ctl;
 use super::fault::Fault;
 use super::load::CellFiles;
-use super::outcome::Outcome;
-use super::service_request;
+use super::output::Outcome;
 pub(in crate::cli) use check::low_disk_space;
 use check::{Check, Status};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
@@ -64,7 +64,7 @@ fn cell_checks(args: &Doctor, common: &Common, files: &CellFiles) -> Vec<Check> 
         checks.push(cell::acceptance(&programs, reported, &common.cell));
     }
     checks.extend(plant::check_connections(&files.cell));
-    checks.extend(devices::check_tool(&files.cell, service_request::service_state(&files.socket()).is_some()));
+    checks.extend(devices::check_tool(&files.cell, ctl::service_state(&files.socket()).is_some()));
     checks
 }
 

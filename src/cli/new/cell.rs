@@ -8,8 +8,7 @@ use super::super::args::{Common, FlangeCameraKind, NewCell, RobotKindName, Scann
 use super::super::connecting::{self, FoundDevices};
 use super::super::disk;
 use super::super::fault::Fault;
-use super::super::outcome::Outcome;
-use super::super::output::write_progress;
+use super::super::output::{Outcome, write_progress};
 use super::questions::{Asker, BoxMm, Question, Refusal, accept_any, format_numbers, refusal, set};
 use super::recipe::parse_document;
 use clap::ValueEnum;

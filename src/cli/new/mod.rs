@@ -11,7 +11,7 @@ mod recipe;
 
 use super::args::{Common, New, NewFile};
 use super::fault::Fault;
-use super::outcome::Outcome;
+use super::output::Outcome;
 
 /// Asks, and writes the file.
 ///

@@ -3,7 +3,7 @@
 use super::super::args::{Common, NewRecipe};
 use super::super::disk;
 use super::super::fault::Fault;
-use super::super::outcome::Outcome;
+use super::super::output::Outcome;
 use super::questions::{Asker, BoxMm, Question, Refusal, format_numbers, refusal, set};
 use panelprep_base::config::{Problem, Problems};
 use panelprep_base::number_text::shortest_text;

@@ -2,11 +2,11 @@
 
 use super::super::args::Prove;
 use super::super::calibrate::now_unix_s;
-use super::super::controller_kind::{ControllerKind, ReportedController};
 use super::super::disk;
 use super::super::fault::{DeviceFault, Fault};
+use super::super::live::{ControllerKind, ReportedController};
 use super::super::load::CellFiles;
-use super::super::outcome::Outcome;
+use super::super::output::Outcome;
 use super::table::{Finding, Proof};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use panelprep_base::number_text::utc_text;

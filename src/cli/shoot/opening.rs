@@ -8,8 +8,7 @@ use super::super::args::{Shot, Simulation};
 use super::super::fault::{CalibrationFault, DeviceFault, Fault};
 use super::super::live::{self, SimulatedController};
 use super::super::load::{CellFiles, LoadedCalibration};
-use super::super::service_request;
-use super::super::zivid;
+use super::super::{ctl, zivid};
 use panelprep_base::geometry::PinholeCamera;
 use panelprep_cell::cell::{self, RobotKind};
 use panelprep_devices::UNKNOWN_PX;
@@ -118,7 +117,7 @@ fn start_simulated_world(
 /// The socket of the service, if it runs and has this camera. A recording is played by the program that opens it.
 fn service_socket(files: &CellFiles, is_recorded: bool, progress: &dyn Fn(&str)) -> Option<PathBuf> {
     let socket = files.socket();
-    let state = if is_recorded { None } else { service_request::service_state(&socket) }?;
+    let state = if is_recorded { None } else { ctl::service_state(&socket) }?;
     progress(&format!("the service (state {state}) takes the pictures"));
     Some(socket)
 }

@@ -17,7 +17,7 @@ use super::super::args::Common;
 use super::super::fault::{CalibrationFault, Fault};
 use super::super::flange_pose::FlangePoses;
 use super::super::load::CellFiles;
-use super::super::outcome::Outcome;
+use super::super::output::Outcome;
 use super::super::shoot::opening;
 use super::args::{CameraName, HandEye, Intrinsics, MountName};
 use super::{arm_correction, boards, hand_eye, intrinsics};

@@ -11,8 +11,7 @@ use crate::cli::args::Shot;
 use crate::cli::disk;
 use crate::cli::fault::{CalibrationFault, Fault};
 use crate::cli::load::CellFiles;
-use crate::cli::outcome::Outcome;
-use crate::cli::output::{read_answer_line, write_progress as tell};
+use crate::cli::output::{Outcome, read_answer_line, write_progress as tell};
 use crate::cli::render_boards::ROBOT;
 use crate::cli::shoot::opening::{self, RequestedShot};
 use panelprep_base::geometry::{
