@@ -110,7 +110,7 @@ fn run_once(
         taught_recipe.check_part_passes()?;
     }
     let calibrated = Calibrated::read(&files, common)?;
-    let health = cycle_files::judge(&files)?;
+    let health = cycle_files::judge_health(&files)?;
     if health.verdict == Verdict::Reject {
         return Ok(unhealthy_outcome(&health));
     }

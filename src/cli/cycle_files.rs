@@ -306,7 +306,7 @@ pub fn expiring_verifications(files: &CellFiles) -> Result<Vec<Reason>, Fault> {
 ///
 /// # Errors
 /// If a calibration cannot be read, or there is no store.
-pub fn judge(files: &CellFiles) -> Result<Judgement, Fault> {
+pub fn judge_health(files: &CellFiles) -> Result<Judgement, Fault> {
     let store = files.store()?;
     let last = |subject: &str| store.newest_verification(subject).map_err(Fault::stage);
     let scanner = calibration_hash(&[&files.scanner()?.text, &files.base_from_camera()?.text]);

@@ -101,7 +101,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
         "tool_mm": off_mm(verify::touch(&rendered.touch(), &common)?),
         "force_n": force.and_then(|outcome| outcome.json.get("error_n").cloned()),
     });
-    let health = cycle_files::judge(&files)?;
+    let health = cycle_files::judge_health(&files)?;
     if health.verdict == Verdict::Reject {
         let mut outcome = cycle::unhealthy_outcome(&health);
         outcome.add_value("verified", verified);

@@ -114,7 +114,7 @@ fn write_and_rename(file: &Path, bytes: &[u8], flush: impl Fn(&File) -> std::io:
 ///
 /// # Errors
 /// If writing to the disk fails.
-pub fn save(folder: &Path, name: &str, picture: &ColorPicture) -> Result<PathBuf, Fault> {
+pub fn save_picture(folder: &Path, name: &str, picture: &ColorPicture) -> Result<PathBuf, Fault> {
     let file = folder.join(format!("{name}.png"));
     write(&file, files::write_color_png(picture).map_err(Fault::stage)?)?;
     Ok(file)
@@ -126,7 +126,7 @@ pub fn save(folder: &Path, name: &str, picture: &ColorPicture) -> Result<PathBuf
 /// If one could not be drawn, or writing to the disk fails.
 pub fn write_drawings(folder: &Path, drawings: impl IntoIterator<Item = ResultDrawing>) -> Result<(), Fault> {
     for ResultDrawing { name, picture, .. } in drawings {
-        save(folder, &name, &picture.map_err(Fault::stage)?)?;
+        save_picture(folder, &name, &picture.map_err(Fault::stage)?)?;
     }
     Ok(())
 }

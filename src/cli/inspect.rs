@@ -56,7 +56,7 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
         let mut figures = Vec::new();
         for drawing in inspected.filmed.draw_film(&setup) {
             let picture = drawing.picture.map_err(Fault::stage)?;
-            disk::save(folder, &drawing.name, &picture)?;
+            disk::save_picture(folder, &drawing.name, &picture)?;
             let jpeg = files::write_color_jpeg(&picture).map_err(Fault::stage)?;
             figures.push(Figure { caption: drawing.caption, jpeg });
         }
@@ -114,7 +114,7 @@ fn run_labelled_set(
     let mut outcome = build_outcome(&rows);
     if let Some(pictures) = pictures {
         for (name, picture) in plot_results(&rows)? {
-            super::disk::save(pictures, name, &picture)?;
+            super::disk::save_picture(pictures, name, &picture)?;
         }
     }
     outcome.add_value("set", json!(folder));

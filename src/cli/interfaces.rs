@@ -263,7 +263,8 @@ impl SetupSource for FolderSource {
 
     fn cycle_obstacles(&self) -> Vec<Reason> {
         let unreadable = |fault: Fault| vec![Reason::new("calibration", fault.to_string())];
-        let verified = cycle_files::judge(&self.files).map(|judged| judged.reasons).unwrap_or_else(unreadable);
+        let verified =
+            cycle_files::judge_health(&self.files).map(|judged| judged.reasons).unwrap_or_else(unreadable);
         let ending = cycle_files::expiring_verifications(&self.files).unwrap_or_default();
         let store = self.files.store_folder();
         let room =
@@ -292,7 +293,7 @@ impl SetupSource for FolderSource {
     }
 
     fn list_equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {
-        let judged = cycle_files::judge(&self.files).map_err(|fault| fault.to_string())?;
+        let judged = cycle_files::judge_health(&self.files).map_err(|fault| fault.to_string())?;
         let reasons = judged.reasons.iter().map(|reason| format!("{} ({})", reason.message, reason.code)).collect();
         let store = self.files.store().map_err(|fault| fault.to_string())?;
         let named = self.files.cell.calibration().named_files();

@@ -232,7 +232,7 @@ pub fn run_look(args: &Look, common: &Common) -> Result<Outcome, Fault> {
     let checked = own.map_or_else(|| files::check_frame(&scan), |lens| files::check_rays(&scan, lens));
     checked.map_err(|error| Fault::file_fault(&args.scan, error))?;
     let picture = scan_picture(&scan).map_err(Fault::stage)?;
-    let file = disk::save(&args.pictures, "scan", &picture)?;
+    let file = disk::save_picture(&args.pictures, "scan", &picture)?;
     let share = missing_share(&scan);
     let depths_mm = scan.valid_points().map(|(_, point)| point.mm.z);
     let (near_mm, far_mm) =

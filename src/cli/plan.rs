@@ -119,8 +119,8 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
         let drawn = [planned.stage.draw_plan(&taught.panel, &view), draw_surface(&planned.fit.map)];
         disk::write_drawings(folder, drawn)?;
         disk::write_drawings(folder, planned.stage.draw_removal(&taught.panel))?;
-        disk::save(folder, "dwell", &dwell_map(&dwell, &taught.panel.region).map_err(Fault::stage)?)?;
-        disk::save(folder, "overlap", &overlap_map(&dwell, &taught.panel.region).map_err(Fault::stage)?)?;
+        disk::save_picture(folder, "dwell", &dwell_map(&dwell, &taught.panel.region).map_err(Fault::stage)?)?;
+        disk::save_picture(folder, "overlap", &overlap_map(&dwell, &taught.panel.region).map_err(Fault::stage)?)?;
     }
     Ok(outcome)
 }

@@ -175,7 +175,7 @@ pub fn signed_pdf(store: &Store, key: &CellKey, rows: &[SignatureRow]) -> Result
     let (Some(row), Some(last)) = (rows.iter().find(|row| !row.is_of_person), rows.last()) else { return Ok(None) };
     let kept = StoredCycle::read(store, row.cycle)?;
     let figures: Vec<Figure> = kept.stored_figures().collect();
-    let pdf = report::document(store, (&kept.record, &figures), row)?;
+    let pdf = report::sheet_document(store, (&kept.record, &figures), row)?;
     let shows = (row.cycle, row.record_hash.as_str(), last.number);
     let (page, signature) = SignedPage::sign(&pdf, shows, last.unix_ms, key).map_err(Fault::stage)?;
     Ok(Some(RecordPdf { pdf, page, signature }))

@@ -287,7 +287,7 @@ fn read_sheet(store: &Store, record: &CycleRecord) -> Result<RecordSheet, Fault>
 ///
 /// # Errors
 /// If the store no longer has the signed record complete, or the PDF cannot be written.
-pub fn document(
+pub fn sheet_document(
     store: &Store,
     (record, figures): (&CycleRecord, &[Figure]),
     row: &SignatureRow,

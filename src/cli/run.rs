@@ -276,7 +276,7 @@ fn cycle_loader(
                 "another start request is being processed; try again after the service has answered it",
             )]);
         };
-        let health = cycle_files::judge(&files).map_err(|fault| vec![unreadable_reason(&fault)])?;
+        let health = cycle_files::judge_health(&files).map_err(|fault| vec![unreadable_reason(&fault)])?;
         if health.verdict == Verdict::Reject {
             return Err(health.reasons);
         }

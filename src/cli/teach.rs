@@ -56,7 +56,7 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
         }
     };
     if let Some(folder) = &args.pictures {
-        disk::save(folder, "taught", &picture(&taught)?)?;
+        disk::save_picture(folder, "taught", &picture(&taught)?)?;
     }
     let min_break_mm2 = Demands::from_recipe(&recipe, cell_files.cell.limits()).min_break_mm2;
     let limit_mm2 = Footprint::taught_detection_limit_mm2(&taught.panel, recipe.inspect()).map_err(Fault::stage)?;
@@ -169,11 +169,11 @@ fn save_rejected_inputs(
     };
     let corners_px = recipe.region().corners_px().map(|[u, v]| Pixel::at(u, v));
     let drawn = report::draw_region(scan, &corners_px, &wrong).map_err(Fault::stage)?;
-    let mut files = vec![disk::save(folder, "taught_region", &drawn)?];
+    let mut files = vec![disk::save_picture(folder, "taught_region", &drawn)?];
     if let Fault::Teaching(TeachingFault::Corners(_)) = fault {
         for (index, corner) in teaching.corners.iter().enumerate() {
             let picture = files::read_color(&corner.picture).map_err(Fault::stage)?;
-            files.push(disk::save(folder, &format!("taught_corner_{}", index + 1), &picture)?);
+            files.push(disk::save_picture(folder, &format!("taught_corner_{}", index + 1), &picture)?);
         }
     }
     files.iter().for_each(|file| write_progress(&format!("{}: the given input", file.display())));

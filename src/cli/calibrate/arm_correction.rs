@@ -64,7 +64,7 @@ impl Mounted for FlangeCameraMount {
 }
 
 /// Reads the cell's file, if it exists: it is only used to limit the result.
-pub fn cell(common: &Common) -> Result<Option<Cell>, Fault> {
+pub fn cell_if_present(common: &Common) -> Result<Option<Cell>, Fault> {
     if !common.cell.is_file() {
         return Ok(None);
     }
@@ -72,7 +72,7 @@ pub fn cell(common: &Common) -> Result<Option<Cell>, Fault> {
 }
 
 /// Reads the intrinsics that `--intrinsics` names.
-pub fn intrinsics(file: &Path) -> Result<Intrinsics, Fault> {
+pub fn read_intrinsics(file: &Path) -> Result<Intrinsics, Fault> {
     Ok(Intrinsics::check(&file.display().to_string(), &disk::read_text(file)?)?)
 }
 
@@ -89,7 +89,7 @@ impl CorrectionInUse {
     /// # Errors
     /// If a file cannot be read or is invalid.
     pub fn load(named: Option<&Path>, common: &Common) -> Result<Option<Self>, Fault> {
-        let cell = cell(common)?;
+        let cell = cell_if_present(common)?;
         let of_cell = cell.as_ref().and_then(|cell| cell.calibration().robot_correction.clone());
         let Some(file) = named.map(Path::to_owned).or(of_cell) else { return Ok(None) };
         let cell = match cell {

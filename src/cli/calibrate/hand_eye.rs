@@ -6,7 +6,7 @@ use super::super::disk;
 use super::super::fault::Fault;
 use super::super::output::Outcome;
 use super::args::{HandEye as Args, MountName};
-use super::arm_correction::{CorrectionInUse, Mounted, cell, intrinsics};
+use super::arm_correction::{CorrectionInUse, Mounted, cell_if_present, read_intrinsics};
 use super::boards::{self, BoardImage};
 use super::files;
 use super::output::{self, provenance, write_calibration};
@@ -50,9 +50,9 @@ struct BoardPicture {
 
 fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     let board = boards::parse_board(&args.board)?;
-    let lens = intrinsics(&args.intrinsics)?;
+    let lens = read_intrinsics(&args.intrinsics)?;
     let (camera, errors) = (lens.camera, ScanErrors::from_measured(lens.errors.as_ref()));
-    let cell = cell(common)?;
+    let cell = cell_if_present(common)?;
     let arm = CorrectionInUse::load(args.robot.as_deref(), common)?;
     let (mut looks, aside) = collect_board_pictures(args, (&board, arm.as_ref()), &camera, progress)?;
     let mut pictures: Vec<_> =
@@ -322,7 +322,7 @@ fn stage_of_three_points<A: Mounted>(
     progress: &(dyn Fn(&str) + Sync),
 ) -> Result<Outcome, Fault> {
     let board = boards::parse_board(&args.board)?;
-    let camera = intrinsics(&args.intrinsics)?.camera;
+    let camera = read_intrinsics(&args.intrinsics)?.camera;
     let Some(image) = &args.image else {
         return Err(Fault::stage(CalibError::Points(
             "--image is missing: give the picture of the board".to_owned(),
@@ -346,7 +346,7 @@ fn stage_of_three_points<A: Mounted>(
     let drawn = report::draw_corners_to_touch(&board_image.color(), &board, &detected.corners, &to_touch)
         .map_err(Fault::stage)?;
     let beside = args.out.parent().unwrap_or(Path::new("")).to_owned();
-    let picture = disk::save(args.pictures.as_ref().unwrap_or(&beside), "corners_to_touch", &drawn)?;
+    let picture = disk::save_picture(args.pictures.as_ref().unwrap_or(&beside), "corners_to_touch", &drawn)?;
     let Some(points) = points else {
         let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
         outcome.add_line(format!("{}: touch the corners in their order, 1 to 4", picture.display()));
@@ -360,7 +360,7 @@ fn stage_of_three_points<A: Mounted>(
     let seen = BoardObservation::Pixels(detected.corners.clone());
     let found = three_points::<A>(&camera, &board, &seen, &points.touched, points.base_from_flange);
     let found = found.map_err(Fault::stage)?;
-    let rough = cell(common)?.as_ref().and_then(A::rough_pose);
+    let rough = cell_if_present(common)?.as_ref().and_then(A::rough_pose);
     let judgement = gate::three_points(&found, rough.as_ref());
     let mut outcome = build_outcome(&judgement, &found);
     outcome.add_value("picture", json!(picture));

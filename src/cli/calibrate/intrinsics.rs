@@ -80,7 +80,7 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
     report_model(&mut outcome, &found, &board);
     if let Some(folder) = &args.pictures {
         let picture = report::residual_field(size, &found).map_err(Fault::stage)?;
-        let file = disk::save(folder, "residuals", &picture)?;
+        let file = disk::save_picture(folder, "residuals", &picture)?;
         outcome.add_line(format!("{}: residuals, drawn larger", file.display()));
     }
     write_calibration(&mut outcome, &judgement, &args.out, &text)?;

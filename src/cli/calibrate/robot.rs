@@ -40,7 +40,7 @@ struct BoardPicture {
 /// # Errors
 /// If a file is invalid.
 pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
-    let cell = match arm_correction::cell(common)? {
+    let cell = match arm_correction::cell_if_present(common)? {
         Some(cell) => cell,
         None => Cell::check("", "")?,
     };
@@ -55,7 +55,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
     ];
     for (kind, poses, lens) in rigs {
         let (Some(poses), Some(lens)) = (poses, lens) else { continue };
-        let camera = arm_correction::intrinsics(lens)?.camera;
+        let camera = arm_correction::read_intrinsics(lens)?.camera;
         let mut looks = collect_board_views(args, (poses, &geometry), &camera, &mut aside, progress)?;
         let rig = data.rigs.len();
         let started = match kind {

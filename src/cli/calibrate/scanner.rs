@@ -68,7 +68,7 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
     Intrinsics::check(&args.out.display().to_string(), &text)?;
     if let Some(folder) = &args.pictures {
         let picture = report::depth_error_map(&lens.camera, &found).map_err(Fault::stage)?;
-        let file = disk::save(folder, "scanner_errors", &picture)?;
+        let file = disk::save_picture(folder, "scanner_errors", &picture)?;
         outcome.add_line(format!("{}: map of the errors over the camera's picture", file.display()));
     }
     write_calibration(&mut outcome, &judgement, &args.out, &text)?;

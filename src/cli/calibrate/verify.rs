@@ -274,7 +274,7 @@ const MIN_PICTURES: usize = 3;
 ///
 /// # Errors
 /// If a file is invalid, too few pictures show the board, or the store cannot be written.
-pub fn run_over_volume(
+fn run_over_volume(
     args: &Verify,
     (files, poses_file): (&CellFiles, &Path),
     target: &Target,
@@ -384,7 +384,7 @@ fn record_verification(
 ///
 /// # Errors
 /// If a file is invalid, no corner was taught, the picture shows none, or the store cannot be written.
-pub fn run_on_taught_corner(args: &Verify, files: &CellFiles, recipe_file: &Path) -> Result<Outcome, Fault> {
+fn run_on_taught_corner(args: &Verify, files: &CellFiles, recipe_file: &Path) -> Result<Outcome, Fault> {
     let wrong = |message: &str| Fault::stage(CalibError::Points(message.to_owned()));
     if args.camera != CameraName::FlangeCamera {
         return Err(wrong(

@@ -74,7 +74,7 @@ pub fn mount(args: &HandEye, common: &Common, progress: &(dyn Fn(&str) + Sync)) 
     let Some(folder) = &args.live.live else { return Err(CalibrationFault::NoLiveCamera.into()) };
     let cell = CellFiles::read(common)?;
     let board = boards::parse_board(&args.board)?;
-    let camera = arm_correction::intrinsics(&args.intrinsics)?.camera;
+    let camera = arm_correction::read_intrinsics(&args.intrinsics)?.camera;
     let kind = match args.mount {
         MountName::EyeToHand => BoardView::Fixed,
         MountName::EyeInHand => BoardView::Flange,
