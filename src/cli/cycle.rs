@@ -1,25 +1,22 @@
-//! `panelprep cycle` and `panelprep air-run`: one cycle on the configured cell, or its path in the air, then exit. The
-//! report describes what the cycle did to the panel: which grids it abraded, and how much it removed.
+//! `panelprep cycle` and `panelprep air-run`: one cycle on the configured cell, or its path in the air, then exit.
+//!
+//! SIGINT or SIGTERM stops the robot; the second one aborts.
 
 use super::args::{Common, Cycle, Simulation};
 use super::cycle_files::{self, Calibrated, TaughtRecipe};
 use super::fault::{DeviceFault, Fault};
-use super::interrupts::Interrupts;
 use super::live::{self, CellDevices, FlangeLink, SimulatedController};
 use super::load::CellFiles;
 use super::output::Outcome;
 use super::report::{self, StoredCycle};
 use super::{record as signed, recording};
 use panelprep_base::geometry::KukaPose;
-use panelprep_base::number_text::fixed_decimals;
 use panelprep_base::supervision::{Supervisor, ThreadFault};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::cell::{Cell, ProofStage};
 use panelprep_cell::cycle::{self, At, Event, Hold, Phase, Refusal, Report, Robot, State, Why};
-use panelprep_cell::record::{
-    self, AbradedGrid, Answer, CycleRecord, PathRemoval, RecordingFile, RequestAuthor, RequestRecord,
-    RequestSource, RequestedAction,
-};
+use panelprep_cell::record::{Answer, RecordingFile, RequestAuthor, RequestRecord, RequestSource, RequestedAction};
+use panelprep_devices::robot::StopLine;
 use panelprep_service::daemon::{
     self, Calibrations, Computing, LiveView, LoopEvent, LoopOutcome, LoopPorts, LoopStart, RecordPort as _,
     RecordedPort, RecordingResult, RecordingSwitch, Request, RequestKind, Requester, StoreRecord, current_user,
@@ -27,10 +24,13 @@ use panelprep_service::daemon::{
 use panelprep_service::requirements::Purpose;
 use panelprep_store::store::CycleStart;
 use panelprep_store::tape::LoopMemoryStart;
-use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use serde_json::json;
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::flag::register_conditional_default;
+use signal_hook::iterator::Signals;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, OnceLock};
 
 /// The result of a cycle that ran.
 pub struct CycleRun {
@@ -256,7 +256,7 @@ impl CycleRun {
         if let Some(why) = &self.refusal {
             outcome.add_line(format!("refused: {}", why.message));
         }
-        let passes = describe_grids(&self.stored.record);
+        let passes = report::describe_grids(&self.stored.record);
         if self.stored.record.is_air_run() {
             outcome.add_line("air-run: the panel was neither tested nor abraded");
         }
@@ -264,7 +264,7 @@ impl CycleRun {
             "abraded: {}",
             if passes.is_empty() { "nothing".to_owned() } else { passes.join(", ") }
         ));
-        removed(&self.stored.record).iter().for_each(|line| outcome.add_line(line));
+        report::removed(&self.stored.record).iter().for_each(|line| outcome.add_line(line));
         if let Some(recorded) = &self.recorded {
             outcome.add_line(&recorded.message);
             outcome.add_value("recording", json!(recorded));
@@ -273,7 +273,7 @@ impl CycleRun {
         outcome.add_value("cycle_id", json!(cycle.0));
         outcome.add_value("state", json!(ended.state.at.keyword()));
         outcome.add_value("abraded", json!(passes));
-        outcome.add_value("removed", removed_json(&self.stored.record));
+        outcome.add_value("removed", report::removed_json(&self.stored.record));
         outcome
             .add_value("base_from_panel", json!(ended.base_from_panel.map(|place| KukaPose::from_rigid(&place))));
         outcome.add_value(
@@ -421,42 +421,62 @@ fn describe_state(at: At) -> String {
     }
 }
 
-/// Describes each grid with the passes that touched it; unknown facts are marked as such.
-fn describe_grids(record: &CycleRecord) -> Vec<String> {
-    let mut passes: BTreeMap<(String, u8), bool> = BTreeMap::new();
-    for AbradedGrid { grid, pass, how } in record::abraded_grids(&record.findings, &record.motions) {
-        let grid = grid.unwrap_or_else(|| "any grid".to_owned());
-        *passes.entry((grid, pass)).or_default() |= how.is_certain();
-    }
-    let mut grids: BTreeMap<&str, [usize; 2]> = BTreeMap::new();
-    for ((grid, _), is_sure) in &passes {
-        grids.entry(grid).or_default()[usize::from(!is_sure)] += 1;
-    }
-    let words = |(grid, [sure, perhaps]): (&&str, &[usize; 2])| match (sure, perhaps) {
-        (sure, 0) => format!("{grid} ×{sure}"),
-        (0, _) => format!("{grid} possibly (not confirmed)"),
-        (sure, _) => format!("{grid} ×{sure}, possibly once more (not confirmed)"),
-    };
-    grids.iter().map(words).collect()
+/// The number of signals received. Clones share the same count.
+#[derive(Debug, Clone, Default)]
+pub struct Interrupts {
+    count: Arc<AtomicUsize>,
+    is_ended: Arc<AtomicBool>,
+    stop_line: Arc<OnceLock<StopLine>>,
 }
 
-/// Describes the removal of each path, a line for each; empty if the recipe does not request a removal.
-fn removed(record: &CycleRecord) -> Vec<String> {
-    let line = |path: PathRemoval| {
-        format!(
-            "removed in pass {}: mean {} µm over the treated grids; at most {} µm so far at any point of the part (95 % bound)",
-            path.pass,
-            fixed_decimals(path.mean_um, 1),
-            fixed_decimals(path.bound_um, 1)
-        )
-    };
-    record::removed(&record.findings).into_iter().map(line).collect()
-}
+impl Interrupts {
+    /// Counts the signals from now on, instead of ending the program.
+    ///
+    /// # Errors
+    /// If the operating system cannot provide a thread or a handler.
+    pub fn count_signals() -> Result<Self, Fault> {
+        let interrupts = Interrupts::default();
+        for signal in [SIGINT, SIGTERM] {
+            register_conditional_default(signal, interrupts.is_ended.clone()).map_err(Fault::stage)?;
+        }
+        let mut signals = Signals::new([SIGINT, SIGTERM]).map_err(Fault::stage)?;
+        let watched = interrupts.clone();
+        let each = move || {
+            for _ in signals.forever() {
+                // Counted first, so that the loop knows the cause when the robot reports that it has stopped.
+                watched.count.fetch_add(1, Ordering::SeqCst);
+                if let Some(line) = watched.stop_line.get() {
+                    line.stop();
+                }
+            }
+        };
+        std::thread::Builder::new().name("signals".to_owned()).spawn(each).map_err(Fault::stage)?;
+        Ok(interrupts)
+    }
 
-/// Returns the removal of each path for scripts.
-fn removed_json(record: &CycleRecord) -> Value {
-    let path = |path: PathRemoval| json!({"pass": path.pass, "mean_um": path.mean_um, "bound_um": path.bound_um});
-    record::removed(&record.findings).into_iter().map(path).collect()
+    /// Sets the line by which each signal stops the robot at once, also while the loop waits for its disk. Only the
+    /// first line that is set is used.
+    pub fn stops_by(&self, line: StopLine) {
+        #[expect(clippy::let_underscore_must_use, reason = "a program has one robot")]
+        let _ = self.stop_line.set(line);
+    }
+
+    /// Returns the number of interrupts received.
+    pub fn count(&self) -> usize {
+        self.count.load(Ordering::SeqCst)
+    }
+
+    /// Counts one more interrupt.
+    #[cfg(test)]
+    pub fn one_came(&self) {
+        self.count.fetch_add(1, Ordering::SeqCst);
+    }
+
+    /// Ends the special handling, once the robot is no longer in use: from now on a signal ends the program at
+    /// once.
+    pub fn end_handling(&self) {
+        self.is_ended.store(true, Ordering::Relaxed);
+    }
 }
 
 #[cfg(test)]

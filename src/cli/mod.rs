@@ -21,7 +21,6 @@ mod history;
 mod inspect;
 mod inspected;
 mod interfaces;
-mod interrupts;
 mod label;
 mod live;
 mod load;

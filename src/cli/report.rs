@@ -1,20 +1,21 @@
-//! A cycle's page from the data in the store: written to a file, and made again by `panelprep page N`.
+//! A cycle's page from the data in the store: written to a file, and made again by `panelprep page N`; and a
+//! description for a terminal of what the cycle did to the panel, which grids it abraded and how much it removed.
 //!
-//! It has a section about how long the cycle's clips and scans are kept. The page to read and sign has data in addition
-//! to the cycle's record, read from the store and from the files that the cycle used.
+//! The page has a section about how long the cycle's clips and scans are kept. The page to read and sign has data in
+//! addition to the cycle's record, read from the store and from the files that the cycle used.
 
 use super::args::{Common, PageOf};
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::output::Outcome;
 use super::{disk, part, recording};
-use panelprep_base::number_text::{distinguishable_texts, utc_day, utc_text};
+use panelprep_base::number_text::{distinguishable_texts, fixed_decimals, utc_day, utc_text};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::accounts::{AuditEntry, RECIPE_CHANGE};
 use panelprep_cell::cell::{Date, Retention, RetentionTime};
 use panelprep_cell::files::content_hash;
 use panelprep_cell::recipe::Recipe;
-use panelprep_cell::record::{CycleId, CycleRecord, KeptFile, RecordingFile, name};
+use panelprep_cell::record::{self, AbradedGrid, CycleId, CycleRecord, KeptFile, PathRemoval, RecordingFile, name};
 use panelprep_service::daemon::{self, RecordingResult};
 use panelprep_service::report::cycle_page;
 use panelprep_service::report::page::{Figure, Page, Row, Section};
@@ -26,7 +27,7 @@ use panelprep_store::signing::{Meaning, Statement, cycle_stem};
 use panelprep_store::store::{PassesOfCycle, PrunedFiles, SignatureRow, Store};
 use panelprep_store::tape;
 use panelprep_vision::calib::health::{self, TOOL_FORCE, Verification};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -458,4 +459,42 @@ pub fn run_page(args: &PageOf, common: &Common) -> Result<Outcome, Fault> {
     });
     outcome.add_line(format!("page: {}", page.display()));
     Ok(outcome)
+}
+
+/// Describes each grid with the passes that touched it; unknown facts are marked as such.
+pub fn describe_grids(record: &CycleRecord) -> Vec<String> {
+    let mut passes: BTreeMap<(String, u8), bool> = BTreeMap::new();
+    for AbradedGrid { grid, pass, how } in record::abraded_grids(&record.findings, &record.motions) {
+        let grid = grid.unwrap_or_else(|| "any grid".to_owned());
+        *passes.entry((grid, pass)).or_default() |= how.is_certain();
+    }
+    let mut grids: BTreeMap<&str, [usize; 2]> = BTreeMap::new();
+    for ((grid, _), is_sure) in &passes {
+        grids.entry(grid).or_default()[usize::from(!is_sure)] += 1;
+    }
+    let words = |(grid, [sure, perhaps]): (&&str, &[usize; 2])| match (sure, perhaps) {
+        (sure, 0) => format!("{grid} ×{sure}"),
+        (0, _) => format!("{grid} possibly (not confirmed)"),
+        (sure, _) => format!("{grid} ×{sure}, possibly once more (not confirmed)"),
+    };
+    grids.iter().map(words).collect()
+}
+
+/// Describes the removal of each path, a line for each; empty if the recipe does not request a removal.
+pub fn removed(record: &CycleRecord) -> Vec<String> {
+    let line = |path: PathRemoval| {
+        format!(
+            "removed in pass {}: mean {} µm over the treated grids; at most {} µm so far at any point of the part (95 % bound)",
+            path.pass,
+            fixed_decimals(path.mean_um, 1),
+            fixed_decimals(path.bound_um, 1)
+        )
+    };
+    record::removed(&record.findings).into_iter().map(line).collect()
+}
+
+/// Returns the removal of each path for scripts.
+pub fn removed_json(record: &CycleRecord) -> Value {
+    let path = |path: PathRemoval| json!({"pass": path.pass, "mean_um": path.mean_um, "bound_um": path.bound_um});
+    record::removed(&record.findings).into_iter().map(path).collect()
 }
