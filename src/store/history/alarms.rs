@@ -1,15 +1,13 @@
-//! The alarms of a cycle: which were raised, when, and when their cause was gone.
+//! The alarms of a cycle: which were raised, when, when their cause was gone, and who acknowledged them.
 //!
-//! A phase that gives a reason raises an alarm, which lasts until the same phase no longer gives that reason.
-//! Alarms for reasons of the verdict last until a person resets or clears the cell, or the next cycle begins; all
-//! others end with the cycle. A refused request is an alarm of that moment. Acknowledging changes neither alarm nor
-//! cell.
+//! A phase that gives a reason raises an alarm, which lasts until the same phase no longer gives that reason. Alarms
+//! for reasons of the verdict last until a person resets or clears the cell, or the next cycle begins; all others end
+//! with the cycle. A refused request is an alarm of that moment. Acknowledging changes neither alarm nor cell.
 
-use super::acknowledgement::Acknowledgement;
 use super::codes::{Priority, code};
 use panelprep_base::verdict::Reason;
 use panelprep_cell::record::{Answer, CycleId, CycleRecord, Kind};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 /// One alarm.
@@ -46,6 +44,21 @@ pub struct AlarmTimes {
     /// Time at which a person first reset or cleared the cell after the end, or the next cycle began, ms since 1970;
     /// `None` if neither has happened yet.
     pub settled_unix_ms: Option<i64>,
+}
+
+/// Records that a person has seen an alarm.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Acknowledgement {
+    /// Time at which the alarm was acknowledged, ms since 1970.
+    pub unix_ms: i64,
+    /// The cycle to which the alarm belongs; `None` for an alarm outside of a cycle.
+    pub cycle: Option<CycleId>,
+    /// The alarm's code, such as `low_overlap`.
+    pub code: String,
+    /// Time at which the alarm was raised, ms since 1970: the same code raised again is another alarm.
+    pub raised_unix_ms: i64,
+    /// The person who acknowledged it, as named at that time.
+    pub who: String,
 }
 
 impl Alarm {

@@ -5,35 +5,24 @@
 //! The results of the Western Electric rules are a hint for a person: this module gives no verdict. It reads no store
 //! and no file, and draws nothing; `store` searches, and `report` draws.
 
-mod acknowledgement;
 mod alarms;
 mod codes;
-mod compare;
-mod dates;
-mod grid;
-mod heat;
 mod past_cycle;
-mod quantity;
 mod query;
 mod summary;
-mod table;
 mod tables;
 #[cfg(test)]
 mod tests;
 mod trend;
 pub mod western_electric;
 
-pub use acknowledgement::Acknowledgement;
-pub use alarms::{Alarm, AlarmTimes, alarms};
+pub use alarms::{Acknowledgement, Alarm, AlarmTimes, alarms};
 pub use codes::{Code, Priority, Row, code, codes, languages, row};
-pub use compare::{CheckPair, Comparison, GridPair, InputPair, compare};
-pub use dates::{DateError, Edge, unix_s};
-pub use grid::{GridPast, grid_row_and_column, grid_states, is_valid_film, reported_grids, touched_grids};
-pub use heat::{HeatCell, HeatMap, heat_map};
-pub use past_cycle::{DiscWear, PastCycle, touching_passes};
-pub use quantity::{KnownQuantity, Quantity};
-pub use query::{Hit, Hits, MAX_HITS, Query, RequiredEnd};
-pub use summary::{Films, Summary, summary};
-pub use table::{Cell, Table};
-pub use tables::{alarm_table, comparison_table, heat_table, hits_table, summary_table, trend_table};
-pub use trend::{Trend, TrendPoint, trend};
+pub use past_cycle::{
+    DiscWear, GridPast, PastCycle, grid_row_and_column, grid_states, is_valid_film, reported_grids, touched_grids,
+    touching_passes,
+};
+pub use query::{DateError, Edge, Hit, Hits, MAX_HITS, Query, RequiredEnd, unix_s};
+pub use summary::{CheckPair, Comparison, Films, GridPair, InputPair, Summary, compare, summary};
+pub use tables::{Cell, Table, alarm_table, comparison_table, heat_table, hits_table, summary_table, trend_table};
+pub use trend::{HeatCell, HeatMap, KnownQuantity, Quantity, Trend, TrendPoint, heat_map, trend};

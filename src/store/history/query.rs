@@ -1,8 +1,12 @@
-//! A search for cycles and what it finds: the newest first, page by page. The store executes it.
+//! A search for cycles and what it finds: the newest first, page by page. The store executes it. The dates of a search
+//! are parsed as people type them: a day, or a day with a time, in UTC as on all pages.
 
+use jiff::civil::{Date, DateTime};
+use jiff::tz::Offset;
 use panelprep_base::verdict::{Reason, Verdict};
 use panelprep_cell::record::{CycleId, PartNames};
 use serde::Serialize;
+use thiserror::Error;
 
 /// Largest number of cycles on one page of results.
 pub const MAX_HITS: usize = 1_000;
@@ -76,5 +80,78 @@ impl Query {
     /// Returns the page size that applies.
     pub fn page_size(&self) -> usize {
         self.limit.clamp(1, MAX_HITS)
+    }
+}
+
+/// The end of the day that applies if the text states no time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Edge {
+    /// The first second of the day.
+    Start,
+    /// The first second of the next day.
+    Behind,
+}
+
+/// The typed text is not a date.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error(
+    "{found} is not a date: write a day as 2026-05-31, or a day and a time as 2026-05-31T09:00, both in UTC, years \
+     1 to 9998"
+)]
+pub struct DateError {
+    found: String,
+}
+
+/// A date as seconds since 1970. `edge` selects the end of the day if the date has no time.
+///
+/// # Errors
+/// If the text is not a date.
+pub fn unix_s(text: &str, edge: Edge) -> Result<i64, DateError> {
+    let refused = || DateError { found: text.escape_debug().to_string() };
+    // The calendar also reads other forms, such as week dates and zones. They would be accepted with a meaning that
+    // the person did not intend.
+    let is_plain = text.bytes().all(|byte| byte.is_ascii_digit() || b"-:T".contains(&byte));
+    let time = match (is_plain, text.len()) {
+        (true, 10) => {
+            let day: Date = text.parse().map_err(|_| refused())?;
+            match edge {
+                Edge::Start => day,
+                Edge::Behind => day.tomorrow().map_err(|_| refused())?,
+            }
+            .to_datetime(jiff::civil::Time::midnight())
+        }
+        (true, 16 | 19) => text.parse::<DateTime>().map_err(|_| refused())?,
+        _ => return Err(refused()),
+    };
+    Offset::UTC.to_timestamp(time).map(|at| at.as_second()).map_err(|_| refused())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Expected values from `date -u -d 2024-02-29 +%s` and similar commands: the day after a leap day is in March.
+    #[test]
+    fn a_day_begins_and_ends_where_the_calendar_states() {
+        for (text, edge, expected) in [
+            ("1970-01-01", Edge::Start, 0),
+            ("1970-01-01", Edge::Behind, 86_400),
+            ("2024-02-29", Edge::Start, 1_709_164_800),
+            ("2024-02-29", Edge::Behind, 1_709_251_200),
+            ("2026-11-21T21:43", Edge::Start, 1_795_297_380),
+            ("2026-11-21T21:43:52", Edge::Behind, 1_795_297_432),
+        ] {
+            assert_eq!(unix_s(text, edge), Ok(expected), "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_date_is_refused_with_the_form_that_is_one() {
+        for text in
+            ["", "2026-02-30", "31.05.2026", "2026-5-31", "2026-W22-7", "2026-05-31T25:00", "2026-05-31Z", "<b>"]
+        {
+            let error = unix_s(text, Edge::Start).expect_err(text).to_string();
+            assert!(error.contains("2026-05-31T09:00"), "{error}");
+        }
     }
 }
