@@ -12,30 +12,22 @@
 //! message, so that any program that rewrites the file preserves the order. The sequence number of a message counts
 //! within its topic, so that missing messages are found. The last record states how many there must be.
 //!
-//! This module converts bytes: it opens no file and reads no clock. Read in this order: `topic` · `entry` ·
-//! `well_known` (messages of others) · `write` · `framing` (a chunk that cannot be read is refused) · `records` ·
-//! `check` · `read`.
+//! This module converts bytes: it opens no file and reads no clock. Read in this order: `topic` (also messages of
+//! others) · `entry` · `write` · `read` (also a recording's check).
 
-mod check;
 mod entry;
-mod entry_text;
 mod error;
-mod format;
-mod framing;
 mod read;
-mod records;
 mod topic;
-mod well_known;
 mod write;
 
 #[cfg(test)]
 mod tests;
 
-pub use check::{CheckedRecording, check_recording};
-pub use entry::{ArmedDeadline, Entry, LoopMemoryStart, LostEntries, RecordingEnd, RecordingStart, Shot};
-pub use entry_text::{FramePose, Lens};
-pub use error::TapeError;
-pub use format::{FORMAT, OLDEST_FORMAT};
-pub use read::EntryReader;
+pub use entry::{
+    ArmedDeadline, Entry, FramePose, Lens, LoopMemoryStart, LostEntries, RecordingEnd, RecordingStart, Shot,
+};
+pub use error::{FORMAT, OLDEST_FORMAT, TapeError};
+pub use read::{CheckedRecording, EntryReader, check_recording};
 pub use topic::Topic;
 pub use write::Writer;

@@ -1,14 +1,22 @@
 //! Converts bytes to entries, one at a time: a recording may be larger than the memory.
 //!
-//! `check` reads a recording once and refuses it if anything is missing; [`EntryReader`] then returns its entries.
+//! [`check_recording`] reads a recording once and refuses it if anything is missing: each message has its number and
+//! is in order, there are as many messages as the recording's end states, and there is no error before the end.
+//! [`EntryReader`] then returns its entries. Both read the records of the MCAP file in order, each with its checksums
+//! verified.
+//!
+//! The beginnings of the file's records are found in parallel with the reader ([`RecordFraming`]), because an
+//! uncompressed chunk must be refused before it is read: the reader assumes that the last record of such a chunk ends
+//! with the chunk, and its count of bytes falls below zero if it does not. Our recordings have only compressed chunks;
+//! their records are unpacked by their own lengths.
 
-use super::entry::{Entry, Shot};
-use super::error::TapeError;
-use super::records::{RecordFault, Records, seconds, topic};
-use super::topic::Topic;
-use super::well_known::{CompressedImage, PointCloud};
+use super::entry::{Entry, RecordingStart, Shot};
+use super::error::{END, FORMAT, METADATA, OLDEST_FORMAT, START, TapeError};
+use super::topic::{CompressedImage, PointCloud, Topic};
 use super::write::STRIDE;
-use mcap::records::Record;
+use mcap::McapError;
+use mcap::records::{Metadata, Record, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use panelprep_base::geometry::{Camera, OrganizedCloud};
 use panelprep_cell::files::read_color;
 use prost::Message;
@@ -155,4 +163,362 @@ fn points(cloud: &PointCloud, [width, height]: [usize; 2]) -> Result<OrganizedCl
     });
     let colors = each().map(|&[.., red, green, blue]| [red, green, blue]);
     OrganizedCloud::new(width, height, points_mm.collect(), colors.collect()).map_err(|error| error.to_string())
+}
+
+/// A complete recording.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CheckedRecording {
+    /// The state in which the loop began.
+    pub start: RecordingStart,
+    /// The loop's input files, by their names.
+    pub files: BTreeMap<String, Vec<u8>>,
+    /// Entries in it.
+    pub entries: u64,
+    /// Length of the recording on the loop's clock, s.
+    pub length_s: f64,
+}
+
+/// Reads a whole recording and returns its data.
+///
+/// # Errors
+/// If it is not a recording, has another format, has a gap, is damaged or was not finished.
+pub fn check_recording(source: impl Read) -> Result<CheckedRecording, TapeError> {
+    let mut records = Records::new(source);
+    let mut inventory = RecordingInventory::default();
+    loop {
+        match records.next(|record| inventory.add(&record)) {
+            Ok(Some(())) => {}
+            Ok(None) => return inventory.check_complete(),
+            Err(RecordFault::Content(error)) => return Err(error),
+            Err(RecordFault::Bytes(error)) => return Err(inventory.broken_reason(error)),
+        }
+    }
+}
+
+/// The content read so far.
+#[derive(Default)]
+struct RecordingInventory {
+    is_mcap: bool,
+    is_ours: bool,
+    start: Option<RecordingStart>,
+    files: BTreeMap<String, Vec<u8>>,
+    topics: BTreeMap<u16, Topic>,
+    counts: BTreeMap<Topic, u64>,
+    last_ns: u64,
+    ended: Option<BTreeMap<String, String>>,
+}
+
+impl RecordingInventory {
+    fn add(&mut self, record: &Record<'_>) -> Result<(), TapeError> {
+        self.is_mcap = true;
+        match record {
+            Record::Metadata(metadata) if metadata.name == METADATA => self.add_metadata(metadata)?,
+            Record::Metadata(metadata) if metadata.name == END => self.ended = Some(metadata.metadata.clone()),
+            Record::Attachment { header, data, .. } => self.add_file(&header.name, data)?,
+            Record::Channel(channel) => {
+                self.require_own_format()?;
+                self.topics.insert(channel.id, topic(&channel.topic)?);
+            }
+            Record::Message { header, .. } => {
+                let began_ns = self.start()?.unix_ns;
+                let Some(&topic) = self.topics.get(&header.channel_id) else {
+                    return Err(TapeError::Foreign {
+                        problem: format!("channel {} is not defined", header.channel_id),
+                    });
+                };
+                let from_s = seconds(header.log_time.saturating_sub(began_ns));
+                let topic_name = topic.name();
+                if header.log_time <= self.last_ns.max(began_ns) {
+                    return Err(TapeError::OutOfOrder { topic: topic_name, from_s });
+                }
+                let before_s = seconds(self.last_ns.saturating_sub(began_ns));
+                let count = self.counts.entry(topic).or_default();
+                if header.sequence != *count as u32 {
+                    let (expected, found) = (*count, u64::from(header.sequence));
+                    return Err(TapeError::Gap { topic: topic_name, from_s: before_s, expected, found });
+                }
+                *count += 1;
+                self.last_ns = header.log_time;
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn add_metadata(&mut self, metadata: &Metadata) -> Result<(), TapeError> {
+        let value = |key: &str| metadata.metadata.get(key).cloned().unwrap_or_else(|| "none".to_owned());
+        let found = value("format").parse();
+        if !found.is_ok_and(|found: u32| (OLDEST_FORMAT..=FORMAT).contains(&found)) {
+            return Err(TapeError::Version { found: value("format"), program: value("program") });
+        }
+        self.is_ours = true;
+        Ok(())
+    }
+
+    fn add_file(&mut self, name: &str, bytes: &[u8]) -> Result<(), TapeError> {
+        self.require_own_format()?;
+        if name == START {
+            let start = serde_json::from_slice(bytes);
+            self.start = Some(start.map_err(|error| TapeError::Foreign { problem: format!("{START}: {error}") })?);
+        } else {
+            self.files.insert(name.to_owned(), bytes.to_vec());
+        }
+        Ok(())
+    }
+
+    fn require_own_format(&self) -> Result<(), TapeError> {
+        let problem = || format!("the file does not begin with a metadata record named \"{METADATA}\"");
+        if self.is_ours { Ok(()) } else { Err(TapeError::Foreign { problem: problem() }) }
+    }
+
+    fn start(&self) -> Result<&RecordingStart, TapeError> {
+        self.require_own_format()?;
+        let missing = || TapeError::Foreign { problem: format!("the attachment \"{START}\" is missing") };
+        self.start.as_ref().ok_or_else(missing)
+    }
+
+    fn last_time_s(&self) -> f64 {
+        let began_ns = self.start.as_ref().map_or(self.last_ns, |start| start.unix_ns);
+        seconds(self.last_ns.saturating_sub(began_ns))
+    }
+
+    fn entries(&self) -> u64 {
+        self.counts.iter().filter(|(topic, _)| topic.is_entry()).map(|(_, count)| count).sum()
+    }
+
+    /// Returns the reason why the recording cannot be read further.
+    fn broken_reason(&self, error: McapError) -> TapeError {
+        match error {
+            McapError::Io(error) if error.kind() != std::io::ErrorKind::UnexpectedEof => {
+                TapeError::Disk { doing: "read", source: error.into() }
+            }
+            error if !self.is_mcap => TapeError::NotMcap { problem: error.to_string() },
+            McapError::UnexpectedEof | McapError::UnexpectedEoc | McapError::Io(_) => self.unfinished_error(),
+            error => TapeError::Damaged { from_s: self.last_time_s(), problem: error.to_string() },
+        }
+    }
+
+    fn unfinished_error(&self) -> TapeError {
+        TapeError::Unfinished { entries: self.entries(), until_s: self.last_time_s() }
+    }
+
+    /// Checks at the end of the file whether the recording is complete.
+    fn check_complete(self) -> Result<CheckedRecording, TapeError> {
+        let start = self.start()?.clone();
+        let Some(ended) = &self.ended else { return Err(self.unfinished_error()) };
+        let text = |key: &str| ended.get(key).map_or("", String::as_str);
+        let unreadable = |error: serde_json::Error| TapeError::Foreign { problem: format!("{END}: {error}") };
+        let lost: Vec<(String, u64, u64)> = serde_json::from_str(text("lost")).map_err(unreadable)?;
+        if let Some((name, from_ns, count)) = lost.into_iter().min_by_key(|(_, from_ns, _)| *from_ns) {
+            return Err(TapeError::Lost { topic: topic(&name)?.name(), from_s: seconds(from_ns), count });
+        }
+        if let Some(why) = ended.get("stopped") {
+            return Err(TapeError::Stopped { until_s: self.last_time_s(), why: why.clone() });
+        }
+        let counts: BTreeMap<String, u64> = serde_json::from_str(text("entries")).map_err(unreadable)?;
+        for (name, expected) in counts {
+            let topic = topic(&name)?;
+            let found = self.counts.get(&topic).copied().unwrap_or(0);
+            if found != expected {
+                return Err(TapeError::Gap { topic: topic.name(), from_s: self.last_time_s(), expected, found });
+            }
+        }
+        let (entries, length_s) = (self.entries(), self.last_time_s());
+        Ok(CheckedRecording { start, files: self.files, entries, length_s })
+    }
+}
+
+/// No record of this program is longer: the points of a full-size scan need 35 MB.
+const MAX_RECORD_BYTES: usize = 256 << 20;
+
+/// Number of bytes that are read at once.
+const PIECE_BYTES: usize = 1 << 20;
+
+/// The records of a file, in order.
+struct Records<R> {
+    source: R,
+    framing: RecordFraming,
+    reader: LinearReader,
+}
+
+impl<R: Read> Records<R> {
+    pub(super) fn new(source: R) -> Self {
+        let options = LinearReaderOptions::default()
+            .with_prevalidate_chunk_crcs(true)
+            .with_validate_data_section_crc(true)
+            .with_validate_summary_section_crc(true)
+            .with_check_finishes_after_end_magic(true)
+            .with_record_length_limit(MAX_RECORD_BYTES);
+        Records { source, framing: RecordFraming::default(), reader: LinearReader::new_with_options(options) }
+    }
+
+    /// Passes on the next record; `None` after the last one.
+    pub(super) fn next<T>(
+        &mut self,
+        take: impl FnOnce(Record<'_>) -> Result<T, TapeError>,
+    ) -> Result<Option<T>, RecordFault> {
+        loop {
+            match self.reader.next_event() {
+                None => return Ok(None),
+                Some(Err(error)) => return Err(RecordFault::Bytes(error)),
+                Some(Ok(LinearReadEvent::ReadRequest(needed))) => {
+                    // The buffer grows only with received bytes, whatever length a record states.
+                    let into = self.reader.insert(needed.min(PIECE_BYTES));
+                    let read = loop {
+                        match self.source.read(into) {
+                            Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
+                            read => break read.map_err(|error| RecordFault::Bytes(error.into()))?,
+                        }
+                    };
+                    let framed = self.framing.feed(&into[..read]);
+                    self.reader.notify_read(read);
+                    framed.map_err(RecordFault::Content)?;
+                }
+                Some(Ok(LinearReadEvent::Record { data, opcode })) => {
+                    if opcode == op::ATTACHMENT && !is_complete_attachment(data) {
+                        return Err(RecordFault::Bytes(McapError::UnexpectedEof));
+                    }
+                    let record = mcap::parse_record(opcode, data).map_err(RecordFault::Bytes)?;
+                    return take(record).map(Some).map_err(RecordFault::Content);
+                }
+            }
+        }
+    }
+}
+
+/// The source of an error: the container, or its content.
+enum RecordFault {
+    Bytes(McapError),
+    Content(TapeError),
+}
+
+/// Returns whether an attachment's record is as long as its lengths state; its parser assumes this.
+fn is_complete_attachment(body: &[u8]) -> bool {
+    let length = |at: usize| {
+        let bytes = body.get(at..)?.first_chunk::<4>()?;
+        usize::try_from(u32::from_le_bytes(*bytes)).ok()
+    };
+    let after = |at: usize| Some(at + 4 + length(at)?);
+    let data = after(16).and_then(after);
+    data.is_some_and(|data| data.checked_add(8 + 4).is_some_and(|least| least <= body.len()))
+}
+
+/// Returns the topic with this name.
+fn topic(name: &str) -> Result<Topic, TapeError> {
+    Topic::from_name(name).ok_or_else(|| TapeError::Foreign { problem: format!("unknown topic \"{name}\"") })
+}
+
+fn seconds(ns: u64) -> f64 {
+    ns as f64 / 1e9
+}
+
+/// Number of bytes of the magic at the beginning of a file.
+const MAGIC_BYTES: u64 = 8;
+/// Bytes of a record's kind and length.
+const HEAD_BYTES: usize = 9;
+/// Bytes of a chunk's head before the length of its compression's name: two times, its size, its checksum.
+const BEFORE_NAME: usize = 28;
+/// Bytes of a chunk's head including the length of its compression's name.
+const CHUNK_BYTES: usize = HEAD_BYTES + BEFORE_NAME + 4;
+
+/// Follows the records of a file through its bytes, in pieces of any size.
+#[derive(Debug)]
+struct RecordFraming {
+    /// Bytes to skip: the magic, the rest of a record.
+    skip: u64,
+    /// The part of a record's head that has been received.
+    head: Vec<u8>,
+}
+
+impl Default for RecordFraming {
+    fn default() -> Self {
+        RecordFraming { skip: MAGIC_BYTES, head: Vec::with_capacity(CHUNK_BYTES) }
+    }
+}
+
+impl RecordFraming {
+    /// Reads the next bytes of the file.
+    ///
+    /// # Errors
+    /// If an uncompressed chunk begins in them.
+    pub fn feed(&mut self, mut bytes: &[u8]) -> Result<(), TapeError> {
+        while !bytes.is_empty() {
+            let skipped = usize::try_from(self.skip).unwrap_or(usize::MAX).min(bytes.len());
+            bytes = &bytes[skipped..];
+            self.skip -= skipped as u64;
+            let missing = self.missing_head_bytes().min(bytes.len());
+            self.head.extend_from_slice(&bytes[..missing]);
+            bytes = &bytes[missing..];
+            if self.skip == 0 && self.missing_head_bytes() == 0 {
+                self.judge()?;
+                self.skip = self.length().saturating_sub((self.head.len() - HEAD_BYTES) as u64);
+                self.head.clear();
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns the number of missing bytes of a record's head.
+    fn missing_head_bytes(&self) -> usize {
+        let needed = match self.head.first() {
+            Some(&op::CHUNK) if self.head.len() >= HEAD_BYTES => {
+                let rest = usize::try_from(self.length()).unwrap_or(usize::MAX);
+                HEAD_BYTES + rest.min(CHUNK_BYTES - HEAD_BYTES)
+            }
+            _ => HEAD_BYTES,
+        };
+        needed.saturating_sub(self.head.len())
+    }
+
+    fn length(&self) -> u64 {
+        self.head.get(1..).and_then(|rest| rest.first_chunk()).map_or(0, |length| u64::from_le_bytes(*length))
+    }
+
+    fn judge(&self) -> Result<(), TapeError> {
+        let is_chunk = self.head.first() == Some(&op::CHUNK);
+        match self.head.get(HEAD_BYTES + BEFORE_NAME..) {
+            Some([0, 0, 0, 0]) if is_chunk => {
+                Err(TapeError::Foreign { problem: "the file has a chunk that is not compressed".to_owned() })
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns a file with its beginning, a short record, a record of another kind that contains bytes like those
+    /// of a chunk, and then a chunk.
+    fn file(name: &[u8]) -> Vec<u8> {
+        let record = |op: u8, content: &[u8]| [&[op][..], &(content.len() as u64).to_le_bytes(), content].concat();
+        let chunk = [&[7; BEFORE_NAME][..], &(name.len() as u32).to_le_bytes(), name, &[1; 20]].concat();
+        let inside = record(op::CHUNK, &[0; 40]);
+        [
+            b"\x89MCAP0\r\n".to_vec(),
+            record(op::HEADER, b"ab"),
+            record(op::METADATA, &inside),
+            record(op::CHUNK, &chunk),
+        ]
+        .concat()
+    }
+
+    #[test]
+    fn only_a_chunk_that_is_not_packed_is_refused_at_any_cut() {
+        for step in [1, 2, 3, 8, 64, 1_000] {
+            let read = |bytes: &[u8]| {
+                let mut framing = RecordFraming::default();
+                bytes.chunks(step).try_for_each(|piece| framing.feed(piece))
+            };
+            assert!(read(&file(b"zstd")).is_ok(), "{step}");
+            let error = read(&file(b"")).expect_err("refused").to_string();
+            assert!(error.contains("a chunk that is not compressed"), "{step}: {error}");
+            // A chunk that ends before the name of its compression is left to the reader, which refuses it.
+            assert!(
+                read(&[&file(b"zstd")[..8], &[op::CHUNK, 3, 0, 0, 0, 0, 0, 0, 0, 1, 2, 3, op::HEADER]].concat())
+                    .is_ok()
+            );
+        }
+    }
 }

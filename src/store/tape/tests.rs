@@ -1,7 +1,7 @@
 //! Tests of recordings that are written, read, cut, changed and replaced.
 
-use super::format::METADATA;
-use super::well_known::{CameraCalibration, CompressedImage, Log, PointCloud};
+use super::error::METADATA;
+use super::topic::{CameraCalibration, CompressedImage, Log, PointCloud};
 use super::*;
 use panelprep_base::geometry::{Camera, ColorPicture, OrganizedCloud, PinholeCamera};
 use panelprep_cell::cycle::State;

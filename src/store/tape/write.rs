@@ -1,14 +1,14 @@
 //! Converts entries to bytes. Bytes are only appended, chunk by chunk, so that after a crash the recording is valid
 //! up to its last complete chunk.
 
-use super::entry::{Entry, LostEntries, RecordingEnd, RecordingStart, Shot};
-use super::entry_text::{FLANGE_FRAME, FramePose, Lens, SCANNER_FRAME, ShownText, UNITS, entry_texts};
-use super::error::TapeError;
-use super::format::{END, FORMAT, METADATA, START};
-use super::topic::Topic;
-use super::well_known::{
+use super::entry::{
+    Entry, FLANGE_FRAME, FramePose, Lens, LostEntries, RecordingEnd, RecordingStart, SCANNER_FRAME, Shot,
+    ShownText, UNITS, entry_texts,
+};
+use super::error::{END, FORMAT, METADATA, START, TapeError};
+use super::topic::{
     CameraCalibration, CompressedImage, FrameTransform, Log, LogLevel, NumericType, PackedElementField, PointCloud,
-    Pose, Quaternion, Vector3, to_timestamp,
+    Pose, Quaternion, Topic, Vector3, to_timestamp,
 };
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
