@@ -1,12 +1,14 @@
-//! A message: one line of JSON that describes the content, then the content's bytes as the cell has them.
+//! A message to the office: one line of JSON that describes the content, then the content's bytes as the cell has
+//! them. The name of each item and its position in a list, its content, and the errors of a message that is not a
+//! valid message of a cell.
 
-use super::body::{Body, CycleEnd, ItemEnvelope, NamedFile, VerificationSeen};
-use super::error::OfficeError;
-use super::position::{Kind, Position};
 use crate::signing::{PublicKey, Statement};
 use panelprep_cell::cell::CellName;
 use panelprep_cell::files::{content_hash, hex, is_hex, parse_hex};
+use panelprep_cell::record::{CycleId, PartNames};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 const FORM: &str = "panelprep-office-1";
 /// The longest head, bytes: a record names about a hundred files.
@@ -149,4 +151,233 @@ fn signature(statement: Vec<u8>, head: SignedHead, number: u64) -> Result<Body, 
         return Err(wrong(format!("the file {} has no valid SHA-256", file.name.escape_debug())));
     }
     Ok(Body::Signature { statement, signature, public_key: head.public_key, files: head.files })
+}
+
+/// A position among all items that one store sends.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct Position {
+    /// A random name, 32 hexadecimal digits; a store that does not have all of its history begins a new epoch.
+    pub epoch: String,
+    /// The number, from 1, without gaps; 0 before the first item.
+    pub number: u64,
+}
+
+/// The kind of an item.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Serialize,
+    Deserialize,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+)]
+#[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
+pub enum Kind {
+    /// A cycle has ended.
+    Cycle,
+    /// A statement was signed, by the cell or by a person.
+    Signature,
+    /// A calibration was verified.
+    Verification,
+}
+
+impl Kind {
+    /// Returns the keyword of the kind.
+    pub fn keyword(self) -> &'static str {
+        self.into()
+    }
+
+    /// Returns the kind with this keyword.
+    pub fn from_keyword(word: &str) -> Option<Kind> {
+        word.parse().ok()
+    }
+}
+
+/// One line of a list that is compared between the cell and the office.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ListEntry {
+    /// Its name.
+    #[serde(flatten)]
+    pub position: Position,
+    /// The kind of the item.
+    pub kind: Kind,
+    /// SHA-256 of the item's content.
+    pub hash: String,
+}
+
+/// A named item that the office must receive.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ItemEnvelope {
+    /// Its name.
+    pub position: Position,
+    /// The time at which the cell wrote the item, ms since 1970.
+    pub unix_ms: i64,
+    /// Its content.
+    pub body: Body,
+}
+
+/// The content that is sent. Each content is canonical JSON and is named by its hash.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Body {
+    /// A [`CycleEnd`].
+    Cycle(Vec<u8>),
+    /// A signed statement.
+    Signature {
+        /// The bytes that are signed (`signing::Statement`).
+        statement: Vec<u8>,
+        /// The signature, 64 bytes.
+        signature: Vec<u8>,
+        /// The key that verifies it, 64 hexadecimal digits.
+        public_key: String,
+        /// The files that the statement names and that are sent.
+        files: Vec<NamedFile>,
+    },
+    /// A [`VerificationSeen`].
+    Verification(Vec<u8>),
+}
+
+impl Body {
+    /// Returns the kind of the item.
+    pub fn kind(&self) -> Kind {
+        match self {
+            Body::Cycle(_) => Kind::Cycle,
+            Body::Signature { .. } => Kind::Signature,
+            Body::Verification(_) => Kind::Verification,
+        }
+    }
+
+    /// Returns the bytes from which the hash is calculated.
+    pub fn content(&self) -> &[u8] {
+        match self {
+            Body::Cycle(content) | Body::Verification(content) => content,
+            Body::Signature { statement, .. } => statement,
+        }
+    }
+}
+
+impl ItemEnvelope {
+    /// Returns the item's line in a list.
+    pub fn list_line(&self) -> ListEntry {
+        ListEntry {
+            position: self.position.clone(),
+            kind: self.body.kind(),
+            hash: content_hash(self.body.content()),
+        }
+    }
+}
+
+/// A file that a record names.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NamedFile {
+    /// Purpose of the file in the record, such as "picture overlay" or "recipe".
+    pub name: String,
+    /// Its SHA-256.
+    pub hash: String,
+    /// The reason why the cell no longer has the file and does not send it; `None` if it is sent.
+    pub gone: Option<String>,
+}
+
+/// The end of a cycle, as in the store's row; its signed record follows as a statement.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CycleEnd {
+    /// Number of the cycle in the cell's store.
+    pub cycle: CycleId,
+    /// Start of the cycle, s since 1970.
+    pub started_unix_s: i64,
+    /// End of the cycle, s since 1970.
+    pub ended_unix_s: Option<i64>,
+    /// The panel.
+    pub panel: String,
+    /// The version of the taught data.
+    pub taught_version: String,
+    /// SHA-256 of the recipe.
+    pub recipe_hash: String,
+    /// The program's version.
+    pub program_version: String,
+    /// Its verdict's word.
+    pub verdict: String,
+    /// The verdict's reasons as the store has them: a list of objects with code and message.
+    pub reasons: Value,
+    /// The part; `None` if no part was named.
+    pub part: Option<PartNames>,
+}
+
+/// A verification of a calibration.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VerificationSeen {
+    /// The verified item: `scanner`, `flange_camera`, `tool` or `tool_force`.
+    pub subject: String,
+    /// The measured error, mm; for a force, N.
+    pub error: f64,
+    /// The allowed error, in the same unit.
+    pub limit: f64,
+    /// Hash of the calibration files.
+    pub calibration_hash: String,
+    /// Time of the verification, s since 1970.
+    pub at_unix_s: i64,
+}
+
+/// Errors of a message.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum OfficeError {
+    /// The message cannot be read as a message of a cell.
+    #[error("the {what} cannot be read: {problem}")]
+    Form {
+        /// The part that cannot be read, such as "head of a message".
+        what: &'static str,
+        /// The problem that was found.
+        problem: String,
+    },
+    /// The content does not have the hash that the head states.
+    #[error("the content of record {number} has the SHA-256 {found}, but its head states {stated}")]
+    Hash {
+        /// Its number.
+        number: u64,
+        /// The hash of the content.
+        found: String,
+        /// The hash in the head.
+        stated: String,
+    },
+    /// The message is larger than any that a cell sends.
+    #[error("the message has {found} (limit {allowed})")]
+    Large {
+        /// The size found, such as "5000 parts".
+        found: String,
+        /// The largest size allowed, in the same unit.
+        allowed: String,
+    },
+    /// The parts of one item state different numbers of parts.
+    #[error("part {part} states a total of {found} parts, but another part stated {before}")]
+    Parts {
+        /// Number of the part.
+        part: u32,
+        /// The number that this part states.
+        found: u32,
+        /// The number that an earlier part stated.
+        before: u32,
+    },
+    /// The key does not verify the signature, or the statement is not valid.
+    #[error("record {number} does not match the signature of its cell: {problem}")]
+    Signature {
+        /// Its number.
+        number: u64,
+        /// The problem that was found.
+        problem: String,
+    },
+}
+
+impl OfficeError {
+    pub(super) fn form_error(what: &'static str, problem: impl ToString) -> Self {
+        OfficeError::Form { what, problem: problem.to_string() }
+    }
 }

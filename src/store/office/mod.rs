@@ -12,29 +12,19 @@
 //! Pure: sockets are handled in `broker`, `daemon/office` and `archive`.
 
 mod archive_settings;
-mod assembly;
-mod body;
-mod cell_state;
 mod chunk;
-mod compare;
-mod error;
 mod message;
-mod offer;
-mod position;
+mod notices;
 mod progress;
 pub mod subject;
 
 pub use archive_settings::{ArchiveSettings, DatabaseSettings, FleetPage};
-pub use assembly::{AssembledItem, InvalidItem, PartAssembly};
-pub use body::{Body, CycleEnd, ItemEnvelope, NamedFile, VerificationSeen};
-pub use cell_state::{CellState, ReasonText};
-pub use chunk::{Chunk, ChunkOwner, chunks};
-pub use compare::{Comparison, compare};
-pub use error::OfficeError;
-pub use message::Message;
-pub use offer::RecipeOffer;
-pub use position::{Kind, ListEntry, Position};
-pub use progress::{Progress, ReportOutcome};
+pub use chunk::{AssembledItem, Chunk, ChunkOwner, InvalidItem, PartAssembly, chunks};
+pub use message::{
+    Body, CycleEnd, ItemEnvelope, Kind, ListEntry, Message, NamedFile, OfficeError, Position, VerificationSeen,
+};
+pub use notices::{CellState, ReasonText, RecipeOffer};
+pub use progress::{Comparison, Progress, ReportOutcome, compare};
 
 #[cfg(test)]
 mod tests;
