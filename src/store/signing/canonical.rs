@@ -1,9 +1,10 @@
-//! JSON in the one form that is signed: RFC 8785.
+//! JSON in the one form that is signed, RFC 8785, and the differences between the signed record and the present one,
+//! by their path in the record.
 //!
-//! That form has no numbers other than doubles. A whole number beyond ±(2⁵³ − 1), such as the number of a plan,
+//! The signed form has no numbers other than doubles. A whole number beyond ±(2⁵³ − 1), such as the number of a plan,
 //! would lose digits. It is therefore written as a text of its digits, as RFC 8785 advises in its appendix D.
 
-use super::error::SigningError;
+use super::key::SigningError;
 use serde::Serialize;
 use serde_json::Value;
 
@@ -53,5 +54,137 @@ pub(super) fn large_numbers_as_text(value: Value) -> Value {
         }
         Value::Number(_) if is_beyond(&value) => Value::String(value.to_string()),
         other => other,
+    }
+}
+
+/// Path of the requests: more requests may follow while the cell waits with its result, and a request that was only in
+/// the journal receives its answer.
+const REQUESTS_PATH: &str = "/asked";
+/// Path of the motions: a motion that was open when an aborted cycle was signed receives its end later, from the robot
+/// or from a person.
+const MOTION: &str = "/motions/";
+/// Fields with counts that may grow after signing.
+const GROWING_FIELDS: [&str; 1] = ["/events"];
+/// The most differences that are reported; the first ones are enough.
+const MAX_DIFFERENCES: usize = 5;
+
+/// Lists the places at which `now` differs from what was `signed`, such as `/findings/2/numbers/0/value`, each with
+/// both values.
+///
+/// A field that only `now` has is not a difference: a later version of the program may record more of a cycle.
+pub fn differences(signed: &Value, now: &Value) -> Vec<String> {
+    let mut found = Vec::new();
+    compare("", signed, now, &mut found);
+    found.truncate(MAX_DIFFERENCES);
+    found
+}
+
+fn compare(at: &str, signed: &Value, now: &Value, found: &mut Vec<String>) {
+    if signed == now || found.len() >= MAX_DIFFERENCES {
+        return;
+    }
+    match (signed, now) {
+        (Value::Array(signed), Value::Array(now)) if at == REQUESTS_PATH && are_requests_present(signed, now) => {}
+        (Value::Object(signed), Value::Object(now)) => {
+            let is_open = is_motion_path(at) && signed.get("outcome").is_some_and(Value::is_null);
+            for (name, value) in signed.iter().filter(|(name, _)| !is_open || *name == "motion") {
+                compare(&format!("{at}/{name}"), value, now.get(name).unwrap_or(&Value::Null), found);
+            }
+        }
+        (Value::Array(signed), Value::Array(now)) if signed.len() == now.len() => {
+            for (index, (value, now)) in signed.iter().zip(now).enumerate() {
+                compare(&format!("{at}/{index}"), value, now, found);
+            }
+        }
+        (Value::Number(signed), Value::Number(now))
+            if GROWING_FIELDS.contains(&at) && is_grown_count(signed, now) => {}
+        _ => found.push(format!(
+            "{at}: signed value {}, present value {}",
+            shorten_value(signed),
+            shorten_value(now)
+        )),
+    }
+}
+
+fn is_motion_path(at: &str) -> bool {
+    at.strip_prefix(MOTION).is_some_and(|number| !number.contains('/'))
+}
+
+/// Returns whether each signed request is still present; a request that was only in the journal at that time, without
+/// its sender and answer, may have them now.
+fn are_requests_present(signed: &[Value], now: &[Value]) -> bool {
+    let mut left: Vec<&Value> = now.iter().collect();
+    signed.iter().all(|one| {
+        let is_bare = one["who"].is_null() && one["answer"].is_null();
+        let same = |now: &&Value| **now == *one || (is_bare && now["wanted"] == one["wanted"]);
+        left.iter().position(same).map(|at| left.swap_remove(at)).is_some()
+    })
+}
+
+fn is_grown_count(signed: &serde_json::Number, now: &serde_json::Number) -> bool {
+    signed.as_u64().zip(now.as_u64()).is_some_and(|(signed, now)| signed <= now)
+}
+
+fn shorten_value(value: &Value) -> String {
+    let text = match value {
+        Value::Array(values) => return format!("a list of {}", values.len()),
+        Value::Object(_) => return "an object".to_owned(),
+        other => other.to_string(),
+    };
+    match text.char_indices().nth(60) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text,
+    }
+}
+
+/// Which changes of a record are reported as differences, and which are not.
+#[cfg(test)]
+mod tests {
+    use super::differences;
+    use serde_json::json;
+
+    #[test]
+    fn differences_name_their_place_and_let_a_later_program_keep_more() {
+        let signed = json!({"panel": "wing", "findings": [{"numbers": [1, 2]}], "asked": [1], "events": 5});
+        let same =
+            json!({"panel": "wing", "findings": [{"numbers": [1, 2]}], "asked": [1, 2], "events": 7, "new": 1});
+        assert_eq!(differences(&signed, &same), [] as [String; 0]);
+        let other = json!({"findings": [{"numbers": [1, 3]}], "asked": [], "events": 4});
+        let told = differences(&signed, &other).join("; ");
+        for words in [
+            "/panel: signed value \"wing\", present value null",
+            "/findings/0/numbers/1: signed value 2, present value 3",
+            "/asked: signed value a list of 1, present value a list of 0",
+            "/events: signed value 5, present value 4",
+        ] {
+            assert!(told.contains(words), "no {words} in {told}");
+        }
+    }
+
+    /// After an abort is signed, the robot may still report the end of a motion, and a request in the journal gets its
+    /// answer.
+    #[test]
+    fn what_comes_after_a_cycle_is_no_difference() {
+        let motion =
+            |outcome: Option<&str>, done: u32| json!({"motion": {"epoch": 3}, "outcome": outcome, "done": done});
+        let asked =
+            |answer: Option<&str>| json!({"wanted": "stop", "who": answer.map(|_| "ada"), "answer": answer});
+        let record =
+            |motion: serde_json::Value, asked: serde_json::Value| json!({"motions": [motion], "asked": [asked]});
+        let signed = record(motion(None, 0), asked(None));
+        assert_eq!(
+            differences(&signed, &record(motion(Some("cleared"), 7), asked(Some("done")))),
+            [] as [String; 0]
+        );
+        let closed = record(motion(Some("done"), 7), asked(Some("done")));
+        let told = differences(&closed, &record(motion(Some("done"), 8), asked(Some("refused")))).join("; ");
+        assert!(told.contains("/motions/0/done: signed value 7, present value 8"), "{told}");
+        assert!(told.contains("/asked/0/answer: signed value \"done\", present value \"refused\""), "{told}");
+        let other = json!({"motions": [{"motion": {"epoch": 4}, "outcome": null, "done": 0}], "asked": []});
+        let told = differences(&signed, &other).join("; ");
+        assert!(
+            told.contains("/motions/0/motion/epoch: signed value 3, present value 4") && told.contains("/asked: "),
+            "{told}"
+        );
     }
 }

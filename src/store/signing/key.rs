@@ -1,11 +1,51 @@
-//! The key that signs for a cell, and the public key that verifies the signatures.
+//! The key that signs for a cell, the public key that verifies the signatures, and the errors in signing and in
+//! reading signed statements.
 
-use super::error::SigningError;
 use ed25519_dalek::ed25519::pkcs8::KeypairBytes;
 use ed25519_dalek::pkcs8::spki::der::pem::LineEnding;
 use ed25519_dalek::pkcs8::{DecodePrivateKey, DecodePublicKey, EncodePrivateKey, EncodePublicKey};
 use ed25519_dalek::{Signature, Signer, SigningKey, VerifyingKey};
 use panelprep_cell::files::hex;
+
+/// The problem of a key or a statement.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum SigningError {
+    /// No private key.
+    #[error(
+        "not a valid private ed25519 key ({problem}); valid: a PEM file from `openssl genpkey -algorithm ed25519`"
+    )]
+    PrivateKey {
+        /// The problem that was found.
+        problem: String,
+    },
+    /// No public key.
+    #[error(
+        "not a valid public ed25519 key ({problem}); valid: the PEM file next to the cell's key, or several such \
+         keys in one file"
+    )]
+    PublicKey {
+        /// The problem that was found.
+        problem: String,
+    },
+    /// The text is not a statement of this form.
+    #[error("not a valid signed record ({problem}); valid: an unchanged file from `panelprep record export`")]
+    Form {
+        /// The problem that was found.
+        problem: String,
+    },
+    /// JSON cannot represent the value.
+    #[error("the record cannot be written as JSON: {problem}")]
+    Json {
+        /// The problem that was found.
+        problem: String,
+    },
+}
+
+impl SigningError {
+    pub(super) fn form_error(problem: impl std::fmt::Display) -> Self {
+        SigningError::Form { problem: problem.to_string() }
+    }
+}
 
 /// The private key of a cell. It never appears in a message.
 #[derive(Clone)]

@@ -11,22 +11,17 @@
 
 mod canonical;
 mod chain;
-mod differences;
-mod error;
 mod export;
 mod key;
-mod names;
-mod page;
 mod statement;
 
-pub use canonical::canonical;
+pub use canonical::{canonical, differences};
 pub use chain::{NameClaim, Signed, VerificationResult, missing_text, partial_chain_text, verify};
-pub use differences::differences;
-pub use error::SigningError;
-pub use export::{ExportContent, exported_files, verify_export};
-pub use key::{CellKey, PublicKey};
-pub use names::{cycle_stem, page_stem, pdf_name, person_signature_stem};
-pub use page::SignedPage;
+pub use export::{
+    ExportContent, SignedPage, cycle_stem, exported_files, page_stem, pdf_name, person_signature_stem,
+    verify_export,
+};
+pub use key::{CellKey, PublicKey, SigningError};
 pub use statement::{
     CHAIN_BEGIN, HEAD_FORMAT, Meaning, PersonSignature, STATEMENT_FORMAT, SignedChainPosition, SignedCycle,
     SignedHead, StatedValues, Statement, StatementContent, named_files,

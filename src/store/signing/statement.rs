@@ -2,7 +2,7 @@
 //! cell.
 
 use super::canonical::{canonical, restore_large_numbers};
-use super::error::SigningError;
+use super::key::SigningError;
 use panelprep_cell::files::content_hash;
 use panelprep_cell::record::{CycleId, CycleRecord, PartNames};
 use serde::{Deserialize, Serialize};
