@@ -1,10 +1,34 @@
 //! The alarms of a cycle, with the times that the store contains for them.
+//!
+//! The time of each finding is a row that is written in the transaction of its finding; findings of earlier versions
+//! of this program have none. An acknowledgement (who acknowledged which alarm, and when) is a row that is written
+//! once and never changed: an alarm that is raised again is a new alarm.
 
-use super::database::Store;
+use super::commit::{TransactionFailure, WriteTransaction};
+use super::database::{Store, unix_ms};
 use super::error::StoreError;
-use crate::history::{Alarm, AlarmTimes, alarms};
+use crate::history::{Acknowledgement, Alarm, AlarmTimes, alarms};
 use panelprep_cell::record::{CycleId, CycleRecord};
-use rusqlite::params_from_iter;
+use rusqlite::{params, params_from_iter};
+
+pub(super) const FINDING_TIME_TABLES: &str = "
+    CREATE TABLE finding_times (
+        finding_id INTEGER PRIMARY KEY REFERENCES findings (id),
+        unix_ms INTEGER NOT NULL
+    ) STRICT;
+";
+
+pub(super) const ACKNOWLEDGEMENT_TABLES: &str = "
+    CREATE TABLE acknowledgements (
+        id INTEGER PRIMARY KEY,
+        unix_ms INTEGER NOT NULL,
+        cycle_id INTEGER REFERENCES cycles (id),
+        code TEXT NOT NULL,
+        raised_unix_ms INTEGER NOT NULL,
+        who TEXT NOT NULL
+    ) STRICT;
+    CREATE INDEX acknowledgements_by_cycle ON acknowledgements (cycle_id);
+";
 
 impl Store {
     /// The alarms of a cycle in the order in which they were raised, with their acknowledgements.
@@ -44,4 +68,76 @@ impl Store {
         };
         read().map_err(|error| self.database_error("read the times of resets in", &error))
     }
+
+    /// The time at which each finding of a cycle was stored, ms since 1970, in their order; `None` for those of an
+    /// earlier program.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    pub fn finding_times_unix_ms(&self, cycle: CycleId) -> Result<Vec<Option<i64>>, StoreError> {
+        let read = || -> Result<Vec<Option<i64>>, rusqlite::Error> {
+            let sql = match self.connection.table_exists(None, "finding_times")? {
+                true => {
+                    "SELECT unix_ms FROM findings LEFT JOIN finding_times ON finding_id = findings.id
+                     WHERE cycle_id = ?1 ORDER BY findings.id"
+                }
+                false => "SELECT NULL FROM findings WHERE cycle_id = ?1 ORDER BY id",
+            };
+            self.connection.prepare_cached(sql)?.query_map([cycle.0], |row| row.get(0))?.collect()
+        };
+        read().map_err(|error| self.database_error("read the times of findings in", &error))
+    }
+
+    /// Stores a person's acknowledgement of an alarm; its time is set here.
+    ///
+    /// # Errors
+    /// If the store is open for reading or cannot be written, or has no such cycle.
+    pub fn acknowledge(&mut self, acknowledgement: &Acknowledgement) -> Result<(), StoreError> {
+        let unix_ms = unix_ms(self.clock());
+        let Acknowledgement { cycle, code, raised_unix_ms, who, .. } = acknowledgement;
+        self.commit("write an acknowledgement to", |writing| {
+            writing.execute(
+                "INSERT INTO acknowledgements (unix_ms, cycle_id, code, raised_unix_ms, who)
+                 VALUES (?1, ?2, ?3, ?4, ?5)",
+                params![unix_ms, cycle.map(|id| id.0), code, raised_unix_ms, who],
+            )?;
+            writing.chain("acknowledgements", writing.last_insert_rowid())
+        })
+    }
+
+    /// The acknowledgements of a cycle's alarms, or with `None` of those outside of cycles, oldest first.
+    ///
+    /// # Errors
+    /// If they cannot be read; a store of an earlier program has none.
+    pub fn acknowledgements(&self, cycle: Option<CycleId>) -> Result<Vec<Acknowledgement>, StoreError> {
+        let read = || -> Result<Vec<Acknowledgement>, rusqlite::Error> {
+            if !self.connection.table_exists(None, "acknowledgements")? {
+                return Ok(Vec::new());
+            }
+            let sql = "SELECT unix_ms, cycle_id, code, raised_unix_ms, who FROM acknowledgements
+                       WHERE cycle_id IS ?1 ORDER BY id";
+            let row = |row: &rusqlite::Row<'_>| {
+                Ok(Acknowledgement {
+                    unix_ms: row.get(0)?,
+                    cycle: row.get::<_, Option<i64>>(1)?.map(CycleId),
+                    code: row.get(2)?,
+                    raised_unix_ms: row.get(3)?,
+                    who: row.get(4)?,
+                })
+            };
+            self.connection.prepare_cached(sql)?.query_map([cycle.map(|id| id.0)], row)?.collect()
+        };
+        read().map_err(|error| self.database_error("read the acknowledgements of", &error))
+    }
+}
+
+/// Writes the time at which a finding was stored. Part of the finding's transaction.
+pub(super) fn insert_finding_time(
+    writing: &mut WriteTransaction<'_>,
+    finding: i64,
+    unix_ms: i64,
+) -> Result<(), TransactionFailure> {
+    let sql = "INSERT INTO finding_times (finding_id, unix_ms) VALUES (?1, ?2)";
+    writing.execute(sql, [finding, unix_ms])?;
+    writing.chain("finding_times", finding)
 }

@@ -1,10 +1,9 @@
 //! A transaction: rows, their links in the chain, and the head outside of the database, committed completely or not at all.
 
-use super::chain::{self, ChainPosition};
-use super::database::Store;
+use super::chain::ChainPosition;
+use super::database::{Step, Store};
 use super::error::StoreError;
-use super::reserve;
-use super::steps::Step;
+use super::{chain, fullness};
 use rusqlite::{Connection, Params, Row, Transaction, TransactionBehavior};
 use std::ops::Deref;
 
@@ -80,7 +79,10 @@ impl Store {
             self.fullness.mark_full();
             // Once only: a second failure with the reserve gone is reported as a full disk.
             if self.reserve.release() {
-                tracing::warn!("the disk of the store is full; the reserve of {} MB is released", reserve::MB);
+                tracing::warn!(
+                    "the disk of the store is full; the reserve of {} MB is released",
+                    fullness::RESERVE_MB
+                );
                 done = self.run_transaction(&write);
             }
         }
@@ -126,7 +128,7 @@ impl Store {
 
     fn is_disk_full_failure(&self, failed: &TransactionFailure) -> bool {
         match failed {
-            TransactionFailure::Sql(error) => reserve::is_disk_full_error(error, self.folder()),
+            TransactionFailure::Sql(error) => fullness::is_disk_full_error(error, self.folder()),
             TransactionFailure::Head(error) => error.kind() == std::io::ErrorKind::StorageFull,
             TransactionFailure::InvalidValue(error) => matches!(error, StoreError::Full { .. }),
         }

@@ -1,10 +1,12 @@
 //! Contact paths. The grids of each path are committed with its motion; the number of waypoints that may be sent is
 //! committed before they are sent. This determines which grids were abraded, or may have been, however the motion
 //! ended.
+//!
+//! The paths wear the present disc: the area that it swept is added path by path, and the time of mounting is stored.
 
+use super::cycles::normalised_serial;
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
-use super::part_passes::normalised_serial;
 use panelprep_base::verdict::Verdict;
 use panelprep_cell::cycle::{Event, Id, Motion, Report};
 use panelprep_cell::record::{
@@ -38,6 +40,17 @@ pub(super) const TABLES: &str = "
     CREATE INDEX cycle_facts_by_cycle ON cycle_facts (cycle_id);
 ";
 
+/// A row is the area swept by one path, or a new disc, which has swept nothing.
+pub(super) const DISC_TABLES: &str = "
+    CREATE TABLE discs (
+        id INTEGER PRIMARY KEY,
+        cycle_id INTEGER REFERENCES cycles (id),
+        at_unix_s INTEGER NOT NULL,
+        is_new INTEGER NOT NULL,
+        swept_mm2 REAL NOT NULL
+    ) STRICT;
+";
+
 /// Evidence in a cycle that another part is present afterwards, or was present before.
 #[derive(Debug, Clone, Copy)]
 struct PartChangeEvidence {
@@ -51,6 +64,8 @@ struct PartChangeEvidence {
 
 const CLOCK: &str = "clock";
 const RECORDING: &str = "recording";
+
+const INSERT_PERMIT_SQL: &str = "INSERT INTO permits (motion_id, unix_ms, waypoints) VALUES (?1, ?2, ?3)";
 
 impl Store {
     /// Commits that this contact path may begin and how many of its waypoints may be sent: all three at once.
@@ -312,6 +327,50 @@ impl Store {
         };
         rows.iter().map(whole).collect()
     }
-}
 
-const INSERT_PERMIT_SQL: &str = "INSERT INTO permits (motion_id, unix_ms, waypoints) VALUES (?1, ?2, ?3)";
+    /// Records the area of the panel that the disc in use swept, mm².
+    ///
+    /// # Errors
+    /// If the store is open for reading or cannot be written, or the area is not a number.
+    pub fn wear_disc(&mut self, cycle: Option<CycleId>, swept_mm2: f64) -> Result<(), StoreError> {
+        if !swept_mm2.is_finite() {
+            return Err(StoreError::NotFinite { name: "area swept by the disc".to_owned() });
+        }
+        self.store_disc(cycle, false, swept_mm2)
+    }
+
+    /// Records that a new disc was mounted.
+    ///
+    /// # Errors
+    /// If the store is open for reading or cannot be written.
+    pub fn mount_disc(&mut self) -> Result<(), StoreError> {
+        self.store_disc(None, true, 0.0)
+    }
+
+    fn store_disc(&mut self, cycle: Option<CycleId>, is_new: bool, swept_mm2: f64) -> Result<(), StoreError> {
+        self.require_writable()?;
+        let at_unix_s = self.unix_s();
+        self.commit("write the disc's wear to", |writing| {
+            writing.execute(
+                "INSERT INTO discs (cycle_id, at_unix_s, is_new, swept_mm2) VALUES (?1, ?2, ?3, ?4)",
+                params![cycle.map(|id| id.0), at_unix_s, is_new, swept_mm2],
+            )?;
+            writing.chain("discs", writing.last_insert_rowid())
+        })
+    }
+
+    /// The area that the disc in use has swept since it was mounted, mm².
+    ///
+    /// # Errors
+    /// If it cannot be read; a store of an earlier program has no disc records, and the error states this.
+    pub fn disc_worn_mm2(&self) -> Result<f64, StoreError> {
+        self.connection
+            .query_row(
+                "SELECT coalesce(sum(swept_mm2), 0.0) FROM discs
+                 WHERE id > (SELECT coalesce(max(id), 0) FROM discs WHERE is_new)",
+                [],
+                |row| row.get(0),
+            )
+            .map_err(|error| self.database_error("read the disc's wear from", &error))
+    }
+}

@@ -1,13 +1,12 @@
 //! A copy of the database by SQLite's online backup, while a service writes to it. It is made for a backup, and
 //! before the tables of an earlier version of this program are changed.
 
-use super::chain::{self, ChainPosition};
+use super::chain::ChainPosition;
 use super::database::{DATABASE, Store};
-use super::database_files::file_hash;
 use super::error::StoreError;
-use super::flush;
-use super::head::{self, HeadFile};
-use super::{prune, schema};
+use super::flush::file_hash;
+use super::head::HeadFile;
+use super::{chain, flush, head, prune, schema};
 use rusqlite::Connection;
 use rusqlite::backup::{Backup, StepResult};
 use rustix::fs::{CWD, RenameFlags, renameat_with};

@@ -1,12 +1,19 @@
 //! Cycles: the inputs of each, the findings of its phases, and how it ended.
+//!
+//! Also what later cycles and `history` read of them: the record, the part and the disc of one cycle, the cycles of a
+//! panel in order, and the work of earlier cycles on one part.
 
 use super::commit::{TransactionFailure, WriteTransaction};
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
-use super::{finding_times, outbox, parts};
+use super::{alarms, outbox, search};
+use crate::history::{DiscWear, PastCycle, TrendPoint};
 use crate::office::Kind;
-use panelprep_base::verdict::{Judgement, Reason, Verdict};
-use panelprep_cell::record::{Budget, CycleId, CycleRecord, Finding, KeptFile, RecordingFile, conclude};
+use panelprep_base::verdict::{Judgement, Limit, Reason, Verdict};
+use panelprep_cell::record::{
+    Budget, CycleId, CycleRecord, Finding, KeptFile, LostPasses, PartNames, RecordingFile, conclude,
+    removed_bound_um, touching_passes,
+};
 use rusqlite::{OptionalExtension, Row, params};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -52,6 +59,30 @@ pub struct CycleStart {
     pub is_air_run: bool,
 }
 
+/// Numbers of cycles and of paths in contact.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct CycleCounts {
+    /// Number of cycles that have ended.
+    pub ended: i64,
+    /// Number of ended cycles with the verdict pass.
+    pub passed: i64,
+    /// Number of paths in contact that began.
+    pub contacts: i64,
+}
+
+/// Number of abrasions of a part in one cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PassesOfCycle {
+    /// The cycle.
+    pub cycle: CycleId,
+    /// Start of the cycle, s since 1970.
+    pub started_unix_s: i64,
+    /// Number of passes in which the tool was on the part, or may have been.
+    pub passes: usize,
+    /// The upper 95 % bound of the removal anywhere on the part by its end, µm; `None` if it is not known.
+    pub removed_um: Option<f64>,
+}
+
 impl Store {
     /// Stores that a cycle begins, with everything that it uses.
     ///
@@ -66,7 +97,7 @@ impl Store {
         let files: Vec<KeptFile> = start.file_texts.iter().map(kept).collect::<Result<_, StoreError>>()?;
         let recipe_hash = self.store_blob(start.recipe_text.as_bytes())?;
         let (started_unix_s, files) = (self.unix_s(), self.text(&files)?);
-        let part = parts::parse_part(&start.file_texts);
+        let part = search::parse_part(&start.file_texts);
         let above = self.numbered_above()?;
         let id = self.commit("write a cycle to", |writing| {
             let (panel, version, program) = (&start.panel, &start.taught_version, env!("CARGO_PKG_VERSION"));
@@ -77,7 +108,7 @@ impl Store {
             )?;
             let id = writing.last_insert_rowid();
             writing.chain("cycles", id)?;
-            part.as_ref().map_or(Ok(()), |part| parts::insert(writing, id, part))?;
+            part.as_ref().map_or(Ok(()), |part| search::insert_part(writing, id, part))?;
             Ok(CycleId(id))
         })?;
         start.recording.as_ref().map_or(Ok(()), |file| self.store_recording(id, file))?;
@@ -168,7 +199,7 @@ impl Store {
             )?;
             let number = writing.last_insert_rowid();
             writing.chain("findings", number)?;
-            finding_times::insert(writing, number, unix_ms)
+            alarms::insert_finding_time(writing, number, unix_ms)
         })
     }
 
@@ -282,4 +313,172 @@ impl Store {
     fn unreadable_error(&self, error: &serde_json::Error) -> StoreError {
         StoreError::Unreadable { path: self.path().to_owned(), problem: error.to_string() }
     }
+
+    /// The counts of all cycles.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    pub fn cycle_counts(&self) -> Result<CycleCounts, StoreError> {
+        let sql = "SELECT (SELECT count(*) FROM cycles WHERE verdict IS NOT NULL),
+            (SELECT count(*) FROM cycles WHERE verdict = 'pass'),
+            (SELECT count(*) FROM motions WHERE motion ->> 'path' = 'contact')";
+        let counts = |row: &rusqlite::Row<'_>| {
+            Ok(CycleCounts { ended: row.get(0)?, passed: row.get(1)?, contacts: row.get(2)? })
+        };
+        self.connection
+            .query_row(sql, [], counts)
+            .map_err(|error| self.database_error("count the cycles of", &error))
+    }
+
+    /// A cycle with its part and its wear of the disc.
+    ///
+    /// # Errors
+    /// If there is no such cycle, or it cannot be read back.
+    pub fn past_cycle(&self, id: CycleId) -> Result<PastCycle, StoreError> {
+        Ok(PastCycle { record: self.cycle(id)?, part: self.cycle_part(id)?, disc: self.disc_wear_of_cycle(id)? })
+    }
+
+    /// The last cycles of a panel that are over, at most `most`, the oldest first.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    pub fn past_cycles(&self, panel: &str, most: usize) -> Result<Vec<PastCycle>, StoreError> {
+        let most = i64::try_from(most).unwrap_or(i64::MAX);
+        let read = || -> Result<Vec<CycleId>, rusqlite::Error> {
+            let sql = "SELECT id FROM cycles WHERE panel = ?1 AND verdict IS NOT NULL ORDER BY id DESC LIMIT ?2";
+            let mut rows = self.connection.prepare_cached(sql)?;
+            rows.query_map(rusqlite::params![panel, most], |row| row.get(0).map(CycleId))?.collect()
+        };
+        let ids = read().map_err(|error| self.database_error("read the cycles of", &error))?;
+        ids.into_iter().rev().map(|id| self.past_cycle(id)).collect()
+    }
+
+    /// The names of all panels in cycles.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    pub fn cycle_panels(&self) -> Result<Vec<String>, StoreError> {
+        let read = || -> Result<Vec<String>, rusqlite::Error> {
+            let sql = "SELECT DISTINCT panel FROM cycles ORDER BY panel";
+            self.connection.prepare_cached(sql)?.query_map([], |row| row.get(0))?.collect()
+        };
+        read().map_err(|error| self.database_error("read the panels of", &error))
+    }
+
+    /// The last verifications of a subject that are not struck out, at most `most`, the oldest first.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    pub fn verification_points(&self, subject: &str, most: usize) -> Result<Vec<TrendPoint>, StoreError> {
+        let all = self.verifications(subject)?;
+        let points = all.into_iter().filter(|it| it.struck.is_none()).map(|it| TrendPoint {
+            cycle: None,
+            at_unix_s: it.at_unix_s,
+            serial: None,
+            value: it.error,
+            limit: Limit::AtMost(it.limit),
+        });
+        let mut points: Vec<TrendPoint> = points.collect();
+        points.drain(..points.len().saturating_sub(most));
+        Ok(points)
+    }
+
+    /// A cycle's wear of the disc; `None` if there was none.
+    fn disc_wear_of_cycle(&self, id: CycleId) -> Result<Option<DiscWear>, StoreError> {
+        let read = || -> Result<Option<DiscWear>, rusqlite::Error> {
+            if !self.connection.table_exists(None, "discs")? {
+                return Ok(None);
+            }
+            // The wear of an interrupted path is corrected afterwards, by a second row of the same cycle.
+            let sql = "SELECT sum(swept_mm2), max(id) FROM discs WHERE cycle_id = ?1";
+            let swept = self
+                .connection
+                .prepare_cached(sql)?
+                .query_row([id.0], |row| Ok((row.get::<_, Option<f64>>(0)?, row.get::<_, Option<i64>>(1)?)))?;
+            let (Some(swept_mm2), Some(last)) = swept else { return Ok(None) };
+            let sql = "SELECT sum(swept_mm2) FROM discs
+                       WHERE id <= ?1 AND id > (SELECT coalesce(max(id), 0) FROM discs WHERE is_new AND id <= ?1)";
+            let worn_mm2 = self.connection.prepare_cached(sql)?.query_row([last], |row| row.get(0))?;
+            Ok(Some(DiscWear { swept_mm2, worn_mm2 }))
+        };
+        read().map_err(|error| self.database_error("read the disc's wear from", &error))
+    }
+
+    /// The part of a cycle, from the text that the cycle stores; `None` if none was named, or if that text is missing
+    /// or damaged.
+    pub fn stored_part(&self, record: &CycleRecord) -> Option<PartNames> {
+        let kept = record.files.iter().find(|file| file.name == PartNames::FILE)?;
+        PartNames::read(&String::from_utf8(self.blob(&kept.hash).ok()?).ok()?)
+    }
+
+    /// The passes in lost cycles that the start of this cycle stated; 0 if it stated none.
+    ///
+    /// # Errors
+    /// If the statement is missing or damaged in the store: it is then not known how many passes count.
+    pub fn lost_passes(&self, cycle: CycleId) -> Result<u8, StoreError> {
+        let sql =
+            "SELECT value ->> 'hash' FROM cycles, json_each(files) WHERE cycles.id = ?1 AND value ->> 'name' = ?2";
+        let read = || -> Result<Option<String>, rusqlite::Error> {
+            self.connection
+                .prepare_cached(sql)?
+                .query_row(params![cycle.0, LostPasses::FILE], |row| row.get(0))
+                .optional()
+        };
+        let Some(hash) = read().map_err(|error| self.database_error("read a cycle of", &error))? else {
+            return Ok(0);
+        };
+        let text = String::from_utf8(self.blob(&hash)?).unwrap_or_default();
+        let stated = LostPasses::read(&text).ok_or_else(|| StoreError::Unreadable {
+            path: self.path().to_owned(),
+            problem: format!("the passes in lost cycles that the start of cycle {cycle} stated"),
+        })?;
+        Ok(stated.passes)
+    }
+
+    /// The cycles in which the part with this serial number was abraded, or may have been, in order; only those
+    /// before `before` if it is given. Passes in lost cycles count for the cycle whose start stated them.
+    ///
+    /// # Errors
+    /// If a cycle cannot be read.
+    pub fn passes_by_serial(
+        &self,
+        serial: &str,
+        before: Option<CycleId>,
+    ) -> Result<Vec<PassesOfCycle>, StoreError> {
+        self.ensure_parts_table()?;
+        let read = || -> Result<Vec<CycleId>, rusqlite::Error> {
+            let sql = "SELECT cycle_id, serial FROM cycle_parts WHERE serial NOTNULL AND (?1 IS NULL OR cycle_id < ?1) ORDER BY 1";
+            let mut statement = self.connection.prepare(sql)?;
+            let all = statement.query_map(params![before.map(|id| id.0)], |row| Ok((row.get(0)?, row.get(1)?)))?;
+            // A blank, or upper instead of lower case, does not mean another part. SQL compares the case of ASCII
+            // letters only.
+            let is_it = |row: &Result<(i64, String), _>| {
+                row.as_ref().map_or(true, |(_, found): &(i64, String)| {
+                    normalised_serial(found) == normalised_serial(serial)
+                })
+            };
+            all.filter(is_it).map(|row| row.map(|(id, _)| CycleId(id))).collect()
+        };
+        let cycles = read().map_err(|error| self.database_error("read the cycles of", &error))?;
+        let mut all = Vec::new();
+        for cycle in cycles {
+            let record = self.cycle(cycle)?;
+            let own = touching_passes(&record.findings, &record.motions);
+            let lost = usize::from(self.lost_passes(cycle)?);
+            let passes = own + lost;
+            if passes > 0 {
+                // The statement contains no depth.
+                let removed_um = removed_bound_um(&record.findings, own).filter(|_| lost == 0);
+                let started_unix_s = record.started_unix_s;
+                all.push(PassesOfCycle { cycle, started_unix_s, passes, removed_um });
+            }
+        }
+        Ok(all)
+    }
+}
+
+/// Returns a serial number without differences that do not mean another part: blanks around it, and upper or lower
+/// case.
+pub(super) fn normalised_serial(serial: &str) -> String {
+    serial.trim().to_uppercase()
 }

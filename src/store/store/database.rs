@@ -1,14 +1,19 @@
 //! An open store: its database, the files beside it, and the state shared by its parts.
+//!
+//! This state includes the state of motions and cycles according to the journal (its events, folded by the cycle's
+//! state machine), the behaviour while the disk is full with the check whether there is space again, and the steps of
+//! a transaction at which tests look at the files.
 
 use super::blobs::Blobs;
 use super::error::StoreError;
-use super::fold::JournalFold;
-use super::fullness::{BlobWriter, DiskFullness};
+use super::fullness::{self, BlobWriter, DiskFullness, ROOM_MB, ReserveFile};
 use super::head::HeadFile;
 use super::lease::WriteLease;
-use super::reserve::ReserveFile;
-use super::steps::Steps;
+use panelprep_base::verdict::Verdict;
+use panelprep_cell::cycle::{Effect, Event, Motion, Outcome, Report, State, step};
+use panelprep_cell::record::CycleId;
 use rusqlite::Connection;
+use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -126,6 +131,41 @@ impl Store {
     pub(super) fn database_error(&self, doing: &'static str, error: &rusqlite::Error) -> StoreError {
         StoreError::database(doing, self.path(), error)
     }
+
+    /// Returns whether the disk was found full since [`Store::has_free_space`] last found space.
+    pub fn is_disk_full(&self) -> bool {
+        self.fullness.is_disk_full()
+    }
+
+    /// Stores a picture as [`Store::store_blob`] does. If the disk is full, the picture is dropped and the result is
+    /// `None`: the remaining space is for the journal.
+    ///
+    /// # Errors
+    /// As [`Store::store_blob`], except for a full disk.
+    pub fn store_picture(&self, bytes: &[u8]) -> Result<Option<String>, StoreError> {
+        self.require_writable()?;
+        self.fullness.store_picture(&self.blobs, bytes)
+    }
+
+    /// The number of pictures dropped since the last call.
+    pub fn dropped_pictures(&self) -> u64 {
+        self.fullness.take_dropped_count()
+    }
+
+    /// Returns whether there is room for the reserve and pictures again; if so, the reserve is allocated.
+    pub fn has_free_space(&mut self) -> bool {
+        let free = self.blobs.free_mb().unwrap_or(0);
+        let has_room = free >= ROOM_MB && self.reserve.allocate().is_ok();
+        if has_room {
+            self.fullness.clear_full();
+        }
+        has_room
+    }
+
+    /// Returns the error of the full disk, with the files to delete.
+    pub fn disk_full_error(&self) -> StoreError {
+        fullness::disk_full_error(self.folder())
+    }
 }
 
 /// Returns ms since 1970; negative for earlier times.
@@ -134,5 +174,78 @@ pub(super) fn unix_ms(time: SystemTime) -> i64 {
     match time.duration_since(UNIX_EPOCH) {
         Ok(since) => ms(since),
         Err(before) => -ms(before.duration()),
+    }
+}
+
+/// A motion with its outcome and its number of executed waypoints.
+pub(super) type MotionEnd = (Motion, Outcome, u32);
+
+/// The content of a journal about motions and cycles, as far as it was read.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct JournalFold {
+    pub(super) state: State,
+    pub(super) closed: Option<MotionEnd>,
+    pub(super) concluded: Option<(Option<CycleId>, Verdict)>,
+    pub(super) cycle: Option<CycleId>,
+}
+
+impl JournalFold {
+    pub const INITIAL: JournalFold =
+        JournalFold { state: State::INITIAL, closed: None, concluded: None, cycle: None };
+
+    pub fn step(&mut self, event: Event, cycle: Option<CycleId>) {
+        let (state, effects) = step(self.state, event);
+        self.state = state;
+        self.cycle = cycle;
+        for effect in effects {
+            match effect {
+                Effect::CloseIntent { motion, outcome, done } => self.closed = Some((motion, outcome, done)),
+                Effect::Conclude { verdict } => self.concluded = Some((cycle, verdict)),
+                _ => {}
+            }
+        }
+    }
+
+    /// The state at the end of the journal.
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// Returns the state after the next start of the program.
+    pub fn after_restart(&self) -> State {
+        step(self.state, Event::Reported(Report::Boot)).0
+    }
+}
+
+/// Moments at which a process may end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Step {
+    Prepared,
+    Committed,
+    Settled,
+}
+
+/// A hook with which tests look at the files at each step; the program does not use it.
+#[derive(Default)]
+pub(super) struct Steps {
+    #[cfg(test)]
+    pub told: Option<Box<dyn Fn(Step) + Send>>,
+}
+
+impl std::fmt::Debug for Steps {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Steps")
+    }
+}
+
+impl Steps {
+    #[cfg_attr(not(test), expect(clippy::unused_self, reason = "only tests look"))]
+    pub fn reach(&self, step: Step) {
+        #[cfg(test)]
+        if let Some(told) = &self.told {
+            told(step);
+        }
+        let _ = step;
     }
 }

@@ -1,13 +1,15 @@
-//! Makes changes permanent that must survive a power cut: names in a folder, and the files that a killed process
-//! has left.
+//! Makes changes permanent that must survive a power cut: names in a folder, and the files that a killed process has
+//! left.
 //!
-//! A file that was created, renamed or removed keeps this state after a power cut only when its folder is flushed.
+//! A file that was created, renamed or removed keeps this state after a power cut only when its folder is flushed. The
+//! files of an SQLite database are the database and its log; each has a hash.
 
-use super::database_files::log_path;
+use super::chain::Hash;
 use super::error::StoreError;
+use sha2::{Digest, Sha256};
 use std::fs::File;
-use std::io::{Error, ErrorKind};
-use std::path::Path;
+use std::io::{Error, ErrorKind, Read};
+use std::path::{Path, PathBuf};
 
 /// Flushes the names of the files in this folder to the disk.
 ///
@@ -34,4 +36,22 @@ pub(super) fn flush_after_kill(database: &Path) -> Result<(), StoreError> {
         }
     }
     Ok(())
+}
+
+/// Returns the path of SQLite's log beside a database.
+pub(super) fn log_path(database: &Path) -> PathBuf {
+    let mut log = database.as_os_str().to_owned();
+    log.push("-wal");
+    PathBuf::from(log)
+}
+
+/// Computes the SHA-256 of a file.
+pub(super) fn file_hash(path: &Path) -> Result<Hash, std::io::Error> {
+    let (mut file, mut hasher, mut buffer) = (File::open(path)?, Sha256::new(), vec![0; 1 << 20]);
+    loop {
+        match file.read(&mut buffer)? {
+            0 => return Ok(hasher.finalize().into()),
+            count => hasher.update(&buffer[..count]),
+        }
+    }
 }

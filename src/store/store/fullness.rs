@@ -1,15 +1,20 @@
-//! A full disk as detected by the store's writers: pictures are dropped first, so that the remaining space is for
-//! the journal.
+//! A full disk as detected by the store's writers: pictures are dropped first, so that the remaining space is for the
+//! journal.
+//!
+//! The reserve is a file that is released when the disk is full, so that the journal continues until the cell rests.
 
-use super::blobs::{self, Blobs};
+use super::blobs::Blobs;
 use super::error::StoreError;
+use super::{blobs, flush};
+use rusqlite::ErrorCode;
+use std::fs::{self, OpenOptions};
 use std::io::ErrorKind;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// Free disk space below which no picture is written, MB: the remaining space is for the journal.
-pub(super) const PICTURES_MB: u64 = 64;
+const PICTURES_MB: u64 = 64;
 
 /// Whether the disk is full, as detected by the store's writers. Clones share the same state.
 #[derive(Debug, Clone, Default)]
@@ -82,4 +87,109 @@ impl BlobWriter {
     pub fn store_picture(&self, bytes: &[u8]) -> Result<Option<String>, StoreError> {
         self.1.store_picture(&self.0, bytes)
     }
+}
+
+/// The file's name.
+const RESERVE_FILE: &str = "panelprep.reserve";
+/// The reserve's size. A line of the journal needs at most 16 kB of the database's log: the reserve is enough for
+/// 2,000 lines, and a retract, a hold and a stop need less than 100.
+pub(super) const RESERVE_MB: u64 = 32;
+/// Free disk space with which a full disk has room again for the reserve and for pictures, MB.
+pub(super) const ROOM_MB: u64 = RESERVE_MB + PICTURES_MB;
+/// Free disk space below which no program starts on a store without a reserve, MB: its journal would fill the disk
+/// before the cell is in a safe state.
+const JOURNAL_MB: u64 = 8;
+/// Free disk space below which an ambiguous error is treated as a full disk, bytes.
+const MIN_FREE_BYTES: u64 = 1_000_000;
+
+/// The reserved file that is deleted when the disk is full.
+#[derive(Debug)]
+pub(super) struct ReserveFile {
+    path: PathBuf,
+}
+
+impl ReserveFile {
+    pub fn new(store: &Path) -> Self {
+        ReserveFile { path: store.join(RESERVE_FILE) }
+    }
+
+    /// Allocates the disk's blocks, if they are not allocated yet.
+    pub fn allocate(&self) -> std::io::Result<()> {
+        let bytes = RESERVE_MB << 20;
+        let mut options = OpenOptions::new();
+        let file = options.read(true).write(true).create(true).truncate(false).open(&self.path)?;
+        if file.metadata()?.len() == bytes {
+            return Ok(());
+        }
+        let taken = rustix::fs::fallocate(&file, rustix::fs::FallocateFlags::empty(), 0, bytes);
+        let taken = taken.map_err(std::io::Error::from).and_then(|()| file.sync_all());
+        if taken.is_err() {
+            #[expect(
+                clippy::let_underscore_must_use,
+                reason = "a partial reserve would only use disk space that other files need"
+            )]
+            let _ = fs::remove_file(&self.path);
+        }
+        taken
+    }
+
+    /// Releases the reserve; false if there was none.
+    pub fn release(&self) -> bool {
+        let released = fs::remove_file(&self.path).is_ok();
+        if released && let Some(folder) = self.path.parent() {
+            #[expect(
+                clippy::let_underscore_must_use,
+                reason = "the space is free after the folder is flushed; if that fails, the next write reports it"
+            )]
+            let _ = flush::names(folder);
+        }
+        released
+    }
+}
+
+/// Returns whether this error means that the disk is full.
+pub(super) fn is_disk_full_error(error: &rusqlite::Error, folder: &Path) -> bool {
+    match error.sqlite_error_code() {
+        Some(ErrorCode::DiskFull) => true,
+        // SQLite's log and its shared memory are files too.
+        Some(ErrorCode::SystemIoFailure | ErrorCode::CannotOpen) => has_no_space(folder),
+        _ => false,
+    }
+}
+
+/// Returns whether a disk has no space for the files that SQLite creates.
+pub(super) fn has_no_space(folder: &Path) -> bool {
+    blobs::free_bytes(folder).is_ok_and(|free| free < MIN_FREE_BYTES)
+}
+
+/// Returns whether there is too little space for the journal here.
+pub(super) fn is_too_full_for_journal(folder: &Path) -> bool {
+    blobs::free_mb(folder).is_ok_and(|free| free < JOURNAL_MB)
+}
+
+/// Returns the error that this store's disk is full, with the files to delete.
+pub(super) fn disk_full_error(folder: &Path) -> StoreError {
+    let free = match blobs::free_mb(folder) {
+        Ok(free_mb) => format!("{free_mb} MB free"),
+        Err(error) => format!("the free space cannot be read: {error}"),
+    };
+    StoreError::Full { path: folder.to_owned(), free, minimum_mb: ROOM_MB, advice: advice(folder) }
+}
+
+/// Returns which files may be deleted, as an imperative.
+fn advice(folder: &Path) -> String {
+    let recordings = folder.join("recordings");
+    let files = fs::read_dir(&recordings).into_iter().flatten().flatten();
+    let sizes: Vec<u64> = files.filter_map(|file| Some(file.metadata().ok()?.len())).collect();
+    let mb = sizes.iter().sum::<u64>() / 1_000_000;
+    let recordings = match sizes.len() {
+        0 => "files of other programs on this disk".to_owned(),
+        count => {
+            format!("recordings that are no longer needed ({count} files, {mb} MB, in {})", recordings.display())
+        }
+    };
+    format!(
+        "delete {recordings}, or set [store] keep in the cell's file, which removes clips and scans of old cycles; \
+         nothing else in the store may be deleted"
+    )
 }

@@ -8,7 +8,7 @@
 
 use super::chain::{ChainPosition, Hash};
 use super::flush;
-use super::turns::{WriteQueue, WriteTurn};
+use super::lease::{WriteQueue, WriteTurn};
 use panelprep_cell::files::{content_hash, hex};
 use std::fmt::Write as _;
 use std::fs::{File, OpenOptions, TryLockError};

@@ -2,12 +2,13 @@
 //!
 //! A line carries the first 16 digits of a hash over its own content and that of the line before. A changed, lost or
 //! inserted line is detected when the journal is read. The store's chain (see `chain`) covers it too.
+//!
+//! A checkpoint contains the folded state of the journal at one of its lines, so that a start reads only later lines.
+//! It is used only if the same version of the program wrote it and the journal still contains the line that it names.
 
-use super::checkpoints;
 use super::commit::{TransactionFailure, WriteTransaction};
-use super::database::{Store, unix_ms};
+use super::database::{JournalFold, Store, unix_ms};
 use super::error::StoreError;
-use super::fold::JournalFold;
 use panelprep_cell::cycle::{Event, Report, State};
 use panelprep_cell::files::content_hash;
 use panelprep_cell::record::CycleId;
@@ -22,6 +23,15 @@ pub(super) const TABLES: &str = "
         chain TEXT NOT NULL
     ) STRICT;
     CREATE INDEX journal_by_cycle ON journal (cycle_id);
+";
+
+pub(super) const CHECKPOINT_TABLES: &str = "
+    CREATE TABLE checkpoints (
+        sequence INTEGER PRIMARY KEY,
+        journal_chain TEXT NOT NULL,
+        program_version TEXT NOT NULL,
+        folded TEXT NOT NULL
+    ) STRICT;
 ";
 
 /// A line of the journal.
@@ -103,10 +113,10 @@ impl Store {
         // Rows that the last process did not write come before a new event, which may refer to them.
         self.write_missing_rows(&settled)?;
         if self.require_writable().is_ok() {
-            if tail > checkpoints::TAIL {
+            if tail > TAIL {
                 let told = self.text(&settled)?;
                 self.commit("write a checkpoint to", |writing| {
-                    checkpoints::write(writing, (last.0, &last.1), &told)
+                    write_checkpoint(writing, (last.0, &last.1), &told)
                 })?;
             }
             self.folded_state = Some(settled.clone());
@@ -225,8 +235,54 @@ fn write_line(
         )?
         .execute(params![line.sequence, line.cycle, line.unix_ms, line.event, chain])?;
     writing.chain("journal", line.sequence)?;
-    if let (0, Some(folded)) = (line.sequence % checkpoints::CHECKPOINT_INTERVAL, folded) {
-        checkpoints::write(writing, (line.sequence, &chain), folded)?;
+    if let (0, Some(folded)) = (line.sequence % CHECKPOINT_INTERVAL, folded) {
+        write_checkpoint(writing, (line.sequence, &chain), folded)?;
     }
     Ok(line.sequence as u64)
+}
+
+/// Number of journal lines from one checkpoint to the next.
+const CHECKPOINT_INTERVAL: i64 = 10_000;
+/// A start that had to read more lines than this writes a checkpoint.
+const TAIL: i64 = 2_000;
+
+/// A position from which the journal can be read.
+pub(super) struct Checkpoint {
+    pub sequence: i64,
+    pub journal_chain: String,
+    pub settled: JournalFold,
+}
+
+/// Writes one.
+fn write_checkpoint(
+    writing: &mut WriteTransaction<'_>,
+    (sequence, journal_chain): (i64, &str),
+    folded: &str,
+) -> Result<(), TransactionFailure> {
+    writing.execute(
+        "INSERT OR IGNORE INTO checkpoints (sequence, journal_chain, program_version, folded) VALUES (?1, ?2, ?3, ?4)",
+        params![sequence, journal_chain, env!("CARGO_PKG_VERSION"), folded],
+    )?;
+    if writing.changes() == 1 { writing.chain("checkpoints", sequence) } else { Ok(()) }
+}
+
+impl Store {
+    /// Returns the last usable checkpoint.
+    pub(super) fn checkpoint(&self) -> Result<Option<Checkpoint>, StoreError> {
+        let sql = "SELECT c.sequence, c.journal_chain, c.folded FROM checkpoints c JOIN journal j
+                ON j.sequence = c.sequence AND j.chain = c.journal_chain
+             WHERE c.program_version = ?1 ORDER BY c.sequence DESC LIMIT 1";
+        let found = self
+            .connection
+            .query_row(sql, [env!("CARGO_PKG_VERSION")], |row| {
+                Ok((row.get::<_, i64>(0)?, row.get::<_, String>(1)?, row.get::<_, String>(2)?))
+            })
+            .optional()
+            .map_err(|error| self.database_error("read a checkpoint of", &error))?;
+        // A checkpoint that this program can no longer read is ignored: the journal is folded from the beginning.
+        Ok(found.and_then(|(sequence, journal_chain, folded)| {
+            let settled = serde_json::from_str(&folded).ok()?;
+            Some(Checkpoint { sequence, journal_chain, settled })
+        }))
+    }
 }

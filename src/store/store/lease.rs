@@ -1,13 +1,21 @@
-//! One writer at a time: a lock on the store's folder.
+//! One writer at a time: a lock on the store's folder, and the order of writing among the threads of this process.
 //!
-//! It is a lock of the operating system and not SQLite's exclusive mode, which would also exclude readers (a
-//! `locate` beside the running daemon) and cannot report the holder. It is not on a file in the folder: a person
-//! could remove such a file and so admit a second writer. The system releases the lock when its process ends,
-//! however it ends. `panelprep.lock` names the holder, for messages alone.
+//! The lock is one of the operating system and not SQLite's exclusive mode, which would also exclude readers (a
+//! `locate` beside the running daemon) and cannot report the holder. It is not on a file in the folder: a person could
+//! remove such a file and so admit a second writer. The system releases the lock when its process ends, however it
+//! ends. `panelprep.lock` names the holder, for messages alone.
+//!
+//! Among threads, the first that comes is the first served. A lock of the file system has no order: a thread that
+//! requests it again at once gets it again. A page that writes a line for each refused request could therefore hold up
+//! the loop, which writes a stop to the journal before the stop is executed. Between processes the lock of the head's
+//! file decides, as before.
 
 use super::error::StoreError;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs::{self, File, TryLockError};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
+use std::time::{Duration, Instant};
 
 /// Lock file that names the writer.
 const FILE: &str = "panelprep.lock";
@@ -56,5 +64,120 @@ impl Drop for WriteLease {
             reason = "the folder closes next, which also releases a lock that could not be released here"
         )]
         let _ = self.locked.unlock();
+    }
+}
+
+/// The queue of the threads that wait to write to one store.
+#[derive(Debug, Default)]
+pub(super) struct WriteQueue {
+    queue: Mutex<Queue>,
+    changed: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct Queue {
+    waiting: VecDeque<u64>,
+    next: u64,
+}
+
+/// The right to write; the turn ends when this value is dropped.
+#[derive(Debug)]
+pub(super) struct WriteTurn<'t> {
+    turns: &'t WriteQueue,
+    number: u64,
+}
+
+impl WriteQueue {
+    /// Returns the turns of the store in this folder.
+    pub fn for_folder(store: &Path) -> Arc<WriteQueue> {
+        static ALL: Mutex<BTreeMap<PathBuf, Weak<WriteQueue>>> = Mutex::new(BTreeMap::new());
+        let key = store.canonicalize().unwrap_or_else(|_| store.to_owned());
+        let mut all = ALL.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(turns) = all.get(&key).and_then(Weak::upgrade) {
+            return turns;
+        }
+        all.retain(|_, turns| turns.strong_count() > 0);
+        let turns = Arc::new(WriteQueue::default());
+        all.insert(key, Arc::downgrade(&turns));
+        turns
+    }
+
+    /// Waits for the turn, at most this time; `None` after a timeout.
+    pub fn acquire(&self, patience: Duration) -> Option<WriteTurn<'_>> {
+        let until = Instant::now() + patience;
+        let mut queue = self.lock();
+        let number = queue.next;
+        queue.next += 1;
+        queue.waiting.push_back(number);
+        while queue.waiting.front() != Some(&number) {
+            let left = until.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                self.leave_queue(queue, number);
+                return None;
+            }
+            queue = self.changed.wait_timeout(queue, left).unwrap_or_else(PoisonError::into_inner).0;
+        }
+        Some(WriteTurn { turns: self, number })
+    }
+
+    fn leave_queue(&self, mut queue: MutexGuard<'_, Queue>, number: u64) {
+        queue.waiting.retain(|waiting| *waiting != number);
+        drop(queue);
+        self.changed.notify_all();
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Queue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Drop for WriteTurn<'_> {
+    fn drop(&mut self) {
+        self.turns.leave_queue(self.turns.lock(), self.number);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::thread;
+
+    fn until_waiting(turns: &WriteQueue, count: usize) {
+        while turns.lock().waiting.len() < count {
+            thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// A thread that has had a turn and requests another at once comes after all waiting threads.
+    #[test]
+    fn the_first_writer_is_served_first() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (turns, served) = (WriteQueue::for_folder(folder.path()), Mutex::new(Vec::new()));
+        assert!(Arc::ptr_eq(&turns, &WriteQueue::for_folder(folder.path())), "one queue for each store");
+        let serve = |name| {
+            let _turn = turns.acquire(Duration::from_secs(60)).expect("a turn");
+            served.lock().expect("whole").push(name);
+        };
+        let first = turns.acquire(Duration::ZERO).expect("free");
+        thread::scope(|scope| {
+            scope.spawn(|| serve("second"));
+            until_waiting(&turns, 2);
+            scope.spawn(|| serve("third"));
+            until_waiting(&turns, 3);
+            // The second thread must be in the queue before the turn is released.
+            scope.spawn(|| serve("again"));
+            until_waiting(&turns, 4);
+            drop(first);
+        });
+        assert_eq!(served.into_inner().expect("whole"), ["second", "third", "again"]);
+    }
+
+    #[test]
+    fn a_writer_that_waits_too_long_keeps_the_place_of_others() {
+        let turns = WriteQueue::default();
+        let first = turns.acquire(Duration::ZERO).expect("free");
+        assert!(turns.acquire(Duration::from_millis(5)).is_none());
+        drop(first);
+        assert!(turns.acquire(Duration::ZERO).is_some());
     }
 }

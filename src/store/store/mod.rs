@@ -14,80 +14,66 @@
 //! The journal is written before effects: [`Store::append`] returns when the event is on the disk. After a failed
 //! append nothing more is appended, since it is unknown whether the line was written; the next process determines this.
 //! A full disk is not such a failure: the reserve is released, and the journal continues until the cell is at rest
-//! (`reserve`, `full_disk`).
+//! (`fullness`).
 
-mod acknowledgements;
 mod alarms;
 mod blobs;
 mod chain;
-mod checkpoints;
 mod commit;
 mod contacts;
 mod copy;
 mod cycles;
 mod database;
-mod database_files;
-mod discs;
 mod error;
-mod finding_times;
 mod flush;
-mod fold;
-mod full_disk;
 mod fullness;
 mod head;
-mod incidents;
 mod journal;
 mod key_file;
 mod lease;
-mod lost_count;
 mod motions;
 mod opening;
 mod outbox;
-mod part_passes;
-mod parts;
-mod past_cycles;
 mod people;
-mod proofs;
 mod prune;
 mod requests;
-mod reserve;
 mod restores;
 mod schema;
 mod search;
 mod signatures;
-mod signed;
-mod steps;
 mod teaching;
-mod trail;
-mod turns;
 mod verifications;
 mod verify;
 
 pub use blobs::{Blobs, free_mb};
 pub use copy::{BLOBS, CopiedStore, ROW_FILES};
-pub use cycles::CycleStart;
+pub use cycles::{CycleCounts, CycleStart, PassesOfCycle};
 pub use database::Store;
-pub use error::StoreError;
+pub use error::{LostCount, StoreError};
 pub use fullness::BlobWriter;
-pub use incidents::Incident;
 pub use key_file::{KeyLocation, cell_key, public_keys};
 pub use lease::WriteLease;
-pub use lost_count::LostCount;
-pub use part_passes::PassesOfCycle;
-pub use past_cycles::CycleCounts;
-pub use people::NumberedEntry;
-pub use proofs::ProofsPage;
+pub use people::{Incident, NumberedEntry, TrailPosition};
 pub use prune::PrunedFiles;
-pub use requests::NumberedRequest;
+pub use requests::{NumberedRequest, ProofsPage};
 pub use restores::Restore;
 pub use signatures::{PersonSigningRequest, SignatureRow};
 pub use teaching::{StoredTeaching, TaughtCorner, TeachingInputs};
-pub use trail::TrailPosition;
 pub use verifications::calibration_hash;
 pub use verify::StoreVerification;
 
 #[cfg(any(test, feature = "testing"))]
 #[cfg_attr(feature = "testing", allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
-pub mod testing;
+pub mod testing {
+    //! What the tests of other rooms need, too.
+
+    use super::Store;
+    use std::time::SystemTime;
+
+    /// Sets the clock that dates the rows of a store.
+    pub fn set_clock(store: &mut Store, clock: fn() -> SystemTime) {
+        store.clock = clock;
+    }
+}
 #[cfg(test)]
 pub(crate) mod tests;

@@ -3,9 +3,8 @@
 //! The journal implies the same, since intents are effects of its events. If a process ends between an event and
 //! its effects, a row is missing; the next process writes it from the journal.
 
-use super::database::Store;
+use super::database::{JournalFold, Store};
 use super::error::StoreError;
-use super::fold::JournalFold;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::cycle::{Motion, Outcome, Path};
 use panelprep_cell::record::{ContactPath, CycleId, MotionRecord};

@@ -1,16 +1,14 @@
 //! Opening and closing a store.
 
 use super::blobs::Blobs;
-use super::chain::{self, ChainPosition};
-use super::database::{DATABASE, Store};
-use super::database_files::{file_hash, log_path};
+use super::chain::ChainPosition;
+use super::database::{DATABASE, Steps, Store};
 use super::error::StoreError;
-use super::fullness::DiskFullness;
-use super::head::{self, Head, HeadFile};
+use super::flush::{file_hash, log_path};
+use super::fullness::{DiskFullness, ReserveFile};
+use super::head::{Head, HeadFile};
 use super::lease::WriteLease;
-use super::reserve::{self, ReserveFile};
-use super::steps::Steps;
-use super::{copy, flush, parts, schema};
+use super::{chain, copy, flush, fullness, head, schema, search};
 use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 use std::path::Path;
 use std::time::SystemTime;
@@ -55,7 +53,7 @@ impl Store {
             opened => opened,
         };
         opened.map_err(
-            |error| if is_open_failure_full(&error, folder) { reserve::disk_full_error(folder) } else { error },
+            |error| if is_open_failure_full(&error, folder) { fullness::disk_full_error(folder) } else { error },
         )
     }
 
@@ -120,8 +118,8 @@ impl Store {
             if error.kind() == std::io::ErrorKind::StorageFull {
                 store.fullness.mark_full();
                 // Without space for the journal no cycle may begin, and the store may not be opened.
-                if reserve::is_too_full_for_journal(folder) {
-                    return Err(reserve::disk_full_error(folder));
+                if fullness::is_too_full_for_journal(folder) {
+                    return Err(fullness::disk_full_error(folder));
                 }
             }
         }
@@ -152,7 +150,7 @@ impl Store {
         let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let before = if version < schema::CHAINED { ChainPosition::START } else { chain::last_link(&transaction)? };
         let Some(after) = schema::raise(&transaction)? else { return Ok(Ok(before)) };
-        parts::fill_missing(&transaction, &self.blobs)?;
+        search::fill_missing_parts(&transaction, &self.blobs)?;
         // A head that has content is checked before it is overwritten.
         let is_new = matches!(head::read(self.blobs.store()), Ok(None));
         if is_new && let Err(error) = head.prepare(before, after) {
@@ -227,7 +225,7 @@ fn is_open_failure_full(error: &StoreError, folder: &Path) -> bool {
     match error {
         StoreError::Full { .. } => true,
         StoreError::File { source, .. } => source.kind() == std::io::ErrorKind::StorageFull,
-        StoreError::Database { .. } => reserve::has_no_space(folder),
+        StoreError::Database { .. } => fullness::has_no_space(folder),
         _ => false,
     }
 }

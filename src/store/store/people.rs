@@ -1,9 +1,8 @@
-//! Accounts and the audit trail. Both are append-only: a changed account is a new row, and the newest row of a name
-//! is valid.
+//! Accounts and the audit trail, and the evidence of changes made outside this program. All are append-only: a changed
+//! account is a new row, and the newest row of a name is valid. Lists are read page by page, the newest line first.
 
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
-use super::trail::TrailPosition;
 use panelprep_cell::accounts::{Account, AuditEntry};
 use rusqlite::params;
 use std::collections::BTreeMap;
@@ -22,6 +21,14 @@ pub(super) const TABLES: &str = "
     ) STRICT;
 ";
 
+pub(super) const INCIDENT_TABLES: &str = "
+    CREATE TABLE incidents (
+        id INTEGER PRIMARY KEY,
+        at_unix_s INTEGER NOT NULL,
+        found TEXT NOT NULL
+    ) STRICT;
+";
+
 /// A line of the audit trail with its number.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NumberedEntry {
@@ -29,6 +36,30 @@ pub struct NumberedEntry {
     pub number: i64,
     /// The line.
     pub entry: AuditEntry,
+}
+
+/// A position in the audit trail or among the requests. Lines are in the order of their time, and of their number
+/// within one millisecond: the time alone does not separate two of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct TrailPosition {
+    /// The line's time, ms since 1970.
+    pub unix_ms: i64,
+    /// The line's number in its table, from 1.
+    pub number: i64,
+}
+
+impl TrailPosition {
+    /// The position after every line.
+    pub const END: TrailPosition = TrailPosition { unix_ms: i64::MAX, number: i64::MAX };
+}
+
+/// A change that was found at a start.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Incident {
+    /// Time of the start, s since 1970.
+    pub at_unix_s: i64,
+    /// Descriptions of the differences.
+    pub found: Vec<String>,
 }
 
 impl Store {
@@ -127,6 +158,31 @@ impl Store {
             rows.query_map(values, |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
         };
         read().map_err(|error| self.database_error("read the accounts or the audit trail of", &error))
+    }
+
+    /// Stores the changes that were found.
+    pub(super) fn store_incident(&mut self, found: &[String]) -> Result<(), StoreError> {
+        let (at_unix_s, found) = (self.unix_s(), self.text(&found)?);
+        self.commit("write an incident to", |writing| {
+            writing
+                .execute("INSERT INTO incidents (at_unix_s, found) VALUES (?1, ?2)", params![at_unix_s, found])?;
+            writing.chain("incidents", writing.last_insert_rowid())
+        })
+    }
+
+    /// All incidents, oldest first.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    pub fn incidents(&self) -> Result<Vec<Incident>, StoreError> {
+        let read = || -> Result<Vec<(i64, String)>, rusqlite::Error> {
+            let mut rows = self.connection.prepare("SELECT at_unix_s, found FROM incidents ORDER BY id")?;
+            rows.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
+        };
+        let rows = read().map_err(|error| self.database_error("read the incidents of", &error))?;
+        rows.into_iter()
+            .map(|(at_unix_s, found)| Ok(Incident { at_unix_s, found: self.parse_stored(&found)? }))
+            .collect()
     }
 }
 

@@ -7,13 +7,10 @@
 //! to it: the number of passes that it had in the lost cycles, or, for a part without a serial number, that another part
 //! is in the fixture.
 
-use super::chain;
-use super::cycles::CycleStart;
+use super::cycles::{CycleStart, normalised_serial};
 use super::database::Store;
-use super::error::StoreError;
-use super::lost_count::LostCount;
-use super::part_passes::normalised_serial;
-use super::parts;
+use super::error::{LostCount, StoreError};
+use super::{chain, search};
 use panelprep_cell::cycle::{Event, Report};
 use panelprep_cell::record::{ANOTHER_PART_TEXT, CycleId, LostPasses};
 use rusqlite::params;
@@ -211,7 +208,7 @@ impl Store {
 
     /// Refuses a cycle whose abrasions could not be counted. An air-run abrades nothing.
     pub(super) fn check_count(&self, start: &CycleStart) -> Result<(), StoreError> {
-        let serial = parts::parse_part(&start.file_texts).and_then(|part| part.serial).unwrap_or_default();
+        let serial = search::parse_part(&start.file_texts).and_then(|part| part.serial).unwrap_or_default();
         let is_stated = |(name, text): &(String, String)| {
             (name == ANOTHER_PART_TEXT && LostCount::is_answered_by_another_part(&serial))
                 || (name == LostPasses::FILE && LostPasses::read(text).is_some())

@@ -3,9 +3,9 @@
 use super::chain::ChainPosition;
 use super::error::StoreError;
 use super::{
-    acknowledgements, chain, checkpoints, contacts, cycles, discs, finding_times, incidents, journal, motions,
+    alarms, chain, contacts, cycles, journal, motions, outbox, people, prune, requests, search, signatures,
+    teaching, verifications,
 };
-use super::{outbox, parts, people, prune, requests, signatures, teaching, verifications};
 use rusqlite::Connection;
 use std::path::Path;
 use std::sync::OnceLock;
@@ -81,7 +81,7 @@ pub(super) fn raise(transaction: &Connection) -> Result<Option<ChainPosition>, r
         transaction.execute_batch(verifications::TABLES)?;
     }
     if found < 4 {
-        transaction.execute_batch(discs::TABLES)?;
+        transaction.execute_batch(contacts::DISC_TABLES)?;
     }
     if found < 5 {
         transaction.execute_batch(verifications::STRIKES)?;
@@ -92,9 +92,13 @@ pub(super) fn raise(transaction: &Connection) -> Result<Option<ChainPosition>, r
         transaction.execute_batch(contacts::TABLES)?;
     }
     if found < 8 {
-        for tables in
-            [people::TABLES, parts::TABLES, finding_times::TABLES, acknowledgements::TABLES, signatures::TABLES]
-        {
+        for tables in [
+            people::TABLES,
+            search::PART_TABLES,
+            alarms::FINDING_TIME_TABLES,
+            alarms::ACKNOWLEDGEMENT_TABLES,
+            signatures::TABLES,
+        ] {
             transaction.execute_batch(tables)?;
         }
     }
@@ -103,7 +107,7 @@ pub(super) fn raise(transaction: &Connection) -> Result<Option<ChainPosition>, r
         outbox::begin_outbox(transaction, found >= CHAINED)?;
     }
     if found < CHAINED {
-        for tables in [chain::TABLES, checkpoints::TABLES, incidents::TABLES, prune::TABLES] {
+        for tables in [chain::TABLES, journal::CHECKPOINT_TABLES, people::INCIDENT_TABLES, prune::TABLES] {
             transaction.execute_batch(tables)?;
         }
         chain::adopt_rows(transaction)?;

@@ -1,11 +1,16 @@
-//! The record of a cycle is complete.
+//! The records of the cell are complete: cycles and their numbers, requests with the person and the result, pages of
+//! proofs and their signatures, and verifications in order, each with its subject.
 
+use super::super::CycleCounts;
 use super::*;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
-use panelprep_cell::cycle::{Event, Motion, Outcome, Path as MotionPath, Request};
+use panelprep_cell::cell::ProofStage;
+use panelprep_cell::cycle::{Event, Motion, Outcome, Path, Path as MotionPath, Request};
 use panelprep_cell::record::{
-    Budget, Check, CycleId, Finding, KeptFile, Kind, Limit, LimitSource, MotionRecord, Picture, RequestedAction,
+    Answer, Budget, Check, CycleId, Finding, KeptFile, Kind, Limit, LimitSource, MotionRecord, Picture,
+    RequestAuthor, RequestRecord, RequestSource, RequestedAction,
 };
+use panelprep_vision::calib::health::{Strike, Verification};
 use std::collections::BTreeMap;
 
 pub fn start() -> CycleStart {
@@ -101,4 +106,219 @@ fn what_does_not_fit_is_refused() {
     store.conclude(id, Verdict::Pass, &[]).expect("once");
     assert!(store.conclude(id, Verdict::Fail, &[]).expect_err("twice").to_string().contains("no running cycle 1"));
     assert_eq!(store.cycle(id).expect("there").judgement.map(|judgement| judgement.verdict), Some(Verdict::Pass));
+}
+
+#[test]
+fn cycles_are_counted_once_they_are_over() {
+    let (_folder, mut store) = new_store();
+    assert_eq!(store.cycle_counts().expect("counted"), CycleCounts::default());
+    for (verdict, path) in
+        [(Verdict::Pass, Path::Contact), (Verdict::Fail, Path::Contact), (Verdict::Pass, Path::Air)]
+    {
+        let id = store.begin_cycle(&start()).expect("begun");
+        let motion = Motion { epoch: 1, path, plan: 1, waypoints: 5 };
+        store.open_intent(&motion, Some(id)).expect("opened");
+        store.close_intent(&motion, Outcome::Done, 5).expect("closed");
+        store.conclude(id, verdict, &[]).expect("kept");
+    }
+    store.begin_cycle(&start()).expect("begun");
+    let counts = CycleCounts { ended: 3, passed: 2, contacts: 2 };
+    assert_eq!(store.cycle_counts().expect("counted"), counts, "the fourth one still runs");
+}
+
+fn asked(wanted: RequestedAction, answer: Answer) -> RequestRecord {
+    let who =
+        RequestAuthor { front: RequestSource::Socket, uid: Some(1_000), user: Some("ada".to_owned()), from: None };
+    let reasons = match answer {
+        Answer::Done => vec![],
+        _ => vec![Reason::new("not_now", "not in this state")],
+    };
+    RequestRecord { unix_ms: 0, wanted, who: Some(who), answer: Some(answer), reasons, findings: None }
+}
+
+fn ask(store: &mut Store, request: Request, cycle: Option<CycleId>, answer: Answer) {
+    let line = store.append(&Event::Asked(request), cycle).expect("written");
+    store.store_request(&asked(RequestedAction::For(request), answer), cycle, Some(line)).expect("kept");
+}
+
+fn words(asked: &[RequestRecord]) -> Vec<(RequestedAction, Option<Answer>)> {
+    asked.iter().map(|asked| (asked.wanted.clone(), asked.answer)).collect()
+}
+
+/// Between two cycles a disc is mounted and a clear is refused. In the second cycle a request is refused. Another
+/// request is interrupted by the end of the program before its answer is stored.
+#[test]
+fn requests_are_where_they_were_asked_with_their_answers() {
+    let (folder, mut store) = new_store();
+    let one = store.begin_cycle(&start()).expect("begun");
+    ask(&mut store, Request::Start { max_passes: 2, max_moves: 3, dries: false }, Some(one), Answer::Done);
+    store.conclude(one, Verdict::Pass, &[]).expect("concluded");
+    ask(&mut store, Request::Clear, None, Answer::Refused);
+    store.store_request(&asked(RequestedAction::NewDisc, Answer::Done), None, None).expect("kept");
+    let two = store.begin_cycle(&start()).expect("begun");
+    ask(&mut store, Request::Start { max_passes: 2, max_moves: 3, dries: false }, Some(two), Answer::Done);
+    ask(&mut store, Request::Accept, Some(two), Answer::Refused);
+    store.append(&Event::Asked(Request::Hold), Some(two)).expect("written");
+    store.store_request(&asked(RequestedAction::NewDisc, Answer::Refused), Some(two), None).expect("kept");
+    drop(store);
+
+    let store = Store::open(&folder.path().join("store")).expect("for reading");
+    let (first, second) = (store.cycle(one).expect("there"), store.cycle(two).expect("there"));
+    let start = RequestedAction::For(Request::Start { max_passes: 2, max_moves: 3, dries: false });
+    assert_eq!(words(&first.asked), [(start.clone(), Some(Answer::Done))]);
+    assert_eq!(words(&first.asked_before), []);
+    let between = [
+        (RequestedAction::For(Request::Clear), Some(Answer::Refused)),
+        (RequestedAction::NewDisc, Some(Answer::Done)),
+    ];
+    assert_eq!(words(&second.asked_before), between);
+    let mut during = words(&second.asked);
+    assert!(during.contains(&(RequestedAction::For(Request::Hold), None)), "its answer is not known: {during:?}");
+    during.retain(|(wanted, _)| *wanted != RequestedAction::For(Request::Hold));
+    assert_eq!(
+        during,
+        [
+            (start, Some(Answer::Done)),
+            (RequestedAction::For(Request::Accept), Some(Answer::Refused)),
+            (RequestedAction::NewDisc, Some(Answer::Refused))
+        ]
+    );
+    let accept =
+        &second.asked.iter().find(|asked| asked.wanted == RequestedAction::For(Request::Accept)).expect("there");
+    assert_eq!(accept.who.as_ref().and_then(|who| who.user.as_deref()), Some("ada"));
+    assert!(accept.unix_ms > 1_700_000_000_000 && accept.reasons[0].code == "not_now");
+    let mut reader = store;
+    assert!(matches!(
+        reader.store_request(&asked(RequestedAction::NewDisc, Answer::Done), None, None),
+        Err(StoreError::ReadOnly { .. })
+    ));
+}
+
+/// Five requests of one millisecond: pages of two contain each request once.
+#[test]
+fn pages_contain_each_request_of_one_millisecond_once() {
+    let (_folder, mut store) = new_store();
+    store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(2_000);
+    let request = asked(RequestedAction::NewDisc, Answer::Done);
+    (0..5).for_each(|_| store.store_request(&request, None, None).expect("kept"));
+    let (mut before, mut pages) = (None, Vec::new());
+    loop {
+        let page = store.requests(before, 2).expect("read");
+        let Some(last) = page.last() else { break };
+        before = Some(TrailPosition { unix_ms: last.request.unix_ms, number: last.number });
+        pages.push(page.iter().map(|kept| kept.number).collect::<Vec<_>>());
+    }
+    assert_eq!(pages, [vec![5, 4], vec![3, 2], vec![1]]);
+}
+
+fn page(stage: ProofStage, programs_sum: i32, is_signed: bool) -> ProofsPage {
+    ProofsPage { stage, programs_sum, page_sha256: "ab".repeat(32), by: "Ada".to_owned(), is_signed }
+}
+
+/// The newest row counts, whatever was stored before it; a proven page is no signature.
+#[test]
+fn the_newest_signature_is_read_back() {
+    let (folder, store) = new_store();
+    drop(store);
+    let folder = folder.path().join("store");
+    let who = RequestAuthor::from_source(RequestSource::Command);
+    let newest_signed = || {
+        let store = Store::open(&folder).expect("for reading");
+        store.newest_proofs(|page| page.is_signed).expect("read")
+    };
+    assert_eq!(newest_signed(), None);
+    for (row, expected) in [
+        (page(ProofStage::A, 7, false), None),
+        (page(ProofStage::A, 7, true), Some((ProofStage::A, 7))),
+        (page(ProofStage::B, 7, true), Some((ProofStage::B, 7))),
+        (page(ProofStage::C, 7, false), Some((ProofStage::B, 7))),
+        // The programs were changed: the proofs begin again.
+        (page(ProofStage::A, 8, true), Some((ProofStage::A, 8))),
+    ] {
+        Store::store_proofs_in(&folder, &row, who.clone()).expect("stored");
+        assert_eq!(newest_signed().map(|page| (page.stage, page.programs_sum)), expected, "{row:?}");
+    }
+    let found = Store::open(&folder).expect("for reading").newest_proofs(|page| page.stage == ProofStage::C);
+    assert_eq!(found.expect("read"), Some(page(ProofStage::C, 7, false)));
+}
+
+/// A row whose stage this version does not know hides no older signature: nothing counts as signed.
+#[test]
+fn an_unknown_stage_is_no_older_signature() {
+    let (folder, store) = new_store();
+    drop(store);
+    let folder = folder.path().join("store");
+    let who = RequestAuthor::from_source(RequestSource::Command);
+    Store::store_proofs_in(&folder, &page(ProofStage::C, 7, true), who).expect("stored");
+    let (programs_sum, is_signed) = (7, true);
+    let wanted = RequestedAction::Proofs {
+        stage: "D".to_owned(),
+        programs_sum,
+        page_sha256: String::new(),
+        by: "Ada".to_owned(),
+        is_signed,
+    };
+    let row = RequestRecord {
+        unix_ms: 0,
+        wanted,
+        who: None,
+        answer: Some(Answer::Done),
+        reasons: vec![],
+        findings: None,
+    };
+    let mut store = Store::open_for_one_row(&folder).expect("for writing");
+    store.insert_request(&row, None, None).expect("stored");
+    let found = store.newest_proofs(|page| page.is_signed);
+    assert!(found.as_ref().is_err_and(|error| error.to_string().contains("\"D\"")), "{found:?}");
+}
+
+pub fn verified(subject: &str, error: f64) -> Verification {
+    let hash = calibration_hash(&["lens", "mount"]);
+    let subject = subject.to_owned();
+    Verification { subject, error, limit: 0.5, calibration_hash: hash, at_unix_s: 7, struck: None }
+}
+
+#[test]
+fn verifications_are_kept_by_subject_and_the_last_one_counts() {
+    let (folder, mut store) = new_store();
+    assert_eq!(store.newest_verification("scanner").expect("read"), None);
+    let all = [verified("scanner", 0.1), verified("tool", 0.3), verified("scanner", 0.2)];
+    for verification in &all {
+        store.store_verification(verification).expect("kept");
+    }
+    assert!(store.store_verification(&verified("scanner", f64::NAN)).expect_err("NaN").to_string().contains("NaN"));
+    drop(store);
+    let mut store = Store::open(&folder.path().join("store")).expect("the same store");
+    assert_eq!(store.verifications("scanner").expect("read"), [all[0].clone(), all[2].clone()]);
+    assert_eq!(store.newest_verification("tool").expect("read"), Some(all[1].clone()));
+    assert!(matches!(store.store_verification(&all[0]), Err(StoreError::ReadOnly { .. })));
+}
+
+#[test]
+fn a_verification_that_is_struck_out_stays_with_who_and_why() {
+    let (folder, mut store) = new_store();
+    let all = [verified("scanner", 0.1), verified("scanner", 203.5)];
+    all.iter().for_each(|verification| store.store_verification(verification).expect("kept"));
+    drop(store);
+    let folder = folder.path().join("store");
+    let strike = Strike { by: "A. Smith".to_owned(), why: "mistyped board".to_owned(), at_unix_s: 9 };
+    let (store, struck) = Store::strike_out_in(&folder, 2, &strike).expect("struck out");
+    let expected = Verification { struck: Some(strike.clone()), ..all[1].clone() };
+    assert_eq!(struck, expected);
+    assert_eq!(store.verification_history().expect("read"), [(1, all[0].clone()), (2, expected.clone())]);
+    assert_eq!(store.newest_verification("scanner").expect("read"), Some(expected), "no older one takes its place");
+    drop(store);
+    let refused = |number: i64| Store::strike_out_in(&folder, number, &strike).expect_err("refused").to_string();
+    assert!(refused(2).contains("already struck out, by A. Smith"), "{}", refused(2));
+    assert!(refused(3).contains("no verification 3"), "{}", refused(3));
+    let elsewhere = folder.join("sotre");
+    assert!(Store::strike_out_in(&elsewhere, 1, &strike).is_err() && !elsewhere.exists(), "no store is made");
+}
+
+#[test]
+fn the_hash_depends_on_files_and_their_order() {
+    let hash = calibration_hash(&["lens", "mount"]);
+    assert_ne!(hash, calibration_hash(&["mount", "lens"]));
+    assert_ne!(hash, calibration_hash(&["lensmount"]));
+    assert_eq!(hash, calibration_hash(&["lens", "mount"]));
 }

@@ -1,7 +1,7 @@
 //! Changes made outside this program are detected and named.
 
-use super::super::chain::{self, PARTS};
-use super::super::head;
+use super::super::chain::PARTS;
+use super::super::{chain, head};
 use super::journal::progress;
 use super::*;
 use panelprep_base::verdict::{Judgement, Verdict};
@@ -31,7 +31,7 @@ pub fn whole() -> TempDir {
         store.set_budget(id, &Budget { locate_mm: Some(0.2), ..Budget::default() }).expect("replaced");
         store.conclude(id, Verdict::Fail, &[]).expect("kept");
     }
-    store.store_verification(&super::verifications::verified("scanner", 0.1)).expect("kept");
+    store.store_verification(&super::cycles::verified("scanner", 0.1)).expect("kept");
     drop(store);
     let strike =
         panelprep_vision::calib::health::Strike { by: "A".to_owned(), why: "mistyped".to_owned(), at_unix_s: 9 };

@@ -1,11 +1,17 @@
 //! The journal and the motions: the next process folds the journal that a process has left.
+//!
+//! A start reads the journal from its last checkpoint on, with the same result as a start that reads the whole
+//! journal. After kill -9, the journal contains all acknowledged lines, and at most one more.
 
+use super::evidence::{behind_its_back, store_in, verify};
 use super::*;
 use panelprep_cell::cycle::{
     self, Action, Answer, At, Cause, Effect, Event, Film, Grade, Id, Outcome, Report, Request, Robot, State, step,
 };
 use panelprep_cell::record::CycleId;
 use proptest::prelude::*;
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Stdio};
 
 pub fn progress(done: u32) -> Event {
     Event::Reported(Report::Progress { id: Id(u64::MAX - 1), done })
@@ -255,4 +261,137 @@ fn a_full_disk_takes_the_reserve_and_then_nothing() {
     assert_eq!(store.append(&progress(0), None).expect("continues"), u64::from(written) + 1);
     let mut reader = Store::open(&folder.path().join("store")).expect("for reading");
     assert!(matches!(reader.append(&progress(0), None), Err(StoreError::ReadOnly { .. })));
+}
+
+/// A start reads the journal from the last checkpoint, and reaches the same state.
+#[test]
+fn a_checkpoint_folds_as_the_whole_journal() {
+    let (folder, mut store) = new_store();
+    store.recover().expect("recovers");
+    for done in 0..2_500 {
+        store.append(&progress(done), None).expect("written");
+    }
+    drop(store);
+    let path = store_in(&folder);
+    let mut store = Store::create(&path).expect("opens");
+    let whole = store.recover().expect("recovers");
+    let checkpoint = store.checkpoint().expect("read").expect("a long tail was read");
+    assert_eq!((checkpoint.sequence, checkpoint.settled.state()), (2_500, store.state().expect("known")));
+    drop(store);
+    let mut store = Store::create(&path).expect("opens");
+    assert_eq!(store.recover().expect("recovers"), whole);
+    store.append(&Event::Reported(Report::Boot), None).expect("written");
+    let folded = store.state().expect("known");
+    assert_eq!(folded, panelprep_cell::cycle::fold_journal(store.journal().expect("whole")));
+}
+
+/// The duration of a start with this number of lines in the journal: `cargo test -- --ignored --nocapture
+/// a_million`.
+fn started(lines: u32) -> [std::time::Duration; 3] {
+    let (folder, mut store) = new_store();
+    super::super::journal::fill(&mut store, lines).expect("filled");
+    drop(store);
+    // The first start finds no checkpoint, folds the whole journal and writes a checkpoint.
+    std::array::from_fn(|_| {
+        let since = std::time::Instant::now();
+        let mut store = Store::create(&store_in(&folder)).expect("opens");
+        assert_eq!(store.recover().expect("recovers").at, At::Stopped);
+        let took = since.elapsed();
+        assert_eq!(store.lines().expect("counted"), i64::from(lines));
+        took
+    })
+}
+
+#[test]
+#[ignore = "a minute: it writes a million lines"]
+fn a_start_at_a_million_lines_reads_the_last_of_them() {
+    let took = started(1_000_000);
+    eprintln!("start at a million lines: {took:?} (the first one folds all of them)");
+    assert!(took[2].as_secs_f64() < 2.0, "{took:?}");
+}
+
+/// A start reads only the lines since the last checkpoint, for a journal of any length.
+#[test]
+fn a_start_does_not_read_the_whole_journal() {
+    let (folder, mut store) = new_store();
+    super::super::journal::fill(&mut store, 30_000).expect("filled");
+    store.recover().expect("recovers");
+    store.append(&progress(1), None).expect("written");
+    drop(store);
+    // A change that only a reader of the whole journal would detect.
+    behind_its_back(&folder, "UPDATE journal SET event = '{}' WHERE sequence = 7");
+    let mut store = Store::create(&store_in(&folder)).expect("opens");
+    assert_eq!(store.recover().expect("the tail alone").at, At::Stopped);
+    assert!(store.journal().is_err());
+    drop(store);
+    assert!(verify(&folder).differences.iter().any(|words| words.contains("journal line 7 ")));
+    // A recent change is detected at once.
+    behind_its_back(&folder, "UPDATE checkpoints SET folded = replace(folded, 'stopped', 'idle')");
+    let store = Store::create(&store_in(&folder)).expect("opens");
+    assert!(store.changed().iter().any(|words| words.contains("checkpoint 30000")), "{:?}", store.changed());
+}
+
+const FOLDER: &str = "PANELPREP_TEST_APPENDS_TO";
+
+/// Not a separate test: the child, which appends until it is killed, and reports each line.
+#[test]
+#[ignore = "run by the test below as a process of its own"]
+fn appends_until_killed() {
+    let Some(folder) = std::env::var_os(FOLDER) else { return };
+    let mut store = Store::create(Path::new(&folder)).expect("the lease of a killed process is free");
+    let begin = store.journal().expect("whole").len() as u32;
+    println!("begins after {begin}");
+    for done in begin + 1.. {
+        let sequence = store.append(&progress(done), None).expect("written");
+        println!("appended {sequence}");
+    }
+}
+
+/// Starts this test program as a separate process, which executes the work of one test in this folder until it is
+/// killed.
+pub(super) fn until_killed(test: &str, (variable, folder): (&str, &Path)) -> Child {
+    Command::new(std::env::current_exe().expect("this program"))
+        .args(["--exact", test, "--ignored", "--nocapture"])
+        .env(variable, folder)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("a child")
+}
+
+#[test]
+fn a_killed_process_leaves_a_prefix_without_duplicates() {
+    let (folder, store) = new_store();
+    drop(store);
+    let path = folder.path().join("store");
+    let mut before = 0;
+    for kill in 0..10_u64 {
+        let mut child = until_killed("store::tests::journal::appends_until_killed", (FOLDER, &path));
+        let reported = BufReader::new(child.stdout.take().expect("its output"));
+        let mut acknowledged = None;
+        for line in reported.lines().map_while(Result::ok) {
+            if let Some(count) = line.strip_prefix("begins after ") {
+                assert_eq!(count.parse(), Ok(before), "kill {kill}");
+                let refused = Store::create(&path).expect_err("the child writes").to_string();
+                assert!(refused.contains(&format!("process {} is writing", child.id())), "{refused}");
+            }
+            acknowledged =
+                line.strip_prefix("appended ").and_then(|count| count.parse::<u64>().ok()).or(acknowledged);
+            // Between 1 and 28 lines, then the kill hits the child at any point; its output of the meantime is read
+            // too.
+            if acknowledged == Some(before + 1 + kill * 3) {
+                child.kill().expect("killed");
+            }
+        }
+        assert!(!child.wait().expect("ended").success());
+        let acknowledged = acknowledged.expect("the child appends");
+        let journal = Store::open(&path).expect("opens").journal().expect("whole");
+        let found = journal.len() as u64;
+        assert!(
+            (acknowledged..=acknowledged + 1).contains(&found),
+            "kill {kill}: {acknowledged} told, {found} there"
+        );
+        assert_eq!(journal, (1..=found as u32).map(progress).collect::<Vec<_>>());
+        before = found;
+    }
 }

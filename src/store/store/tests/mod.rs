@@ -1,23 +1,13 @@
-mod checkpoints;
 mod contacts;
-mod copies;
-mod counts;
 mod cycles;
-mod discs;
 mod evidence;
 pub(crate) mod full;
 mod journal;
-mod killed;
-mod left_behind;
 mod opening;
 mod outbox;
-mod proofs;
-mod prune;
-mod requests;
 mod restores;
 mod search;
 mod signatures;
-mod verifications;
 
 use super::database::{DATABASE, unix_ms};
 use super::*;

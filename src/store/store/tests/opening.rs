@@ -1,7 +1,18 @@
 //! Opening: for reading, for writing, with a store of an earlier version of this program, and with a damaged store.
+//!
+//! After a crash, a copy or a lost file, a missing part is reported, and there is no alarm if nothing is missing.
+//! Copies are made during writing, of a store that was changed, and before the tables of an earlier version of this
+//! program are updated.
 
+use super::super::database::Step;
+use super::super::head;
+use super::evidence::{store_in, verify, whole};
+use super::journal::progress;
 use super::*;
-use panelprep_cell::cycle::{Event, Report};
+use panelprep_base::verdict::Verdict;
+use panelprep_cell::cycle::{At, Cause, Event, Motion, Path as MotionPath, Report, Request};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 /// The tables of the first schema; frozen.
 const SCHEMA_1: &str = "
@@ -108,4 +119,319 @@ fn a_flipped_byte_is_found_or_harms_nothing() {
         }
     }
     assert!(pages > 5 && found > pages, "{found} found in {pages} pages");
+}
+
+/// An older database under a newer head, first opened by a command that writes one row: the next start still rests
+/// in Aborted, and the verification continues to report it.
+#[test]
+fn a_change_that_a_small_command_finds_waits_for_a_person_too() {
+    let folder = whole();
+    let path = store_in(&folder);
+    drop(Store::create(&path).expect("opens"));
+    let before = fs::read(path.join(DATABASE)).expect("the database");
+    let mut store = Store::create(&path).expect("opens");
+    store.append(&Event::Reported(Report::Boot), None).expect("written");
+    drop(store);
+    fs::write(path.join(DATABASE), before).expect("rolled back");
+    drop(Store::open_for_accounts(&path).expect("opens"));
+    let mut store = Store::create(&path).expect("opens");
+    assert_eq!(store.changed(), [] as [String; 0], "it is kept as an incident");
+    assert_eq!(store.recover().expect("recovers").at, At::Aborted { cause: Cause::StoreChanged });
+    drop(store);
+    let waits = Store::verify(&path, false).expect("verified");
+    assert!(waits.differences.iter().any(|words| words.contains("rolled back")), "{waits:?}");
+}
+
+/// A copy without its log: its content is old, and the start rests until a person clears it.
+#[test]
+fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
+    let folder = whole();
+    let path = store_in(&folder);
+    let mut store = Store::create(&path).expect("opens");
+    store.recover().expect("recovers");
+    let before = fs::read(path.join(DATABASE)).expect("the database");
+    let motion = Motion { epoch: 9, path: MotionPath::Contact, plan: 1, waypoints: 100 };
+    store.append(&progress(1), None).expect("written");
+    store.open_intent(&motion, None).expect("opened");
+    // The state that a killed process leaves; the log is lost afterwards.
+    std::mem::forget(store);
+    let copy = tempfile::tempdir().expect("a folder");
+    let lost = copy.path().join("store");
+    fs::create_dir_all(lost.join("blobs")).expect("made");
+    fs::write(lost.join(DATABASE), before).expect("copied");
+    fs::copy(path.join(head::FILE), lost.join(head::FILE)).expect("copied");
+    let found = Store::verify(&lost, false).expect("verified").differences;
+    assert!(found.iter().any(|words| words.starts_with("rolled back: 2 entries")), "{found:?}");
+
+    let mut store = Store::create(&lost).expect("opens");
+    assert!(store.changed()[0].contains("rolled back: 2 entries"), "{:?}", store.changed());
+    assert_eq!(store.recover().expect("recovers").at, At::Aborted { cause: Cause::StoreChanged });
+    drop(store);
+    // The next start finds nothing new, and rests in the same state.
+    let mut store = Store::create(&lost).expect("opens");
+    assert_eq!(store.changed(), [] as [String; 0]);
+    assert_eq!(store.recover().expect("recovers").at, At::Aborted { cause: Cause::StoreChanged });
+    assert_eq!(store.incidents().expect("kept").len(), 1);
+    let waits = Store::verify(&lost, false).expect("verified");
+    assert!(waits.differences.iter().any(|words| words.contains("rolled back")), "{waits:?}");
+    for event in [
+        Event::Reported(Report::Boot),
+        Event::Reported(Report::Robot(panelprep_cell::cycle::Robot::Ready)),
+        Event::Asked(Request::Clear),
+    ] {
+        store.append(&event, None).expect("written");
+    }
+    for _ in 0..12 {
+        let state = store.state().expect("known");
+        let Some(due) = state.due else { break };
+        let answer = super::journal::answer(due.act, 0);
+        store.append(&Event::Reported(Report::Answered { id: due.id, answer }), None).expect("written");
+    }
+    assert_eq!(store.recover().expect("recovers").at, At::Stopped);
+    drop(store);
+    let cleared = Store::verify(&lost, false).expect("verified");
+    assert_eq!((cleared.differences.len(), cleared.earlier_differences.len()), (0, 1), "{cleared:?}");
+}
+
+#[test]
+fn a_head_that_is_gone_and_a_database_that_is_gone_are_reported() {
+    let folder = whole();
+    fs::remove_file(store_in(&folder).join(head::FILE)).expect("removed");
+    assert!(verify(&folder).differences[0].contains("is missing"));
+    let mut store = Store::create(&store_in(&folder)).expect("opens");
+    assert!(matches!(store.recover().expect("recovers").at, At::Aborted { .. }));
+    drop(store);
+    let folder = whole();
+    fs::remove_file(store_in(&folder).join(DATABASE)).expect("removed");
+    let mut store = Store::create(&store_in(&folder)).expect("a new one");
+    assert!(store.changed()[0].contains("rolled back"), "{:?}", store.changed());
+    assert!(matches!(store.recover().expect("recovers").at, At::Aborted { .. }));
+}
+
+/// The files as a kill leaves them at each of 200 moments around commits, each in its own folder.
+#[test]
+fn no_kill_between_commit_and_head_is_a_false_alarm() {
+    let (folder, mut store) = new_store();
+    store.recover().expect("recovers");
+    let (from, left, count) =
+        (store_in(&folder), tempfile::tempdir().expect("a folder"), Arc::new(AtomicUsize::new(0)));
+    let (to, counted) = (left.path().to_owned(), count.clone());
+    store.steps.told = Some(Box::new(move |step| {
+        let number = counted.fetch_add(1, Ordering::Relaxed) + 1;
+        let to = to.join(format!("{number:03} {step:?}"));
+        fs::create_dir_all(to.join("blobs")).expect("made");
+        for name in [DATABASE, "panelprep.sqlite-wal", head::FILE] {
+            // Through another process: closing a file here would also release SQLite's locks.
+            let copied = std::process::Command::new("cp").arg(from.join(name)).arg(&to).status().expect("cp");
+            assert!(copied.success() || name.ends_with("-wal"));
+        }
+    }));
+    for done in 0..67 {
+        store.append(&progress(done), None).expect("written");
+    }
+    store.steps.told = None;
+    let mut seen = [0; 3];
+    for kill in fs::read_dir(left.path()).expect("listed") {
+        let path = kill.expect("a folder").path();
+        let found = Store::verify(&path, false).expect("verified").differences;
+        assert_eq!(found, [] as [String; 0], "{}", path.display());
+        let mut store = Store::create(&path).expect("opens");
+        assert_eq!(store.changed(), [] as [String; 0], "{}", path.display());
+        assert_eq!(store.recover().expect("recovers").at, At::Stopped);
+        store.append(&progress(7), None).expect("continues");
+        drop(store);
+        assert_eq!(Store::verify(&path, false).expect("verified").differences, [] as [String; 0]);
+        fs::remove_dir_all(&path).expect("removed");
+        let step = [Step::Prepared, Step::Committed, Step::Settled];
+        let step = step.iter().position(|step| path.display().to_string().ends_with(&format!("{step:?}")));
+        seen[step.expect("a step")] += 1;
+    }
+    eprintln!(
+        "{} kill points (prepared, committed, settled: {seen:?}), no false alarm",
+        count.load(Ordering::Relaxed)
+    );
+    assert!(count.load(Ordering::Relaxed) >= 200 && seen == [67; 3]);
+}
+
+/// A lock does not depend on a file that a person may remove.
+#[test]
+fn a_second_writer_is_refused_though_the_lock_file_is_gone() {
+    let (folder, mut store) = new_store();
+    let path = store_in(&folder);
+    store.append(&progress(1), None).expect("written");
+    for name in ["panelprep.lock", "panelprep.reserve"] {
+        fs::remove_file(path.join(name)).expect("removed");
+    }
+    let refused = Store::create(&path).expect_err("taken").to_string();
+    assert!(refused.contains("another process is writing to the store"), "{refused}");
+    drop(store);
+    Store::create(&path).expect("free again");
+}
+
+/// A label is stored with the clock's time, also before 1970.
+#[test]
+fn a_clock_of_1960_stops_nothing() {
+    let (folder, mut store) = new_store();
+    store.clock = || std::time::UNIX_EPOCH - std::time::Duration::from_secs(10 * 365 * 86_400);
+    store.teach(&teaching("wing")).expect("taught");
+    let id = store.begin_cycle(&super::cycles::start()).expect("begun");
+    store.append(&progress(1), Some(id)).expect("written");
+    store.mount_disc().expect("kept");
+    store.conclude(id, Verdict::Pass, &[]).expect("concluded");
+    let record = store.cycle(id).expect("there");
+    assert_eq!((record.started_unix_s, record.ended_unix_s), (-315_360_000, Some(-315_360_000)));
+    assert_eq!(store.taught("wing", None).expect("there").taught_at_unix_s, -315_360_000);
+    assert_eq!(unix_ms(std::time::UNIX_EPOCH - std::time::Duration::from_millis(1)), -1);
+    drop(store);
+    assert_eq!(verify(&folder).differences, [] as [String; 0]);
+}
+
+/// While a thread writes lines, each copy contains the store at one moment, with the content that
+/// it reports.
+#[test]
+fn a_copy_beside_a_writer_is_the_store_of_one_moment() {
+    let (folder, mut store) = new_store();
+    let path = folder.path().join("store");
+    let version = store.teach(&teaching("wing")).expect("taught");
+    let is_over = AtomicBool::new(false);
+    let lines = std::thread::scope(|scope| {
+        let copier = scope.spawn(|| {
+            let (mut lines, mut links) = (0, 0);
+            for number in 0..20 {
+                let to = folder.path().join(format!("copy{number}"));
+                let copied = Store::copy_rows(&path, &to).expect("copied");
+                assert_eq!(copied.deviations, [] as [String; 0]);
+                assert!(copied.links >= links && copied.files.len() == 3, "{copied:?}");
+                let copy = Store::open(&to).expect("a store");
+                let journal = copy.journal().expect("whole");
+                assert!(journal.len() >= lines);
+                assert_eq!(journal, (0..journal.len() as u32).map(progress).collect::<Vec<_>>());
+                (lines, links) = (journal.len(), copied.links);
+                assert!(!to.join("panelprep.sqlite-wal").exists(), "one file holds it");
+            }
+            is_over.store(true, Ordering::Relaxed);
+            lines
+        });
+        for done in 0.. {
+            store.append(&progress(done), None).expect("written");
+            // A writer without any pause would never let the copier read the head.
+            std::thread::sleep(std::time::Duration::from_millis(5));
+            if is_over.load(Ordering::Relaxed) || copier.is_finished() {
+                break;
+            }
+        }
+        copier.join().expect("each copy is whole")
+    });
+    assert!(lines > 0, "it wrote meanwhile");
+    // With its files, the copy is a complete store.
+    let to = folder.path().join("copy19");
+    fs::rename(path.join("blobs"), to.join("blobs")).expect("moved");
+    assert_eq!(Store::verify(&to, true).expect("verified").differences, [] as [String; 0]);
+    let store = Store::create(&to).expect("opens for writing");
+    assert_eq!(store.changed(), [] as [String; 0]);
+    assert_eq!(store.taught("wing", None).expect("there").version, version);
+}
+
+/// A copy gets a new head, which would hide contradictions to the store's head.
+#[test]
+fn a_store_that_was_changed_is_reported_and_not_copied() {
+    let (folder, mut store) = new_store();
+    let path = folder.path().join("store");
+    for done in 0..5 {
+        store.append(&progress(done), None).expect("written");
+    }
+    drop(store);
+    let whole = fs::read(path.join(DATABASE)).expect("read");
+    let mut store = Store::create(&path).expect("opens");
+    store.append(&progress(5), None).expect("written");
+    drop(store);
+    fs::write(path.join(DATABASE), whole).expect("rolled back");
+    let copied = Store::copy_rows(&path, &folder.path().join("copy")).expect("looked at");
+    assert!(copied.deviations.iter().any(|words| words.contains("rolled back")), "{copied:?}");
+    assert!(!folder.path().join("copy").exists());
+
+    // A changed row that no head shows: the copy is verified, too.
+    drop(Store::create(&path).expect("opens"));
+    let connection = Connection::open(path.join(DATABASE)).expect("opens");
+    connection.execute("UPDATE journal SET unix_ms = 7 WHERE sequence = 3", []).expect("changed");
+    drop(connection);
+    let copied = Store::copy_rows(&path, &folder.path().join("copy")).expect("looked at");
+    assert!(copied.deviations.iter().any(|words| words.contains("changed: journal line 3")), "{copied:?}");
+}
+
+/// The database of an earlier version of this program is copied beside the store before it is changed. The copy is
+/// made once and opens unchanged.
+#[test]
+fn an_earlier_programs_database_is_kept_before_its_tables_are_changed() {
+    let (folder, mut store) = new_store();
+    let path = folder.path().join("store");
+    store.teach(&teaching("wing")).expect("taught");
+    drop(store);
+    become_the_first_schema(&path);
+    fs::remove_file(path.join("panelprep.head")).expect("the first program wrote none");
+    let refused = Store::copy_rows(&path, &folder.path().join("copy")).expect_err("an earlier one").to_string();
+    assert!(refused.contains("has schema 1, this program needs schema 9. Start the service once"), "{refused}");
+
+    let rows = |file: &str| -> (i64, i64) {
+        let connection = Connection::open(path.join(file)).expect("opens");
+        let version = connection.pragma_query_value(None, "user_version", |row| row.get(0)).expect("a version");
+        let panels = connection.query_row("SELECT count(*) FROM taught_panels", [], |row| row.get(0));
+        (version, panels.expect("its table"))
+    };
+    let kept = || {
+        let names = fs::read_dir(&path).expect("listed").map(|file| file.expect("a file").file_name());
+        let mut names: Vec<String> = names.filter_map(|name| name.into_string().ok()).collect();
+        names.retain(|name| name.contains("schema"));
+        names.sort();
+        names
+    };
+    let earlier = fs::read(path.join(DATABASE)).expect("read");
+    drop(Store::create(&path).expect("brought up to date"));
+    assert_eq!(kept(), ["panelprep.schema-1.sqlite"]);
+    assert_eq!((rows("panelprep.schema-1.sqlite"), rows(DATABASE)), ((1, 1), (9, 1)));
+    drop(Store::create(&path).expect("once is enough"));
+    assert_eq!(kept().len(), 1);
+
+    // The old database is restored and updated again: an equal copy is not stored twice, a different copy is stored
+    // beside it.
+    let put_back = |bytes: &[u8]| {
+        fs::write(path.join(DATABASE), bytes).expect("put back");
+        fs::remove_file(path.join("panelprep.head")).expect("with its head");
+    };
+    put_back(&earlier);
+    drop(Store::create(&path).expect("brought up to date"));
+    assert_eq!(kept().len(), 1);
+    put_back(&fs::read(path.join("panelprep.schema-1.sqlite")).expect("read"));
+    let connection = Connection::open(path.join(DATABASE)).expect("opens");
+    connection.execute("UPDATE taught_panels SET taught_at_unix_s = 7", []).expect("changed");
+    drop(connection);
+    drop(Store::create(&path).expect("brought up to date"));
+    assert_eq!(kept(), ["panelprep.schema-1-2.sqlite", "panelprep.schema-1.sqlite"]);
+}
+
+/// Without space for the copy nothing is changed.
+#[test]
+fn without_room_for_the_copy_the_tables_stay_as_they_are() {
+    let Some(disk) = super::full::SmallDisk::mount(40) else { return };
+    let (folder, mut store) = new_store();
+    store.teach(&teaching("wing")).expect("taught");
+    drop(store);
+    become_the_first_schema(&folder.path().join("store"));
+    // The database is larger than the free space beside it.
+    let database = folder.path().join("store").join(DATABASE);
+    let connection = Connection::open(&database).expect("opens");
+    connection
+        .execute("UPDATE taught_panels SET recipe_text = recipe_text || hex(zeroblob(12000000))", [])
+        .expect("grown");
+    drop(connection);
+    let path = disk.folder().join("store");
+    fs::create_dir(&path).expect("made");
+    fs::copy(&database, path.join(DATABASE)).expect("copied");
+    let before = fs::read(path.join(DATABASE)).expect("read");
+    let refused = Store::create(&path).expect_err("no room").to_string();
+    assert!(refused.contains("full"), "{refused}");
+    assert!(fs::read(path.join(DATABASE)).expect("read") == before, "nothing was changed");
+    let names: Vec<_> =
+        fs::read_dir(&path).expect("listed").map(|file| file.expect("a file").file_name()).collect();
+    assert!(!names.iter().any(|name| name.to_string_lossy().contains("schema")), "{names:?}");
 }

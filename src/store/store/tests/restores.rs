@@ -1,7 +1,7 @@
 //! After a restore no number of a cycle is used again, and no part is abraded on a count that may be too low.
 
 use super::super::chain::{self, ChainPosition};
-use super::super::database_files::file_hash;
+use super::super::flush::file_hash;
 use super::super::head::HeadFile;
 use super::contacts::{cut_short, film, start_of};
 use super::evidence::behind_its_back;

@@ -1,7 +1,7 @@
 //! Signatures are complete or absent, and contradict later changes.
 
 use super::super::{chain, head};
-use super::killed::until_killed;
+use super::journal::until_killed;
 use super::*;
 use crate::signing::{CellKey, Meaning, StatedValues};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
