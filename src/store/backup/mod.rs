@@ -7,22 +7,19 @@
 //!
 //! The seal detects damage. It is not a signature: a person who can write the archive can write another seal.
 //!
-//! - `entry`: what may be in an archive · `seal` · `manifest` · `write` · `read` · `restore` · `placing`
+//! - `entry`: what may be in an archive, and its manifest · `write` · `read`: also the seal · `restore` · `placing`
 
 mod entry;
 mod error;
-mod manifest;
 mod placing;
 mod read;
 mod restore;
-mod seal;
 #[cfg(test)]
 mod tests;
 mod write;
 
-pub use entry::Entry;
+pub use entry::{Entry, Manifest, ManifestEntry};
 pub use error::BackupError;
-pub use manifest::{Manifest, ManifestEntry};
 pub use read::Archive;
 pub use restore::{Permission, Plan, RestoreReport, RestoredParts, named_files, restore};
 pub use write::{BackupReport, Configuration, write};

@@ -1,14 +1,16 @@
 //! Reads an archive: first its seal, then its manifest, then entry by entry in the manifest's order.
+//!
+//! The seal is the archive's last bytes: the SHA-256 of all bytes before them, in a frame that zstd skips. The check
+//! of a compressed frame does not cover each of its bits, and a file that was cut at the end of a frame would be a
+//! shorter archive. The seal covers every bit.
 
-use super::entry::Entry;
+use super::entry::{Entry, MANIFEST_FORMAT, MANIFEST_NAME, MAX_MANIFEST_BYTES, Manifest, ManifestEntry};
 use super::error::BackupError;
-use super::manifest::{FORMAT, MAX_BYTES, Manifest, ManifestEntry, NAME};
-use super::seal::{self, SealCheck};
 use panelprep_cell::files::hex;
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 use std::fs::File;
-use std::io::{Read, Seek, SeekFrom, Take};
+use std::io::{Error, Read, Seek, SeekFrom, Take, Write};
 use std::path::{Path, PathBuf};
 
 /// An archive with a valid seal and a manifest that names only files of a backup.
@@ -38,7 +40,7 @@ impl Archive {
     pub fn open(path: &Path) -> Result<Self, BackupError> {
         let mut file = panelprep_base::disk::open(path).map_err(BackupError::file_error("read", path))?;
         let damaged = |problem: String| BackupError::Damaged { path: path.to_owned(), problem };
-        let bytes = match seal::verify_seal(&mut file).map_err(BackupError::file_error("read", path))? {
+        let bytes = match verify_seal(&mut file).map_err(BackupError::file_error("read", path))? {
             SealCheck::Whole(bytes) => bytes,
             SealCheck::Missing => {
                 return Err(damaged(
@@ -100,16 +102,20 @@ impl Archive {
         let mut entries = archive.entries().map_err(|error| self.unreadable_error(&error))?;
         let first = entries.next().ok_or_else(|| self.damaged_error("it is empty"))?;
         let first = first.map_err(|error| self.unreadable_error(&error))?;
-        if *first.path_bytes() != *NAME.as_bytes() || first.size() > MAX_BYTES {
+        if *first.path_bytes() != *MANIFEST_NAME.as_bytes() || first.size() > MAX_MANIFEST_BYTES {
             return Err(self.damaged_error("the first entry is not a manifest"));
         }
         let mut text = Vec::new();
-        first.take(MAX_BYTES).read_to_end(&mut text).map_err(|error| self.unreadable_error(&error))?;
+        first.take(MAX_MANIFEST_BYTES).read_to_end(&mut text).map_err(|error| self.unreadable_error(&error))?;
         let no_manifest =
             |error: serde_json::Error| self.damaged_error(&format!("the manifest cannot be read: {error}"));
         let FormatProbe { format } = serde_json::from_slice(&text).map_err(no_manifest)?;
-        if format > FORMAT {
-            return Err(BackupError::NewerVersion { path: self.path.clone(), found: format, known: FORMAT });
+        if format > MANIFEST_FORMAT {
+            return Err(BackupError::NewerVersion {
+                path: self.path.clone(),
+                found: format,
+                known: MANIFEST_FORMAT,
+            });
         }
         serde_json::from_slice(&text).map_err(no_manifest)
     }
@@ -167,4 +173,83 @@ impl<R: Read> Read for HashingReader<R> {
         self.hasher.update(&buffer[..count]);
         Ok(count)
     }
+}
+
+/// Magic number of a frame that zstd skips, the first of those in the format; the length of the content follows.
+const FRAME_MAGIC: [u8; 4] = 0x184D_2A50_u32.to_le_bytes();
+const SEAL_MAGIC: &[u8; 16] = b"panelprep seal 1";
+const SEAL_PAYLOAD: u32 = 16 + 32;
+/// Length of a seal, bytes.
+const SEAL_BYTES: u64 = 8 + SEAL_PAYLOAD as u64;
+
+/// Hashes the bytes that are written through it.
+pub struct HashingWriter<W> {
+    inner: W,
+    hasher: Sha256,
+}
+
+impl<W: Write> HashingWriter<W> {
+    pub fn new(inner: W) -> Self {
+        HashingWriter { inner, hasher: Sha256::new() }
+    }
+
+    /// Writes the seal.
+    pub fn seal(mut self) -> Result<W, Error> {
+        self.inner.write_all(&seal_frame(self.hasher.finalize().into()))?;
+        self.inner.flush()?;
+        Ok(self.inner)
+    }
+}
+
+impl<W: Write> Write for HashingWriter<W> {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+        let count = self.inner.write(bytes)?;
+        self.hasher.update(&bytes[..count]);
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> Result<(), Error> {
+        self.inner.flush()
+    }
+}
+
+fn seal_frame(hash: [u8; 32]) -> Vec<u8> {
+    [&FRAME_MAGIC[..], &SEAL_PAYLOAD.to_le_bytes(), SEAL_MAGIC, &hash].concat()
+}
+
+/// The result of checking the seal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum SealCheck {
+    /// The file is as it was written: the number of bytes before the seal.
+    Whole(u64),
+    /// The file has no seal: it was cut short, or is not a backup.
+    Missing,
+    /// The file's bytes were changed.
+    Broken,
+}
+
+/// Reads the whole file and checks it against its seal; the file is then positioned at its beginning.
+fn verify_seal(file: &mut File) -> Result<SealCheck, Error> {
+    let length = file.metadata()?.len();
+    let Some(before) = length.checked_sub(SEAL_BYTES) else { return Ok(SealCheck::Missing) };
+    file.seek(SeekFrom::Start(0))?;
+    let (mut hasher, mut buffer, mut left) = (Sha256::new(), vec![0; 1 << 20], before);
+    while left > 0 {
+        let most = usize::try_from(left).unwrap_or(usize::MAX).min(buffer.len());
+        let count = file.read(&mut buffer[..most])?;
+        if count == 0 {
+            return Ok(SealCheck::Missing);
+        }
+        hasher.update(&buffer[..count]);
+        left -= count as u64;
+    }
+    let mut found = Vec::new();
+    file.take(SEAL_BYTES).read_to_end(&mut found)?;
+    file.seek(SeekFrom::Start(0))?;
+    let begins = found.starts_with(&FRAME_MAGIC) && found.get(8..24) == Some(&SEAL_MAGIC[..]);
+    Ok(match found == seal_frame(hasher.finalize().into()) {
+        true => SealCheck::Whole(before),
+        false if begins => SealCheck::Broken,
+        false => SealCheck::Missing,
+    })
 }

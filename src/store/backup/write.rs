@@ -1,11 +1,9 @@
 //! Makes an archive: copies the rows of the store at one moment, packs them with the files that they name, and
 //! reads the archive back.
 
-use super::entry::Entry;
+use super::entry::{Entry, MANIFEST_FORMAT, MANIFEST_NAME, Manifest, ManifestEntry};
 use super::error::BackupError;
-use super::manifest::{FORMAT, Manifest, ManifestEntry, NAME};
-use super::read::Archive;
-use super::seal::HashingWriter;
+use super::read::{Archive, HashingWriter};
 use crate::store::{BLOBS, ROW_FILES, Store};
 use panelprep_cell::files::{content_hash, hex};
 use sha2::{Digest, Sha256};
@@ -141,7 +139,7 @@ fn rename_to_final(part: &Path, archive: &Path, folder: &Path) -> Result<(), Bac
 impl PackContent {
     fn manifest(&self, made_unix_s: i64) -> Manifest {
         let program = env!("CARGO_PKG_VERSION").to_owned();
-        Manifest { format: FORMAT, program, made_unix_s, links: self.links, entries: self.entries.clone() }
+        Manifest { format: MANIFEST_FORMAT, program, made_unix_s, links: self.links, entries: self.entries.clone() }
     }
 
     fn add(&mut self, entry: &Entry, (bytes, sha256): (u64, String), source: EntrySource) {
@@ -218,7 +216,7 @@ fn pack_archive(part: &Path, manifest: &Manifest, sources: &[EntrySource]) -> Re
     encoder.include_checksum(true).map_err(&failed)?;
     let mut tar = tar::Builder::new(encoder);
     let text = serde_json::to_vec_pretty(manifest).map_err(|error| failed(error.into()))?;
-    append(&mut tar, NAME, text.len() as u64, &mut text.as_slice()).map_err(&failed)?;
+    append(&mut tar, MANIFEST_NAME, text.len() as u64, &mut text.as_slice()).map_err(&failed)?;
     for (listed, source) in manifest.entries.iter().zip(sources) {
         match source {
             EntrySource::Bytes(bytes) => {

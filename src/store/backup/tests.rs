@@ -1,13 +1,15 @@
-//! Tests of backups of a small cell: complete, in use, with files outside of its folder. `damage` damages the backups,
-//! `forgery` forges them with knowledge of the format.
+//! Tests of backups of a small cell: complete, in use, with files outside of its folder, damaged (flipped bits, cut
+//! ends, missing files, a full disk), and forged by a person who knows the format (sealed correctly, with names, links
+//! and rows that are not allowed). All damage is reported, and nothing is changed.
 
-mod damage;
-mod forgery;
-
+use super::entry::{Entry, MANIFEST_FORMAT, MANIFEST_NAME, Manifest, ManifestEntry};
+use super::read::HashingWriter;
 use super::*;
+use crate::store::tests::full::SmallDisk;
 use crate::store::{CycleStart, Restore, Store, StoreError, StoredTeaching, TaughtCorner, TeachingInputs};
 use panelprep_base::geometry::KukaPose;
 use panelprep_base::verdict::Verdict;
+use panelprep_cell::files::content_hash;
 use panelprep_cell::record::CycleId;
 use std::collections::BTreeMap;
 use std::fs;
@@ -309,4 +311,235 @@ fn a_changed_store_proves_nothing_and_its_numbers_are_not_used_again() {
     assert!(matches!(replaced_store(&cell, None), Err(BackupError::LastCycleUnknown { own: 1, .. })));
     let (known, next) = replaced_store(&cell, Some(2)).expect("restored");
     assert_eq!((known.is_nothing_abraded, known.last_cycle, next), (false, CycleId(3), CycleId(4)));
+}
+
+/// Each changed bit, and each byte cut off the end, is detected.
+#[test]
+fn a_flipped_bit_or_a_cut_end_is_refused_and_changes_nothing() {
+    let cell = SmallCell::new();
+    let archive = cell.at("cell.tar.zst");
+    cell.backup(&archive).expect("written");
+    let whole = fs::read(&archive).expect("read");
+    let (spoilt_file, other) = (cell.at("spoilt"), cell.at("other/cell.toml"));
+    let refused = |bytes: &[u8], what: &str| {
+        fs::write(&spoilt_file, bytes).expect("spoilt");
+        match restore(&plan(&spoilt_file, &other)) {
+            Err(BackupError::Damaged { .. }) => {}
+            other => panic!("{what}: {other:?}"),
+        }
+        assert!(!cell.at("other").exists(), "{what}");
+    };
+    for at in 0..whole.len() {
+        let mut spoilt = whole.clone();
+        spoilt[at] ^= 1 << (at % 8);
+        refused(&spoilt, &format!("bit {} of byte {at}", at % 8));
+    }
+    for length in (0..whole.len()).step_by(101).chain([whole.len() - 1, whole.len() - 56]) {
+        refused(&whole[..length], &format!("{length} bytes"));
+    }
+    refused(&[whole.as_slice(), b"more"].concat(), "bytes at its end");
+    fs::write(&spoilt_file, &whole).expect("whole again");
+    restore(&plan(&spoilt_file, &other)).expect("restored");
+}
+
+#[test]
+fn a_damaged_or_missing_file_of_the_store_is_named() {
+    let cell = SmallCell::new();
+    let hash = content_hash(&teaching().scan);
+    let file = cell.at("store/blobs").join(&hash);
+    let mut bytes = fs::read(&file).expect("read");
+    bytes[17] ^= 1;
+    fs::write(&file, &bytes).expect("spoilt");
+    let archive = cell.at("backups/cell.tar.zst");
+    for words in ["is damaged: its SHA-256 is", "is missing, and no removal was recorded"] {
+        let written = cell.backup(&archive).expect("looked at");
+        assert!(
+            written.differences.iter().any(|found| found.contains(&hash) && found.contains(words)),
+            "{written:?}"
+        );
+        assert_eq!(fs::read_dir(cell.at("backups")).expect("listed").count(), 0);
+        let _ = fs::remove_file(&file);
+    }
+}
+
+/// The disk is full at once, or during the work: existing files stay, files that were begun are removed.
+#[test]
+fn a_full_disk_leaves_all_as_it_was() {
+    let Some(disk) = SmallDisk::mount(4) else { return };
+    let cell = SmallCell::new();
+    let noise: Vec<u8> = {
+        use rand::{RngExt, SeedableRng};
+        let mut noise = rand_pcg::Pcg64::seed_from_u64(1);
+        (0..8 << 20).map(|_| noise.random()).collect()
+    };
+    let large = TeachingInputs { scan: noise, ..teaching() };
+    Store::create(&cell.at("store")).and_then(|mut store| store.teach(&large)).expect("taught");
+    let left = || fs::read_dir(disk.folder()).expect("listed").count();
+    let error = cell.backup(&disk.folder().join("cell.tar.zst")).expect_err("no room").to_string();
+    assert!(error.contains("No space left"), "{error}");
+    assert_eq!(left(), 0);
+
+    let archive = cell.at("cell.tar.zst");
+    cell.backup(&archive).expect("written");
+    let wanted = RestoredParts { store: true, configuration: false };
+    let store = disk.folder().join("store");
+    let file = cell.at("cell.toml");
+    let on_disk = Plan { parts: wanted, store: Some(&store), ..plan(&archive, &file) };
+    let error = restore(&on_disk).expect_err("no room").to_string();
+    assert!(error.contains("MB free, and the backup needs 9 MB"), "{error}");
+    assert_eq!(left(), 0);
+
+    // The disk becomes full while the configuration is written; the store, on another disk, was already complete.
+    let configuration = Configuration { cell: format!("{CELL}#{}\n", "x".repeat(3 << 20)), ..cell.configuration() };
+    let archive = cell.at("large.tar.zst");
+    write(&archive, Some(&cell.at("store")), Some(&configuration), 0).expect("written");
+    fs::write(disk.folder().join("ballast"), vec![7; 2 << 20]).expect("written");
+    let before = content(cell.0.path());
+    let (file, store) = (disk.folder().join("a/cell.toml"), cell.at("new-store"));
+    let error = restore(&Plan { store: Some(&store), ..plan(&archive, &file) }).expect_err("no room").to_string();
+    assert!(error.contains("No space left") && !error.contains("could not be undone"), "{error}");
+    assert_eq!((left(), content(cell.0.path())), (1, before));
+}
+
+/// One entry of a forged archive.
+struct Forged {
+    listed: ManifestEntry,
+    header_name: String,
+    kind: tar::EntryType,
+    content: Vec<u8>,
+}
+
+fn forged(name: &str, content: &[u8]) -> Forged {
+    let listed =
+        ManifestEntry { name: name.to_owned(), bytes: content.len() as u64, sha256: content_hash(content) };
+    Forged { listed, header_name: name.to_owned(), kind: tar::EntryType::Regular, content: content.to_vec() }
+}
+
+/// Writes an archive as a person who knows the format may make it: sealed, with any names.
+fn forge(archive: &Path, manifest: &Manifest, entries: &[Forged]) {
+    let sealing = HashingWriter::new(fs::File::create(archive).expect("made"));
+    let mut tar = tar::Builder::new(zstd::Encoder::new(sealing, 1).expect("an encoder"));
+    let text = serde_json::to_vec(manifest).expect("JSON");
+    let first = forged(MANIFEST_NAME, &text);
+    for entry in std::iter::once(&first).chain(entries) {
+        let mut header = tar::Header::new_gnu();
+        // The name is written directly into the header, since the library refuses to write such names.
+        let name = &mut header.as_old_mut().name;
+        name[..entry.header_name.len()].copy_from_slice(entry.header_name.as_bytes());
+        header.set_entry_type(entry.kind);
+        header.set_size(entry.content.len() as u64);
+        header.set_mode(0o644);
+        header.set_cksum();
+        tar.append(&header, entry.content.as_slice()).expect("appended");
+    }
+    tar.into_inner().and_then(zstd::Encoder::finish).and_then(HashingWriter::seal).expect("sealed");
+}
+
+fn manifest(entries: &[Forged]) -> Manifest {
+    let entries = entries.iter().map(|entry| entry.listed.clone()).collect();
+    Manifest { format: MANIFEST_FORMAT, program: "0".to_owned(), made_unix_s: 0, links: None, entries }
+}
+
+/// Archives sealed by a person who knows the format: names that lead elsewhere, links, other contents, more or less
+/// than the manifest states.
+#[test]
+fn a_forged_archive_is_refused_and_changes_nothing() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (archive, cell) = (folder.path().join("forged"), folder.path().join("cell/cell.toml"));
+    let named = |name: &str| vec![forged("configuration/cell.toml", CELL.as_bytes()), forged(name, b"x")];
+    let mut cases: Vec<(&str, Vec<Forged>)> = [
+        "../../evil.toml",
+        "/tmp/evil.toml",
+        "configuration/recipes/../../../evil.toml",
+        "configuration/recipes//tmp/evil.toml",
+        "configuration/named/../../evil",
+        "store/../../evil",
+        "store/blobs/../../../evil",
+    ]
+    .map(|name| ("not a file of a backup", named(name)))
+    .into();
+    let mut link = named("configuration/recipes/evil.toml");
+    (link[1].kind, link[1].listed.bytes) = (tar::EntryType::Symlink, 1);
+    cases.push(("where its manifest lists", link));
+    let mut elsewhere = named("configuration/recipes/evil.toml");
+    elsewhere[1].header_name = "../../evil.toml".to_owned();
+    cases.push(("where its manifest lists", elsewhere));
+    let mut other = named("configuration/recipes/evil.toml");
+    other[1].content = b"y".to_vec();
+    cases.push(("the SHA-256 of the file configuration/recipes/evil.toml", other));
+    let mut twice = named("configuration/recipes/evil.toml");
+    twice.push(forged("configuration/recipes/evil.toml", b"x"));
+    cases.push(("twice", twice));
+    let mut unnamed = named("configuration/named/calibration.scanner");
+    unnamed[0] = forged("configuration/cell.toml", b"store = \"store\"\n");
+    cases.push(("names no calibration.scanner", unnamed));
+    cases.push((
+        "this program does not accept the cell's file",
+        vec![forged("configuration/cell.toml", b"stoer = 1")],
+    ));
+    for (words, entries) in cases {
+        forge(&archive, &manifest(&entries), &entries);
+        let wanted = RestoredParts { store: false, configuration: true };
+        let message = restore(&Plan { parts: wanted, ..plan(&archive, &cell) }).expect_err("refused").to_string();
+        assert!(message.contains(words), "{words}: {message}");
+        let names: Vec<_> =
+            fs::read_dir(folder.path()).expect("listed").map(|e| e.expect("one").file_name()).collect();
+        assert_eq!(names, ["forged"], "{words}");
+    }
+    // Archives with more, and with fewer, entries than the manifest states; an archive of a newer format.
+    let entries = named("configuration/recipes/wing.toml");
+    let wanted = RestoredParts { store: false, configuration: true };
+    for (manifest, words) in [
+        (manifest(&entries[..1]), "more files than its manifest lists"),
+        (manifest(&[&entries[..], &[forged("configuration/recipes/more.toml", b"x")]].concat_all()), "is missing"),
+        (Manifest { format: MANIFEST_FORMAT + 1, ..manifest(&entries) }, "restore it with the newer program"),
+    ] {
+        forge(&archive, &manifest, &entries);
+        let message = restore(&Plan { parts: wanted, ..plan(&archive, &cell) }).expect_err("refused").to_string();
+        assert!(message.contains(words), "{words}: {message}");
+        assert!(!cell.exists());
+    }
+    forge(&archive, &manifest(&entries), &entries);
+    restore(&Plan { parts: wanted, ..plan(&archive, &cell) }).expect("by itself it is right");
+}
+
+/// Concatenates items that cannot be cloned.
+trait ConcatAll {
+    fn concat_all(&self) -> Vec<Forged>;
+}
+
+impl ConcatAll for [&[Forged]; 2] {
+    fn concat_all(&self) -> Vec<Forged> {
+        self.iter().flat_map(|part| part.iter()).map(|entry| forged(&entry.listed.name, &entry.content)).collect()
+    }
+}
+
+/// A store with changed rows and a new seal: the chain shows the change, and no file of the store is left behind.
+#[test]
+fn a_store_that_is_not_what_was_written_is_neither_packed_nor_restored() {
+    let cell = SmallCell::new();
+    let archive = cell.at("cell.tar.zst");
+    let database = cell.at("store/panelprep.sqlite");
+    rusqlite::Connection::open(&database)
+        .and_then(|rows| rows.execute("UPDATE taught_panels SET taught_at_unix_s = 7", []))
+        .expect("changed");
+    let written = cell.backup(&archive).expect("looked at");
+    assert!(written.differences.iter().any(|words| words.contains("changed: taught panel 1")), "{written:?}");
+    assert!(!archive.exists());
+
+    let files = ["store/panelprep.sqlite", "store/panelprep.head"]
+        .map(|name| forged(name, &fs::read(cell.at(name)).expect("read")));
+    let blobs = fs::read_dir(cell.at("store/blobs")).expect("listed").map(|blob| {
+        let bytes = fs::read(blob.expect("a file").path()).expect("read");
+        forged(&Entry::Blob(content_hash(&bytes)).name(), &bytes)
+    });
+    let entries: Vec<Forged> = files.into_iter().chain(blobs).collect();
+    forge(&archive, &Manifest { links: Some(9), ..manifest(&entries) }, &entries);
+    let before = content(cell.0.path());
+    let wanted = RestoredParts { store: true, configuration: false };
+    let other = cell.at("other-store");
+    let restored = restore(&Plan { parts: wanted, store: Some(&other), ..plan(&archive, &cell.at("cell.toml")) })
+        .expect("looked at");
+    assert!(restored.differences.iter().any(|words| words.contains("changed: taught panel 1")), "{restored:?}");
+    assert_eq!(content(cell.0.path()), before);
 }
