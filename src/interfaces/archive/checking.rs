@@ -2,12 +2,10 @@
 //! its hash and every signature its key. Every statement follows the one before it, every file is whole. The
 //! archive also agrees with the cells that gave a list.
 
-use super::database;
-use super::error::ArchiveError;
+use super::database::{self, ArchiveError};
 use super::files::{ContentFiles, FileState};
 use panelprep_cell::cell::CellName;
-use panelprep_store::office::ArchiveSettings;
-use panelprep_store::office::{Body, ItemEnvelope, Kind, ListEntry, Message, Position, compare};
+use panelprep_store::office::{ArchiveSettings, Body, ItemEnvelope, Kind, ListEntry, Message, Position, compare};
 use panelprep_store::signing::{CHAIN_BEGIN, Statement};
 use std::collections::{BTreeMap, BTreeSet};
 use tokio_postgres::{Client, Row};

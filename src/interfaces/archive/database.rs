@@ -1,9 +1,11 @@
-//! A connection to the database.
+//! A connection to the database, its tables, which are brought up to date step by step, and the reason why the archive
+//! cannot work.
 
-use super::error::ArchiveError;
-use super::tables;
-use panelprep_base::trust;
+use crate::broker::BrokerError;
+use panelprep_base::trust::{self, TrustError};
 use panelprep_store::office::DatabaseSettings;
+use panelprep_store::store::StoreError;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tokio::time::timeout;
 use tokio_postgres::{Client, Config, NoTls};
@@ -12,6 +14,95 @@ use tokio_postgres_rustls::MakeRustlsConnect;
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 /// Time limit for connecting and for updating the tables.
 const OPEN_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// Errors of the archive.
+#[derive(Debug, thiserror::Error)]
+pub enum ArchiveError {
+    /// The database cannot be reached, or refuses the connection.
+    #[error("the database {place} cannot be used: {problem}")]
+    Connect {
+        /// User, host, port and name of the database.
+        place: String,
+        /// The connection's message.
+        problem: String,
+    },
+    /// The database refused a statement.
+    #[error("the database: cannot {operation}: {problem}")]
+    Database {
+        /// The attempted operation.
+        operation: &'static str,
+        /// PostgreSQL's message.
+        problem: String,
+    },
+    /// The database accepts what it is sent and does not answer.
+    #[error("the database has not responded for {seconds} s")]
+    Silent {
+        /// Time without an answer, s.
+        seconds: u64,
+    },
+    /// The database's encoding cannot represent every text.
+    #[error(
+        "the database has the encoding {found}, but UTF8 is required: create the database with `createdb -E UTF8 \
+         -T template0`"
+    )]
+    Encoding {
+        /// Encoding of the database.
+        found: String,
+    },
+    /// The tables are of a later version of this program.
+    #[error(
+        "the database has tables of version {found}, this program supports versions up to {known}: use the newer \
+         program"
+    )]
+    Newer {
+        /// Version of the tables.
+        found: i32,
+        /// The newest version that this program supports.
+        known: i32,
+    },
+    /// The broker.
+    #[error(transparent)]
+    Broker(#[from] BrokerError),
+    /// A stored file that a record names cannot be used.
+    #[error(transparent)]
+    Kept(#[from] StoreError),
+    /// A file operation failed.
+    #[error("cannot {operation} {}: {source}", path.display())]
+    File {
+        /// The attempted operation.
+        operation: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// The system's message.
+        source: std::io::Error,
+    },
+    /// A certificate or a password cannot be used.
+    #[error(transparent)]
+    Trust(#[from] TrustError),
+}
+
+impl ArchiveError {
+    pub(super) fn database(doing: &'static str) -> impl Fn(tokio_postgres::Error) -> ArchiveError {
+        move |error| {
+            // The library's error contains the server's own message.
+            let problem = error.as_db_error().map_or(error.to_string(), ToString::to_string);
+            ArchiveError::Database { operation: doing, problem }
+        }
+    }
+
+    pub(super) fn file_error<'p>(
+        doing: &'static str,
+        path: &'p Path,
+    ) -> impl Fn(std::io::Error) -> ArchiveError + 'p {
+        move |source| ArchiveError::File { operation: doing, path: path.to_owned(), source }
+    }
+
+    /// Returns whether the error may end without intervention, such as a network failure, a server restart or a full
+    /// disk.
+    pub fn is_transient(&self) -> bool {
+        !matches!(self, ArchiveError::Newer { .. } | ArchiveError::Encoding { .. } | ArchiveError::Trust(_))
+    }
+}
 
 /// Describes the address of a database for people.
 fn describe_address(DatabaseSettings { host, port, name, user, .. }: &DatabaseSettings) -> String {
@@ -33,7 +124,7 @@ pub(super) async fn with_timeout<T>(
 pub(super) async fn open(database: &DatabaseSettings) -> Result<Client, ArchiveError> {
     let opening = async {
         let mut client = connect(database).await?;
-        tables::raise(&mut client).await?;
+        raise_tables(&mut client).await?;
         Ok(client)
     };
     let silent = |_| {
@@ -82,4 +173,153 @@ async fn connect(database: &DatabaseSettings) -> Result<Client, ArchiveError> {
             Ok(client)
         }
     }
+}
+
+/// The newest version that this program supports.
+const TABLES_VERSION: i32 = 1;
+
+/// `records` contains what cells sent; `epochs` contains the number up to which each epoch is complete;
+/// `contradictions` contains messages under a name that is stored with another content. The other tables are derived
+/// from records, for pages.
+const TABLES: &str = "
+    CREATE TABLE records (
+        cell TEXT NOT NULL,
+        epoch TEXT NOT NULL,
+        number BIGINT NOT NULL,
+        kind TEXT NOT NULL,
+        unix_ms BIGINT NOT NULL,
+        hash TEXT NOT NULL,
+        content BYTEA NOT NULL,
+        signature BYTEA,
+        public_key TEXT,
+        received_at TIMESTAMPTZ NOT NULL DEFAULT now(),
+        PRIMARY KEY (cell, epoch, number)
+    );
+    CREATE TABLE record_files (
+        cell TEXT NOT NULL,
+        epoch TEXT NOT NULL,
+        number BIGINT NOT NULL,
+        name TEXT NOT NULL,
+        hash TEXT NOT NULL,
+        gone TEXT,
+        PRIMARY KEY (cell, epoch, number, name, hash),
+        FOREIGN KEY (cell, epoch, number) REFERENCES records (cell, epoch, number)
+    );
+    CREATE TABLE contradictions (
+        cell TEXT NOT NULL,
+        epoch TEXT NOT NULL,
+        number BIGINT NOT NULL,
+        hash TEXT NOT NULL,
+        content BYTEA NOT NULL,
+        received_at TIMESTAMPTZ NOT NULL DEFAULT now(),
+        PRIMARY KEY (cell, epoch, number, hash)
+    );
+    CREATE TABLE epochs (
+        cell TEXT NOT NULL,
+        epoch TEXT NOT NULL,
+        archived BIGINT NOT NULL,
+        PRIMARY KEY (cell, epoch)
+    );
+    CREATE TABLE cycles (
+        cell TEXT NOT NULL,
+        cycle BIGINT NOT NULL,
+        started_unix_s BIGINT NOT NULL,
+        ended_unix_s BIGINT,
+        panel TEXT NOT NULL,
+        serial TEXT,
+        work_order TEXT,
+        operator TEXT,
+        verdict TEXT NOT NULL,
+        reasons TEXT NOT NULL,
+        recipe_hash TEXT NOT NULL,
+        program_version TEXT NOT NULL,
+        PRIMARY KEY (cell, cycle, started_unix_s)
+    );
+    CREATE INDEX cycles_by_time ON cycles (started_unix_s DESC);
+    CREATE INDEX cycles_by_cell ON cycles (cell, started_unix_s DESC);
+    CREATE INDEX cycles_by_panel ON cycles (panel, started_unix_s DESC);
+    CREATE INDEX cycles_by_serial ON cycles (lower(serial));
+    CREATE TABLE signatures (
+        cell TEXT NOT NULL,
+        cycle BIGINT NOT NULL,
+        statement BIGINT NOT NULL,
+        record_hash TEXT NOT NULL,
+        epoch TEXT NOT NULL,
+        number BIGINT NOT NULL,
+        unix_ms BIGINT NOT NULL,
+        name TEXT,
+        meaning TEXT,
+        PRIMARY KEY (cell, statement, record_hash)
+    );
+    CREATE INDEX signatures_by_cycle ON signatures (cell, cycle);
+    CREATE TABLE quantities (
+        cell TEXT NOT NULL,
+        cycle BIGINT NOT NULL,
+        started_unix_s BIGINT NOT NULL,
+        panel TEXT NOT NULL,
+        quantity TEXT NOT NULL,
+        value DOUBLE PRECISION NOT NULL,
+        allowed TEXT NOT NULL,
+        PRIMARY KEY (panel, quantity, started_unix_s, cell, cycle)
+    );
+    CREATE TABLE verifications (
+        cell TEXT NOT NULL,
+        subject TEXT NOT NULL,
+        at_unix_s BIGINT NOT NULL,
+        error DOUBLE PRECISION NOT NULL,
+        allowed DOUBLE PRECISION NOT NULL,
+        calibration_hash TEXT NOT NULL,
+        PRIMARY KEY (cell, subject, at_unix_s, calibration_hash)
+    );
+    CREATE TABLE recipe_uses (
+        panel TEXT NOT NULL,
+        recipe_hash TEXT NOT NULL,
+        cell TEXT NOT NULL,
+        first_unix_s BIGINT NOT NULL,
+        last_unix_s BIGINT NOT NULL,
+        cycles BIGINT NOT NULL,
+        passed BIGINT NOT NULL,
+        PRIMARY KEY (panel, recipe_hash, cell)
+    );
+    CREATE TABLE offers (
+        panel TEXT PRIMARY KEY,
+        recipe_hash TEXT NOT NULL,
+        offer BYTEA NOT NULL
+    );
+    CREATE TABLE accounts (
+        name TEXT PRIMARY KEY,
+        printed_name TEXT NOT NULL,
+        password_hash TEXT NOT NULL
+    );
+    CREATE TABLE cells (
+        cell TEXT PRIMARY KEY,
+        heard_unix_ms BIGINT NOT NULL,
+        state TEXT NOT NULL
+    );
+";
+
+/// Makes the tables, or brings them up to date. Two archives that start at once wait for each other.
+async fn raise_tables(client: &mut Client) -> Result<(), ArchiveError> {
+    let failed = ArchiveError::database("make its tables");
+    let transaction = client.transaction().await.map_err(&failed)?;
+    let begin = "SELECT pg_advisory_xact_lock(7062651);
+        CREATE TABLE IF NOT EXISTS panelprep_version (version INTEGER NOT NULL)";
+    transaction.batch_execute(begin).await.map_err(&failed)?;
+    let row = transaction.query_opt("SELECT max(version) FROM panelprep_version", &[]).await.map_err(&failed)?;
+    let found: i32 = row.and_then(|row| row.get::<_, Option<i32>>(0)).unwrap_or(0);
+    if found > TABLES_VERSION {
+        return Err(ArchiveError::Newer { found, known: TABLES_VERSION });
+    }
+    let encoding: String = transaction.query_one("SHOW server_encoding", &[]).await.map_err(&failed)?.get(0);
+    if encoding != "UTF8" {
+        return Err(ArchiveError::Encoding { found: encoding });
+    }
+    if found < 1 {
+        transaction.batch_execute(TABLES).await.map_err(&failed)?;
+    }
+    if found < TABLES_VERSION {
+        let set = "INSERT INTO panelprep_version (version) VALUES ($1)";
+        transaction.execute(set, &[&TABLES_VERSION]).await.map_err(&failed)?;
+    }
+    transaction.commit().await.map_err(&failed)
 }

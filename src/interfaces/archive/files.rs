@@ -1,7 +1,7 @@
 //! The archive's files: each has its SHA-256 as its name and is complete or absent, as in a store. They are in 256
 //! folders, named by the first two digits.
 
-use super::error::ArchiveError;
+use super::database::ArchiveError;
 use panelprep_cell::files::is_hex;
 use panelprep_store::office::{Body, Message};
 use panelprep_store::store::{Blobs, StoreError};

@@ -5,7 +5,7 @@
 //! ```text
 //! cell ─▶ broker ─▶ `receiving`: parts put together, messages read and verified
 //!                       ├─▶ `files`: a file under its SHA-256, whole or not there
-//!                       └─▶ `message_rows`: all rows of a batch in one transaction (`rows` defines them)
+//!                       └─▶ `message_rows`: all rows of a batch in one transaction
 //!                               └─▶ only then: acknowledged to the broker, reported to the cell
 //! ```
 //!
@@ -15,17 +15,11 @@
 
 mod checking;
 mod database;
-mod error;
 mod files;
 mod message_rows;
-mod names;
 pub mod reading;
 mod receiving;
-mod recipe_offers;
-mod rows;
-mod tables;
 
 pub use checking::{CellList, CheckedCell, check_archive};
-pub use error::ArchiveError;
-pub use receiving::run;
-pub use recipe_offers::publish_offer;
+pub use database::ArchiveError;
+pub use receiving::{publish_offer, run};

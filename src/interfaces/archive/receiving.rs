@@ -1,16 +1,18 @@
 //! The archive's main loop: receives messages from the broker and stores them in the database and the folder.
+//!
+//! It detects two cells that use one name: their stores have different epochs and report these in turn. It also
+//! publishes the recipes that the office offers to its cells.
 
-use super::database;
-use super::error::ArchiveError;
+use super::database::ArchiveError;
 use super::files::ContentFiles;
-use super::message_rows::{self, BatchResult};
-use super::names::Names;
-use super::recipe_offers;
+use super::message_rows::BatchResult;
+use super::{database, message_rows};
 use crate::broker::{Delivery, OfficeLink, Receipt, StateSubscription};
 use panelprep_store::office::{
     ArchiveSettings, AssembledItem, CellState, Chunk, ChunkOwner, InvalidItem, Message, OfficeError, PartAssembly,
-    Position, subject,
+    Position, RecipeOffer, subject,
 };
+use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 use tokio_postgres::Client;
 
@@ -76,7 +78,7 @@ async fn run_receiver(settings: &ArchiveSettings) -> Result<std::convert::Infall
     for (cell, epoch, archived) in database::with_timeout(WRITE_TIMEOUT, message_rows::epochs(&client)).await? {
         link.publish_archived(&cell, &epoch, archived).await?;
     }
-    database::with_timeout(WRITE_TIMEOUT, recipe_offers::republish_offers(&client, &link)).await?;
+    database::with_timeout(WRITE_TIMEOUT, republish_offers(&client, &link)).await?;
     let listener = database::open(&settings.database).await?;
     let states = link.states().await?;
     let records = receive(&mut client, &mut link, files);
@@ -243,4 +245,87 @@ async fn store_state((client, names): (&Client, &mut Names), by: &str, bytes: &[
         ON CONFLICT (cell) DO UPDATE SET heard_unix_ms = EXCLUDED.heard_unix_ms, state = EXCLUDED.state";
     let kept = client.execute(sql, &[&cell.as_str(), &text]).await;
     kept.map(drop).map_err(ArchiveError::database("store the state of a cell"))
+}
+
+/// The cells' last reports, by the cells' names.
+#[derive(Debug, Default)]
+struct Names(BTreeMap<String, ReportedEpochs>);
+
+#[derive(Debug, Default)]
+struct ReportedEpochs {
+    /// The epochs that were reported last, and the different ones before them.
+    last: Vec<String>,
+    previous_epochs: Vec<String>,
+    is_reported: bool,
+}
+
+impl Names {
+    /// Returns true when it is detected for the first time that two cells use this name: the reported epochs changed
+    /// and then changed back to the previous ones. A change of epochs without a change back may be a restored store.
+    pub fn detect_duplicate_name(&mut self, cell: &str, state: &CellState) -> bool {
+        let mut epochs: Vec<String> = state.last.iter().map(|position| position.epoch.clone()).collect();
+        epochs.sort();
+        let heard = self.0.entry(cell.to_owned()).or_default();
+        if epochs == heard.last {
+            return false;
+        }
+        let came_back = epochs == heard.previous_epochs && !epochs.is_empty() && !heard.last.is_empty();
+        heard.previous_epochs = std::mem::replace(&mut heard.last, epochs);
+        came_back && !std::mem::replace(&mut heard.is_reported, true)
+    }
+}
+
+/// Stores the offer, which replaces an earlier one for its panel, and sends it to the cells.
+///
+/// # Errors
+/// If the database or the broker does not accept it.
+pub async fn publish_offer(settings: &ArchiveSettings, offer: &RecipeOffer) -> Result<(), ArchiveError> {
+    let client = database::open(&settings.database).await?;
+    let link = OfficeLink::connect(&settings.broker, settings.max_waiting_bytes()).await?;
+    let sql = "INSERT INTO offers (panel, recipe_hash, offer) VALUES ($1, $2, $3)
+        ON CONFLICT (panel) DO UPDATE SET recipe_hash = EXCLUDED.recipe_hash, offer = EXCLUDED.offer";
+    let bytes = offer.bytes().unwrap_or_default();
+    let kept = client.execute(sql, &[&offer.panel, &offer.hash(), &bytes]).await;
+    kept.map_err(ArchiveError::database("store an offer"))?;
+    link.publish_offer(offer).await?;
+    Ok(())
+}
+
+/// Sends every offer to the cells once more: the broker may have lost them.
+async fn republish_offers(client: &Client, link: &OfficeLink) -> Result<(), ArchiveError> {
+    let rows =
+        client.query("SELECT offer FROM offers", &[]).await.map_err(ArchiveError::database("read offers"))?;
+    for row in rows {
+        match RecipeOffer::read(&row.get::<_, Vec<u8>>(0)) {
+            Ok(offer) => link.publish_offer(&offer).await?,
+            Err(error) => tracing::error!("an offer in the database is not sent to the cells: {error}"),
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use panelprep_cell::cell::CellName;
+    use panelprep_store::office::Position;
+
+    #[test]
+    fn a_store_that_was_brought_back_is_one_cell_and_two_stores_in_turn_are_two() {
+        let told = |epochs: &[&str]| {
+            let mut state = CellState::new(&CellName::new("a").expect("a name"));
+            let position = |epoch: &&str| Position { epoch: (*epoch).to_owned(), number: 1 };
+            state.last = epochs.iter().map(position).collect();
+            state
+        };
+        let mut names = Names::default();
+        for epochs in [&["1"][..], &["1"], &["1", "2"], &["3"], &["3", "4"]] {
+            assert!(!names.detect_duplicate_name("a", &told(epochs)), "{epochs:?}");
+        }
+        let found: Vec<bool> = [&["5"][..], &["6"], &["5"], &["6"]]
+            .iter()
+            .map(|epochs| names.detect_duplicate_name("b", &told(epochs)))
+            .collect();
+        assert_eq!(found, [false, false, true, false], "told once");
+    }
 }

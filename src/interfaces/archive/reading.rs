@@ -1,0 +1,473 @@
+//! The data that pages of the office read: the current state of all cells, cycles (the newest first, and one of them
+//! with its records), the values of one quantity of a panel and the verifications in all cells, which show which cell
+//! differs from the others, recipes by their content (the cells in which each version ran, and since when), and
+//! accounts (a person with an account may read, and no one may change anything).
+//!
+//! A [`Reader`] has one connection to the database, and the folder of files. Every query uses an index and ends after
+//! a limited number of rows, so that it is as fast with a million records as with a thousand.
+
+use super::database::{self, ArchiveError};
+use super::files::ContentFiles;
+use panelprep_base::verdict::Limit;
+use panelprep_store::history::TrendPoint;
+use panelprep_store::office::{ArchiveSettings, CellState, RecipeOffer};
+use panelprep_store::signing::{SignedCycle, Statement, StatementContent};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::Mutex;
+use tokio_postgres::Client;
+use tokio_postgres::types::ToSql;
+
+/// Maximum time that a page waits for the database.
+const QUERY_TIMEOUT: Duration = Duration::from_secs(15);
+
+/// A reader of the archive. Clones share one connection, which is made anew if it was lost.
+#[derive(Clone)]
+pub struct Reader {
+    settings: Arc<ArchiveSettings>,
+    client: Arc<Mutex<Option<Arc<Client>>>>,
+    files: ContentFiles,
+}
+
+type SqlValues<'v> = &'v [&'v (dyn ToSql + Sync)];
+
+impl Reader {
+    /// Creates a reader of the archive with these settings; it does not connect yet.
+    pub fn new(settings: &ArchiveSettings) -> Self {
+        let files = ContentFiles::in_folder(&settings.files);
+        Reader { settings: Arc::new(settings.clone()), client: Arc::default(), files }
+    }
+
+    /// Returns the bytes of a file that a record names; `None` if it is missing or not whole.
+    pub fn file(&self, hash: &str) -> Option<Vec<u8>> {
+        self.files.get(hash)
+    }
+
+    async fn client(&self) -> Result<Arc<Client>, ArchiveError> {
+        let mut client = self.client.lock().await;
+        match client.as_ref().filter(|client| !client.is_closed()) {
+            Some(client) => Ok(client.clone()),
+            None => {
+                let new = Arc::new(database::open(&self.settings.database).await?);
+                *client = Some(new.clone());
+                Ok(new)
+            }
+        }
+    }
+
+    async fn rows(&self, sql: &str, values: SqlValues<'_>) -> Result<Vec<tokio_postgres::Row>, ArchiveError> {
+        let failed = ArchiveError::database("read the archive");
+        let client = self.client().await?;
+        // If the library prepared each query, it would need one more round trip each time; the server plans these
+        // queries in less than a millisecond.
+        self.with_timeout(async { client.query(sql, values).await.map_err(failed) }).await
+    }
+
+    async fn change(&self, sql: &str, values: SqlValues<'_>) -> Result<u64, ArchiveError> {
+        let failed = ArchiveError::database("write to the archive");
+        let client = self.client().await?;
+        self.with_timeout(async { client.execute(sql, values).await.map_err(failed) }).await
+    }
+
+    /// Waits for an answer within the time limit. The connection to a database that does not answer is dropped, so
+    /// that the next page connects again.
+    async fn with_timeout<T>(
+        &self,
+        asking: impl Future<Output = Result<T, ArchiveError>>,
+    ) -> Result<T, ArchiveError> {
+        let answered = database::with_timeout(QUERY_TIMEOUT, asking).await;
+        if let Err(ArchiveError::Silent { .. }) = answered {
+            *self.client.lock().await = None;
+        }
+        answered
+    }
+}
+
+/// A cell as the office sees it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CellNow {
+    /// Its name.
+    pub cell: String,
+    /// The time of its last report, ms since 1970 by the database's clock; `None` if it never reported.
+    pub heard_unix_ms: Option<i64>,
+    /// The state that it reported.
+    pub state: Option<CellState>,
+    /// The number of its records that the archive lacks, by its last report; `None` if it reported nothing.
+    pub missing_records: Option<u64>,
+    /// The newest cycle: number, verdict and when it began, s since 1970.
+    pub last: Option<(i64, String, i64)>,
+    /// The cell's cycles of the last day, by their verdicts.
+    pub last_day_counts: Vec<VerdictCount>,
+}
+
+/// The number of cycles with a verdict.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct VerdictCount {
+    /// The verdict's word.
+    pub verdict: String,
+    /// Number of cycles with this verdict.
+    pub count: i64,
+}
+
+impl Reader {
+    /// Returns all cells, by name, and the database's clock, ms since 1970.
+    ///
+    /// # Errors
+    /// If the database does not answer.
+    pub async fn cells(&self) -> Result<(Vec<CellNow>, i64), ArchiveError> {
+        let known =
+            "SELECT known.cell, cells.heard_unix_ms, cells.state, last.cycle, last.verdict, last.started_unix_s
+            FROM (SELECT cell FROM epochs UNION SELECT cell FROM cells) AS known
+            LEFT JOIN cells ON cells.cell = known.cell
+            LEFT JOIN LATERAL (SELECT cycle, verdict, started_unix_s FROM cycles WHERE cycles.cell = known.cell
+                ORDER BY started_unix_s DESC LIMIT 1) AS last ON TRUE
+            ORDER BY known.cell";
+        let now = self.rows("SELECT (extract(epoch FROM now()) * 1000)::bigint", &[]).await?;
+        let now_unix_ms: i64 = now.first().map_or(0, |row| row.get(0));
+        let day_s = now_unix_ms / 1_000 - 86_400;
+        let counts = "SELECT cell, verdict, count(*) FROM cycles WHERE started_unix_s >= $1 GROUP BY cell, verdict
+            ORDER BY cell, verdict";
+        let mut day: BTreeMap<String, Vec<VerdictCount>> = BTreeMap::new();
+        for row in self.rows(counts, &[&day_s]).await? {
+            day.entry(row.get(0)).or_default().push(VerdictCount { verdict: row.get(1), count: row.get(2) });
+        }
+        let mut archived: BTreeMap<(String, String), i64> = BTreeMap::new();
+        for row in self.rows("SELECT cell, epoch, archived FROM epochs", &[]).await? {
+            archived.insert((row.get(0), row.get(1)), row.get(2));
+        }
+        let cell = |row: tokio_postgres::Row| {
+            let cell: String = row.get(0);
+            let text: Option<String> = row.get(2);
+            let state = text.and_then(|text| CellState::read(text.as_bytes()).ok()).map(|(_, state)| state);
+            let behind = state.as_ref().map(|state| {
+                let missing = state.last.iter().map(|last| {
+                    let has = archived.get(&(cell.clone(), last.epoch.clone())).copied().unwrap_or(0);
+                    last.number.saturating_sub(has.unsigned_abs())
+                });
+                missing.sum()
+            });
+            let last = row.get::<_, Option<i64>>(3).map(|cycle| (cycle, row.get(4), row.get(5)));
+            let day = day.remove(&cell).unwrap_or_default();
+            CellNow { heard_unix_ms: row.get(1), state, missing_records: behind, last, last_day_counts: day, cell }
+        };
+        Ok((self.rows(known, &[]).await?.into_iter().map(cell).collect(), now_unix_ms))
+    }
+}
+
+/// A search; an empty field does not restrict it.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct CycleQuery {
+    /// The cell's name.
+    pub cell: String,
+    /// The panel's name.
+    pub panel: String,
+    /// The part's serial number, in upper or lower case.
+    pub serial: String,
+    /// The verdict's word.
+    pub verdict: String,
+    /// Only cycles from this time on, s since 1970.
+    pub from_unix_s: Option<i64>,
+    /// Only cycles before this time, s since 1970.
+    pub until_unix_s: Option<i64>,
+    /// Only cycles that are older than this one, the last cycle of an earlier page: its start time, cell and number.
+    pub before: Option<(i64, String, i64)>,
+    /// The maximum number of cycles.
+    pub limit: i64,
+}
+
+/// A cycle.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct CycleRow {
+    /// The cell.
+    pub cell: String,
+    /// Its number there.
+    pub cycle: i64,
+    /// Time at which the cycle began, s since 1970.
+    pub started_unix_s: i64,
+    /// Time at which it ended, s since 1970.
+    pub ended_unix_s: Option<i64>,
+    /// The panel.
+    pub panel: String,
+    /// The part's serial number.
+    pub serial: Option<String>,
+    /// The work order.
+    pub work_order: Option<String>,
+    /// The operator.
+    pub operator: Option<String>,
+    /// The verdict's word.
+    pub verdict: String,
+    /// The verdict's reasons as JSON: code and message.
+    pub reasons: String,
+    /// SHA-256 of the recipe.
+    pub recipe_hash: String,
+    /// The program's version.
+    pub program_version: String,
+}
+
+/// A signature of a cycle's record.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RecordSignature {
+    /// The number of the statement among all statements of its cell.
+    pub statement: i64,
+    /// Its SHA-256.
+    pub record_hash: String,
+    /// Time of the signature, ms since 1970.
+    pub unix_ms: i64,
+    /// The person's printed name and what the signature means; `None` for the cell itself.
+    pub person: Option<(String, String)>,
+}
+
+/// A cycle with its signed statements.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Record {
+    /// The cycle.
+    pub row: CycleRow,
+    /// Signatures, in order.
+    pub signed: Vec<RecordSignature>,
+    /// The content of the cell's own statement; `None` if it has not arrived.
+    pub statement: Option<SignedCycle>,
+}
+
+const COLUMNS: &str = "cell, cycle, started_unix_s, ended_unix_s, panel, serial, work_order, operator, verdict, reasons, recipe_hash, program_version";
+
+fn cycle_row(row: &tokio_postgres::Row) -> CycleRow {
+    CycleRow {
+        cell: row.get(0),
+        cycle: row.get(1),
+        started_unix_s: row.get(2),
+        ended_unix_s: row.get(3),
+        panel: row.get(4),
+        serial: row.get(5),
+        work_order: row.get(6),
+        operator: row.get(7),
+        verdict: row.get(8),
+        reasons: row.get(9),
+        recipe_hash: row.get(10),
+        program_version: row.get(11),
+    }
+}
+
+impl Reader {
+    /// Returns the cycles that match, the newest first.
+    ///
+    /// # Errors
+    /// If the database does not answer.
+    pub async fn cycles(&self, query: &CycleQuery) -> Result<Vec<CycleRow>, ArchiveError> {
+        let CycleQuery { cell, panel, serial, verdict, from_unix_s, until_unix_s, before, limit } = query;
+        let serial = serial.to_lowercase();
+        let (before_s, before_cell, before_cycle) = before.clone().unwrap_or((i64::MAX, String::new(), i64::MAX));
+        let (from_s, until_s) = (from_unix_s.unwrap_or(i64::MIN), until_unix_s.unwrap_or(i64::MAX));
+        let mut values: Vec<&(dyn tokio_postgres::types::ToSql + Sync)> =
+            vec![&before_s, &before_cell, &before_cycle, &from_s, &until_s, limit];
+        // The query contains only the conditions that were requested, so that the server chooses the index by them.
+        let mut conditions = String::new();
+        for (column, value) in [("cell", cell), ("panel", panel), ("lower(serial)", &serial), ("verdict", verdict)]
+        {
+            if !value.is_empty() {
+                values.push(value);
+                conditions += &format!(" AND {column} = ${}", values.len());
+            }
+        }
+        let sql = format!(
+            "SELECT {COLUMNS} FROM cycles WHERE started_unix_s <= $1 AND (started_unix_s, cell, cycle) < ($1, $2, $3)
+             AND started_unix_s >= $4 AND started_unix_s < $5{conditions}
+             ORDER BY started_unix_s DESC, cell DESC, cycle DESC LIMIT $6"
+        );
+        Ok(self.rows(&sql, &values).await?.iter().map(cycle_row).collect())
+    }
+
+    /// Returns a cycle of a cell with its signed statements; if several cycles have the same number, the newest one.
+    ///
+    /// # Errors
+    /// If the database does not answer.
+    pub async fn record(&self, cell: &str, cycle: i64) -> Result<Option<Record>, ArchiveError> {
+        let sql = format!(
+            "SELECT {COLUMNS} FROM cycles WHERE cell = $1 AND cycle = $2 ORDER BY started_unix_s DESC LIMIT 1"
+        );
+        let rows = self.rows(&sql, &[&cell, &cycle]).await?;
+        let Some(row) = rows.first().map(cycle_row) else { return Ok(None) };
+        let sql =
+            "SELECT statement, record_hash, unix_ms, name, meaning FROM signatures WHERE cell = $1 AND cycle = $2
+            ORDER BY statement";
+        let signed = self.rows(sql, &[&cell, &cycle]).await?.into_iter().map(|row| RecordSignature {
+            statement: row.get(0),
+            record_hash: row.get(1),
+            unix_ms: row.get(2),
+            person: row.get::<_, Option<String>>(3).zip(row.get::<_, Option<String>>(4)),
+        });
+        let signed: Vec<RecordSignature> = signed.collect();
+        let mut statement = None;
+        if let Some(own) = signed.iter().rfind(|one| one.person.is_none()) {
+            let sql = "SELECT content FROM records JOIN signatures USING (cell, epoch, number)
+                WHERE signatures.cell = $1 AND statement = $2 AND record_hash = $3 LIMIT 1";
+            let rows = self.rows(sql, &[&cell, &own.statement, &own.record_hash]).await?;
+            let content: Option<Vec<u8>> = rows.first().map(|row| row.get(0));
+            statement =
+                content.and_then(|content| Statement::read(&content).ok()).and_then(|read| match read.says {
+                    StatementContent::Cycle(cycle) => Some(cycle),
+                    StatementContent::Person(_) => None,
+                });
+        }
+        Ok(Some(Record { row, signed, statement }))
+    }
+
+    /// Returns the names of all panels that have cycles, and the names of all cells.
+    ///
+    /// # Errors
+    /// If the database does not answer.
+    pub async fn names(&self) -> Result<(Vec<String>, Vec<String>), ArchiveError> {
+        // Finds each next name through the index, so that a table of a million cycles is not read for ten names.
+        let panels = "WITH RECURSIVE name AS (SELECT min(panel) AS panel FROM cycles
+            UNION ALL SELECT (SELECT min(panel) FROM cycles WHERE panel > name.panel) FROM name WHERE name.panel IS NOT NULL)
+            SELECT panel FROM name WHERE panel IS NOT NULL LIMIT 1000";
+        let panels = self.rows(panels, &[]).await?.iter().map(|row| row.get(0)).collect();
+        let cells = self.rows("SELECT DISTINCT cell FROM epochs ORDER BY cell", &[]).await?;
+        Ok((panels, cells.iter().map(|row| row.get(0)).collect()))
+    }
+}
+
+/// Values of one cell, the oldest first.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct CellNumbers {
+    /// The cell.
+    pub cell: String,
+    /// Its values.
+    pub points: Vec<TrendPoint>,
+}
+
+fn group_by_cell(values: impl Iterator<Item = (String, TrendPoint)>) -> Vec<CellNumbers> {
+    let mut cells: BTreeMap<String, Vec<TrendPoint>> = BTreeMap::new();
+    for (cell, point) in values {
+        cells.entry(cell).or_default().push(point);
+    }
+    cells.into_iter().map(|(cell, points)| CellNumbers { cell, points }).collect()
+}
+
+fn point(at_unix_s: i64, value: f64, limit: Limit) -> TrendPoint {
+    TrendPoint { cycle: None, at_unix_s, serial: None, value, limit }
+}
+
+impl Reader {
+    /// Returns the newest values of a quantity of a panel in all cells, at most `most`: grouped by cell, the oldest
+    /// first.
+    ///
+    /// # Errors
+    /// If the database does not answer.
+    pub async fn numbers(&self, panel: &str, quantity: &str, most: i64) -> Result<Vec<CellNumbers>, ArchiveError> {
+        let sql = "SELECT cell, started_unix_s, value, allowed FROM quantities WHERE panel = $1 AND quantity = $2
+            ORDER BY started_unix_s DESC LIMIT $3";
+        let rows = self.rows(sql, &[&panel, &quantity, &most]).await?;
+        let value = |row: &tokio_postgres::Row| {
+            let limit = serde_json::from_str(&row.get::<_, String>(3)).unwrap_or(Limit::Unlimited);
+            (row.get(0), point(row.get(1), row.get(2), limit))
+        };
+        Ok(group_by_cell(rows.iter().rev().map(value)))
+    }
+
+    /// Returns the newest verifications of a subject in all cells, at most `most` for each cell: grouped by cell, the
+    /// oldest first.
+    ///
+    /// # Errors
+    /// If the database does not answer.
+    pub async fn verifications(&self, subject: &str, most: i64) -> Result<Vec<CellNumbers>, ArchiveError> {
+        let sql = "SELECT epochs.cell, seen.at_unix_s, seen.error, seen.allowed
+            FROM (SELECT DISTINCT cell FROM epochs) AS epochs
+            CROSS JOIN LATERAL (SELECT at_unix_s, error, allowed FROM verifications
+                WHERE verifications.cell = epochs.cell AND subject = $1 ORDER BY at_unix_s DESC LIMIT $2) AS seen
+            ORDER BY epochs.cell, seen.at_unix_s";
+        let rows = self.rows(sql, &[&subject, &most]).await?;
+        let value =
+            |row: &tokio_postgres::Row| (row.get(0), point(row.get(1), row.get(2), Limit::AtMost(row.get(3))));
+        Ok(group_by_cell(rows.iter().map(value)))
+    }
+}
+
+/// The use of a version of a recipe in a cell.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct RecipeUse {
+    /// The recipe's panel.
+    pub panel: String,
+    /// SHA-256 of the recipe's text.
+    pub recipe_hash: String,
+    /// The cell.
+    pub cell: String,
+    /// Time at which the first cycle with this recipe began in this cell, s since 1970.
+    pub first_unix_s: i64,
+    /// Time at which the last cycle with this recipe began in this cell, s since 1970.
+    pub last_unix_s: i64,
+    /// Number of cycles with this recipe in this cell.
+    pub cycles: i64,
+    /// Number of these cycles that passed.
+    pub passed: i64,
+}
+
+impl Reader {
+    /// Returns the office's offer for this panel; `None` if there is none.
+    ///
+    /// # Errors
+    /// If the database does not answer.
+    pub async fn offer(&self, panel: &str) -> Result<Option<RecipeOffer>, ArchiveError> {
+        let rows = self.rows("SELECT offer FROM offers WHERE panel = $1", &[&panel]).await?;
+        Ok(rows.first().and_then(|row| RecipeOffer::read(&row.get::<_, Vec<u8>>(0)).ok()))
+    }
+
+    /// Returns every version of a panel's recipe in every cell, the most recently used first.
+    ///
+    /// # Errors
+    /// If the database does not answer.
+    pub async fn recipes(&self, panel: &str) -> Result<Vec<RecipeUse>, ArchiveError> {
+        let sql =
+            "SELECT recipe_hash, cell, first_unix_s, last_unix_s, cycles, passed FROM recipe_uses WHERE panel = $1
+            ORDER BY last_unix_s DESC LIMIT 1000";
+        let used = |row: &tokio_postgres::Row| RecipeUse {
+            panel: panel.to_owned(),
+            recipe_hash: row.get(0),
+            cell: row.get(1),
+            first_unix_s: row.get(2),
+            last_unix_s: row.get(3),
+            cycles: row.get(4),
+            passed: row.get(5),
+        };
+        Ok(self.rows(sql, &[&panel]).await?.iter().map(used).collect())
+    }
+}
+
+/// An account.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct OfficeAccount {
+    /// The name by which its owner logs in.
+    pub name: String,
+    /// The owner's printed name.
+    pub printed_name: String,
+    /// The password's hash (`accounts::hash_password`).
+    pub password_hash: String,
+}
+
+impl Reader {
+    /// Returns the account with this name.
+    ///
+    /// # Errors
+    /// If the database does not answer.
+    pub async fn account(&self, name: &str) -> Result<Option<OfficeAccount>, ArchiveError> {
+        let sql = "SELECT name, printed_name, password_hash FROM accounts WHERE name = $1";
+        let rows = self.rows(sql, &[&name]).await?;
+        let account = |row: &tokio_postgres::Row| OfficeAccount {
+            name: row.get(0),
+            printed_name: row.get(1),
+            password_hash: row.get(2),
+        };
+        Ok(rows.first().map(account))
+    }
+
+    /// Stores an account; an account of the same name is replaced.
+    ///
+    /// # Errors
+    /// If the database does not answer.
+    pub async fn store_account(&self, account: &OfficeAccount) -> Result<(), ArchiveError> {
+        let sql = "INSERT INTO accounts (name, printed_name, password_hash) VALUES ($1, $2, $3)
+            ON CONFLICT (name) DO UPDATE SET printed_name = EXCLUDED.printed_name, password_hash = EXCLUDED.password_hash";
+        let OfficeAccount { name, printed_name, password_hash } = account;
+        self.change(sql, &[name, printed_name, password_hash]).await.map(drop)
+    }
+}
