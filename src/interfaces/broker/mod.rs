@@ -6,11 +6,8 @@
 //! `PANELPREP_ARCHIVED` contains one message for each cell and epoch, the number up to which the office has
 //! everything. The archive creates both; a cell creates none.
 
-mod cell_link;
-mod error;
 mod link;
 mod office_link;
 
-pub use cell_link::{CellLink, PendingMessage};
-pub use error::BrokerError;
+pub use link::{BrokerError, CellLink, PendingMessage};
 pub use office_link::{Delivery, OfficeLink, Receipt, StateSubscription};

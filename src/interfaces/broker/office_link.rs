@@ -1,7 +1,6 @@
 //! The archive's requests to the broker.
 
-use super::error::BrokerError;
-use super::link::Link;
+use super::link::{BrokerError, Link};
 use async_nats::Subscriber;
 use async_nats::jetstream::consumer::{AckPolicy, PullConsumer, pull};
 use async_nats::jetstream::stream::{Config, DiscardPolicy, RetentionPolicy, StorageType};
