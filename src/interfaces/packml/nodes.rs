@@ -1,9 +1,7 @@
 //! The one table of nodes: the path of each node, its kind, its unit and meaning, and the calculation of its value
 //! from the known state.
 
-use super::snapshot::{Snapshot, Verified, alarm_id};
-use super::unit::{UnitMode, UnitState};
-use super::value::{Kind, Value};
+use super::snapshot::{Kind, Snapshot, UnitMode, UnitState, Value, Verified, alarm_id};
 use panelprep_base::verdict::{Reason, Verdict};
 use panelprep_store::history::Alarm;
 
