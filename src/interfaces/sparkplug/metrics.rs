@@ -1,9 +1,89 @@
-//! The metrics: each with its name, its type, its meaning and the source of its value. The alias of a metric is its
-//! position in the table, from 1, so that it stays the same as long as new metrics are added at the end.
+//! The published values of the cell, from the loop and from the store, and their metrics: each with its name, its
+//! type, its meaning and the source of its value. The alias of a metric is its position in the table, from 1, so that
+//! it stays the same as long as new metrics are added at the end.
 
-use super::cell_view::{CellView, unit_mode, unit_state};
-use super::value::{DataType, Value};
+use super::payload::{DataType, Value};
 use crate::packml::{UnitMode, UnitState};
+use DataType::{Double, Int64};
+use panelprep_cell::cycle::{Robot, State};
+
+/// The published values of the cell. Unknown values are `None`.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct CellView {
+    /// The loop's present values.
+    pub now: LoopView,
+    /// The values of the store and the disk, which may be older than the loop's values.
+    pub kept: StoreView,
+}
+
+/// The loop's present values; all empty if the loop does not answer.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct LoopView {
+    /// The state of the cycle's state machine.
+    pub table: Option<State>,
+    /// The phase, or the phase in which a held cycle continues.
+    pub phase: Option<String>,
+    /// The cycle that runs, or the last cycle since the service started.
+    pub cycle: Option<i64>,
+    /// Its panel.
+    pub panel: Option<String>,
+    /// The number of abrasions in this cycle so far.
+    pub pass: Option<u8>,
+    /// How long the film was watched, s.
+    pub film_s: Option<f64>,
+    /// How long the film is to be watched, s.
+    pub film_total_s: Option<f64>,
+    /// Number of executed waypoints of the present path.
+    pub waypoint: Option<u32>,
+    /// Number of all waypoints of the present path.
+    pub waypoints: Option<u32>,
+}
+
+/// The values of the store and the disk.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct StoreView {
+    /// The part's serial number in the newest cycle.
+    pub serial: Option<String>,
+    /// Its work order.
+    pub work_order: Option<String>,
+    /// The grids on which the film broke in the last film of the newest cycle; `None` before its first valid film.
+    pub failed_grids: Option<Vec<String>>,
+    /// The newest cycle that has ended.
+    pub last_cycle: Option<i64>,
+    /// Its verdict.
+    pub last_verdict: Option<&'static str>,
+    /// Alarms that last.
+    pub active_alarms: Option<usize>,
+    /// The code of the alarm that was raised last.
+    pub newest_alarm: Option<String>,
+    /// Whole hours since the last verification of the 3D camera.
+    pub scanner_verified_h: Option<i64>,
+    /// Whole hours since the last verification of the flange camera.
+    pub flange_camera_verified_h: Option<i64>,
+    /// Whole hours since the last verification of the tool.
+    pub tool_verified_h: Option<i64>,
+    /// Area that the disc in use has swept, mm².
+    pub disc_worn_mm2: Option<f64>,
+    /// Free space on the store's disk, MB.
+    pub free_mb: Option<u64>,
+    /// Number of cycles that have ended.
+    pub cycles: Option<i64>,
+    /// Number of ended cycles with the verdict pass.
+    pub passed: Option<i64>,
+    /// Abrasions that began.
+    pub abrasions: Option<i64>,
+}
+
+/// The unit's state.
+fn unit_state(now: &LoopView) -> Option<UnitState> {
+    now.table.map(|state| UnitState::from_state(state.at))
+}
+
+/// Returns the unit's mode; `None` while the robot sends no reports.
+pub(super) fn unit_mode(now: &LoopView) -> Option<UnitMode> {
+    let state = now.table.filter(|state| !matches!(state.facts.robot, Robot::Unknown | Robot::LinkLost))?;
+    Some(UnitMode::from_state(&state))
+}
 
 /// One metric of the node.
 pub struct MetricDefinition {
@@ -25,17 +105,15 @@ const fn define_metric(
     MetricDefinition { name, datatype, meaning, value }
 }
 
-use DataType::{Double, Int64, String};
-
 /// All metrics of the cell, except those that a host may write.
 pub const METRICS: [MetricDefinition; 29] = [
-    define_metric("Properties/program", String, "the program and its version", |_| {
+    define_metric("Properties/program", DataType::String, "the program and its version", |_| {
         Value::Text(concat!("panelprep ", env!("CARGO_PKG_VERSION")).to_owned())
     }),
     define_metric("State/number", Int64, "number of the PackML state", |view| {
         Value::as_integer(unit_state(&view.now).map(UnitState::number))
     }),
-    define_metric("State/word", String, "the PackML state", |view| {
+    define_metric("State/word", DataType::String, "the PackML state", |view| {
         Value::text(view.now.table.map(|state| state.at.keyword()))
     }),
     define_metric("Mode/number", Int64, "1 production, 2 maintenance, 3 manual", |view| {
@@ -43,7 +121,7 @@ pub const METRICS: [MetricDefinition; 29] = [
     }),
     define_metric(
         "Mode/word",
-        String,
+        DataType::String,
         "production; maintenance during an air-run; manual while the robot is in T1 or T2",
         |view| Value::text(unit_mode(&view.now).map(UnitMode::name).map(str::to_lowercase).as_deref()),
     ),
@@ -53,18 +131,18 @@ pub const METRICS: [MetricDefinition; 29] = [
         "number of the running cycle, or of the last cycle since the service started",
         |view| Value::as_integer(view.now.cycle),
     ),
-    define_metric("Cycle/panel", String, "panel of the current or last cycle", |view| {
+    define_metric("Cycle/panel", DataType::String, "panel of the current or last cycle", |view| {
         Value::text(view.now.panel.as_deref())
     }),
-    define_metric("Cycle/serial", String, "serial number of the part in the newest cycle", |view| {
+    define_metric("Cycle/serial", DataType::String, "serial number of the part in the newest cycle", |view| {
         Value::text(view.kept.serial.as_deref())
     }),
-    define_metric("Cycle/work_order", String, "work order of the part in the newest cycle", |view| {
+    define_metric("Cycle/work_order", DataType::String, "work order of the part in the newest cycle", |view| {
         Value::text(view.kept.work_order.as_deref())
     }),
     define_metric(
         "Cycle/phase",
-        String,
+        DataType::String,
         "phase within Execute; while held, the phase in which the cycle will continue",
         |view| Value::text(view.now.phase.as_deref()),
     ),
@@ -91,20 +169,20 @@ pub const METRICS: [MetricDefinition; 29] = [
     ),
     define_metric(
         "Cycle/grids_failed_names",
-        String,
+        DataType::String,
         "names of the grids on which the newest cycle's last film broke",
         |view| Value::text(view.kept.failed_grids.as_ref().map(|names| names.join(",")).as_deref()),
     ),
     define_metric("LastCycle/number", Int64, "number of the newest cycle that has ended", |view| {
         Value::as_integer(view.kept.last_cycle)
     }),
-    define_metric("LastCycle/verdict", String, "verdict of the newest cycle that has ended", |view| {
+    define_metric("LastCycle/verdict", DataType::String, "verdict of the newest cycle that has ended", |view| {
         Value::text(view.kept.last_verdict)
     }),
     define_metric("Alarms/active", Int64, "number of active alarms", |view| {
         Value::as_integer(count(view.kept.active_alarms))
     }),
-    define_metric("Alarms/newest", String, "code of the newest active alarm", |view| {
+    define_metric("Alarms/newest", DataType::String, "code of the newest active alarm", |view| {
         Value::text(view.kept.newest_alarm.as_deref())
     }),
     define_metric(

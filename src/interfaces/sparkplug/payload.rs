@@ -1,7 +1,7 @@
-//! The payload of Sparkplug B, as protobuf: the fields that a node without devices, templates and data sets sends,
-//! or reads in a command. Other fields of a message are skipped when it is read.
+//! The payload of Sparkplug B, as protobuf, with the values of metrics and their types, and the topics of one edge
+//! node. It has the fields that a node without devices, templates and data sets sends, or reads in a command. Other
+//! fields of a message are skipped when it is read.
 
-use super::value::{DataType, Value};
 use prost::{Message, Oneof};
 
 /// A message: NBIRTH, NDATA, NDEATH or NCMD.
@@ -86,5 +86,108 @@ impl Metric {
     /// Returns the same metric with its alias.
     pub(super) fn with_alias(self, alias: u64) -> Self {
         Metric { alias: Some(alias), ..self }
+    }
+}
+
+/// The types that this node uses, by their numbers in the specification.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
+pub enum DataType {
+    /// A whole number.
+    Int64 = 4,
+    /// A number.
+    Double = 10,
+    /// Yes or no.
+    Boolean = 11,
+    /// A text.
+    String = 12,
+}
+
+impl DataType {
+    /// Its number.
+    pub fn number(self) -> u32 {
+        self as u32
+    }
+
+    /// The type's name in the specification.
+    pub fn type_name(self) -> &'static str {
+        self.into()
+    }
+}
+
+/// The value of a metric. An unknown value is `Null`, and never a number in its place.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub enum Value {
+    /// The value is not known, or there is none now.
+    #[default]
+    Null,
+    /// A whole number.
+    Whole(i64),
+    /// A finite number.
+    Real(f64),
+    /// Yes or no.
+    Truth(bool),
+    /// A text.
+    Text(String),
+}
+
+impl Value {
+    /// A whole number, if there is one.
+    pub(super) fn as_integer(number: Option<impl Into<i64>>) -> Self {
+        number.map_or(Value::Null, |number| Value::Whole(number.into()))
+    }
+
+    /// A number, if there is one and it is finite.
+    pub(super) fn as_number(number: Option<f64>) -> Self {
+        number.filter(|number| number.is_finite()).map_or(Value::Null, Value::Real)
+    }
+
+    /// A text, if there is one.
+    pub(super) fn text(text: Option<&str>) -> Self {
+        text.map_or(Value::Null, |text| Value::Text(text.to_owned()))
+    }
+}
+
+/// The first part of every topic.
+const NAMESPACE: &str = "spBv1.0";
+
+/// The names by which the cell is known at the broker.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CellIds {
+    /// The group of edge nodes.
+    pub group_id: String,
+    /// The name of the edge node in its group.
+    pub edge_node_id: String,
+    /// The host application without which nothing is published.
+    pub primary_host_id: Option<String>,
+}
+
+impl CellIds {
+    fn topic(&self, kind: &str) -> String {
+        format!("{NAMESPACE}/{}/{kind}/{}", self.group_id, self.edge_node_id)
+    }
+
+    /// The topic of the birth.
+    pub fn birth_topic(&self) -> String {
+        self.topic("NBIRTH")
+    }
+
+    /// The topic of changes.
+    pub fn data_topic(&self) -> String {
+        self.topic("NDATA")
+    }
+
+    /// The topic of the death.
+    pub fn death_topic(&self) -> String {
+        self.topic("NDEATH")
+    }
+
+    /// The topic of commands.
+    pub fn command_topic(&self) -> String {
+        self.topic("NCMD")
+    }
+
+    /// The topic on which the primary host states whether it is online.
+    pub fn state(&self) -> Option<String> {
+        self.primary_host_id.as_ref().map(|host| format!("{NAMESPACE}/STATE/{host}"))
     }
 }

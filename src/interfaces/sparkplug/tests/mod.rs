@@ -3,7 +3,7 @@
 mod commanded;
 mod walks;
 
-use super::cell_view::unit_mode;
+use super::metrics::unit_mode;
 use super::*;
 use panelprep_cell::cycle::{At, Hold, Phase, Robot, State, Why};
 use prost::Message as _;
