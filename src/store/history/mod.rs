@@ -9,7 +9,6 @@ mod alarms;
 mod codes;
 mod past_cycle;
 mod query;
-mod summary;
 mod tables;
 #[cfg(test)]
 mod tests;
@@ -19,10 +18,9 @@ pub mod western_electric;
 pub use alarms::{Acknowledgement, Alarm, AlarmTimes, alarms};
 pub use codes::{Code, Priority, Row, code, codes, languages, row};
 pub use past_cycle::{
-    DiscWear, GridPast, PastCycle, grid_row_and_column, grid_states, is_valid_film, reported_grids, touched_grids,
-    touching_passes,
+    CheckPair, Comparison, DiscWear, Films, GridPair, GridPast, InputPair, PastCycle, Summary, compare,
+    grid_row_and_column, grid_states, is_valid_film, reported_grids, summary, touched_grids, touching_passes,
 };
 pub use query::{DateError, Edge, Hit, Hits, MAX_HITS, Query, RequiredEnd, unix_s};
-pub use summary::{CheckPair, Comparison, Films, GridPair, InputPair, Summary, compare, summary};
 pub use tables::{Cell, Table, alarm_table, comparison_table, heat_table, hits_table, summary_table, trend_table};
 pub use trend::{HeatCell, HeatMap, KnownQuantity, Quantity, Trend, TrendPoint, heat_map, trend};

@@ -5,8 +5,8 @@
 //! Such a text gets an apostrophe in front, as spreadsheets themselves write a text that is not a formula.
 
 use super::alarms::Alarm;
+use super::past_cycle::{Comparison, Summary};
 use super::query::Hit;
-use super::summary::{Comparison, Summary};
 use super::trend::{HeatMap, Trend};
 use panelprep_base::number_text::utc_text;
 use panelprep_base::verdict::{Check, Limit, Reason, Verdict};

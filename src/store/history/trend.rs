@@ -233,7 +233,7 @@ impl KnownQuantity {
             KnownQuantity::DiscSwept => past.disc.map(|disc| unlimited(disc.swept_mm2)),
             KnownQuantity::DiscWorn => past.disc.map(|disc| unlimited(disc.worn_mm2)),
             KnownQuantity::CycleTime => past.cycle_time_s().map(|s| unlimited(s as f64)),
-            KnownQuantity::FilmTime => super::summary::films(past).watched_s.map(unlimited),
+            KnownQuantity::FilmTime => super::past_cycle::films(past).watched_s.map(unlimited),
             KnownQuantity::ErrorAtTool => past.record.budget?.total_mm().map(unlimited),
             KnownQuantity::ScannerVerification
             | KnownQuantity::FlangeCameraVerification

@@ -20,7 +20,6 @@ mod alarms;
 mod blobs;
 mod chain;
 mod commit;
-mod contacts;
 mod copy;
 mod cycles;
 mod database;

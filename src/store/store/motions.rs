@@ -1,14 +1,25 @@
-//! Motion intents: committed before the first waypoint is sent, closed when the robot has reported standstill.
+//! Motions: their intents and their contact paths.
 //!
-//! The journal implies the same, since intents are effects of its events. If a process ends between an event and
-//! its effects, a row is missing; the next process writes it from the journal.
+//! An intent is committed before the first waypoint is sent, and closed when the robot has reported standstill. The
+//! journal implies the same, since intents are effects of its events. If a process ends between an event and its
+//! effects, a row is missing; the next process writes it from the journal.
+//!
+//! The grids of each contact path are committed with its motion; the number of waypoints that may be sent is committed
+//! before they are sent. This determines which grids were abraded, or may have been, however the motion ended. The
+//! paths wear the present disc: the area that it swept is added path by path, and the time of mounting is stored.
 
-use super::database::{JournalFold, Store};
+use super::cycles::normalised_serial;
+use super::database::{JournalFold, Store, unix_ms};
 use super::error::StoreError;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
-use panelprep_cell::cycle::{Motion, Outcome, Path};
-use panelprep_cell::record::{ContactPath, CycleId, MotionRecord};
+use panelprep_cell::cycle::{Event, Id, Motion, Outcome, Path, Report};
+use panelprep_cell::record::{
+    ANOTHER_PART_TEXT, AbradedGrid, Clock, Contact, ContactPath, CycleId, EarlierPass, Finding, Kind, MotionRecord,
+    RecordingFile, abraded_grids,
+};
 use rusqlite::{OptionalExtension, Row, params};
+use serde::Serialize;
+use std::collections::BTreeSet;
 
 /// `one_open_motion` holds at most one row: a second motion is refused by the database itself.
 pub(super) const TABLES: &str = "
@@ -22,6 +33,56 @@ pub(super) const TABLES: &str = "
     CREATE UNIQUE INDEX one_open_motion ON motions ((outcome IS NULL)) WHERE outcome IS NULL;
     CREATE INDEX motions_by_cycle ON motions (cycle_id);
 ";
+
+/// `cycle_facts` holds named facts of a cycle that are stored nowhere else: its clock, the file of its recording.
+pub(super) const CONTACT_TABLES: &str = "
+    CREATE TABLE contacts (
+        id INTEGER PRIMARY KEY,
+        motion_id INTEGER NOT NULL UNIQUE REFERENCES motions (id),
+        path TEXT NOT NULL
+    ) STRICT;
+    CREATE TABLE permits (
+        id INTEGER PRIMARY KEY,
+        motion_id INTEGER NOT NULL REFERENCES motions (id),
+        unix_ms INTEGER NOT NULL,
+        waypoints INTEGER NOT NULL
+    ) STRICT;
+    CREATE INDEX permits_by_motion ON permits (motion_id);
+    CREATE TABLE cycle_facts (
+        id INTEGER PRIMARY KEY,
+        cycle_id INTEGER NOT NULL REFERENCES cycles (id),
+        name TEXT NOT NULL,
+        fact TEXT NOT NULL
+    ) STRICT;
+    CREATE INDEX cycle_facts_by_cycle ON cycle_facts (cycle_id);
+";
+
+/// A row is the area swept by one path, or a new disc, which has swept nothing.
+pub(super) const DISC_TABLES: &str = "
+    CREATE TABLE discs (
+        id INTEGER PRIMARY KEY,
+        cycle_id INTEGER REFERENCES cycles (id),
+        at_unix_s INTEGER NOT NULL,
+        is_new INTEGER NOT NULL,
+        swept_mm2 REAL NOT NULL
+    ) STRICT;
+";
+
+/// Evidence in a cycle that another part is present afterwards, or was present before.
+#[derive(Debug, Clone, Copy)]
+struct PartChangeEvidence {
+    /// The cycle ended with pass by a film, after which the part is removed.
+    passes: bool,
+    /// The cycle ended with fail by a film.
+    fails: bool,
+    /// The cycle's start stated that another part than before is present.
+    is_other_part: bool,
+}
+
+const CLOCK: &str = "clock";
+const RECORDING: &str = "recording";
+
+const INSERT_PERMIT_SQL: &str = "INSERT INTO permits (motion_id, unix_ms, waypoints) VALUES (?1, ?2, ?3)";
 
 impl Store {
     /// Commits that this motion may begin.
@@ -70,7 +131,7 @@ impl Store {
     fn open_motion(&self) -> Result<Option<Motion>, StoreError> {
         let open = self
             .connection
-            .query_row("SELECT motion, outcome, done FROM motions WHERE outcome IS NULL", [], texts)
+            .query_row("SELECT motion, outcome, done FROM motions WHERE outcome IS NULL", [], motion_texts)
             .optional()
             .map_err(|error| self.database_error("read the motions of", &error))?;
         Ok(open.map(|row| self.motion(&row)).transpose()?.map(|record| record.motion))
@@ -127,11 +188,317 @@ impl Store {
         let outcome = outcome.as_deref().map(|text| self.parse_stored(text)).transpose()?;
         Ok(MotionRecord { motion: self.parse_stored(motion)?, outcome, done: *done, contact: None })
     }
+
+    /// Commits that this contact path may begin and how many of its waypoints may be sent: all three at once.
+    ///
+    /// # Errors
+    /// If it cannot be written, or a motion is open already.
+    pub fn open_contact(
+        &mut self,
+        motion: &Motion,
+        cycle: Option<CycleId>,
+        (path, permitted): (&ContactPath, u32),
+    ) -> Result<(), StoreError> {
+        self.require_writable()?;
+        let (motion, path, unix_ms) = (self.text(motion)?, self.text(path)?, unix_ms(self.clock()));
+        self.commit("write a motion to", |writing| {
+            let cycle = cycle.map(|id| id.0);
+            writing.execute("INSERT INTO motions (cycle_id, motion) VALUES (?1, ?2)", params![cycle, motion])?;
+            let id = writing.last_insert_rowid();
+            writing.chain("motions", id)?;
+            writing.execute("INSERT INTO contacts (motion_id, path) VALUES (?1, ?2)", params![id, path])?;
+            writing.chain("contacts", writing.last_insert_rowid())?;
+            writing.execute(INSERT_PERMIT_SQL, params![id, unix_ms, permitted])?;
+            writing.chain("permits", writing.last_insert_rowid())
+        })
+    }
+
+    /// Commits how many waypoints of the open motion may be sent.
+    ///
+    /// # Errors
+    /// If it cannot be written, or no motion is open.
+    pub fn store_permit(&mut self, waypoints: u32) -> Result<(), StoreError> {
+        self.require_writable()?;
+        let open = self
+            .connection
+            .query_row("SELECT id FROM motions WHERE outcome IS NULL", [], |row| row.get::<_, i64>(0))
+            .optional()
+            .map_err(|error| self.database_error("read the motions of", &error))?;
+        let Some(open) = open else {
+            return Err(StoreError::MotionNotOpen {
+                motion: "motion for which waypoints can be permitted".to_owned(),
+            });
+        };
+        let unix_ms = unix_ms(self.clock());
+        self.commit("write a motion to", |writing| {
+            writing.execute(INSERT_PERMIT_SQL, params![open, unix_ms, waypoints])?;
+            writing.chain("permits", writing.last_insert_rowid())
+        })
+    }
+
+    /// Returns the stored contact path of the motion in this row.
+    pub(super) fn contact_of_motion(&self, cycle: CycleId, motion_row: i64) -> Result<Option<Contact>, StoreError> {
+        if !self.has_table("requests")? {
+            return Ok(None);
+        }
+        let read = || -> Result<Option<(String, u32)>, rusqlite::Error> {
+            let sql = "SELECT path, (SELECT coalesce(max(waypoints), 0) FROM permits WHERE motion_id = ?1)
+                FROM contacts WHERE motion_id = ?1";
+            self.connection.query_row(sql, [motion_row], |row| Ok((row.get(0)?, row.get(1)?))).optional()
+        };
+        let row = read().map_err(|error| self.database_error("read the motions of", &error))?;
+        let Some((text, permitted)) = row else { return Ok(None) };
+        let path: ContactPath = self.parse_stored(&text)?;
+        let told = self.reported_waypoints(cycle, path.id)?;
+        Ok(Some(Contact { path, told, permitted }))
+    }
+
+    /// Returns the number of this action's waypoints that the robot reported as executed, from the journal.
+    fn reported_waypoints(&self, cycle: CycleId, act: Id) -> Result<u32, StoreError> {
+        let read = || -> Result<Vec<String>, rusqlite::Error> {
+            let sql = "SELECT event FROM journal WHERE cycle_id = ?1 AND event LIKE '{\"told\":{\"progress\":%'";
+            self.connection.prepare(sql)?.query_map([cycle.0], |row| row.get(0))?.collect()
+        };
+        let mut reported = 0;
+        for text in read().map_err(|error| self.database_error("read the journal of", &error))? {
+            if let Event::Reported(Report::Progress { id, done }) = self.parse_stored(&text)?
+                && id == act
+            {
+                reported = reported.max(done);
+            }
+        }
+        Ok(reported)
+    }
+
+    /// The places on this cycle's part at which the tool was, or may have been, in earlier cycles. Cycles with the
+    /// same serial number count, and those that named none. They count until a cycle of that part passed by a film,
+    /// after which the part is taken out of the cell. Cycles without a serial number also count only until a start
+    /// stated that another part is present. Such a statement does not end the count of a serial number, which names one
+    /// part. A fail by a film ends the count of a part with this serial number; without one, nothing shows that the next
+    /// part is another one. An air-run, an abort, a reject and a part with another serial number end no count. Passes
+    /// that a person stated after a restore count as well.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn earlier_abrasions(&self, id: CycleId) -> Result<Vec<EarlierPass>, StoreError> {
+        let mut earlier: Vec<EarlierPass> = Vec::new();
+        for cycle in self.earlier_cycles_of_part(id)? {
+            let (findings, motions) = (self.cycle_findings(cycle)?, self.cycle_motions(cycle)?);
+            for AbradedGrid { grid, pass, how } in abraded_grids(&findings, &motions) {
+                let is_known =
+                    |known: &&mut EarlierPass| (known.cycle, known.pass, &known.grid) == (cycle, pass, &grid);
+                match earlier.iter_mut().find(is_known) {
+                    Some(known) => known.is_sure |= how.is_certain(),
+                    None => {
+                        earlier.push(EarlierPass {
+                            cycle,
+                            pass,
+                            grid,
+                            is_sure: how.is_certain(),
+                            is_stated: false,
+                        });
+                    }
+                }
+            }
+            earlier.extend(self.stated_passes(cycle)?);
+        }
+        earlier.extend(self.stated_passes(id)?);
+        Ok(earlier)
+    }
+
+    /// The passes in lost cycles that the start of this cycle stated.
+    fn stated_passes(&self, cycle: CycleId) -> Result<impl Iterator<Item = EarlierPass> + use<>, StoreError> {
+        let passes = self.lost_passes(cycle)?;
+        let stated = move |pass| EarlierPass { cycle, pass, grid: None, is_sure: true, is_stated: true };
+        Ok((1..=passes).map(stated))
+    }
+
+    /// The earlier cycles that may have had the part of this cycle, in order.
+    fn earlier_cycles_of_part(&self, id: CycleId) -> Result<Vec<CycleId>, StoreError> {
+        self.ensure_parts_table()?;
+        let failed = |error: rusqlite::Error| self.database_error("read the cycles of", &error);
+        let read = || -> Result<Vec<(i64, String)>, rusqlite::Error> {
+            let sql = "SELECT cycles.id, coalesce(serial, '') FROM cycles LEFT JOIN cycle_parts ON cycle_id = cycles.id
+                 WHERE panel = (SELECT panel FROM cycles WHERE id = ?1) AND cycles.id <= ?1 ORDER BY cycles.id DESC";
+            let mut statement = self.connection.prepare_cached(sql)?;
+            statement.query_map([id.0], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
+        };
+        let mut cycles = read().map_err(failed)?.into_iter().map(|(id, serial)| (id, normalised_serial(&serial)));
+        let Some((own, serial)) = cycles.next() else { return Ok(Vec::new()) };
+        // Serial numbers of the parts that cannot be this part in still earlier cycles; a part without a serial number
+        // has the empty text.
+        let (mut over, mut found) = (BTreeSet::new(), Vec::new());
+        if self.part_change_evidence(own).map_err(failed)?.is_other_part {
+            if serial.is_empty() {
+                return Ok(found);
+            }
+            over.insert(String::new());
+        }
+        for (cycle, part_serial) in cycles {
+            let may_be_it = serial.is_empty() || part_serial.is_empty() || part_serial == serial;
+            if !may_be_it || over.contains(&part_serial) {
+                continue;
+            }
+            let PartChangeEvidence { passes, fails, is_other_part: is_another } =
+                self.part_change_evidence(cycle).map_err(failed)?;
+            let is_over = passes || (fails && !serial.is_empty() && part_serial == serial);
+            if !is_over {
+                found.push(CycleId(cycle));
+            }
+            // If a start without a serial number stated another part, this part differs from all parts before.
+            if is_another && serial.is_empty() && part_serial.is_empty() {
+                break;
+            }
+            // A start with a serial number that stated another part separates it only from parts without one.
+            if is_another && (part_serial.is_empty() || part_serial == serial) {
+                over.insert(String::new());
+            }
+            if is_over {
+                over.insert(part_serial);
+            }
+            if over.contains(&serial) && over.contains("") {
+                break;
+            }
+        }
+        found.reverse();
+        Ok(found)
+    }
+
+    fn part_change_evidence(&self, cycle: i64) -> Result<PartChangeEvidence, rusqlite::Error> {
+        let sql = "SELECT coalesce(verdict = ?2, 0) AND has_film, coalesce(verdict = ?3, 0) AND has_film, is_another FROM (
+                 SELECT verdict, EXISTS (SELECT 1 FROM findings WHERE cycle_id = cycles.id AND kind = ?4) AS has_film,
+                     EXISTS (SELECT 1 FROM json_each(files) WHERE value ->> 'name' = ?5) AS is_another
+                 FROM cycles WHERE id = ?1
+             )";
+        let (pass, fail, film) = (Verdict::Pass.keyword(), Verdict::Fail.keyword(), Kind::Inspect.keyword());
+        let ends = |row: &rusqlite::Row<'_>| {
+            Ok(PartChangeEvidence { passes: row.get(0)?, fails: row.get(1)?, is_other_part: row.get(2)? })
+        };
+        self.connection.prepare_cached(sql)?.query_row(params![cycle, pass, fail, film, ANOTHER_PART_TEXT], ends)
+    }
+
+    /// Stores the readings of a cycle's clock: one at its begin and one at its conclusion.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn store_clock(&mut self, id: CycleId, clock: Clock) -> Result<(), StoreError> {
+        self.store_fact(id, CLOCK, &clock)
+    }
+
+    /// Stores the file in which a cycle is recorded.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn store_recording(&mut self, id: CycleId, file: &RecordingFile) -> Result<(), StoreError> {
+        self.store_fact(id, RECORDING, file)
+    }
+
+    fn store_fact(&mut self, id: CycleId, name: &str, fact: &impl Serialize) -> Result<(), StoreError> {
+        self.require_writable()?;
+        let fact = self.text(fact)?;
+        self.commit("write a cycle to", |writing| {
+            let sql = "INSERT INTO cycle_facts (cycle_id, name, fact) VALUES (?1, ?2, ?3)";
+            writing.execute(sql, params![id.0, name, fact])?;
+            writing.chain("cycle_facts", writing.last_insert_rowid())
+        })
+    }
+
+    fn facts(&self, id: CycleId, name: &str) -> Result<Vec<String>, StoreError> {
+        if !self.has_table("requests")? {
+            return Ok(Vec::new());
+        }
+        let read = || -> Result<Vec<String>, rusqlite::Error> {
+            let sql = "SELECT fact FROM cycle_facts WHERE cycle_id = ?1 AND name = ?2 ORDER BY id";
+            self.connection.prepare(sql)?.query_map(params![id.0, name], |row| row.get(0))?.collect()
+        };
+        read().map_err(|error| self.database_error("read a cycle of", &error))
+    }
+
+    /// The clock when a cycle began and when it was concluded.
+    pub(super) fn clocks(&self, id: CycleId) -> Result<[Option<Clock>; 2], StoreError> {
+        let kept = self.facts(id, CLOCK)?;
+        let clock = |text: Option<&String>| text.map(|text| self.parse_stored(text)).transpose();
+        Ok([clock(kept.first())?, clock(kept.get(1))?])
+    }
+
+    /// The file in which a cycle is recorded, if it is recorded.
+    pub(super) fn recording_file(&self, id: CycleId) -> Result<Option<RecordingFile>, StoreError> {
+        self.facts(id, RECORDING)?.first().map(|text| self.parse_stored(text)).transpose()
+    }
+
+    pub(super) fn cycle_findings(&self, id: CycleId) -> Result<Vec<Finding>, StoreError> {
+        let read = || -> Result<Vec<String>, rusqlite::Error> {
+            let sql = "SELECT finding FROM findings WHERE cycle_id = ?1 ORDER BY id";
+            self.connection.prepare(sql)?.query_map([id.0], |row| row.get(0))?.collect()
+        };
+        let texts = read().map_err(|error| self.database_error("read a cycle of", &error))?;
+        texts.iter().map(|text| self.parse_stored(text)).collect()
+    }
+
+    /// Returns the motions of a cycle, each with its contact path.
+    pub(super) fn cycle_motions(&self, id: CycleId) -> Result<Vec<MotionRecord>, StoreError> {
+        let read = || -> Result<Vec<(i64, StoredMotionTexts)>, rusqlite::Error> {
+            let sql = "SELECT motion, outcome, done, id FROM motions WHERE cycle_id = ?1 ORDER BY id";
+            let row = |row: &rusqlite::Row<'_>| Ok((row.get(3)?, motion_texts(row)?));
+            self.connection.prepare(sql)?.query_map([id.0], row)?.collect()
+        };
+        let rows = read().map_err(|error| self.database_error("read the motions of", &error))?;
+        let whole = |(row, texts): &(i64, StoredMotionTexts)| {
+            Ok(MotionRecord { contact: self.contact_of_motion(id, *row)?, ..self.motion(texts)? })
+        };
+        rows.iter().map(whole).collect()
+    }
+
+    /// Records the area of the panel that the disc in use swept, mm².
+    ///
+    /// # Errors
+    /// If the store is open for reading or cannot be written, or the area is not a number.
+    pub fn wear_disc(&mut self, cycle: Option<CycleId>, swept_mm2: f64) -> Result<(), StoreError> {
+        if !swept_mm2.is_finite() {
+            return Err(StoreError::NotFinite { name: "area swept by the disc".to_owned() });
+        }
+        self.store_disc(cycle, false, swept_mm2)
+    }
+
+    /// Records that a new disc was mounted.
+    ///
+    /// # Errors
+    /// If the store is open for reading or cannot be written.
+    pub fn mount_disc(&mut self) -> Result<(), StoreError> {
+        self.store_disc(None, true, 0.0)
+    }
+
+    fn store_disc(&mut self, cycle: Option<CycleId>, is_new: bool, swept_mm2: f64) -> Result<(), StoreError> {
+        self.require_writable()?;
+        let at_unix_s = self.unix_s();
+        self.commit("write the disc's wear to", |writing| {
+            writing.execute(
+                "INSERT INTO discs (cycle_id, at_unix_s, is_new, swept_mm2) VALUES (?1, ?2, ?3, ?4)",
+                params![cycle.map(|id| id.0), at_unix_s, is_new, swept_mm2],
+            )?;
+            writing.chain("discs", writing.last_insert_rowid())
+        })
+    }
+
+    /// The area that the disc in use has swept since it was mounted, mm².
+    ///
+    /// # Errors
+    /// If it cannot be read; a store of an earlier program has no disc records, and the error states this.
+    pub fn disc_worn_mm2(&self) -> Result<f64, StoreError> {
+        self.connection
+            .query_row(
+                "SELECT coalesce(sum(swept_mm2), 0.0) FROM discs
+                 WHERE id > (SELECT coalesce(max(id), 0) FROM discs WHERE is_new)",
+                [],
+                |row| row.get(0),
+            )
+            .map_err(|error| self.database_error("read the disc's wear from", &error))
+    }
 }
 
 /// A motion, its outcome and its number of executed waypoints, as stored.
-pub(super) type StoredMotionTexts = (String, Option<String>, u32);
+type StoredMotionTexts = (String, Option<String>, u32);
 
-pub(super) fn texts(row: &Row<'_>) -> Result<StoredMotionTexts, rusqlite::Error> {
+fn motion_texts(row: &Row<'_>) -> Result<StoredMotionTexts, rusqlite::Error> {
     Ok((row.get(0)?, row.get(1)?, row.get(2)?))
 }

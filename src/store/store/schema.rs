@@ -3,8 +3,8 @@
 use super::chain::ChainPosition;
 use super::error::StoreError;
 use super::{
-    alarms, chain, contacts, cycles, journal, motions, outbox, people, prune, requests, search, signatures,
-    teaching, verifications,
+    alarms, chain, cycles, journal, motions, outbox, people, prune, requests, search, signatures, teaching,
+    verifications,
 };
 use rusqlite::Connection;
 use std::path::Path;
@@ -81,7 +81,7 @@ pub(super) fn raise(transaction: &Connection) -> Result<Option<ChainPosition>, r
         transaction.execute_batch(verifications::TABLES)?;
     }
     if found < 4 {
-        transaction.execute_batch(contacts::DISC_TABLES)?;
+        transaction.execute_batch(motions::DISC_TABLES)?;
     }
     if found < 5 {
         transaction.execute_batch(verifications::STRIKES)?;
@@ -89,7 +89,7 @@ pub(super) fn raise(transaction: &Connection) -> Result<Option<ChainPosition>, r
     // These tables are created before the chain, which includes every table.
     if found < 7 {
         transaction.execute_batch(requests::TABLES)?;
-        transaction.execute_batch(contacts::TABLES)?;
+        transaction.execute_batch(motions::CONTACT_TABLES)?;
     }
     if found < 8 {
         for tables in [
