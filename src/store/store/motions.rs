@@ -237,7 +237,7 @@ impl Store {
     }
 
     /// Returns the stored contact path of the motion in this row.
-    pub(super) fn contact_of_motion(&self, cycle: CycleId, motion_row: i64) -> Result<Option<Contact>, StoreError> {
+    fn contact_of_motion(&self, cycle: CycleId, motion_row: i64) -> Result<Option<Contact>, StoreError> {
         if !self.has_table("requests")? {
             return Ok(None);
         }
