@@ -247,7 +247,7 @@ fn every_module_names_only_layers_above_it() {
         }
     }
     assert!(all_wrongs.is_empty(), "{all_wrongs:#?}");
-    assert!(seen > 1_000, "the test looks at {seen} files only");
+    assert!(seen > 500, "the test looks at {seen} files only");
 }
 
 /// Checks the rule itself: each planted fault is found, and no allowed line is reported.

@@ -4,8 +4,8 @@ use super::{Mutation, change};
 
 const BLOBS: &str = "src/store/store/blobs.rs";
 const COMMIT: &str = "src/store/store/commit.rs";
-const CONTACTS: &str = "src/store/store/contacts.rs";
-const DISCS: &str = "src/store/store/discs.rs";
+const CONTACTS: &str = "src/store/store/motions.rs";
+const DISCS: &str = "src/store/store/motions.rs";
 const FULLNESS: &str = "src/store/store/fullness.rs";
 const HEAD: &str = "src/store/store/head.rs";
 const JOURNAL: &str = "src/store/store/journal.rs";
