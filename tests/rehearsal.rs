@@ -3,7 +3,7 @@
 use super::commands::{json, panelprep, taught_and_verified};
 use super::wall::Mock;
 use panelprep::cell::ProofStage;
-use panelprep::record::{RequestAuthor, RequestSource};
+use panelprep::record::{ProofsResult, RequestAuthor, RequestSource};
 use panelprep::store::{ProofsPage, Store};
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -110,7 +110,7 @@ fn a_path_on_a_real_controller_needs_the_signed_stage() {
         let who = RequestAuthor::from_source(RequestSource::Command);
         for (programs_sum, counts) in [(2, false), (1, true)] {
             let (page_sha256, by) = ("ab".repeat(32), "Ada".to_owned());
-            let page = ProofsPage { stage, programs_sum, page_sha256, by, is_signed: true };
+            let page = ProofsPage { stage, programs_sum, page_sha256, by, result: ProofsResult::Signed };
             Store::store_proofs_in(&folder.join("cell/store"), &page, who.clone()).expect("stored");
             assert_eq!(!said(signed, command).contains("stage_not_signed"), counts, "{signed} {programs_sum}");
         }

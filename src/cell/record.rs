@@ -271,7 +271,7 @@ pub enum RequestedAction {
         /// The recipe's file as named in the request.
         recipe: String,
     },
-    /// A person proved a stage of the controller's proofs, or signed its page.
+    /// A person went through a stage of the controller's proofs, or signed its page.
     Proofs {
         /// The letter of the stage.
         stage: String,
@@ -281,9 +281,21 @@ pub enum RequestedAction {
         page_sha256: String,
         /// The person at the controller, or the one who signed.
         by: String,
-        /// Whether the page is signed; otherwise each of its rows was proven.
-        is_signed: bool,
+        /// What the page shows.
+        result: ProofsResult,
     },
+}
+
+/// What a page of the controller's proofs shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ProofsResult {
+    /// A row was found wrong on a real controller: pages of this stage that were signed before do not count any more.
+    Wrong,
+    /// Each row was proven; the page can be signed.
+    Proven,
+    /// A person signed the page.
+    Signed,
 }
 
 /// The sender of a request.

@@ -19,6 +19,7 @@ use page::{PageBasis, ProofPage};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::cell::{ProofStage, RobotKind};
 use panelprep_cell::files::content_hash;
+use panelprep_cell::record::ProofsResult;
 use panelprep_kuka::eki::Mode;
 use panelprep_service::daemon::current_user;
 use panelprep_service::requirements::Purpose;
@@ -139,10 +140,33 @@ impl<'r> ProofRun<'r> {
                 None => ask_observation(assumption, &mut answers, tell),
             };
             tell(&format!("   {}: {}", proof.finding.keyword(), proof.evidence));
+            let is_wrong = proof.finding == Finding::Wrong;
             self.proofs[place] = proof;
             super::disk::write(&self.args.out, self.page(None).render())?;
+            if is_wrong {
+                self.store_wrong_row()?;
+            }
         }
         Ok(())
+    }
+
+    /// Stores that a row was found wrong on a real controller, at once: a run that is cut later must not lose it.
+    fn store_wrong_row(&self) -> Result<(), Fault> {
+        let (ControllerKind::Real, Some(programs_sum)) = (self.begin.kind, self.begin.programs_sum) else {
+            return Ok(());
+        };
+        let page_sha256 = content_hash(&super::disk::read(&self.args.out)?);
+        self.store_page(ProofsPage {
+            stage: self.stage,
+            programs_sum,
+            page_sha256,
+            by: self.args.by.clone(),
+            result: ProofsResult::Wrong,
+        })
+    }
+
+    fn store_page(&self, page: ProofsPage) -> Result<(), Fault> {
+        Store::store_proofs_in(self.files.store_folder(), &page, current_user()).map_err(Fault::stage)
     }
 
     /// Writes the final page, and stores it if each row was proven. The rows hold only for the controller that also
@@ -155,8 +179,8 @@ impl<'r> ProofRun<'r> {
         super::disk::write(&self.args.out, &text)?;
         if let Some(programs_sum) = end.programs_sum.filter(|_| page.is_signable()) {
             let (page_sha256, by) = (content_hash(text.as_bytes()), self.args.by.clone());
-            let row = ProofsPage { stage: self.stage, programs_sum, page_sha256, by, is_signed: false };
-            Store::store_proofs_in(self.files.store_folder(), &row, current_user()).map_err(Fault::stage)?;
+            let result = ProofsResult::Proven;
+            self.store_page(ProofsPage { stage: self.stage, programs_sum, page_sha256, by, result })?;
         }
         Ok(self.outcome(&page))
     }

@@ -155,7 +155,7 @@ impl Robot {
     /// signed page in the store proves it for the accepted programs.
     pub fn signed_stage(&self) -> Option<ProofStage> {
         let page = self.signed_page.filter(|page| Some(page.programs_sum) == self.programs_sum)?;
-        self.stated_stage.map(|stated| stated.min(page.stage))
+        Some(self.stated_stage?.min(page.proven_stage()?))
     }
 
     /// Adds the newest signed page of proofs in the store; `None` if the store has none.
@@ -185,6 +185,9 @@ impl Robot {
         match (self.signed_page, self.programs_sum) {
             (Some(page), Some(accepted)) if page.programs_sum != accepted => {
                 UnsignedCause::OtherPrograms { stated, page: page.programs_sum, accepted }
+            }
+            (Some(SignedPage { wrong_since: Some(wrong), .. }), Some(_)) if wrong <= needed => {
+                UnsignedCause::WrongSince { stated, wrong }
             }
             (Some(page), Some(_)) => UnsignedCause::LowerPage { stated, page: page.stage },
             _ => UnsignedCause::NoPage(stated),

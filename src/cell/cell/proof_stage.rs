@@ -71,6 +71,16 @@ pub struct SignedPage {
     pub stage: ProofStage,
     /// The checksum that the controller's programs reported during the proofs.
     pub programs_sum: i32,
+    /// The first stage of which a later run found a row wrong; `None` if there was no such run.
+    pub wrong_since: Option<ProofStage>,
+}
+
+impl SignedPage {
+    /// Returns the last stage that the page still proves: a stage of which a row was found wrong later, and each stage
+    /// after it, must be proven again.
+    pub fn proven_stage(&self) -> Option<ProofStage> {
+        self.wrong_since.map_or(Some(self.stage), |wrong| wrong.before().map(|before| before.min(self.stage)))
+    }
 }
 
 /// A stage that is needed is not signed.
@@ -111,6 +121,17 @@ pub enum UnsignedCause {
         /// The stage of the page.
         page: ProofStage,
     },
+    /// A row was found wrong after the newest signed page.
+    #[error(
+        "[robot] signed_stage is {}, but `panelprep robot prove` found a row of stage {} wrong after the page was signed",
+        .stated.letter(), .wrong.letter()
+    )]
+    WrongSince {
+        /// The stage of the cell's file.
+        stated: ProofStage,
+        /// The stage with the wrong row.
+        wrong: ProofStage,
+    },
     /// The store's newest signed page was made with other programs.
     #[error(
         "[robot] signed_stage is {}, but the newest signed page in the store proves programs with the checksum {page}, and \
@@ -142,7 +163,8 @@ mod tests {
     /// A controller without a signed page permits nothing in automatic mode; each stage permits what it proves.
     #[test]
     fn nothing_counts_as_signed_by_default() {
-        let page = |stage| Some(SignedPage { stage, programs_sum: 7 });
+        let page = |stage| Some(SignedPage { stage, programs_sum: 7, wrong_since: None });
+        let wrong = |wrong| Some(SignedPage { stage: C, programs_sum: 7, wrong_since: Some(wrong) });
         for (stated, page, permitted) in [
             ("", page(C), 0),
             ("signed_stage = 'A'", page(A), 1),
@@ -154,7 +176,11 @@ mod tests {
             // The file states less than the page.
             ("signed_stage = 'A'", page(C), 1),
             // The programs were changed since.
-            ("signed_stage = 'C'", Some(SignedPage { stage: C, programs_sum: 8 }), 0),
+            ("signed_stage = 'C'", Some(SignedPage { stage: C, programs_sum: 8, wrong_since: None }), 0),
+            // A later run found a row wrong.
+            ("signed_stage = 'C'", wrong(A), 0),
+            ("signed_stage = 'C'", wrong(B), 1),
+            ("signed_stage = 'C'", wrong(C), 2),
         ] {
             let robot = format!("{REAL}{stated}");
             let counted =
@@ -183,7 +209,7 @@ mod tests {
                 "with the checksum 8, and [robot] programs_sum is 7, and a cycle on a panel needs C",
             ),
         ] {
-            let page = page.map(|(stage, programs_sum)| SignedPage { stage, programs_sum });
+            let page = page.map(|(stage, programs_sum)| SignedPage { stage, programs_sum, wrong_since: None });
             let words = refused(&format!("{REAL}signed_stage = '{stated}'"), page, C).expect("refused");
             assert!(words.contains(expected), "{words}");
         }

@@ -66,9 +66,8 @@ pub fn calibrated_serial(intrinsics: Option<&Path>) -> Result<Option<String>, Fa
 /// Returns the newest signed page of proofs in the store in this folder. Without a store that can be read, no page
 /// counts.
 fn newest_signed_page(folder: &Path) -> Option<SignedPage> {
-    let page = Store::open(folder).and_then(|store| store.newest_proofs(|page| page.is_signed));
-    match page {
-        Ok(page) => page.map(|page| SignedPage { stage: page.stage, programs_sum: page.programs_sum }),
+    match Store::open(folder).and_then(|store| store.signed_proofs()) {
+        Ok(page) => page,
         Err(error) => {
             tracing::warn!("the signed proofs cannot be read, so no stage counts as signed: {error}");
             None

@@ -13,6 +13,7 @@ use panelprep_base::number_text::utc_text;
 use panelprep_base::verdict::Judgement;
 use panelprep_cell::cell::{ProofStage, Robot};
 use panelprep_cell::files::content_hash;
+use panelprep_cell::record::ProofsResult;
 use panelprep_service::daemon::current_user;
 use panelprep_store::store::{ProofsPage, Store};
 use serde_json::json;
@@ -98,7 +99,7 @@ impl ProofPage<'_> {
         let remedy = match self.count(Finding::Wrong) {
             0 => String::new(),
             _ => format!(
-                " If [robot] signed_stage in the cell's file states stage {letter} or a later one, remove it."
+                " No earlier signature of stage {letter} or of a later stage counts any more: prove it again."
             ),
         };
         format!("Stage {letter} cannot be signed: {} rows are wrong or open.{remedy}", self.unproven())
@@ -209,15 +210,17 @@ pub(super) fn sign(args: &Prove, files: &CellFiles) -> Result<Outcome, Fault> {
         return Err(DeviceFault::ProvenTooEarly { stage, before }.into());
     }
     let page_sha256 = content_hash(&disk::read(&args.out)?);
-    let newest = files.store()?.newest_proofs(|page| !page.is_signed && page.stage == stage);
-    let Some(proven) = newest.map_err(Fault::stage)?.filter(|page| page.page_sha256 == page_sha256) else {
+    let pages = files.store()?.proofs().map_err(Fault::stage)?;
+    let newest = pages.into_iter().find(|page| page.result != ProofsResult::Signed && page.stage == stage);
+    let is_this = |page: &ProofsPage| page.result == ProofsResult::Proven && page.page_sha256 == page_sha256;
+    let Some(proven) = newest.filter(is_this) else {
         return Err(DeviceFault::PageNotProven { page: args.out.clone(), stage }.into());
     };
     let (reported, accepted) = (proven.programs_sum, robot.programs_sum());
     if accepted != Some(reported) {
         return Err(DeviceFault::ProofsOfOtherPrograms { reported, accepted }.into());
     }
-    let signature = ProofsPage { by: args.by.clone(), is_signed: true, ..proven };
+    let signature = ProofsPage { by: args.by.clone(), result: ProofsResult::Signed, ..proven };
     Store::store_proofs_in(files.store_folder(), &signature, current_user()).map_err(Fault::stage)?;
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
     let letter = stage.letter();
@@ -296,7 +299,7 @@ mod tests {
         let mut wrong = all.clone();
         wrong[0].finding = Finding::Wrong;
         let words = |proofs: &[Proof]| with_page(proofs, end, |page| page.describe_unproven());
-        assert!(words(&wrong).ends_with("states stage A or a later one, remove it."), "{}", words(&wrong));
+        assert!(words(&wrong).ends_with("counts any more: prove it again."), "{}", words(&wrong));
         assert!(words(&proven(0)).ends_with("rows are wrong or open."), "{}", words(&proven(0)));
         let mut empty = all;
         empty[0].evidence.clear();

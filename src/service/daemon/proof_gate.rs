@@ -66,7 +66,7 @@ mod tests {
     fn robot(host: &str, signed: Option<ProofStage>) -> cell::Robot {
         let stated = signed.map_or(String::new(), |stage| format!("signed_stage = '{}'\n", stage.letter()));
         let text = format!("[robot]\nkind = 'eki'\nhost = '{host}'\nprograms_sum = 7\n{stated}");
-        let page = signed.map(|stage| SignedPage { stage, programs_sum: 7 });
+        let page = signed.map(|stage| SignedPage { stage, programs_sum: 7, wrong_since: None });
         Cell::check("cell.toml", &text).expect("good").with_signed_page(page).robot().clone()
     }
 

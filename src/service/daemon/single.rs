@@ -538,7 +538,8 @@ mod tests {
         };
         let text = "[robot]\nkind = 'eki'\nhost = 'krc'\nprograms_sum = 1\nsigned_stage = 'A'";
         let signed = Cell::check("cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
-        let signed = signed.with_signed_page(Some(SignedPage { stage: ProofStage::A, programs_sum: 1 }));
+        let signed =
+            signed.with_signed_page(Some(SignedPage { stage: ProofStage::A, programs_sum: 1, wrong_since: None }));
         let (real_boot, mock_boot) = (820_000_000, 1);
         for (mode, boot, cell, permitted) in [
             (Mode::T1, real_boot, unsigned("krc"), true),

@@ -8,7 +8,7 @@ use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::cycle::{Path, Request};
 use panelprep_cell::record::{
     AbradedGrid, AbrasionExtent, Answer, Bounds, Check, Clock, CycleRecord, Disposition, Finding, Kind,
-    MotionRecord, RequestRecord, RequestedAction, finding_dispositions, name,
+    MotionRecord, ProofsResult, RequestRecord, RequestedAction, finding_dispositions, name,
 };
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -386,8 +386,12 @@ fn describe_request(wanted: &RequestedAction) -> (String, String) {
     match wanted {
         RequestedAction::NewDisc => plain("new-disc", ", a new disc was mounted and its wear counts from 0"),
         RequestedAction::Start { recipe } => (format!("start by {recipe}"), String::new()),
-        RequestedAction::Proofs { stage, programs_sum, by, is_signed, .. } => {
-            let done = if *is_signed { "the page was signed" } else { "each row was proven" };
+        RequestedAction::Proofs { stage, programs_sum, by, result, .. } => {
+            let done = match result {
+                ProofsResult::Wrong => "a row was found wrong",
+                ProofsResult::Proven => "each row was proven",
+                ProofsResult::Signed => "the page was signed",
+            };
             (
                 format!("proofs of stage {stage}"),
                 format!(", {done} by {by}, programs with the checksum {programs_sum}"),

@@ -5,14 +5,14 @@
 //! recorded, and the record states this.
 //!
 //! The pages of the controller's proofs are requests, too: each proven page and each signature is a row, with the
-//! person, the date and the checksum of the programs. No row is changed, and each is part of the chain.
+//! person, the date and the checksum of the programs. So is a page with a row that was found wrong. No row is changed, and each is part of the chain.
 
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
 use super::people::TrailPosition;
-use panelprep_cell::cell::ProofStage;
+use panelprep_cell::cell::{ProofStage, SignedPage};
 use panelprep_cell::cycle::Event;
-use panelprep_cell::record::{Answer, CycleId, RequestAuthor, RequestRecord, RequestedAction};
+use panelprep_cell::record::{Answer, CycleId, ProofsResult, RequestAuthor, RequestRecord, RequestedAction};
 use rusqlite::params;
 use std::path::Path;
 
@@ -38,7 +38,7 @@ pub struct NumberedRequest {
     pub request: RequestRecord,
 }
 
-/// A page of proofs of which each row was proven, or its signature.
+/// A page of proofs with its result, or its signature.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProofsPage {
     /// The stage that the page proves.
@@ -49,14 +49,14 @@ pub struct ProofsPage {
     pub page_sha256: String,
     /// The person at the controller, or the one who signed.
     pub by: String,
-    /// Whether this is the signature; otherwise the page as it was proven.
-    pub is_signed: bool,
+    /// What the page shows, or that it was signed.
+    pub result: ProofsResult,
 }
 
 impl ProofsPage {
     fn to_action(&self) -> RequestedAction {
-        let Self { stage, programs_sum, page_sha256, by, is_signed } = self.clone();
-        RequestedAction::Proofs { stage: stage.letter().to_owned(), programs_sum, page_sha256, by, is_signed }
+        let Self { stage, programs_sum, page_sha256, by, result } = self.clone();
+        RequestedAction::Proofs { stage: stage.letter().to_owned(), programs_sum, page_sha256, by, result }
     }
 }
 
@@ -186,13 +186,34 @@ impl Store {
         Store::open_for_one_row(folder)?.insert_request(&row, None, None)
     }
 
-    /// Returns the newest page or signature that fits; `None` if there is none.
+    /// Returns the newest signed page with what later runs found; `None` if no page is signed.
+    ///
+    /// # Errors
+    /// As [`Store::proofs`].
+    pub fn signed_proofs(&self) -> Result<Option<SignedPage>, StoreError> {
+        let mut wrong_since = None;
+        for page in self.proofs()? {
+            match page.result {
+                ProofsResult::Proven => {}
+                ProofsResult::Wrong => {
+                    wrong_since = Some(wrong_since.map_or(page.stage, |wrong: ProofStage| wrong.min(page.stage)));
+                }
+                ProofsResult::Signed => {
+                    let (stage, programs_sum) = (page.stage, page.programs_sum);
+                    return Ok(Some(SignedPage { stage, programs_sum, wrong_since }));
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// Returns all pages of proofs and their signatures, the newest first.
     ///
     /// # Errors
     /// If the rows cannot be read. A row with an unknown stage is one of them: an older one must not count in its place.
-    pub fn newest_proofs(&self, fits: impl Fn(&ProofsPage) -> bool) -> Result<Option<ProofsPage>, StoreError> {
+    pub fn proofs(&self) -> Result<Vec<ProofsPage>, StoreError> {
         if !self.has_table("requests")? {
-            return Ok(None);
+            return Ok(vec![]);
         }
         let read = || -> Result<Vec<String>, rusqlite::Error> {
             let sql =
@@ -200,20 +221,18 @@ impl Store {
             self.connection.prepare(sql)?.query_map([], |row| row.get(0))?.collect()
         };
         let rows = read().map_err(|error| self.database_error("read the proofs of", &error))?;
+        let mut pages = vec![];
         for text in rows {
             let request: RequestRecord = self.parse_stored(&text)?;
-            let RequestedAction::Proofs { stage, programs_sum, page_sha256, by, is_signed } = request.wanted else {
+            let RequestedAction::Proofs { stage, programs_sum, page_sha256, by, result } = request.wanted else {
                 continue;
             };
             let stage = stage.parse().map_err(|_| StoreError::Unreadable {
                 path: self.path().to_owned(),
                 problem: format!("the stage of the proofs is \"{stage}\", valid: A, B, C"),
             })?;
-            let page = ProofsPage { stage, programs_sum, page_sha256, by, is_signed };
-            if fits(&page) {
-                return Ok(Some(page));
-            }
+            pages.push(ProofsPage { stage, programs_sum, page_sha256, by, result });
         }
-        Ok(None)
+        Ok(pages)
     }
 }

@@ -10,7 +10,7 @@ use axum::Extension;
 use axum::extract::{Query, State};
 use maud::html;
 use panelprep_cell::accounts::{AuditEntry, Role};
-use panelprep_cell::record::{Answer as Outcome, RequestAuthor, RequestSource, RequestedAction};
+use panelprep_cell::record::{Answer as Outcome, ProofsResult, RequestAuthor, RequestSource, RequestedAction};
 use panelprep_store::history::Table;
 use panelprep_store::store::{NumberedEntry, NumberedRequest, Store, StoreError, TrailPosition};
 use serde::Deserialize;
@@ -77,8 +77,13 @@ fn request_line(NumberedRequest { number, cycle, request }: NumberedRequest) -> 
         RequestedAction::For(asked) => (command(*asked), None),
         RequestedAction::NewDisc => ("new-disc", None),
         RequestedAction::Start { recipe } => ("start", Some(recipe.clone())),
-        RequestedAction::Proofs { stage, by, is_signed, .. } => {
-            (if *is_signed { "proofs-signed" } else { "proofs" }, Some(format!("stage {stage}, by {by}")))
+        RequestedAction::Proofs { stage, by, result, .. } => {
+            let what = match result {
+                ProofsResult::Wrong => "proofs-wrong",
+                ProofsResult::Proven => "proofs",
+                ProofsResult::Signed => "proofs-signed",
+            };
+            (what, Some(format!("stage {stage}, by {by}")))
         }
     };
     let reasons: Vec<String> = request.reasons.iter().map(|reason| reason.message.clone()).collect();

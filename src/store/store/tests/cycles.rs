@@ -3,12 +3,14 @@
 
 use super::super::CycleCounts;
 use super::*;
+use ProofsResult::{Proven, Signed, Wrong};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
-use panelprep_cell::cell::ProofStage;
+use panelprep_cell::cell::ProofStage::{self, A, B, C};
+use panelprep_cell::cell::SignedPage;
 use panelprep_cell::cycle::{Event, Motion, Outcome, Path, Path as MotionPath, Request};
 use panelprep_cell::record::{
     Answer, Budget, Check, CycleId, Finding, KeptFile, Kind, Limit, LimitSource, MotionRecord, Picture,
-    RequestAuthor, RequestRecord, RequestSource, RequestedAction,
+    ProofsResult, RequestAuthor, RequestRecord, RequestSource, RequestedAction,
 };
 use panelprep_vision::calib::health::{Strike, Verification};
 use std::collections::BTreeMap;
@@ -211,11 +213,11 @@ fn pages_contain_each_request_of_one_millisecond_once() {
     assert_eq!(pages, [vec![5, 4], vec![3, 2], vec![1]]);
 }
 
-fn page(stage: ProofStage, programs_sum: i32, is_signed: bool) -> ProofsPage {
-    ProofsPage { stage, programs_sum, page_sha256: "ab".repeat(32), by: "Ada".to_owned(), is_signed }
+fn page(stage: ProofStage, programs_sum: i32, result: ProofsResult) -> ProofsPage {
+    ProofsPage { stage, programs_sum, page_sha256: "ab".repeat(32), by: "Ada".to_owned(), result }
 }
 
-/// The newest row counts, whatever was stored before it; a proven page is no signature.
+/// The newest signature counts, unless a row was found wrong after it, whatever was stored before it; a proven page is no signature.
 #[test]
 fn the_newest_signature_is_read_back() {
     let (folder, store) = new_store();
@@ -224,22 +226,29 @@ fn the_newest_signature_is_read_back() {
     let who = RequestAuthor::from_source(RequestSource::Command);
     let newest_signed = || {
         let store = Store::open(&folder).expect("for reading");
-        store.newest_proofs(|page| page.is_signed).expect("read")
+        store.signed_proofs().expect("read")
     };
     assert_eq!(newest_signed(), None);
+    let signed = |stage, programs_sum, wrong_since| Some(SignedPage { stage, programs_sum, wrong_since });
     for (row, expected) in [
-        (page(ProofStage::A, 7, false), None),
-        (page(ProofStage::A, 7, true), Some((ProofStage::A, 7))),
-        (page(ProofStage::B, 7, true), Some((ProofStage::B, 7))),
-        (page(ProofStage::C, 7, false), Some((ProofStage::B, 7))),
+        (page(A, 7, Proven), None),
+        (page(A, 7, Wrong), None),
+        (page(A, 7, Signed), signed(A, 7, None)),
+        (page(B, 7, Signed), signed(B, 7, None)),
+        (page(C, 7, Proven), signed(B, 7, None)),
+        // A row was found wrong later, in two runs: the first stage counts.
+        (page(B, 7, Wrong), signed(B, 7, Some(B))),
+        (page(A, 7, Wrong), signed(B, 7, Some(A))),
+        (page(C, 7, Wrong), signed(B, 7, Some(A))),
+        (page(B, 7, Proven), signed(B, 7, Some(A))),
         // The programs were changed: the proofs begin again.
-        (page(ProofStage::A, 8, true), Some((ProofStage::A, 8))),
+        (page(A, 8, Signed), signed(A, 8, None)),
     ] {
         Store::store_proofs_in(&folder, &row, who.clone()).expect("stored");
-        assert_eq!(newest_signed().map(|page| (page.stage, page.programs_sum)), expected, "{row:?}");
+        assert_eq!(newest_signed(), expected, "{row:?}");
     }
-    let found = Store::open(&folder).expect("for reading").newest_proofs(|page| page.stage == ProofStage::C);
-    assert_eq!(found.expect("read"), Some(page(ProofStage::C, 7, false)));
+    let pages = Store::open(&folder).expect("for reading").proofs().expect("read");
+    assert_eq!((pages.len(), &pages[0], &pages[9]), (10, &page(A, 8, Signed), &page(A, 7, Proven)));
 }
 
 /// A row whose stage this version does not know hides no older signature: nothing counts as signed.
@@ -249,14 +258,13 @@ fn an_unknown_stage_is_no_older_signature() {
     drop(store);
     let folder = folder.path().join("store");
     let who = RequestAuthor::from_source(RequestSource::Command);
-    Store::store_proofs_in(&folder, &page(ProofStage::C, 7, true), who).expect("stored");
-    let (programs_sum, is_signed) = (7, true);
+    Store::store_proofs_in(&folder, &page(C, 7, Signed), who).expect("stored");
     let wanted = RequestedAction::Proofs {
         stage: "D".to_owned(),
-        programs_sum,
+        programs_sum: 7,
         page_sha256: String::new(),
         by: "Ada".to_owned(),
-        is_signed,
+        result: Signed,
     };
     let row = RequestRecord {
         unix_ms: 0,
@@ -268,7 +276,7 @@ fn an_unknown_stage_is_no_older_signature() {
     };
     let mut store = Store::open_for_one_row(&folder).expect("for writing");
     store.insert_request(&row, None, None).expect("stored");
-    let found = store.newest_proofs(|page| page.is_signed);
+    let found = store.signed_proofs();
     assert!(found.as_ref().is_err_and(|error| error.to_string().contains("\"D\"")), "{found:?}");
 }
 
