@@ -5,13 +5,12 @@ use super::answers::reason;
 use super::computing::{WorkInput, WorkOutcome, WorkResult};
 use super::error::DaemonError;
 use super::operator_texts;
-use super::pending_action::{Condition, PendingAction};
-use super::ports::{Finding, RecordError};
-use super::ports::{LoopEvent, Note, RecordCommand, RobotPort};
-use super::running::LoopMemory;
+use super::ports::{Finding, LoopEvent, Note, RecordCommand, RecordError, RobotPort};
+use super::running::{Condition, LoopMemory, PendingAction};
 use panelprep_base::geometry::KukaPose;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
-use panelprep_cell::cycle::{self, Action, Answer, Event, Frames, Id, Report, Switch, Trouble};
+use panelprep_cell::cycle;
+use panelprep_cell::cycle::{Action, Answer, Event, Frames, Id, Report, Switch, Trouble};
 use panelprep_cell::record::Kind;
 use panelprep_kuka::eki::{Command, CommandId, Epoch, QueueError, SetTcp, State, TcpKind};
 

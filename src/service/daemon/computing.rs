@@ -13,12 +13,11 @@
 //! evaluated.
 
 mod memory;
-mod work;
 mod worker;
 
 pub use memory::{Memory, SceneKey};
-pub use work::CalibrationCheck;
-pub(super) use work::{WorkInput, WorkOutcome, WorkResult};
+pub use worker::CalibrationCheck;
+pub(super) use worker::{WorkInput, WorkOutcome, WorkResult};
 
 use super::error::DaemonError;
 use super::live_view::LiveView;
@@ -26,9 +25,9 @@ use super::ports::{CameraPort, PictureStore};
 use panelprep_base::supervision::{SupervisedThread, Supervisor, supervise};
 use panelprep_cell::cycle::{Action, Answer, Id, Trouble};
 use std::collections::VecDeque;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
+use std::sync::{Arc, mpsc};
 use std::thread;
 use std::time::Duration;
 use worker::Worker;

@@ -5,10 +5,8 @@
 //! So after a crash at any moment the record limits what may have been executed.
 
 use super::error::DaemonError;
-use super::path_progress::PathProgress;
-use super::path_progress::SentPath;
 use super::ports::{RecordCommand, RobotPort};
-use super::running::LoopMemory;
+use super::running::{LoopMemory, PathProgress, SentPath};
 use panelprep_cell::cycle::{Motion, Outcome, Path};
 use panelprep_cell::record::ContactPath;
 use panelprep_kuka::eki::CommandId;

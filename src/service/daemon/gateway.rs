@@ -1,13 +1,20 @@
 //! The service as its interfaces see it: an interface passes on a request and its origin, and waits for one reply.
+//!
+//! The origin is the operating system's user at the other end of a connection, by number and name.
+//! [`InterfaceContext`] is what all interfaces share: page, plant and office see the same cell.
 
-use super::caller::{self, NameLookup};
+use super::alarms::Alarms;
 use super::camera_lease::SharedCameras;
 use super::operator_texts;
-use super::reply::{Reply, RequestResult};
-use super::request::{PreparedCycle, Request, RequestKind, StartRequest};
+use super::people::AccountService;
+use super::request::{PreparedCycle, Reply, Request, RequestKind, RequestResult, StartRequest};
 use super::request_queue::{RequestQueueError, RequestSender};
+use super::sources::SetupSource;
+use panelprep_base::disk;
 use panelprep_base::verdict::Reason;
-use panelprep_cell::record::{RequestAuthor, RequestedAction};
+use panelprep_cell::record::{RequestAuthor, RequestSource, RequestedAction};
+use std::os::fd::AsFd;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::oneshot;
@@ -38,7 +45,7 @@ impl Gateway {
     /// Creates a gateway. Requests go to this queue, this loader prepares starts, and these cameras are lent while
     /// the cell rests.
     pub fn new(queue: RequestSender, loader: Arc<Loader>, cameras: Option<SharedCameras>) -> Self {
-        Gateway { queue, loader, cameras, names: Arc::new(caller::name) }
+        Gateway { queue, loader, cameras, names: Arc::new(name) }
     }
 
     /// Passes on a request and returns the reply. It runs on a runtime of tokio that has a blocking thread for the
@@ -67,12 +74,10 @@ impl Gateway {
             RequestKind::Table(request) if request.is_operator_decision() => {
                 return Reply::refused(RequestResult::Refused, vec![operator_texts::missing_step_reason(request)]);
             }
-            what if what.is_urgent() => {
-                (what, caller::named_within(who, self.names.clone(), NAME_TIMEOUT_OF_STOP).await)
-            }
+            what if what.is_urgent() => (what, named_within(who, self.names.clone(), NAME_TIMEOUT_OF_STOP).await),
             what => (what, self.named(who).await),
         };
-        let in_log = (!matches!(what, RequestKind::State)).then(|| (what.describe(), caller::format_for_log(&who)));
+        let in_log = (!matches!(what, RequestKind::State)).then(|| (what.describe(), format_for_log(&who)));
         let (reply, answer) = oneshot::channel();
         let failed = |code, message: &str| Reply::refused(RequestResult::Fault, vec![Reason::new(code, message)]);
         if let Err(error) = self.queue.send(Request { what, requester: who, reply: Some(reply) }) {
@@ -95,7 +100,7 @@ impl Gateway {
 
     /// Returns the user with a name, if this computer's list of users has one and can be read in time.
     pub(super) async fn named(&self, who: RequestAuthor) -> RequestAuthor {
-        caller::named_within(who, self.names.clone(), NAME_TIMEOUT).await
+        named_within(who, self.names.clone(), NAME_TIMEOUT).await
     }
 
     /// Passes on a request that was refused here or in an interface, for the record.
@@ -117,6 +122,87 @@ impl Gateway {
                 Err(Reply::refused(RequestResult::Fault, vec![Reason::new("fault", message)]))
             }
         }
+    }
+}
+
+/// Looks up the name for a user's number. It may wait for the disk.
+pub(super) type NameLookup = dyn Fn(u32) -> Option<String> + Send + Sync;
+
+/// The user at the other end of this connection to the service's socket, still without a name.
+pub(super) fn socket_peer(connection: impl AsFd) -> RequestAuthor {
+    let uid = rustix::net::sockopt::socket_peercred(connection).ok().map(|peer| peer.uid.as_raw());
+    RequestAuthor { front: RequestSource::Socket, uid, user: None, from: None }
+}
+
+/// The user who runs this program, with a command that runs one cycle or clears an abort.
+pub fn current_user() -> RequestAuthor {
+    with_name(RequestAuthor {
+        front: RequestSource::Command,
+        uid: Some(rustix::process::getuid().as_raw()),
+        user: None,
+        from: None,
+    })
+}
+
+/// Returns the same user with a name, if this computer's list of users has one.
+pub(super) fn with_name(who: RequestAuthor) -> RequestAuthor {
+    match who.uid {
+        Some(uid) => RequestAuthor { user: name(uid), ..who },
+        None => who,
+    }
+}
+
+/// Returns the same user with the name that the lookup gives. It runs on a separate thread: a disk that hangs must not
+/// delay the request of any user. After the time limit, the user has no name and is known by the number alone.
+pub(super) async fn named_within(who: RequestAuthor, lookup: Arc<NameLookup>, limit: Duration) -> RequestAuthor {
+    let Some(uid) = who.uid else { return who };
+    let found = timeout(limit, tokio::task::spawn_blocking(move || lookup(uid))).await;
+    RequestAuthor { user: found.ok().and_then(Result::ok).flatten(), ..who }
+}
+
+/// Formats a user for a line of the log: `anna (uid 1001)`.
+pub(super) fn format_for_log(who: &RequestAuthor) -> String {
+    match (&who.user, who.uid) {
+        (Some(user), Some(uid)) => format!("{user} (uid {uid})"),
+        (None, Some(uid)) => format!("uid {uid}"),
+        (Some(user), None) => user.clone(),
+        (None, None) => "an unknown user".to_owned(),
+    }
+}
+
+/// The name for a number in the list of users. A directory service is not queried, since it may hang.
+pub(super) fn name(uid: u32) -> Option<String> {
+    let list = disk::read(Path::new("/etc/passwd")).ok()?;
+    find_user_name(&String::from_utf8_lossy(&list), uid)
+}
+
+fn find_user_name(list: &str, uid: u32) -> Option<String> {
+    let of_line = |line: &str| {
+        let mut fields = line.split(':');
+        let (name, number) = (fields.next()?, fields.nth(1)?);
+        let is_plain = !name.is_empty() && name.chars().all(|c| c.is_ascii_graphic());
+        (number.parse() == Ok(uid) && is_plain).then(|| name.to_owned())
+    };
+    list.lines().find_map(of_line)
+}
+
+/// The shared parts of the interfaces. Clones share the same parts.
+#[derive(Clone)]
+pub struct InterfaceContext {
+    /// The destination of requests.
+    pub gateway: Gateway,
+    /// The persons who may log in, and the interfaces' access to the store.
+    pub people: Arc<AccountService>,
+    /// The alarms of the cell.
+    pub alarms: Arc<Alarms>,
+    /// Recipes, calibrations and the rest of the set-up.
+    pub setup: Arc<dyn SetupSource>,
+}
+
+impl InterfaceContext {
+    /// Checks for alarms between cycles if no one has done so within the last minute; a camera may need some time.
+    pub(super) fn check_alarms(&self) {
+        self.alarms.check_cell(&*self.setup, self.gateway.cameras.as_ref());
     }
 }
 
@@ -166,5 +252,21 @@ mod tests {
         let RequestKind::Refused { wanted: found, reasons } = kept.what else { panic!("another request") };
         assert_eq!((found, reasons.len()), (wanted, 1));
         assert_eq!(RequestKind::State.wanted(), None);
+    }
+
+    #[test]
+    fn a_number_is_identified_by_its_name() {
+        let list =
+            "root:x:0:0:root:/root:/bin/bash\nbroken\nanna:x:1001:1001:Anna:/home/anna:/bin/sh\n:x:7:7::/:\n";
+        let who = |uid| RequestAuthor {
+            front: RequestSource::Socket,
+            uid,
+            user: uid.and_then(|uid| find_user_name(list, uid)),
+            from: None,
+        };
+        let told = |uid| format_for_log(&who(Some(uid)));
+        assert_eq!((told(0), told(1_001)), ("root (uid 0)".to_owned(), "anna (uid 1001)".to_owned()));
+        assert_eq!((told(7), told(5)), ("uid 7".to_owned(), "uid 5".to_owned()), "no name, no such user");
+        assert_eq!(format_for_log(&who(None)), "an unknown user");
     }
 }

@@ -16,10 +16,10 @@
 //! The loop uses the robot's time. In lock step this is the mock controller's virtual clock, so that sprays, films and
 //! deadlines need no real time; this clock stops while something is computed.
 //!
-//! `setup` is the loop's input. `running` is its memory, with `pending_action`, the action in progress, and
-//! `path_progress`, the path that was sent and how far a contact path may continue. `answers` converts a phase's
-//! findings into the state table's answer and the record's finding; `tool_state` is the known state of a compliant
-//! tool. `run`, `actions`, `moves`, `contacts`, `robot_reports` and `tool_reports` perform the effects.
+//! `setup` is the loop's input. `running` is its memory, with the action in progress, the path that was sent and how far
+//! a contact path may continue. `answers` converts a phase's findings into the state table's answer and the record's
+//! finding; `tool_state` is the known state of a compliant tool. `run`, `actions`, `moves`, `contacts` and
+//! `robot_reports` perform the effects.
 //!
 //! A service, a single cycle and a replay use this same loop with different `ports`. Around the loop of the service are
 //! `request` (the one request of every interface) · `socket` (the interface on this computer) · `protocol` (a line in,
@@ -30,86 +30,64 @@
 
 mod abrasion;
 mod actions;
-mod active_alarms;
 mod alarms;
 mod answers;
 mod background;
-mod caller;
 mod camera_lease;
-mod cameras;
 mod clock;
 mod computing;
 mod contacts;
 mod control;
-mod corner_views;
 mod corners;
 mod corrected;
-mod deadlines;
 mod error;
-mod failed_logins;
 mod feedbacks;
 mod films;
 mod fleet;
 mod free_memory;
 mod gateway;
-mod hashing;
-mod interface_context;
 mod line;
-mod live_scene;
 mod live_view;
 mod moves;
 mod office;
 mod opcua;
 mod operator_texts;
-mod path_progress;
-mod pending_action;
 mod people;
 mod perception;
 mod ports;
-mod progress_file;
 mod proof_gate;
 mod protocol;
 mod push;
-mod record_source;
 mod recording;
 mod replay;
-mod reply;
 mod request;
 mod request_handler;
-mod request_log;
 mod request_queue;
 mod robot_reports;
 mod run;
 mod running;
 mod setup;
-mod setup_source;
 mod single;
 mod single_interlocks;
 mod slots;
 mod socket;
+mod sources;
 mod sparkplug;
-mod store_access;
-mod tool_reports;
 mod tool_state;
-mod waiting;
+mod transfer;
 mod web;
 mod wiring;
-mod without_store;
-mod written_page;
 
 #[cfg(test)]
 mod tests;
 
 pub use alarms::{AlarmId, Alarms};
-pub use caller::current_user;
-pub use camera_lease::{AllCameras, BorrowedFlangeCamera, LastState, RemoteScanner, SharedCameras, ShotRequest};
-pub use cameras::Cameras;
+pub use camera_lease::{AllCameras, BorrowedFlangeCamera, RemoteScanner, SharedCameras, ShotRequest};
 pub use computing::{CalibrationCheck, Computing, Memory, SceneKey};
 pub use error::DaemonError;
 pub use fleet::{FleetAddress, FleetError, serve as serve_fleet};
 pub use free_memory::give_back_free_memory;
-pub use gateway::{Gateway, Loader};
-pub use interface_context::InterfaceContext;
+pub use gateway::{Gateway, InterfaceContext, Loader, current_user};
 pub use line::{LineFront, LineParts};
 pub use live_view::{LiveFilm, LiveFrame, LiveView};
 pub use office::{OfficeParts, OfficeSender, OfficeStatus};
@@ -117,31 +95,30 @@ pub use opcua::{OpcUaParts, OpcUaServer};
 pub use operator_texts::{command, refusal, request_keyword, state_reason};
 pub use people::{AccountService, LoginResult};
 pub use ports::{
-    CameraAnswer, CameraCommand, CameraFault, CameraPort, Command, Figure, Finding, LinkedRobot, LinkedTool,
-    LoopEvent, NoCameras, Note, Picture2d, PictureStore, Port, Record, RecordAnswer, RecordCommand, RecordError,
-    RecordPort, RequestAnswer, RequestCommand, RequestPort, Requester, RobotAnswer, RobotCommand, RobotPort,
-    StoredPicture, ToolAnswer, ToolCommand, ToolPort,
+    CameraAnswer, CameraCommand, CameraFault, CameraPort, Cameras, Command, Figure, Finding, LastState,
+    LinkedRobot, LinkedTool, LoopEvent, NoCameras, Note, Picture2d, PictureStore, Port, Record, RecordAnswer,
+    RecordCommand, RecordError, RecordPort, RequestAnswer, RequestCommand, RequestPort, Requester, RobotAnswer,
+    RobotCommand, RobotPort, StoredPicture, ToolAnswer, ToolCommand, ToolPort,
 };
 pub use proof_gate::ProofGate;
 pub use protocol::{MAX_BYTES, ProtocolError, read_request, request_line};
 pub use push::{PushParts, PushSender, PushStatus};
-pub use record_source::{RecordPdf, RecordSource};
 pub use recording::{FLOOR_MB, StoreRecord, picture_store};
 pub use replay::{
     Difference, Player, RECORDING_FLOOR_MB, RecordedPort, Recording, RecordingPlan, RecordingResult,
     RecordingStatus, RecordingSwitch, ReplayResult, disk_full_message, free_mb, recording_file, recordings,
 };
-pub use reply::{Reply, RequestResult};
-pub use request::{PartNames, PreparedCycle, RecipeTextPermission, RecordIn, Request, RequestKind, StartRequest};
-pub use request_handler::{EndedCycle, RequestHandler, ServiceParts};
+pub use request::{
+    PartNames, PreparedCycle, RecipeTextPermission, RecordIn, Reply, Request, RequestKind, RequestResult,
+    StartRequest,
+};
+pub use request_handler::{EndedCycle, LastWrittenPage, RequestHandler, ServiceParts, wait_for};
 pub use request_queue::{RequestQueue, RequestQueueError, RequestSender, request_queue};
 pub use run::{LoopOutcome, LoopPorts, LoopStart, run};
 pub use setup::{Calibrations, CellSetup, CycleSetup};
-pub use setup_source::{Equipment, ExaminedItem, RecipeText, SetupSource};
 pub use single::{Mounted, SingleError, SingleLine, SingleRobot, speed_command};
 pub use socket::{Socket, SocketError};
+pub use sources::{Equipment, ExaminedItem, RecipeText, RecordPdf, RecordSource, SetupSource};
 pub use sparkplug::{SparkplugEdge, SparkplugParts};
 pub use web::{OperatorPage, PageError, PageParts};
 pub use wiring::Wiring;
-pub use without_store::wait_for;
-pub use written_page::LastWrittenPage;

@@ -1,13 +1,10 @@
 //! Motions: each path passes the gate as a whole, is then sent, and is then monitored until the robot is at rest at
 //! its end.
 
-use super::deadlines::seconds;
 use super::error::DaemonError;
-use super::path_progress::{PathEndPose, SentPath};
-use super::pending_action::{Condition, PendingAction};
 use super::ports::RobotPort;
 use super::proof_gate;
-use super::running::LoopMemory;
+use super::running::{Condition, LoopMemory, PathEndPose, PendingAction, SentPath, seconds};
 use super::setup::CycleSetup;
 use panelprep_base::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
 use panelprep_base::number_text::distinguishable_texts;
@@ -15,10 +12,10 @@ use panelprep_base::verdict::Reason;
 use panelprep_cell::cycle::{Action, Answer, Event, Id, Motion, Path, Report, Trouble};
 use panelprep_cell::record::{Finding, Kind};
 use panelprep_kuka::eki::{Command, CommandId, MoveJ, MoveLin, QueueError, SetAccSpeed, Signal, State, Time};
-use panelprep_toolpath::path::reach::{self, Infeasibility, Obstacles};
-use panelprep_toolpath::path::routes::{self, GatedPath, LinearMotion, PathSpeed, StartState};
+use panelprep_toolpath::path::reach::{Infeasibility, Obstacles};
+use panelprep_toolpath::path::routes::{GatedPath, LinearMotion, PathSpeed, StartState};
 use panelprep_toolpath::path::trace::Trace;
-use panelprep_toolpath::path::{Kinematics, PanelPoses, judge_joints, taught_axis};
+use panelprep_toolpath::path::{Kinematics, PanelPoses, judge_joints, reach, routes, taught_axis};
 use std::sync::Arc;
 
 /// Largest deviation of the TCP from the commanded pose, mm and degrees.

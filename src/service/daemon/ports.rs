@@ -11,14 +11,14 @@ mod port;
 mod record;
 mod requests;
 mod robot;
-mod tool;
 
-pub use cameras::{CameraAnswer, CameraCommand, CameraFault, CameraPort, NoCameras, Picture2d};
+pub use cameras::{CameraAnswer, CameraCommand, CameraFault, CameraPort, Cameras, NoCameras, Picture2d};
 pub use panelprep_cell::record::Finding;
 pub use port::{Command, Port};
 pub use record::{
     Figure, Note, PictureStore, Record, RecordAnswer, RecordCommand, RecordError, RecordPort, StoredPicture,
 };
 pub use requests::{LoopEvent, RequestAnswer, RequestCommand, RequestPort, Requester};
-pub use robot::{LinkedRobot, RobotAnswer, RobotCommand, RobotPort};
-pub use tool::{LinkedTool, ToolAnswer, ToolCommand, ToolPort};
+pub use robot::{
+    LastState, LinkedRobot, LinkedTool, RobotAnswer, RobotCommand, RobotPort, ToolAnswer, ToolCommand, ToolPort,
+};

@@ -4,25 +4,28 @@
 //! The loop calls the handler in every iteration. The handler then also asks the supervisor about the other threads,
 //! so that the life sign to systemd (`WATCHDOG=1`) proves that all of them work. SIGTERM or SIGINT stops the cell, a
 //! second one aborts; the service ends from Stopped or Aborted only.
+//!
+//! While the store cannot be opened, as on a full disk, there is no loop: [`wait_for`] answers requests, does nothing
+//! else, and tries again.
 
 use super::camera_lease::SharedCameras;
 use super::live_view::LiveView;
 use super::operator_texts;
 use super::ports::{LoopEvent, Requester};
 use super::replay::{Recording, RecordingSwitch};
-use super::reply::{PageData, Reply, RequestResult};
-use super::request::{Request, RequestKind};
+use super::request::{PageData, Reply, Request, RequestKind, RequestResult};
 use super::request_queue::RequestQueue;
-use super::written_page::LastWrittenPage;
 use panelprep_base::supervision::{SupervisedThread, Supervisor, ThreadFault, supervise};
 use panelprep_base::verdict::{Reason, Verdict};
-use panelprep_cell::cycle::{self, At, Path as PathKind, Phase, Refusal, State};
+use panelprep_cell::cycle;
+use panelprep_cell::cycle::{At, Path as PathKind, Phase, Refusal, State};
 use panelprep_cell::panel::GridId;
 use panelprep_cell::record::{CycleId, RequestAuthor, RequestSource};
 use sd_notify::NotifyState;
 use std::collections::VecDeque;
-use std::sync::Arc;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::Sender;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 
@@ -458,6 +461,64 @@ impl RequestHandler {
         } else {
             self.problems.insert(0, reason);
         }
+    }
+}
+
+/// The last written page, and its cycle. All clones share the same page.
+#[derive(Debug, Clone, Default)]
+pub struct LastWrittenPage(Arc<Mutex<Option<(CycleId, PathBuf)>>>);
+
+impl LastWrittenPage {
+    /// Records that this page of the cycle was written.
+    pub fn is(&self, cycle: CycleId, page: &Path) {
+        *self.lock() = Some((cycle, page.to_owned()));
+    }
+
+    pub(super) fn get(&self, cycle: CycleId) -> Option<PathBuf> {
+        self.lock().as_ref().filter(|(written, _)| *written == cycle).map(|(_, page)| page.clone())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Option<(CycleId, PathBuf)>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Time between two attempts to open the store.
+const RETRY_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Answers each request with the reason why nothing can be done, until `attempt` succeeds; `None` if a signal ends the
+/// wait. The state in the reply is Aborted: nothing moves, and the last action of the cell cannot be read.
+pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, Reason>) -> Option<T> {
+    let mut is_reported = false;
+    loop {
+        let why = match attempt() {
+            Ok(opened) => return Some(opened),
+            Err(why) => why,
+        };
+        if !std::mem::replace(&mut is_reported, true) {
+            tracing::error!("the service waits: {}", why.message);
+            notify(&[NotifyState::Ready, NotifyState::Status(&why.message)]);
+        }
+        notify(&[NotifyState::Watchdog]);
+        let Some(Request { what, reply, .. }) = queue.next(RETRY_INTERVAL) else { continue };
+        if matches!(what, RequestKind::Leave) {
+            return None;
+        }
+        // A request without a reply channel was answered already, and there is no open store that could record it.
+        for reply in queue.take_followers().into_iter().chain(reply) {
+            let answer =
+                if matches!(what, RequestKind::State) { RequestResult::Done } else { RequestResult::Fault };
+            let state = Some("aborted".to_owned());
+            #[expect(clippy::let_underscore_must_use, reason = "a client that disconnected needs no reply")]
+            let _ = reply.send(Reply { state, ..Reply::refused(answer, vec![why.clone()]) });
+        }
+    }
+}
+
+/// Notifies systemd; has no effect without systemd.
+fn notify(states: &[NotifyState<'_>]) {
+    if let Err(error) = sd_notify::notify(states) {
+        tracing::warn!("systemd cannot be notified: {error}");
     }
 }
 

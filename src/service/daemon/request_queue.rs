@@ -7,8 +7,7 @@
 //! the loop nor for a disk on which the loop waits. The loop then finds the request, writes it to the journal and does
 //! everything else that belongs to a stop.
 
-use super::reply::Reply;
-use super::request::{Request, RequestKind};
+use super::request::{Reply, Request, RequestKind};
 use panelprep_devices::robot::StopLine;
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
@@ -194,10 +193,8 @@ impl Drop for RequestQueue {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use panelprep_cell::cycle::{
-        self,
-        Request::{Abort, Hold, Stop},
-    };
+    use panelprep_cell::cycle;
+    use panelprep_cell::cycle::Request::{Abort, Hold, Stop};
     use panelprep_cell::record::{RequestAuthor, RequestSource};
     use panelprep_devices::mock::{ChannelFile, Clock, Controller, MockServer, Ports, Setup, UnconnectedWorld};
     use panelprep_devices::robot::{Address, BlockingLink};

@@ -1,27 +1,29 @@
-//! The memory of the loop.
+//! The memory of the loop, with the action in progress and the event for which it waits, the path that was sent last
+//! and how far a contact path in progress may continue, and the armed deadlines.
 
 use super::abrasion::AbrasionWork;
 use super::computing::Computing;
 use super::control::Control;
 use super::corrected::CalibratedRobot;
-use super::deadlines::Deadlines;
 use super::feedbacks::FeedbackContradiction;
-use super::path_progress::PathProgress;
-use super::path_progress::SentPath;
-use super::pending_action::PendingAction;
 use super::perception::Perception;
 use super::ports::{RecordPort, RequestPort, RobotPort, ToolPort};
 use super::setup::{CellSetup, CycleSetup};
 use super::tool_state::PressState;
-use panelprep_base::geometry::{Joints, KukaPose};
+use super::wiring::SwitchProof;
+use panelprep_base::geometry::{Base, Joints, KukaPose, Rigid, Tool};
 use panelprep_base::verdict::{Reason, Verdict};
-use panelprep_cell::cycle::{self, Event, Report, State};
+use panelprep_cell::cycle;
+use panelprep_cell::cycle::{Action, Deadline, Event, Id, Motion, Path, Report, State};
 use panelprep_cell::record::{RequestAuthor, RequestSource};
-use panelprep_kuka::eki::{self, Time};
+use panelprep_kuka::eki;
+use panelprep_kuka::eki::{CommandId, Time};
+use panelprep_store::tape;
 use panelprep_store::tape::LoopMemoryStart;
 use panelprep_toolpath::path::trace::Trace;
 use std::collections::VecDeque;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// All ports except the cameras, which are used by the computing thread.
 pub(super) struct OtherPorts<'a> {
@@ -145,5 +147,240 @@ impl<'p> LoopMemory<'p> {
     /// Returns the data that the phases of the cycle use.
     pub(super) fn cycle_setup(&self) -> Option<&CycleSetup> {
         self.cycle.as_deref()
+    }
+}
+
+/// An action that still waits for its answer.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PendingAction {
+    pub id: Id,
+    pub act: Action,
+    pub waits: Condition,
+}
+
+/// The events for which an action can wait.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Condition {
+    /// Waits for the robot at rest.
+    Standing,
+    /// The requested epoch.
+    Epoch,
+    /// Waits for the end of the epoch, with tool and water proven off; `done` is the number of executed waypoints,
+    /// once it is reported.
+    EpochEnd { done: Option<u32> },
+    /// Waits until the commands for base and tool are executed and the controller reports both.
+    Frames(CommandId),
+    /// Waits until outputs are set and the feedback proves them.
+    Feedback { last: CommandId, proof: SwitchProof },
+    /// Waits until the cell has warned of the motion for long enough, counted from the first state in which the
+    /// output is on.
+    Warned {
+        /// The command that switches the warning output on.
+        last: CommandId,
+        /// The end of the warning; `None` before the output is on.
+        until: Option<Time>,
+    },
+    /// Waits for the report of the stop that ended the epoch before the command could be sent. If there is no such
+    /// stop, the action has failed.
+    NoEpoch {
+        /// Number of robot states that are awaited until the action has failed.
+        states: u8,
+    },
+    /// Waits until the arm is in the pose from which a linear motion may begin.
+    Ready(CommandId),
+    /// Waits for the end of a path.
+    PathEnd,
+    /// A computation.
+    Computing,
+    /// In lock step: waits for the robot's next state, and so for the time of the film's next picture.
+    Film,
+}
+
+/// The end of a path.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum PathEndPose {
+    Joints(Joints),
+    Tip(Rigid<Base, Tool>),
+}
+
+/// The path that was sent last.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SentPath {
+    pub id: Id,
+    pub motion: Motion,
+    pub first: CommandId,
+    pub last: CommandId,
+    pub end: PathEndPose,
+    pub reported: u32,
+}
+
+impl SentPath {
+    /// Returns which path was sent.
+    pub fn path(&self) -> Path {
+        self.motion.path
+    }
+
+    /// Returns the number of the command for the path's first waypoint.
+    pub fn first_command(&self) -> CommandId {
+        self.first
+    }
+
+    /// Returns the number of executed waypoints if all commands up to this one are executed.
+    pub fn waypoints(&self, done: CommandId) -> u32 {
+        if matches!(self.motion.path, Path::Contact | Path::Air) {
+            (done.0 + 1).saturating_sub(self.first.0).min(self.motion.waypoints)
+        } else {
+            u32::from(done >= self.last) * self.motion.waypoints
+        }
+    }
+}
+
+/// Duration of the motion that is permitted ahead, in windows of the link. If it is less than `MIN_WINDOWS`, more
+/// waypoints are permitted, up to `MAX_WINDOWS`.
+const MIN_WINDOWS: f64 = 2.0;
+
+const MAX_WINDOWS: f64 = 4.0;
+
+/// Smallest number of waypoints that are permitted ahead, whatever their duration.
+const MIN_AHEAD: u32 = 16;
+
+/// The data of the contact path in progress that the record needs.
+#[derive(Debug, Default)]
+pub(super) struct PathProgress {
+    /// Wear of the disc that is already counted for this path, mm².
+    pub reserved_mm2: f64,
+    /// The time at which each waypoint is reached at the planned feed, s; the first is the air point at which the
+    /// path begins.
+    reached_s: Vec<f64>,
+    window_s: f64,
+    /// Number of waypoints that may be sent.
+    pub permitted: u32,
+}
+
+impl PathProgress {
+    pub fn new(reached_s: Vec<f64>, window_s: f64) -> Self {
+        let mut underway = PathProgress { reached_s, window_s, ..PathProgress::default() };
+        underway.permitted = underway.new_permission(0).unwrap_or(0);
+        underway
+    }
+
+    pub fn waypoint_count(&self) -> u32 {
+        u32::try_from(self.reached_s.len().saturating_sub(1)).unwrap_or(u32::MAX)
+    }
+
+    fn time_of_waypoint_s(&self, waypoint: u32) -> f64 {
+        self.reached_s.get(waypoint as usize).or(self.reached_s.last()).copied().unwrap_or(0.0)
+    }
+
+    /// Returns the new number of permitted waypoints after this many are executed; `None` if no more need to be
+    /// permitted now.
+    pub fn new_permission(&self, done: u32) -> Option<u32> {
+        let (all, now_s) = (self.waypoint_count(), self.time_of_waypoint_s(done));
+        let ahead_s = self.time_of_waypoint_s(self.permitted) - now_s;
+        if self.permitted >= all
+            || (ahead_s >= MIN_WINDOWS * self.window_s && self.permitted >= done.saturating_add(MIN_AHEAD / 2))
+        {
+            return None;
+        }
+        let until_s = now_s + MAX_WINDOWS * self.window_s;
+        let by_time = u32::try_from(self.reached_s.partition_point(|at_s| *at_s < until_s)).unwrap_or(u32::MAX);
+        let wanted = by_time.max(done.saturating_add(MIN_AHEAD)).min(all);
+        (wanted > self.permitted).then_some(wanted)
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+struct ArmedDeadline {
+    id: Id,
+    deadline: Deadline,
+    time: Time,
+}
+
+/// The armed deadlines.
+#[derive(Debug, Default)]
+pub(super) struct Deadlines {
+    armed: Vec<ArmedDeadline>,
+}
+
+impl Deadlines {
+    pub fn arm(&mut self, id: Id, which: Deadline, at: Time) {
+        // One deadline of each kind: an older one belongs to an action that has ended.
+        self.armed.retain(|armed| armed.deadline != which);
+        self.armed.push(ArmedDeadline { id, deadline: which, time: at });
+    }
+
+    /// Disarms the deadline of an action that was answered.
+    pub fn disarm(&mut self, id: Id) {
+        self.armed.retain(|armed| !(armed.id == id && armed.deadline == Deadline::Answer));
+    }
+
+    /// The armed deadlines, for a recording.
+    pub fn to_recording(&self) -> Vec<tape::ArmedDeadline> {
+        let to_armed = |armed: &ArmedDeadline| {
+            let at_ns = u64::try_from(armed.time.since_start().as_nanos()).unwrap_or(u64::MAX);
+            tape::ArmedDeadline { id: armed.id, which: armed.deadline, at_ns }
+        };
+        self.armed.iter().map(to_armed).collect()
+    }
+
+    /// The deadlines from a recording.
+    pub fn from_recording(recorded: &[tape::ArmedDeadline]) -> Self {
+        let mut deadlines = Deadlines::default();
+        for armed in recorded {
+            deadlines.arm(armed.id, armed.which, Time::from_start(Duration::from_nanos(armed.at_ns)));
+        }
+        deadlines
+    }
+
+    /// Returns the earliest deadline that is over, and disarms it.
+    pub fn take_expired(&mut self, now: Time) -> Option<Report> {
+        let first = self
+            .armed
+            .iter()
+            .enumerate()
+            .filter(|(_, armed)| armed.time <= now)
+            .min_by_key(|(_, armed)| armed.time);
+        let ArmedDeadline { id, deadline: which, .. } = self.armed.remove(first?.0);
+        Some(Report::Deadline { id, which })
+    }
+}
+
+/// Returns this number of seconds as a duration; zero if it is not a valid time.
+pub(super) fn seconds(seconds: f64) -> Duration {
+    Duration::try_from_secs_f64(seconds).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_earliest_comes_first_and_a_new_one_replaces_the_old() {
+        let mut deadlines = Deadlines::default();
+        deadlines.arm(Id(1), Deadline::Spray, Time::from_ms(300));
+        deadlines.arm(Id(2), Deadline::Answer, Time::from_ms(200));
+        deadlines.arm(Id(3), Deadline::Spray, Time::from_ms(250));
+        deadlines.arm(Id(4), Deadline::Token, Time::from_ms(400));
+        deadlines.disarm(Id(4));
+        assert_eq!(deadlines.take_expired(Time::from_ms(199)), None);
+        let over = |deadlines: &mut Deadlines| deadlines.take_expired(Time::from_ms(400));
+        let report = |id, which| Some(Report::Deadline { id: Id(id), which });
+        assert_eq!(over(&mut deadlines), report(2, Deadline::Answer));
+        assert_eq!(over(&mut deadlines), report(3, Deadline::Spray));
+        assert_eq!(over(&mut deadlines), report(4, Deadline::Token), "an answer disarms its own deadline alone");
+        assert_eq!(over(&mut deadlines), None);
+    }
+
+    /// A recording contains the armed deadlines, and a replay arms them again.
+    #[test]
+    fn what_was_reported_is_armed_again() {
+        let mut deadlines = Deadlines::default();
+        deadlines.arm(Id(1), Deadline::Drain, Time::from_ms(300));
+        deadlines.arm(Id(2), Deadline::Settle, Time::from_ms(200));
+        let mut again = Deadlines::from_recording(&deadlines.to_recording());
+        assert_eq!(again.take_expired(Time::from_ms(199)), None);
+        let report = |id, which| Some(Report::Deadline { id: Id(id), which });
+        assert_eq!(again.take_expired(Time::from_ms(300)), report(2, Deadline::Settle));
+        assert_eq!(again.take_expired(Time::from_ms(300)), report(1, Deadline::Drain));
     }
 }

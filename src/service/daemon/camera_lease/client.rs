@@ -1,10 +1,8 @@
 //! The service's cameras, as a command uses them.
 
 use super::super::protocol::request_line;
-use super::super::reply::Reply;
-use super::super::request::RequestKind;
-use super::header::ShotHeader;
-use super::request::ShotRequest;
+use super::super::request::{Reply, RequestKind};
+use super::request::{ShotHeader, ShotRequest};
 use super::shared::AT_WORK_CODE;
 use panelprep_base::geometry::{Camera, ColorPicture, OrganizedCloud};
 use panelprep_cell::files;

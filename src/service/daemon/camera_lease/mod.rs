@@ -2,7 +2,7 @@
 //! service has the cameras.
 //!
 //! [`SharedCameras`] holds the loop's cameras. It lends them to one connection at a time while the cell rests without
-//! a cycle (`serving`), and for one picture at a time to the operator's page (`taking`). The loop never waits for a
+//! a cycle, and for one picture at a time to the operator's page (`shared`). The loop never waits for a
 //! shot that begins after the cell has left its rest: before each shot it is checked whether the cell still rests, and
 //! a film ends at its next picture if the cell does not. [`RemoteScanner`] and [`BorrowedFlangeCamera`] are the
 //! clients at the other end of the connection (`client`).
@@ -16,20 +16,14 @@
 //! `{"sent":"ended",…}`. The robot is not moved, no output is switched, and nothing is written to the store. The
 //! answer to `{"ask":"state"}` reports the position of the arm during this time.
 
-mod capture;
 mod client;
-mod header;
-mod last_state;
 mod request;
-mod serving;
 mod shared;
 
-pub(super) use capture::CameraEye;
 pub use client::{BorrowedFlangeCamera, RemoteScanner};
-pub use last_state::LastState;
 pub use request::ShotRequest;
-pub(super) use serving::serve;
 pub use shared::{AllCameras, SharedCameras};
+pub(super) use shared::{CameraEye, serve};
 
 #[cfg(test)]
 mod tests;

@@ -1,5 +1,7 @@
-//! The possible requests to the cameras.
+//! What a client and the service send each other: the possible requests to the cameras, and the header of each answer.
 
+use panelprep_base::verdict::Reason;
+use panelprep_devices::cameras::Conditions;
 use serde::{Deserialize, Serialize};
 
 /// The possible requests to the cameras.
@@ -29,4 +31,26 @@ impl ShotRequest {
             ShotRequest::Film { .. } => "a film",
         }
     }
+}
+
+/// The header of what the service sends.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "sent", rename_all = "lowercase", deny_unknown_fields)]
+pub(super) enum ShotHeader {
+    /// A scan: this many bytes of PCD follow.
+    Scan {
+        /// Their number.
+        bytes: usize,
+        /// The time at which the shot was taken, s.
+        time_s: f64,
+        conditions: Conditions,
+    },
+    /// A picture: after the header, red, green and blue of each pixel follow, row by row.
+    Picture { width_px: usize, height_px: usize, time_s: f64, conditions: Conditions },
+    /// A film begins; the time is on the same clock as the times of its pictures.
+    Began { time_s: f64 },
+    /// The film has ended; this number of its pictures was dropped.
+    Ended { dropped: u64 },
+    /// There is no shot, or no further picture of the film.
+    Failed { reasons: Vec<Reason> },
 }

@@ -4,20 +4,18 @@ use super::super::protocol::read_request;
 use super::super::request::RequestKind;
 use super::super::tests::standing_state;
 use super::*;
-use crate::daemon::cameras::Cameras;
-use crate::daemon::ports::CameraPort as _;
-use panelprep_base::geometry::Joints;
-use panelprep_base::geometry::{Camera, ColorPicture, OrganizedCloud};
+use crate::daemon::ports::{CameraPort as _, Cameras, LastState};
+use panelprep_base::geometry::{Camera, ColorPicture, Joints, OrganizedCloud};
 use panelprep_cell::cycle::{At, Phase, State};
-use panelprep_devices::cameras::{CameraError, CameraRole, FlangePicture, Picture, Shot};
-use panelprep_devices::cameras::{Conditions, FlangeCamera, Scanner};
+use panelprep_devices::cameras::{
+    CameraError, CameraRole, Conditions, FlangeCamera, FlangePicture, Picture, Scanner, Shot,
+};
 use panelprep_kuka::eki;
 use std::io::{BufRead, BufReader};
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 use std::time::Duration;
 

@@ -6,7 +6,7 @@
 //! are compared by content, except inputs that follow from others. Films are remembered by their pictures (see
 //! `films`).
 
-use super::work::{WorkInput, WorkResult};
+use super::worker::{WorkInput, WorkResult};
 use crate::daemon::abrasion::AbrasionWork;
 use crate::daemon::films::FilmMemory;
 use crate::daemon::perception::Perception;

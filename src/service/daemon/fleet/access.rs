@@ -1,7 +1,7 @@
 //! Access to the office's page: for people with an account of the office, who log in with a form. Everything except
 //! the form needs a session.
 
-use super::frame;
+use super::shared;
 use super::shared::{PasswordCheck, Shared, archive_error_page};
 use crate::daemon::web::{SessionHolder, cookie, cookie_name};
 use axum::Form;
@@ -85,7 +85,7 @@ fn login_form(status: StatusCode, problem: Option<&str>) -> Response {
             p.note { "Create accounts on the office's computer with: panelprep archive account NAME" }
         }
     };
-    (status, frame::page("Log in", "", None, &body)).into_response()
+    (status, shared::page("Log in", "", None, &body)).into_response()
 }
 
 #[derive(Deserialize)]

@@ -1,7 +1,7 @@
 //! All cells with their present state.
 
-use super::frame::{self, time, verdict};
-use super::shared::{Shared, archive_error_page};
+use super::shared;
+use super::shared::{Shared, archive_error_page, time, verdict};
 use axum::Json;
 use axum::extract::State;
 use axum::response::{IntoResponse, Response};
@@ -16,7 +16,7 @@ const STALE_MS: i64 = 15_000;
 
 pub(super) async fn page(State(shared): State<Shared>) -> Response {
     match shared.reader().cells().await {
-        Ok((cells, now_unix_ms)) => frame::page("Cells", "/", Some(RELOAD_INTERVAL_S), &body(&cells, now_unix_ms)),
+        Ok((cells, now_unix_ms)) => shared::page("Cells", "/", Some(RELOAD_INTERVAL_S), &body(&cells, now_unix_ms)),
         Err(error) => archive_error_page(&error),
     }
 }
@@ -69,7 +69,7 @@ fn row(cell: &CellNow, now_unix_ms: i64) -> Markup {
     let needs = state.into_iter().flat_map(|state| state.reasons.iter().chain(&state.standing));
     html! {
         tr.(if stale { "stale" } else { "live" }) {
-            th scope="row" { a href={ "/cycles?" (frame::address(&[("cell", &cell.cell)])) } { (cell.cell) } }
+            th scope="row" { a href={ "/cycles?" (shared::address(&[("cell", &cell.cell)])) } { (cell.cell) } }
             td {
                 @match state.and_then(|state| state.state.as_deref()) {
                     Some(word) => strong { (word) },
@@ -92,7 +92,7 @@ fn row(cell: &CellNow, now_unix_ms: i64) -> Markup {
             td { @for alarm in needs { div { "⚠ " (alarm.message) " (" (alarm.code) ")" } } }
             td {
                 @if let Some((cycle, word, at)) = &cell.last {
-                    a href={ "/cycle?" (frame::address(&[("cell", &cell.cell), ("number", &cycle.to_string())])) } { "cycle " (cycle) }
+                    a href={ "/cycle?" (shared::address(&[("cell", &cell.cell), ("number", &cycle.to_string())])) } { "cycle " (cycle) }
                     " " (verdict(word)) br; (time(*at))
                 }
             }

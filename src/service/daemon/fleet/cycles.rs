@@ -1,17 +1,22 @@
-//! Cycles of all cells: a search, and its results as a page, a table or JSON.
+//! Cycles of all cells: a search, and its results as a page, a table or JSON; and the page of one cycle, as the
+//! archive has it: the signed content, every number with its limit, and the pictures.
 
-use super::frame::{self, time, verdict};
-use super::shared::{Shared, archive_error_page};
+use super::shared;
+use super::shared::{Shared, archive_error_page, time, verdict};
+use crate::report::check_row;
 use axum::Json;
-use axum::extract::{Query, State};
-use axum::http::StatusCode;
+use axum::extract::{Path, Query, State};
+use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use maud::{Markup, html};
 use panelprep_base::verdict::Verdict;
+use panelprep_cell::files::content_hash;
 use panelprep_interfaces::archive::ArchiveError;
-use panelprep_interfaces::archive::reading::{CycleQuery, CycleRow};
+use panelprep_interfaces::archive::reading::{CycleQuery, CycleRow, Record, RecordSignature};
 use panelprep_store::history::{Edge, unix_s};
+use panelprep_store::signing::{SignedCycle, exported_files};
 use serde::Deserialize;
+use serde_json::{Value, json};
 use strum::VariantArray;
 
 const PAGE: i64 = 50;
@@ -66,7 +71,7 @@ impl SearchForm {
             ("before", before),
         ];
         let filled: Vec<(&str, &str)> = fields.into_iter().filter(|(_, value)| !value.is_empty()).collect();
-        frame::address(&filled)
+        shared::address(&filled)
     }
 }
 
@@ -81,14 +86,14 @@ pub(super) async fn page(State(shared): State<Shared>, Query(form): Query<Search
         Err(response) => return response,
     };
     match shared.reader().names().await {
-        Ok((panels, cells)) => frame::page("Cycles", "/cycles", None, &body(&form, &rows, &panels, &cells)),
+        Ok((panels, cells)) => shared::page("Cycles", "/cycles", None, &body(&form, &rows, &panels, &cells)),
         Err(error) => archive_error_page(&error),
     }
 }
 
 pub(super) async fn csv(State(shared): State<Shared>, Query(form): Query<SearchForm>) -> Response {
     match find_cycles(&shared, &form, FILE).await {
-        Ok(rows) => frame::csv("cycles", &frame::table(&rows)),
+        Ok(rows) => shared::csv("cycles", &shared::table(&rows)),
         Err(response) => response,
     }
 }
@@ -123,7 +128,7 @@ fn body(form: &SearchForm, rows: &[CycleRow], panels: &[String], cells: &[String
                     tbody { @for row in rows { tr {
                         td { (time(row.started_unix_s)) }
                         td { (row.cell) }
-                        td { a href={ "/cycle?" (frame::address(&[("cell", &row.cell), ("number", &row.cycle.to_string())])) } { (row.cycle) } }
+                        td { a href={ "/cycle?" (shared::address(&[("cell", &row.cell), ("number", &row.cycle.to_string())])) } { (row.cycle) } }
                         td { (row.panel) }
                         td { (row.serial.as_deref().unwrap_or("–")) }
                         td { (row.work_order.as_deref().unwrap_or("–")) }
@@ -146,5 +151,142 @@ pub(super) fn select_list<'c>(words: &str, name: &str, chosen: &str, all: impl I
             option value="" { "any" }
             @for one in all { option value=(one) selected[one == chosen] { (one) } }
         } }
+    }
+}
+
+/// Identifies a cycle of a cell.
+#[derive(Debug, Clone, Deserialize)]
+pub(super) struct CycleKey {
+    cell: String,
+    number: i64,
+}
+
+async fn record(shared: &Shared, CycleKey { cell, number }: &CycleKey) -> Result<Record, Response> {
+    match shared.reader().record(cell, *number).await {
+        Ok(Some(record)) => Ok(record),
+        Ok(None) => {
+            let words = format!("The archive has no cycle {number} of cell {}.", cell.escape_debug());
+            Err((StatusCode::NOT_FOUND, words).into_response())
+        }
+        Err(error) => Err(archive_error_page(&error)),
+    }
+}
+
+pub(super) async fn cycle_page(State(shared): State<Shared>, Query(key): Query<CycleKey>) -> Response {
+    match record(&shared, &key).await {
+        Ok(record) => shared::page("Cycle", "/cycles", None, &cycle_body(&record)),
+        Err(response) => response,
+    }
+}
+
+pub(super) async fn cycle_json(State(shared): State<Shared>, Query(key): Query<CycleKey>) -> Response {
+    let Record { row, signed, statement } = match record(&shared, &key).await {
+        Ok(record) => record,
+        Err(response) => return response,
+    };
+    let signed = signed.iter().map(|one| {
+        let RecordSignature { statement, record_hash, unix_ms, person } = one;
+        json!({"statement": statement, "record_hash": record_hash, "unix_ms": unix_ms, "person": person})
+    });
+    Json(json!({"cycle": row, "signed": signed.collect::<Vec<_>>(), "record": statement.map(|cycle| cycle.record)}))
+        .into_response()
+}
+
+/// Serves a file that a record names: a picture as a picture, everything else as text that no browser executes.
+pub(super) async fn serve_file(State(shared): State<Shared>, Path(hash): Path<String>) -> Response {
+    let reader = shared.reader().clone();
+    let Ok(Some(bytes)) = tokio::task::spawn_blocking(move || reader.file(&hash)).await else {
+        return (
+            StatusCode::NOT_FOUND,
+            "The archive does not have this file, or the file is damaged. Run panelprep archive check.",
+        )
+            .into_response();
+    };
+    let kind = match bytes.as_slice() {
+        [0xff, 0xd8, ..] => "image/jpeg",
+        [0x89, b'P', b'N', b'G', ..] => "image/png",
+        _ => "text/plain; charset=utf-8",
+    };
+    // A file with this name never changes.
+    ([(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, "private, max-age=31536000, immutable")], bytes)
+        .into_response()
+}
+
+fn cycle_body(Record { row, signed, statement }: &Record) -> Markup {
+    let reasons: Vec<Value> = serde_json::from_str(&row.reasons).unwrap_or_default();
+    let text = |reason: &Value, key: &str| reason.get(key).and_then(Value::as_str).unwrap_or("").to_owned();
+    let address = shared::address(&[("cell", &row.cell), ("number", &row.cycle.to_string())]);
+    html! {
+        section.card {
+            h2 { "Cycle " (row.cycle) " of cell " (row.cell) ": " (verdict(&row.verdict)) }
+            @for reason in &reasons { p { (text(reason, "message")) " (" (text(reason, "code")) ")" } }
+            table { tbody {
+                tr { th { "Began (UTC)" } td { (time(row.started_unix_s)) } }
+                tr { th { "Ended" } td { @if let Some(ended) = row.ended_unix_s { (time(ended)) } @else { "–" } } }
+                tr { th { "Panel" } td { (row.panel) } }
+                tr { th { "Serial number" } td { (row.serial.as_deref().unwrap_or("–")) } }
+                tr { th { "Work order" } td { (row.work_order.as_deref().unwrap_or("–")) } }
+                tr { th { "Operator" } td { (row.operator.as_deref().unwrap_or("–")) } }
+                tr { th { "Recipe" } td { a href={ "/recipe?" (shared::address(&[("hash", &row.recipe_hash)])) } { (row.recipe_hash) } } }
+                tr { th { "Program" } td { (row.program_version) } }
+            } }
+            p.links { a href={ "/cycle.json?" (address) } { "JSON" } }
+        }
+        section.card {
+            h2 { "Signatures" }
+            @if signed.is_empty() { p { "⚠ The signed record of this cycle has not arrived yet." } }
+            ul { @for one in signed { li { (signature(one)) } } }
+        }
+        @if let Some(cycle) = statement { (findings(cycle)) (files(cycle)) }
+    }
+}
+
+fn signature(RecordSignature { statement, record_hash, unix_ms, person }: &RecordSignature) -> Markup {
+    html! {
+        (time(unix_ms.div_euclid(1_000))) ": "
+        @match person {
+            Some((name, meaning)) => { strong { (name) } ", " (meaning) },
+            None => "signed by the cell",
+        }
+        ", record number " (statement) ", SHA-256 " code { (record_hash) }
+    }
+}
+
+/// Shows every check of the record; for a record of another version of the program, only the JSON.
+fn findings(cycle: &SignedCycle) -> Markup {
+    let Ok(record) = cycle.cycle_record() else {
+        return html! { section.card { p { "This record was written by another version of the program: open it as \
+        JSON." } } };
+    };
+    html! {
+        @for finding in &record.findings {
+            section.card {
+                h2 { (finding.kind.keyword()) @if finding.pass > 0 { ", after pass " (finding.pass) } ": " (verdict(finding.judgement.verdict.keyword())) }
+                @for reason in &finding.judgement.reasons { p { (reason.message) " (" (reason.code) ")" } }
+                @if !finding.checks.is_empty() {
+                    div.scroll tabindex="0" { table {
+                        thead { tr { th { "Number" } th { "Value" } th { "Allowed" } } }
+                        tbody { @for check in &finding.checks { @let row = check_row(check, ""); tr { td { (row.name) } td { (row.value) } td { (row.allowed) } } } }
+                    } }
+                }
+                div.evidence { @for picture in &finding.pictures {
+                    figure {
+                        a href={ "/file/" (picture.hash) } { img src={ "/file/" (picture.hash) } alt=(picture.caption) loading="lazy"; }
+                        figcaption { (picture.caption) }
+                    }
+                } }
+            }
+        }
+    }
+}
+
+fn files(cycle: &SignedCycle) -> Markup {
+    let named = exported_files(cycle).into_iter().filter(|(name, _)| !name.starts_with("picture "));
+    html! {
+        section.card {
+            h2 { "Files used by the cycle" }
+            ul { @for (name, hash) in named { li { a href={ "/file/" (hash) } { (name) } " " code { (hash) } } } }
+            p.note { "The SHA-256 of an empty file is " code { (content_hash(b"")) } "; each file here has the SHA-256 that the signed record names." }
+        }
     }
 }

@@ -1,26 +1,26 @@
 //! The office's page: the present state of all cells, their cycles, statistics across cells, verifications and
 //! recipes, from the archive. It only reads the archive, so everyone with an account of the office may view it.
 //!
-//! `access` controls the log-in, `frame` surrounds every page, and each page is a file.
+//! This file serves every address. `access` controls the log-in, `shared` has what all pages share and the frame
+//! around every page; each other file has the pages of one subject.
 
 mod access;
 mod cells;
-mod cycle;
 mod cycles;
-mod error;
-mod frame;
 mod numbers;
-mod recipes;
-mod routes;
 mod shared;
 
-pub use error::FleetError;
-
-use super::web::{self, listen_and_serve};
+use super::web;
+use super::web::{PageFileError, listen_and_serve};
+use axum::http::header;
+use axum::response::IntoResponse;
+use axum::routing::{get, post};
+use axum::{Router, middleware};
 use panelprep_interfaces::archive::reading::Reader;
 use panelprep_store::office::{ArchiveSettings, FleetPage};
 use shared::Shared;
 use std::net::SocketAddr;
+use std::path::PathBuf;
 use tokio::net::TcpListener;
 
 /// The address at which people open the page.
@@ -59,10 +59,80 @@ pub async fn serve(
         url: format!("{}://{address}/", if is_tls { "https" } else { "http" }),
         fingerprint: certificate.as_ref().and_then(|certificate| certificate.fingerprint.clone()),
     });
-    let router = routes::router(Shared::new(Reader::new(settings), is_tls));
+    let router = router(Shared::new(Reader::new(settings), is_tls));
     tokio::select! {
         () = listen_and_serve(listener, certificate, router) => {}
         () = ended => {}
     }
     Ok(())
+}
+
+/// Errors of the office's page.
+#[derive(Debug, thiserror::Error)]
+pub enum FleetError {
+    /// The settings name no address.
+    #[error(
+        "the archive's settings have no address for the office's page: set listen in [fleet], such as \
+         \"127.0.0.1:8444\""
+    )]
+    NoAddress,
+    /// The address cannot be used.
+    #[error(
+        "{address}: cannot serve the office's page at this address: {source}; set another address at [fleet] listen"
+    )]
+    Listen {
+        /// The address.
+        address: SocketAddr,
+        /// The system's message.
+        source: std::io::Error,
+    },
+    /// The folder of the archive.
+    #[error("cannot create the archive's folder {}: {source}", path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// The system's message.
+        source: std::io::Error,
+    },
+    /// The certificate.
+    #[error("the office's page: {0}; check certificate and certificate_key in [fleet] of the archive's settings")]
+    Certificate(#[from] PageFileError),
+}
+
+/// Returns the router of all addresses, behind the access check.
+fn router(shared: Shared) -> Router {
+    Router::new()
+        .route("/", get(cells::page))
+        .route("/cells.json", get(cells::json))
+        .route("/cycles", get(cycles::page))
+        .route("/cycles.csv", get(cycles::csv))
+        .route("/cycles.json", get(cycles::json))
+        .route("/cycle", get(cycles::cycle_page))
+        .route("/cycle.json", get(cycles::cycle_json))
+        .route("/file/{hash}", get(cycles::serve_file))
+        .route("/numbers", get(numbers::page))
+        .route("/numbers.csv", get(numbers::csv))
+        .route("/numbers.json", get(numbers::json))
+        .route("/verifications", get(numbers::verifications_page))
+        .route("/verifications.csv", get(numbers::verifications_csv))
+        .route("/verifications.json", get(numbers::verifications_json))
+        .route("/recipes", get(numbers::recipes_page))
+        .route("/recipe", get(numbers::recipe_text))
+        .route("/login", get(access::page).post(access::log_in))
+        .route("/logout", post(access::log_out))
+        .route("/page.css", get(style_sheet))
+        .route("/fleet.js", get(script))
+        .layer(middleware::from_fn_with_state(shared.clone(), access::require_session))
+        .with_state(shared)
+}
+
+async fn script() -> impl IntoResponse {
+    let headers =
+        [(header::CONTENT_TYPE, "text/javascript; charset=utf-8"), (header::CACHE_CONTROL, "max-age=3600")];
+    (headers, include_str!("fleet.js"))
+}
+
+async fn style_sheet() -> impl IntoResponse {
+    let headers = [(header::CONTENT_TYPE, "text/css; charset=utf-8"), (header::CACHE_CONTROL, "max-age=3600")];
+    (headers, crate::daemon::web::STYLE_SHEET)
 }

@@ -1,19 +1,23 @@
-//! Comparison of one quantity of a panel across all cells, and of the verifications of all cells: which cell differs
-//! from the others, and which one drifts.
+//! Comparison across all cells: one quantity of a panel and the verifications (which cell differs from the others, and
+//! which one drifts), and the versions of a panel's recipe (which cell uses which version, and how two versions
+//! differ).
 
 use super::cycles::select_list;
-use super::frame;
-use super::shared::{Shared, archive_error_page};
+use super::shared;
+use super::shared::{Shared, archive_error_page, day};
+use crate::daemon::web::difference;
 use crate::report::{ChartTexts, trend_chart};
 use axum::Json;
 use axum::extract::{Query, State};
+use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use maud::{Markup, html};
 use panelprep_base::number_text::fixed_decimals;
 use panelprep_base::verdict::Limit;
 use panelprep_interfaces::archive::ArchiveError;
-use panelprep_interfaces::archive::reading::CellNumbers;
+use panelprep_interfaces::archive::reading::{CellNumbers, RecipeUse};
 use panelprep_store::history::{Cell, KnownQuantity, Table, Trend};
+use panelprep_store::office::RecipeOffer;
 use serde::Deserialize;
 
 /// Largest number of values over all cells.
@@ -61,7 +65,7 @@ async fn verifications(shared: &Shared, mut query: NumbersQuery) -> Result<Found
 
 pub(super) async fn page(State(shared): State<Shared>, Query(query): Query<NumbersQuery>) -> Response {
     match numbers(&shared, query).await {
-        Ok(found) => frame::page("Numbers", "/numbers", None, &numbers_body(&found)),
+        Ok(found) => shared::page("Numbers", "/numbers", None, &numbers_body(&found)),
         Err(error) => archive_error_page(&error),
     }
 }
@@ -69,7 +73,7 @@ pub(super) async fn page(State(shared): State<Shared>, Query(query): Query<Numbe
 pub(super) async fn csv(State(shared): State<Shared>, Query(query): Query<NumbersQuery>) -> Response {
     numbers(&shared, query)
         .await
-        .map_or_else(|error| archive_error_page(&error), |found| frame::csv("numbers", &table(&found.cells)))
+        .map_or_else(|error| archive_error_page(&error), |found| shared::csv("numbers", &table(&found.cells)))
 }
 
 pub(super) async fn json(State(shared): State<Shared>, Query(query): Query<NumbersQuery>) -> Response {
@@ -83,14 +87,15 @@ pub(super) async fn verifications_page(
     Query(query): Query<NumbersQuery>,
 ) -> Response {
     match verifications(&shared, query).await {
-        Ok(found) => frame::page("Verifications", "/verifications", None, &verifications_body(&found)),
+        Ok(found) => shared::page("Verifications", "/verifications", None, &verifications_body(&found)),
         Err(error) => archive_error_page(&error),
     }
 }
 
 pub(super) async fn verifications_csv(State(shared): State<Shared>, Query(query): Query<NumbersQuery>) -> Response {
     let found = verifications(&shared, query).await;
-    found.map_or_else(|error| archive_error_page(&error), |found| frame::csv("verifications", &table(&found.cells)))
+    found
+        .map_or_else(|error| archive_error_page(&error), |found| shared::csv("verifications", &table(&found.cells)))
 }
 
 pub(super) async fn verifications_json(
@@ -127,7 +132,7 @@ fn numbers_body(FoundValues { panels, query, cells }: &FoundValues) -> Markup {
                 (select_list("Number", "quantity", &query.quantity, words.into_iter()))
                 button.primary type="submit" { "Show" }
             }
-            @let address = frame::address(&[("panel", &query.panel), ("quantity", &query.quantity)]);
+            @let address = shared::address(&[("panel", &query.panel), ("quantity", &query.quantity)]);
             p.links { a href={ "/numbers.csv?" (address) } { "CSV" } " · " a href={ "/numbers.json?" (address) } { "JSON" } }
             p.note { "The newest " (MAX_VALUES) " values over all cells." }
         }
@@ -151,7 +156,7 @@ fn verifications_body(FoundValues { query, cells, .. }: &FoundValues) -> Markup 
                 (select_list("What was verified", "subject", &query.subject, SUBJECTS.into_iter()))
                 button.primary type="submit" { "Show" }
             }
-            @let address = frame::address(&[("subject", &query.subject)]);
+            @let address = shared::address(&[("subject", &query.subject)]);
             p.links { a href={ "/verifications.csv?" (address) } { "CSV" } " · " a href={ "/verifications.json?" (address) } { "JSON" } }
             p.note { "The newest " (MAX_VERIFICATIONS) " of each cell." }
         }
@@ -227,6 +232,102 @@ fn drift_in_errors(values: &[f64]) -> Option<f64> {
     let ((was, was_deviation), (is, is_deviation)) = (spread(before), spread(late));
     let error = (was_deviation.powi(2) / before.len() as f64 + is_deviation.powi(2) / late.len() as f64).sqrt();
     (error > 0.0).then(|| (is - was) / error)
+}
+
+/// Number of digits of a hash that are shown.
+const SHORT_HASH_DIGITS: usize = 12;
+
+/// The panel whose recipes are shown.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct RecipesQuery {
+    panel: String,
+}
+
+pub(super) async fn recipes_page(
+    State(shared): State<Shared>,
+    Query(RecipesQuery { panel }): Query<RecipesQuery>,
+) -> Response {
+    let read = async {
+        let (panels, _) = shared.reader().names().await?;
+        let panel = if panel.is_empty() { panels.first().cloned().unwrap_or_default() } else { panel };
+        let uses = shared.reader().recipes(&panel).await?;
+        let offer = shared.reader().offer(&panel).await?;
+        Ok((panels, panel, uses, offer))
+    };
+    match read.await {
+        Ok((panels, panel, uses, offer)) => {
+            shared::page("Recipes", "/recipes", None, &recipes_body(&panels, &panel, &uses, offer.as_ref()))
+        }
+        Err(error) => archive_error_page(&error),
+    }
+}
+
+fn recipes_body(panels: &[String], panel: &str, uses: &[RecipeUse], offer: Option<&RecipeOffer>) -> Markup {
+    let short = |hash: &str| hash.get(..SHORT_HASH_DIGITS).unwrap_or(hash).to_owned();
+    let newest = uses.first().map(|one| one.recipe_hash.as_str());
+    html! {
+        section.card {
+            h2 { "Recipes of a panel" }
+            form.search method="get" action="/recipes" {
+                (select_list("Panel", "panel", panel, panels.iter().map(String::as_str)))
+                button.primary type="submit" { "Show" }
+            }
+            @if let Some(offer) = offer {
+                @let taken = uses.iter().filter(|one| one.recipe_hash == offer.hash()).count();
+                p {
+                    "Offered to all cells: version " code { (short(&offer.hash())) } ", approved by " (offer.by) ", "
+                    (shared::time(offer.unix_ms.div_euclid(1_000))) ", because: " (offer.why) ". Cells that have run it: " (taken) "."
+                }
+            }
+            @if uses.is_empty() { p { "No cycle of this panel is archived." } } @else {
+                div.scroll tabindex="0" { table {
+                    thead { tr { th { "Version" } th { "Cell" } th { "First used" } th { "Last used" } th { "Cycles" } th { "Passed" } th { "Difference" } } }
+                    tbody { @for one in uses { tr {
+                        td { a href={ "/recipe?" (shared::address(&[("hash", &one.recipe_hash)])) } { code { (short(&one.recipe_hash)) } } }
+                        td { (one.cell) }
+                        td { (day(one.first_unix_s)) }
+                        td { (day(one.last_unix_s)) }
+                        td { (one.cycles) }
+                        td { (fixed_decimals(100.0 * one.passed as f64 / one.cycles.max(1) as f64, 0)) " %" }
+                        td { @if let Some(newest) = newest.filter(|newest| *newest != one.recipe_hash) {
+                            a href={ "/recipe?" (shared::address(&[("hash", newest), ("before", &one.recipe_hash)])) } { "to " (short(newest)) }
+                        } }
+                    } } }
+                } }
+            }
+        }
+    }
+}
+
+/// The version that is shown, and the version with which it is compared.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct RecipeVersions {
+    hash: String,
+    before: String,
+}
+
+pub(super) async fn recipe_text(
+    State(shared): State<Shared>,
+    Query(RecipeVersions { hash, before }): Query<RecipeVersions>,
+) -> Response {
+    let reader = shared.reader().clone();
+    let read =
+        move || [hash, before].map(|hash| reader.file(&hash).and_then(|bytes| String::from_utf8(bytes).ok()));
+    let Ok([Some(text), before]) = tokio::task::spawn_blocking(read).await else {
+        return (StatusCode::NOT_FOUND, "The archive does not have this recipe.").into_response();
+    };
+    let body = html! {
+        section.card {
+            h2 { "Recipe" }
+            @match before {
+                Some(before) => (difference(&before, &text)),
+                None => pre.scroll tabindex="0" { (text) },
+            }
+        }
+    };
+    shared::page("Recipe", "/recipes", None, &body)
 }
 
 #[cfg(test)]

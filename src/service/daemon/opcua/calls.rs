@@ -1,18 +1,19 @@
 //! Calls of methods: each call is checked against the table of methods, and is converted to a request of the service.
+//! It is limited how often each caller may call methods. Stop and abort are not counted: several in a row are answered
+//! together.
 
 use super::access::{Access, Caller};
-use super::flood::{CallDecision, CallLimiter};
 use crate::daemon::alarms::AlarmId;
 use crate::daemon::clock::now_unix_ms;
-use crate::daemon::interface_context::InterfaceContext;
-use crate::daemon::reply::{Reply, RequestResult};
-use crate::daemon::request::{PartNames, RecipeTextPermission, RequestKind, StartRequest};
+use crate::daemon::gateway::InterfaceContext;
+use crate::daemon::request::{PartNames, RecipeTextPermission, Reply, RequestKind, RequestResult, StartRequest};
 use opcua::types::{StatusCode, Variant};
 use panelprep_base::verdict::Reason;
 use panelprep_cell::accounts::AuditEntry;
 use panelprep_cell::cycle::Request;
 use panelprep_cell::record::{CycleId, RequestAuthor, RequestSource, RequestedAction};
 use panelprep_interfaces::packml::{Command, LastRefusal, Method};
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::Mutex as AsyncMutex;
@@ -295,6 +296,63 @@ fn alarm_id(name: &str) -> Option<AlarmId> {
 
 fn caller_identity(caller: &Caller) -> RequestAuthor {
     RequestAuthor { front: RequestSource::OpcUa, uid: None, user: caller.name().map(str::to_owned), from: None }
+}
+
+/// Number of calls that are permitted at once; `CALLS_PER_SECOND` applies after that.
+const BURST_CALLS: f64 = 20.0;
+const CALLS_PER_SECOND: f64 = 5.0;
+/// Largest number of remembered callers; those without a call for the longest time are removed first.
+const MAX_CALLERS: usize = 256;
+/// Time after which a flood is reported again.
+const REPORT_INTERVAL_S: f64 = 60.0;
+
+/// The call budget of each caller. Times are seconds of any clock that does not jump.
+#[derive(Debug, Default)]
+pub(super) struct CallLimiter(BTreeMap<String, Bucket>);
+
+#[derive(Debug, Clone, Copy)]
+struct Bucket {
+    remaining: f64,
+    at_s: f64,
+    reported_s: Option<f64>,
+}
+
+/// Decision about a call.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum CallDecision {
+    /// The call is accepted.
+    Accepted,
+    /// The call exceeds the limit; states whether this is to be reported.
+    TooMany {
+        /// False if it was reported lately.
+        is_recently_reported: bool,
+    },
+}
+
+impl CallLimiter {
+    /// Counts a call by this caller and returns what happens to it.
+    pub fn call(&mut self, caller: &str, now_s: f64) -> CallDecision {
+        if self.0.len() >= MAX_CALLERS && !self.0.contains_key(caller) {
+            let oldest = self.0.iter().min_by(|a, b| a.1.at_s.total_cmp(&b.1.at_s)).map(|(name, _)| name.clone());
+            oldest.and_then(|name| self.0.remove(&name));
+        }
+        let bucket = self.0.entry(caller.to_owned()).or_insert(Bucket {
+            remaining: BURST_CALLS,
+            at_s: now_s,
+            reported_s: None,
+        });
+        bucket.remaining = (bucket.remaining + (now_s - bucket.at_s) * CALLS_PER_SECOND).min(BURST_CALLS);
+        bucket.at_s = now_s;
+        if bucket.remaining >= 1.0 {
+            bucket.remaining -= 1.0;
+            return CallDecision::Accepted;
+        }
+        let is_told = bucket.reported_s.is_none_or(|told_s| now_s - told_s >= REPORT_INTERVAL_S);
+        if is_told {
+            bucket.reported_s = Some(now_s);
+        }
+        CallDecision::TooMany { is_recently_reported: is_told }
+    }
 }
 
 #[cfg(test)]

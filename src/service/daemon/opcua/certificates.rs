@@ -1,5 +1,5 @@
 //! The folder of the certificates: the server's own one and its key, those of trusted clients, and those of rejected
-//! clients.
+//! clients; and the reason why the OPC UA server cannot be served.
 //!
 //! ```text
 //! own/cert.der            the server's own, made if it is missing; clients must be configured to trust it
@@ -8,10 +8,10 @@
 //! rejected/*.der          clients that were turned away; the newest stay
 //! ```
 
-use super::error::OpcUaError;
 use opcua::crypto::{CertificateStore, KeySize, PrivateKey, PublicKey, X509, X509Data};
 use std::collections::BTreeSet;
-use std::fs::{self, Permissions};
+use std::fs;
+use std::fs::Permissions;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -200,6 +200,22 @@ pub(super) fn describe_certificate(file: &Path) -> String {
     };
     CertificateStore::read_cert(file)
         .map_or_else(|_| "a file that is not a certificate".to_owned(), |found| name(&found))
+}
+
+/// A certificate's file or folder cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("certificate file {}: {problem}; [opcua] certificates sets the folder", file.display())]
+pub struct OpcUaError {
+    /// The file.
+    pub file: PathBuf,
+    /// The problem.
+    pub problem: String,
+}
+
+impl OpcUaError {
+    pub(super) fn file_error(file: &Path, problem: impl ToString) -> Self {
+        OpcUaError { file: file.to_owned(), problem: problem.to_string() }
+    }
 }
 
 #[cfg(test)]

@@ -3,10 +3,10 @@
 //!
 //! ```text
 //! client ─ door (limits, addresses) ─ async-opcua (channels, certificates, sessions) ─ access (accounts, roles)
-//!                                      ├─ core_nodes (OPC UA's own nodes, conditions)
-//!                                      └─ cell_nodes ─ calls → Gateway → the loop
+//!                                      └─ nodes ┬─ OPC UA's own nodes, conditions
+//!                                                └─ the cell's nodes ─ calls → Gateway → the loop
 //! the loop ─ state, five times a second ─ follow ─ values of `packml::NODES`, conditions
-//! the store ─ once a second ─ depth ─────┘
+//! the store ─ once a second ──────────────┘
 //! ```
 //!
 //! It runs on a thread and a runtime of its own, separate from the cell's supervision. A panic in code that reads from
@@ -16,19 +16,12 @@
 
 mod access;
 mod address_space;
-mod alarm_event;
 mod calls;
-mod cell_nodes;
 mod certificates;
 mod conditions;
 mod connection_limit;
-mod core_nodes;
-mod depth;
-mod error;
-mod flood;
 mod follow;
+mod nodes;
 mod server;
-mod settings;
-mod values;
 
 pub use server::{OpcUaParts, OpcUaServer};

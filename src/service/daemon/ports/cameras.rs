@@ -1,10 +1,11 @@
-//! The cameras as the loop sees them. Each command exposes once, at the time of the command.
+//! The cameras as the loop sees them, and the cell's cameras as one port. Each command exposes once, at the time of
+//! the command.
 
 use super::port::{Command, Port};
 use panelprep_base::geometry::{Camera, ColorPicture, OrganizedCloud};
-use serde::Serialize;
-
 pub use panelprep_devices::cameras::Picture as Picture2d;
+use panelprep_devices::cameras::{CameraError, FlangeCamera, Scanner};
+use serde::Serialize;
 
 /// The requests to the cameras.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -140,4 +141,42 @@ impl Port<CameraCommand> for NoCameras {
             _ => Err(CameraFault { camera: "the camera", why: "this command takes no picture".to_owned() }),
         }
     }
+}
+
+/// A scanner and a flange camera.
+#[derive(Debug)]
+pub struct Cameras<S, F> {
+    /// The 3D camera.
+    pub scanner: S,
+    /// The camera on the flange.
+    pub flange: F,
+}
+
+impl<S: Scanner, F: FlangeCamera> Port<CameraCommand> for Cameras<S, F> {
+    fn perform(&mut self, command: CameraCommand) -> Result<CameraAnswer, CameraFault> {
+        let Cameras { scanner, flange } = self;
+        let taken = match command {
+            CameraCommand::Scan => scanner.capture_3d().map(|shot| CameraAnswer::Scan(shot.cloud)),
+            CameraCommand::Picture => scanner.capture_2d().map(CameraAnswer::Picture),
+            CameraCommand::BeginFilm(per_second) => scanner.begin_clip(per_second).map(CameraAnswer::FilmBegan),
+            CameraCommand::NextOfFilm => {
+                scanner.next_clip_picture().map(|next| next.map_or(CameraAnswer::NoneDue, CameraAnswer::Picture))
+            }
+            CameraCommand::EndFilm => scanner.end_clip().map(CameraAnswer::FilmEnded),
+            CameraCommand::CornerPicture => {
+                let taken = flange.capture().map(|shot| CameraAnswer::Corner(shot.picture));
+                return taken.map_err(|error| camera_fault("the flange camera", &error));
+            }
+            CameraCommand::Check => {
+                let scanner = scanner.check_ready().map_err(|error| camera_fault("the scanner", &error));
+                let flange = flange.check_ready().map_err(|error| camera_fault("the flange camera", &error));
+                Ok(CameraAnswer::Checked([scanner, flange].into_iter().filter_map(Result::err).collect()))
+            }
+        };
+        taken.map_err(|error| camera_fault("the scanner", &error))
+    }
+}
+
+fn camera_fault(camera: &'static str, error: &CameraError) -> CameraFault {
+    CameraFault { camera, why: error.to_string() }
 }

@@ -1,13 +1,20 @@
-//! The robot as the loop sees it: it receives commands, returns reports, and has the clock by which its motions run.
+//! The robot as the loop sees it, and its compliant tool. The robot receives commands, returns reports, and has the
+//! clock by which its motions run; its last reported position can also be read from other threads ([`LastState`]). No
+//! command blocks for an answer of the tool.
 
 use super::port::{Command as PortCommand, Port};
-use crate::daemon::camera_lease::LastState;
+use panelprep_base::geometry::Joints;
 use panelprep_base::supervision::{ThreadFault, WatchedThread};
+use panelprep_cell::force::ForceSetPoint;
+use panelprep_devices::acf::{ConnectedTool, ToolReport};
 use panelprep_devices::robot::{BlockingLink, LineOutputs, StopLine};
 use panelprep_devices::world::Follower;
+use panelprep_kuka::eki;
 use panelprep_kuka::eki::{
     Channel, ClockMode, Command, CommandId, Epoch, LinkLoss, MoveLin, QueueError, Report, Time,
 };
+use serde::Serialize;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// The requests to the robot.
@@ -205,6 +212,95 @@ impl Port<RobotCommand> for LinkedRobot {
                 ClockMode::LockStep => self.virtual_now,
                 ClockMode::Wall => Time::from_start(self.started.elapsed()),
             }),
+        }
+    }
+}
+
+/// Largest age of the robot's last state at which its axis positions still count as the present ones.
+const MAX_STATE_AGE: Duration = Duration::from_millis(500);
+
+/// The robot's last state, and when it arrived. All clones share the same state.
+#[derive(Debug, Clone, Default)]
+pub struct LastState(Arc<Mutex<Option<(eki::State, Instant)>>>);
+
+impl LastState {
+    /// Records the last state; `None` if the link is lost.
+    pub fn is(&self, state: Option<&eki::State>) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = state.map(|state| (*state, Instant::now()));
+    }
+
+    /// Returns the controller's mapped inputs as bits, as long as the state is fresh.
+    pub(in crate::daemon) fn inputs(&self) -> Option<u32> {
+        let (state, came) = (*self.0.lock().unwrap_or_else(PoisonError::into_inner))?;
+        (came.elapsed() < MAX_STATE_AGE).then_some(state.inputs)
+    }
+
+    /// Returns the position of the axes, while the arm is at rest and the state is fresh.
+    pub(in crate::daemon) fn resting_joints(&self) -> Option<Joints> {
+        let (state, came) = (*self.0.lock().unwrap_or_else(PoisonError::into_inner))?;
+        (came.elapsed() < MAX_STATE_AGE && !state.moving).then_some(state.joints)
+    }
+}
+
+/// The requests to the tool.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ToolCommand {
+    /// From now on, presses with these set-points.
+    Press(ForceSetPoint),
+    /// Reports the news.
+    Report,
+}
+
+/// An answer of the tool.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ToolAnswer {
+    /// Answer to `Press`.
+    Done,
+    /// Answer to `Report`: a reading or the loss of the tool's link; `None` if there is nothing new.
+    Report(Option<ToolReport>),
+}
+
+impl PortCommand for ToolCommand {
+    type Answer = ToolAnswer;
+}
+
+/// The tool's commands as functions.
+pub trait ToolPort: Port<ToolCommand> {
+    /// See [`ToolCommand::Press`].
+    fn set_force(&mut self, press: ForceSetPoint) {
+        self.perform(ToolCommand::Press(press));
+    }
+
+    /// See [`ToolCommand::Report`].
+    fn next_report(&mut self) -> Option<ToolReport> {
+        let ToolAnswer::Report(news) = self.perform(ToolCommand::Report) else { return None };
+        news
+    }
+}
+
+impl<P: Port<ToolCommand> + ?Sized> ToolPort for P {}
+
+/// A tool that is connected by a link; `None` if the tool is a spring.
+#[derive(Default)]
+pub struct LinkedTool(Option<Box<dyn ConnectedTool>>);
+
+impl LinkedTool {
+    /// Links this tool.
+    pub fn new(tool: impl ConnectedTool + 'static) -> Self {
+        LinkedTool(Some(Box::new(tool)))
+    }
+}
+
+impl Port<ToolCommand> for LinkedTool {
+    fn perform(&mut self, command: ToolCommand) -> ToolAnswer {
+        match (command, &mut self.0) {
+            (ToolCommand::Press(press), Some(tool)) => {
+                tool.set_force(press);
+                ToolAnswer::Done
+            }
+            (ToolCommand::Press(_), None) => ToolAnswer::Done,
+            (ToolCommand::Report, tool) => ToolAnswer::Report(tool.as_mut().and_then(|tool| tool.next_report())),
         }
     }
 }

@@ -1,25 +1,22 @@
 //! The recording of a cycle, and the replay of a cycle from its recorded data.
 //!
-//! A `recorded_port` surrounds each of the loop's ports and records the data that pass (`tape` defines the format)
+//! A [`RecordedPort`] surrounds each of the loop's ports and records the data that pass (`tape` defines the format)
 //! while the `switch` reports that a cycle is recorded. The `queue` passes the data to a separate thread, so that
 //! neither loop nor link ever waits for a disk. The `player` provides the same ports without a cell: it answers each
 //! command with the recorded answer, and records each point at which the loop now acts differently (`difference`).
-//! `form` defines the commands and answers in a recording, `earlier_form` the findings in recordings of earlier
-//! versions of this program.
+//! `form` defines the commands and answers in a recording.
 
 mod difference;
-mod earlier_form;
 mod form;
 mod player;
 mod queue;
-mod recorded_port;
 mod switch;
 
 #[cfg(test)]
 mod tests;
 
 pub use difference::Difference;
+pub use form::RecordedPort;
 pub use player::{Player, ReplayResult};
 pub use queue::{RECORDING_FLOOR_MB, Recording, RecordingResult, RecordingStatus, disk_full_message};
-pub use recorded_port::RecordedPort;
 pub use switch::{RecordingPlan, RecordingSwitch, free_mb, recording_file, recordings};

@@ -209,7 +209,7 @@ impl Playback<'_> {
         let entry = self.pop_entry(cameras)?;
         let (recorded, now) = match topic {
             Topic::Finding => {
-                let now = super::earlier_form::convert_to_recorded_form(&entry.action, said.clone());
+                let now = super::difference::convert_to_recorded_form(&entry.action, said.clone());
                 (without_measured_times(entry.action.clone()), without_measured_times(now))
             }
             _ => (entry.action.clone(), said.clone()),

@@ -1,13 +1,23 @@
-//! One connection to the broker, from beginning to end.
+//! One connection to the broker, from beginning to end. `BrokerConnection` states how the broker is reached:
+//! address, TLS, user and password; the files are read again for each connection. `HostRequests` are the requests of
+//! a host to the cell, and the lines of the audit trail for what never reached the cell.
 
-use super::broker::{BrokerConnection, quality};
-use super::host_requests::HostRequests;
 use crate::daemon::alarms::Alarms;
 use crate::daemon::clock::now_unix_ms;
-use panelprep_interfaces::sparkplug::{CellView, EdgeNode, NodeAction, NodeEvent, NodeTime, values};
+use crate::daemon::gateway::Gateway;
+use crate::daemon::people::AccountService;
+use crate::daemon::request::RequestKind;
+use panelprep_base::trust;
+use panelprep_base::trust::TrustError;
+use panelprep_cell::accounts::{AuditEntry, Role};
+use panelprep_cell::cell::SparkplugNode;
+use panelprep_cell::record::{RequestAuthor, RequestSource};
+use panelprep_interfaces::sparkplug::{
+    AuditNote, CellView, EdgeNode, Message, NodeAction, NodeCommand, NodeEvent, NodeTime, values,
+};
 use rumqttc::{
-    AsyncClient, ConnectReturnCode, ConnectionError, EventLoop, Outgoing, Packet, PublishOptions,
-    SubscribeReasonCode,
+    AsyncClient, ConnectReturnCode, ConnectionError, EventLoop, LastWill, MqttOptions, Outgoing, Packet,
+    PublishOptions, QoS, SubscribeReasonCode, TlsConfiguration, Transport,
 };
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -251,5 +261,94 @@ fn describe_error(error: &ConnectionError) -> String {
             };
             format!("{words}{advice}")
         }
+    }
+}
+
+/// Time without data after which a connection is checked, s; the broker reports the node's death after one and a half
+/// times this time.
+const KEEP_ALIVE_S: u16 = 10;
+/// Largest message that is accepted from the broker, and largest message that is sent, in bytes. A command is far
+/// smaller.
+const MAX_BYTES: [usize; 2] = [16 * 1_024, 256 * 1_024];
+
+/// How the broker is reached.
+pub(super) struct BrokerConnection {
+    options: MqttOptions,
+}
+
+impl BrokerConnection {
+    /// Reads the files that `[sparkplug]` names.
+    ///
+    /// # Errors
+    /// If a file cannot be read or is not valid.
+    pub fn read(node: &SparkplugNode) -> Result<Self, TrustError> {
+        let client_id = format!("{}/{}", node.group_id, node.edge_node_id);
+        let mut options = MqttOptions::new(client_id, (node.broker.clone(), node.port));
+        options
+            .set_keep_alive(KEEP_ALIVE_S)
+            .set_clean_session(true)
+            .set_max_packet_size(MAX_BYTES[0], MAX_BYTES[1]);
+        if let Some(tls) = &node.tls {
+            let config = trust::client_config(&tls.ca_certificate, tls.client_certificate.as_ref())?;
+            let config = TlsConfiguration::Rustls(Arc::new(config));
+            options.set_transport(Transport::Tls(config));
+        }
+        if let Some((user, file)) = &node.login {
+            options.set_credentials(user.clone(), trust::secret(file)?);
+        }
+        Ok(BrokerConnection { options })
+    }
+
+    /// Returns the options for a connection with this will.
+    pub fn connection_options(&self, will: Message) -> MqttOptions {
+        let mut options = self.options.clone();
+        options.set_last_will(LastWill::new(will.topic, will.payload, quality(will.qos), false));
+        options
+    }
+}
+
+/// Returns the quality of service with this number.
+pub(super) fn quality(qos: u8) -> QoS {
+    if qos == 0 { QoS::AtMostOnce } else { QoS::AtLeastOnce }
+}
+
+/// The destinations of commands and of lines of the audit trail.
+#[derive(Clone)]
+pub(super) struct HostRequests {
+    pub gateway: Gateway,
+    pub people: Arc<AccountService>,
+    /// The origin of the commands, in the audit trail.
+    pub origin: String,
+}
+
+impl HostRequests {
+    /// Makes the request to the cell, by the same requests and gates as the operator's page. The loop records the
+    /// request with its result; a line of the audit trail is written only for a request that the loop never received.
+    pub async fn request_cell(self, command: NodeCommand, is_noted: bool) {
+        let Some(request) = command.request() else { return };
+        let from = Some(self.origin.clone());
+        let who = RequestAuthor { from, ..RequestAuthor::from_source(RequestSource::Sparkplug) };
+        let reply = self.gateway.request(RequestKind::Table(request), who).await;
+        if is_noted && reply.may_be_unrecorded() {
+            let refused = Some(reply.joined_reasons());
+            self.write_audit(AuditNote { what: command.keyword().to_owned(), subject: None, refused }).await;
+        }
+    }
+
+    /// Records a line of the audit trail, on a thread that may wait for the disk.
+    pub async fn write_audit(self, note: AuditNote) {
+        let AuditNote { what, subject, refused } = note;
+        // The role that the cell's file gives to all hosts; it is not known which host made this request.
+        let role = refused.is_none().then_some(Role::Operator);
+        let entry = AuditEntry {
+            subject,
+            refused,
+            ..AuditEntry::for_completed_action(None, role, self.origin.clone(), &what)
+        };
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "an entry that cannot be stored is written to the service's log"
+        )]
+        let _ = tokio::task::spawn_blocking(move || self.people.audit(&entry)).await;
     }
 }

@@ -1,8 +1,6 @@
 //! Brokers that behave wrongly: the connection ends with a reason, and the cell receives no request.
 
-use super::broker::BrokerConnection;
-use super::host_requests::HostRequests;
-use super::session::{BROKEN, SessionEnd, SessionParts, connected};
+use super::session::{BROKEN, BrokerConnection, HostRequests, SessionEnd, SessionParts, connected};
 use crate::daemon::alarms::Alarms;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::people::AccountService;

@@ -6,7 +6,7 @@ use super::layout::Frame;
 use super::page_texts::Language;
 use super::reading::{Answer, panic_response};
 use super::state::{Web, run_blocking};
-use crate::daemon::setup_source::ExaminedItem;
+use crate::daemon::sources::ExaminedItem;
 use axum::Extension;
 use axum::extract::State;
 use maud::{Markup, html};

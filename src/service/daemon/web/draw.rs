@@ -6,7 +6,7 @@ use super::layout::{Frame, Script};
 use super::reading::{Answer, panic_response};
 use super::state::{Web, run_blocking};
 use super::versions::difference;
-use crate::daemon::setup_source::SetupSource;
+use crate::daemon::sources::SetupSource;
 use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};

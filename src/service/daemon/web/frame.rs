@@ -1,7 +1,6 @@
 //! The live picture for people who watch: drawn, reduced and encoded once for all of them.
 
-use crate::daemon::live_scene::LiveScene;
-use crate::daemon::live_view::{LiveFrame, LiveView};
+use crate::daemon::live_view::{LiveFrame, LiveScene, LiveView};
 use crate::report::canvas::resize_to_width;
 use panelprep_cell::files;
 use std::sync::{Arc, Mutex, PoisonError};

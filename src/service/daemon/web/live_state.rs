@@ -1,7 +1,7 @@
 //! The state of the cell, as a page shows it.
 
 use crate::daemon::clock::now_unix_ms;
-use crate::daemon::reply::{PageData, Reply};
+use crate::daemon::request::{PageData, Reply};
 use panelprep_base::verdict::{Reason, Verdict};
 use serde::Serialize;
 use std::sync::Arc;
@@ -87,7 +87,7 @@ fn without_cycle(reply: Reply) -> Reply {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::reply::RequestResult;
+    use crate::daemon::request::RequestResult;
     use panelprep_cell::panel::GridId;
 
     /// After a reset, nothing of the last part is shown as the present one.

@@ -2,12 +2,11 @@
 
 use super::guard::{VisitorExtension, not_found_page};
 use super::layout::{Frame, Script};
-use super::messages;
 use super::reading::{Answer, reading};
-use super::scene;
 use super::state::{Web, run_blocking};
 use super::visitor::Visitor;
-use crate::daemon::setup_source::recipe_hashes;
+use super::{messages, scene};
+use crate::daemon::sources::recipe_hashes;
 use crate::report::check_row;
 use axum::extract::State;
 use axum::http::{StatusCode, header};

@@ -1,22 +1,18 @@
 //! The page's thread: listens, handles TLS, and limits every connection in time and number.
 
-use super::bodies;
 use super::error::{PageError, PageFileError};
 use super::frame::FrameEncoder;
-use super::live;
 use super::live_state::LiveState;
-use super::login;
 use super::page_texts::Translations;
 use super::places::{CONNECTIONS, ViewerSlots, owner};
-use super::routes;
 use super::state::{Web, WebParts};
-use super::tls::{self, Certificate};
-use super::watching;
+use super::tls::Certificate;
+use super::{bodies, live, login, routes, tls, watching};
 use crate::daemon::background::lower_priority;
-use crate::daemon::interface_context::InterfaceContext;
+use crate::daemon::gateway::InterfaceContext;
 use crate::daemon::live_view::LiveView;
-use crate::daemon::record_source::RecordSource;
 use crate::daemon::slots::ActivityHandle;
+use crate::daemon::sources::RecordSource;
 use axum::Router;
 use axum::extract::{ConnectInfo, Request};
 use axum::middleware::{Next, from_fn, map_request};
@@ -28,7 +24,8 @@ use panelprep_cell::cell;
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::thread::{self, JoinHandle};
+use std::thread;
+use std::thread::JoinHandle;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};

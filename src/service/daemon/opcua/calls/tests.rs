@@ -1,11 +1,11 @@
 //! Tests calls up to the service's requests: a queue replaces the loop.
 
 use super::*;
-use crate::daemon::interface_context::InterfaceContext;
+use crate::daemon::gateway::InterfaceContext;
 use crate::daemon::people::AccountService;
 use crate::daemon::request::Request as CellRequest;
 use crate::daemon::request_queue::request_queue;
-use crate::daemon::setup_source::{Equipment, ExaminedItem, RecipeText};
+use crate::daemon::sources::{Equipment, ExaminedItem, RecipeText};
 use crate::daemon::{Alarms, Gateway, SetupSource};
 use panelprep_base::geometry::ColorPicture;
 use panelprep_base::verdict::Verdict;
@@ -14,7 +14,8 @@ use panelprep_cell::cell::AnonymousAccess;
 use panelprep_interfaces::packml::{ArgumentKind, METHODS, method};
 use panelprep_store::office::RecipeOffer;
 use panelprep_store::store::Store;
-use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::sync::atomic::AtomicUsize;
+use std::sync::atomic::Ordering::Relaxed;
 use std::thread;
 use strum::VariantArray;
 use tempfile::TempDir;
@@ -317,4 +318,30 @@ fn a_text_is_plain_and_short() {
     assert_eq!(text(&Variant::from("a\nb")), None);
     assert_eq!(text(&Variant::from("x".repeat(201))), None);
     assert_eq!(text(&Variant::from(7_i32)), None);
+}
+
+/// Calculated by hand: 20 calls at once; after 2 s, 10 more; another caller is not affected; the excess is
+/// reported once in a minute.
+#[test]
+fn calls_beyond_the_measure_are_too_many_and_reported_once() {
+    let mut flood = CallLimiter::default();
+    let mut taken =
+        |caller: &str, now_s| (0..100).filter(|_| flood.call(caller, now_s) == CallDecision::Accepted).count();
+    assert_eq!(taken("anna", 0.0), 20);
+    assert_eq!(taken("anna", 2.0), 10);
+    assert_eq!(taken("ben", 2.0), 20);
+    let mut flood = CallLimiter::default();
+    let told: Vec<usize> = (0..12_000)
+        .filter(|n| flood.call("anna", *n as f64 / 100.0) == CallDecision::TooMany { is_recently_reported: true })
+        .collect();
+    assert_eq!(told.len(), 2, "{told:?}: twelve thousand calls in two minutes");
+}
+
+#[test]
+fn the_number_of_remembered_callers_is_limited() {
+    let mut flood = CallLimiter::default();
+    for n in 0..2_000 {
+        flood.call(&format!("n{n}"), f64::from(n));
+    }
+    assert_eq!(flood.0.len(), MAX_CALLERS);
 }

@@ -2,10 +2,8 @@
 
 use super::super::super::*;
 use super::{Asks, Cell, FakeCameras, FakeRobot, Memory, Shared, World};
-use crate::daemon::{
-    self,
-    running::{LoopMemory, OtherPorts},
-};
+use crate::daemon;
+use crate::daemon::running::{LoopMemory, OtherPorts};
 use panelprep_base::geometry::{Flange, KukaPose, Rigid, Tool};
 use panelprep_cell::cycle::{Action, At, Event, Phase, State, Switch};
 use panelprep_cell::force::down_cosine;
@@ -80,7 +78,7 @@ pub struct AtContact {
     state: State,
     perception: daemon::perception::Perception,
     abrasion: daemon::abrasion::AbrasionWork,
-    pending: daemon::pending_action::PendingAction,
+    pending: daemon::running::PendingAction,
     armed: Vec<ArmedDeadline>,
     robot_state: Option<panelprep_kuka::eki::State>,
 }

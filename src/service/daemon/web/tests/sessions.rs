@@ -1,7 +1,7 @@
 //! Logging in, wrong passwords, sessions, and requests in a person's name.
 
 use super::{Browser, PASSWORD, PageFixture, Source};
-use crate::daemon::setup_source::SetupSource;
+use crate::daemon::sources::SetupSource;
 use axum::http::StatusCode;
 use panelprep_cell::accounts::{Account, AuditEntry, Role};
 use panelprep_store::store::Store;

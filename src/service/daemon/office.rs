@@ -1,18 +1,237 @@
-//! One round: new records go to the broker, and the office's answer comes back.
+//! Transfer of the cell's records to the office: a separate thread reads the data that the store has for the office,
+//! sends it to the broker, and asks which data the office has. Nothing in the cell waits for this thread, and no
+//! answer of the office changes the cell's work: data is only sent again, or an alarm is raised.
+//!
+//! [`OfficeStatus`] is the report to people, `StateReporter` determines the state of the cell that the office
+//! receives, and `MissingRecords` decides when a record that the office still lacks is sent again, although the broker
+//! accepted it. In one round of `Sender` new records go to the broker, and the office's answer comes back; the
+//! progress is stored in the store's folder (`transfer`).
 
-use super::parts::OfficeParts;
-use super::resend::MissingRecords;
-use super::state::StateReporter;
-use super::status::OfficeStatus;
-use crate::daemon::background::Rounds;
-use crate::daemon::progress_file;
-use panelprep_cell::cell::Office;
+use super::background::{Background, Plan, Rounds};
+use super::clock::now_unix_ms;
+use super::gateway::InterfaceContext;
+use super::request::RequestKind;
+
+use super::transfer;
+use super::transfer::TransferBacklog;
+use panelprep_base::verdict::Reason;
+use panelprep_cell::cell::{CellName, Office};
+use panelprep_cell::record::{RequestAuthor, RequestSource};
 use panelprep_interfaces::broker::{BrokerError, CellLink, PendingMessage};
-use panelprep_store::office::{Body, ChunkOwner, ItemEnvelope, Message, Position, Progress, ReportOutcome, chunks};
+use panelprep_store::history::{Alarm, Priority};
+use panelprep_store::office::{
+    Body, CellState, ChunkOwner, ItemEnvelope, Message, Position, Progress, ReasonText, RecipeOffer, ReportOutcome,
+    chunks,
+};
 use panelprep_store::store::Store;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
+
+/// The thread that sends to the office; it ends when this is dropped.
+#[derive(Debug)]
+pub struct OfficeSender {
+    _background: Background,
+}
+
+impl OfficeSender {
+    /// Starts the sender.
+    ///
+    /// # Errors
+    /// If the system provides no thread.
+    pub fn start(parts: OfficeParts) -> std::io::Result<Self> {
+        let plan = Plan {
+            name: "office",
+            task: "the transfer of records to the office",
+            blocking_threads: 2,
+            stack_bytes: None,
+        };
+        Ok(OfficeSender { _background: Background::spawn_rounds(plan, move || Sender::new(&parts))? })
+    }
+}
+
+/// The parts that the sender needs.
+pub struct OfficeParts {
+    /// The `[office]` table of the cell's file.
+    pub office: Office,
+    /// The store's folder.
+    pub folder: PathBuf,
+    /// The interface that provides the state to report; `None` if no service runs.
+    pub front: Option<InterfaceContext>,
+    /// The status that is shown to people.
+    pub status: OfficeStatus,
+}
+
+const ALARM_TEXTS: (&str, &str) =
+    ("records have not reached the office", "the archive does not accept the records");
+
+/// The status; all clones share the same one.
+#[derive(Debug, Clone, Default)]
+pub struct OfficeStatus(Arc<Mutex<StatusData>>);
+
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+struct StatusData {
+    /// The records that the office does not have yet.
+    waiting: TransferBacklog,
+    /// Epochs for which the office reports a higher record number than the store ever had: epoch, the office's number,
+    /// the store's number.
+    newer_epochs: Vec<(String, u64, u64)>,
+    /// The recipes that the office offers.
+    offers: Vec<RecipeOffer>,
+}
+
+impl OfficeStatus {
+    fn change<T>(&self, change: impl FnOnce(&mut StatusData) -> T) -> T {
+        change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Records the present problem, if any; returns whether it is reported for the first time.
+    fn record_problem(&self, problem: Option<&str>) -> bool {
+        self.change(|stands| stands.waiting.record_problem(problem))
+    }
+
+    fn record_backlog(&self, behind: u64, waits_since_unix_ms: Option<i64>) {
+        self.change(|stands| stands.waiting.record_backlog(behind, waits_since_unix_ms));
+    }
+
+    fn record_newer_epochs(&self, more: Vec<(String, u64, u64)>) {
+        self.change(|stands| stands.newer_epochs = more);
+    }
+
+    fn record_offers(&self, offers: Vec<RecipeOffer>) {
+        self.change(|stands| stands.offers = offers);
+    }
+
+    /// Returns the recipe that the office offers for this panel, according to the last answers of the office.
+    pub fn recipe_offer(&self, panel: &str) -> Option<RecipeOffer> {
+        self.change(|stands| stands.offers.iter().find(|offer| offer.panel == panel).cloned())
+    }
+
+    /// Returns the problems for the alarms between cycles: a record that waits longer than `behind_min`, and an
+    /// office that has more records than the cell.
+    pub fn reasons(&self, behind_min: usize, now_unix_ms: i64) -> Vec<Reason> {
+        let StatusData { waiting, newer_epochs: more, offers: _ } = self.change(|stands| stands.clone());
+        let late = waiting.overdue_text(behind_min, now_unix_ms, ALARM_TEXTS);
+        let mut reasons: Vec<Reason> = late.into_iter().map(|words| Reason::new("office_behind", words)).collect();
+        for (epoch, office, store) in more {
+            let words = format!(
+                "the office has {office} records of epoch {epoch}, but the store of this cell has {store}: the \
+                 store was rolled back, or another cell has the same name"
+            );
+            reasons.push(Reason::new("office_contradicts", words));
+        }
+        reasons
+    }
+}
+
+/// Shortest time between two reports of the state.
+const MIN_REPORT_INTERVAL: Duration = Duration::from_secs(2);
+/// Interval at which alarms are read.
+const ALARM_POLL_INTERVAL: Duration = Duration::from_secs(5);
+
+/// Determines the state of the cell when a report is due.
+struct StateReporter {
+    front: InterfaceContext,
+    last_report: Option<Instant>,
+    lasting_alarms: Vec<ReasonText>,
+    last_alarm_check: Option<Instant>,
+}
+
+impl StateReporter {
+    pub fn new(front: InterfaceContext) -> Self {
+        StateReporter { front, last_report: None, lasting_alarms: Vec::new(), last_alarm_check: None }
+    }
+
+    /// Returns the state of the cell; `None` if it was reported a moment ago.
+    pub async fn now(&mut self, cell: &CellName, last: &[Position]) -> Option<CellState> {
+        if self.last_report.is_some_and(|reported| reported.elapsed() < MIN_REPORT_INTERVAL) {
+            return None;
+        }
+        if self.last_alarm_check.is_none_or(|stood| stood.elapsed() >= ALARM_POLL_INTERVAL) {
+            let front = self.front.clone();
+            self.lasting_alarms =
+                tokio::task::spawn_blocking(move || lasting_alarms(&front)).await.unwrap_or_default();
+            self.last_alarm_check = Some(Instant::now());
+        }
+        let reply = self
+            .front
+            .gateway
+            .request(RequestKind::State, RequestAuthor::from_source(RequestSource::Program))
+            .await;
+        self.last_report = Some(Instant::now());
+        let mut state = CellState::new(cell);
+        state.unix_ms = now_unix_ms();
+        env!("CARGO_PKG_VERSION").clone_into(&mut state.version);
+        (state.state, state.phase, state.panel) = (reply.state, reply.phase, reply.panel);
+        (state.cycle, state.waypoint) = (reply.cycle_id, reply.waypoint.zip(reply.of).map(|(at, of)| [at, of]));
+        let reason = |reason: Reason| ReasonText { code: reason.code.into_owned(), message: reason.message };
+        state.reasons = reply.reasons.into_iter().map(reason).collect();
+        // A reason for which a cycle waits is also an alarm, so it is left out here.
+        state.standing =
+            self.lasting_alarms.iter().filter(|reported| !state.reasons.contains(reported)).cloned().collect();
+        state.last = last.to_vec();
+        Some(state)
+    }
+}
+
+/// Returns the lasting alarms that a person must know. Runs on the calling thread, which may wait for a camera or
+/// the disk.
+fn lasting_alarms(front: &InterfaceContext) -> Vec<ReasonText> {
+    front.check_alarms();
+    let lasting = front.people.read(|store| front.alarms.active_in_order(store)).unwrap_or_else(|error| {
+        tracing::warn!("the alarms cannot be reported to the office: {error}");
+        Vec::new()
+    });
+    let is_told = |alarm: &Alarm| alarm.priority > Priority::Note;
+    lasting
+        .into_iter()
+        .filter(is_told)
+        .map(|alarm| ReasonText { code: alarm.code, message: alarm.message })
+        .collect()
+}
+
+/// A missing record is first sent again after the alarm's delay divided by this number, then after twice as long each
+/// time.
+const FIRST_RETRY_DIVISOR: u32 = 6;
+/// The longest time between two repetitions.
+const MAX_RETRY_INTERVAL: Duration = Duration::from_secs(2 * 3_600);
+
+/// Since when the office has made no progress with an epoch, although it lacks records; `None` if it lacks none.
+#[derive(Debug, Clone, Copy, Default)]
+struct MissingRecords(Option<StalledSince>);
+
+#[derive(Debug, Clone, Copy)]
+struct StalledSince {
+    archived: u64,
+    at: Instant,
+    pause: Duration,
+}
+
+impl MissingRecords {
+    /// Records whether the office lacks records, and up to which number it has all. Returns whether the next record
+    /// must be sent again.
+    pub fn is_resend_due(&mut self, (lacks, archived): (bool, u64), behind_min: usize) -> bool {
+        self.is_resend_due_at((lacks, archived), behind_min, Instant::now())
+    }
+
+    fn is_resend_due_at(&mut self, (lacks, archived): (bool, u64), behind_min: usize, now: Instant) -> bool {
+        let first = Duration::from_secs(60) * u32::try_from(behind_min).unwrap_or(u32::MAX) / FIRST_RETRY_DIVISOR;
+        match &mut self.0 {
+            Some(since) if lacks && since.archived == archived => {
+                let is_due = now.duration_since(since.at) >= since.pause;
+                if is_due {
+                    (since.at, since.pause) = (now, MAX_RETRY_INTERVAL.min(since.pause * 2));
+                }
+                is_due
+            }
+            since => {
+                *since = lacks.then_some(StalledSince { archived, at: now, pause: first.min(MAX_RETRY_INTERVAL) });
+                false
+            }
+        }
+    }
+}
 
 /// The file in the store's folder that records how far the records were sent.
 const PROGRESS: &str = "office.json";
@@ -29,7 +248,7 @@ const POLL_INTERVAL: Duration = Duration::from_secs(5);
 const OFFER_POLL_INTERVAL: Duration = Duration::from_secs(30);
 
 /// Sends the items of this cell to the office.
-pub(super) struct Sender {
+struct Sender {
     office: Office,
     folder: PathBuf,
     status: OfficeStatus,
@@ -51,7 +270,7 @@ impl Rounds for Sender {
         let was = self.progress.clone();
         let sent = self.exchange_messages(&last).await;
         if self.progress != was {
-            progress_file::write(&self.folder, PROGRESS, &self.progress)?;
+            transfer::write_progress(&self.folder, PROGRESS, &self.progress)?;
         }
         self.update_status(&last)?;
         sent
@@ -75,7 +294,7 @@ impl Sender {
             folder: folder.clone(),
             status: status.clone(),
             state_reporter: front.clone().map(StateReporter::new),
-            progress: progress_file::read(folder, PROGRESS),
+            progress: transfer::read_progress(folder, PROGRESS),
             store: None,
             link: None,
             last_request: None,
@@ -289,5 +508,47 @@ impl Sender {
         }
         self.status.record_backlog(behind, oldest);
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_record_that_waits_too_long_is_an_alarm_with_its_cause() {
+        let status = OfficeStatus::default();
+        let minute = 60_000;
+        status.record_backlog(3, Some(10 * minute));
+        assert_eq!(status.reasons(60, 69 * minute), []);
+        let late = |status: &OfficeStatus| status.reasons(60, 70 * minute);
+        assert_eq!(late(&status)[0].code, "office_behind");
+        assert!(
+            late(&status)[0]
+                .message
+                .ends_with("has waited for 60 min (limit 60 min): the archive does not accept the records")
+        );
+        assert!(status.record_problem(Some("no route")) && !status.record_problem(Some("no route")), "told once");
+        assert!(late(&status)[0].message.ends_with(": no route"));
+        status.record_backlog(0, None);
+        assert_eq!(late(&status), []);
+        status.record_newer_epochs(vec![("ab".to_owned(), 9, 3)]);
+        assert_eq!(late(&status)[0].code, "office_contradicts");
+    }
+
+    /// With an alarm after 60 min, a record is sent again after 10 min, 20 min later and 40 min later; the times begin
+    /// anew when the office makes progress.
+    #[test]
+    fn it_is_sent_again_after_longer_and_longer_times() {
+        let (mut lacking, begin) = (MissingRecords::default(), Instant::now());
+        let mut due =
+            |told, minute: u64| lacking.is_resend_due_at(told, 60, begin + Duration::from_secs(60 * minute));
+        let found: Vec<u64> = (0..=75).filter(|minute| due((true, 7), *minute)).collect();
+        assert_eq!(found, [10, 30, 70]);
+        assert!(!due((true, 8), 76) && !due((true, 8), 85) && due((true, 8), 86), "it got on");
+        assert!(
+            !due((false, 9), 200) && !due((true, 9), 300) && due((true, 9), 310),
+            "it lacked nothing meanwhile"
+        );
     }
 }
