@@ -161,11 +161,11 @@ const CAMERA: &str = "camera";
 
 /// The alarms between cycles.
 #[derive(Debug, Default)]
-pub(super) struct StandingAlarms(Mutex<Vec<Alarm>>);
+struct StandingAlarms(Mutex<Vec<Alarm>>);
 
 /// The problems found; `None` for the cameras if they were not checked.
 #[derive(Debug, Default)]
-pub(super) struct FoundProblems {
+struct FoundProblems {
     pub cell: Vec<Reason>,
     pub cameras: Option<Vec<Reason>>,
 }

@@ -126,7 +126,7 @@ impl Gateway {
 }
 
 /// Looks up the name for a user's number. It may wait for the disk.
-pub(super) type NameLookup = dyn Fn(u32) -> Option<String> + Send + Sync;
+type NameLookup = dyn Fn(u32) -> Option<String> + Send + Sync;
 
 /// The user at the other end of this connection to the service's socket, still without a name.
 pub(super) fn socket_peer(connection: impl AsFd) -> RequestAuthor {
@@ -145,7 +145,7 @@ pub fn current_user() -> RequestAuthor {
 }
 
 /// Returns the same user with a name, if this computer's list of users has one.
-pub(super) fn with_name(who: RequestAuthor) -> RequestAuthor {
+fn with_name(who: RequestAuthor) -> RequestAuthor {
     match who.uid {
         Some(uid) => RequestAuthor { user: name(uid), ..who },
         None => who,
@@ -154,7 +154,7 @@ pub(super) fn with_name(who: RequestAuthor) -> RequestAuthor {
 
 /// Returns the same user with the name that the lookup gives. It runs on a separate thread: a disk that hangs must not
 /// delay the request of any user. After the time limit, the user has no name and is known by the number alone.
-pub(super) async fn named_within(who: RequestAuthor, lookup: Arc<NameLookup>, limit: Duration) -> RequestAuthor {
+async fn named_within(who: RequestAuthor, lookup: Arc<NameLookup>, limit: Duration) -> RequestAuthor {
     let Some(uid) = who.uid else { return who };
     let found = timeout(limit, tokio::task::spawn_blocking(move || lookup(uid))).await;
     RequestAuthor { user: found.ok().and_then(Result::ok).flatten(), ..who }

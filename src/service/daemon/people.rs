@@ -276,7 +276,7 @@ pub(super) fn words(left_out: u64) -> String {
 
 /// Connections to the store in a folder.
 #[derive(Debug)]
-pub(super) struct StoreAccess {
+struct StoreAccess {
     folder: PathBuf,
     reader: Mutex<Option<Store>>,
     writer: Mutex<Option<Store>>,

@@ -134,7 +134,7 @@ pub(super) fn time(unix_ms: i64) -> DateTime {
 }
 
 /// Returns the value; a null if it is not known.
-pub(super) fn variant(value: &Value) -> Variant {
+fn variant(value: &Value) -> Variant {
     match value {
         Value::Absent => Variant::Empty,
         Value::Boolean(value) => Variant::from(*value),
@@ -156,7 +156,7 @@ pub(super) fn data_value(value: &Value, is_known: bool, at: DateTime) -> DataVal
 }
 
 /// Returns the type of a node's values, and whether they are arrays.
-pub(super) fn data_type(kind: Kind) -> (DataTypeId, bool) {
+fn data_type(kind: Kind) -> (DataTypeId, bool) {
     match kind {
         Kind::Boolean => (DataTypeId::Boolean, false),
         Kind::Int32 => (DataTypeId::Int32, false),

@@ -308,7 +308,7 @@ const REPORT_INTERVAL_S: f64 = 60.0;
 
 /// The call budget of each caller. Times are seconds of any clock that does not jump.
 #[derive(Debug, Default)]
-pub(super) struct CallLimiter(BTreeMap<String, Bucket>);
+struct CallLimiter(BTreeMap<String, Bucket>);
 
 #[derive(Debug, Clone, Copy)]
 struct Bucket {
@@ -319,7 +319,7 @@ struct Bucket {
 
 /// Decision about a call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum CallDecision {
+enum CallDecision {
     /// The call is accepted.
     Accepted,
     /// The call exceeds the limit; states whether this is to be reported.

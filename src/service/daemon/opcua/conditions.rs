@@ -135,7 +135,7 @@ impl AlarmConditions {
 
 /// An event and its fields.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct AlarmEvent {
+struct AlarmEvent {
     kind: NodeId,
     time: DateTime,
     /// The node that the event states as its condition.
@@ -145,7 +145,7 @@ pub(super) struct AlarmEvent {
 
 /// The status of an alarm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct AlarmStatus {
+struct AlarmStatus {
     pub is_active: bool,
     pub is_acknowledged: bool,
 }
@@ -168,7 +168,7 @@ fn severity_number(priority: Priority) -> u16 {
 }
 
 /// Returns the id of an event, made from the alarm and its status; the alarm is acknowledged by this id.
-pub(super) fn event_id(alarm: &Alarm, standing: AlarmStatus) -> ByteString {
+fn event_id(alarm: &Alarm, standing: AlarmStatus) -> ByteString {
     let AlarmStatus { is_active, is_acknowledged } = standing;
     let digest = Sha256::digest(format!("{} {is_active} {is_acknowledged}", alarm_id(alarm)).as_bytes());
     ByteString::from(digest.iter().take(16).copied().collect::<Vec<u8>>())

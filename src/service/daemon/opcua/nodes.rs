@@ -213,7 +213,7 @@ pub(super) fn channel(context: &RequestContext) -> u32 {
 }
 
 /// Writes the result into a call; the reason is included if the client asks for diagnostics.
-pub(super) fn write_result(call: &mut MethodCall, outcome: CallOutcome) {
+fn write_result(call: &mut MethodCall, outcome: CallOutcome) {
     match outcome {
         CallOutcome::Done(words) => {
             call.set_status(StatusCode::Good);

@@ -110,7 +110,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(500);
 const MAX_STORE_POLL_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Reads the cell repeatedly, until no receiver is left.
-pub(super) async fn poll_cell(parts: InterfaceContext, tell: watch::Sender<Option<CellView>>) {
+async fn poll_cell(parts: InterfaceContext, tell: watch::Sender<Option<CellView>>) {
     let (mut kept, mut read) = (StoreView::default(), None::<(Instant, LoopView)>);
     while !tell.is_closed() {
         let reply =

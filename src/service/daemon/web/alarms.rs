@@ -1,12 +1,11 @@
 //! The alarms of the newest cycles as a list, and their acknowledgement.
 
-use super::downloads::{self, DownloadFormat};
+use super::answers::{Answer, DownloadFormat, panic_response, reading};
 use super::guard::{VisitorExtension, refusal};
 use super::layout::{Frame, Script, local_time};
-use super::messages;
 use super::page_texts::Language;
-use super::reading::{Answer, panic_response, reading};
 use super::state::{Web, entry, run_blocking};
+use super::{answers, messages};
 use crate::daemon::alarms;
 use axum::extract::State;
 use axum::http::StatusCode;
@@ -51,8 +50,8 @@ async fn list_alarms(
             };
             frame.page(&body(words, &alarms, visitor.has_permission(Permission::Acknowledge)))
         }
-        DownloadFormat::Csv => downloads::csv(&visitor, "alarms", &alarm_table(&alarms)),
-        DownloadFormat::Json => downloads::json(&json!({ "alarms": alarms })),
+        DownloadFormat::Csv => answers::csv(&visitor, "alarms", &alarm_table(&alarms)),
+        DownloadFormat::Json => answers::json(&json!({ "alarms": alarms })),
     })
 }
 

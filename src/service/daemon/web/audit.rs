@@ -1,9 +1,9 @@
 //! The audit trail: who did what, when and from which address.
 
-use super::downloads;
+use super::answers;
+use super::answers::{Answer, reading};
 use super::guard::VisitorExtension;
 use super::layout::{Frame, local_time};
-use super::reading::{Answer, reading};
 use super::state::Web;
 use crate::daemon::operator_texts::command;
 use axum::Extension;
@@ -169,7 +169,7 @@ pub(super) async fn page(
 /// Returns the whole trail as a file.
 pub(super) async fn csv(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Answer {
     let lines = reading(&web, &visitor, |store| lines(store, &Before::default(), FILE)).await?;
-    Ok(downloads::csv(&visitor, "audit", &table(&lines)))
+    Ok(answers::csv(&visitor, "audit", &table(&lines)))
 }
 
 fn table(lines: &[Line]) -> Table {

@@ -1,13 +1,12 @@
 //! The view of both cameras between cycles, with the quality values of the picture. While a cycle is in progress no
 //! picture is taken, and the reason is shown.
 
-use super::camera_views::CameraShot;
+use super::answers::panic_response;
 use super::guard::{VisitorExtension, not_found_page, refusal};
 use super::layout::{Frame, Script, local_time};
 use super::messages;
 use super::page_texts::Language;
-use super::reading::panic_response;
-use super::state::{Web, entry, run_blocking};
+use super::state::{CameraShot, Web, entry, run_blocking};
 use crate::daemon::camera_lease::CameraEye;
 use crate::daemon::clock::now_unix_ms;
 use crate::report::canvas::resize_to_width;

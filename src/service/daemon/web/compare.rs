@@ -1,13 +1,13 @@
 //! Two cycles side by side.
 
-use super::downloads::{self, DownloadFormat};
+use super::answers;
+use super::answers::{Answer, DownloadFormat, reading};
 use super::guard::VisitorExtension;
 use super::history::verdict_text;
 use super::layout::{Frame, local_time};
 use super::page_texts::Language;
-use super::reading::{Answer, reading};
+use super::sessions::Visitor;
 use super::state::Web;
-use super::visitor::Visitor;
 use crate::report::format_value;
 use axum::Extension;
 use axum::extract::{Query, State};
@@ -51,9 +51,9 @@ async fn compare_cycles(
     Ok(match as_what {
         DownloadFormat::Page => comparison_page(&visitor, &body(visitor.language(), &comparison)),
         DownloadFormat::Csv => {
-            downloads::csv(&visitor, &format!("cycles-{first}-{second}"), &comparison_table(&comparison))
+            answers::csv(&visitor, &format!("cycles-{first}-{second}"), &comparison_table(&comparison))
         }
-        DownloadFormat::Json => downloads::json(&comparison),
+        DownloadFormat::Json => answers::json(&comparison),
     })
 }
 

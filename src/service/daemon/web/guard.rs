@@ -1,17 +1,17 @@
 //! The checks before each route: who makes the request, whether it comes from our own page, and whether the role
-//! permits it.
+//! permits it. [`Route`] is a route with its method and the access that it needs.
 
-use super::access::{Access, Method, Route};
 use super::layout;
-use super::sessions::Session;
+use super::sessions::{Person, Session, Visitor, role_key};
 use super::state::{Web, entry, run_blocking};
-use super::visitor::{Person, Visitor, role_key};
 use axum::body::Body;
 use axum::extract::{ConnectInfo, Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Redirect, Response};
+use axum::routing::MethodRouter;
 use axum::{Extension, Json};
+use panelprep_cell::accounts::Permission;
 use serde_json::json;
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -224,3 +224,27 @@ pub(super) async fn headers(State(web): State<Arc<Web>>, request: Request<Body>,
 
 /// The visitor, as a handler receives it.
 pub(super) type VisitorExtension = Extension<Visitor>;
+
+/// Who may use a route.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Access {
+    /// All persons may use the route, logged in or not.
+    Open,
+    /// Visitors with a role that has this permission.
+    Needs(Permission),
+}
+
+/// HTTP method of a route.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Method {
+    Get,
+    Post,
+}
+
+/// A route of the page.
+pub(super) struct Route {
+    pub path: &'static str,
+    pub method: Method,
+    pub access: Access,
+    pub handler: fn() -> MethodRouter<Arc<Web>>,
+}

@@ -1,12 +1,12 @@
 //! The history: a search for cycles, and its results as a table.
 
-use super::downloads::{self, DownloadFormat};
+use super::answers;
+use super::answers::{Answer, DownloadFormat, reading};
 use super::guard::VisitorExtension;
 use super::layout::{Frame, local_time};
 use super::page_texts::Language;
-use super::reading::{Answer, reading};
+use super::sessions::Visitor;
 use super::state::Web;
-use super::visitor::Visitor;
 use axum::Extension;
 use axum::extract::{Query as QueryString, State};
 use axum::http::StatusCode;
@@ -115,8 +115,8 @@ async fn search_cycles(
     let hits = reading(&web, &visitor, move |store| store.search(&query)).await?;
     Ok(match as_what {
         DownloadFormat::Page => history_page(&visitor, &body(visitor.language(), &form, &hits, None)),
-        DownloadFormat::Csv => downloads::csv(&visitor, "cycles", &hits_table(&hits.hits)),
-        DownloadFormat::Json => downloads::json(&hits),
+        DownloadFormat::Csv => answers::csv(&visitor, "cycles", &hits_table(&hits.hits)),
+        DownloadFormat::Json => answers::json(&hits),
     })
 }
 

@@ -1,11 +1,10 @@
 //! Logging in and out, and one's own password.
 
+use super::answers::panic_response;
 use super::guard::{VisitorExtension, cookie_name, refusal};
 use super::layout::{Frame, Script};
-use super::reading::panic_response;
-use super::sessions::SessionHolder;
+use super::sessions::{SessionHolder, Visitor};
 use super::state::{Web, entry, hashing, pauses, run_blocking};
-use super::visitor::Visitor;
 use crate::daemon::people::{LoginResult, account_stamp};
 use axum::extract::{Path, Query, State};
 use axum::http::{StatusCode, header};
@@ -13,7 +12,8 @@ use axum::response::{IntoResponse, Redirect, Response};
 use axum::{Extension, Json};
 use maud::html;
 use panelprep_base::random;
-use panelprep_cell::accounts::{self, Account, AuditEntry, Role};
+use panelprep_cell::accounts;
+use panelprep_cell::accounts::{Account, AuditEntry, Role};
 use panelprep_cell::files::content_hash;
 use serde::Deserialize;
 use serde_json::json;

@@ -1,9 +1,9 @@
 //! The program's messages in a person's language: what a code means and what to do, beside the English sentence
 //! with its values.
 
+use super::answers::Answer;
 use super::guard::{VisitorExtension, not_found_page};
 use super::page_texts::Language;
-use super::reading::Answer;
 use axum::extract::Path;
 use axum::response::IntoResponse;
 use axum::{Extension, Json};

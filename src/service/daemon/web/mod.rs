@@ -11,35 +11,23 @@
 //! link and the cameras never wait for a browser. Stop and abort need no log-in, are recorded like every request, and
 //! are not an emergency stop. Nothing is loaded from other sites.
 //!
-//! `page_texts` (languages) · `sessions` · `tls` · `state` (the data that handlers share) · `assets` · `layout` (the
-//! frame of each page) · and a file for each page.
+//! `page_texts` (languages) · `sessions` · `state` (the data that handlers share) · `layout` (the frame of each page,
+//! styles and scripts) · `answers` · and a file for each page.
 
-mod access;
 mod alarms;
-mod assets;
+mod answers;
 mod audit;
-mod bodies;
-mod camera_views;
 mod cameras;
 mod compare;
 mod cycle;
-mod doctor;
-mod downloads;
-mod draw;
-mod error;
-mod frame;
 mod guard;
 mod history;
 mod layout;
-mod live;
 mod live_state;
 mod login;
 mod messages;
 mod page_texts;
 mod people;
-mod places;
-mod reading;
-mod refusals;
 mod requests;
 mod routes;
 mod run_page;
@@ -47,24 +35,17 @@ mod scene;
 mod server;
 mod sessions;
 mod setup;
-mod signed_files;
-mod stamps;
 mod state;
-mod tls;
 mod trends;
 mod versions;
-mod visitor;
-mod watching;
 
 #[cfg(test)]
 mod tests;
 
-pub(super) use assets::STYLE_SHEET;
-pub(super) use downloads::csv_file;
-pub use error::{PageError, PageFileError};
+pub(super) use answers::csv_file;
 pub(super) use guard::{cookie, cookie_name};
-pub(super) use server::listen_and_serve;
-pub use server::{OperatorPage, PageParts};
+pub(super) use layout::STYLE_SHEET;
+pub use server::{OperatorPage, PageError, PageFileError, PageParts};
+pub(super) use server::{certificate, listen_and_serve};
 pub(super) use sessions::{SessionHolder, Sessions};
-pub(super) use tls::certificate;
 pub(super) use versions::difference;

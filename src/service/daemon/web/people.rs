@@ -1,10 +1,10 @@
 //! Accounts: who may log in, and with which role.
 
+use super::answers::{Answer, panic_response, reading};
 use super::guard::{VisitorExtension, refusal};
 use super::layout::{Frame, Script};
-use super::reading::{Answer, panic_response, reading};
+use super::sessions::{Visitor, role_key};
 use super::state::{Web, entry, hashing};
-use super::visitor::{Visitor, role_key};
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};

@@ -2,8 +2,8 @@
 
 use super::guard::VisitorExtension;
 use super::messages;
+use super::sessions::Visitor;
 use super::state::{Web, run_blocking};
-use super::visitor::Visitor;
 use crate::daemon::request::{PartNames, RecipeTextPermission, Reply, RequestKind, RequestResult, StartRequest};
 use axum::extract::State;
 use axum::http::StatusCode;

@@ -1,11 +1,11 @@
 //! The table of all routes: each route with its method and the access that it needs. A route that is not in the table
 //! is not served.
 
-use super::access::{Access, Method, Route};
+use super::guard::{Access, Method, Route};
 use super::state::Web;
 use super::{
-    alarms, assets, audit, cameras, compare, cycle, doctor, draw, guard, history, live, login, messages, people,
-    requests, run_page, scene, setup, signed_files, trends,
+    alarms, audit, cameras, compare, cycle, guard, history, layout, login, messages, people, requests, run_page,
+    scene, setup, trends,
 };
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
@@ -31,9 +31,9 @@ use Permission::{Accept, Acknowledge, Audit, Configure, ManagePeople, Operate, S
 /// Every route.
 pub(super) static ROUTES: &[Route] = &[
     view_route("/", Open, || get(run_page::page)),
-    view_route("/events", Open, || get(live::events)),
+    view_route("/events", Open, || get(run_page::events)),
     view_route("/message/{code}", Open, || get(messages::json)),
-    view_route("/assets/{name}", Open, || get(assets::serve_asset)),
+    view_route("/assets/{name}", Open, || get(layout::serve_asset)),
     view_route("/login", Open, || get(login::page)),
     change("/login", Open, || post(login::login)),
     change("/logout", Open, || post(login::logout)),
@@ -57,7 +57,7 @@ pub(super) static ROUTES: &[Route] = &[
     view_route("/cycle/{number}/record.pdf", Needs(View), || get(cycle::pdf)),
     change("/cycle/{number}/sign", Needs(Sign), || post(cycle::sign)),
     view_route("/cycle/{number}/record.json", Needs(View), || get(cycle::json)),
-    view_route("/cycle/{number}/signed/{name}", Needs(View), || get(signed_files::file)),
+    view_route("/cycle/{number}/signed/{name}", Needs(View), || get(cycle::file)),
     view_route("/cycle/{number}/picture/{finding}/{picture}", Needs(View), || get(cycle::picture)),
     view_route("/cycle/{number}/scene.bin", Needs(View), || get(scene::points)),
     view_route("/cycle/{number}/scene.json", Needs(View), || get(scene::paths)),
@@ -80,14 +80,14 @@ pub(super) static ROUTES: &[Route] = &[
     view_route("/setup/recipe/{name}", Needs(View), || get(setup::recipe)),
     change("/setup/check", Needs(Configure), || post(setup::check_text)),
     change("/setup/recipe/{name}", Needs(Configure), || post(setup::save)),
-    view_route("/setup/recipe/{name}/draw", Needs(Configure), || get(draw::page)),
-    view_route("/setup/recipe/{name}/picture.png", Needs(Configure), || get(draw::picture)),
-    view_route("/setup/recipe/{name}/drawing.json", Needs(Configure), || get(draw::drawing)),
-    change("/setup/recipe/{name}/proposal", Needs(Configure), || post(draw::propose)),
+    view_route("/setup/recipe/{name}/draw", Needs(Configure), || get(setup::draw_page)),
+    view_route("/setup/recipe/{name}/picture.png", Needs(Configure), || get(setup::picture)),
+    view_route("/setup/recipe/{name}/drawing.json", Needs(Configure), || get(setup::drawing)),
+    change("/setup/recipe/{name}/proposal", Needs(Configure), || post(setup::propose)),
     view_route("/setup/cameras", Needs(View), || get(cameras::page)),
     view_route("/setup/cameras/{name}", Needs(View), || get(cameras::picture)),
     change("/setup/cameras/{name}", Needs(Configure), || post(cameras::capture)),
-    view_route("/setup/doctor", Needs(Configure), || get(doctor::page)),
+    view_route("/setup/doctor", Needs(Configure), || get(setup::doctor_page)),
     view_route("/people", Needs(ManagePeople), || get(people::page)),
     change("/people", Needs(ManagePeople), || post(people::save)),
     view_route("/audit", Needs(Audit), || get(audit::page)),

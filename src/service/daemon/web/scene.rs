@@ -2,11 +2,11 @@
 //! JSON, and the part of a page that shows them. If the browser cannot draw the scene, the text next to the scene
 //! states the same.
 
+use super::answers::{Answer, reading};
 use super::guard::not_found_page;
 use super::page_texts::Language;
-use super::reading::{Answer, reading};
+use super::sessions::Visitor;
 use super::state::Web;
-use super::visitor::Visitor;
 use crate::daemon::live_view::ScenePath;
 use axum::extract::{Path, State};
 use axum::http::header;

@@ -1,37 +1,48 @@
-//! The page's thread: listens, handles TLS, and limits every connection in time and number.
+//! The page's thread: listens, handles TLS, and limits every connection in time and number. The body of a request must
+//! come in time too: a client that sends only a head must not occupy a connection slot.
+//!
+//! The page's certificate is a given certificate, or one that the program makes for itself and stores beside its
+//! store. Once a minute the cell is checked for the alarms between cycles (`daemon::alarms`), and what was refused in
+//! a flood is counted.
 
-use super::error::{PageError, PageFileError};
-use super::frame::FrameEncoder;
-use super::live_state::LiveState;
+use super::live_state::{FrameEncoder, LiveState};
 use super::page_texts::Translations;
-use super::places::{CONNECTIONS, ViewerSlots, owner};
-use super::state::{Web, WebParts};
-use super::tls::Certificate;
-use super::{bodies, live, login, routes, tls, watching};
+use super::state::{CONNECTIONS, ViewerSlots, Web, WebParts, owner, run_blocking};
+use super::{login, routes, run_page};
 use crate::daemon::background::lower_priority;
 use crate::daemon::gateway::InterfaceContext;
 use crate::daemon::live_view::LiveView;
 use crate::daemon::slots::ActivityHandle;
 use crate::daemon::sources::RecordSource;
 use axum::Router;
+use axum::body::{Body, HttpBody};
 use axum::extract::{ConnectInfo, Request};
 use axum::middleware::{Next, from_fn, map_request};
+use futures_util::stream;
+use futures_util::stream::StreamExt;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use panelprep_base::disk;
 use panelprep_cell::cell;
+use rcgen::{CertificateParams, KeyPair};
+use rustls::ServerConfig;
+use rustls::pki_types::pem::PemObject;
+use rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use sha2::{Digest, Sha256};
+use std::io::{Error, ErrorKind, Write};
 use std::net::{IpAddr, SocketAddr};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread;
 use std::thread::JoinHandle;
 use std::time::Duration;
+use tempfile::NamedTempFile;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::{Semaphore, oneshot, watch};
-use tokio::time::{sleep, timeout};
+use tokio::time::{Instant, sleep, timeout, timeout_at};
 use tokio_rustls::TlsAcceptor;
 
 /// Largest number of connections that must give way and are still read: a request that was sent in the meantime is
@@ -89,7 +100,7 @@ impl OperatorPage {
         let is_local = address.ip().is_loopback() && page.certificate.is_none();
         let certificate = match is_local {
             true => None,
-            false => Some(tls::certificate(page.certificate.as_ref(), &folder, address)?),
+            false => Some(certificate(page.certificate.as_ref(), &folder, address)?),
         };
         let failed = |source| PageError::Listen { address, source };
         let mut builder = Builder::new_current_thread();
@@ -129,8 +140,8 @@ impl OperatorPage {
         let acceptor = certificate.map(|certificate| TlsAcceptor::from(certificate.config));
         let serve = move || {
             lower_priority();
-            runtime.spawn(live::poll_loop(gateway, frames, tell));
-            runtime.spawn(watching::repeat_check(web));
+            runtime.spawn(run_page::poll_loop(gateway, frames, tell));
+            runtime.spawn(repeat_check(web));
             run(&runtime, (listener, address), (acceptor, router), ended);
         };
         let thread = thread::Builder::new().name("page".to_owned()).spawn(serve).map_err(PageError::Thread)?;
@@ -257,7 +268,7 @@ async fn serve_http(
     from: SocketAddr,
     (router, heard): MonitoredPages,
 ) {
-    let router = router.layer(map_request(bodies::with_body_timeout)).layer(axum::Extension(ConnectInfo(from)));
+    let router = router.layer(map_request(with_body_timeout)).layer(axum::Extension(ConnectInfo(from)));
     let heeded = from_fn(move |request: Request, next: Next| {
         heard.now();
         next.run(request)
@@ -267,4 +278,182 @@ async fn serve_http(
     server.timer(TokioTimer::new()).header_read_timeout(REQUEST_HEAD_TIMEOUT).max_buf_size(64 * 1_024);
     #[expect(clippy::let_underscore_must_use, reason = "a client that disconnected needs no reply")]
     let _ = server.serve_connection(TokioIo::new(stream), service).await;
+}
+
+/// The names of the files that the program makes.
+const OWN_FILE_NAMES: [&str; 2] = ["page-certificate.pem", "page-key.pem"];
+
+/// The certificate that a server presents in TLS.
+pub struct Certificate {
+    /// The configuration of the server's side of TLS.
+    pub config: Arc<ServerConfig>,
+    /// The SHA-256 of the certificate, as browsers show it, if it is the program's own.
+    pub fingerprint: Option<String>,
+}
+
+/// Reads the certificate that the cell's file names; without one, the program's own, which is made if it is
+/// missing.
+///
+/// # Errors
+/// If a file cannot be read or written, or is not a certificate and its key.
+pub fn certificate(
+    given: Option<&[PathBuf; 2]>,
+    folder: &Path,
+    listen: SocketAddr,
+) -> Result<Certificate, PageFileError> {
+    let own = OWN_FILE_NAMES.map(|name| folder.join(name));
+    let files = match given {
+        Some(files) => files,
+        None => {
+            if !own.iter().all(|file| file.is_file()) {
+                make_certificate(&own, listen)?;
+            }
+            &own
+        }
+    };
+    let [text, key] = files;
+    let read = |file: &Path| disk::read(file).map_err(|error| PageFileError::file_error(file, error));
+    let chain: Vec<CertificateDer<'static>> = CertificateDer::pem_slice_iter(&read(text)?)
+        .collect::<Result<_, _>>()
+        .map_err(|error| PageFileError::file_error(text, format!("the file is not a PEM certificate: {error}")))?;
+    let private = PrivateKeyDer::from_pem_slice(&read(key)?)
+        .map_err(|error| PageFileError::file_error(key, format!("the file is not a PEM private key: {error}")))?;
+    let first = chain.first().ok_or_else(|| PageFileError::file_error(text, "the file contains no certificate"))?;
+    let is_own = given.is_none();
+    let fingerprint = is_own.then(|| {
+        let bytes = Sha256::digest(first.as_ref());
+        bytes.iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(":")
+    });
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let config = ServerConfig::builder_with_provider(provider)
+        .with_safe_default_protocol_versions()
+        .and_then(|builder| builder.with_no_client_auth().with_single_cert(chain, private))
+        .map_err(|error| {
+            PageFileError::file_error(text, format!("the certificate cannot be used with its private key: {error}"))
+        })?;
+    Ok(Certificate { config: Arc::new(config), fingerprint })
+}
+
+/// Makes a certificate for this computer, for ten years: a browser has to be configured to trust its fingerprint
+/// only once.
+fn make_certificate([text, key]: &[PathBuf; 2], listen: SocketAddr) -> Result<(), PageFileError> {
+    let host = rustix::system::uname().nodename().to_string_lossy().into_owned();
+    let mut names = vec![host, "localhost".to_owned(), "127.0.0.1".to_owned()];
+    names.extend((!listen.ip().is_unspecified()).then(|| listen.ip().to_string()));
+    let failed =
+        |error: rcgen::Error| PageFileError::file_error(text, format!("cannot create a certificate: {error}"));
+    let pair = KeyPair::generate().map_err(failed)?;
+    let mut params = CertificateParams::new(names).map_err(failed)?;
+    params.distinguished_name.push(rcgen::DnType::CommonName, "Panelprep operator's page");
+    let certificate = params.self_signed(&pair).map_err(failed)?;
+    write(key, &pair.serialize_pem())?;
+    write(text, &certificate.pem())
+}
+
+/// Writes a whole file that only its owner can read.
+fn write(file: &Path, text: &str) -> Result<(), PageFileError> {
+    let folder = file.parent().unwrap_or(Path::new("."));
+    let written = NamedTempFile::new_in(folder).and_then(|mut new| new.write_all(text.as_bytes()).map(|()| new));
+    let placed = written.and_then(|new| new.persist(file).map_err(|error| error.error));
+    placed.map(drop).map_err(|error| PageFileError::file_error(file, error))
+}
+
+/// Errors of the operator's page.
+#[derive(Debug, thiserror::Error)]
+pub enum PageError {
+    /// The address.
+    #[error(
+        "{address}: cannot serve the operator's page at this address: {source}; set another address or port at \
+         [page] listen"
+    )]
+    Listen {
+        /// The address that the cell's file states.
+        address: SocketAddr,
+        /// The system's message.
+        source: std::io::Error,
+    },
+    /// A file.
+    #[error("the operator's page: {0}; check the files that [page] in the cell's file names")]
+    File(#[from] PageFileError),
+    /// The system could not start a thread.
+    #[error("cannot start the thread of the operator's page: {0}")]
+    Thread(std::io::Error),
+}
+
+/// A file of the page that cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {problem}", path.display())]
+pub struct PageFileError {
+    /// The file.
+    pub path: PathBuf,
+    /// The problem in the file.
+    pub problem: String,
+}
+
+impl PageFileError {
+    pub(super) fn file_error(path: &Path, problem: impl ToString) -> Self {
+        PageFileError { path: path.to_owned(), problem: problem.to_string() }
+    }
+}
+
+/// Time after the head of a request within which its whole body must arrive.
+pub(super) const BODY_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// Returns a request with a body that ends with an error if it does not come in time.
+pub(super) async fn with_body_timeout(request: Request) -> Request {
+    let until = Instant::now() + BODY_TIMEOUT;
+    request.map(|body| match body.is_end_stream() {
+        true => body,
+        false => limit_body(body, until),
+    })
+}
+
+fn limit_body(body: Body, until: Instant) -> Body {
+    let parts = stream::unfold(Some(body.into_data_stream()), move |body| async move {
+        let mut body = body?;
+        match timeout_at(until, body.next()).await {
+            Ok(part) => part.map(|part| (part, Some(body))),
+            Err(_) => {
+                let late = Error::new(ErrorKind::TimedOut, "the request body was not received in time");
+                Some((Err(axum::Error::new(late)), None))
+            }
+        }
+    });
+    Body::from_stream(parts)
+}
+
+/// Interval at which the cell is checked.
+const CHECK_INTERVAL: Duration = Duration::from_secs(60);
+
+/// Repeats the check as long as the page is served.
+pub(super) async fn repeat_check(web: Arc<Web>) {
+    loop {
+        let shared = web.clone();
+        run_blocking(move || {
+            shared.front.check_alarms();
+            shared.count_refusals(shared.now_ms());
+        })
+        .await;
+        tokio::time::sleep(CHECK_INTERVAL).await;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    #[test]
+    fn a_certificate_is_made_once_and_its_key_is_private() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let listen = SocketAddr::from(([0, 0, 0, 0], 8_443));
+        let of = || certificate(None, folder.path(), listen).expect("made").fingerprint.expect("its own");
+        let first = of();
+        assert_eq!((first.len(), of()), (32 * 3 - 1, first.clone()), "the same after a restart");
+        let key = folder.path().join(OWN_FILE_NAMES[1]);
+        assert_eq!(std::fs::metadata(&key).expect("there").permissions().mode() & 0o777, 0o600);
+        std::fs::write(&key, "no key").expect("written");
+        let error = certificate(None, folder.path(), listen).err().expect("refused").to_string();
+        assert!(error.contains("page-key.pem") && error.contains("not a PEM private key"), "{error}");
+    }
 }

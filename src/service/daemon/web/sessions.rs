@@ -1,12 +1,24 @@
-//! Sessions of people who logged in. They are stored in memory only: a restart of the service ends all of them.
+//! Who uses the page: the sessions of people who logged in, and the sender of a request ([`Visitor`]: a person with a
+//! role, or a visitor who is not logged in).
 //!
-//! A wall display ([`Role::Display`]) is the exception. No person clicks there, so its session has no time limit, and
-//! the service begins it again at its start (`login::begin_displays`). It ends with a log-out, another password or a
-//! disabled account; its role can only look.
+//! Sessions are stored in memory only: a restart of the service ends all of them. A wall display ([`Role::Display`])
+//! is the exception. No person clicks there, so its session has no time limit, and the service begins it again at its
+//! start (`login::begin_displays`). It ends with a log-out, another password or a disabled account; its role can only
+//! look.
+//!
+//! [`AccountStamps`] checks whether a session's account is unchanged since the session began. The account may have
+//! been disabled, or given another role or password: on another page, on the terminal, or while the person was logging
+//! in.
 
-use panelprep_cell::accounts::Role;
+use super::page_texts::{Language, Translations};
+use crate::daemon::people::{AccountService, account_stamp};
+use panelprep_cell::accounts::{Permission, Role};
+use panelprep_cell::record::{RequestAuthor, RequestSource};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
+use std::sync::Arc;
+use tokio::sync::Mutex;
+use tokio::task::spawn_blocking;
 
 /// Time after the log-in at which a person's session ends, whatever the person does, s. A wall display has no limit.
 const MAX_SESSION_S: f64 = 12.0 * 3_600.0;
@@ -112,6 +124,113 @@ impl Sessions {
         let lasts = |session: &Session| now_s - session.seen_s < idle_s && now_s - session.began_s < MAX_SESSION_S;
         // No person clicks on a screen on the wall; its role can only look, and its account can be disabled.
         self.open.retain(|_, session| session.role == Role::Display || lasts(session));
+    }
+}
+
+/// The sender of a request.
+#[derive(Debug, Clone)]
+pub(super) struct Visitor {
+    /// Address of the client.
+    pub from: String,
+    /// The person, if one is logged in.
+    pub person: Option<Person>,
+    /// Whether the browser has the cookie of a session that is no longer valid.
+    pub has_ended: bool,
+    /// The language that was chosen; the next field has the languages that the browser prefers.
+    pub chosen: Option<String>,
+    pub accepted: Option<String>,
+    pub words: Arc<Translations>,
+}
+
+/// A person who is logged in.
+#[derive(Debug, Clone)]
+pub(super) struct Person {
+    pub name: String,
+    pub printed_name: String,
+    pub role: Role,
+    /// The stamp of the account when the person logged in.
+    pub stamp: String,
+    pub csrf: String,
+    pub token: String,
+}
+
+impl Visitor {
+    /// Returns the words of the visitor's language.
+    pub fn language(&self) -> Language<'_> {
+        self.words.language(self.chosen.as_deref(), self.accepted.as_deref())
+    }
+
+    /// Returns the visitor in the form in which the service records the author of a request.
+    pub fn as_requester(&self) -> RequestAuthor {
+        let user = self.person.as_ref().map(|person| person.name.clone());
+        RequestAuthor { front: RequestSource::Page, uid: None, user, from: Some(self.from.clone()) }
+    }
+
+    /// Returns whether the visitor's role has this permission; a visitor who is not logged in has none.
+    pub fn has_permission(&self, permission: Permission) -> bool {
+        self.person.as_ref().is_some_and(|person| person.role.has_permission(permission))
+    }
+}
+
+/// Returns the key of a role's word.
+pub(super) fn role_key(role: Role) -> &'static str {
+    match role {
+        Role::Display => "role.display",
+        Role::Viewer => "role.viewer",
+        Role::Operator => "role.operator",
+        Role::Inspector => "role.inspector",
+        Role::Engineer => "role.engineer",
+        Role::Administrator => "role.administrator",
+    }
+}
+
+/// Shortest time between two readings of the accounts for this check, s. If the last reading does not confirm a
+/// session, the accounts are read again at once.
+const MIN_READ_INTERVAL_S: f64 = 1.0;
+
+/// The accounts as they were read last; `None` before the first reading.
+#[derive(Debug, Default)]
+pub(super) struct AccountStamps(Mutex<Option<KnownStamps>>);
+
+/// The stamps of all enabled accounts.
+#[derive(Debug)]
+struct KnownStamps {
+    read_s: f64,
+    stamps: BTreeMap<String, String>,
+}
+
+impl KnownStamps {
+    fn contains(&self, person: &Person) -> bool {
+        self.stamps.get(&person.name) == Some(&person.stamp)
+    }
+}
+
+impl AccountStamps {
+    /// Returns whether this person's session is still valid. It may wait for the store's disk.
+    pub async fn is_session_valid(&self, people: &Arc<AccountService>, person: &Person) -> bool {
+        let mut known = self.0.lock().await;
+        let read_s = people.now_s();
+        if known.as_ref().is_some_and(|known| read_s - known.read_s < MIN_READ_INTERVAL_S && known.contains(person))
+        {
+            return true;
+        }
+        let shared = people.clone();
+        match spawn_blocking(move || shared.read(|store| store.accounts())).await {
+            Ok(Ok(accounts)) => {
+                let enabled = accounts.values().filter(|account| account.is_enabled);
+                let stamps = enabled.map(|account| (account.name.clone(), account_stamp(account))).collect();
+                known.insert(KnownStamps { read_s, stamps }).contains(person)
+            }
+            // A store that cannot be read ends no session: the last known data remains valid.
+            failed => {
+                if let Ok(Err(error)) = failed {
+                    tracing::warn!(
+                        "the accounts could not be read, so changes of accounts are not effective yet: {error}"
+                    );
+                }
+                known.as_ref().is_none_or(|known| known.contains(person))
+            }
+        }
     }
 }
 

@@ -1,20 +1,30 @@
-//! The set-up of the cell: recipes with their problems, and the equipment with the age of its calibrations.
+//! The set-up of the cell: recipes with their problems, the equipment with the age of its calibrations, and the state
+//! of the whole cell, as `panelprep doctor` reports it: each item from the bottom up, with its findings and the
+//! remedy.
+//!
+//! A recipe's region, outline and masks are drawn on the taught scan's picture. The drawing becomes a proposed recipe
+//! text, shown with its differences; the text is approved and saved like every other change of a recipe.
 
+use super::answers::{Answer, panic_response, reading};
 use super::guard::{VisitorExtension, refusal};
 use super::layout::{Frame, Script, local_time};
 use super::page_texts::Language;
-use super::reading::{Answer, panic_response, reading};
 use super::state::{Web, entry, run_blocking};
 use super::versions;
+use super::versions::difference;
 use crate::daemon::clock::now_unix_ms;
+use crate::daemon::sources::{ExaminedItem, SetupSource};
 use axum::extract::{Path, Query, State};
-use axum::http::StatusCode;
+use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
-use maud::{Markup, html};
+use maud::{Markup, PreEscaped, html};
 use panelprep_base::verdict::Verdict;
 use panelprep_cell::accounts::{AuditEntry, Permission};
+use panelprep_cell::files;
 use panelprep_cell::files::content_hash;
+use panelprep_cell::recipe::DrawnShapes;
+use panelprep_interfaces::page::drawing::canvas;
 use panelprep_store::office::RecipeOffer;
 use panelprep_store::store::Store;
 use serde::Deserialize;
@@ -242,9 +252,154 @@ fn store_recipe(
     Ok(removed_um)
 }
 
+/// Examines everything now, for one person at a time: it queries cameras, robot and disk.
+pub(super) async fn doctor_page(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Answer {
+    let Ok(_turn) = web.examining.acquire().await else { return Err(panic_response()) };
+    let source = web.front.setup.clone();
+    let Some(examined) = run_blocking(move || source.examine_cell()).await else { return Err(panic_response()) };
+    let words = visitor.language();
+    let title = words.text("doctor.title");
+    let frame = Frame { visitor: &visitor, title, here: "/setup", scripts: &[] };
+    Ok(frame.page(&body(words, &examined)))
+}
+
+/// Shows the items that are not in order first, then the others, both in the order from the bottom up.
+fn body(words: Language<'_>, examined: &[ExaminedItem]) -> Markup {
+    let word = |key| words.text(key);
+    let (right, wrong): (Vec<&ExaminedItem>, Vec<&ExaminedItem>) = examined.iter().partition(|one| one.is_right);
+    html! {
+        section.card {
+            h2 { (word("doctor.title")) }
+            p { (word("doctor.right")) ": " (right.len()) " / " (examined.len()) }
+            p.links { a href="/setup/doctor" { (word("doctor.again")) } }
+            @if !wrong.is_empty() { h3 { "✖ " (word("doctor.wrong")) } p.note { (word("doctor.uppermost")) } }
+            @for one in &wrong {
+                article.alarm.high {
+                    h3 lang="en" { (one.name) }
+                    p lang="en" { (one.found) }
+                    @if !one.advice.is_empty() { p { strong { (word("alarms.remedy")) ": " } span lang="en" { (one.advice) } } }
+                }
+            }
+            h3 { "✓ " (word("doctor.right")) }
+            div.scroll tabindex="0" { table { tbody {
+                @for one in &right { tr { th scope="row" lang="en" { (one.name) } td lang="en" { (one.found) } } }
+            } } }
+        }
+    }
+}
+
+/// Does work with the recipes that may wait for a disk; an error becomes the response.
+async fn with_recipes<T: Send + 'static>(
+    web: &Web,
+    work: impl FnOnce(&dyn SetupSource) -> Result<T, String> + Send + 'static,
+) -> Result<T, Response> {
+    let source = web.front.setup.clone();
+    match run_blocking(move || work(&*source)).await {
+        Some(Ok(done)) => Ok(done),
+        Some(Err(problem)) => Err(refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", &problem)),
+        None => Err(panic_response()),
+    }
+}
+
+/// Shows the sheet with its tools, and the form that approves the drawing.
+pub(super) async fn draw_page(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): VisitorExtension,
+    Path(name): Path<String>,
+) -> Answer {
+    let asked = name.clone();
+    with_recipes(&web, move |source| source.recipe(&asked)).await?;
+    let words = visitor.language();
+    let word = |key| words.text(key);
+    let own = format!("/setup/recipe/{}", encoded(&name));
+    let title = format!("{}: {name}", word("setup.draw"));
+    let sheet = canvas::sheet_markup(&format!("{own}/picture.png"), "", |key| words.text(key).to_owned());
+    let body = html! {
+        section.card {
+            h2 { (title) }
+            p.links { a href=(own) { (word("setup.text")) } }
+            p.note { (word("setup.draw_note")) }
+            p.told #told role="status" {}
+            div.drawing data-recipe=(own) { (PreEscaped(sheet)) }
+            button.primary #propose type="button" disabled { (word("setup.propose")) }
+        }
+        (approval_form(&own, &word))
+    };
+    Ok(Frame { visitor: &visitor, title: &title, here: "/setup", scripts: &[Script::Draw, Script::Forms] }
+        .page(&body))
+}
+
+/// Shows the drawing as lines of the recipe, and the form that approves them.
+fn approval_form<'w>(own: &str, word: &dyn Fn(&'w str) -> &'w str) -> Markup {
+    html! {
+        section.card #proposal hidden {
+            h2 { (word("setup.proposal")) }
+            div #difference {}
+            form data-post=(own) data-then=(own) {
+                input type="hidden" name="before";
+                textarea name="text" hidden aria-label=(word("setup.text")) {}
+                label { (word("setup.why")) input name="why" required maxlength="200" autocomplete="off"; }
+                p.told role="status" {}
+                button.primary type="submit" { (word("setup.save")) }
+            }
+        }
+    }
+}
+
+fn encoded(name: &str) -> String {
+    form_urlencoded::byte_serialize(name.as_bytes()).collect::<String>().replace('+', "%20")
+}
+
+/// Serves the taught scan's picture.
+pub(super) async fn picture(State(web): State<Arc<Web>>, Path(name): Path<String>) -> Answer {
+    let png = with_recipes(&web, move |source| {
+        let picture = source.taught_picture(&name)?;
+        files::write_color_png(&picture).map_err(|error| error.to_string())
+    });
+    Ok(([(header::CONTENT_TYPE, "image/png")], png.await?).into_response())
+}
+
+/// Returns the drawing of the recipe's content.
+pub(super) async fn drawing(State(web): State<Arc<Web>>, Path(name): Path<String>) -> Answer {
+    let drawn = with_recipes(&web, move |source| {
+        let text = source.recipe(&name)?.text;
+        canvas::check_recipe(&name, &text)
+            .map(|recipe| canvas::recipe_shapes(&recipe))
+            .map_err(|problems| problems.join("\n"))
+    });
+    Ok(Json(drawn.await?).into_response())
+}
+
+/// Returns the recipe's text with the drawn changes, if it has no errors; nothing is written.
+pub(super) async fn propose(
+    State(web): State<Arc<Web>>,
+    Path(name): Path<String>,
+    Json(drawn): Json<DrawnShapes>,
+) -> Answer {
+    let proposed = with_recipes(&web, move |source| {
+        let before = source.recipe(&name)?.text;
+        let picture = source.taught_picture(&name)?;
+        let size_px = [picture.width, picture.height];
+        let after = canvas::recipe_with_shapes((&name, &before), size_px, &drawn)
+            .map_err(|problems| problems.join("\n"))?;
+        match source.problems(&name, &after) {
+            problems if problems.is_empty() => Ok((before, after)),
+            problems => Err(problems.join("\n")),
+        }
+    });
+    let (before, after) = proposed.await?;
+    let difference = difference(&before, &after).into_string();
+    let body = json!({
+        "text": after, "is_changed": after != before, "difference": difference,
+        "before": content_hash(before.as_bytes()),
+    });
+    Ok(Json(body).into_response())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::daemon::web::page_texts::Translations;
     use crate::daemon::web::tests::{DOOR, PageFixture};
     use std::fs;
 
@@ -288,5 +443,26 @@ mod tests {
             store_recipe(&site.web, "door.toml", line(&DOOR.replace("rows = 2", "rows = 5")), ("", "changed"));
         assert!(told.is_err_and(|told| told.contains("the audit trail cannot be written")));
         assert_eq!(site.web.front.setup.recipe("door.toml").expect("it").text, DOOR);
+    }
+
+    #[test]
+    fn what_is_wrong_is_first_with_what_to_do() {
+        let one = |name: &str, is_right, advice: &str| ExaminedItem {
+            name: name.to_owned(),
+            is_right,
+            found: format!("{name} <found>"),
+            advice: advice.to_owned(),
+        };
+        let examined = [one("disk", true, ""), one("robot", false, "look at its cable"), one("clock", true, "")];
+        let words = Translations::read(None).expect("the program's own");
+        let page = body(words.language(Some("en"), None), &examined).into_string();
+        let at = |text: &str| page.find(text).unwrap_or_else(|| panic!("{text} is missing: {page}"));
+        assert!(
+            at("robot &lt;found&gt;") < at("look at its cable") && at("look at its cable") < at("disk"),
+            "{page}"
+        );
+        assert!(page.contains("2 / 3") && at("disk") < at("clock"), "{page}");
+        let well = body(words.language(Some("de"), None), &examined[..1]).into_string();
+        assert!(well.contains("1 / 1") && !well.contains("✖"), "{well}");
     }
 }

@@ -1,19 +1,22 @@
-//! Data that the page's handlers share.
+//! Data that the page's handlers share, with the last picture of each camera that was taken between cycles, and the
+//! largest number of connections from one address and from all.
+//!
+//! [`Refusals`] are the lines of the audit trail about refused requests of logged-in people. If a page repeats such
+//! requests, only a few lines are written, and one more that counts the others, so that requests that are not
+//! permitted do not keep the disk busy.
 
-use super::camera_views::CameraShots;
-use super::frame::FrameEncoder;
-use super::live_state::LiveState;
+use super::live_state::{FrameEncoder, LiveState};
 use super::page_texts::{Language, Translations};
-use super::places::{MAX_VIEWERS, ViewerSlots};
-use super::refusals::Refusals;
-use super::sessions::Sessions;
-use super::stamps::AccountStamps;
-use super::visitor::Visitor;
+use super::sessions::{AccountStamps, Sessions, Visitor};
 use crate::daemon::gateway::InterfaceContext;
 use crate::daemon::live_view::LiveScene;
+use crate::daemon::slots::{MaxConnections, Slots};
 use crate::daemon::sources::RecordSource;
-use panelprep_cell::accounts::AuditEntry;
+use panelprep_cell::accounts::{AuditEntry, LineLimit, MaxLinesPerMinute};
+use panelprep_devices::cameras::{Conditions, PictureQuality};
 use panelprep_store::store::{Store, StoreError};
+use std::collections::BTreeMap;
+use std::net::{IpAddr, Ipv6Addr};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::{Semaphore, watch};
 
@@ -156,4 +159,103 @@ pub(super) async fn run_blocking<T: Send + 'static>(work: impl FnOnce() -> T + S
 /// Does work with passwords, one task at a time, outside of the page's runtime.
 pub(super) async fn hashing<T: Send + 'static>(web: &Web, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     web.front.people.hashing(work).await
+}
+
+/// The last picture of a camera that was requested on the page.
+pub(super) struct CameraShot {
+    pub jpeg: Vec<u8>,
+    pub unix_ms: i64,
+    pub size_px: [usize; 2],
+    pub quality: PictureQuality,
+    pub conditions: Conditions,
+}
+
+/// The last picture of each camera.
+#[derive(Default)]
+pub(super) struct CameraShots([Mutex<Option<Arc<CameraShot>>>; 2]);
+
+impl CameraShots {
+    fn lock_slot(&self, at: usize) -> MutexGuard<'_, Option<Arc<CameraShot>>> {
+        self.0[at].lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub fn store(&self, at: usize, view: CameraShot) {
+        *self.lock_slot(at) = Some(Arc::new(view));
+    }
+
+    pub fn last_shot(&self, at: usize) -> Option<Arc<CameraShot>> {
+        self.lock_slot(at).clone()
+    }
+}
+
+/// Lines of one account in a minute; one more line counts the lines that are left out.
+const LINES: MaxLinesPerMinute = MaxLinesPerMinute { done: 0, refused: 19 };
+
+/// For each account whose requests were refused in this minute: its line limit and the last line.
+#[derive(Debug, Default)]
+pub(super) struct Refusals(BTreeMap<String, (LineLimit, AuditEntry)>);
+
+impl Refusals {
+    /// Returns whether this line of a refusal is written; if not, the line is counted.
+    pub fn admit_line(&mut self, line: &AuditEntry, now_ms: u64) -> bool {
+        let who = line.who.clone().unwrap_or_default();
+        let (limit, last) = self.0.entry(who).or_insert_with(|| (LineLimit::new(LINES, now_ms), line.clone()));
+        last.clone_from(line);
+        limit.admit_line(true)
+    }
+
+    /// Returns, for the minutes that have passed, the lines that count the lines left out.
+    pub fn take_elapsed_lines(&mut self, now_ms: u64) -> Vec<AuditEntry> {
+        let mut counted = Vec::new();
+        self.0.retain(|_, (limit, last)| {
+            let is_over = limit.has_minute_elapsed(now_ms);
+            if let Some(left_out) = limit.end_elapsed_minute(now_ms) {
+                let refused =
+                    format!("{left_out} further refused requests within one minute were not recorded individually");
+                let AuditEntry { who, role, from, .. } = last.clone();
+                counted.push(AuditEntry {
+                    refused: Some(refused),
+                    ..AuditEntry::for_completed_action(who, role, from, "flood")
+                });
+            }
+            !is_over
+        });
+        counted
+    }
+}
+
+/// Largest number of connections at one time. If all are in use, the one that has been silent for longest gives way to
+/// a new one.
+pub(super) const CONNECTIONS: MaxConnections = MaxConnections { per_owner: 256, total: 512 };
+/// Largest number of connections among these that may follow the events, a response without an end. Most connections
+/// stay free for requests: even with all viewers there, 320 of 512 can carry a stop, and 192 of one address.
+pub(super) const MAX_VIEWERS: MaxConnections = MaxConnections { per_owner: 64, total: 192 };
+
+/// Places of connections, by their owners.
+pub(super) type ViewerSlots = Slots<IpAddr>;
+
+/// Returns the owner of a connection from this address: one host of IPv4, or one network of IPv6, since its hosts
+/// choose addresses freely.
+pub(super) fn owner(address: IpAddr) -> IpAddr {
+    match address.to_canonical() {
+        IpAddr::V4(address) => IpAddr::V4(address),
+        IpAddr::V6(address) => {
+            let [a, b, c, d, ..] = address.segments();
+            IpAddr::V6(Ipv6Addr::new(a, b, c, d, 0, 0, 0, 0))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_network_of_ipv6_is_one_owner() {
+        let of = |text: &str| owner(text.parse().expect("an address"));
+        assert_eq!(of("2001:db8::1"), of("2001:db8::ffff:7"));
+        assert_ne!(of("2001:db8::1"), of("2001:db8:0:1::1"));
+        assert_eq!(of("::ffff:10.0.0.1"), of("10.0.0.1"));
+        assert_ne!(of("10.0.0.1"), of("10.0.0.2"));
+    }
 }

@@ -2,12 +2,9 @@
 
 mod attacks;
 mod drawing;
-mod roles;
-mod served;
 mod sessions;
 
-use super::frame::FrameEncoder;
-use super::live_state::LiveState;
+use super::live_state::{FrameEncoder, LiveState};
 use super::page_texts::Translations;
 use super::routes;
 use super::server::PageParts;

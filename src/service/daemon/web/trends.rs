@@ -1,12 +1,12 @@
 //! Trends: the development of one quantity of a panel over its cycles, and the locations at which its film breaks.
 
-use super::downloads;
+use super::answers;
+use super::answers::{Answer, reading};
 use super::guard::VisitorExtension;
 use super::layout::Frame;
 use super::page_texts::Language;
-use super::reading::{Answer, reading};
+use super::sessions::Visitor;
 use super::state::Web;
-use super::visitor::Visitor;
 use crate::report::{ChartTexts, format_value, heat_chart, trend_chart};
 use axum::Extension;
 use axum::extract::{Query, State};
@@ -99,7 +99,7 @@ pub(super) async fn csv(
     Query(query): Query<TrendQuery>,
 ) -> Answer {
     let shown = read(&web, &visitor, query).await?;
-    Ok(downloads::csv(&visitor, "trend", &trend_table(&shown.trend)))
+    Ok(answers::csv(&visitor, "trend", &trend_table(&shown.trend)))
 }
 
 pub(super) async fn json(
@@ -107,7 +107,7 @@ pub(super) async fn json(
     Extension(visitor): VisitorExtension,
     Query(query): Query<TrendQuery>,
 ) -> Answer {
-    Ok(downloads::json(&read(&web, &visitor, query).await?.trend))
+    Ok(answers::json(&read(&web, &visitor, query).await?.trend))
 }
 
 pub(super) async fn heat_csv(
@@ -116,7 +116,7 @@ pub(super) async fn heat_csv(
     Query(query): Query<TrendQuery>,
 ) -> Answer {
     let shown = read(&web, &visitor, query).await?;
-    Ok(downloads::csv(&visitor, "grids", &heat_table(&shown.heat)))
+    Ok(answers::csv(&visitor, "grids", &heat_table(&shown.heat)))
 }
 
 pub(super) async fn heat_json(
@@ -124,7 +124,7 @@ pub(super) async fn heat_json(
     Extension(visitor): VisitorExtension,
     Query(query): Query<TrendQuery>,
 ) -> Answer {
-    Ok(downloads::json(&read(&web, &visitor, query).await?.heat))
+    Ok(answers::json(&read(&web, &visitor, query).await?.heat))
 }
 
 fn body(words: Language<'_>, shown: &TrendSelection) -> Markup {

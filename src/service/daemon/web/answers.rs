@@ -1,12 +1,16 @@
-//! Reading the store for a page, beside the page's runtime.
+//! The answers of the pages: the store is read beside the page's runtime, an error becomes a page, and the data of a
+//! page is also a file: CSV for a spreadsheet, JSON for a program.
 
 use super::guard::not_found_page;
 use super::layout::error_page;
+use super::sessions::Visitor;
 use super::state::{Web, run_blocking};
-use super::visitor::Visitor;
-use axum::http::StatusCode;
+use axum::Json;
+use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use panelprep_store::history::Table;
 use panelprep_store::store::{Store, StoreError};
+use serde::Serialize;
 use std::sync::Arc;
 
 /// The answer of a handler: a page, or an error response in its place.
@@ -42,4 +46,33 @@ pub(super) async fn with_store<T: Send + 'static>(
 /// Returns the error response for a thread that panicked; the panic is in the log.
 pub(super) fn panic_response() -> Response {
     StatusCode::INTERNAL_SERVER_ERROR.into_response()
+}
+
+/// The requested format.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum DownloadFormat {
+    Page,
+    Csv,
+    Json,
+}
+
+/// Returns a table as a file; `name` is the file name without its extension.
+pub(super) fn csv(visitor: &Visitor, name: &str, table: &Table) -> Response {
+    csv_file(name, table).unwrap_or_else(|error| error_page(visitor, &error))
+}
+
+/// Returns the same file for callers that report a failure differently.
+///
+/// # Errors
+/// If a row does not have the same length as the names of the columns.
+pub(in crate::daemon) fn csv_file(name: &str, table: &Table) -> Result<Response, csv::Error> {
+    let named = format!("attachment; filename=\"{name}.csv\"");
+    let headers =
+        [(header::CONTENT_TYPE, "text/csv; charset=utf-8".to_owned()), (header::CONTENT_DISPOSITION, named)];
+    Ok((headers, table.csv()?).into_response())
+}
+
+/// Returns the same data as JSON for a program.
+pub(super) fn json(data: &impl Serialize) -> Response {
+    Json(data).into_response()
 }
