@@ -171,7 +171,7 @@ pub(super) fn format_for_log(who: &RequestAuthor) -> String {
 }
 
 /// The name for a number in the list of users. A directory service is not queried, since it may hang.
-pub(super) fn name(uid: u32) -> Option<String> {
+fn name(uid: u32) -> Option<String> {
     let list = disk::read(Path::new("/etc/passwd")).ok()?;
     find_user_name(&String::from_utf8_lossy(&list), uid)
 }

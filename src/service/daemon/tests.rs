@@ -3,7 +3,6 @@
 mod compliant;
 mod contact;
 mod fake;
-mod grades;
 mod paths;
 mod recorded;
 mod serving;
@@ -12,7 +11,8 @@ mod stages;
 use super::*;
 use fake::{Asks, Cell as Fake};
 use panelprep_base::verdict::Verdict;
-use panelprep_cell::cycle::{self, At, Outcome, Path, Why};
+use panelprep_cell::cycle;
+use panelprep_cell::cycle::{At, Outcome, Path, Why};
 use panelprep_cell::record::{Budget, Kind, name};
 use panelprep_sim::Scene;
 

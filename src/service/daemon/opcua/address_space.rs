@@ -15,7 +15,7 @@ pub const NAMESPACE: &str = "urn:panelprep:cell";
 /// The name of the cell's object, below Objects.
 pub const ROOT: &str = "Panelprep";
 /// The object with the methods as components, below the cell's object.
-pub const COMMANDS: &str = "Commands";
+const COMMANDS: &str = "Commands";
 
 /// Returns the node with this path, counted from the cell's object; an empty path is the object itself.
 pub(super) fn node_id(namespace: u16, path: &str) -> NodeId {
@@ -171,7 +171,7 @@ fn data_type(kind: Kind) -> (DataTypeId, bool) {
 
 /// Returns a unit as OPC UA names it: by its code of UNECE Recommendation 20, whose letters are the number's bytes
 /// (Part 8, 5.6.3.3).
-pub(super) fn unit(unit: &str) -> Option<EUInformation> {
+fn unit(unit: &str) -> Option<EUInformation> {
     let (code, description) = match unit {
         "s" => ("SEC", "second"),
         "h" => ("HUR", "hour"),

@@ -208,7 +208,7 @@ impl CellNodes {
 }
 
 /// Returns the secure channel on which a request arrived.
-pub(super) fn channel(context: &RequestContext) -> u32 {
+fn channel(context: &RequestContext) -> u32 {
     context.session.read().secure_channel_id()
 }
 

@@ -182,7 +182,7 @@ const SESSIONS: usize = 40;
 
 /// Returns the name by which clients reach the server: the one that the cell's file states, the address, or the
 /// computer's name.
-pub(super) fn host(settings: &OpcUa, address: SocketAddr) -> String {
+fn host(settings: &OpcUa, address: SocketAddr) -> String {
     match &settings.host {
         Some(host) => host.clone(),
         None if address.ip().is_unspecified() => computer(),
@@ -196,12 +196,12 @@ fn computer() -> String {
 }
 
 /// Returns the application URI, the identity of this program that its certificate states.
-pub(super) fn application_uri(host: &str) -> String {
+fn application_uri(host: &str) -> String {
     format!("urn:{}:panelprep", host.trim_matches(['[', ']']))
 }
 
 /// Returns the host names in the certificate.
-pub(super) fn hosts(host: &str, address: SocketAddr) -> Vec<String> {
+fn hosts(host: &str, address: SocketAddr) -> Vec<String> {
     let mut all =
         vec![host.trim_matches(['[', ']']).to_owned(), computer(), "localhost".to_owned(), "127.0.0.1".to_owned()];
     all.extend((!address.ip().is_unspecified()).then(|| address.ip().to_string()));
@@ -211,7 +211,7 @@ pub(super) fn hosts(host: &str, address: SocketAddr) -> Vec<String> {
 }
 
 /// Returns a server with these settings, still without nodes.
-pub(super) fn builder(settings: &OpcUa, address: SocketAddr) -> ServerBuilder {
+fn builder(settings: &OpcUa, address: SocketAddr) -> ServerBuilder {
     let host = host(settings, address);
     let version = UAString::from(env!("CARGO_PKG_VERSION"));
     let mut builder = ServerBuilder::new()

@@ -308,7 +308,7 @@ impl BrokerConnection {
 }
 
 /// Returns the quality of service with this number.
-pub(super) fn quality(qos: u8) -> QoS {
+fn quality(qos: u8) -> QoS {
     if qos == 0 { QoS::AtMostOnce } else { QoS::AtLeastOnce }
 }
 

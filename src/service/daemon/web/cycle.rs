@@ -34,7 +34,7 @@ const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src dat
                       frame-ancestors 'self'";
 
 /// Parses the number of a cycle; a text that is not a number gives "not found".
-pub(super) async fn id(number: &str) -> Result<CycleId, Response> {
+async fn id(number: &str) -> Result<CycleId, Response> {
     match number.parse() {
         Ok(number @ 1..) => Ok(CycleId(number)),
         _ => Err(not_found_page().await),
@@ -308,7 +308,7 @@ fn stem(row: &SignatureRow) -> String {
 }
 
 /// Shows the links to the signed files of a cycle.
-pub(super) fn show_links(words: Language<'_>, id: CycleId, rows: &[SignatureRow]) -> Markup {
+fn show_links(words: Language<'_>, id: CycleId, rows: &[SignatureRow]) -> Markup {
     let signed = rows.iter().map(stem).flat_map(|stem| [format!("{stem}.json"), format!("{stem}.sig")]);
     let names: Vec<String> = signed.chain([PUBLIC_KEY.to_owned()]).collect();
     html! {
@@ -351,7 +351,7 @@ fn bytes_of<E>(
 }
 
 /// Serves one of the signed files of a cycle, byte by byte as it was signed.
-pub(super) async fn file(
+pub(super) async fn signed_file(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,
     Path((number, name)): Path<(String, String)>,

@@ -23,6 +23,30 @@ const CSRF: &str = "x-csrf-token";
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; frame-src 'self'; \
                       form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
 
+/// Who may use a route.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Access {
+    /// All persons may use the route, logged in or not.
+    Open,
+    /// Visitors with a role that has this permission.
+    Needs(Permission),
+}
+
+/// HTTP method of a route.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Method {
+    Get,
+    Post,
+}
+
+/// A route of the page.
+pub(super) struct Route {
+    pub path: &'static str,
+    pub method: Method,
+    pub access: Access,
+    pub handler: fn() -> MethodRouter<Arc<Web>>,
+}
+
 /// Returns the name of the cookie; with TLS, a name that only this host can set.
 pub(in crate::daemon) fn cookie_name(is_tls: bool) -> &'static str {
     if is_tls { "__Host-panelprep" } else { "panelprep" }
@@ -224,27 +248,3 @@ pub(super) async fn headers(State(web): State<Arc<Web>>, request: Request<Body>,
 
 /// The visitor, as a handler receives it.
 pub(super) type VisitorExtension = Extension<Visitor>;
-
-/// Who may use a route.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Access {
-    /// All persons may use the route, logged in or not.
-    Open,
-    /// Visitors with a role that has this permission.
-    Needs(Permission),
-}
-
-/// HTTP method of a route.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Method {
-    Get,
-    Post,
-}
-
-/// A route of the page.
-pub(super) struct Route {
-    pub path: &'static str,
-    pub method: Method,
-    pub access: Access,
-    pub handler: fn() -> MethodRouter<Arc<Web>>,
-}

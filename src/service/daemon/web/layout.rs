@@ -179,7 +179,7 @@ static VERSION: LazyLock<String> = LazyLock::new(|| {
 });
 
 /// Returns the address of a file.
-pub(super) fn asset_address(name: &str) -> String {
+fn asset_address(name: &str) -> String {
     format!("/assets/{}-{name}", *VERSION)
 }
 

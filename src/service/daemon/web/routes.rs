@@ -57,7 +57,7 @@ pub(super) static ROUTES: &[Route] = &[
     view_route("/cycle/{number}/record.pdf", Needs(View), || get(cycle::pdf)),
     change("/cycle/{number}/sign", Needs(Sign), || post(cycle::sign)),
     view_route("/cycle/{number}/record.json", Needs(View), || get(cycle::json)),
-    view_route("/cycle/{number}/signed/{name}", Needs(View), || get(cycle::file)),
+    view_route("/cycle/{number}/signed/{name}", Needs(View), || get(cycle::signed_file)),
     view_route("/cycle/{number}/picture/{finding}/{picture}", Needs(View), || get(cycle::picture)),
     view_route("/cycle/{number}/scene.bin", Needs(View), || get(scene::points)),
     view_route("/cycle/{number}/scene.json", Needs(View), || get(scene::paths)),

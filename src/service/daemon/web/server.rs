@@ -61,6 +61,44 @@ const DISCONNECT_TIMEOUT: Duration = Duration::from_secs(30);
 /// would only take time from the control loop, and a stop needs none of them.
 const BLOCKING_THREADS: usize = 4;
 
+/// Errors of the operator's page.
+#[derive(Debug, thiserror::Error)]
+pub enum PageError {
+    /// The address.
+    #[error(
+        "{address}: cannot serve the operator's page at this address: {source}; set another address or port at \
+         [page] listen"
+    )]
+    Listen {
+        /// The address that the cell's file states.
+        address: SocketAddr,
+        /// The system's message.
+        source: std::io::Error,
+    },
+    /// A file.
+    #[error("the operator's page: {0}; check the files that [page] in the cell's file names")]
+    File(#[from] PageFileError),
+    /// The system could not start a thread.
+    #[error("cannot start the thread of the operator's page: {0}")]
+    Thread(std::io::Error),
+}
+
+/// A file of the page that cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {problem}", path.display())]
+pub struct PageFileError {
+    /// The file.
+    pub path: PathBuf,
+    /// The problem in the file.
+    pub problem: String,
+}
+
+impl PageFileError {
+    pub(super) fn file_error(path: &Path, problem: impl ToString) -> Self {
+        PageFileError { path: path.to_owned(), problem: problem.to_string() }
+    }
+}
+
 /// The parts that the page needs.
 pub struct PageParts {
     /// The `[page]` table of the cell's file.
@@ -358,49 +396,11 @@ fn write(file: &Path, text: &str) -> Result<(), PageFileError> {
     placed.map(drop).map_err(|error| PageFileError::file_error(file, error))
 }
 
-/// Errors of the operator's page.
-#[derive(Debug, thiserror::Error)]
-pub enum PageError {
-    /// The address.
-    #[error(
-        "{address}: cannot serve the operator's page at this address: {source}; set another address or port at \
-         [page] listen"
-    )]
-    Listen {
-        /// The address that the cell's file states.
-        address: SocketAddr,
-        /// The system's message.
-        source: std::io::Error,
-    },
-    /// A file.
-    #[error("the operator's page: {0}; check the files that [page] in the cell's file names")]
-    File(#[from] PageFileError),
-    /// The system could not start a thread.
-    #[error("cannot start the thread of the operator's page: {0}")]
-    Thread(std::io::Error),
-}
-
-/// A file of the page that cannot be used.
-#[derive(Debug, thiserror::Error)]
-#[error("{}: {problem}", path.display())]
-pub struct PageFileError {
-    /// The file.
-    pub path: PathBuf,
-    /// The problem in the file.
-    pub problem: String,
-}
-
-impl PageFileError {
-    pub(super) fn file_error(path: &Path, problem: impl ToString) -> Self {
-        PageFileError { path: path.to_owned(), problem: problem.to_string() }
-    }
-}
-
 /// Time after the head of a request within which its whole body must arrive.
-pub(super) const BODY_TIMEOUT: Duration = Duration::from_secs(5);
+const BODY_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Returns a request with a body that ends with an error if it does not come in time.
-pub(super) async fn with_body_timeout(request: Request) -> Request {
+async fn with_body_timeout(request: Request) -> Request {
     let until = Instant::now() + BODY_TIMEOUT;
     request.map(|body| match body.is_end_stream() {
         true => body,
@@ -426,7 +426,7 @@ fn limit_body(body: Body, until: Instant) -> Body {
 const CHECK_INTERVAL: Duration = Duration::from_secs(60);
 
 /// Repeats the check as long as the page is served.
-pub(super) async fn repeat_check(web: Arc<Web>) {
+async fn repeat_check(web: Arc<Web>) {
     loop {
         let shared = web.clone();
         run_blocking(move || {

@@ -260,11 +260,11 @@ pub(super) async fn doctor_page(State(web): State<Arc<Web>>, Extension(visitor):
     let words = visitor.language();
     let title = words.text("doctor.title");
     let frame = Frame { visitor: &visitor, title, here: "/setup", scripts: &[] };
-    Ok(frame.page(&body(words, &examined)))
+    Ok(frame.page(&doctor_body(words, &examined)))
 }
 
 /// Shows the items that are not in order first, then the others, both in the order from the bottom up.
-fn body(words: Language<'_>, examined: &[ExaminedItem]) -> Markup {
+fn doctor_body(words: Language<'_>, examined: &[ExaminedItem]) -> Markup {
     let word = |key| words.text(key);
     let (right, wrong): (Vec<&ExaminedItem>, Vec<&ExaminedItem>) = examined.iter().partition(|one| one.is_right);
     html! {
@@ -455,14 +455,14 @@ mod tests {
         };
         let examined = [one("disk", true, ""), one("robot", false, "look at its cable"), one("clock", true, "")];
         let words = Translations::read(None).expect("the program's own");
-        let page = body(words.language(Some("en"), None), &examined).into_string();
+        let page = doctor_body(words.language(Some("en"), None), &examined).into_string();
         let at = |text: &str| page.find(text).unwrap_or_else(|| panic!("{text} is missing: {page}"));
         assert!(
             at("robot &lt;found&gt;") < at("look at its cable") && at("look at its cable") < at("disk"),
             "{page}"
         );
         assert!(page.contains("2 / 3") && at("disk") < at("clock"), "{page}");
-        let well = body(words.language(Some("de"), None), &examined[..1]).into_string();
+        let well = doctor_body(words.language(Some("de"), None), &examined[..1]).into_string();
         assert!(well.contains("1 / 1") && !well.contains("✖"), "{well}");
     }
 }

@@ -140,27 +140,6 @@ impl Web {
     }
 }
 
-/// Returns the text that log-in to the account is blocked for this many more seconds after wrong passwords.
-pub(super) fn pauses(left_s: f64, words: Language<'_>) -> String {
-    format!("{} {:.0} s", words.text("login.pauses"), left_s.ceil())
-}
-
-/// Returns a line of the audit trail for this visitor and an action that was done.
-pub(super) fn entry(visitor: &Visitor, what: &str) -> AuditEntry {
-    let (who, role) = visitor.person.as_ref().map(|person| (person.name.clone(), person.role)).unzip();
-    AuditEntry::for_completed_action(who, role, visitor.from.clone(), what)
-}
-
-/// Runs work that may wait for a disk or need long, outside the page's runtime.
-pub(super) async fn run_blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
-    tokio::task::spawn_blocking(work).await.ok()
-}
-
-/// Does work with passwords, one task at a time, outside of the page's runtime.
-pub(super) async fn hashing<T: Send + 'static>(web: &Web, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
-    web.front.people.hashing(work).await
-}
-
 /// The last picture of a camera that was requested on the page.
 pub(super) struct CameraShot {
     pub jpeg: Vec<u8>,
@@ -229,10 +208,31 @@ impl Refusals {
 pub(super) const CONNECTIONS: MaxConnections = MaxConnections { per_owner: 256, total: 512 };
 /// Largest number of connections among these that may follow the events, a response without an end. Most connections
 /// stay free for requests: even with all viewers there, 320 of 512 can carry a stop, and 192 of one address.
-pub(super) const MAX_VIEWERS: MaxConnections = MaxConnections { per_owner: 64, total: 192 };
+const MAX_VIEWERS: MaxConnections = MaxConnections { per_owner: 64, total: 192 };
 
 /// Places of connections, by their owners.
 pub(super) type ViewerSlots = Slots<IpAddr>;
+
+/// Returns the text that log-in to the account is blocked for this many more seconds after wrong passwords.
+pub(super) fn pauses(left_s: f64, words: Language<'_>) -> String {
+    format!("{} {:.0} s", words.text("login.pauses"), left_s.ceil())
+}
+
+/// Returns a line of the audit trail for this visitor and an action that was done.
+pub(super) fn entry(visitor: &Visitor, what: &str) -> AuditEntry {
+    let (who, role) = visitor.person.as_ref().map(|person| (person.name.clone(), person.role)).unzip();
+    AuditEntry::for_completed_action(who, role, visitor.from.clone(), what)
+}
+
+/// Runs work that may wait for a disk or need long, outside the page's runtime.
+pub(super) async fn run_blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
+    tokio::task::spawn_blocking(work).await.ok()
+}
+
+/// Does work with passwords, one task at a time, outside of the page's runtime.
+pub(super) async fn hashing<T: Send + 'static>(web: &Web, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
+    web.front.people.hashing(work).await
+}
 
 /// Returns the owner of a connection from this address: one host of IPv4, or one network of IPv6, since its hosts
 /// choose addresses freely.

@@ -1,11 +1,20 @@
-//! The true state of the scripted cell, which its simulated parts share.
+//! The true state of the scripted cell, which its simulated parts share; the cameras that render it; the calibrations
+//! of the cell, and its taught data.
 
-use panelprep_base::geometry::{Base, Flange, Joints, KukaPose, Rigid};
+use crate::daemon::*;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use panelprep_base::geometry::{Base, ColorPicture, Flange, Joints, KukaPose, Rigid};
+use panelprep_cell::cell;
+use panelprep_cell::cell::LensExtent;
 use panelprep_cell::cycle::Motion;
+use panelprep_cell::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
+use panelprep_cell::recipe::Recipe;
 use panelprep_devices::acf::ToolFault;
 use panelprep_devices::mock::Arm;
 use panelprep_kuka::eki::{Command, Report, SetTcp};
 use panelprep_sim as sim;
+use panelprep_sim::{PanelPosition, SEARCH_BOX_MM, WET_FROM_S};
+use panelprep_toolpath::removal::model::Model;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -166,5 +175,143 @@ impl Shared {
 
     pub(super) fn borrow_mut(&self) -> MutexGuard<'_, World> {
         self.borrow()
+    }
+}
+
+pub struct FakeCameras {
+    world: Shared,
+    /// The time at which the film began, and how many of its pictures were taken.
+    film: Option<(u64, f64, u32)>,
+}
+
+impl FakeCameras {
+    pub(super) fn new(world: Shared) -> Self {
+        FakeCameras { world, film: None }
+    }
+}
+
+impl Port<CameraCommand> for FakeCameras {
+    fn perform(&mut self, command: CameraCommand) -> Result<CameraAnswer, CameraFault> {
+        Ok(match command {
+            CameraCommand::Scan => {
+                let world = self.world.borrow();
+                assert!(world.outputs.get(&1) != Some(&true), "the light is off");
+                CameraAnswer::Scan(world.sim.scan())
+            }
+            CameraCommand::Picture => CameraAnswer::Picture(self.rendered()),
+            CameraCommand::BeginFilm(pictures_per_second) => {
+                let now_ms = self.world.borrow().time_ms;
+                self.film = Some((now_ms, pictures_per_second, 0));
+                self.world.borrow_mut().films_began_s.push(now_ms as f64 / 1e3);
+                CameraAnswer::FilmBegan(now_ms as f64 / 1e3)
+            }
+            CameraCommand::NextOfFilm => {
+                self.rendered_of_film().map_or(CameraAnswer::NoneDue, CameraAnswer::Picture)
+            }
+            CameraCommand::EndFilm => {
+                self.film.take().expect("begun");
+                CameraAnswer::FilmEnded(0)
+            }
+            CameraCommand::CornerPicture => CameraAnswer::Corner(self.rendered_corner()),
+            CameraCommand::Check => CameraAnswer::Checked(vec![]),
+        })
+    }
+}
+
+impl FakeCameras {
+    fn rendered_of_film(&mut self) -> Option<Picture2d> {
+        let (began_ms, pictures_per_second, taken) = self.film.as_mut().expect("begun");
+        let since_s = (self.world.borrow().time_ms - *began_ms) as f64 / 1e3;
+        if since_s * *pictures_per_second < f64::from(*taken) {
+            return None;
+        }
+        *taken += 1;
+        Some(self.rendered())
+    }
+
+    fn rendered(&self) -> Picture2d {
+        let world = self.world.borrow();
+        assert_eq!(world.outputs.get(&1), Some(&true), "the light is on");
+        let spots = if world.healed && !world.stays_greasy { Vec::new() } else { world.sim.spots().to_vec() };
+        let film_s = match world.water_off_ms {
+            0 => 0.0,
+            off_ms => WET_FROM_S + (world.time_ms - off_ms) as f64 / 1_000.0,
+        };
+        let picture = world.sim.film_with_spots(&spots).picture(film_s);
+        Picture2d { picture, time_s: world.time_ms as f64 / 1e3 }
+    }
+
+    fn rendered_corner(&self) -> ColorPicture {
+        let world = self.world.borrow();
+        let stands = world.sim.truth().base_from_panel;
+        let turn_deg = if world.water_off_ms > 0 { world.turns_when_wet_deg } else { 0.0 };
+        let about = (stands * world.sim.corner_views()[0].corner).mm;
+        let turn = UnitQuaternion::from_scaled_axis(Vector3::x() * turn_deg.to_radians());
+        let turned: Rigid<Base, Base> = Rigid::from_isometry_unchecked(Isometry3::from_parts(
+            (about.coords - turn * about.coords).into(),
+            turn,
+        ));
+        world.sim.flange_picture_at(&world.base_from_flange, &(turned * stands))
+    }
+}
+
+pub type TaughtHere = (TaughtPanel, Vec<TaughtCorner>);
+
+/// Returns the setup of a cycle of this cell.
+pub fn setup(cell: &cell::Cell, recipe: &Recipe, taught: &TaughtHere, calibrations: Calibrations) -> CycleSetup {
+    let cell = Arc::new(CellSetup::new(cell).expect("complete"));
+    CycleSetup::new(cell, recipe.clone(), taught.clone(), (calibrations, LensExtent::default())).expect("a corner")
+}
+
+pub(super) fn taught(sim: &sim::Cell, (more_recipe, grids): (&str, Option<[usize; 2]>)) -> (TaughtHere, Recipe) {
+    let region = sim.region();
+    let [rows, columns] = grids.unwrap_or([region.rows, region.columns]);
+    let text = format!(
+        "panel = \"p\"\n[process]\nobservation_s = 40.0\nframes_per_second = 0.5\n\
+         [corner]\nwhich = [\"top-left\", \"bottom-right\"]\nsettled_mm = 0.1\n\
+         [region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n[locate]\nbox_min_mm = {:?}\nbox_max_mm = {:?}\n\
+         [inspect]\nmin_break_mm2 = 75.0 # a quarter of the pixels each way shows no smaller break surely\n{more_recipe}",
+        region.corners_px.map(|px| [px.u, px.v]),
+        rows,
+        columns,
+        SEARCH_BOX_MM[0],
+        SEARCH_BOX_MM[1]
+    );
+    let recipe = Recipe::check("simulated.toml", &text).unwrap_or_else(|e| panic!("{e}"));
+    let base_from_camera = sim.calibrated_base_from_camera();
+    let panel = TaughtPanel::learn(&sim.taught_scan(), *sim.scanner(), base_from_camera, &recipe).expect("a panel");
+    let camera = sim.flange_camera();
+    let teach = |(index, view): (usize, sim::CornerView)| {
+        let picture = sim.flange_picture(&view.base_from_flange, PanelPosition::Nominal).to_gray();
+        let base_from_camera = view.base_from_flange * sim.calibrated_flange_from_camera();
+        let panel_from_camera = panel.nominal_pose.inverse() * base_from_camera;
+        // The simulator's panel frame is the base at the nominal place, whatever the recipe states.
+        let corner = panel_from_base_at_teaching().inverse() * view.corner;
+        let depth_mm = (base_from_camera.inverse() * corner).mm.z;
+        let (settings, px_per_mm) = (recipe.corner(), camera.px_per_mm_at(depth_mm).0);
+        let found = panelprep_vision::locate::corner::find(
+            &picture,
+            settings,
+            settings.which().for_picture(index),
+            px_per_mm,
+        );
+        let teaching = CornerTeaching { reference_px: found.expect("a corner").corner_px, panel_from_camera };
+        panel.corner(teaching, camera).expect("on the panel")
+    };
+    let corners = sim.corner_views().into_iter().enumerate().map(teach).collect();
+    ((panel, corners), recipe)
+}
+
+pub(super) fn calibrations(sim: &sim::Cell, removal: Option<Model>) -> Calibrations {
+    Calibrations {
+        scan_errors: panelprep_vision::locate::ScanErrors::default(),
+        scanner: *sim.scanner(),
+        base_from_camera: sim.calibrated_base_from_camera(),
+        flange_camera: *sim.flange_camera(),
+        flange_from_camera: sim.calibrated_flange_from_camera(),
+        flange_from_tool: KukaPose { z_mm: 160.0, ..KukaPose::default() }.to_rigid(),
+        hand_eye_mm: None,
+        robot_mm: None,
+        removal,
     }
 }
