@@ -41,7 +41,6 @@ mod control;
 mod corners;
 mod corrected;
 mod error;
-mod feedbacks;
 mod films;
 mod fleet;
 mod free_memory;

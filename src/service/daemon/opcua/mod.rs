@@ -13,6 +13,9 @@
 //! the network ends a connection, or this server, which then restarts; it never stops the cell. The loop never waits
 //! for clients. Names and passwords, roles, log-in pauses and audit trail are those of the operator's page. Stop and
 //! abort need no role.
+//!
+//! This file has the server's thread (it listens, restarts the server if it fails, and ends it with the service) and the
+//! settings of async-opcua: addresses, security, and limits of everything that a client may send or store.
 
 mod access;
 mod address_space;
@@ -22,6 +25,262 @@ mod conditions;
 mod connection_limit;
 mod follow;
 mod nodes;
-mod server;
 
-pub use server::{OpcUaParts, OpcUaServer};
+use self::access::Access;
+use self::calls::Calls;
+use self::certificates::{KEY, OWN_CERTIFICATE, RejectedFiles, TrustedFiles};
+use self::conditions::AlarmConditions;
+use self::connection_limit::ConnectionLimiter;
+use self::follow::{Follower, NewestCycle, StoreReader, StoreValues, poll_store};
+use self::nodes::{CellNodes, CoreNodes};
+use super::background::{Background, Plan};
+use super::gateway::InterfaceContext;
+use opcua::crypto::SecurityPolicy;
+use opcua::server::address_space::AddressSpace;
+use opcua::server::diagnostics::DiagnosticsNodeManagerBuilder;
+use opcua::server::node_manager::ServerContext;
+use opcua::server::node_manager::memory::{InMemoryNodeManager, InMemoryNodeManagerBuilder};
+use opcua::server::{Server, ServerBuilder, ServerEndpoint, ServerHandle};
+use opcua::types::{BuildInfo, DateTime, MessageSecurityMode, UAString};
+use panelprep_cell::cell::OpcUa;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+use tokio::net::TcpListener;
+use tokio::sync::{oneshot, watch};
+use tokio::time::sleep;
+
+/// Time after which an unavailable address or a failed server is tried again.
+const RESTART_DELAY: Duration = Duration::from_secs(1);
+/// The name of the server in the log and among alarms.
+const NAME: &str = "OPC UA server";
+/// Threads that wait for the store's disk and hash passwords.
+const BLOCKING_THREADS: usize = 4;
+/// Stack size of a thread: messages can be nested, and there must be room to decode any message that arrives.
+const STACK_BYTES: usize = 8 * 1_024 * 1_024;
+
+/// The parts that the server needs.
+pub struct OpcUaParts {
+    /// The `[opcua]` table of the cell's file.
+    pub settings: OpcUa,
+    /// The parts that every interface uses.
+    pub front: InterfaceContext,
+}
+
+/// The OPC UA server; it is served until this is dropped.
+#[derive(Debug)]
+pub struct OpcUaServer {
+    _background: Background,
+}
+
+impl OpcUaServer {
+    /// Serves the cell; `None` if its file names no address. If an address is not available now, or certificates
+    /// cannot be used, it tries again: the cell does not wait for the server.
+    ///
+    /// # Errors
+    /// If the system refuses a thread.
+    pub fn serve(parts: OpcUaParts) -> std::io::Result<Option<Self>> {
+        let Some(address) = parts.settings.listen else { return Ok(None) };
+        let plan =
+            Plan { name: "opcua", task: NAME, blocking_threads: BLOCKING_THREADS, stack_bytes: Some(STACK_BYTES) };
+        let begin = async move |ended: &mut oneshot::Receiver<()>| run((&parts, address), ended).await;
+        Ok(Some(OpcUaServer { _background: Background::start(plan, begin)? }))
+    }
+}
+
+/// Serves until it is requested to end. If the server cannot be served, or ends without this request, it is started
+/// again.
+async fn run((parts, address): (&OpcUaParts, SocketAddr), ended: &mut oneshot::Receiver<()>) {
+    let alarms = &parts.front.alarms;
+    loop {
+        let problem = tokio::select! {
+            served = serve_until_end(parts, address) => served.err().unwrap_or_else(|| "the server ended without a reported cause".to_owned()),
+            _ = &mut *ended => return,
+        };
+        if alarms.set_connection_problem(NAME, Some(&problem)) {
+            tracing::warn!("{NAME}: {problem}; retrying every second");
+        }
+        tokio::select! {
+            () = sleep(RESTART_DELAY) => {}
+            _ = &mut *ended => return,
+        }
+    }
+}
+
+/// A server with everything that belongs to it, as it was built.
+struct BuiltServer {
+    server: Server,
+    handle: ServerHandle,
+    nodes: Arc<InMemoryNodeManager<CellNodes>>,
+    core: Arc<InMemoryNodeManager<CoreNodes>>,
+    conditions: Arc<AlarmConditions>,
+    access: Arc<Access>,
+    connections: Arc<ConnectionLimiter>,
+}
+
+fn build(parts: &OpcUaParts, address: SocketAddr) -> Result<BuiltServer, String> {
+    let door = Arc::new(ConnectionLimiter::default());
+    let access = Arc::new(Access::new(parts.front.people.clone(), door.clone(), parts.settings.anonymous));
+    let calls = Arc::new(Calls::new(access.clone(), parts.front.clone()));
+    let conditions = Arc::new(AlarmConditions::default());
+    let shared = (calls.clone(), conditions.clone());
+    let core = move |context: ServerContext, space: &mut AddressSpace| CoreNodes::build(shared, context, space);
+    let cell = move |context: ServerContext, space: &mut AddressSpace| CellNodes::build(calls, &context, space);
+    let (server, handle) = builder(&parts.settings, address)
+        .without_node_managers()
+        .with_node_manager(InMemoryNodeManagerBuilder::new(core))
+        .with_node_manager(DiagnosticsNodeManagerBuilder)
+        .with_node_manager(InMemoryNodeManagerBuilder::new(cell))
+        .with_authenticator(access.clone())
+        .build()?;
+    let nodes = handle.node_managers().get_of_type::<InMemoryNodeManager<CellNodes>>();
+    let nodes = nodes.ok_or_else(|| "internal fault: the nodes of the cell are missing".to_owned())?;
+    let core = handle.node_managers().get_of_type::<InMemoryNodeManager<CoreNodes>>();
+    let core = core.ok_or_else(|| "internal fault: the standard nodes of the server are missing".to_owned())?;
+    conditions.set_namespace(nodes.inner().namespace);
+    Ok(BuiltServer { server, handle, nodes, core, conditions, access, connections: door })
+}
+
+async fn serve_until_end(parts: &OpcUaParts, address: SocketAddr) -> Result<(), String> {
+    let host = host(&parts.settings, address);
+    let (uri, hosts) = (application_uri(&host), hosts(&host, address));
+    let thumbprint = certificates::prepare(&parts.settings.certificates, &uri, &hosts);
+    let thumbprint = thumbprint.map_err(|error| error.to_string())?;
+    let listener = TcpListener::bind(address).await;
+    let listener = listener.map_err(|error| format!("cannot listen at {address}: {error}"))?;
+    let failed = |error: std::io::Error| error.to_string();
+    let behind = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await.map_err(failed)?;
+    let behind_address = behind.local_addr().map_err(failed)?;
+    let BuiltServer { server, handle, nodes, core, conditions, access, connections: door } = build(parts, address)?;
+    let (tell_depth, depth) = watch::channel(StoreValues::default());
+    let (tell_cycle, cycle) = watch::channel(NewestCycle::default());
+    let reader = StoreReader {
+        access,
+        front: parts.front.clone(),
+        connections: door.clone(),
+        folder: parts.settings.certificates.clone(),
+        rejected: RejectedFiles::default(),
+        trusted: TrustedFiles::default(),
+        files_read: None,
+        counted: None,
+        last: StoreValues::default(),
+    };
+    let follower = Follower {
+        gateway: parts.front.gateway.clone(),
+        nodes,
+        core,
+        conditions,
+        handle: handle.clone(),
+        depth,
+        cycle: tell_cycle,
+    };
+    parts.front.alarms.set_connection_problem(NAME, None);
+    tracing::info!("{NAME}: opc.tcp://{host}:{}/, SHA-1 of its certificate {thumbprint}", address.port());
+    // When one of these parts ends, all the others end too.
+    tokio::select! {
+        served = server.run_with(behind) => served,
+        () = poll_store(reader, cycle, tell_depth) => Ok(()),
+        () = follower.update_nodes() => Ok(()),
+        () = knows_its_port(&handle, address.port()) => Ok(()),
+        () = door.serve_connections(listener, behind_address) => Ok(()),
+    }
+}
+
+/// Reports the port of the door to clients, since the server itself listens on another port behind the door.
+async fn knows_its_port(handle: &ServerHandle, port: u16) {
+    loop {
+        handle.info().port.store(port, Ordering::Relaxed);
+        sleep(Duration::from_millis(20)).await;
+    }
+}
+
+/// Time without a request after which a session ends, ms.
+const SESSION_MS: u64 = 60_000;
+/// Limits of a message and its content, bytes and items.
+const MESSAGE_BYTES: usize = 256 * 1_024;
+const CHUNKS: usize = 16;
+const STRING_BYTES: usize = 64 * 1_024;
+const ARRAY_ITEMS: usize = 2_000;
+const SESSIONS: usize = 40;
+
+/// Returns the name by which clients reach the server: the one that the cell's file states, the address, or the
+/// computer's name.
+fn host(settings: &OpcUa, address: SocketAddr) -> String {
+    match &settings.host {
+        Some(host) => host.clone(),
+        None if address.ip().is_unspecified() => computer(),
+        None if address.is_ipv6() => format!("[{}]", address.ip()),
+        None => address.ip().to_string(),
+    }
+}
+
+fn computer() -> String {
+    rustix::system::uname().nodename().to_string_lossy().into_owned()
+}
+
+/// Returns the application URI, the identity of this program that its certificate states.
+fn application_uri(host: &str) -> String {
+    format!("urn:{}:panelprep", host.trim_matches(['[', ']']))
+}
+
+/// Returns the host names in the certificate.
+fn hosts(host: &str, address: SocketAddr) -> Vec<String> {
+    let mut all =
+        vec![host.trim_matches(['[', ']']).to_owned(), computer(), "localhost".to_owned(), "127.0.0.1".to_owned()];
+    all.extend((!address.ip().is_unspecified()).then(|| address.ip().to_string()));
+    all.sort();
+    all.dedup();
+    all
+}
+
+/// Returns a server with these settings, still without nodes.
+fn builder(settings: &OpcUa, address: SocketAddr) -> ServerBuilder {
+    let host = host(settings, address);
+    let version = UAString::from(env!("CARGO_PKG_VERSION"));
+    let mut builder = ServerBuilder::new()
+        .application_name("Panelprep")
+        .application_uri(application_uri(&host))
+        .product_uri("urn:panelprep")
+        .build_info(BuildInfo {
+            product_uri: UAString::from("urn:panelprep"),
+            manufacturer_name: UAString::from("Panelprep"),
+            product_name: UAString::from("Panelprep"),
+            software_version: version.clone(),
+            build_number: version,
+            build_date: DateTime::null(),
+        })
+        .pki_dir(&settings.certificates)
+        .certificate_path(OWN_CERTIFICATE)
+        .private_key_path(KEY)
+        .trust_client_certs(false)
+        .check_cert_time(true)
+        .discovery_urls(vec![format!("opc.tcp://{host}:{}/", address.port())])
+        .host(host)
+        .port(address.port())
+        .max_message_size(MESSAGE_BYTES)
+        .max_chunk_count(CHUNKS)
+        .max_string_length(STRING_BYTES)
+        .max_byte_string_length(STRING_BYTES)
+        .max_array_length(ARRAY_ITEMS)
+        .max_sessions(SESSIONS)
+        .max_session_timeout_ms(SESSION_MS)
+        .diagnostics_enabled(false);
+    for policy in [SecurityPolicy::Basic256Sha256, SecurityPolicy::Aes256Sha256RsaPss] {
+        let endpoint = ServerEndpoint::new("/", policy, MessageSecurityMode::SignAndEncrypt, &[]);
+        builder = builder.add_endpoint(policy.to_str(), endpoint);
+    }
+    if settings.is_unencrypted_allowed {
+        builder = builder.add_endpoint("None", ServerEndpoint::new_none("/", &[]));
+    }
+    let limits = builder.limits_mut();
+    limits.operational.max_nodes_per_method_call = 10;
+    limits.operational.max_nodes_per_read = ARRAY_ITEMS;
+    limits.operational.max_nodes_per_write = 1;
+    limits.operational.max_nodes_per_node_management = 1;
+    limits.subscriptions.max_subscriptions_per_session = 10;
+    limits.subscriptions.max_monitored_items_per_sub = 500;
+    limits.subscriptions.max_monitored_item_queue_size = 100;
+    limits.subscriptions.max_queued_notifications = 50;
+    builder
+}

@@ -3,10 +3,9 @@
 //! A [`RecordedPort`] surrounds each of the loop's ports and records the data that pass (`tape` defines the format)
 //! while the `switch` reports that a cycle is recorded. The `queue` passes the data to a separate thread, so that
 //! neither loop nor link ever waits for a disk. The `player` provides the same ports without a cell: it answers each
-//! command with the recorded answer, and records each point at which the loop now acts differently (`difference`).
+//! command with the recorded answer, and records each point at which the loop now acts differently ([`Difference`]).
 //! `form` defines the commands and answers in a recording.
 
-mod difference;
 mod form;
 mod player;
 mod queue;
@@ -15,8 +14,7 @@ mod switch;
 #[cfg(test)]
 mod tests;
 
-pub use difference::Difference;
 pub use form::RecordedPort;
-pub use player::{Player, ReplayResult};
+pub use player::{Difference, Player, ReplayResult};
 pub use queue::{RECORDING_FLOOR_MB, Recording, RecordingResult, RecordingStatus, disk_full_message};
 pub use switch::{RecordingPlan, RecordingSwitch, free_mb, recording_file, recordings};

@@ -8,7 +8,7 @@ use super::guard::{VisitorExtension, not_found_page, refusal};
 use super::history::verdict_text;
 use super::layout::{Frame, Script, local_time};
 use super::page_texts::Language;
-use super::scene;
+use super::run_page;
 use super::sessions::{Person, Visitor};
 use super::state::{Web, entry, hashing, pauses};
 use crate::daemon::people::{LoginResult, account_stamp};
@@ -71,7 +71,7 @@ pub(super) async fn page(
             (show_links(words, id, &rows))
             @if visitor.has_permission(Permission::Sign) && is_over { (sign_form(&visitor, &record, part.as_ref())) }
         }
-        section.card { (scene::show_scene(words, Some(id))) }
+        section.card { (run_page::show_scene(words, Some(id))) }
         iframe.record title=(word("cycle.record")) src={ "/cycle/" (id) "/record" } {}
     };
     Ok(Frame { visitor: &visitor, title: &title, here: "/cycle", scripts: &[Script::Forms, Script::Scene] }

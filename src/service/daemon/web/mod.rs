@@ -14,24 +14,21 @@
 //! `page_texts` (languages) · `sessions` · `state` (the data that handlers share) · `layout` (the frame of each page,
 //! styles and scripts) · `answers` · and a file for each page.
 
+mod accounts;
 mod alarms;
 mod answers;
 mod audit;
 mod cameras;
-mod compare;
 mod cycle;
 mod guard;
 mod history;
 mod layout;
 mod live_state;
-mod login;
 mod messages;
 mod page_texts;
-mod people;
 mod requests;
 mod routes;
 mod run_page;
-mod scene;
 mod server;
 mod sessions;
 mod setup;

@@ -8,7 +8,7 @@
 use super::live_state::{FrameEncoder, LiveState};
 use super::page_texts::Translations;
 use super::state::{CONNECTIONS, ViewerSlots, Web, WebParts, owner, run_blocking};
-use super::{login, routes, run_page};
+use super::{accounts, routes, run_page};
 use crate::daemon::background::lower_priority;
 use crate::daemon::gateway::InterfaceContext;
 use crate::daemon::live_view::LiveView;
@@ -171,7 +171,7 @@ impl OperatorPage {
             sessions,
         };
         let web = Arc::new(Web::new(parts));
-        login::begin_displays(&web);
+        accounts::begin_displays(&web);
         let router = routes::router(&web);
         let (end, ended) = oneshot::channel();
         let fingerprint = certificate.as_ref().and_then(|certificate| certificate.fingerprint.clone());

@@ -3,7 +3,7 @@
 //!
 //! Sessions are stored in memory only: a restart of the service ends all of them. A wall display ([`Role::Display`])
 //! is the exception. No person clicks there, so its session has no time limit, and the service begins it again at its
-//! start (`login::begin_displays`). It ends with a log-out, another password or a disabled account; its role can only
+//! start (`accounts::begin_displays`). It ends with a log-out, another password or a disabled account; its role can only
 //! look.
 //!
 //! [`AccountStamps`] checks whether a session's account is unchanged since the session began. The account may have

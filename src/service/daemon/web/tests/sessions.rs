@@ -234,12 +234,12 @@ async fn a_page_without_its_session_reports_it_and_a_display_keeps_its_own() {
 
     let display = site.log_in("display", PASSWORD).await.expect("logged in");
     site.web.sessions().end_account_sessions("display");
-    crate::daemon::web::login::begin_displays(&site.web);
+    crate::daemon::web::accounts::begin_displays(&site.web);
     assert_eq!(site.get(&display, "/history").await.status, StatusCode::OK, "after a restart of the service");
     assert_eq!(site.post(&display, "/request/reset", "{}").await.status, StatusCode::FORBIDDEN);
     change_beside(&site, "display", |account| account.is_enabled = false);
     ends(&site, &display).await;
-    crate::daemon::web::login::begin_displays(&site.web);
+    crate::daemon::web::accounts::begin_displays(&site.web);
     assert_eq!(site.get(&display, "/history").await.status, StatusCode::SEE_OTHER);
 }
 
