@@ -45,7 +45,7 @@ impl Gateway {
     /// Creates a gateway. Requests go to this queue, this loader prepares starts, and these cameras are lent while
     /// the cell rests.
     pub fn new(queue: RequestSender, loader: Arc<Loader>, cameras: Option<SharedCameras>) -> Self {
-        Gateway { queue, loader, cameras, names: Arc::new(name) }
+        Gateway { queue, loader, cameras, names: Arc::new(user_name) }
     }
 
     /// Passes on a request and returns the reply. It runs on a runtime of tokio that has a blocking thread for the
@@ -147,7 +147,7 @@ pub fn current_user() -> RequestAuthor {
 /// Returns the same user with a name, if this computer's list of users has one.
 fn with_name(who: RequestAuthor) -> RequestAuthor {
     match who.uid {
-        Some(uid) => RequestAuthor { user: name(uid), ..who },
+        Some(uid) => RequestAuthor { user: user_name(uid), ..who },
         None => who,
     }
 }
@@ -171,7 +171,7 @@ pub(super) fn format_for_log(who: &RequestAuthor) -> String {
 }
 
 /// The name for a number in the list of users. A directory service is not queried, since it may hang.
-fn name(uid: u32) -> Option<String> {
+fn user_name(uid: u32) -> Option<String> {
     let list = disk::read(Path::new("/etc/passwd")).ok()?;
     find_user_name(&String::from_utf8_lossy(&list), uid)
 }

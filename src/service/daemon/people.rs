@@ -187,7 +187,7 @@ impl AccountService {
 /// Returns the line that counts wrong log-ins without a line of their own; one of them was `last`.
 fn left_out_line(left_out: u64, last: &AuditEntry) -> AuditEntry {
     let line = AuditEntry::for_completed_action(None, None, last.from.clone(), &last.what);
-    AuditEntry { refused: Some(words(left_out)), ..line }
+    AuditEntry { refused: Some(left_out_text(left_out)), ..line }
 }
 
 /// Limits the work with passwords to one at a time; the others wait here for their turn.
@@ -270,7 +270,7 @@ impl FailedLogins {
 }
 
 /// Describes the lines that were left out.
-pub(super) fn words(left_out: u64) -> String {
+pub(super) fn left_out_text(left_out: u64) -> String {
     format!("further wrong log-ins within a minute, without a line of their own: {left_out}")
 }
 

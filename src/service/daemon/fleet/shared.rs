@@ -1,6 +1,6 @@
 //! What all pages share: the archive's reader, the people who are logged in, and the frame around every page.
 
-use crate::daemon::people::{FailedLogins, PasswordHashing, words};
+use crate::daemon::people::{FailedLogins, PasswordHashing, left_out_text};
 use crate::daemon::web::{Sessions, csv_file};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -70,7 +70,8 @@ impl Shared {
     /// minute is over.
     pub fn log_failed_login(&self, name: &str) {
         let counted = self.0.failed_logins.count();
-        let left_out = |count: Option<u64>| count.into_iter().for_each(|count| tracing::warn!("{}", words(count)));
+        let left_out =
+            |count: Option<u64>| count.into_iter().for_each(|count| tracing::warn!("{}", left_out_text(count)));
         left_out(counted.left_out);
         if counted.is_written {
             tracing::warn!("{}: wrong name or password at the office's page", name.escape_debug());
