@@ -9,7 +9,7 @@ const JUDGEMENT: &str = "src/base/verdict.rs";
 const MOVES: &str = "src/service/daemon/moves.rs";
 const REPORTS: &str = "src/service/daemon/robot_reports.rs";
 const RUN: &str = "src/service/daemon/run.rs";
-const SENT: &str = "src/service/daemon/path_progress.rs";
+const SENT: &str = "src/service/daemon/running.rs";
 
 pub(super) const ALL: [Mutation; 16] = [
     change(
