@@ -85,7 +85,7 @@ demo: setup
 # Two simulated cells, the brokers of NATS and MQTT, PostgreSQL, the archive and the office's page on this computer, until Ctrl-C. Needs nats-server,
 # postgresql, mosquitto and mosquitto-clients of Debian.
 demo-plant: setup
-	cargo build --release --locked
+	cargo build --release --locked --features plant
 	sh tests/plant/demo.sh $(BUILT)/release/panelprep target/plant
 
 # Some tests wait for a watchdog or a cable, and some compute: three at a time keep two cores busy. test-rest runs those of
@@ -99,22 +99,25 @@ WAITING := gige::tests a_flange_picture_over_gige_is_the_one_without
 WAITING_LOG = $(BUILT)/tests-of-gige-vision.log
 test: setup browser preflight sparkplug-peers opcua-peer
 	cargo fmt --all --check
-	cargo clippy --locked --all-targets -- -D warnings
-	@cargo test --locked --no-run
+	cargo clippy --locked --features plant --all-targets -- -D warnings
+	@cargo test --locked --features plant --no-run
 	@echo "the tests except the $(words $(LONG)) of tests/long.txt; those of GigE Vision in parallel, see $(WAITING_LOG)"
-	@cargo test --locked --lib -- $(WAITING) >$(WAITING_LOG) 2>&1 & waiting=$$!; \
-	  RUST_TEST_THREADS=3 cargo test --locked -- $(addprefix --skip ,$(LONG) $(WAITING)); others=$$?; \
+	@cargo test --locked --features plant --lib -- $(WAITING) >$(WAITING_LOG) 2>&1 & waiting=$$!; \
+	  RUST_TEST_THREADS=3 cargo test --locked --features plant -- $(addprefix --skip ,$(LONG) $(WAITING)); others=$$?; \
 	  wait $$waiting && tail -n 2 $(WAITING_LOG) || { cat $(WAITING_LOG); exit 1; }; exit $$others
 
 test-rest: setup browser preflight sparkplug-peers opcua-peer
 	@echo "the $(words $(LONG)) tests of tests/long.txt"
-	@RUST_TEST_THREADS=3 cargo test --locked --test all -- $(filter-out $(ALONE),$(LONG))
-	@cargo test --locked --test all -- $(ALONE)
+	@RUST_TEST_THREADS=3 cargo test --locked --features plant --test all -- $(filter-out $(ALONE),$(LONG))
+	@cargo test --locked --features plant --test all -- $(ALONE)
+	@echo 'the program without the parts that can be left out'
+	@cargo clippy --locked -- -D warnings
+	@cargo clippy --locked --no-default-features -- -D warnings
 
 # More walks of the link and of the controller's programs, and the tests that take minutes.
 test-long: test-rest
-	LINK_WALKS=20000 KRL_WALKS=5000 RUST_TEST_THREADS=2 cargo test --locked --test all -- no_walk_
-	RUST_TEST_THREADS=2 cargo test --locked -- --ignored --skip appends_until_killed --skip signs_until_killed --skip the_manual_leads
+	LINK_WALKS=20000 KRL_WALKS=5000 RUST_TEST_THREADS=2 cargo test --locked --features plant --test all -- no_walk_
+	RUST_TEST_THREADS=2 cargo test --locked --features plant -- --ignored --skip appends_until_killed --skip signs_until_killed --skip the_manual_leads
 
 # Licences, duplicates, sources, and advisories if their database can be reached: deny.toml. A check that was not run is reported.
 CARGO_DENY := target/tools/bin/cargo-deny
@@ -175,10 +178,10 @@ $(CARGO_DEB):
 	cargo install --locked --quiet --root target/tools --target-dir $(BUILT)/cargo-deb --version '^3' cargo-deb
 
 package: setup $(CARGO_DEB)
-	cargo build --release --locked
+	cargo build --release --locked --features plant
 	rm -rf target/package
 	$(BUILT)/release/panelprep package-files --out target/package >/dev/null
-	cargo run --release --locked --quiet --example licences >target/package/licences.txt
+	cargo run --release --locked --features plant --quiet --example licences >target/package/licences.txt
 	$(DEB) $(if $(wildcard target/zivid/libpanelprep_zivid.so),--variant zivid)
 
 # Needs root. The former package is the same program under a former version.
@@ -270,7 +273,7 @@ bench-history: setup
 
 # Needs nats-server and PostgreSQL of Debian; without them it reports that it did not run. About 30 minutes.
 bench-office: setup
-	cargo bench --locked --bench office
+	cargo bench --locked --features plant --bench office
 
 # One simulation of the whole system, with faults of every kind at every moment: `WORLDS` seeds in one thread. To repeat one seed:
 # cargo bench --locked --bench world -- seed=N, or seed=N script='[…]' as a failing one prints it. Then `KILLS` processes that are killed.

@@ -13,7 +13,9 @@ pub use panelprep_cell::{
     accounts, cell, controller, cycle, files, force, imaging, labels, line, panel, recipe, record,
 };
 pub use panelprep_devices as devices;
-pub use panelprep_interfaces::{archive, broker, packml, page, sparkplug};
+#[cfg(feature = "plant")]
+pub use panelprep_interfaces::{archive, broker};
+pub use panelprep_interfaces::{packml, page, sparkplug};
 pub use panelprep_kuka::{eki, krl};
 pub use panelprep_service::{check, daemon, report, requirements, stages};
 pub use panelprep_sim as sim;

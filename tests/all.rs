@@ -36,11 +36,14 @@ mod long;
 mod manual;
 mod new;
 mod nominal;
+#[cfg(feature = "plant")]
 mod office;
+#[cfg(feature = "plant")]
 mod opcua;
 mod operator_page;
 mod patterns;
 #[allow(dead_code, reason = "the bench uses the rest")]
+#[cfg(feature = "plant")]
 mod plant;
 mod poor_pictures;
 mod push;
@@ -53,6 +56,7 @@ mod robot;
 mod scanner_errors;
 mod service;
 mod shoot;
+#[cfg(feature = "plant")]
 mod sparkplug;
 mod supervised;
 mod teach_page;
@@ -60,6 +64,7 @@ mod told;
 mod tool_faults;
 mod walk;
 mod wall;
+#[cfg(feature = "plant")]
 mod without_plant;
 mod words;
 #[allow(dead_code, unused_imports, reason = "the bench uses the rest")]

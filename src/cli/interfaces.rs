@@ -1,5 +1,5 @@
-//! The connections of the service to people and other programs: the operator's page, the office, the MQTT broker, OPC
-//! UA clients and a line, with their shared parts.
+//! The connections of the service to people and other programs: the operator's page, the quality system and a line,
+//! with their shared parts; `plant` has the others.
 //!
 //! The operator's page shows and changes the set-up: recipes in a folder, and the calibrations with their age. It also
 //! shows the pages of cycles, and takes their signatures.
@@ -8,6 +8,7 @@ use super::args::{Common, Doctor};
 use super::calibrate::now_unix_s;
 use super::fault::Fault;
 use super::load::{self, CellFiles};
+use super::plant::OfficeStatus;
 use super::report::{self, StoredCycle};
 use super::{cycle_files, disk, doctor, record};
 use panelprep_base::config::Problems;
@@ -21,9 +22,8 @@ use panelprep_cell::record::CycleId;
 use panelprep_service::check::{self, FileReport};
 use panelprep_service::daemon::{
     AccountService, Alarms, Equipment, ExaminedItem, Gateway, InterfaceContext, LineFront, LineParts, LinkedRobot,
-    LiveView, OfficeParts, OfficeSender, OfficeStatus, OpcUaParts, OpcUaServer, OperatorPage, PageError, PageParts,
-    PushParts, PushSender, PushStatus, RecipeText, RecordPdf, RecordSource, SetupSource, SparkplugEdge,
-    SparkplugParts,
+    LiveView, OperatorPage, PageError, PageParts, PushParts, PushSender, PushStatus, RecipeText, RecordPdf,
+    RecordSource, SetupSource,
 };
 use panelprep_store::office::RecipeOffer;
 use panelprep_store::store::{PersonSigningRequest, Store, free_mb};
@@ -32,8 +32,8 @@ use std::sync::Arc;
 
 /// The parts that all interfaces share.
 pub struct SharedInterfaceParts {
-    parts: InterfaceContext,
-    record_transfers: RecordTransfers,
+    pub(super) parts: InterfaceContext,
+    pub(super) record_transfers: RecordTransfers,
 }
 
 impl SharedInterfaceParts {
@@ -50,22 +50,6 @@ impl SharedInterfaceParts {
     }
 }
 
-/// Sends records to the office, if the cell's file names a broker.
-///
-/// # Errors
-/// If the sender cannot be started.
-pub fn office_sender(files: &CellFiles, fronts: &SharedInterfaceParts) -> Result<Option<OfficeSender>, Fault> {
-    let Some(office) = files.cell.office().cloned() else { return Ok(None) };
-    let folder = files.store_folder().to_owned();
-    let parts = OfficeParts {
-        office,
-        folder,
-        front: Some(fronts.parts.clone()),
-        status: fronts.record_transfers.office.clone(),
-    };
-    OfficeSender::start(parts).map(Some).map_err(Fault::stage)
-}
-
 /// Sends signed records to the quality system, if the cell's file names one.
 ///
 /// # Errors
@@ -76,16 +60,6 @@ pub fn push_sender(files: &Arc<CellFiles>, fronts: &SharedInterfaceParts) -> Res
     let (folder, records) = (files.store_folder().to_owned(), Arc::new(StoreRecords(files.clone())));
     let parts = PushParts { push, folder, records, status: fronts.record_transfers.push.clone() };
     PushSender::start(parts).map(Some).map_err(Fault::stage)
-}
-
-/// Connects the cell to its MQTT broker, if the cell's file names one.
-///
-/// # Errors
-/// If it cannot be started.
-pub fn edge_node(files: &CellFiles, fronts: &SharedInterfaceParts) -> Result<Option<SparkplugEdge>, Fault> {
-    let Some(node) = files.cell.sparkplug().cloned() else { return Ok(None) };
-    tracing::info!("MQTT Sparkplug: edge node {} of the group {}", node.edge_node_id, node.group_id);
-    SparkplugEdge::serve(SparkplugParts { node, front: fronts.parts.clone() }).map(Some).map_err(Fault::stage)
 }
 
 /// Watches the line through its digital signals, if the cell's file has a line.
@@ -105,15 +79,6 @@ pub fn line_front(
     let (last, outputs) = (robot.last_state(), robot.line());
     let (gateway, people) = (fronts.parts.gateway.clone(), fronts.parts.people.clone());
     LineFront::serve(LineParts { line, inputs, last, outputs, gateway, people }).map(Some).map_err(Fault::stage)
-}
-
-/// Serves the cell by OPC UA, if its file names an address for it.
-///
-/// # Errors
-/// If the operating system refuses.
-pub fn opcua_server(files: &CellFiles, fronts: &SharedInterfaceParts) -> Result<Option<OpcUaServer>, Fault> {
-    let parts = OpcUaParts { settings: files.cell.opcua().clone(), front: fronts.parts.clone() };
-    OpcUaServer::serve(parts).map_err(Fault::stage)
 }
 
 /// Serves the operator's page, if the cell's file names an address for it.
@@ -158,7 +123,7 @@ const RECIPE: &str = "recipe";
 
 /// The status of the transfers of records out of the cell.
 #[derive(Debug, Clone, Default)]
-struct RecordTransfers {
+pub(super) struct RecordTransfers {
     /// State of the transfer to the office.
     pub office: OfficeStatus,
     /// Transfers to the quality system.

@@ -3,6 +3,7 @@
 //!
 //! A file contains one command, or the commands of one subject: `run` reads and reports, `stage` computes.
 
+#[cfg(feature = "plant")]
 mod archive;
 pub mod args;
 mod calibrate;
@@ -30,6 +31,11 @@ mod new;
 mod output;
 mod part;
 mod plan;
+#[cfg(feature = "plant")]
+mod plant;
+#[cfg(not(feature = "plant"))]
+#[path = "without_plant.rs"]
+mod plant;
 mod prove;
 mod record;
 mod recording;
@@ -90,8 +96,8 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::History(args) => history::run(args, common),
         Command::Record(args) => record::run(args, common),
         Command::Store(args) => store::run(args, common),
-        Command::Archive(args) => archive::run(args),
-        Command::Fleet(args) => archive::run_fleet(args),
+        Command::Archive(args) => plant::run_archive(args),
+        Command::Fleet(args) => plant::run_fleet(args),
         Command::User(args) => user::run(args, common),
         Command::Backup(args) => store::back_up(args, common),
         Command::Restore(args) => store::restore(args, common),

@@ -6,14 +6,12 @@
 use super::args::{Common, CountArguments, Run};
 use super::cycle_files::{self, Calibrated, TaughtRecipe};
 use super::fault::{DeviceFault, Fault, RecordFault};
-use super::interfaces::{
-    SharedInterfaceParts, edge_node, line_front, office_sender, opcua_server, operator_page, push_sender,
-};
+use super::interfaces::{SharedInterfaceParts, line_front, operator_page, push_sender};
 use super::live::CellDevices;
 use super::load::{CellFiles, calibrated_serial};
 use super::output::Outcome;
 use super::report::{self, StoredCycle};
-use super::{disk, record, recording, zivid};
+use super::{disk, plant, record, recording, zivid};
 use panelprep_base::supervision::Supervisor;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::cycle::{self, At, Cause, State};
@@ -79,10 +77,8 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     tracing::info!("listens on {}", path.display());
     let fronts = SharedInterfaceParts::new((&files, common), gateway);
     let page = operator_page(&files, &fronts, view.clone())?;
-    let office = office_sender(&files, &fronts)?;
     let push = push_sender(&files, &fronts)?;
-    let sparkplug = edge_node(&files, &fronts)?;
-    let opcua = opcua_server(&files, &fronts)?;
+    let plant = plant::connect(&files, &fronts)?;
     let line = line_front(&files, &fronts, &live.robot)?;
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
     let (ended, pages) = mpsc::channel();
@@ -127,7 +123,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let ended = ended.map_err(Fault::from_loop_error)?;
     // The page's connections to the store end before the store's own connection. The last connection then leaves a
     // database without a write-ahead log.
-    drop((socket, page, office, push, sparkplug, opcua, line, fronts, person));
+    drop((socket, page, push, plant, line, fronts, person));
     #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
     let _ = pages.join();
     let ended = ended.state;

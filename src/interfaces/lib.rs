@@ -7,9 +7,11 @@
 // `println!` and similar macros panic if nothing reads the output: see `cli::output`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
+#[cfg(feature = "plant")]
 pub mod broker;
 pub mod packml;
 pub mod page;
 
+#[cfg(feature = "plant")]
 pub mod archive;
 pub mod sparkplug;

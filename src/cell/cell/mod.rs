@@ -335,6 +335,16 @@ impl Cell {
         &self.opcua
     }
 
+    /// Returns the tables of the plant's systems that the file names: the office, the MQTT broker, OPC UA clients.
+    pub fn plant_tables(&self) -> Vec<&'static str> {
+        let named = [
+            ("[office]", self.office.is_some()),
+            ("[opcua] listen", self.opcua.listen.is_some()),
+            ("[sparkplug]", self.sparkplug.is_some()),
+        ];
+        named.into_iter().filter_map(|(table, is_named)| is_named.then_some(table)).collect()
+    }
+
     /// Returns the handshake with a line by digital signals, if there is one.
     pub fn line(&self) -> Option<&Line> {
         self.line.as_ref()

@@ -52,6 +52,15 @@ pub enum DeviceFault {
          feature, or set kind = \"simulated\" or \"recorded\""
     )]
     BuiltWithoutGige,
+    /// A system of the plant that this program was built without.
+    #[error(
+        "{what}: this program was built without the cargo feature plant; use the program of the package, or build it with \
+         `cargo build --release --features plant`"
+    )]
+    BuiltWithoutPlant {
+        /// The command, or the tables of the cell's file.
+        what: String,
+    },
     /// A camera without settings for taking a shot.
     #[error(
         "[scanner] {key} is missing; kind = \"zivid\" needs this key to take a shot: name the settings file that Zivid Studio saved \

@@ -42,13 +42,16 @@ mod corners;
 mod corrected;
 mod error;
 mod films;
+#[cfg(feature = "plant")]
 mod fleet;
 mod free_memory;
 mod gateway;
 mod line;
 mod live_view;
 mod moves;
+#[cfg(feature = "plant")]
 mod office;
+#[cfg(feature = "plant")]
 mod opcua;
 mod operator_texts;
 mod people;
@@ -71,6 +74,7 @@ mod single_interlocks;
 mod slots;
 mod socket;
 mod sources;
+#[cfg(feature = "plant")]
 mod sparkplug;
 mod tool_state;
 mod transfer;
@@ -84,12 +88,15 @@ pub use alarms::{AlarmId, Alarms};
 pub use camera_lease::{AllCameras, BorrowedFlangeCamera, RemoteScanner, SharedCameras, ShotRequest};
 pub use computing::{CalibrationCheck, Computing, Memory, SceneKey};
 pub use error::DaemonError;
+#[cfg(feature = "plant")]
 pub use fleet::{FleetAddress, FleetError, serve as serve_fleet};
 pub use free_memory::give_back_free_memory;
 pub use gateway::{Gateway, InterfaceContext, Loader, current_user};
 pub use line::{LineFront, LineParts};
 pub use live_view::{LiveFilm, LiveFrame, LiveView};
+#[cfg(feature = "plant")]
 pub use office::{OfficeParts, OfficeSender, OfficeStatus};
+#[cfg(feature = "plant")]
 pub use opcua::{OpcUaParts, OpcUaServer};
 pub use operator_texts::{command, refusal, request_keyword, state_reason};
 pub use people::{AccountService, LoginResult};
@@ -118,6 +125,7 @@ pub use setup::{Calibrations, CellSetup, CycleSetup};
 pub use single::{Mounted, SingleError, SingleLine, SingleRobot, speed_command};
 pub use socket::{Socket, SocketError};
 pub use sources::{Equipment, ExaminedItem, RecipeText, RecordPdf, RecordSource, SetupSource};
+#[cfg(feature = "plant")]
 pub use sparkplug::{SparkplugEdge, SparkplugParts};
 pub use web::{OperatorPage, PageError, PageParts};
 pub use wiring::Wiring;

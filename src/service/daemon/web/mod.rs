@@ -39,10 +39,15 @@ mod versions;
 #[cfg(test)]
 mod tests;
 
-pub(super) use answers::csv_file;
-pub(super) use guard::{cookie, cookie_name};
-pub(super) use layout::STYLE_SHEET;
-pub use server::{OperatorPage, PageError, PageFileError, PageParts};
-pub(super) use server::{certificate, listen_and_serve};
-pub(super) use sessions::{SessionHolder, Sessions};
-pub(super) use versions::difference;
+pub use server::{OperatorPage, PageError, PageParts};
+
+// The parts that the office's page over all cells uses as well.
+#[cfg(feature = "plant")]
+pub(super) use {
+    answers::csv_file,
+    guard::{cookie, cookie_name},
+    layout::STYLE_SHEET,
+    server::{PageFileError, certificate, listen_and_serve},
+    sessions::{SessionHolder, Sessions},
+    versions::difference,
+};

@@ -243,6 +243,7 @@ async fn bind_with_retries(address: SocketAddr) -> TcpListener {
 }
 
 /// Serves these pages on an address, with or without a certificate, until the returned future is dropped.
+#[cfg(feature = "plant")]
 pub(in crate::daemon) async fn listen_and_serve(
     listener: TcpListener,
     certificate: Option<Certificate>,

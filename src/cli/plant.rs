@@ -1,0 +1,68 @@
+//! The connections of the service to the systems of a plant: the office, the MQTT broker and OPC UA clients.
+
+pub use super::archive::{run as run_archive, run_fleet};
+use super::fault::Fault;
+use super::interfaces::SharedInterfaceParts;
+use super::load::CellFiles;
+use panelprep_service::daemon::{
+    OfficeParts, OfficeSender, OpcUaParts, OpcUaServer, SparkplugEdge, SparkplugParts,
+};
+
+pub use panelprep_service::daemon::OfficeStatus;
+
+/// Whether this program has these connections.
+pub const IS_BUILT: bool = true;
+
+/// The connections; they end when this is dropped.
+pub struct PlantConnections {
+    _office: Option<OfficeSender>,
+    _sparkplug: Option<SparkplugEdge>,
+    _opcua: Option<OpcUaServer>,
+}
+
+/// Connects the cell to each system that its file names.
+///
+/// # Errors
+/// If a connection cannot be started.
+pub fn connect(files: &CellFiles, fronts: &SharedInterfaceParts) -> Result<PlantConnections, Fault> {
+    Ok(PlantConnections {
+        _office: office_sender(files, fronts)?,
+        _sparkplug: edge_node(files, fronts)?,
+        _opcua: opcua_server(files, fronts)?,
+    })
+}
+
+/// Sends records to the office, if the cell's file names a broker.
+///
+/// # Errors
+/// If the sender cannot be started.
+fn office_sender(files: &CellFiles, fronts: &SharedInterfaceParts) -> Result<Option<OfficeSender>, Fault> {
+    let Some(office) = files.cell.office().cloned() else { return Ok(None) };
+    let folder = files.store_folder().to_owned();
+    let parts = OfficeParts {
+        office,
+        folder,
+        front: Some(fronts.parts.clone()),
+        status: fronts.record_transfers.office.clone(),
+    };
+    OfficeSender::start(parts).map(Some).map_err(Fault::stage)
+}
+
+/// Connects the cell to its MQTT broker, if the cell's file names one.
+///
+/// # Errors
+/// If it cannot be started.
+fn edge_node(files: &CellFiles, fronts: &SharedInterfaceParts) -> Result<Option<SparkplugEdge>, Fault> {
+    let Some(node) = files.cell.sparkplug().cloned() else { return Ok(None) };
+    tracing::info!("MQTT Sparkplug: edge node {} of the group {}", node.edge_node_id, node.group_id);
+    SparkplugEdge::serve(SparkplugParts { node, front: fronts.parts.clone() }).map(Some).map_err(Fault::stage)
+}
+
+/// Serves the cell by OPC UA, if its file names an address for it.
+///
+/// # Errors
+/// If the operating system refuses.
+fn opcua_server(files: &CellFiles, fronts: &SharedInterfaceParts) -> Result<Option<OpcUaServer>, Fault> {
+    let parts = OpcUaParts { settings: files.cell.opcua().clone(), front: fronts.parts.clone() };
+    OpcUaServer::serve(parts).map_err(Fault::stage)
+}

@@ -1,0 +1,76 @@
+//! The program without the systems of a plant: what a cell's file or a command asks of them is refused.
+
+use super::args::{Archive, Fleet};
+use super::fault::{DeviceFault, Fault};
+use super::interfaces::SharedInterfaceParts;
+use super::load::CellFiles;
+use super::output::Outcome;
+use panelprep_base::verdict::Reason;
+use panelprep_store::office::RecipeOffer;
+
+/// Whether this program has these connections.
+pub const IS_BUILT: bool = false;
+
+/// The connections: none.
+pub struct PlantConnections;
+
+/// The status of the transfer to the office, which this program does not have.
+#[derive(Debug, Clone, Default)]
+pub struct OfficeStatus;
+
+impl OfficeStatus {
+    /// Returns no offer.
+    pub fn recipe_offer(&self, _panel: &str) -> Option<RecipeOffer> {
+        None
+    }
+
+    /// Returns no problem of a transfer: a cell whose file names an office is not served.
+    pub fn reasons(&self, _behind_min: usize, _now_unix_ms: i64) -> Vec<Reason> {
+        vec![]
+    }
+}
+
+/// Refuses a cell whose file names a system of the plant.
+///
+/// # Errors
+/// If the file names one.
+pub fn connect(files: &CellFiles, _fronts: &SharedInterfaceParts) -> Result<PlantConnections, Fault> {
+    let tables = files.cell.plant_tables();
+    if tables.is_empty() {
+        Ok(PlantConnections)
+    } else {
+        Err(DeviceFault::BuiltWithoutPlant { what: tables.join(", ") }.into())
+    }
+}
+
+/// Refuses `panelprep archive`.
+///
+/// # Errors
+/// Always.
+pub fn run_archive(_args: &Archive) -> Result<Outcome, Fault> {
+    Err(DeviceFault::BuiltWithoutPlant { what: "panelprep archive".to_owned() }.into())
+}
+
+/// Refuses `panelprep fleet`.
+///
+/// # Errors
+/// Always.
+pub fn run_fleet(_args: &Fleet) -> Result<Outcome, Fault> {
+    Err(DeviceFault::BuiltWithoutPlant { what: "panelprep fleet".to_owned() }.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use panelprep_cell::cell::Cell;
+
+    #[test]
+    fn a_program_without_the_plant_says_how_to_build_it() {
+        let cell = "[opcua]\nlisten = '127.0.0.1:4840'\n[office]\nbroker = 'nats://10.0.0.1:4222'\ncell = 'a'\n";
+        let cell = Cell::check("cell.toml", cell).expect("good");
+        assert_eq!(cell.plant_tables(), ["[office]", "[opcua] listen"]);
+        let fault = Fault::from(DeviceFault::BuiltWithoutPlant { what: cell.plant_tables().join(", ") });
+        let words = fault.to_string();
+        assert!(words.starts_with("[office], [opcua] listen: ") && words.contains("--features plant"), "{words}");
+    }
+}
