@@ -1,10 +1,14 @@
 //! `panelprep check`: the kind of a file, its problems, and how the program understood it.
 //!
-//! The names at the top of a file decide its kind, so a file may have any name. A file that begins with `<` or whose
-//! name ends with `.xml` is an EthernetKRL file; several of these are checked for clashes with each other. Files with
-//! names that end with `.src`, `.sub` or `.dat` are KRL and are checked as one program. A file with a name that ends
-//! with `.yml` or `.yaml` contains the settings of a Zivid, or a lens as OpenCV, ROS or a Zivid writes it. Recipes
-//! that are checked together with one cell are compared with that cell.
+//! The top-level keys of a file determine its kind, so the name of the file is free. Exceptions:
+//!
+//! - A file that begins with `<`, or whose name ends with `.xml`, is an EthernetKRL file; several of these are checked
+//!   for conflicts with each other.
+//! - Files with names that end with `.src`, `.sub` or `.dat` are KRL and are checked as one program.
+//! - A file with a name that ends with `.yml` or `.yaml` contains the settings of a Zivid, or a lens calibration in the
+//!   format of OpenCV, ROS or Zivid.
+//!
+//! Recipes that are checked together with one cell are compared with that cell.
 
 mod controller;
 mod eki;
@@ -33,7 +37,7 @@ use report::{
     describe_recipe, describe_removal, reports_of_kind,
 };
 
-/// A kind of file: its name, the keys at its top, how it is checked.
+/// A kind of file: its name, its top-level keys, and the function that checks it.
 struct FileKind {
     name: &'static str,
     keys: &'static [&'static str],
@@ -42,7 +46,7 @@ struct FileKind {
 
 const KINDS: [FileKind; 10] = [
     FileKind {
-        name: CELL,
+        name: CELL_KIND,
         keys: &CELL_KEYS,
         check: |name, text| Cell::check(name, text).map(|cell| describe_cell(&cell)),
     },
@@ -81,22 +85,23 @@ const fn mount<M: Mount>(keys: &'static [&'static str]) -> FileKind {
     FileKind { name: M::TABLE, keys, check: |name, text| MountedPose::<M>::check(name, text).map(describe_mount) }
 }
 
-/// The purpose for which files are checked.
+/// The purpose for which files are checked, and the conditions of the check.
 #[derive(Clone, Copy)]
 pub struct CheckedFor<'a> {
-    /// A cell's file must state all that this purpose needs; with `None`, only what commands on files need.
+    /// A cell's file must state all that this purpose needs. With `None`, no key is required that only a motion or a
+    /// cycle needs.
     pub purpose: Option<Purpose>,
-    /// Missing files that the cell names are a warning, not a problem.
+    /// Whether a missing file that the cell names is only a warning.
     pub are_missing_files_allowed: bool,
     /// Reads the files that the cell names.
     pub read: ReadNamed<'a>,
-    /// KRL is checked for controllers with this version of KSS and higher ones, if it is known.
+    /// KRL is checked for controllers with this version of KSS or a higher one; `None` if the version is not known.
     pub kss: Option<Kss>,
 }
 
-/// Checks the texts of configuration files, each alone and against each other. A file is given by its name in
-/// messages and its text. If a purpose is given, a cell's file must state all that the purpose needs; the files
-/// that it names are not read.
+/// Checks the texts of configuration files, each by itself and all against each other. Each element of `files` is the
+/// name that messages use, and the text of the file. If a purpose is given, a cell's file must state all that the
+/// purpose needs; the files that it names are not read.
 pub fn check_files(files: &[(&str, &str)], purpose: Option<Purpose>) -> Vec<FileReport> {
     let checked_for = CheckedFor { purpose, are_missing_files_allowed: true, read: &skip_file, kss: None };
     check_files_for(files, &checked_for)
@@ -154,7 +159,7 @@ pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> 
         Some((place, cell)) if cell.robot().kind() == RobotKind::Eki => {
             controller::compare_with_cell(files, (place, &cell), &mut reports);
         }
-        _ => controller::hold_against_each_other(files, &mut reports),
+        _ => controller::compare_programs(files, &mut reports),
     }
     for report in &mut reports {
         report.problems.sort_by_key(|problem| problem.line);
@@ -165,11 +170,11 @@ pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> 
 
 /// Returns the only cell among the files with its index, if there is exactly one and it has no problem of its own.
 fn single_cell(files: &[(&str, &str)], reports: &[FileReport]) -> Option<(usize, Cell)> {
-    let [place] = reports_of_kind(CELL, reports)[..] else { return None };
+    let [place] = reports_of_kind(CELL_KIND, reports)[..] else { return None };
     Some((place, Cell::check(files[place].0, files[place].1).ok()?))
 }
 
-/// Reports what recipes need and the cell cannot do, if one cell is among the files.
+/// Reports the demands of recipes that the cell cannot meet, if exactly one cell is among the files.
 fn check_recipes_against_cell(files: &[(&str, &str)], read: ReadNamed<'_>, reports: &mut [FileReport]) {
     let Some((_, cell)) = single_cell(files, reports) else { return };
     for place in reports_of_kind(RECIPE, reports) {
@@ -214,7 +219,7 @@ fn check_own_format(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> Fil
     match (kind.check)(name, text) {
         Ok(says) => {
             let (problems, warnings) = match kind.name {
-                CELL => check_completeness(name, text, checked_for),
+                CELL_KIND => check_completeness(name, text, checked_for),
                 _ => (vec![], vec![]),
             };
             FileReport { kind: Some(kind.name), problems, warnings, descriptions: says }
@@ -225,11 +230,12 @@ fn check_own_format(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> Fil
     }
 }
 
-/// The kind that is checked for a purpose.
-const CELL: &str = "cell";
+/// Name of the kind of a cell's file, the only kind that is checked for a purpose.
+const CELL_KIND: &str = "cell";
 
-/// Finds what the purpose needs and a cell's file does not state, each at its line; the first problem names the
-/// purpose. Missing files give one warning, if they may be made later.
+/// Returns the problems and the warnings about values that the purpose needs but the cell's file does not state, each
+/// at its line; the first problem names the purpose. All missing files together are one warning, if missing files are
+/// allowed.
 fn check_completeness(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> (Vec<Problem>, Vec<Problem>) {
     let Ok(cell) = Cell::check(name, text) else { return (vec![], vec![]) };
     // Without a purpose no value is required, but the values that are present must be right.
@@ -240,7 +246,7 @@ fn check_completeness(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> (
     let may_lack =
         |unmet: &UnmetRequirement| checked_for.are_missing_files_allowed && unmet.kind == ProblemKind::MissingFile;
     let (missing, unmet): (Vec<UnmetRequirement>, Vec<UnmetRequirement>) = all.into_iter().partition(may_lack);
-    // The programs are accepted after the cell's file is written, so a new file is valid without it.
+    // The programs are accepted after the cell's file is written, so a new file is valid without their checksum.
     let later =
         |unmet: &UnmetRequirement| checked_for.are_missing_files_allowed && unmet.kind == ProblemKind::Acceptance;
     let (open, unmet): (Vec<UnmetRequirement>, Vec<UnmetRequirement>) = unmet.into_iter().partition(later);
@@ -275,14 +281,14 @@ fn unclear_kind_report(message: String) -> FileReport {
     FileReport { kind: None, problems, warnings: vec![], descriptions: vec![] }
 }
 
-/// Returns the one kind that shares the most names with the file. Misspelt names count if no name is known.
+/// Returns the kind that shares the most top-level keys with the file; `None` if several kinds share the same number.
+/// If the file has no key of a known kind, the nearest known keys count instead, because keys may be misspelt.
 fn detect_kind(top: &[String]) -> Option<&'static FileKind> {
     let all: Vec<&str> = KINDS.iter().flat_map(|kind| kind.keys).copied().collect();
     let right = |kind: &FileKind| top.iter().filter(|key| kind.keys.contains(&key.as_str())).count();
     let meant: Vec<&str> = top.iter().filter_map(|key| config::nearest(key, &all)).map(|(name, _)| name).collect();
     let near = |kind: &FileKind| meant.iter().filter(|name| kind.keys.contains(name)).count();
-    // A file with all names of one kind and no other names is of that kind, even if a larger kind has these names
-    // too.
+    // A file with exactly the keys of one kind is of that kind, even if a kind with more keys also has all of them.
     let is_whole = |kind: &FileKind| top.len() == kind.keys.len() && right(kind) == top.len();
     match KINDS.iter().find(|kind| is_whole(kind)) {
         Some(kind) => Some(kind),
@@ -306,9 +312,9 @@ mod tests {
         check_file(name, text).problems.into_iter().map(|problem| problem.message).collect()
     }
 
-    /// Each default that the sample states is the real default.
+    /// Each default value that a sample file states is the default value of the program.
     #[test]
-    fn the_samples_state_the_defaults() {
+    fn sample_files_state_the_default_values() {
         let text = include_str!("../../config/cell.toml");
         let has_default = |line: &&str| !line.starts_with("box_") && !line.starts_with("tool_error_mm");
         let limits: Vec<&str> = text.lines().filter(has_default).collect();
@@ -322,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_known_by_its_tables() {
+    fn top_level_keys_determine_the_kind() {
         for (text, kind) in [
             ("[robot]\nkind = 'mock'", Some("cell")),
             ("store = 'x'", Some("cell")),
@@ -345,9 +351,9 @@ mod tests {
         }
     }
 
-    /// The lists of names at the top are equal to the names that the checks accept.
+    /// The top-level keys that `KINDS` lists are the keys that the checks accept.
     #[test]
-    fn the_kinds_know_their_own_keys() {
+    fn each_kind_lists_the_keys_that_its_check_accepts() {
         for kind in &KINDS {
             let problems = (kind.check)("a.toml", "wavelength = 3").expect_err("a wrong key");
             let message = format!("unknown key; valid keys here: {}", kind.keys.join(", "));
@@ -356,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_clear_is_reported() {
+    fn a_file_of_unclear_kind_is_reported() {
         assert_eq!(
             problem_messages("a.toml", "x = 3"),
             [
@@ -377,7 +383,7 @@ mod tests {
     /// Calculated by hand: 2 atan(972 / 1785) = 57.1°, 2 atan(600 / 1784) = 37.2°. A recipe by itself is correct; if
     /// it is checked with a cell, the cell's tool must be able to execute it.
     #[test]
-    fn recipes_are_held_against_the_cell() {
+    fn recipes_are_checked_against_the_cell() {
         let recipe = ("panel.toml", include_str!("../../config/panels/example.toml"));
         let told = |files: &[(&str, &str)]| -> Vec<String> {
             let reports = check_files(files, None);
@@ -396,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_understood_is_reported() {
+    fn the_report_describes_the_content() {
         let cell = "[robot]\nkind = 'eki'\nhost = 'krc'\n[scanner]\nkind = 'zivid'\nsettings = 's.yml'\nsettings_2d = 'p.yml'\n[limits]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 2, 3]";
         assert_eq!(
             check_file("c/cell.toml", cell).descriptions,
@@ -411,7 +417,7 @@ mod tests {
                 "off after the end of an epoch: none",
                 "feedbacks: none",
                 "calibration files named: none",
-                "limits: the tool stays in [0, 0, 0] … [1, 2, 3] mm",
+                "limits: the tool centre point stays in the box from [0, 0, 0] to [1, 2, 3] mm",
                 "store in c/store",
                 "not compared with cell_config.dat, cell_motion.src, CELLCMD.xml, CELLSTAT.xml: it is not verified \
                  that a stop is received and switches tool and water off, or that signals and ports are the same on \

@@ -1,9 +1,10 @@
-//! The contents that a cell's file needs for a purpose: decided here for every command.
+//! The values and files that a cell's file must state for a purpose: decided here for every command.
 //!
-//! A file may omit what offline work does not need. A lack that would make a motion or a cycle refuse later is refused
-//! here before anything begins, and `panelprep check` reports it at the desk. [`unmet_requirements`] examines only the
-//! cell's file, [`incomplete_files`] also the files that it names: whether they exist, and the results of their own
-//! checks. `check`, `doctor`, `run` and `cycle` all use these two. `panelprep doctor` checks whether devices answer.
+//! A cell's file may omit what offline work does not need. If a value is missing without which a motion or a cycle
+//! would be refused later, the command refuses it before anything begins, and `panelprep check` reports it at the desk.
+//! [`unmet_requirements`] examines only the cell's file; [`incomplete_files`] also examines the files that it names:
+//! whether they exist, and the results of their own checks. `check`, `doctor`, `run` and `cycle` use these two
+//! functions. `panelprep doctor` checks whether devices answer.
 
 pub mod recipe_fits;
 
@@ -39,12 +40,12 @@ impl Purpose {
     }
 }
 
-/// A requirement that a cell's file does not state, or states with a value that is not possible.
+/// A value that a purpose needs and that a cell's file does not state, or for which it states an impossible value.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UnmetRequirement {
-    /// The key with its tables, `poses.park.a1_deg`.
+    /// The key with its tables, such as `poses.park.a1_deg`.
     pub key: String,
-    /// The value found, the value needed, and the action.
+    /// The value found, the value needed, and what to do.
     pub message: String,
     /// The kind of the problem.
     pub kind: ProblemKind,
@@ -53,9 +54,9 @@ pub struct UnmetRequirement {
 /// The kind of problem in a cell's file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ProblemKind {
-    /// A value is missing or not possible.
+    /// A value is missing or impossible.
     Value,
-    /// A file that the cell's file names is missing: it may still be created.
+    /// A file that the cell's file names does not exist; it may be created later.
     MissingFile,
     /// A file that the cell's file names exists, but is not valid.
     WrongFile,
@@ -69,55 +70,58 @@ impl UnmetRequirement {
     }
 }
 
-/// Advice on how to make calibrations.
+/// Text that states how to create a missing calibration file.
 pub const CALIBRATION_ADVICE: &str = "`panelprep demo` creates this file for config/cell.toml, `panelprep render` for \
                                       another simulated cell, `panelprep calibrate` for a real cell";
 
-/// A file that a cell's file names, as its reader found it.
+/// The result of reading a file that a cell's file names.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum NamedFile {
     /// Its text.
     Text(String),
     /// The file does not exist.
     Missing,
-    /// The file exists and cannot be read: the reason.
+    /// The file exists but cannot be read; the text is the reason.
     Unreadable(String),
-    /// The reader did not look for the file.
+    /// The reader did not search for the file.
     NotChecked,
 }
 
-/// Reads a named file.
+/// A function that reads a named file.
 pub type ReadNamed<'a> = &'a dyn Fn(&Path) -> NamedFile;
 
 /// Returns everything that this purpose needs and the cell's file does not contain; empty if nothing is missing.
 pub fn unmet_requirements(cell: &Cell, purpose: Purpose) -> Vec<UnmetRequirement> {
     let is_mock = cell.robot().kind() == RobotKind::Mock;
     match purpose {
-        Purpose::Robot if is_mock => names(cell, true).into_iter().chain(check_park(cell)).collect(),
+        Purpose::Robot if is_mock => {
+            missing_outputs_and_feedbacks(cell, true).into_iter().chain(check_park(cell)).collect()
+        }
         Purpose::Robot => Vec::new(),
         Purpose::Cycle => {
             let simulates = is_mock || simulated_cameras(cell).iter().any(|(_, is)| *is);
             let parts = [
-                names(cell, simulates),
+                missing_outputs_and_feedbacks(cell, simulates),
                 check_park(cell),
-                poses(cell),
-                limits(cell),
-                calibrations(cell),
-                cameras(cell),
+                check_poses(cell),
+                check_box(cell),
+                missing_calibrations(cell),
+                check_cameras(cell),
             ];
             parts.concat()
         }
     }
 }
 
-/// Returns the result of [`unmet_requirements`], the files named in the cell's file that are missing or wrong, and the missing
-/// acceptance of a real controller's programs.
+/// Returns the result of [`unmet_requirements`], the files named in the cell's file that are missing or not valid, and
+/// the missing acceptance of a real controller's programs.
 pub fn incomplete_files(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<UnmetRequirement> {
     let of_files = unmet_files(cell, purpose, read);
     unmet_requirements(cell, purpose).into_iter().chain(of_files).chain(acceptance(cell, purpose)).collect()
 }
 
-/// Returns the problems of a file with this text, each at the line of its key, in the order of the lines.
+/// Converts requirements that the file with this text does not meet to problems, each at the line of its key, in the
+/// order of the lines.
 pub fn to_problems(text: &str, unmet: Vec<UnmetRequirement>) -> Vec<Problem> {
     let problem = |UnmetRequirement { key, message, .. }| Problem { line: key_line(text, &key), key, message };
     let mut problems: Vec<Problem> = unmet.into_iter().map(problem).collect();
@@ -125,13 +129,14 @@ pub fn to_problems(text: &str, unmet: Vec<UnmetRequirement>) -> Vec<Problem> {
     problems
 }
 
-/// Requires the sum of the programs with which the cell was accepted. A rehearsal with `mock-robot` on this computer
-/// needs none. This is an early notice and no permission: a real controller behind a tunnel is recognised by its
-/// state, and nothing moves in automatic mode without its signed proofs, which need the sum.
+/// Returns an unmet requirement if a cycle on a real controller lacks the checksum of the programs with which the cell
+/// was accepted. A rehearsal with `mock-robot` on this computer needs none. This is an early notice and not the
+/// safeguard: the daemon recognises a real controller behind a tunnel by its state, and in automatic mode nothing moves
+/// without signed proofs, which need the checksum.
 fn acceptance(cell: &Cell, purpose: Purpose) -> Option<UnmetRequirement> {
     let robot = cell.robot();
-    let message = "is missing: with which programs of the controller this cell was accepted is NOT PROVEN, and others would not \
-                   be noticed; run `panelprep doctor --kuka DIR --accept` with the controller's files and add the \
+    let message = "is missing, so it is NOT PROVEN with which programs of the controller this cell was accepted, and other programs \
+                   would not be noticed; run `panelprep doctor --kuka DIR --accept` with the controller's files and add the \
                    line that it prints";
     let lacks = purpose == Purpose::Cycle && is_elsewhere(robot) && robot.programs_sum().is_none();
     lacks.then(|| UnmetRequirement {
@@ -140,7 +145,7 @@ fn acceptance(cell: &Cell, purpose: Purpose) -> Option<UnmetRequirement> {
     })
 }
 
-/// Returns whether the controller is another machine, by its address.
+/// Returns whether the controller runs on another machine, according to its address.
 fn is_elsewhere(robot: &Robot) -> bool {
     robot.kind() == RobotKind::Eki && !robot.is_local_controller()
 }
@@ -153,8 +158,9 @@ fn simulated_cameras(cell: &Cell) -> [(&'static str, bool); 2] {
     ]
 }
 
-/// Finds missing outputs and feedbacks. The simulated world reports the effect of an output by every feedback.
-fn names(cell: &Cell, simulates: bool) -> Vec<UnmetRequirement> {
+/// Returns the outputs and feedbacks that are missing. The simulation reports the effect of each output by a feedback,
+/// so a simulated cell needs all feedbacks.
+fn missing_outputs_and_feedbacks(cell: &Cell, simulates: bool) -> Vec<UnmetRequirement> {
     let io = cell.inputs_outputs();
     let mut missing = Vec::new();
     for output in Output::ALL.iter().copied() {
@@ -163,8 +169,7 @@ fn names(cell: &Cell, simulates: bool) -> Vec<UnmetRequirement> {
             let message = "is missing; a cycle switches this output: state the number n of its $OUT[n]";
             missing.push(UnmetRequirement::new(format!("io.outputs.{name}"), message));
         }
-        // The light is proven by its output as the controller reports it, and by `light_on` only if that feedback
-        // exists.
+        // On a real controller, the reported output proves the light; the feedback `light_on` is optional.
         let is_read = simulates || output != Output::Light;
         if is_read && io.feedback(feedback).is_none() {
             let message = format!(
@@ -174,8 +179,8 @@ fn names(cell: &Cell, simulates: bool) -> Vec<UnmetRequirement> {
         }
     }
     missing.extend(io.undecided().into_iter().map(|name| {
-        let message = "does not state what a stop does with it; state its time in [io.off_after_s] (0 for all that moves \
-                       or lets water run), or name it in [io] may_stay_on";
+        let message = "does not state what a stop does with it; state its time in [io.off_after_s] (0 for an output \
+                       that moves something or lets water run), or name it in [io] may_stay_on";
         UnmetRequirement::new(format!("io.outputs.{name}"), message)
     }));
     missing
@@ -188,9 +193,9 @@ fn check_park(cell: &Cell) -> Vec<UnmetRequirement> {
     missing.into_iter().collect()
 }
 
-/// Checks that the arm can reach the poses of a cycle, and can turn its axes from one pose to the other without
-/// meeting an obstacle.
-fn poses(cell: &Cell) -> Vec<UnmetRequirement> {
+/// Checks that the arm can reach the park pose and the ready pose, and that it can move its axes from one to the other
+/// without an obstacle.
+fn check_poses(cell: &Cell) -> Vec<UnmetRequirement> {
     let (park, ready) = (cell.park_pose(), cell.pose("ready"));
     let named: Vec<(&str, Joints)> =
         [("park", park), ("ready", ready)].into_iter().filter_map(|(name, pose)| Some((name, pose?))).collect();
@@ -199,8 +204,8 @@ fn poses(cell: &Cell) -> Vec<UnmetRequirement> {
     if !beyond.is_empty() {
         return beyond;
     }
-    // The check ignores the tool, which a calibration determines: any obstacle of the arm alone is also an obstacle
-    // with a tool.
+    // The check is made without the tool, which a calibration determines: an obstacle for the arm alone is an obstacle
+    // with a tool, too.
     let (arm, no_tool) = (Kinematics::new(cell.arm()), Rigid::from_isometry_unchecked(Isometry3::identity()));
     let first = named.first().map(|first| (*first, *first));
     let both = named.first().zip(named.get(1)).into_iter();
@@ -219,7 +224,7 @@ fn poses(cell: &Cell) -> Vec<UnmetRequirement> {
     unmet_poses
 }
 
-/// Finds the axes of a pose that are beyond the arm's limits.
+/// Returns the axes of a pose that are beyond the arm's limits.
 fn axes_beyond_limits(cell: &Cell, name: &str, pose: &Joints) -> Vec<UnmetRequirement> {
     let axes = cell.arm().axes();
     let angles = pose.degrees();
@@ -228,7 +233,7 @@ fn axes_beyond_limits(cell: &Cell, name: &str, pose: &Joints) -> Vec<UnmetRequir
         let message = || {
             let [angle, low, high] = [angle, low, high].map(shortest_text);
             format!(
-                "found {angle}, the limits are {low} to {high}: the arm's axis {} cannot turn farther",
+                "found {angle}, but the limits of the arm's axis {} are {low} to {high}: state an angle within the limits",
                 axis + 1
             )
         };
@@ -238,30 +243,30 @@ fn axes_beyond_limits(cell: &Cell, name: &str, pose: &Joints) -> Vec<UnmetRequir
     angles.into_iter().enumerate().filter_map(of_axis).collect()
 }
 
-fn limits(cell: &Cell) -> Vec<UnmetRequirement> {
+fn check_box(cell: &Cell) -> Vec<UnmetRequirement> {
     let Some(space) = cell.limits().workspace() else {
-        let message = "is missing, and box_max_mm, too; without this box for the tool centre point (TCP), the robot \
-                       makes no linear motions";
+        let message = "is missing, and so is box_max_mm: without this box for the tool centre point (TCP), the robot \
+                       makes no linear motions; state both corners of the box";
         return vec![UnmetRequirement::new("limits.box_min_mm", message)];
     };
     let [low, high] = [space.min, space.max].map(|corner| [corner.mm.x, corner.mm.y, corner.mm.z]);
     check_box_unit("limits.box_max_mm", low, high).into_iter().collect()
 }
 
-/// The working volume of a robot is never smaller than this, mm: the numbers of a smaller box are metres.
-const MIN_BOX_MM: f64 = 10.0;
+/// No robot has a working volume whose longest edge is shorter than this, mm; the numbers of such a box are metres.
+const MIN_LONGEST_EDGE_MM: f64 = 10.0;
 
-/// Reports a box with a longest edge so short that its numbers must be metres.
+/// Reports a box whose edges are all so short that its numbers must be metres.
 fn check_box_unit(key: &str, low: [f64; 3], high: [f64; 3]) -> Option<UnmetRequirement> {
     let edges = [0, 1, 2].map(|axis| high[axis] - low[axis]);
     let message = || {
         let [x, y, z] = edges.map(|edge| fixed_decimals(edge, 2));
         format!("found a box of {x} × {y} × {z} mm; are these metres? write millimetres")
     };
-    edges.iter().all(|edge| *edge < MIN_BOX_MM).then(|| UnmetRequirement::new(key, message()))
+    edges.iter().all(|edge| *edge < MIN_LONGEST_EDGE_MM).then(|| UnmetRequirement::new(key, message()))
 }
 
-fn calibrations(cell: &Cell) -> Vec<UnmetRequirement> {
+fn missing_calibrations(cell: &Cell) -> Vec<UnmetRequirement> {
     let files = cell.calibration();
     let named = [
         ("scanner", files.scanner.is_some()),
@@ -276,8 +281,8 @@ fn calibrations(cell: &Cell) -> Vec<UnmetRequirement> {
     missing.map(|(key, _)| UnmetRequirement::new(format!("calibration.{key}"), message)).collect()
 }
 
-/// Checks whether the cameras match the robot, and have what they need for a shot.
-fn cameras(cell: &Cell) -> Vec<UnmetRequirement> {
+/// Checks whether the cameras match the robot, and whether the settings for a shot are named.
+fn check_cameras(cell: &Cell) -> Vec<UnmetRequirement> {
     let mut wrong = Vec::new();
     let robot = cell.robot();
     if is_elsewhere(robot) {
@@ -306,18 +311,18 @@ fn cameras(cell: &Cell) -> Vec<UnmetRequirement> {
     wrong
 }
 
-/// Returns [`NamedFile::NotChecked`] for any file.
+/// Returns [`NamedFile::NotChecked`] for each file.
 pub fn skip_file(_: &Path) -> NamedFile {
     NamedFile::NotChecked
 }
 
-/// The keys of files that every command reads if it reads the cell.
+/// Keys of the files that every command reads together with the cell's file.
 const ALWAYS_READ_KEYS: [&str; 1] = ["calibration.robot_correction"];
-/// Keys of `[scanner]`.
-const SETTINGS: [(&str, ZividUse); 2] =
+/// Keys of `[scanner]` that name files with settings, and the use of each file.
+const ZIVID_SETTINGS: [(&str, ZividUse); 2] =
     [("scanner.settings", ZividUse::Scan), ("scanner.settings_2d", ZividUse::Film)];
 
-/// The files needed for the purpose that are missing or invalid. The message of the first missing calibration
+/// Returns the files for this purpose that are missing or not valid. The message of the first missing calibration
 /// states what to do.
 fn unmet_files(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<UnmetRequirement> {
     let needs = |key: &str| purpose == Purpose::Cycle || ALWAYS_READ_KEYS.contains(&key);
@@ -349,7 +354,7 @@ fn unmet_files(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<UnmetR
     named_files(cell).into_iter().filter(|(key, _)| needs(key)).filter_map(judge).collect()
 }
 
-/// Lists the named files with their keys.
+/// Lists the files that the cell's file names, with their keys.
 fn named_files(cell: &Cell) -> Vec<(String, &Path)> {
     let calibrations =
         cell.calibration().named_files().into_iter().map(|(key, file)| (format!("calibration.{key}"), file));
@@ -357,13 +362,14 @@ fn named_files(cell: &Cell) -> Vec<(String, &Path)> {
         Camera::Device(zivid) => [zivid.settings.as_deref(), zivid.settings_2d.as_deref()],
         Camera::Simulated | Camera::Recorded { .. } => [None, None],
     };
-    let settings = SETTINGS.into_iter().zip(settings).filter_map(|((key, _), file)| Some((key.to_owned(), file?)));
+    let settings =
+        ZIVID_SETTINGS.into_iter().zip(settings).filter_map(|((key, _), file)| Some((key.to_owned(), file?)));
     calibrations.chain(settings).collect()
 }
 
-/// The file of the arm's correction.
+/// The correction of the arm that the cell uses.
 enum Correction {
-    /// The file's hash, by which calibrations name it; `None` if the cell names no such file.
+    /// The hash of the correction's file, by which calibrations name it; `None` if the cell names no such file.
     Known(Option<String>),
     /// The file was not read.
     Unknown,
@@ -379,24 +385,24 @@ impl Correction {
     }
 }
 
-/// Returns whether a mount that was measured with the robot was measured with this correction of the arm, named by
-/// its hash. If this cell has no correction, the mount must have been measured without one.
+/// Returns whether a mount that was measured with the robot was measured with this correction of the arm, named by its
+/// hash. `None` means that the mount must have been measured without a correction.
 pub fn is_same_correction<M: Mount>(mount: &MountedPose<M>, correction: Option<&str>) -> bool {
     // A mount that a person wrote by hand was not measured with the robot.
     let is_measured = mount.provenance.program.is_some() || mount.robot_correction.is_some();
     !is_measured || mount.robot_correction.as_deref() == correction
 }
 
-/// Checks a file according to the key that names it.
+/// Checks a file as the kind of file that its key names.
 fn check_named_file(key: &str, name: &str, text: &str, correction: &Correction) -> Result<(), Problems> {
-    if let Some((_, usage)) = SETTINGS.into_iter().find(|(settings, _)| *settings == key) {
+    if let Some((_, usage)) = ZIVID_SETTINGS.into_iter().find(|(settings, _)| *settings == key) {
         return ZividSettings::check(name, text, usage).map(drop);
     }
     match key.trim_start_matches("calibration.") {
         "scanner" | "flange_camera" => Intrinsics::check(name, text).map(drop),
         ScannerMount::TABLE => check_mount::<ScannerMount>(name, text, correction).map(drop),
         FlangeCameraMount::TABLE => check_mount::<FlangeCameraMount>(name, text, correction).map(drop),
-        ToolMount::TABLE => tool(name, text, correction),
+        ToolMount::TABLE => check_tool_file(name, text, correction),
         "robot_correction" => RobotCorrection::check(name, text).map(drop),
         _ => RemovalCalibration::check(name, text).map(drop),
     }
@@ -416,8 +422,8 @@ fn check_mount<M: Mount>(name: &str, text: &str, correction: &Correction) -> Res
     Err(problem(name, text, format!("{}.robot_correction", M::TABLE), message))
 }
 
-/// Checks a tool's file: the tool's point is not enough for a cycle, its axis must also be measured.
-fn tool(name: &str, text: &str, correction: &Correction) -> Result<(), Problems> {
+/// Checks a tool's file. A cycle needs more than the tool centre point: the tool's axis must also be measured.
+fn check_tool_file(name: &str, text: &str, correction: &Correction) -> Result<(), Problems> {
     if check_mount::<ToolMount>(name, text, correction)?.axis_measured == Some(true) {
         return Ok(());
     }
@@ -431,7 +437,7 @@ fn problem(name: &str, text: &str, key: String, message: &str) -> Problems {
     Problems { file: name.to_owned(), list: vec![problem] }
 }
 
-/// Returns the first problem with its file and line, and the number of problems.
+/// Returns the first problem with its file and line, and the number of all problems.
 fn first_problem(problems: &Problems) -> String {
     let all = problems.to_string();
     let first = all.lines().next().unwrap_or_default().to_owned();

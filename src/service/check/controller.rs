@@ -16,15 +16,15 @@ use panelprep_kuka::krl::{File, Kss, analyse, parse};
 use std::collections::BTreeMap;
 
 /// Compares the controller's programs with each other, if no cell with a controller is among the files.
-pub(super) fn hold_against_each_other(files: &[(&str, &str)], reports: &mut [FileReport]) {
-    report(among_programs(&ControllerFiles::among(files)), files, reports);
+pub(super) fn compare_programs(files: &[(&str, &str)], reports: &mut [FileReport]) {
+    report_differences(among_programs(&ControllerFiles::among(files)), files, reports);
     compare_accelerations(files, reports);
 }
 
-/// Adds each contradiction to the report of its file.
-fn report(differences: Vec<Difference>, files: &[(&str, &str)], reports: &mut [FileReport]) {
+/// Adds each difference to the report of the file in which it was found.
+fn report_differences(differences: Vec<Difference>, files: &[(&str, &str)], reports: &mut [FileReport]) {
     for difference in differences {
-        let Some(place) = place(difference.file, files) else { continue };
+        let Some(place) = file_index(difference.file, files) else { continue };
         let problems = &mut reports[place].problems;
         if !problems.contains(&difference.problem) {
             problems.push(difference.problem);
@@ -32,9 +32,9 @@ fn report(differences: Vec<Difference>, files: &[(&str, &str)], reports: &mut [F
     }
 }
 
-/// Compares the accelerations of recipes with the highest one that the controller accepts.
+/// Reports recipes with an acceleration above the highest one that the controller accepts.
 fn compare_accelerations(files: &[(&str, &str)], reports: &mut [FileReport]) {
-    let Some(config) = place(CONFIG, files) else { return };
+    let Some(config) = file_index(CONFIG, files) else { return };
     let Some(most_m_s2) = highest_acceleration_m_s2(files[config].1) else { return };
     for place in reports_of_kind(RECIPE, reports) {
         let (name, text) = files[place];
@@ -44,14 +44,14 @@ fn compare_accelerations(files: &[(&str, &str)], reports: &mut [FileReport]) {
             let key = "path.acceleration_mm_s2".to_owned();
             let message = format!(
                 "is {found_m_s2} m/s², and CELL_ACC_MAX of {CONFIG} is {most_m_s2} m/s²: the controller would refuse the path; \
-                 lower it, or raise CELL_ACC_MAX"
+                 lower the acceleration, or raise CELL_ACC_MAX"
             );
             reports[place].problems.push(Problem { line: key_line(text, &key), key, message });
         }
     }
 }
 
-fn place(name: &str, files: &[(&str, &str)]) -> Option<usize> {
+fn file_index(name: &str, files: &[(&str, &str)]) -> Option<usize> {
     files.iter().position(|(file, _)| is_named(file, name))
 }
 
@@ -61,15 +61,15 @@ pub(super) fn compare_with_cell(
     (cell_place, cell): (usize, &Cell),
     reports: &mut [FileReport],
 ) {
-    let place = |name: &str| place(name, files);
+    let file_index = |name: &str| file_index(name, files);
     let comparison = compare(&ControllerFiles::among(files), cell);
-    report(comparison.differences, files, reports);
+    report_differences(comparison.differences, files, reports);
     compare_accelerations(files, reports);
     reports[cell_place]
         .descriptions
         .extend(comparison.not_compared.into_iter().map(|why| format!("not compared: {why}")));
     let not_named: Vec<&str> =
-        [CONFIG, MOTION, COMMANDS, STATES].into_iter().filter(|name| place(name).is_none()).collect();
+        [CONFIG, MOTION, COMMANDS, STATES].into_iter().filter(|name| file_index(name).is_none()).collect();
     let cell_text = files[cell_place].1;
     if !not_named.is_empty() {
         let message = format!(
@@ -79,8 +79,8 @@ pub(super) fn compare_with_cell(
         );
         reports[cell_place].descriptions.push(message);
     }
-    let not_called: Vec<&str> = [USER, SUBMIT].into_iter().filter(|name| place(name).is_none()).collect();
-    if let (Some(config), false) = (place(CONFIG), not_called.is_empty()) {
+    let not_called: Vec<&str> = [USER, SUBMIT].into_iter().filter(|name| file_index(name).is_none()).collect();
+    if let (Some(config), false) = (file_index(CONFIG), not_called.is_empty()) {
         let message = format!(
             "not compared with {}: it is not known whether the cell's own subroutines are those of this list, nor \
              whether the submit interpreter calls CELL_INIT( ) and CELL_CYCLE( )",
@@ -94,7 +94,8 @@ pub(super) fn compare_with_cell(
             line: key_line(cell_text, key),
             key: key.to_owned(),
             message: format!(
-                "is {kept}, but the checksum of the controller's files is {sum}; the cell was accepted with other files"
+                "is {kept}, but the checksum of the controller's files is {sum}; the cell was accepted with other files: \
+                 check what was changed, then accept the files with `panelprep doctor --kuka DIR --accept`"
             ),
         }),
         (Ok(sum), kept) => {
@@ -105,18 +106,18 @@ pub(super) fn compare_with_cell(
                      the controller and prints the line"
                 }
             };
-            if let Some(place) = place(CONFIG) {
+            if let Some(place) = file_index(CONFIG) {
                 let message = format!("the checksum of the programs with this file is {sum}, {advice}");
                 reports[place].descriptions.push(message);
             }
         }
         (Err(error @ SumError::Edited { line, .. }), _) => {
-            if let Some(place) = place(DATA) {
+            if let Some(place) = file_index(DATA) {
                 let problem = Problem { line, key: "CELL_PROGRAM_SUM".to_owned(), message: error.to_string() };
                 reports[place].problems.push(problem);
             }
         }
-        // Named at the value already.
+        // The report of the file with this value already states this problem.
         (Err(SumError::UserEdited { .. }), _) => {}
         (Err(error), Some(kept)) => {
             reports[cell_place].descriptions.push(format!("programs_sum {kept} was not compared: {error}"));
@@ -134,8 +135,8 @@ pub fn is_krl(name: &str) -> bool {
     [".src", ".sub", ".dat"].iter().any(|ending| name.ends_with(ending))
 }
 
-/// Checks files, each with its index among all files, its name and its text, for this version of KSS, if it is
-/// known.
+/// Checks KRL files, each given with its index among all files, its name and its text. `kss` is the lowest version of
+/// KSS on which the files must run; `None` if it is not known.
 pub(super) fn check_krl_files(files: &[(usize, &str, &str)], kss: Option<Kss>) -> Vec<(usize, FileReport)> {
     let read: Vec<File> = files.iter().map(|(_, name, text)| parse(name, text)).collect();
     let analysis = analyse(&read, kss);
@@ -150,8 +151,7 @@ pub(super) fn check_krl_files(files: &[(usize, &str, &str)], kss: Option<Kss>) -
     files.iter().map(|(place, ..)| *place).zip(found).map(report).collect()
 }
 
-/// Returns one warning in place of several that state the same about different names: at the line of the first, with
-/// all names.
+/// Merges warnings that state the same about different names: one warning at the line of the first, with all names.
 fn merge_duplicates(warnings: Vec<Problem>) -> Vec<Problem> {
     let mut all: BTreeMap<String, Vec<Problem>> = BTreeMap::new();
     for warning in warnings {
@@ -162,7 +162,7 @@ fn merge_duplicates(warnings: Vec<Problem>) -> Vec<Problem> {
     all
 }
 
-/// Combines at least one problem into one, in the order of the lines.
+/// Merges problems with the same message, at least one, into one problem; it lists the names in the order of the lines.
 fn merge_problems(mut same: Vec<Problem>) -> Problem {
     let first = same.remove(0);
     if same.is_empty() {
@@ -176,8 +176,8 @@ fn merge_problems(mut same: Vec<Problem>) -> Problem {
     Problem { line: first.line, key: names.join(", "), message: first.message }
 }
 
-/// Returns the kinds of statements that were read and checked but are not executed by a rehearsal, each with its
-/// lines; only the first ones if there are many.
+/// Describes the kinds of statements that were checked but that a rehearsal does not execute, each with its first
+/// lines; `None` if every statement is executed. At most [`MAX_LISTED`] kinds are listed.
 fn unexecuted_kinds(unexecuted: &[Problem]) -> Option<String> {
     let mut lines: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
     for place in unexecuted {
@@ -205,7 +205,7 @@ mod tests {
     use super::super::check_files;
     use panelprep_cell::controller::planted::{MISTAKES, edited, missed, texts};
 
-    fn said(texts: &[(&'static str, String)]) -> Vec<String> {
+    fn reported(texts: &[(&'static str, String)]) -> Vec<String> {
         let named: Vec<(&str, &str)> = texts.iter().map(|(name, text)| (*name, text.as_str())).collect();
         let problems = check_files(&named, None).into_iter().flat_map(|report| report.problems);
         problems.map(|problem| format!("line {}: {}: {}", problem.line, problem.key, problem.message)).collect()
@@ -213,8 +213,8 @@ mod tests {
 
     #[test]
     fn check_names_each_planted_mistake() {
-        assert_eq!(said(&texts()), [""; 0]);
-        let missed = missed(said);
+        assert_eq!(reported(&texts()), [""; 0]);
+        let missed = missed(reported);
         assert!(missed.is_empty(), "{} of {}:\n{}", missed.len(), MISTAKES.len(), missed.join("\n"));
     }
 
@@ -224,12 +224,12 @@ mod tests {
         for (from, to) in [("DECL GLOBAL INT CELL_OFF_MS[31]\n", ""), ("CELL_USER_N=1", "CELL_USER_N=2")] {
             let mut all = edited("cell_config.dat", from, to);
             all.retain(|(name, _)| *name != "cell");
-            assert!(!said(&all).is_empty(), "{from}");
+            assert!(!reported(&all).is_empty(), "{from}");
         }
     }
     /// Both accelerations are in m/s²: the recipe's 3 m/s² exceed the controller's 2 m/s², and 1 m/s² do not.
     #[test]
-    fn a_recipe_that_accelerates_more_than_the_controller_accepts_is_named() {
+    fn a_recipe_above_the_controllers_acceleration_is_reported() {
         let recipe = include_str!("../../../config/panels/example.toml");
         let has_line = |line: &&str| !line.starts_with("acceleration_mm_s2");
         let recipe = recipe.lines().filter(has_line).collect::<Vec<_>>().join("\n");
@@ -239,7 +239,12 @@ mod tests {
             assert_eq!(recipe.matches("\n[path]").count(), 1);
             all.push(("recipe.toml", recipe.replace("\n[path]", &format!("\n{line}"))));
             let words = "path.acceleration_mm_s2: is 3 m/s², and CELL_ACC_MAX of cell_config.dat is 2 m/s²";
-            assert_eq!(said(&all).iter().any(|said| said.contains(words)), is_refused, "{:#?}", said(&all));
+            assert_eq!(
+                reported(&all).iter().any(|reported| reported.contains(words)),
+                is_refused,
+                "{:#?}",
+                reported(&all)
+            );
         }
     }
 }

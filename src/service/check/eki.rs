@@ -4,13 +4,14 @@
 //!
 //! - the pitfalls of `eki.md` 6, which the controller accepts although they lead to problems, and properties that
 //!   cannot work;
-//! - conflicts between the channels of one controller: the same name, port, flag or output, and addresses that differ;
+//! - conflicts between the channels of one controller: the same name, port, flag or output, and different addresses of
+//!   the controller;
 //! - a description of the channel, one sentence for each property.
 //!
 //! The facts are in `eki.md` 1 and 6. RAW channels, channels on which the controller connects as a client, and unknown
 //! names are read as well, and all problems are reported.
 //!
-//! This module does not judge the newer dialect of EthernetKRL 6; it only reports that a file is written in it.
+//! This module does not check the newer dialect of EthernetKRL 6; it only reports that a file is written in it.
 
 use panelprep_base::config::Problem;
 use panelprep_kuka::eki::channel::{
@@ -24,7 +25,7 @@ pub(super) struct EkiCheckResult {
     pub(super) problems: Vec<Problem>,
     /// Properties that the controller accepts although they lead to problems.
     pub(super) warnings: Vec<Problem>,
-    /// The properties of the channel, a sentence each.
+    /// The properties of the channel, one sentence for each.
     pub(super) descriptions: Vec<String>,
     /// The channel; `None` if the file is not a channel.
     pub(super) channel: Option<StatedChannel>,
@@ -52,22 +53,22 @@ pub(super) fn check_eki_file(name: &str, text: &str) -> EkiCheckResult {
 }
 
 /// The ports that the controller's firewall opens.
-const PORTS: std::ops::RangeInclusive<u16> = 54_600..=54_615;
-/// The first number beyond the last `$FLAG`, 1024. The manual's range for Set_Flag still includes it, so it only gives
-/// a warning; larger numbers are refused as outside of that range.
-const FLAG_END: u32 = 1025;
+const FIREWALL_PORTS: std::ops::RangeInclusive<u16> = 54_600..=54_615;
+/// The number after 1024, the last `$FLAG`. The manual's range for Set_Flag includes 1025, so 1025 gives only a
+/// warning; larger numbers are problems.
+const FIRST_INVALID_FLAG: u32 = 1025;
 
-/// Adds everything to `found` that is visible from one channel's own file.
+/// Adds to `found` all pitfalls that are visible in the file of one channel.
 fn find_pitfalls(channel: &StatedChannel, found: &mut Findings) {
-    addresses(channel, found);
+    check_addresses(channel, found);
     check_lifetime(channel, found);
     check_buffers(channel, found);
-    signals(channel, found);
-    elements(channel, found);
-    raw(channel, found);
+    check_signals(channel, found);
+    check_elements(channel, found);
+    check_raw_elements(channel, found);
 }
 
-fn addresses(channel: &StatedChannel, found: &mut Findings) {
+fn check_addresses(channel: &StatedChannel, found: &mut Findings) {
     let internal_line = channel.internal_line;
     if !channel.type_stated {
         let message = "is not stated: the controller assumes Server, connects to the other machine and does not \
@@ -76,7 +77,7 @@ fn addresses(channel: &StatedChannel, found: &mut Findings) {
     }
     if channel.does_controller_listen() {
         match &channel.internal.port {
-            Some(port) if !PORTS.contains(&port.value) => found.add_problem(
+            Some(port) if !FIREWALL_PORTS.contains(&port.value) => found.add_problem(
                 port.line,
                 "CONFIGURATION/INTERNAL/PORT",
                 format!("is {}; the controller's firewall lets only ports 54600 to 54615 through", port.value),
@@ -129,7 +130,7 @@ fn addresses(channel: &StatedChannel, found: &mut Findings) {
     }
 }
 
-/// Returns whether this is an address of four numbers.
+/// Returns whether the text is an IPv4 address.
 fn is_address(text: &str) -> bool {
     let parts: Vec<&str> = text.split('.').collect();
     parts.len() == 4 && parts.iter().all(|part| part.parse::<u8>().is_ok())
@@ -173,7 +174,7 @@ fn check_buffers(channel: &StatedChannel, found: &mut Findings) {
     }
 }
 
-fn signals(channel: &StatedChannel, found: &mut Findings) {
+fn check_signals(channel: &StatedChannel, found: &mut Findings) {
     for (index, signal) in channel.signals().enumerate() {
         let key = signal.key();
         let same = |other: &&Signal| other.variable() == signal.variable();
@@ -186,18 +187,18 @@ fn signals(channel: &StatedChannel, found: &mut Findings) {
             );
             found.add_problem(signal.line, &key, message);
         }
-        if signal.is_flag && signal.number == FLAG_END {
-            found.warn(signal.line, &key, "$FLAG ends at 1024, though the manual allows 1025");
+        if signal.is_flag && signal.number == FIRST_INVALID_FLAG {
+            found.warn(signal.line, &key, "$FLAG ends at 1024, though the manual allows 1025; use a lower number");
         }
     }
 }
 
-fn elements(channel: &StatedChannel, found: &mut Findings) {
+fn check_elements(channel: &StatedChannel, found: &mut Findings) {
     if channel.received.is_empty() && channel.raw.is_empty() && channel.sent.is_empty() {
         found.warn(1, "RECEIVE", "neither RECEIVE nor SEND has an ELEMENT: the channel carries no data");
     }
-    duplicates("RECEIVE", &channel.received, found);
-    duplicates("SEND", &channel.sent, found);
+    check_duplicates("RECEIVE", &channel.received, found);
+    check_duplicates("SEND", &channel.sent, found);
     let raises = |tag: &str| channel.signals().any(|signal| signal.tag.as_deref() == Some(tag));
     for element in &channel.received {
         let key = format!("RECEIVE/XML/ELEMENT[{}]", element.tag);
@@ -222,12 +223,12 @@ fn elements(channel: &StatedChannel, found: &mut Findings) {
             found.warn(element.line, &key, message);
         }
     }
-    root_flags(channel, found);
+    check_root_flags(channel, found);
 }
 
-/// Warns if no flag shows that a message is complete: a root's flag shows this, a leaf's flag shows only that the leaf
-/// was present.
-fn root_flags(channel: &StatedChannel, found: &mut Findings) {
+/// Warns if no flag shows that a whole message has arrived. The flag of a root element shows this; the flag of a leaf
+/// shows only that the message contained the leaf.
+fn check_root_flags(channel: &StatedChannel, found: &mut Findings) {
     let mut seen = BTreeSet::new();
     for element in channel.received.iter().filter(|element| !element.tag_below_root().is_empty()) {
         let root = element.root();
@@ -250,7 +251,7 @@ fn root_flags(channel: &StatedChannel, found: &mut Findings) {
     }
 }
 
-/// Returns whether all data below this root lie inside of the element of this tag, so that its flag shows that all
+/// Returns whether the element with this tag contains all data below this root, so that its flag shows that all data
 /// have arrived.
 fn contains_all_data(channel: &StatedChannel, root: &str, tag: &str) -> bool {
     let inside = format!("{tag}/");
@@ -258,7 +259,7 @@ fn contains_all_data(channel: &StatedChannel, root: &str, tag: &str) -> bool {
     tag == root || (!tag.contains('@') && data.all(|element| element.tag.starts_with(&inside)))
 }
 
-fn duplicates(section: &str, elements: &[StatedElement], found: &mut Findings) {
+fn check_duplicates(section: &str, elements: &[StatedElement], found: &mut Findings) {
     let mut first: BTreeMap<&str, &StatedElement> = BTreeMap::new();
     for element in elements {
         let Some(other) = first.get(element.tag.as_str()) else {
@@ -278,7 +279,7 @@ fn duplicates(section: &str, elements: &[StatedElement], found: &mut Findings) {
     }
 }
 
-fn raw(channel: &StatedChannel, found: &mut Findings) {
+fn check_raw_elements(channel: &StatedChannel, found: &mut Findings) {
     let key = "RECEIVE/RAW/ELEMENT";
     for second in channel.raw.iter().skip(1) {
         found.add_problem(second.line, key, "a channel has at most one RAW element");
@@ -296,8 +297,8 @@ fn raw(channel: &StatedChannel, found: &mut Findings) {
     }
 }
 
-/// Returns the ports and signals that two channels both use, as problems of both: the channel's index in the list,
-/// and the problem.
+/// Returns a problem for each port and each signal that two channels use, once for each of the two channels; each
+/// problem with the index of its channel in the list.
 pub(super) fn find_clashes(channels: &[(usize, &str, &StatedChannel)]) -> Vec<(usize, Problem)> {
     let mut found = Vec::new();
     for (nth, (place, _, channel)) in channels.iter().enumerate() {
@@ -310,8 +311,8 @@ pub(super) fn find_clashes(channels: &[(usize, &str, &StatedChannel)]) -> Vec<(u
     found
 }
 
-/// Returns warnings if one controller listens at different addresses: one for each channel with another address than
-/// the first channel. A controller has few networks, and usually only one for this purpose.
+/// Returns a warning for each channel on which the controller listens at another address than on the first channel. A
+/// controller has few networks, and usually only one for this purpose.
 pub(super) fn differing_address_warnings(channels: &[(usize, &str, &StatedChannel)]) -> Vec<(usize, Problem)> {
     let listening = channels.iter().filter(|(_, _, channel)| channel.does_controller_listen());
     let mut stated = listening.filter_map(|(place, file, channel)| {
@@ -391,7 +392,7 @@ fn describe_channel(channel: &StatedChannel) -> Vec<String> {
             word(display)
         ));
     }
-    descriptions.extend(roots("receives", &channel.received));
+    descriptions.extend(describe_roots("receives", &channel.received));
     descriptions.extend(channel.raw.iter().map(describe_raw));
     for signal in channel.signals() {
         if let Some(tag) = &signal.tag {
@@ -402,7 +403,7 @@ fn describe_channel(channel: &StatedChannel) -> Vec<String> {
                 .push(format!("{} is set when {when} has arrived; the program resets it", signal.variable()));
         }
     }
-    descriptions.extend(roots("sends", &channel.sent));
+    descriptions.extend(describe_roots("sends", &channel.sent));
     if channel.received.is_empty() && channel.raw.is_empty() {
         descriptions.push("receives nothing".to_owned());
     }
@@ -457,8 +458,8 @@ fn describe_buffers(channel: &StatedChannel) -> String {
     )
 }
 
-/// Returns a sentence for each outermost name, in the file's order.
-fn roots(verb: &str, elements: &[StatedElement]) -> Vec<String> {
+/// Returns a sentence for each root element, in the file's order.
+fn describe_roots(verb: &str, elements: &[StatedElement]) -> Vec<String> {
     let mut names: Vec<&str> = Vec::new();
     for element in elements {
         if !names.contains(&element.root()) {

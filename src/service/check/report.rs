@@ -11,7 +11,7 @@ use panelprep_cell::recipe::Recipe;
 use panelprep_store::office::ArchiveSettings;
 use std::collections::BTreeMap;
 
-/// The kind that is checked against a cell.
+/// Name of the kind of a recipe, which is checked against a cell.
 pub(super) const RECIPE: &str = "recipe";
 
 /// The result of the check of one file.
@@ -23,8 +23,8 @@ pub struct FileReport {
     pub problems: Vec<Problem>,
     /// Properties that are allowed but lead to problems, in the order of the lines.
     pub warnings: Vec<Problem>,
-    /// Content of the file as understood, one sentence each; empty if one of this program's own files cannot be
-    /// understood.
+    /// Content of the file as the program understood it, one sentence each; empty if a file in one of this program's
+    /// own formats has problems.
     pub descriptions: Vec<String>,
 }
 
@@ -100,11 +100,11 @@ pub(super) fn describe_cell(cell: &Cell) -> Vec<String> {
     let calibrations = calibrations.iter().filter(|(_, file)| file.is_some()).map(|(name, _)| *name).collect();
     let box_of_waypoints = match cell.limits().workspace() {
         Some(space) => format!(
-            "the tool stays in {} … {} mm",
+            "the tool centre point stays in the box from {} to {} mm",
             list(space.min.mm.coords.as_slice()),
             list(space.max.mm.coords.as_slice())
         ),
-        None => "no box for the tool is configured".to_owned(),
+        None => "no box for the tool centre point is configured".to_owned(),
     };
     vec![
         format!("scanner: {}", describe_camera(cell.scanner(), |zivid| describe_zivid(zivid, "Zivid"))),
@@ -133,7 +133,7 @@ pub(super) fn describe_cell(cell: &Cell) -> Vec<String> {
     ]
 }
 
-/// Describes what the cell cannot prove about its tool.
+/// Describes what the cell cannot prove about its tool; empty if it can prove that the tool is off.
 fn describe_tool_off(cell: &Cell) -> &'static str {
     let has_tool = cell.inputs_outputs().output(Output::Tool).is_some();
     if has_tool && !cell.inputs_outputs().proves_tool_off() {
@@ -277,7 +277,7 @@ pub(super) fn describe_removal(found: &RemovalCalibration) -> Vec<String> {
             None => "the scatter from disc to disc is not known: calibrate the removal again".to_owned(),
         },
         format!(
-            "ln k falls by {} per square metre; orbit of {} mm at {} rev/min, pad stiffness {} N/mm³",
+            "ln k falls by {} per square metre that the disc swept; orbit of {} mm at {} rev/min, pad stiffness {} N/mm³",
             fixed_decimals(numbers.wear_per_m2(), 2),
             numbers.orbit_mm(),
             numbers.orbit_rev_min(),

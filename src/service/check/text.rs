@@ -1,8 +1,8 @@
 //! Decodes the bytes of a file to text, after determining its encoding.
 //!
-//! Files of the controller come in many encodings. Their structure is ASCII; other characters occur only in
-//! comments and texts, so that no byte is a reason to refuse a file. Files of this program are UTF-8, as every
-//! command reads them.
+//! Files of the controller come in many encodings. Their structure is ASCII, and other characters occur only in
+//! comments and texts, so no byte is a reason to refuse such a file. Files of this program are UTF-8, because every
+//! command reads them as UTF-8.
 
 use encoding_rs::{Encoding, UTF_8, UTF_16BE, UTF_16LE, WINDOWS_1252};
 use panelprep_base::config::Problem;
@@ -17,11 +17,11 @@ pub struct EncodingError(String);
 pub struct DecodedText {
     /// The text.
     pub text: String,
-    /// The assumption with which it was read, if its author must have meant another encoding than the file states.
+    /// The encoding that was assumed, as a warning, if the file is certainly not in the encoding that it states.
     pub warning: Option<Problem>,
 }
 
-/// Returns the error that states the line that is not UTF-8, and how to correct it.
+/// Returns the error that states which line is not UTF-8, and how to correct it.
 pub fn utf_8_error(bytes: &[u8], error: &std::str::Utf8Error) -> EncodingError {
     if matches!(bytes, [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..]) {
         return EncodingError("is UTF-16, as PowerShell's > writes it; save the file as UTF-8".to_owned());
@@ -34,11 +34,11 @@ fn line_number(bytes: &[u8], at: usize) -> usize {
 }
 
 /// Decodes these bytes. A file of this program is UTF-8. XML and KRL are UTF-16 if their first bytes show this;
-/// otherwise they have the encoding that an XML declaration names, or UTF-8. The last choice is one byte for each
-/// character as in Windows-1252, which controllers of the western world write.
+/// otherwise they have the encoding that the XML declaration names, or UTF-8. If that fails, each byte is decoded as
+/// one character of Windows-1252, which controllers in Western countries write.
 ///
 /// # Errors
-/// States which encoding is wrong or not known, and what to do.
+/// If a file of this program is not UTF-8, or the encoding is not supported; the error states what to do.
 pub fn decode(name: &str, bytes: &[u8]) -> Result<DecodedText, EncodingError> {
     let is_xml = is_xml(name, bytes);
     if !is_xml && !super::is_krl(name) {
@@ -46,7 +46,7 @@ pub fn decode(name: &str, bytes: &[u8]) -> Result<DecodedText, EncodingError> {
         return Ok(DecodedText { text: text.to_owned(), warning: None });
     }
     if let Some(encoding) = detect_utf_16(bytes) {
-        return utf_16(bytes, encoding);
+        return decode_utf_16(bytes, encoding);
     }
     let stated = is_xml.then(|| declared_encoding(bytes)).flatten();
     let encoding = match &stated {
@@ -79,7 +79,7 @@ fn detect_utf_16(bytes: &[u8]) -> Option<&'static Encoding> {
     }
 }
 
-fn utf_16(bytes: &[u8], encoding: &'static Encoding) -> Result<DecodedText, EncodingError> {
+fn decode_utf_16(bytes: &[u8], encoding: &'static Encoding) -> Result<DecodedText, EncodingError> {
     let (text, is_broken) = encoding.decode_with_bom_removal(bytes);
     if is_broken {
         return Err(EncodingError("begins like UTF-16 but is not valid UTF-16; save the file as UTF-8".to_owned()));
@@ -87,12 +87,12 @@ fn utf_16(bytes: &[u8], encoding: &'static Encoding) -> Result<DecodedText, Enco
     Ok(DecodedText { text: text.into_owned(), warning: None })
 }
 
-/// Decodes with the declared encoding, or UTF-8. If the bytes are not valid in it, they are read as UTF-8, or else as
-/// Windows-1252, in which each byte is a character.
+/// Decodes with the declared encoding, or with UTF-8 if none is declared. If the bytes are not valid in it, they are
+/// decoded as UTF-8, or else as Windows-1252, in which each byte is a character.
 fn decode_declared(bytes: &[u8], encoding: &'static Encoding, stated: Option<&str>, is_xml: bool) -> DecodedText {
     let read = encoding.decode_without_bom_handling_and_without_replacement(bytes);
-    // UTF-16 is detected only from a file's first bytes, and this file does not have them: a declared UTF-16 cannot
-    // be right.
+    // UTF-16 is detected by a file's first bytes, and this file does not begin with such bytes, so a declaration of
+    // UTF-16 is wrong.
     let is_wide = [UTF_16LE, UTF_16BE].contains(&encoding);
     if let Some(text) = read.filter(|_| !is_wide) {
         return DecodedText { text: text.into_owned(), warning: None };
@@ -118,7 +118,8 @@ fn decode_declared(bytes: &[u8], encoding: &'static Encoding, stated: Option<&st
         );
         Problem { line, key: "encoding".to_owned(), message }
     };
-    // KRL has no declaration: its editor writes in the encoding of the controller's language.
+    // KRL has no declaration, so no warning is possible: its editor writes in the encoding of the controller's
+    // language.
     DecodedText { text, warning: is_xml.then(warning) }
 }
 
@@ -145,25 +146,24 @@ mod tests {
         Ok(decoded.text)
     }
 
-    fn is(text: &str) -> Result<String, String> {
+    fn decoded_text(text: &str) -> Result<String, String> {
         Ok(text.to_owned())
     }
 
     #[test]
-    fn the_usual_encodings_are_read() {
+    fn common_encodings_are_decoded() {
         let latin: Vec<u8> = TEXT.chars().map(|c| u8::try_from(u32::from(c)).expect("Latin-1")).collect();
-        assert_eq!(text("a.xml", &latin), is(TEXT));
+        assert_eq!(text("a.xml", &latin), decoded_text(TEXT));
         let little: Vec<u8> = TEXT.encode_utf16().flat_map(u16::to_le_bytes).collect();
-        assert_eq!(text("a.xml", &little), is(TEXT), "without a mark");
-        assert_eq!(text("a", &[&[0xFF, 0xFE][..], &little].concat()), is(TEXT));
+        assert_eq!(text("a.xml", &little), decoded_text(TEXT), "without a mark");
+        assert_eq!(text("a", &[&[0xFF, 0xFE][..], &little].concat()), decoded_text(TEXT));
         let big: Vec<u8> = TEXT.encode_utf16().flat_map(u16::to_be_bytes).collect();
-        assert_eq!(text("a.xml", &[&[0xFE, 0xFF][..], &big].concat()), is(TEXT));
-        assert_eq!(text("a.src", b"; f\xFCr"), is("; für"));
+        assert_eq!(text("a.xml", &[&[0xFE, 0xFF][..], &big].concat()), decoded_text(TEXT));
+        assert_eq!(text("a.src", b"; f\xFCr"), decoded_text("; für"));
         let wide: Vec<u8> = "&ACCESS".encode_utf16().flat_map(u16::to_le_bytes).collect();
-        assert_eq!(text("a.src", &wide), is("&ACCESS"));
-        assert_eq!(text("a.toml", "x = 'ü'".as_bytes()), is("x = 'ü'"));
-        // In the table of Windows-1252, 0x93 and 0x94 are quotes; in that of GBK, D6D0 CEC4 is the word for
-        // Chinese.
+        assert_eq!(text("a.src", &wide), decoded_text("&ACCESS"));
+        assert_eq!(text("a.toml", "x = 'ü'".as_bytes()), decoded_text("x = 'ü'"));
+        // In Windows-1252, 0x93 and 0x94 are quotes; in GBK, D6D0 CEC4 is the word for Chinese.
         let declared = |label: &str, bytes: &[u8]| {
             text("a.xml", &[format!("<?xml version='1.0' encoding='{label}'?>").as_bytes(), bytes].concat())
         };
@@ -172,10 +172,9 @@ mod tests {
         assert!(declared("Shift_JIS", b"<A/>").is_ok());
     }
 
-    /// The structure is read whatever encoding the author used, and the line with the first byte that is not valid is
-    /// named.
+    /// The structure is read in every encoding; a warning names the line with the first byte that is not valid.
     #[test]
-    fn xml_in_another_encoding_than_it_states_is_read_with_a_warning() {
+    fn xml_with_a_wrong_declared_encoding_is_decoded_with_a_warning() {
         let warned = |bytes: &[u8]| {
             let decoded = decode("a.xml", bytes).expect("read");
             let warning = decoded.warning.expect("a warning");
@@ -199,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_text_is_reported_with_its_line() {
+    fn bytes_that_are_no_text_are_reported_with_their_line() {
         let says = |name: &str, bytes: &[u8]| decode(name, bytes).expect_err("no text").to_string();
         assert_eq!(says("a.toml", b"x = 1\ny = '\xFC'"), "line 2 is not UTF-8; save the file as UTF-8");
         assert!(says("a.toml", b"\xFF\xFEp\0").starts_with("is UTF-16, as PowerShell's"));

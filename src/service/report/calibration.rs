@@ -1,11 +1,11 @@
 //! Pictures of calibrations.
 //!
-//! - Of a lens: the residuals over the picture, and the corners to touch.
+//! - The residuals of a lens calibration over the picture, and the corners to touch.
 //! - The trend of verifications, as SVG.
 //! - The remaining error over the working volume, as SVG: from above and from the side, mm in the robot's base.
-//! - The errors of a 3D camera over its picture. The part that is the same in each scan is shown as colour. Each part
-//!   of the picture contains three numbers: this amount, the remaining error, and the number of scans on which they are
-//!   based.
+//! - The depth errors of a 3D camera over its picture. The part that is the same in each scan is shown as colour. Each
+//!   field of the picture contains three numbers: this part, the remaining error, and the number of scans on which they
+//!   are based.
 
 use super::canvas::{Canvas, InkColor, PenWidth};
 use maud::{Markup, html};
@@ -18,17 +18,17 @@ use panelprep_vision::calib::intrinsics::Calibrated;
 use panelprep_vision::calib::scanner_errors::{MIN_SCANS, PicturePart, ScannerErrors};
 use rayon::prelude::*;
 
-/// The longest residual is enlarged to this fraction of the picture's width.
+/// Length of the longest residual as drawn, as a fraction of the picture's width.
 const MAX_RESIDUAL_SHARE: f64 = 0.04;
-const GROUND: [u8; 3] = [60, 60, 60];
+const BACKGROUND: [u8; 3] = [60, 60, 60];
 
-/// Draws every used corner with its residual, enlarged until the longest is well seen: a lens that the model fits
-/// shows no pattern.
+/// Draws each used corner with its residual, enlarged until the longest residual is clearly visible. If the lens model
+/// fits, the residuals show no pattern.
 ///
 /// # Errors
 /// If OpenCV refuses to draw.
 pub fn residual_field((width, height): (usize, usize), found: &Calibrated) -> Result<ColorPicture, ImagingError> {
-    let mut canvas = Canvas::from_picture(&ColorPicture::uniform(width, height, GROUND))?;
+    let mut canvas = Canvas::from_picture(&ColorPicture::uniform(width, height, BACKGROUND))?;
     let longest = found.residuals.iter().map(|r| r.du_px.hypot(r.dv_px)).fold(1e-6, f64::max);
     let times = MAX_RESIDUAL_SHARE * width as f64 / longest;
     let pen = PenWidth { ink: InkColor::ORANGE, width_px: (width / 900).max(1) as i32 };
@@ -55,30 +55,34 @@ pub fn residual_field((width, height): (usize, usize), found: &Calibrated) -> Re
     canvas.with_legend(&[(InkColor::ORANGE, &each), (InkColor::BLUE, &mean), (InkColor::WHITE, &seen)])?.finish()
 }
 
-/// Number of columns and rows of fields, each with a mean residual.
-const FIELDS: (usize, usize) = (8, 6);
-/// Smallest number of residuals for which a mean is drawn.
-const MIN_IN_FIELD: usize = 6;
+/// Number of columns and rows of fields into which the picture is divided; each has a mean residual.
+const FIELD_COUNTS: (usize, usize) = (8, 6);
+/// Smallest number of residuals in a field for which the mean is drawn.
+const MIN_RESIDUALS_IN_FIELD: usize = 6;
 
-/// Calculates the mean residual of each field of the picture, px, at the field's middle.
+/// Computes the mean residual of each field of the picture, px, each with the middle of its field.
 fn field_means((width, height): (usize, usize), found: &Calibrated) -> Vec<(Pixel, [f64; 2])> {
-    let mut sums = vec![([0.0, 0.0], 0); FIELDS.0 * FIELDS.1];
+    let mut sums = vec![([0.0, 0.0], 0); FIELD_COUNTS.0 * FIELD_COUNTS.1];
     for residual in &found.residuals {
         if let Some((column, row)) = residual.pixel.nearest_whole(width, height) {
-            let (sum, count) = &mut sums[row * FIELDS.1 / height * FIELDS.0 + column * FIELDS.0 / width];
+            let (sum, count) =
+                &mut sums[row * FIELD_COUNTS.1 / height * FIELD_COUNTS.0 + column * FIELD_COUNTS.0 / width];
             *sum = [sum[0] + residual.du_px, sum[1] + residual.dv_px];
             *count += 1;
         }
     }
     let middle = |index: usize, count: usize, size: usize| (index as f64 + 0.5) * size as f64 / count as f64;
     let mean = |(index, (sum, count)): (usize, &([f64; 2], usize))| {
-        let at = Pixel::at(middle(index % FIELDS.0, FIELDS.0, width), middle(index / FIELDS.0, FIELDS.1, height));
-        (*count >= MIN_IN_FIELD).then(|| (at, sum.map(|sum| sum / *count as f64)))
+        let at = Pixel::at(
+            middle(index % FIELD_COUNTS.0, FIELD_COUNTS.0, width),
+            middle(index / FIELD_COUNTS.0, FIELD_COUNTS.1, height),
+        );
+        (*count >= MIN_RESIDUALS_IN_FIELD).then(|| (at, sum.map(|sum| sum / *count as f64)))
     };
     sums.iter().enumerate().filter_map(mean).collect()
 }
 
-/// Draws the board's corners in its picture, and numbers those to touch from 1.
+/// Draws the board's corners in its picture, and numbers the corners that must be touched from 1.
 ///
 /// # Errors
 /// If OpenCV refuses to draw.
@@ -119,8 +123,8 @@ const TREND_WIDTH: f64 = 900.0;
 const TREND_HEIGHT: f64 = 320.0;
 const TREND_MARGIN: f64 = 55.0;
 
-/// Draws all verifications of a subject over time with their limits, as SVG. A verification that was struck out is
-/// a grey cross, not connected to the line, and does not affect the scale.
+/// Draws all verifications of a subject over time with their limits, as SVG. A verification that a person struck out is
+/// a grey cross; it is not connected to the line, and does not affect the scale.
 pub fn trend(subject: &str, verifications: &[Verification]) -> String {
     let times = verifications.iter().map(|v| v.at_unix_s as f64);
     let (first, last) = times.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
@@ -172,7 +176,7 @@ pub fn trend(subject: &str, verifications: &[Verification]) -> String {
     svg.into_string()
 }
 
-/// A place and the remaining error there.
+/// A place in the working volume, and the remaining error there.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RemainingError {
     /// Name of the place: the picture, or the corner that was touched.
@@ -186,15 +190,16 @@ pub struct RemainingError {
 const VIEW_SIDE_PX: f64 = 420.0;
 const VIEW_MARGIN_PX: f64 = 60.0;
 const VIEW_TOP_PX: f64 = 70.0;
-/// The radius of the limit's circle, px.
+/// Radius of a circle whose error is equal to the limit, px.
 const LIMIT_RADIUS_PX: f64 = 16.0;
 const MAX_RADIUS_PX: f64 = 32.0;
-/// Colours that colour-blind people can distinguish; errors beyond the limit also have a thick rim.
+/// Colours of errors within and beyond the limit, which colour-blind people can distinguish; errors beyond the limit
+/// also have a thick rim.
 const WITHIN_LIMIT_COLOR: &str = "#0072b2";
 const BEYOND_LIMIT_COLOR: &str = "#d55e00";
 
-/// Draws two views of the same positions: along x and y, and along x and z, with x to the right. The larger the
-/// circle, the larger the error.
+/// Draws two views of the same places, both with x to the right: one with y upwards, one with z upwards. The larger the
+/// error, the larger the circle.
 pub fn error_map(title: &str, places: &[RemainingError], limit_mm: f64) -> String {
     let width = 2.0 * (VIEW_SIDE_PX + VIEW_MARGIN_PX) + VIEW_MARGIN_PX;
     let height = VIEW_TOP_PX + VIEW_SIDE_PX + VIEW_MARGIN_PX;
@@ -234,7 +239,7 @@ pub fn error_map(title: &str, places: &[RemainingError], limit_mm: f64) -> Strin
     svg.into_string()
 }
 
-/// Draws a view's frame with its axes: ends and middle in mm.
+/// Draws the frame of a view with three numbers on each axis, mm: both ends and the middle.
 fn frame((left_px, name): (f64, &str), (x_mm, y_mm): (f64, f64), span_mm: f64) -> Markup {
     let bottom = VIEW_TOP_PX + VIEW_SIDE_PX;
     html! {
@@ -265,15 +270,15 @@ fn circle(left: &RemainingError, (cx, cy): (f64, f64), limit_mm: f64) -> Markup 
     }
 }
 
-/// Formats a coordinate in a drawing.
+/// Formats a coordinate of a drawing, to a tenth of a pixel.
 fn format_tenths(px: f64) -> String {
     format!("{px:.1}")
 }
 
 /// Largest width of the drawn picture, px.
 const MAX_DEPTH_MAP_PX: usize = 1200;
-/// Smallest error that is drawn, mm.
-const MIN_DRAWN_MM: f64 = 0.01;
+/// The colours reach their full strength at the largest error of the picture, but not below this error, mm.
+const MIN_FULL_COLOR_MM: f64 = 0.01;
 const FAR_COLOR: InkColor = InkColor::VERMILLION;
 const NEAR_COLOR: InkColor = InkColor::DEEP_BLUE;
 const UNKNOWN_COLOR: InkColor = InkColor([150, 150, 150]);
@@ -285,7 +290,7 @@ const UNKNOWN_COLOR: InkColor = InkColor([150, 150, 150]);
 pub fn depth_error_map(camera: &PinholeCamera, found: &ScannerErrors) -> Result<ColorPicture, ImagingError> {
     let step = camera.width_px.div_ceil(MAX_DEPTH_MAP_PX).max(1);
     let (width, height) = (camera.width_px / step, camera.height_px / step);
-    let most_mm = found.max_field_mm.max(MIN_DRAWN_MM);
+    let most_mm = found.max_field_mm.max(MIN_FULL_COLOR_MM);
     let at_mm = |direction| found.field.map_or(0.0, |field| field.at_mm(direction));
     let is_known = |at| found.parts.part_at(at).is_some_and(PicturePart::has_enough_scans);
     let mut picture = ColorPicture::uniform(width, height, UNKNOWN_COLOR.0);
@@ -321,12 +326,12 @@ pub fn depth_error_map(camera: &PinholeCamera, found: &ScannerErrors) -> Result<
             "error that is the same in each scan, corrected from now on; values at a distance of \
              {REFERENCE_DEPTH_MM:.0} mm"
         ),
-        None => "no error is the same in each scan".to_owned(),
+        None => "no error that is the same in each scan was found".to_owned(),
     };
     let far = format!("measured {most_mm:.2} mm or more too far");
     let near = format!("measured {most_mm:.2} mm or more too near");
     let left = "left: remaining deviation of the scans from a plane, mm rms";
-    let unknown = format!("the board was there in fewer than {MIN_SCANS} scans");
+    let unknown = format!("the board was seen here in fewer than {MIN_SCANS} scans");
     let legend = [
         (InkColor::WHITE, same.as_str()),
         (FAR_COLOR, &far),
@@ -351,10 +356,10 @@ mod tests {
     use super::*;
     use panelprep_vision::calib::health::Strike;
 
-    /// Calculated by hand: the highest of errors and limits is 1.0, drawn at 1/1.1 of the axis: 265 − 210/1.1 =
-    /// 74.1.
+    /// Calculated by hand: the largest of all errors and limits is 1.0. It is drawn at 1/1.1 of the axis: 265 − 210/1.1
+    /// = 74.1.
     #[test]
-    fn a_trend_shows_every_verification_and_marks_the_bad_ones() {
+    fn a_trend_shows_every_verification_and_marks_failed_ones() {
         let verified = |error: f64, at_unix_s: i64| Verification {
             subject: "scanner".to_owned(),
             error,
@@ -380,10 +385,10 @@ mod tests {
         assert!(!trend("tool", &[]).contains("NaN") && !trend("tool", &[]).contains("circle"));
     }
 
-    /// By hand: the limit has 16 px; half of the limit 8 px, and three times the limit 32 px, the largest size, in
-    /// the other colour.
+    /// Calculated by hand: the circle of the limit has a radius of 16 px. Half of the limit has 8 px; three times the
+    /// limit has 32 px, the largest radius, and the other colour.
     #[test]
-    fn an_error_is_as_large_as_its_circle() {
+    fn the_radius_of_a_circle_shows_its_error() {
         let left = |name: &str, x, error_mm| RemainingError {
             name: name.to_owned(),
             place: Point::at(x, 0.0, 300.0),

@@ -1,14 +1,15 @@
-//! Drawing on a picture: lines, areas, labels, a scale bar, in colours that colour-blind people can distinguish; and a
-//! ruler of the picture's pixels, from which the pixel position of a place can be read.
+//! Drawing on a picture: lines, areas, labels and a scale bar, in colours that colour-blind people can distinguish; and
+//! a ruler of the picture's pixels, on which a person reads the pixel position of a place.
 //!
-//! Every line and label has a dark rim, so that it is readable on light and on dark grounds. OpenCV draws.
+//! Every line and label has a dark rim, so that it is readable on light and on dark backgrounds. OpenCV draws.
 
 use opencv::core::{Mat, MatTraitConst, MatTraitConstManual, MatTraitManual, Point2i, Scalar, Size, Vector};
 use opencv::imgproc;
 use panelprep_base::geometry::{ColorPicture, Mask, Pixel};
 use panelprep_cell::imaging::ImagingError;
 
-/// Colours of Okabe and Ito (2008), distinguishable with every common colour vision; red, green, blue.
+/// A colour: red, green, blue. The named colours are those of Okabe and Ito (2008), which people with every common type
+/// of colour vision can distinguish.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct InkColor(pub [u8; 3]);
 
@@ -19,7 +20,7 @@ impl InkColor {
     pub const ORANGE: InkColor = InkColor([230, 159, 0]);
     /// Colour for failed grids and values beyond a limit.
     pub const VERMILLION: InkColor = InkColor([213, 94, 0]);
-    /// One end of a scale; its other end is vermillion.
+    /// Colour for one end of a colour scale; the other end is vermillion.
     pub const DEEP_BLUE: InkColor = InkColor([0, 114, 178]);
     /// Colour for passed grids and values within a limit.
     pub const GREEN: InkColor = InkColor([0, 158, 115]);
@@ -29,7 +30,7 @@ impl InkColor {
     pub const WHITE: InkColor = InkColor([255, 255, 255]);
     pub(super) const RIM: InkColor = InkColor([20, 20, 20]);
 
-    /// Mixes this colour with a fraction of another, 0…1.
+    /// Mixes this colour with a share of another colour, 0…1.
     #[must_use]
     pub fn mix_with(self, other: InkColor, share: f64) -> InkColor {
         let mix = |i: usize| (f64::from(self.0[i]) * (1.0 - share) + f64::from(other.0[i]) * share).round() as u8;
@@ -51,22 +52,23 @@ pub struct PenWidth {
     pub width_px: i32,
 }
 
-/// Sub-pixel bits of OpenCV's drawing.
-const SHIFT: i32 = 4;
+/// Number of sub-pixel bits in the coordinates for OpenCV's drawing.
+const SUB_PIXEL_BITS: i32 = 4;
 const FONT: i32 = imgproc::FONT_HERSHEY_SIMPLEX;
 /// Height of a capital letter at scale 1, px.
 const FONT_HEIGHT_PX: f64 = 22.0;
 
-/// Lengths that a scale bar may have, mm; the next constant is the largest fraction of the picture's width that it may
-/// cover.
-const BARS_MM: [f64; 9] = [500.0, 200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0];
-const BAR_SHARE: f64 = 0.25;
+/// Lengths that a scale bar may have, mm.
+const SCALE_BAR_LENGTHS_MM: [f64; 9] = [500.0, 200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0];
+/// Longest scale bar, as a fraction of the picture's width.
+const MAX_SCALE_BAR_SHARE: f64 = 0.25;
 
-/// Possible distances between the numbers of a ruler, px, and the largest number of labels.
+/// Possible distances between two numbers of a ruler, px.
 const RULER_STEPS_PX: [usize; 6] = [20, 50, 100, 200, 500, 1000];
-const MAX_NUMBERS: usize = 20;
+/// Largest number of numbers along a ruler.
+const MAX_RULER_NUMBERS: usize = 20;
 
-/// A picture being drawn on.
+/// A picture on which the program draws.
 pub struct Canvas {
     mat: Mat,
 }
@@ -75,7 +77,7 @@ fn drawing_result<T>(result: opencv::Result<T>) -> Result<T, ImagingError> {
     result.map_err(|error| ImagingError { operation: "a drawing", words: error.message })
 }
 
-/// OpenCV's fonts contain only ASCII; any other letter would appear as a question mark.
+/// Replaces letters that are not ASCII, because OpenCV's fonts would show them as question marks.
 fn ascii(text: &str) -> String {
     text.replace('²', "2")
         .replace('µ', "u")
@@ -85,32 +87,32 @@ fn ascii(text: &str) -> String {
         .replace('–', "-")
 }
 
-/// Returns scale and weight of letters of this height.
+/// Returns OpenCV's font scale and line width for letters of this height.
 fn letter_size(height_px: f64) -> (f64, i32) {
     let scale = height_px / FONT_HEIGHT_PX;
     (scale, (scale * 1.6).round().max(1.0) as i32)
 }
 
 fn to_fixed_point(pixel: Pixel) -> Point2i {
-    let scaled = |n: f64| (n * f64::from(1 << SHIFT)).round() as i32;
+    let scaled = |n: f64| (n * f64::from(1 << SUB_PIXEL_BITS)).round() as i32;
     Point2i::new(scaled(pixel.u), scaled(pixel.v))
 }
 
 impl Canvas {
-    /// Begins with a copy of a picture.
+    /// Creates a canvas with a copy of a picture.
     ///
     /// # Errors
-    /// If OpenCV refuses the picture, such as an empty one.
+    /// If OpenCV refuses the picture, for example an empty one.
     pub fn from_picture(picture: &ColorPicture) -> Result<Self, ImagingError> {
         let flat = drawing_result(Mat::from_slice(picture.rgb.as_flattened()))?;
         let shaped = drawing_result(flat.reshape(3, picture.height as i32))?;
         Ok(Canvas { mat: drawing_result(shaped.try_clone())? })
     }
 
-    /// Returns the picture as drawn.
+    /// Returns the picture with everything that was drawn.
     ///
     /// # Errors
-    /// If OpenCV cannot give its pixels.
+    /// If OpenCV does not return the pixels.
     pub fn finish(self) -> Result<ColorPicture, ImagingError> {
         let (width, height) = (self.mat.cols() as usize, self.mat.rows() as usize);
         let bytes = drawing_result(self.mat.data_bytes())?;
@@ -135,13 +137,13 @@ impl Canvas {
                 ink.scalar(),
                 width,
                 imgproc::LINE_AA,
-                SHIFT,
+                SUB_PIXEL_BITS,
             ))?;
         }
         Ok(())
     }
 
-    /// Draws a cross with a ring: a measured point.
+    /// Draws a cross with a ring, the symbol of a measured point.
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
@@ -158,7 +160,7 @@ impl Canvas {
         self.polyline(&ring, true, pen)
     }
 
-    /// Tints the pixels of a mask.
+    /// Tints the pixels inside a mask.
     pub fn tint_mask(&mut self, mask: &Mask, ink: InkColor, strength: f64) -> Result<(), ImagingError> {
         use opencv::core::MatTraitManual;
         let pixels = drawing_result(self.mat.data_bytes_mut())?.as_chunks_mut::<3>().0;
@@ -168,8 +170,8 @@ impl Canvas {
         Ok(())
     }
 
-    /// Draws a label on a dark ground, with the beginning of its text's baseline at `at`. A label that would end
-    /// outside the picture is moved completely inside.
+    /// Draws a label on a dark background; `at` is the left end of the text's baseline. A label that would extend
+    /// beyond the picture is moved completely inside.
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
@@ -206,9 +208,9 @@ impl Canvas {
     /// # Errors
     /// As [`Canvas::polyline`].
     pub fn scale_bar_within(&mut self, px_per_mm: f64) -> Result<(), ImagingError> {
-        let most_px = BAR_SHARE * f64::from(self.mat.cols());
-        let bar_mm = BARS_MM.into_iter().find(|bar_mm| bar_mm * px_per_mm <= most_px);
-        self.scale_bar(bar_mm.unwrap_or(BARS_MM[BARS_MM.len() - 1]), px_per_mm)
+        let most_px = MAX_SCALE_BAR_SHARE * f64::from(self.mat.cols());
+        let bar_mm = SCALE_BAR_LENGTHS_MM.into_iter().find(|bar_mm| bar_mm * px_per_mm <= most_px);
+        self.scale_bar(bar_mm.unwrap_or(SCALE_BAR_LENGTHS_MM[SCALE_BAR_LENGTHS_MM.len() - 1]), px_per_mm)
     }
 
     /// Draws a scale bar in the lower left corner; `px_per_mm` is the scale at the panel's depth.
@@ -231,7 +233,7 @@ impl Canvas {
         self.label(above, &format!("{length_mm:.0} mm"), text_px, InkColor::WHITE)
     }
 
-    /// Adds a dark band with a legend above the picture: a stroke of each ink beside its meaning.
+    /// Adds a dark band with a legend above the picture: a line in each colour, beside its meaning.
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
@@ -260,18 +262,19 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Adds a ruler of the picture's pixels above and beside it, and faint lines across the picture at the ruler's
-    /// numbers.
+    /// Adds a ruler of the picture's pixels above and to the left of it, and faint lines across the picture at the
+    /// numbers of the ruler.
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
     pub fn draw_ruler(mut self) -> Result<Self, ImagingError> {
         let (width, height) = (self.mat.cols() as usize, self.mat.rows() as usize);
         let text_px = (height as f64 / 60.0).max(11.0);
-        let step = RULER_STEPS_PX.into_iter().find(|step| width.max(height) / step <= MAX_NUMBERS);
+        let step = RULER_STEPS_PX.into_iter().find(|step| width.max(height) / step <= MAX_RULER_NUMBERS);
         let step = step.unwrap_or(width.max(height));
         self.draw_lines(step)?;
-        // The band is as wide as the largest number and a tick; a tick ends before its rim would touch the picture.
+        // The band is as wide as the widest number and a tick; a tick ends early enough that its rim does not touch the
+        // picture.
         let (scale, weight) = letter_size(text_px);
         let widest =
             drawing_result(imgproc::get_text_size(&width.max(height).to_string(), FONT, scale, weight, &mut 0))?;
@@ -303,7 +306,7 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Draws faint lines at this distance in pixels, across and down.
+    /// Draws faint vertical and horizontal lines, `step` pixels apart.
     fn draw_lines(&mut self, step: usize) -> Result<(), ImagingError> {
         const LINE_OPACITY: f64 = 0.25;
         let width = self.mat.cols() as usize;
@@ -318,7 +321,7 @@ impl Canvas {
     }
 }
 
-/// Returns a part of a picture; a part that would extend beyond the picture's border ends there.
+/// Returns a part of a picture, clipped at the picture's border.
 pub fn crop(picture: &ColorPicture, left: usize, top: usize, size: (usize, usize)) -> ColorPicture {
     let width = size.0.min(picture.width.saturating_sub(left));
     let height = size.1.min(picture.height.saturating_sub(top));
@@ -326,7 +329,7 @@ pub fn crop(picture: &ColorPicture, left: usize, top: usize, size: (usize, usize
     ColorPicture { width, height, rgb: rows.copied().collect() }
 }
 
-/// Returns the picture at another width, its sides in proportion.
+/// Scales the picture to another width and keeps its aspect ratio.
 ///
 /// # Errors
 /// If OpenCV refuses the picture.
@@ -388,9 +391,9 @@ mod tests {
         }
     }
 
-    /// A picture of 60 px with a legend of 30 letters: no letter is cut off, and a wide picture keeps its width.
+    /// A legend of 30 letters on a picture 60 px wide: no letter is cut off. A wide picture keeps its width.
     #[test]
-    fn a_legend_is_read_to_its_end() {
+    fn a_legend_is_never_cut_off() {
         let width = |px: usize| {
             let canvas = Canvas::from_picture(&ColorPicture::uniform(px, 40, [90; 3])).expect("a picture");
             let picture =
@@ -404,10 +407,10 @@ mod tests {
         assert_eq!(width(900), 900);
     }
 
-    /// By hand: a quarter from black (20, 20, 20) to white is 20 + 0.25 · 235 = 78.75. In a picture 300 px wide a
-    /// bar may cover 75 px: 20 mm at 3 px a mm, 5 mm at 10.
+    /// By hand: a quarter of the way from black (20, 20, 20) to white is 20 + 0.25 · 235 = 78.75. In a picture 300 px
+    /// wide, a bar may be up to 75 px long: 20 mm at 3 px per mm, 5 mm at 10 px per mm.
     #[test]
-    fn a_mix_and_a_bar_are_as_large_as_asked() {
+    fn mixed_colours_and_scale_bars_have_the_calculated_values() {
         assert_eq!(InkColor::RIM.mix_with(InkColor::WHITE, 0.25), InkColor([79; 3]));
         let bar_px = |px_per_mm: f64| {
             let mut canvas = Canvas::from_picture(&ColorPicture::uniform(300, 200, [90; 3])).expect("a picture");
@@ -424,9 +427,9 @@ mod tests {
         );
     }
 
-    /// Calculated by hand: pixel (3, 2) of the whole is pixel (1, 1) of the part that begins at (2, 1).
+    /// Calculated by hand: pixel (3, 2) of the picture is pixel (1, 1) of the part that begins at (2, 1).
     #[test]
-    fn a_part_begins_where_asked() {
+    fn a_cropped_part_begins_at_the_given_pixel() {
         let mut picture = ColorPicture::uniform(6, 5, [0; 3]);
         picture.rgb[2 * 6 + 3] = [9; 3];
         let part = crop(&picture, 2, 1, (3, 10));
@@ -434,17 +437,17 @@ mod tests {
     }
 
     #[test]
-    fn a_sheet_sets_pictures_in_rows() {
+    fn pictures_are_joined_in_rows() {
         let pictures: Vec<_> = (1..=3).map(|shade| ColorPicture::uniform(4, 4, [shade; 3])).collect();
         let sheet = join_pictures(&pictures, 2);
         assert_eq!((sheet.width, sheet.height), (14, 14));
         assert_eq!(sheet.rgb[10 * 14], [3; 3]);
     }
 
-    /// By hand: 300 px have 15 numbers 20 px apart; the picture begins where the ruler ends, and its lines are at
-    /// whole steps.
+    /// By hand: 300 px have 15 numbers 20 px apart. The picture begins where the ruler ends, and its lines are at
+    /// multiples of this step.
     #[test]
-    fn a_ruler_is_beside_the_picture_and_counts_its_pixels() {
+    fn a_ruler_outside_of_the_picture_counts_its_pixels() {
         let mut plain = ColorPicture::uniform(300, 200, [90; 3]);
         plain.rgb[37 * 300 + 45] = [1, 2, 3];
         let ruled =

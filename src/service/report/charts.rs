@@ -1,11 +1,11 @@
 //! Charts of results: a trend over many cycles, the breaks of each grid, and a bar chart.
 //!
 //! - The trend is a drawing (SVG) of a number over many cycles: its values, the limits with which they were compared,
-//!   their usual range, and unusual or forbidden values. No information is given by colour alone: a usual value is a
-//!   dot, an unusual one a triangle, one beyond its limit a cross. The drawing has classes and no colours; the page's
-//!   style gives them, for light and dark.
-//! - The heat chart shows where the film breaks, over many parts: the panel's grids in their arrangement on the panel,
-//!   each with its number of breaks and the time after which it broke. The shade repeats the number.
+//!   their usual range, and the values that are unusual or beyond their limit. Colour is never the only sign: a usual
+//!   value is a dot, an unusual one a triangle, one beyond its limit a cross. The drawing contains CSS classes and no
+//!   colours; the page's style sheet defines the colours, for light and dark display.
+//! - The heat map shows on which grids the film breaks, over many parts: the panel's grids as they lie on the panel,
+//!   each with its number of breaks and the time after which it broke. The shade shows the share of films that broke.
 //! - The bar chart is a picture that shows the percentage of each class.
 
 use super::canvas::{Canvas, InkColor, PenWidth};
@@ -26,7 +26,7 @@ const BOTTOM: f64 = 54.0;
 /// Largest number of dates below the chart.
 const MAX_DATES: usize = 6;
 
-/// The words of a chart, in the reader's language.
+/// The texts of a chart, in the reader's language.
 #[derive(Debug, Clone, Copy)]
 pub struct ChartTexts<'w> {
     /// Text below the horizontal axis.
@@ -43,7 +43,7 @@ pub struct ChartTexts<'w> {
     pub mean: &'w str,
 }
 
-/// The kind of a value.
+/// The class of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum PointKind {
     Usual,
@@ -51,7 +51,7 @@ enum PointKind {
     Beyond,
 }
 
-/// Draws the chart; each value links to the page of its cycle. Without a value, the frame is empty.
+/// Draws the chart; each value links to the page of its cycle. If there is no value, the frame is empty.
 pub fn trend_chart(trend: &Trend, words: ChartTexts<'_>) -> Markup {
     let limits = trend.points.iter().filter_map(|point| point.limit.value());
     let values = trend.points.iter().map(|point| point.value).chain(limits);
@@ -94,17 +94,17 @@ pub fn trend_chart(trend: &Trend, words: ChartTexts<'_>) -> Markup {
     }
 }
 
-/// Formats a coordinate in the drawing, to a tenth.
+/// Formats a coordinate of the drawing, to a tenth.
 fn format_coordinate(place: f64) -> String {
     fixed_decimals(place, 1).to_string()
 }
 
-/// Returns the horizontal position of the value with this index, counted from the left.
+/// Returns the horizontal position of the value with this index.
 fn horizontal_position(index: usize, count: usize) -> f64 {
     LEFT_EDGE + (index as f64 + 0.5) / count.max(1) as f64 * (TREND_WIDTH - LEFT_EDGE - RIGHT_EDGE)
 }
 
-/// Returns the points with their dates written below the axis.
+/// Returns the points whose dates are written below the axis, each with its index.
 fn points_with_dates(points: &[TrendPoint]) -> impl Iterator<Item = (usize, &TrendPoint)> {
     let every = points.len().div_ceil(MAX_DATES).max(1);
     points.iter().enumerate().filter(move |(index, _)| index % every == 0)
@@ -122,7 +122,7 @@ fn line(points: &[TrendPoint], vertical: &Axis) -> String {
     points.iter().enumerate().map(place).collect()
 }
 
-/// Returns the limits as steps; each segment with a constant limit is one path.
+/// Returns the limits as horizontal lines; each range of cycles with the same limit is one path.
 fn limit_paths(points: &[TrendPoint], vertical: &Axis) -> Vec<String> {
     let half = (horizontal_position(1, points.len()) - horizontal_position(0, points.len())) / 2.0;
     let mut paths = Vec::new();
@@ -188,14 +188,13 @@ fn sample(mark: PointKind) -> Markup {
 struct Axis {
     min: f64,
     max: f64,
-    /// The positions of the lowest and the highest value, in units of the chart.
+    /// Position of `min` in the chart; `to` is the position of `max`.
     from: f64,
     to: f64,
 }
 
 impl Axis {
-    /// Creates an axis over all of these values, with some space on both sides; NaN and infinite values are
-    /// ignored.
+    /// Creates an axis over all of these values, with some space at both ends; NaN and infinite values are ignored.
     fn covering(values: impl Iterator<Item = f64>, [from, to]: [f64; 2]) -> Self {
         let (low, high) = values
             .filter(|value| value.is_finite())
@@ -211,8 +210,8 @@ impl Axis {
         self.from + (value - self.min) / (self.max - self.min) * (self.to - self.from)
     }
 
-    /// Returns about this number of round values on the axis, each with its text; their distance is 1, 2 or 5 times a
-    /// power of ten.
+    /// Returns about this number of round values on the axis, each with its text; two neighbours differ by 1, 2 or 5
+    /// times a power of ten.
     fn ticks(&self, about: usize) -> Vec<(f64, String)> {
         let rough = (self.max - self.min) / about.max(1) as f64;
         let power = 10.0_f64.powf(rough.log10().floor());
@@ -229,7 +228,7 @@ impl Axis {
 /// Number of shades, without the shade of a grid that never broke.
 const SHADE_COUNT: f64 = 4.0;
 
-/// Returns the table; `words` explains the content of a cell, for readers who do not see it.
+/// Returns the heat map as an HTML table; `words` is its caption, which explains the content of a cell.
 pub fn heat_chart(map: &HeatMap, words: &str) -> Markup {
     let of = |part: fn(&HeatCell) -> u32| map.grids.iter().map(part).max().unwrap_or(0);
     let (rows, columns) = (of(|cell| cell.row), of(|cell| cell.column));
@@ -256,7 +255,7 @@ pub fn heat_chart(map: &HeatMap, words: &str) -> Markup {
     }
 }
 
-/// Returns 0 for a grid that never broke, otherwise 1 to 4 by the share of films that broke on it.
+/// Returns 0 for a grid that never broke; otherwise 1 to 4, according to the share of films that broke on it.
 fn shade_index(cell: &HeatCell) -> u8 {
     if cell.breaks == 0 || cell.films == 0 {
         return 0;
@@ -273,7 +272,7 @@ pub struct BarClass {
     pub share: f64,
 }
 
-/// Draws bars under a title, from top to bottom.
+/// Draws a bar chart: the title, and below it one bar for each class.
 ///
 /// # Errors
 /// If OpenCV refuses to draw.
@@ -323,7 +322,7 @@ mod tests {
         }
     }
 
-    /// Draws twelve values about 0.05, one value far off and one beyond its limit; the limit changes once.
+    /// Returns a chart of twelve values near 0.05, an unusual one and one beyond its limit; the limit changes once.
     fn drawn() -> String {
         let mut points: Vec<TrendPoint> = (1..=12)
             .map(|cycle| point(cycle, if cycle % 2 == 0 { 0.05 } else { 0.06 }, Limit::AtMost(0.25)))
@@ -335,10 +334,10 @@ mod tests {
     }
 
     #[test]
-    fn each_kind_of_value_has_its_own_sign_and_each_limit_its_line() {
+    fn each_kind_of_value_has_its_own_symbol_and_each_limit_a_line() {
         let svg = drawn();
         let count = |text: &str| svg.matches(text).count();
-        // One mark in the chart and one in the key.
+        // One mark in the chart and one in its legend.
         assert_eq!(count("class=\"beyond\""), 2);
         assert!(count("class=\"unusual\"") >= 2, "0.20 is within 0.25 and unusual");
         assert_eq!(count("class=\"limit\""), 3, "two stretches and the key");
@@ -350,12 +349,12 @@ mod tests {
 
     /// By hand: two values are at a quarter and at three quarters of the width 900 - 78 - 14 = 808, measured from 78.
     #[test]
-    fn values_are_where_they_belong() {
+    fn values_are_at_their_calculated_positions() {
         let points = vec![point(1, 1.0, Limit::Unlimited), point(2, 3.0, Limit::Unlimited)];
         assert_eq!((horizontal_position(0, 2), horizontal_position(1, 2)), (280.0, 684.0));
         let vertical = Axis::covering([1.0, 3.0].into_iter(), [100.0, 0.0]);
-        // The axis extends by 8 % of the range 2 on both sides, from 0.84 to 3.16, so that 1 is 0.16 / 2.32 = 6.9 %
-        // above the foot.
+        // The axis extends by 8 % of the range 2 at both ends, from 0.84 to 3.16, so that 1 is 0.16 / 2.32 = 6.9 %
+        // above its lower end.
         assert_eq!(line(&points, &vertical), "M280.0 93.1L684.0 6.9");
         assert_eq!(limit_paths(&points, &vertical), [] as [String; 0]);
         let empty =
@@ -363,14 +362,14 @@ mod tests {
         assert!(empty.contains("<svg") && !empty.contains("<a href"));
     }
 
-    /// Calculated by hand: from 0.05 to 0.25 with 8 % of 0.2 on both sides is 0.034 to 0.266, and steps of 0.05
-    /// make five values.
+    /// Calculated by hand: 0.05 to 0.25 with 8 % of 0.2 at both ends is 0.034 to 0.266, and steps of 0.05 result in
+    /// five values.
     #[test]
-    fn the_values_beside_an_axis_are_round() {
+    fn axis_ticks_have_round_values() {
         let axis = Axis::covering([0.05, 0.25, f64::NAN].into_iter(), [300.0, 0.0]);
         let texts: Vec<String> = axis.ticks(5).into_iter().map(|(_, text)| text).collect();
         assert_eq!(texts, ["0.05", "0.1", "0.15", "0.2", "0.25"]);
-        // The middle of the values is in the middle of the chart, which counts downwards.
+        // The middle of the range is in the middle of the chart, whose vertical coordinate increases downwards.
         assert!((axis.position(0.15) - 150.0).abs() < 1e-9 && axis.position(0.25) < axis.position(0.05));
         let texts = |low: f64, high: f64| {
             Axis::covering([low, high].into_iter(), [0.0, 1.0])
@@ -385,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_has_an_axis_too() {
+    fn an_axis_without_values_is_finite() {
         let axis = Axis::covering(std::iter::empty(), [0.0, 100.0]);
         assert!(axis.ticks(4).len() >= 3 && axis.position(0.5).is_finite());
     }
@@ -394,15 +393,15 @@ mod tests {
         HeatCell { grid: grid.to_owned(), row: at.0, column: at.1, films: 12, breaks, median_s }
     }
 
-    /// Calculated by hand: 1 and 3 of 12 films are at most a quarter, 4 are more than a quarter, 12 are all.
+    /// Calculated by hand: 1 and 3 of 12 films are at most a quarter; 4 are more than a quarter; 12 are all films.
     #[test]
-    fn the_shade_states_what_the_number_states() {
+    fn the_shade_follows_the_share_of_broken_films() {
         let shades = [0, 1, 3, 4, 12].map(|breaks| shade_index(&cell("r1c1", (1, 1), breaks, None)));
         assert_eq!(shades, [0, 1, 1, 2, 4]);
     }
 
     #[test]
-    fn the_grids_lie_as_on_the_panel() {
+    fn grids_in_the_heat_map_lie_as_on_the_panel() {
         let grids = vec![cell("r1c1", (1, 1), 0, None), cell("r2c2", (2, 2), 3, Some(6.04))];
         let html = heat_chart(&HeatMap { films: 12, grids }, "breaks").into_string();
         assert!(html.contains("<td class=\"shade-1\"><strong>3/12</strong><br>6.0 s</td>"), "{html}");

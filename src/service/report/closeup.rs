@@ -1,8 +1,8 @@
 //! Close-up pictures: the corner before and after its correction, the water film as a strip of pictures in the order of
 //! time, and each grid that failed.
 //!
-//! The close picture of a grid shows the film at the end, an outline of the broken area, and a text with the size of
-//! this area and the time to break. Each of these pictures has its own scale.
+//! The close-up of a grid shows the film at the end, an outline of the broken area, and a text with the size of this
+//! area and the time to break. Each close-up has its own scale.
 
 use super::canvas::{Canvas, InkColor, PenWidth, crop, join_pictures, resize_to_width};
 use super::overlay::PanelOverlay;
@@ -19,20 +19,21 @@ pub struct CornerView<'a> {
     pub expected_px: Pixel,
     /// The found position of the corner.
     pub found_px: Pixel,
-    /// Pixels for one mm at the corner.
+    /// Scale of the picture at the corner.
     pub px_per_mm: f64,
 }
 
-/// Width of a close picture, px.
-const CLOSE_PX: usize = 720;
+/// Width of the close-up of a corner, px.
+const CORNER_WIDTH_PX: usize = 720;
 
 impl CornerView<'_> {
-    /// Draws the corner enlarged, with both positions marked; `title` states which of the two pictures it is.
+    /// Draws the corner enlarged, with both positions marked; `title` states whether this is before or after the
+    /// correction.
     ///
     /// # Errors
     /// If OpenCV refuses to draw.
     pub fn draw(&self, title: &str) -> Result<ColorPicture, ImagingError> {
-        // Both marks and a part of the edge must be visible, at any distance between the marks.
+        // Both marks and a part of the panel's edge must be visible, however far the marks are apart.
         let apart_px = self.expected_px.distance_px(self.found_px);
         let half_px = (apart_px * 1.3).max(8.0 * self.px_per_mm);
         let left = (self.found_px.u - half_px).max(0.0);
@@ -40,8 +41,8 @@ impl CornerView<'_> {
         let side = (2.0 * half_px).round() as usize;
         let (left_px, top_px) = (left as usize, top as usize);
         let part = crop(self.picture, left_px, top_px, (side.max(8), side.max(8)));
-        let zoom = CLOSE_PX as f64 / part.width.max(1) as f64;
-        let mut canvas = Canvas::from_picture(&resize_to_width(&part, CLOSE_PX)?)?;
+        let zoom = CORNER_WIDTH_PX as f64 / part.width.max(1) as f64;
+        let mut canvas = Canvas::from_picture(&resize_to_width(&part, CORNER_WIDTH_PX)?)?;
         let place = |pixel: Pixel| {
             // Pixel centres are whole numbers: half a pixel is added before the enlargement and subtracted after
             // it.
@@ -71,7 +72,7 @@ pub struct StripPicture {
     pub label: String,
 }
 
-/// Draws the film over time: pictures side by side, each with the area that had broken until its time.
+/// Draws the film over time: pictures side by side, each with the area that had broken by then.
 ///
 /// # Errors
 /// If OpenCV refuses to draw.
@@ -88,11 +89,11 @@ pub fn film_strip(pictures: &[StripPicture]) -> Result<ColorPicture, ImagingErro
     Ok(join_pictures(&drawn, 3))
 }
 
-/// Returns the times of a strip's six pictures, s after the first fully wet one: close together while the film
+/// Returns the times of the strip's six pictures, s after the first fully wet picture: close together while the film
 /// opens.
 pub fn strip_times_s(opens_s: Option<f64>, end_s: f64) -> [f64; 6] {
     let times_s = match opens_s {
-        // The first picture already shows the break.
+        // The film is already broken in the first picture.
         Some(opens_s) if opens_s <= 0.0 => [0.0, 1.0, 3.0, 8.0, (8.0 + end_s) / 2.0, end_s],
         Some(opens_s) => [0.0, opens_s, opens_s + 1.0, opens_s + 3.0, opens_s + 8.0, end_s],
         None => [0.0, 0.2 * end_s, 0.4 * end_s, 0.6 * end_s, 0.8 * end_s, end_s],
@@ -100,7 +101,8 @@ pub fn strip_times_s(opens_s: Option<f64>, end_s: f64) -> [f64; 6] {
     times_s.map(|time_s| time_s.min(end_s))
 }
 
-/// Returns the box around pixels inside a picture of this width and height: its first and its last pixel.
+/// Returns the bounding box of the given pixels in a picture of this width and height: its first and last column and
+/// row. Pixels outside of the picture are ignored.
 pub fn bounds(pixels: impl IntoIterator<Item = Pixel>, (width, height): (usize, usize)) -> [(usize, usize); 2] {
     let (mut low, mut high) = ((width, height), (0, 0));
     for (column, row) in pixels.into_iter().filter_map(|pixel| pixel.nearest_whole(width, height)) {
@@ -110,7 +112,7 @@ pub fn bounds(pixels: impl IntoIterator<Item = Pixel>, (width, height): (usize, 
     [low, high]
 }
 
-/// Cuts the part inside a box out of a picture and a mask.
+/// Cuts the same box out of a picture and a mask.
 pub fn cut_out(picture: &ColorPicture, mask: &Mask, [low, high]: [(usize, usize); 2]) -> (ColorPicture, Mask) {
     let size = (high.0.saturating_sub(low.0).max(1), high.1.saturating_sub(low.1).max(1));
     let part = crop(picture, low.0, low.1, size);
@@ -125,18 +127,19 @@ pub fn cut_out(picture: &ColorPicture, mask: &Mask, [low, high]: [(usize, usize)
 pub struct FailedGrid<'g> {
     /// The grid.
     pub grid: &'g Grid,
-    /// Text of about 25 letters: how much of the film broke, and when.
+    /// Text of about 25 letters: the broken area, and the time at which it broke.
     pub words: String,
 }
 
-/// Width of the close picture of a grid, px.
-const GRID_PX: usize = 320;
-/// Height of the band with the title, and of its letters, px.
-const BAND_PX: usize = 26;
-const TEXT_PX: f64 = 13.0;
-/// Number of close pictures in one row.
-const COLUMNS: usize = 4;
-/// Space around a grid, as a share of its width.
+/// Width of the close-up of a grid, px.
+const GRID_WIDTH_PX: usize = 320;
+/// Height of the band with the title, px.
+const TITLE_BAND_HEIGHT_PX: usize = 26;
+/// Height of the title's letters, px.
+const TITLE_TEXT_HEIGHT_PX: f64 = 13.0;
+/// Number of close-ups in one row.
+const PICTURES_PER_ROW: usize = 4;
+/// Margin around a grid, as a share of its width.
 const MARGIN_SHARE: f64 = 0.12;
 
 impl PanelOverlay<'_> {
@@ -163,20 +166,20 @@ impl PanelOverlay<'_> {
         let whole = canvas.finish()?;
         let mut pictures = Vec::with_capacity(failed.len());
         for one in failed {
-            if let Some(part) = part(&whole, &self.pixels(&one.grid.edge)) {
-                let px_per_mm = self.px_per_mm(one.grid.corners[0]) * GRID_PX as f64 / part.width as f64;
-                pictures.push(close(&part, px_per_mm, &format!("{}: {}", one.grid.id, one.words))?);
+            if let Some(part) = crop_to_grid(&whole, &self.pixels(&one.grid.edge)) {
+                let px_per_mm = self.px_per_mm(one.grid.corners[0]) * GRID_WIDTH_PX as f64 / part.width as f64;
+                pictures.push(draw_close_up(&part, px_per_mm, &format!("{}: {}", one.grid.id, one.words))?);
             }
         }
         let Some(height) = pictures.iter().map(|picture| picture.height).max() else { return Ok(None) };
         let even: Vec<ColorPicture> = pictures.iter().map(|picture| extend_below(picture, height)).collect();
         let legend = [(InkColor::YELLOW, "broken film"), (InkColor::VERMILLION, "failed grid")];
-        Canvas::from_picture(&join_pictures(&even, COLUMNS))?.with_legend(&legend)?.finish().map(Some)
+        Canvas::from_picture(&join_pictures(&even, PICTURES_PER_ROW))?.with_legend(&legend)?.finish().map(Some)
     }
 }
 
-/// Cuts out the grid with some space around it.
-fn part(whole: &ColorPicture, edge: &[Pixel]) -> Option<ColorPicture> {
+/// Cuts out the grid with a margin around it; `None` if the grid is outside of the picture.
+fn crop_to_grid(whole: &ColorPicture, edge: &[Pixel]) -> Option<ColorPicture> {
     let [low, high] = bounds(edge.iter().copied(), (whole.width, whole.height));
     let (width, height) = (high.0.checked_sub(low.0)?, high.1.checked_sub(low.1)?);
     let margin = (width as f64 * MARGIN_SHARE).ceil() as usize;
@@ -186,15 +189,23 @@ fn part(whole: &ColorPicture, edge: &[Pixel]) -> Option<ColorPicture> {
 
 /// Draws the enlarged part with a scale bar, below a dark band with its title; `px_per_mm` is the scale after the
 /// enlargement.
-fn close(part: &ColorPicture, px_per_mm: f64, title: &str) -> Result<ColorPicture, ImagingError> {
-    let mut canvas = Canvas::from_picture(&resize_to_width(part, GRID_PX)?)?;
+fn draw_close_up(part: &ColorPicture, px_per_mm: f64, title: &str) -> Result<ColorPicture, ImagingError> {
+    let mut canvas = Canvas::from_picture(&resize_to_width(part, GRID_WIDTH_PX)?)?;
     canvas.scale_bar_within(px_per_mm)?;
     let picture = canvas.finish()?;
-    let mut rgb = vec![InkColor::RIM.0; BAND_PX * picture.width];
+    let mut rgb = vec![InkColor::RIM.0; TITLE_BAND_HEIGHT_PX * picture.width];
     rgb.extend_from_slice(&picture.rgb);
-    let mut canvas =
-        Canvas::from_picture(&ColorPicture { width: picture.width, height: picture.height + BAND_PX, rgb })?;
-    canvas.label(Pixel::at(6.0, BAND_PX as f64 - 8.0), title, TEXT_PX, InkColor::WHITE)?;
+    let mut canvas = Canvas::from_picture(&ColorPicture {
+        width: picture.width,
+        height: picture.height + TITLE_BAND_HEIGHT_PX,
+        rgb,
+    })?;
+    canvas.label(
+        Pixel::at(6.0, TITLE_BAND_HEIGHT_PX as f64 - 8.0),
+        title,
+        TITLE_TEXT_HEIGHT_PX,
+        InkColor::WHITE,
+    )?;
     canvas.finish()
 }
 
@@ -209,29 +220,29 @@ fn extend_below(picture: &ColorPicture, height: usize) -> ColorPicture {
 mod tests {
     use super::*;
 
-    /// A white square of 4 px in a dark picture of 100 by 80 px, cut at (30, 20) to (70, 40). 40 px and 5 px of
-    /// margin on each side make 50 px, which become 320. The square becomes 25.6 px wide, and the part 30 px high
-    /// becomes 192 px high.
+    /// A white square of 4 px × 4 px in a dark picture of 100 × 80 px; the grid extends from (30, 20) to (70, 40). By
+    /// hand: 40 px and a margin of 5 px on each side are 50 px, which are enlarged to 320 px. So the square becomes
+    /// 25.6 px wide, and the part, 30 px high, becomes 192 px high.
     #[test]
-    fn a_grid_is_cut_out_with_a_margin_and_has_its_title() {
+    fn the_close_up_of_a_grid_has_a_margin_and_a_title() {
         let mut whole = ColorPicture::uniform(100, 80, [60; 3]);
         for at in (28..32).flat_map(|row| (48..52).map(move |column| row * 100 + column)) {
             whole.rgb[at] = [255; 3];
         }
         let edge = [(30.0, 20.0), (70.0, 20.0), (70.0, 40.0), (30.0, 40.0)].map(|(u, v)| Pixel::at(u, v));
-        let part = part(&whole, &edge).expect("in the picture");
+        let part = crop_to_grid(&whole, &edge).expect("in the picture");
         assert_eq!((part.width, part.height), (50, 30));
-        let close = close(&part, 12.8, "r1c1: 41.3 mm²").expect("drawn");
-        assert_eq!((close.width, close.height), (320, 192 + BAND_PX));
+        let close = draw_close_up(&part, 12.8, "r1c1: 41.3 mm²").expect("drawn");
+        assert_eq!((close.width, close.height), (320, 192 + TITLE_BAND_HEIGHT_PX));
         let white = |row: usize| close.rgb[row * 320..][..320].iter().filter(|pixel| pixel[0] > 160).count();
-        assert!((23..=29).contains(&white(BAND_PX + 96)), "{}", white(BAND_PX + 96));
-        assert!((0..BAND_PX).any(|row| white(row) > 5), "letters in the band");
+        assert!((23..=29).contains(&white(TITLE_BAND_HEIGHT_PX + 96)), "{}", white(TITLE_BAND_HEIGHT_PX + 96));
+        assert!((0..TITLE_BAND_HEIGHT_PX).any(|row| white(row) > 5), "letters in the band");
         assert_eq!(extend_below(&close, 300).rgb.len(), 320 * 300);
     }
 
     #[test]
-    fn a_grid_outside_of_the_picture_has_no_part() {
+    fn a_grid_outside_of_the_picture_has_no_close_up() {
         let whole = ColorPicture::uniform(100, 80, [60; 3]);
-        assert!(part(&whole, &[Pixel::at(-30.0, -20.0), Pixel::at(-10.0, -5.0)]).is_none());
+        assert!(crop_to_grid(&whole, &[Pixel::at(-30.0, -20.0), Pixel::at(-10.0, -5.0)]).is_none());
     }
 }

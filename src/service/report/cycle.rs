@@ -1,5 +1,5 @@
-//! The page of one cycle: what every phase found, the limits, the files used, the conditions, the events on the panel
-//! and the requests to the cell. What is not known of an event is stated to be unknown.
+//! The page of one cycle: what every phase found, the limits, the files used, the conditions, what happened to the
+//! panel, and the requests to the cell. A fact that was not recorded is stated to be unknown.
 
 use super::page::{Figure, NOT_MEASURED_TEXT, Page, Row, Section, check_row, format_value};
 use panelprep_base::geometry::KukaPose;
@@ -15,9 +15,9 @@ use std::collections::BTreeMap;
 
 /// A blank that a person fills in by hand.
 const BLANK: &str = "……………………………………";
-const AIR_RUN: &str = "This was an air-run: the path was run above the panel with water and tool off. The panel was neither \
+const AIR_RUN_TEXT: &str = "This was an air-run: the path was run above the panel with water and tool off. The panel was neither \
                        tested nor abraded, and this page does not release it. ";
-const ON_FOAM: &str =
+const ON_FOAM_TEXT: &str =
     "This cycle was run on a sheet of foam, as a proof of the cell: this page releases no panel. ";
 
 /// Returns the page of a cycle; `pictures` contains its JPEGs by their hash. A missing picture is reported as missing.
@@ -36,12 +36,12 @@ pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) ->
     sections.extend([abrasion_list(record), motions(record), budget(record)]);
     sections.extend(request_list(record));
     sections.push(used_inputs(record));
-    // An air run tests nothing.
+    // An air-run tests no panel, so its page has no conditions of a test.
     let is_air_run = record.is_air_run();
     sections.extend((!is_air_run).then(|| conditions(record, times)));
     let (kind, warning) = match (is_air_run, record.is_on_foam()) {
-        (true, _) => (", air-run", AIR_RUN),
-        (_, true) => (", on foam", ON_FOAM),
+        (true, _) => (", air-run", AIR_RUN_TEXT),
+        (_, true) => (", on foam", ON_FOAM_TEXT),
         _ => ("", ""),
     };
     Page {
@@ -54,7 +54,8 @@ pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) ->
     }
 }
 
-/// Returns what was abraded and what was requested in the cycle, also for the record as PDF.
+/// Returns the sections about what was abraded and what was requested in the cycle; the PDF of the record contains them
+/// too.
 pub(super) fn event_sections(record: &CycleRecord) -> Vec<Section> {
     std::iter::once(abrasion_list(record)).chain(request_list(record)).collect()
 }
@@ -62,7 +63,7 @@ pub(super) fn event_sections(record: &CycleRecord) -> Vec<Section> {
 /// The clock by which the times of films and motions are measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum ClockKind {
-    /// The computer's clock: a number needs no remark.
+    /// The computer's clock: the page adds no remark to a duration.
     Wall,
     /// The simulated cell's.
     Simulated,
@@ -79,7 +80,7 @@ impl ClockKind {
         }
     }
 
-    /// Returns the remark on a duration, so that a reader does not confuse the two clocks.
+    /// Returns the remark after a duration, so that a reader does not confuse the two clocks.
     fn clock_remark(self, kind: Kind, check: &Check) -> &'static str {
         match (self, check.unit.as_str()) {
             // The time of a plan is calculated, not measured by a clock.
@@ -91,7 +92,7 @@ impl ClockKind {
     }
 }
 
-/// Returns the begin and the end of the cycle, and its duration, by each clock.
+/// Describes when the cycle began and ended, and its duration by each clock.
 fn duration(record: &CycleRecord) -> String {
     let began = utc_text(record.started_unix_s);
     let reasons = record.judgement.iter().flat_map(|judgement| &judgement.reasons);
@@ -177,7 +178,7 @@ fn section(
     }
 }
 
-/// Formats a detail for people: a pose with its units, a list of names; any other value as it is stored.
+/// Formats a detail for people: a pose with its units, names as a list, and any other value as it is stored.
 fn format_detail(value: &Value) -> String {
     let pose = serde_json::from_value::<KukaPose>(value.clone()).ok();
     let names = serde_json::from_value::<Vec<String>>(value.clone()).ok();
@@ -274,13 +275,13 @@ fn conditions(record: &CycleRecord, times: ClockKind) -> Section {
     }
 }
 
-/// How the list counts the grids beside the planned ones.
-const BESIDE: &str = "The disc also overlaps the grids beside them, by up to 0.8 of its radius: they are listed as beside, with \
+/// Explains how the list counts the grids beside the planned ones.
+const OVERLAPPED_GRIDS_TEXT: &str = "The disc also overlaps the grids beside them, by up to 0.8 of its radius: they are listed as \"beside\", with \
                       the share under the disc, as far as the robot reported its poses. These passes do not count for \
                       max_passes_per_grid.";
 
-/// Lists the grids beside the planned ones that the disc overlapped: for each one, in how many passes, and the share
-/// under the disc in each.
+/// Lists the grids beside the planned ones that the disc overlapped, each with its number of passes and the share under
+/// the disc in each pass.
 fn overlapped_grids(findings: &[Finding]) -> Vec<Row> {
     let mut passes: BTreeMap<&str, Vec<String>> = BTreeMap::new();
     for finding in findings.iter().filter(|finding| finding.kind == Kind::Abrade) {
@@ -299,7 +300,7 @@ fn overlapped_grids(findings: &[Finding]) -> Vec<Row> {
     passes.into_iter().map(row).collect()
 }
 
-/// Lists how often each grid was abraded, completely or in part, or may have been abraded.
+/// Lists each grid with the passes that abraded it, completely or in part, or may have abraded it.
 fn abrasion_list(record: &CycleRecord) -> Section {
     let all = panelprep_cell::record::abraded_grids(&record.findings, &record.motions);
     let mut passes: BTreeMap<String, Vec<String>> = BTreeMap::new();
@@ -319,14 +320,16 @@ fn abrasion_list(record: &CycleRecord) -> Section {
         all.iter().any(|one| matches!(one.how, AbrasionExtent::Touched | AbrasionExtent::PossiblyTouched));
     let mut text = match (passes.is_empty(), is_unsure) {
         (true, _) => "Nothing: the tool touched no grid.".to_owned(),
-        (false, false) => format!("Each grid that was planned to be sanded, with its passes. {BESIDE}"),
+        (false, false) => {
+            format!("Each grid that was planned to be sanded, with its passes. {OVERLAPPED_GRIDS_TEXT}")
+        }
         (false, true) => {
-            "Each grid with the passes that touched it, or may have touched it: the robot did not \
-                          report how far it came. What it may have touched counts as abraded for \
-                          max_passes_per_grid, in later cycles of this panel too. This ends with a cycle that ends \
-                          with pass or fail, or because nothing more is allowed. "
+            "Each grid with the passes that touched it or may have touched it, because the robot did not \
+                          report how far it moved. A grid that may have been touched counts as abraded for \
+                          max_passes_per_grid, also in later cycles of this panel, until a cycle ends with pass or \
+                          fail, or ends because no further abrasion is allowed. "
                 .to_owned()
-                + BESIDE
+                + OVERLAPPED_GRIDS_TEXT
         }
     };
     if worn_mm2 > 0.0 {
@@ -344,8 +347,7 @@ fn abrasion_list(record: &CycleRecord) -> Section {
     }
 }
 
-/// The requests of people and programs to the cell: the time, the request, the sender and the result; before the
-/// cycle, and in it.
+/// Lists the requests of people and programs to the cell, before the cycle and in it: time, request, result and sender.
 fn request_list(record: &CycleRecord) -> Vec<Section> {
     let section = |heading: &str, text: &str, asked: &[RequestRecord]| Section {
         heading: heading.to_owned(),
@@ -380,7 +382,7 @@ fn request(asked: &RequestRecord) -> Row {
     Row::new(&utc_text(asked.unix_ms.div_euclid(1_000)), format!("{came}. Requested by: {who}"), "")
 }
 
-/// Returns a request in words, and its meaning if it was done.
+/// Returns the name of a request, and the text that follows it if the request was executed.
 fn describe_request(wanted: &RequestedAction) -> (String, String) {
     let plain = |what: &str, meant: &str| (what.to_owned(), meant.to_owned());
     match wanted {
@@ -426,7 +428,7 @@ fn describe_request(wanted: &RequestedAction) -> (String, String) {
     }
 }
 
-/// Lists every motion and how it ended.
+/// Lists every motion with its end.
 fn motions(record: &CycleRecord) -> Section {
     let rows = record.motions.iter().map(|motion| {
         let path = match motion.motion.path {

@@ -7,8 +7,8 @@ use panelprep_vision::inspect::{ComparisonReference, Inspection, name};
 /// A blank that a person fills in by hand.
 const BLANK: &str = "……………………………………";
 
-/// Creates the page of a test: verdict, grids, how the film was watched, pictures, and lines to sign. `clip` names
-/// the tested item.
+/// Creates the page of a test: verdict, grids, how the film was observed, pictures, and lines for the signature. `clip`
+/// names the tested item.
 pub fn inspection_page(inspection: &Inspection, recipe: &Recipe, clip: &str, figures: Vec<Figure>) -> Page {
     Page {
         first: String::new(),
@@ -76,7 +76,7 @@ fn grids(inspection: &Inspection) -> Section {
     section("Grids", "Area of broken film in each grid.".to_owned(), rows)
 }
 
-/// The numbers by which the film as a whole was judged; the results of each grid have a section of their own.
+/// Lists the numbers by which the film as a whole was judged; the results of the grids are in another section.
 fn film_numbers(inspection: &Inspection) -> Section {
     let of_film = inspection.checks.iter().take_while(|check| check.name != name::UNSEEN_GRIDS);
     let rows = of_film.map(|check| check_row(check, "")).collect();

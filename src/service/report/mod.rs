@@ -1,4 +1,4 @@
-//! Pictures and pages that show results to people. No decision depends on the calculations in this module.
+//! Pictures and pages that show results to people. No decision depends on anything that this module calculates.
 
 mod calibration;
 pub mod canvas;

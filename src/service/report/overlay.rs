@@ -1,7 +1,7 @@
-//! The panel drawn into the 3D camera's picture: outline, grids, broken film, paths.
+//! Draws the panel into the 3D camera's picture: outline, grids, broken film, paths.
 //!
-//! Everything is projected from the panel's frame through one camera model, so that everything drawn is where the
-//! program assumes it (thesis Eq. 4.6, 4.7, 3.11).
+//! Everything is projected from the panel's frame through one camera model, so each drawing shows where the program
+//! assumes the object to be (thesis Eq. 4.6, 4.7, 3.11).
 
 use super::canvas::{Canvas, InkColor, PenWidth, crop};
 use panelprep_base::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Pixel, Point, Rigid};
@@ -21,7 +21,7 @@ pub struct PanelOverlay<'a> {
 
 /// A colour scale that people with any common type of colour vision can read, after "viridis" of Smith and van der
 /// Walt.
-const STOPS: [(f64, InkColor); 5] = [
+const COLOR_SCALE_STOPS: [(f64, InkColor); 5] = [
     (0.0, InkColor([68, 1, 84])),
     (0.25, InkColor([59, 82, 139])),
     (0.5, InkColor([33, 145, 140])),
@@ -29,14 +29,14 @@ const STOPS: [(f64, InkColor); 5] = [
     (1.0, InkColor([253, 231, 37])),
 ];
 
-/// Returns the colour of a share 0…1, between the stops.
+/// Returns the colour of a share 0…1, interpolated between the stops.
 fn scale(share: f64) -> InkColor {
-    let at = share.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
-    let (low, next) = (at as usize, (at as usize + 1).min(STOPS.len() - 1));
-    STOPS[low].1.mix_with(STOPS[next].1, at - low as f64)
+    let at = share.clamp(0.0, 1.0) * (COLOR_SCALE_STOPS.len() - 1) as f64;
+    let (low, next) = (at as usize, (at as usize + 1).min(COLOR_SCALE_STOPS.len() - 1));
+    COLOR_SCALE_STOPS[low].1.mix_with(COLOR_SCALE_STOPS[next].1, at - low as f64)
 }
 
-/// Space around the panel in a picture of the panel, px at full size.
+/// Margin around the panel in a cropped picture, px before any scaling.
 const MARGIN_PX: f64 = 40.0;
 
 impl PanelOverlay<'_> {
@@ -72,7 +72,7 @@ impl PanelOverlay<'_> {
     ) -> Result<(), ImagingError> {
         let thin = PenWidth { ink: InkColor::WHITE, width_px: 1 };
         let thick = PenWidth { ink: InkColor::VERMILLION, width_px: self.line_px() };
-        // Failed grids are drawn last, so that no other line covers their rim.
+        // Failed grids are drawn last, so that no other line covers their edges.
         for (only_failed, pen) in [(false, thin), (true, thick)] {
             for grid in grids.iter().filter(|grid| failed(grid) == only_failed) {
                 canvas.polyline(&self.pixels(&grid.edge), true, pen)?;
@@ -90,7 +90,7 @@ impl PanelOverlay<'_> {
         Ok(())
     }
 
-    /// Cuts out the part of the picture around the panel, and adds a scale bar and a legend.
+    /// Crops the picture to the panel, and adds a scale bar and a legend.
     pub(super) fn cropped_with_scale(
         &self,
         canvas: Canvas,
@@ -116,7 +116,7 @@ impl PanelOverlay<'_> {
     /// Draws the taught data: the panel's pixels, its outline, the region's grids.
     ///
     /// # Errors
-    /// If OpenCV refuses to draw; likewise for the other pictures.
+    /// If OpenCV refuses to draw; the same applies to the other pictures.
     pub fn taught(&self, panel: &TaughtPanel, corners: &[Point<Panel>]) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::from_picture(self.picture)?;
         canvas.tint_mask(&panel.mask, InkColor::BLUE, 0.25)?;
@@ -136,7 +136,7 @@ impl PanelOverlay<'_> {
         self.cropped_with_scale(canvas, panel, &legend)
     }
 
-    /// Draws where the panel was found: its taught outline and grids at the place found, over the new picture.
+    /// Draws where the panel was found: its taught outline and grids at the found pose, over the new picture.
     ///
     /// # Errors
     /// As [`PanelOverlay::taught`].
@@ -151,8 +151,8 @@ impl PanelOverlay<'_> {
         )
     }
 
-    /// Draws the broken area, tinted and outlined; the area not seen, outlined, if it is known yet; and failed
-    /// grids with a thick rim.
+    /// Draws the broken area, tinted and outlined; the outline of the area that was not seen, if it is already known;
+    /// and failed grids with a thick edge.
     ///
     /// # Errors
     /// As [`PanelOverlay::taught`].
@@ -183,8 +183,8 @@ impl PanelOverlay<'_> {
         self.cropped_with_scale(canvas, panel, &legend)
     }
 
-    /// Draws when the film broke at each pixel: early breaks dark violet, late ones yellow; `time_s` returns the time
-    /// for a column and a row.
+    /// Draws when the film broke at each pixel: early breaks are dark violet, late ones yellow. `time_s` returns the
+    /// time for a column and a row.
     ///
     /// # Errors
     /// As [`PanelOverlay::taught`].
@@ -194,8 +194,8 @@ impl PanelOverlay<'_> {
         time_s: &dyn Fn(usize, usize) -> Option<f64>,
         end_s: f64,
     ) -> Result<ColorPicture, ImagingError> {
-        // Bleached, so that the darkest colour of the scale, the earliest break, is clearly visible on a dark
-        // panel.
+        // The picture is made grey and lighter, so that the darkest colour of the scale, the earliest break, is clearly
+        // visible on a dark panel.
         let mut picture = self.picture.to_gray().to_color();
         picture.rgb.iter_mut().for_each(|pixel| *pixel = pixel.map(|gray| 120 + gray / 4));
         for (index, pixel) in picture.rgb.iter_mut().enumerate() {
@@ -206,9 +206,9 @@ impl PanelOverlay<'_> {
         let mut canvas = Canvas::from_picture(&picture)?;
         self.draw_grids(&mut canvas, &panel.grids, &|_| false)?;
         let meaning: Vec<String> =
-            STOPS.iter().map(|(share, _)| format!("broke at {:.1} s", share * end_s)).collect();
+            COLOR_SCALE_STOPS.iter().map(|(share, _)| format!("broke at {:.1} s", share * end_s)).collect();
         let legend: Vec<(InkColor, &str)> =
-            STOPS.iter().zip(&meaning).map(|((_, ink), text)| (*ink, &**text)).collect();
+            COLOR_SCALE_STOPS.iter().zip(&meaning).map(|((_, ink), text)| (*ink, &**text)).collect();
         self.cropped_with_scale(canvas, panel, &legend)
     }
 

@@ -1,4 +1,5 @@
-//! One self-contained HTML page: verdict, numbers with their limits, pictures. It has no scripts and loads nothing.
+//! One self-contained HTML page: verdict, numbers with their limits, pictures. It contains no scripts and loads
+//! nothing.
 //!
 //! A check is a row of the page: the number with its unit, its limit, and the source of the limit.
 
@@ -11,7 +12,7 @@ use panelprep_base::verdict::{Check, Judgement, Limit, LimitSource, Verdict};
 /// A page from top to bottom.
 #[derive(Debug, Clone)]
 pub struct Page {
-    /// HTML that comes before everything else, such as the page to sign; empty for none.
+    /// HTML before all other parts of the page, such as the sheet to sign; empty if there is none.
     pub first: String,
     /// Heading.
     pub title: String,
@@ -21,7 +22,7 @@ pub struct Page {
     pub judgement: Judgement,
     /// The parts, in order.
     pub sections: Vec<Section>,
-    /// When and by what the page was made, on a line of its own; empty if that is not stated.
+    /// Time at which the page was made, and by which program, on a line of its own; empty if this is not stated.
     pub made: String,
 }
 
@@ -59,7 +60,7 @@ impl Row {
 /// One picture.
 #[derive(Debug, Clone)]
 pub struct Figure {
-    /// The content of the picture, for readers who see it and for those who do not.
+    /// Text that describes the picture, also for readers who cannot see it.
     pub caption: String,
     /// The picture, encoded as JPEG.
     pub jpeg: Vec<u8>,
@@ -89,8 +90,8 @@ impl Page {
                     h1 { (self.title) }
                     p.sub { (self.subtitle) }
                     (verdict(&self.judgement))
-                    // Each section has its own line in the HTML, and so has the time at which the page was made: a
-                    // person who compares two pages can leave that line out.
+                    // Each section is one line of the HTML, and the time at which the page was made is another one: a
+                    // person who compares two pages can ignore that line.
                     @for section in &self.sections { (PreEscaped("\n")) (section) }
                     (PreEscaped("\n"))
                     @if !self.made.is_empty() { p.sub { (self.made) } (PreEscaped("\n")) }
@@ -132,7 +133,7 @@ impl Render for Figure {
 }
 
 fn verdict(judgement: &Judgement) -> Markup {
-    // A requested stop is not a fault, though there is no other verdict for a cycle without a result.
+    // A cycle that was stopped on request also has the verdict `Aborted`, but the page does not show it as a fault.
     let is_stopped =
         judgement.verdict == Verdict::Aborted && judgement.reasons.iter().any(|reason| reason.code == "stopped");
     let word = if is_stopped { "stopped on request" } else { judgement.verdict.keyword() };
@@ -152,7 +153,7 @@ fn verdict(judgement: &Judgement) -> Markup {
 
 pub(super) const NOT_MEASURED_TEXT: &str = "not measured";
 
-/// Returns a check as a row; `beside` is written after its value. A limit without a key is the program's own.
+/// Returns a check as a row; `beside` is written after its value. A limit that no file states is the program's own.
 pub fn check_row(check: &Check, beside: &str) -> Row {
     let with_unit = |text: String| format!("{text} {}", check.unit).trim_end().to_owned();
     let (sign, limit) = match check.limit {
@@ -181,7 +182,8 @@ pub fn check_row(check: &Check, beside: &str) -> Row {
     Row::new(&check.name, value, allowed)
 }
 
-/// Formats a value with four significant digits, or with all digits before the point; the store has the full value.
+/// Formats a value with four significant digits, and with all digits before the decimal point; the store has the full
+/// value.
 pub fn format_value(value: f64) -> String {
     if value == 0.0 || !value.is_finite() || value.fract() == 0.0 {
         return shortest_text(value);
@@ -190,7 +192,7 @@ pub fn format_value(value: f64) -> String {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
-/// Returns the number of digits after the point that gives four significant digits.
+/// Returns the number of decimals with which a value has four significant digits.
 fn decimals(value: f64) -> usize {
     if value == 0.0 || !value.is_finite() {
         return 0;
@@ -228,14 +230,14 @@ mod tests {
     }
 
     #[test]
-    fn a_cycle_that_was_stopped_on_request_is_not_shown_as_a_fault() {
+    fn a_cycle_stopped_on_request_is_not_shown_as_a_fault() {
         let of = |code| Judgement { verdict: Verdict::Aborted, reasons: vec![Reason::new(code, "why")] };
         assert!(verdict(&of("stopped")).0.starts_with("<p class=\"verdict doubt\"><b>stopped on request</b>"));
         assert!(verdict(&of("late")).0.starts_with("<p class=\"verdict bad\"><b>aborted</b>"));
     }
 
     #[test]
-    fn a_row_states_whose_limit_it_is() {
+    fn a_row_states_the_source_of_its_limit() {
         let check = Check::new("residual", "mm", 0.3);
         let of_recipe = check.clone().with_max(0.25, LimitSource::recipe("locate.max_rms_mm"));
         let row = check_row(&of_recipe, "");

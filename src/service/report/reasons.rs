@@ -1,7 +1,7 @@
-//! A picture for each reason of a localization's verdict: the place in the scan that shows it.
+//! A picture for each reason of a localization's verdict: it marks the place in the scan where the reason is visible.
 //!
-//! Colours are distinguishable with every common colour vision (Okabe & Ito); every picture has a legend that
-//! states their meaning. Dots mean places of the taught panel, lines mean its outline.
+//! People with every common type of colour vision can distinguish the colours (Okabe & Ito); the legend of each picture
+//! states their meaning. Dots are places of the taught panel's surface, lines are its outline.
 
 use super::canvas::{Canvas, InkColor, PenWidth, crop, resize_to_width};
 use super::overlay::PanelOverlay;
@@ -14,14 +14,15 @@ use panelprep_vision::locate::explain::{
 };
 use panelprep_vision::locate::{self, Fit};
 
-/// Residual that has the full colour, mm.
+/// Residual at which the colour has its full strength, mm.
 const FULL_COLOR_MM: f64 = 0.5;
-/// Share of ink in a dot's colour; the rest is the picture's colour.
-const INK: f64 = 0.75;
-/// Half the side of a close picture, px, then its width after the enlargement.
-const CLOSE_HALF_PX: usize = 24;
-const CLOSE_PX: usize = 720;
-/// Colours of the objects in the scan, the largest object first.
+/// Share of the ink in the colour of a dot; the rest is the colour of the picture.
+const INK_SHARE: f64 = 0.75;
+/// Half the side of the cropped square of a close-up, px.
+const CLOSE_UP_HALF_SIDE_PX: usize = 24;
+/// Width of a close-up after it was enlarged, px.
+const CLOSE_UP_WIDTH_PX: usize = 720;
+/// Colours of the objects in the search box, the largest object first.
 const OBJECT_COLORS: [InkColor; 5] =
     [InkColor::ORANGE, InkColor::BLUE, InkColor::GREEN, InkColor::YELLOW, InkColor::VERMILLION];
 
@@ -34,7 +35,7 @@ struct DotReason {
     legend: &'static [(InkColor, &'static str)],
 }
 
-const DOTS: [DotReason; 4] = [
+const DOT_REASONS: [DotReason; 4] = [
     DotReason {
         codes: &["poor_fit", "bent", "not_converged"],
         caption: "Distance of the scan from the taught surface",
@@ -50,7 +51,7 @@ const DOTS: [DotReason; 4] = [
         caption: "Where the taught panel is missing",
         ink: |mark| (mark == SurfaceMark::Through).then_some(InkColor::VERMILLION),
         legend: &[
-            (InkColor::VERMILLION, "the scan sees an object behind the taught surface"),
+            (InkColor::VERMILLION, "the scan shows an object behind the taught surface"),
             (InkColor::GREEN, "outline found"),
         ],
     },
@@ -78,7 +79,7 @@ const DOTS: [DotReason; 4] = [
     },
 ];
 
-/// One reason of a verdict as a picture, or why it cannot be drawn.
+/// A reason of a verdict, and the picture that shows it or the error that prevented the picture.
 #[derive(Debug)]
 pub struct ReasonPicture {
     /// The reason's code.
@@ -89,7 +90,8 @@ pub struct ReasonPicture {
     pub picture: Result<ColorPicture, ImagingError>,
 }
 
-/// Draws the pictures of a localization's reasons over the scan's picture; none for reasons that no scan shows.
+/// Draws a picture for each reason of a localization's verdict over the scan's picture; no picture for a reason that a
+/// scan cannot show.
 pub fn reason_pictures(
     panel: &TaughtPanel,
     (picture, seen): (&ColorPicture, &locate::ScanView<'_>),
@@ -100,14 +102,14 @@ pub fn reason_pictures(
     let camera_from_panel = seen.base_from_camera.inverse() * place;
     let view = PanelOverlay { picture, camera: seen.camera, camera_from_panel };
     let drawn = |reason: &Reason| {
-        let (picture, caption) = view.reason(panel, (explained, fit), reason)?;
+        let (picture, caption) = view.draw_reason(panel, (explained, fit), reason)?;
         Some(ReasonPicture { code: reason.code.to_string(), caption, picture })
     };
     judgement.reasons.iter().filter_map(drawn).collect()
 }
 
-/// Returns the colour of the result at a place of the outline.
-fn ink_for(mark: OutlineMark) -> InkColor {
+/// Returns the colour for the result at a place of the outline.
+fn outline_ink(mark: OutlineMark) -> InkColor {
     match mark {
         OutlineMark::Found => InkColor::GREEN,
         OutlineMark::Elsewhere => InkColor::VERMILLION,
@@ -118,15 +120,15 @@ fn ink_for(mark: OutlineMark) -> InkColor {
 type Drawn = Result<ColorPicture, ImagingError>;
 
 impl PanelOverlay<'_> {
-    /// Draws a reason in the scan's picture, and returns a caption for the picture; `None` for reasons that no scan
-    /// shows.
-    fn reason(
+    /// Draws a reason over the scan's picture, and returns the picture and its caption; `None` for a reason that a scan
+    /// cannot show.
+    fn draw_reason(
         &self,
         panel: &TaughtPanel,
         (explained, fit): (&Explained, Option<&Fit>),
         reason: &Reason,
     ) -> Option<(Drawn, &'static str)> {
-        if let Some(dots) = DOTS.iter().find(|dots| dots.codes.contains(&&*reason.code)) {
+        if let Some(dots) = DOT_REASONS.iter().find(|dots| dots.codes.contains(&&*reason.code)) {
             return Some((self.draw_dots(panel, explained, dots), dots.caption));
         }
         Some(match &*reason.code {
@@ -159,13 +161,14 @@ impl PanelOverlay<'_> {
                     "Overexposed parts of the picture",
                 )
             }
-            "blurred" => (self.close(explained.widest_step?), "The least sharp part of the panel's edge"),
+            "blurred" => (self.draw_close_up(explained.widest_step?), "The least sharp part of the panel's edge"),
             "camera_moved" | "camera_unwatched" => {
                 (self.draw_fixture(explained), "Taught edges of the fixture, drawn over the new picture")
             }
-            "uncertain" | "starts_disagree" => {
-                (self.draw_weakest(panel, explained), "The direction in which the pose is least certain")
-            }
+            "uncertain" | "starts_disagree" => (
+                self.draw_least_certain_direction(panel, explained),
+                "The direction in which the pose is least certain",
+            ),
             "ambiguous" => {
                 let (fit, rival) = fit.and_then(|fit| Some((fit, fit.rival?)))?;
                 let other = fit.base_from_panel.inverse() * rival.base_from_panel;
@@ -181,7 +184,7 @@ impl PanelOverlay<'_> {
         })
     }
 
-    /// Draws dots over the picture, with the outline.
+    /// Draws dots and the outline over the picture.
     fn draw_dots(&self, panel: &TaughtPanel, explained: &Explained, dots: &DotReason) -> Drawn {
         let full = FULL_COLOR_MM.to_string();
         let words: Vec<String> = dots.legend.iter().map(|(_, words)| words.replace("{full}", &full)).collect();
@@ -201,7 +204,7 @@ impl PanelOverlay<'_> {
         picture
     }
 
-    /// Draws the borders of the panel's marks where they are expected, framed around the panel.
+    /// Draws the borders of the panel's marks at their expected positions, and crops the picture to the panel.
     fn draw_marks(
         &self,
         panel: &TaughtPanel,
@@ -210,12 +213,12 @@ impl PanelOverlay<'_> {
     ) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::from_picture(self.picture)?;
         for (ends, mark) in &explained.marks {
-            canvas.polyline(ends, false, PenWidth { ink: ink_for(*mark), width_px: self.line_px() + 1 })?;
+            canvas.polyline(ends, false, PenWidth { ink: outline_ink(*mark), width_px: self.line_px() + 1 })?;
         }
         self.cropped_with_scale(canvas, panel, legend)
     }
 
-    /// Draws the outline in colours over a picture, framed around the panel.
+    /// Draws the outline over a picture, with a colour for each result, and crops the picture to the panel.
     fn draw_outline(
         &self,
         picture: ColorPicture,
@@ -224,14 +227,18 @@ impl PanelOverlay<'_> {
         legend: &[(InkColor, &str)],
     ) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::from_picture(&picture)?;
-        // Successive points with the same mark form one line. A new line begins at a larger distance, as at a
-        // window's outline.
+        // Successive points with the same mark form one line. A larger distance begins a new line, for example at the
+        // outline of a cut-out.
         let apart_px = 12.0 * explained.block_px.max(1) as f64;
         let goes_on =
             |a: &(Pixel, OutlineMark), b: &(Pixel, OutlineMark)| a.1 == b.1 && a.0.distance_px(b.0) < apart_px;
         for run in explained.outline.chunk_by(goes_on) {
             let pixels: Vec<Pixel> = run.iter().map(|(pixel, _)| *pixel).collect();
-            canvas.polyline(&pixels, false, PenWidth { ink: ink_for(run[0].1), width_px: self.line_px() + 1 })?;
+            canvas.polyline(
+                &pixels,
+                false,
+                PenWidth { ink: outline_ink(run[0].1), width_px: self.line_px() + 1 },
+            )?;
         }
         self.cropped_with_scale(canvas, panel, legend)
     }
@@ -246,11 +253,12 @@ impl PanelOverlay<'_> {
         picture
     }
 
-    fn close(&self, at: Pixel) -> Result<ColorPicture, ImagingError> {
-        let first = |n: f64| (n.max(0.0) as usize).saturating_sub(CLOSE_HALF_PX);
-        let part = crop(self.picture, first(at.u), first(at.v), (2 * CLOSE_HALF_PX, 2 * CLOSE_HALF_PX));
+    fn draw_close_up(&self, at: Pixel) -> Result<ColorPicture, ImagingError> {
+        let first = |n: f64| (n.max(0.0) as usize).saturating_sub(CLOSE_UP_HALF_SIDE_PX);
+        let part =
+            crop(self.picture, first(at.u), first(at.v), (2 * CLOSE_UP_HALF_SIDE_PX, 2 * CLOSE_UP_HALF_SIDE_PX));
         let meaning = format!("{} x {} pixels, enlarged", part.width, part.height);
-        Canvas::from_picture(&resize_to_width(&part, CLOSE_PX)?)?
+        Canvas::from_picture(&resize_to_width(&part, CLOSE_UP_WIDTH_PX)?)?
             .with_legend(&[(InkColor::WHITE, &meaning)])?
             .finish()
     }
@@ -267,7 +275,7 @@ impl PanelOverlay<'_> {
             };
             draw_dot(&mut picture, *pixel, side_px, ink);
         }
-        let moved = format!("moved by more than {MAX_FIXTURE_SHIFT_PX} px, or gone");
+        let moved = format!("moved by more than {MAX_FIXTURE_SHIFT_PX} px, or missing");
         let legend = [
             (InkColor::GREEN, "edge of the fixture that has not moved"),
             (InkColor::VERMILLION, &*moved),
@@ -276,7 +284,11 @@ impl PanelOverlay<'_> {
         Canvas::from_picture(&picture)?.with_legend(&legend)?.finish()
     }
 
-    fn draw_weakest(&self, panel: &TaughtPanel, explained: &Explained) -> Result<ColorPicture, ImagingError> {
+    fn draw_least_certain_direction(
+        &self,
+        panel: &TaughtPanel,
+        explained: &Explained,
+    ) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::from_picture(self.picture)?;
         let pen = |ink| PenWidth { ink, width_px: self.line_px() };
         let (found, moved): (Vec<Pixel>, Vec<Pixel>) = explained.weakest.iter().copied().unzip();
@@ -303,15 +315,15 @@ impl PanelOverlay<'_> {
         let mut canvas = Canvas::from_picture(self.picture)?;
         let other = PanelOverlay { camera_from_panel: self.camera_from_panel * panel_from_other, ..*self };
         let [(here, _), (there, _)] = legend;
-        // If both outlines coincide, the wider one is visible on both sides of the other; the hands show the
-        // orientation of each outline.
+        // If both outlines coincide, the wider one is visible on both sides of the other; the lines from the centre
+        // show the rotation of each.
         let pens = [
             PenWidth { ink: there, width_px: 4 * self.line_px() },
             PenWidth { ink: here, width_px: self.line_px() },
         ];
         for (view, pen) in [(&other, pens[0]), (self, pens[1])] {
             view.outline(&mut canvas, panel, pen)?;
-            view.draw_hand(&mut canvas, panel, pen)?;
+            view.draw_orientation_line(&mut canvas, panel, pen)?;
         }
         canvas.scale_bar_within(self.px_per_mm(panel.centre()))?;
         let legend = [
@@ -322,8 +334,13 @@ impl PanelOverlay<'_> {
         canvas.with_legend(&legend)?.finish()
     }
 
-    /// Draws a line from the panel's middle to the first corner of its first grid, and a ring at this corner.
-    fn draw_hand(&self, canvas: &mut Canvas, panel: &TaughtPanel, pen: PenWidth) -> Result<(), ImagingError> {
+    /// Draws a line from the panel's centre to the first corner of its first grid, and a ring at this corner.
+    fn draw_orientation_line(
+        &self,
+        canvas: &mut Canvas,
+        panel: &TaughtPanel,
+        pen: PenWidth,
+    ) -> Result<(), ImagingError> {
         let first = panel.grids.first().and_then(|grid| grid.edge.first());
         let ends: Vec<Point<Panel>> = first.into_iter().copied().chain([panel.centre()]).collect();
         let (ends, pen) = (self.pixels(&ends), PenWidth { width_px: self.line_px(), ..pen });
@@ -367,7 +384,7 @@ fn draw_dot(picture: &mut ColorPicture, at: Pixel, side_px: usize, ink: InkColor
                 continue;
             }
             let pixel = &mut picture.rgb[v as usize * picture.width + u as usize];
-            *pixel = InkColor(*pixel).mix_with(ink, INK).0;
+            *pixel = InkColor(*pixel).mix_with(ink, INK_SHARE).0;
         }
     }
 }
@@ -376,8 +393,8 @@ fn draw_dot(picture: &mut ColorPicture, at: Pixel, side_px: usize, ink: InkColor
 mod tests {
     use super::*;
 
-    /// Calculated by hand: a quarter of a millimetre in front of the surface is half-way from white to vermillion
-    /// (213, 94, 0).
+    /// Calculated by hand: a quarter of a millimetre in front of the surface is halfway from white to vermillion (213,
+    /// 94, 0).
     #[test]
     fn residuals_have_their_colours() {
         assert_eq!(residual_ink(SurfaceMark::On(0.25)), Some(InkColor([234, 175, 128])));
@@ -385,9 +402,10 @@ mod tests {
         assert_eq!([SurfaceMark::Missing, SurfaceMark::Near].map(residual_ink), [None; 2]);
     }
 
-    /// Calculated by hand: a square of two pixels around (0, 1) reaches from −0.5, outside the picture, to 0.5.
+    /// Calculated by hand: a square of 2 × 2 pixels around (0.4, 1.4) covers columns 0 and 1 and rows 1 and 2, and 0.75
+    /// of white over black is 191. A dot outside of the picture draws nothing.
     #[test]
-    fn a_dot_stays_in_its_picture() {
+    fn dots_beyond_the_border_are_clipped() {
         let mut picture = ColorPicture::uniform(4, 3, [0; 3]);
         draw_dot(&mut picture, Pixel::at(0.4, 1.4), 2, InkColor::WHITE);
         assert_eq!(picture.rgb.iter().filter(|pixel| pixel[0] == 191).count(), 4);

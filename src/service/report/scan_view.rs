@@ -1,10 +1,10 @@
 //! Pictures of a scan, and maps of a surface over the scan's pixels.
 //!
 //! - The scan: its colours, the pixels without points, and the recipe's region in it.
-//! - How a fitted surface lies in the scan, and how today's surface differs from the taught one, as maps that an
+//! - The deviation of a scan from a fitted surface, and of today's surface from the taught one, as maps that an
 //!   engineer can read. Each pixel shows the mean deviation of the points around it, so that the scan's white noise,
 //!   which contains no information about the surface, does not hide errors of the shape. Points that are missing or
-//!   were left out are shown as they are, one by one.
+//!   were excluded are shown pixel by pixel.
 
 use super::canvas::{Canvas, InkColor, PenWidth};
 use panelprep_base::geometry::{ColorPicture, Frame, Mask, OrganizedCloud, Pixel};
@@ -23,7 +23,7 @@ pub fn missing_share<F: Frame>(scan: &OrganizedCloud<F>) -> f64 {
     missing_pixels(scan).count() as f64 / (scan.width() * scan.height()) as f64
 }
 
-/// Draws the scan with a pixel ruler, its missing points tinted.
+/// Draws the scan with a ruler of its pixels; pixels without a point are tinted.
 ///
 /// # Errors
 /// If OpenCV refuses to draw.
@@ -32,7 +32,8 @@ pub fn scan_picture<F: Frame>(scan: &OrganizedCloud<F>) -> Result<ColorPicture, 
     canvas.draw_ruler()?.with_legend(&[(NO_POINT_COLOR, &depth_legend(scan))])?.finish()
 }
 
-/// Draws the scan with the corners of the region that a recipe chooses; wrong corners, counted from 1, are marked.
+/// Draws the scan with the corners of the recipe's region. `wrong` contains the numbers of the wrong corners, from 1,
+/// which are marked.
 ///
 /// # Errors
 /// If OpenCV refuses to draw.
@@ -52,7 +53,7 @@ pub fn draw_region<F: Frame>(
             if wrong.contains(&number) { (InkColor::VERMILLION, " wrong") } else { (InkColor::BLUE, "") };
         canvas.cross(*corner, size_px, PenWidth { ink, width_px: width_px + 1 })?;
         // The text is white, because coloured letters of this size are hard to read. The cross has the colour of a
-        // usable or a wrong corner; the text of a wrong corner also contains this word.
+        // usable or of a wrong corner; beside a wrong corner, the text also states that it is wrong.
         let text = format!("{number} [{:.0}, {:.0}]{word}", corner.u, corner.v);
         canvas.label(Pixel::at(corner.u + size_px, corner.v - size_px), &text, text_px, InkColor::WHITE)?;
     }
@@ -79,9 +80,9 @@ fn depth_legend<F: Frame>(scan: &OrganizedCloud<F>) -> String {
     format!("no 3D point: {:.1} % of {} x {} px", 100.0 * missing_share(scan), scan.width(), scan.height())
 }
 
-/// Deviation that has the full colour, mm.
+/// Deviation at which the colour has its full strength, mm.
 const FULL_COLOR_MM: f64 = 0.1;
-/// Half the width n of the square over which the mean is calculated: 2 n + 1 pixels.
+/// The mean is calculated over a square with sides of 2 n + 1 pixels; this is n.
 const MEAN_RADIUS_PX: usize = 3;
 const OUTSIDE_COLOR: InkColor = InkColor([245, 245, 245]);
 const MISSING_COLOR: InkColor = InkColor([204, 121, 167]);
@@ -89,7 +90,7 @@ const REJECTED_COLOR: InkColor = InkColor::YELLOW;
 const FRONT_COLOR: InkColor = InkColor::VERMILLION;
 const BACK_COLOR: InkColor = InkColor::DEEP_BLUE;
 
-/// Draws the map of a fit with its legend and scale.
+/// Draws the deviation of a scan from a fitted surface, with legend and scale bar.
 ///
 /// # Errors
 /// If OpenCV refuses to draw.
@@ -104,8 +105,8 @@ pub fn surface_map(map: &DeviationMap) -> Result<ColorPicture, ImagingError> {
     )
 }
 
-/// Draws the map of today's surface compared with the taught one, or with the drawing; at this deviation it has full
-/// colour, mm.
+/// Draws the deviation of today's surface from the taught one, or from the drawing. `full_mm` is the deviation at which
+/// the colour has its full strength, mm.
 ///
 /// # Errors
 /// If OpenCV refuses to draw.
@@ -148,8 +149,8 @@ fn draw_deviation(
     canvas.with_legend(&legend)?.finish()
 }
 
-/// Returns the mean of the points in the fit around each pixel, mm; 0 if there is none. The sums are calculated along
-/// the rows and then along the columns.
+/// Returns the mean deviation of the fitted points around each pixel, mm; 0 if there is none. The sums are calculated
+/// first along the rows and then along the columns.
 fn means_mm(width: usize, pixels: &[MapPixel]) -> Vec<f64> {
     let own = |pixel: &MapPixel| match pixel {
         MapPixel::Fits { mm } => [f64::from(*mm), 1.0],
@@ -162,8 +163,8 @@ fn means_mm(width: usize, pixels: &[MapPixel]) -> Vec<f64> {
     both.into_iter().map(|[sum, count]| if count > 0.0 { sum / count } else { 0.0 }).collect()
 }
 
-/// Calculates the sums over 2 n + 1 values along each of `lines` lines of `length` values; the last argument states
-/// the distances between lines and between values.
+/// Computes the sums over 2 n + 1 neighbouring values in each of `lines` lines of `length` values; the last argument
+/// states the distance in memory between two lines, and between two values of a line.
 fn moving_sums(
     values: &[[f64; 2]],
     (lines, length): (usize, usize),
@@ -205,14 +206,14 @@ mod tests {
     fn missing_points_are_counted_and_tinted() {
         assert!((missing_share(&scan()) - 0.25).abs() < 1e-12);
         let picture = scan_picture(&scan()).expect("drawn");
-        // The ruler and the legend lie to the left and above.
+        // The ruler lies to the left of the picture and above it, and so does the legend above.
         let (left, top) = (picture.width - 1000, picture.height - 300);
         let at = |u: usize, v: usize| picture.rgb[(top + v) * picture.width + left + u];
         assert_eq!((at(33, 33), at(333, 33)), ([163, 158, 85], [100; 3]));
     }
 
     #[test]
-    fn wrong_corners_differ_from_right_ones() {
+    fn wrong_and_usable_corners_have_different_colours() {
         let corners = [[350.0, 50.0], [750.0, 50.0], [750.0, 250.0], [20.0, 250.0]].map(|[u, v]| Pixel::at(u, v));
         let picture = draw_region(&scan(), &corners, &[4]).expect("drawn");
         let (left, top) = (picture.width - 1000, picture.height - 300);
@@ -227,12 +228,12 @@ mod tests {
         assert!(draw_region(&scan(), &outside, &[1, 2, 3]).is_ok(), "also beyond the picture");
     }
 
-    /// Calculated by hand: in a row with 0.3, nothing, 0.1 the mean around each value is 0.2.
+    /// Calculated by hand: in a row of 0.3, a missing point and 0.1, the mean around each pixel is 0.2.
     #[test]
-    fn a_mean_is_over_what_is_there() {
+    fn a_mean_ignores_missing_points() {
         let row = [MapPixel::Fits { mm: 0.3 }, MapPixel::Missing, MapPixel::Fits { mm: 0.1 }];
         assert!(means_mm(3, &row).iter().all(|mean| (mean - 0.2).abs() < 1e-7));
-        // Two distant rows in a column do not affect each other; the squares are seven high.
+        // Two values that are 8 rows apart do not affect each other, because the square is seven rows high.
         let mut column = vec![MapPixel::Outside; 9];
         (column[0], column[8]) = (MapPixel::Fits { mm: 1.0 }, MapPixel::Fits { mm: -1.0 });
         assert_eq!(means_mm(1, &column), [1.0, 1.0, 1.0, 1.0, 0.0, -1.0, -1.0, -1.0, -1.0]);

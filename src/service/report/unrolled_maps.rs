@@ -1,11 +1,11 @@
-//! The effect of a path on the surface, as maps of the unrolled region: how long and how often the disc was at each
-//! place, and the removal in µm. The grids are boxes over the region's unit square, with the dimensions of the panel
-//! along its middle lines.
+//! The effect of a path on the surface, as maps of the unrolled region: the time under the disc at each place, the
+//! number of passes, and the removal in µm. Each grid is a rectangle in the region's unit square, which is scaled to
+//! the lengths of the region's middle lines.
 //!
-//! Time and depth run from light to dark blue, which every eye distinguishes by lightness alone; depth runs up to the
-//! deepest allowed depth. In the maps of time and passes, places that were not reached are vermillion. In the map of
-//! the removal, places that are deeper than allowed are vermillion and hatched, so that they are not marked by colour
-//! alone; places without removal are white.
+//! Time and depth are shown from light to dark blue, so that they can also be read by lightness alone. The darkest blue
+//! of the depth is the limit. In the maps of time and passes, places that the disc did not reach are vermillion. In the
+//! map of the removal, places that are deeper than the limit are vermillion and hatched, so that they are not marked by
+//! colour alone; places without removal are white.
 
 use super::canvas::{Canvas, InkColor, PenWidth};
 use panelprep_base::geometry::{ColorPicture, Pixel};
@@ -15,16 +15,16 @@ use panelprep_cell::panel::{GridId, Region};
 use panelprep_toolpath::surface::Field;
 use panelprep_toolpath::surface::dwell::{Dwell, GridDwell};
 
-const UNREQUESTED_COLOR: InkColor = InkColor([225, 225, 225]);
-const UNREACHED_COLOR: InkColor = InkColor::VERMILLION;
+const NOT_REQUESTED_COLOR: InkColor = InkColor([225, 225, 225]);
+const NOT_REACHED_COLOR: InkColor = InkColor::VERMILLION;
 /// Colours of the shortest and the longest time.
 const TIME_COLORS: [InkColor; 2] = [InkColor([222, 235, 247]), InkColor([8, 48, 107])];
 /// Fractions of the longest time that the legend shows.
 const TIME_LEGEND_SHARES: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
-/// Colours for one, two and more passes.
-const PASSES: [InkColor; 3] = [InkColor([190, 215, 235]), InkColor([66, 133, 190]), InkColor([10, 40, 90])];
+/// Colours of one, two, and three or more passes.
+const PASS_COLORS: [InkColor; 3] = [InkColor([190, 215, 235]), InkColor([66, 133, 190]), InkColor([10, 40, 90])];
 
-/// Draws how long each place was under the disc; darkest at the longest time.
+/// Draws how long each place was under the disc; the longest time has the darkest colour.
 ///
 /// # Errors
 /// If OpenCV refuses to draw.
@@ -33,31 +33,31 @@ pub fn dwell_map(dwell: &Dwell, region: &Region) -> Result<ColorPicture, Imaging
     let ink = |share: f64| TIME_COLORS[0].mix_with(TIME_COLORS[1], share.min(1.0));
     let color = |grid: &GridDwell, sample: usize| match f64::from(grid.dwell_s[sample]) {
         dwell_s if dwell_s > 0.0 => ink(dwell_s / longest_s),
-        _ => UNREACHED_COLOR,
+        _ => NOT_REACHED_COLOR,
     };
     let words = TIME_LEGEND_SHARES.map(|share| format!("{:.2} s under the disc", share * longest_s));
     let mut legend: Vec<(InkColor, &str)> =
         TIME_LEGEND_SHARES.iter().zip(&words).map(|(s, w)| (ink(*s), w.as_str())).collect();
-    legend.extend([(UNREACHED_COLOR, "not reached"), (UNREQUESTED_COLOR, "not requested")]);
+    legend.extend([(NOT_REACHED_COLOR, "not reached"), (NOT_REQUESTED_COLOR, "not requested")]);
     draw_dwell(dwell, region, color, &legend)
 }
 
-/// Draws how often the disc passed each place.
+/// Draws how often the disc passed over each place.
 ///
 /// # Errors
 /// If OpenCV refuses to draw.
 pub fn overlap_map(dwell: &Dwell, region: &Region) -> Result<ColorPicture, ImagingError> {
     let color = |grid: &GridDwell, sample: usize| match grid.passes[sample] {
-        0 => UNREACHED_COLOR,
-        passes => PASSES[usize::from(passes - 1).min(PASSES.len() - 1)],
+        0 => NOT_REACHED_COLOR,
+        passes => PASS_COLORS[usize::from(passes - 1).min(PASS_COLORS.len() - 1)],
     };
-    let [once, twice, more] = PASSES;
+    let [once, twice, more] = PASS_COLORS;
     let legend = [
         (once, "passed once"),
         (twice, "passed twice"),
         (more, "passed more often"),
-        (UNREACHED_COLOR, "not reached"),
-        (UNREQUESTED_COLOR, "not requested"),
+        (NOT_REACHED_COLOR, "not reached"),
+        (NOT_REQUESTED_COLOR, "not requested"),
     ];
     draw_dwell(dwell, region, color, &legend)
 }
@@ -71,21 +71,21 @@ fn draw_dwell(
     let unrolled = UnrolledRegion::new(dwell.sides_mm());
     let sizes: Vec<_> = dwell.grids.iter().map(|grid| (grid.id, grid.columns, grid.dwell_s.len())).collect();
     let of_sample = |number: usize, sample: usize, _| color(&dwell.grids[number], sample);
-    let painted = paint_grids(&unrolled, (region, &sizes), UNREQUESTED_COLOR, of_sample);
+    let painted = paint_grids(&unrolled, (region, &sizes), NOT_REQUESTED_COLOR, of_sample);
     unrolled.finished(&painted, (region, &sizes), legend)
 }
 
-/// Colours of depth 0 and of the largest allowed depth.
-const DEPTHS: [InkColor; 2] = [InkColor([222, 235, 247]), InkColor([8, 48, 107])];
+/// Colours of depth 0 and of the limit of the depth.
+const DEPTH_COLORS: [InkColor; 2] = [InkColor([222, 235, 247]), InkColor([8, 48, 107])];
 const NO_REMOVAL_COLOR: InkColor = InkColor::WHITE;
-const TOO_DEEP: InkColor = InkColor::VERMILLION;
+const TOO_DEEP_COLOR: InkColor = InkColor::VERMILLION;
 const NO_PANEL_COLOR: InkColor = InkColor([225, 225, 225]);
 /// Distance between the lines of the hatch, px.
-const HATCH_PX: usize = 6;
+const HATCH_SPACING_PX: usize = 6;
 /// Fractions of the target depth that the legend shows.
 const DEPTH_LEGEND_SHARES: [f64; 5] = [0.25, 0.5, 0.75, 1.0, 1.25];
 
-/// Draws the map, against the target and the largest allowed depth, µm.
+/// Draws the map of the removal; the legend shows the target and the limit of the depth, µm.
 ///
 /// # Errors
 /// If OpenCV refuses to draw.
@@ -94,15 +94,15 @@ pub fn removal_map(
     region: &Region,
     [target_um, max_um]: [f64; 2],
 ) -> Result<ColorPicture, ImagingError> {
-    let ink = |depth_um: f64| DEPTHS[0].mix_with(DEPTHS[1], (depth_um / max_um).min(1.0));
+    let ink = |depth_um: f64| DEPTH_COLORS[0].mix_with(DEPTH_COLORS[1], (depth_um / max_um).min(1.0));
     let color = |grid: usize, sample: usize, (x, y): (usize, usize)| match field.grids[grid].values[sample] {
         None => NO_PANEL_COLOR,
         Some(depth_um) if depth_um <= 0.0 => NO_REMOVAL_COLOR,
         Some(depth_um) if f64::from(depth_um) > max_um => {
-            if (x + y) % HATCH_PX < 2 {
+            if (x + y) % HATCH_SPACING_PX < 2 {
                 InkColor::RIM
             } else {
-                TOO_DEEP
+                TOO_DEEP_COLOR
             }
         }
         Some(depth_um) => ink(f64::from(depth_um)),
@@ -121,7 +121,7 @@ pub fn removal_map(
         .collect();
     let mut legend: Vec<(InkColor, &str)> = words.iter().map(|(ink, text)| (*ink, text.as_str())).collect();
     legend.extend([
-        (TOO_DEEP, "more than the limit (hatched)"),
+        (TOO_DEEP_COLOR, "more than the limit (hatched)"),
         (NO_REMOVAL_COLOR, "nothing removed"),
         (NO_PANEL_COLOR, "not evaluated"),
     ]);
@@ -129,22 +129,22 @@ pub fn removal_map(
 }
 
 /// Number of pixels along the region's longer side.
-const PICTURE_PX: usize = 900;
+const LONGER_SIDE_PX: usize = 900;
 
-/// The size at which the region is drawn.
+/// The scale and the size at which the region is drawn.
 struct UnrolledRegion {
     px_per_mm: f64,
     size_px: [f64; 2],
 }
 
 impl UnrolledRegion {
-    /// Creates the drawing size of a region with these lengths along u and v, mm.
+    /// Creates the scale and the size for a region with these lengths along u and v, mm.
     fn new(sides_mm: [f64; 2]) -> Self {
-        let px_per_mm = PICTURE_PX as f64 / sides_mm[0].max(sides_mm[1]).max(1.0);
+        let px_per_mm = LONGER_SIDE_PX as f64 / sides_mm[0].max(sides_mm[1]).max(1.0);
         UnrolledRegion { px_per_mm, size_px: sides_mm.map(|side_mm| side_mm * px_per_mm) }
     }
 
-    /// Completes the picture with the edges and names of these grids, a scale bar and a legend.
+    /// Adds the edges and names of these grids, a scale bar and a legend to the picture.
     fn finished(
         &self,
         picture: &ColorPicture,
@@ -170,8 +170,8 @@ impl UnrolledRegion {
     }
 }
 
-/// Paints each pixel of some grids in the colour of its sample. A grid consists of its name, the number of samples
-/// along u, and all samples.
+/// Paints each pixel of these grids in the colour of its sample. Each grid is given by its name, its number of samples
+/// along u, and its number of all samples.
 fn paint_grids(
     unrolled: &UnrolledRegion,
     (region, grids): (&Region, &[(GridId, usize, usize)]),
@@ -209,9 +209,9 @@ mod tests {
     use panelprep_toolpath::surface::dwell::{ExecutedPose, simulate};
     use panelprep_toolpath::surface::{BSplineSurface, GridField, KnotVector};
 
-    /// A square region of 60 mm with four grids. The disc of 5 mm radius moved once along the middle of the upper
-    /// grids, and back over the last third of that path.
-    fn walked() -> (Dwell, Region) {
+    /// A square region with sides of 60 mm and four grids. The disc, with a radius of 5 mm, moved once along the middle
+    /// of the upper grids, and back over the last 15 mm of that path.
+    fn simulated_dwell() -> (Dwell, Region) {
         let knots = || KnotVector::uniform(1, 1, 0.0..=1.0).expect("knots");
         let controls = [(0.0, 0.0), (0.0, 60.0), (60.0, 0.0), (60.0, 60.0)].map(|(x, y)| Point::at(x, y, 0.0));
         let viewer: Point<Panel> = Point::at(30.0, 30.0, 500.0);
@@ -230,32 +230,33 @@ mod tests {
         (simulate(&surface, &region, &grids, &[at(5.0), at(55.0), at(40.0)], 5.0), region)
     }
 
-    /// Calculated by hand: 900 px for 60 mm are 15 px per mm, so (20, 15) mm lies at (300, 225) px below the
-    /// legend.
+    /// Calculated by hand: 900 px for 60 mm are 15 px per mm, so (20, 15) mm is drawn (300, 225) px from the upper left
+    /// corner below the legend.
     #[test]
     fn each_place_has_the_colour_of_its_passes() {
-        let (dwell, region) = walked();
+        let (dwell, region) = simulated_dwell();
         let map = overlap_map(&dwell, &region).expect("drawn");
         let top = map.height - 900;
         let color = |x_mm: f64, y_mm: f64| map.rgb[(top + (y_mm * 15.0) as usize) * 900 + (x_mm * 15.0) as usize];
-        assert_eq!([color(20.0, 15.0), color(43.0, 15.0)], [PASSES[0].0, PASSES[1].0]);
-        assert_eq!([color(20.0, 25.0), color(45.0, 45.0)], [UNREACHED_COLOR.0, UNREQUESTED_COLOR.0]);
+        assert_eq!([color(20.0, 15.0), color(43.0, 15.0)], [PASS_COLORS[0].0, PASS_COLORS[1].0]);
+        assert_eq!([color(20.0, 25.0), color(45.0, 45.0)], [NOT_REACHED_COLOR.0, NOT_REQUESTED_COLOR.0]);
         let map = dwell_map(&dwell, &region).expect("drawn");
-        assert!(top > 5 * 12 && map.rgb.contains(&TIME_COLORS[1].0) && map.rgb.contains(&UNREACHED_COLOR.0));
+        assert!(top > 5 * 12 && map.rgb.contains(&TIME_COLORS[1].0) && map.rgb.contains(&NOT_REACHED_COLOR.0));
     }
 
-    /// The colours are distinguishable by lightness alone: each step of both ramps is darker than the one before by a
-    /// tenth of the range.
+    /// The colours can be distinguished by lightness alone: each colour is darker than the one before by a tenth of the
+    /// range.
     #[test]
-    fn the_ramps_are_read_without_colour() {
+    fn colours_of_time_and_passes_differ_in_lightness() {
         let light = |ink: InkColor| {
             0.2126 * f64::from(ink.0[0]) + 0.7152 * f64::from(ink.0[1]) + 0.0722 * f64::from(ink.0[2])
         };
         let steps = |inks: &[InkColor]| inks.windows(2).all(|pair| light(pair[0]) > light(pair[1]) + 25.0);
-        assert!(steps(&PASSES) && steps(&TIME_COLORS));
+        assert!(steps(&PASS_COLORS) && steps(&TIME_COLORS));
     }
 
-    /// A square of 60 mm, one grid of 2 × 2 samples: 10, 30, none and 80 µm, with a target of 30 and a limit of 60.
+    /// A square region with sides of 60 mm, and one grid of 2 × 2 samples: 10 µm, 30 µm, no value and 80 µm; the target
+    /// is 30 µm and the limit 60 µm.
     #[test]
     fn each_depth_has_its_colour() {
         let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [60, 0], [60, 60], [0, 60]]\nrows = 1\ncolumns = 1\n\
@@ -266,22 +267,26 @@ mod tests {
         let grid = GridField { id: GridId { row: 1, column: 1 }, columns: 2, values };
         let field = Field { grids: vec![grid], sides_mm: [60.0, 60.0] };
         let map = removal_map(&field, &region, [30.0, 60.0]).expect("drawn");
-        // Calculated by hand: 900 px for 60 mm below the legend; the middles of the four samples.
+        // Calculated by hand: the region is 900 px wide and high, below the legend; these are the middles of the four
+        // samples.
         let top = map.height - 900;
         let at = |x: usize, y: usize| map.rgb[(top + y) * map.width + x];
-        assert_eq!(at(225, 225), DEPTHS[0].mix_with(DEPTHS[1], 1.0 / 6.0).0);
-        assert_eq!([at(675, 225), at(225, 675)], [DEPTHS[0].mix_with(DEPTHS[1], 0.5).0, NO_PANEL_COLOR.0]);
+        assert_eq!(at(225, 225), DEPTH_COLORS[0].mix_with(DEPTH_COLORS[1], 1.0 / 6.0).0);
+        assert_eq!(
+            [at(675, 225), at(225, 675)],
+            [DEPTH_COLORS[0].mix_with(DEPTH_COLORS[1], 0.5).0, NO_PANEL_COLOR.0]
+        );
         let deep: Vec<_> = (670..676).map(|x| at(x, 675)).collect();
-        assert!(deep.contains(&TOO_DEEP.0) && deep.contains(&InkColor::RIM.0), "hatched");
+        assert!(deep.contains(&TOO_DEEP_COLOR.0) && deep.contains(&InkColor::RIM.0), "hatched");
     }
 
-    /// The colours are distinguishable by lightness alone.
+    /// The colours of the depth can be distinguished by lightness alone.
     #[test]
-    fn the_ramp_is_read_without_colour() {
+    fn colours_of_depth_differ_in_lightness() {
         let light = |ink: InkColor| {
             0.2126 * f64::from(ink.0[0]) + 0.7152 * f64::from(ink.0[1]) + 0.0722 * f64::from(ink.0[2])
         };
-        let at = |share: f64| light(DEPTHS[0].mix_with(DEPTHS[1], share));
+        let at = |share: f64| light(DEPTH_COLORS[0].mix_with(DEPTH_COLORS[1], share));
         assert!((1..=4).all(|step| at(f64::from(step - 1) / 4.0) > at(f64::from(step) / 4.0) + 25.0));
     }
 }

@@ -1,4 +1,4 @@
-//! Whether a cell can execute a recipe: checks what both files state about the tool, the feed and the region.
+//! Checks whether a cell can execute a recipe: what both files state about the tool, the feed and the region.
 
 use super::{NamedFile, ReadNamed, UnmetRequirement, check_box_unit, to_problems};
 use panelprep_base::config::Problems;
@@ -8,7 +8,7 @@ use panelprep_cell::force::SensorLoad;
 use panelprep_cell::recipe::{Recipe, TreatBy};
 use panelprep_toolpath::removal::model::UNKNOWN;
 
-/// A mismatch between recipe and tool in the force.
+/// A mismatch between the recipe's force and the tool.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ForceMismatch {
     /// The tool is compliant, but the recipe states no force.
@@ -23,16 +23,16 @@ pub enum ForceMismatch {
         /// The stated force, N.
         found_n: f64,
     },
-    /// The stated force exceeds the tool's force.
+    /// The stated force, with its tolerance and the payload's weight, exceeds the largest force of the tool.
     #[error(
-        "[path] force_n = {found_n} of the recipe is too high: with the tool's band of {band_n} N and the weight of \
+        "[path] force_n = {found_n} of the recipe is too high: with the tool's force tolerance of {band_n} N and the weight of \
          its payload, {} N, it exceeds [tool] max_force_n = {max_force_n}. Lower the force",
         fixed_decimals(*weight_n, 1)
     )]
     TooMuchForce {
         /// The stated force, N.
         found_n: f64,
-        /// The band, N.
+        /// The tool's force tolerance, N.
         band_n: f64,
         /// The weight of the tool's payload, N.
         weight_n: f64,
@@ -41,7 +41,8 @@ pub enum ForceMismatch {
     },
 }
 
-/// Returns whether recipe and tool agree on a force; a spring needs none.
+/// Checks that the recipe states a force if the tool is compliant, and only then, and that the tool can apply this
+/// force.
 ///
 /// # Errors
 /// If the force does not suit the tool; the error names the mismatch.
@@ -51,7 +52,7 @@ pub fn force_fits(tool: Option<&CompliantTool>, recipe: &Recipe) -> Result<(), F
         (Some(_), None) => Err(ForceMismatch::NoForce),
         (None, Some(found_n)) => Err(ForceMismatch::ForceForSpringTool { found_n }),
         (Some(tool), Some(found_n)) => {
-            // When the tool points up, it lifts its payload as well.
+            // If the tool points upwards, its force must also lift its payload.
             let (band_n, weight_n, most_n) = (tool.band_n, SensorLoad::from(tool).presses_n(1.0), tool.max_force_n);
             match found_n + band_n + weight_n > most_n {
                 true => Err(ForceMismatch::TooMuchForce { found_n, band_n, weight_n, max_force_n: most_n }),
@@ -61,23 +62,23 @@ pub fn force_fits(tool: Option<&CompliantTool>, recipe: &Recipe) -> Result<(), F
     }
 }
 
-/// Returns the demands of a recipe that this cell cannot meet, by the recipe's keys; empty if recipe and cell match.
-/// The region is compared with the size of the scanner's picture, which is stated in the calibration that the cell
-/// names.
+/// Returns the demands of a recipe that this cell cannot meet, each with its key in the recipe; empty if recipe and
+/// cell match. The region is compared with the size of the scanner's picture, which is stated in the calibration that
+/// the cell names.
 pub fn unmet_demands(cell: &Cell, recipe: &Recipe, read: ReadNamed<'_>) -> Vec<UnmetRequirement> {
     let force = force_fits(cell.tool().compliant(), recipe).err();
     let force = force.map(|mismatch| UnmetRequirement::new("path.force_n", mismatch.to_string()));
     let is_unknown = recipe.removal().is_some() && cell.calibration().removal.is_none();
     let removal = is_unknown.then(|| UnmetRequirement::new("removal", UNKNOWN));
-    let outside = picture_px(cell, read).and_then(|size_px| corner_outside(recipe, size_px));
+    let outside = picture_px(cell, read).and_then(|size_px| corner_outside_picture(recipe, size_px));
     let treat = margin_fits(cell, recipe).err();
     force.into_iter().chain(removal).chain(feed_fits(cell, recipe).err()).chain(treat).chain(outside).collect()
 }
 
-/// Checks that the feed is not higher than the cell allows.
+/// Checks that the recipe's feed is not above the cell's limit.
 ///
 /// # Errors
-/// The key, the stated feed, and the limit.
+/// If it is above; the error states the key, the feed and the limit.
 pub fn feed_fits(cell: &Cell, recipe: &Recipe) -> Result<(), UnmetRequirement> {
     let (found, limit) = (recipe.path().feed_mm_s(), cell.limits().max_speed_mm_s());
     if found <= limit {
@@ -88,10 +89,11 @@ pub fn feed_fits(cell: &Cell, recipe: &Recipe) -> Result<(), UnmetRequirement> {
     Err(UnmetRequirement::new("path.feed_mm_s", message))
 }
 
-/// Checks that the margin around breaks contains the cell's error at the tool, if areas around breaks are abraded.
+/// Checks that the recipe's uncertainty of a break's place is not less than the cell's error at the tool, if areas
+/// around breaks are abraded.
 ///
 /// # Errors
-/// The key, the stated uncertainty, and the cell's error.
+/// If it is less; the error states the key, the uncertainty and the cell's error.
 fn margin_fits(cell: &Cell, recipe: &Recipe) -> Result<(), UnmetRequirement> {
     let (treat, error_mm) = (recipe.treat(), cell.limits().tool_error_mm());
     let beyond_mm = error_mm.filter(|error_mm| treat.by() == TreatBy::Break && *error_mm > treat.uncertainty_mm());
@@ -104,10 +106,10 @@ fn margin_fits(cell: &Cell, recipe: &Recipe) -> Result<(), UnmetRequirement> {
     Err(UnmetRequirement::new("treat.uncertainty_mm", message))
 }
 
-/// Reads a recipe, and refuses a recipe that no cell could execute, because its box is stated in metres.
+/// Parses a recipe, and refuses one that no cell can execute because its search box is stated in metres.
 ///
 /// # Errors
-/// The problems of the recipe.
+/// If the recipe has problems; the error lists them.
 pub fn parse_plausible_recipe(name: &str, text: &str) -> Result<Recipe, Problems> {
     let recipe = Recipe::check(name, text)?;
     let locate = recipe.locate();
@@ -126,7 +128,7 @@ fn picture_px(cell: &Cell, read: ReadNamed<'_>) -> Option<[usize; 2]> {
     Some([lens.camera.width_px, lens.camera.height_px])
 }
 
-fn corner_outside(recipe: &Recipe, [width_px, height_px]: [usize; 2]) -> Option<UnmetRequirement> {
+fn corner_outside_picture(recipe: &Recipe, [width_px, height_px]: [usize; 2]) -> Option<UnmetRequirement> {
     let is_outside =
         |[u, v]: &[f64; 2]| !(0.0..=width_px as f64).contains(u) || !(0.0..=height_px as f64).contains(v);
     let [u, v] = recipe.region().corners_px().into_iter().find(is_outside)?.map(shortest_text);
@@ -150,10 +152,10 @@ mod tests {
         unmet_demands(&cell, &recipe, &skip_file).into_iter().map(|unmet| unmet.key).collect()
     }
 
-    /// By hand: the limit is 250 mm/s if the cell states nothing; a corner at 12,970 px is outside a picture of 1,944
-    /// px.
+    /// By hand: if the cell states no limit of the feed, it is 250 mm/s. A corner at 12,970 px is outside of a picture
+    /// with a width of 1,944 px.
     #[test]
-    fn a_feed_a_region_and_a_box_that_cannot_be_are_named() {
+    fn impossible_feed_region_and_box_are_reported() {
         let feed = |feed_mm_s: u32| format!("[path]\nfeed_mm_s = {feed_mm_s}\n");
         assert_eq!([keys("", &feed(250)), keys("", &feed(251))], [vec![], vec!["path.feed_mm_s".to_owned()]]);
         assert_eq!(keys("[limits]\nmax_speed_mm_s = 400\n", &feed(400)), Vec::<String>::new());
@@ -161,7 +163,7 @@ mod tests {
         assert_eq!(keys("[limits]\ntool_error_mm = 2.0\n", by_break), Vec::<String>::new());
         assert_eq!(keys("[limits]\ntool_error_mm = 2.1\n", by_break), ["treat.uncertainty_mm"]);
         assert_eq!(keys("[limits]\ntool_error_mm = 2.1\n", ""), Vec::<String>::new());
-        let camera = PinholeCamera { width_px: 1944, height_px: 1200, ..fixture() };
+        let camera = PinholeCamera { width_px: 1944, height_px: 1200, ..small_camera() };
         let lens = Intrinsics::from_camera(camera).to_toml();
         let cell = Cell::check("cell.toml", "[calibration]\nscanner = \"lens.toml\"\n");
         let cell = cell.unwrap_or_else(|problems| panic!("{problems}"));
@@ -190,15 +192,15 @@ mod tests {
         assert_eq!(problems, reported);
     }
 
-    fn fixture() -> PinholeCamera {
+    fn small_camera() -> PinholeCamera {
         let lens = "[camera]\nwidth_px = 20\nheight_px = 20\nfx_px = 1000.0\nfy_px = 1000.0\ncx_px = 10.0\ncy_px = 10.0\nk1 = 0\n\
                     k2 = 0\np1 = 0\np2 = 0\nk3 = 0\n";
         Intrinsics::check("lens.toml", lens).unwrap_or_else(|problems| panic!("{problems}")).camera
     }
 
-    /// By hand: of 100 N the payload of 1.5 kg uses 14.7 N and the band 5 N: 80.2 N fit, 80.4 N do not.
+    /// By hand: the payload of 1.5 kg uses 14.7 N of 100 N, and the tolerance 5 N: 80.2 N are possible, 80.4 N are not.
     #[test]
-    fn recipe_and_cell_agree_on_the_tool() {
+    fn the_recipes_force_must_suit_the_tool() {
         let compliant = "[tool]\nkind = \"simulated\"\n";
         let force = |force_n: f64| format!("[path]\nforce_n = {force_n}\n");
         assert_eq!([keys("", ""), keys(compliant, &force(80.2))], [vec![], Vec::<String>::new()]);

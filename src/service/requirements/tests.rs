@@ -1,22 +1,22 @@
 use super::*;
 
-const WHOLE: &str = include_str!("../../../config/cell.toml");
+const COMPLETE_CELL: &str = include_str!("../../../config/cell.toml");
 
 fn keys(text: &str, purpose: Purpose) -> Vec<String> {
     let cell = Cell::check("cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
     unmet_requirements(&cell, purpose).into_iter().map(|unmet| unmet.key).collect()
 }
 
-/// Each case is one change of the shipped cell's file, and the keys that are then reported.
+/// Each case is one change of the shipped cell's file, with the keys that are then reported.
 #[test]
-fn each_thing_that_a_cycle_would_refuse_is_named() {
-    assert_eq!(keys(WHOLE, Purpose::Cycle), [""; 0]);
+fn each_cause_for_which_a_cycle_refuses_is_reported() {
+    assert_eq!(keys(COMPLETE_CELL, Purpose::Cycle), [""; 0]);
     let robot = "[robot]\nkind = \"mock\"";
-    let eki = |host: &str| WHOLE.replace(robot, &format!("[robot]\nkind = \"eki\"\nhost = \"{host}\""));
-    assert!(WHOLE.contains(robot));
+    let eki = |host: &str| COMPLETE_CELL.replace(robot, &format!("[robot]\nkind = \"eki\"\nhost = \"{host}\""));
+    assert!(COMPLETE_CELL.contains(robot));
     let replaced = |from: &str, to: &str| {
-        let text = WHOLE.replacen(from, to, 1);
-        assert_ne!(text, WHOLE, "{from}");
+        let text = COMPLETE_CELL.replacen(from, to, 1);
+        assert_ne!(text, COMPLETE_CELL, "{from}");
         text
     };
     let post = "\n[[keep_out]]\nname = \"post\"\nmin_mm = [-250, 200, 0]\nmax_mm = [-150, 300, 900]\n";
@@ -43,7 +43,7 @@ fn each_thing_that_a_cycle_would_refuse_is_named() {
             replaced("[scanner]\nkind = \"simulated\"", "[scanner]\nkind = \"zivid\"\nsettings = \"a.yml\""),
             vec!["scanner.settings_2d"],
         ),
-        (format!("{WHOLE}{post}"), vec!["poses.park"]),
+        (format!("{COMPLETE_CELL}{post}"), vec!["poses.park"]),
         (replaced("spray = 2 ", "pump = 9\nspray = 2 "), vec!["io.outputs.pump"]),
         (replaced("spray = 2 ", "pump = 9\nspray = 2 ") + "\n[io]\nmay_stay_on = [\"pump\"]\n", vec![]),
     ] {
@@ -51,8 +51,8 @@ fn each_thing_that_a_cycle_would_refuse_is_named() {
     }
 }
 
-/// No cycle starts on a real controller whose programs were not accepted; single functions, with which the cell is
-/// commissioned, need no acceptance, and a rehearsal on this computer has none.
+/// No cycle starts on a real controller whose programs were not accepted. Single functions, with which the cell is
+/// commissioned, and a rehearsal on this computer need no acceptance.
 #[test]
 fn a_cycle_on_a_real_controller_needs_accepted_programs() {
     let example = include_str!("../../../config/cell-example.toml");
@@ -66,11 +66,11 @@ fn a_cycle_on_a_real_controller_needs_accepted_programs() {
     let here = example.replacen("host = \"172.31.1.147\"", "host = \"127.0.0.1\"", 1);
     assert!(needs(example, Purpose::Cycle));
     assert!(!needs(example, Purpose::Robot) && !needs(&accepted, Purpose::Cycle));
-    assert!(!needs(&here, Purpose::Cycle) && !needs(WHOLE, Purpose::Cycle));
+    assert!(!needs(&here, Purpose::Cycle) && !needs(COMPLETE_CELL, Purpose::Cycle));
 }
 
 #[test]
-fn a_real_cell_needs_no_feedback_of_its_light_and_its_robot_alone_needs_nothing() {
+fn a_real_cell_needs_no_feedback_of_its_light() {
     let example = include_str!("../../../config/cell-example.toml");
     assert_eq!(keys(example, Purpose::Cycle), [""; 0]);
     assert_eq!(keys(&example.replacen("light_on = 21", "", 1), Purpose::Cycle), [""; 0]);
@@ -85,12 +85,12 @@ fn found(cell: &str, read: ReadNamed<'_>) -> Vec<(String, String)> {
     incomplete_files(&cell, Purpose::Cycle, read).into_iter().map(|unmet| (unmet.key, unmet.message)).collect()
 }
 
-/// Each file is reported once, and the remedy is stated once; an existing file is checked as the kind of file that
-/// its key names.
+/// Each file is reported once, and what to do is stated once; an existing file is checked as the kind of file that its
+/// key names.
 #[test]
-fn files_that_are_not_there_or_not_right_are_named_once() {
-    assert_eq!(found(WHOLE, &skip_file), []);
-    let missing = found(WHOLE, &|_| NamedFile::Missing);
+fn missing_and_invalid_files_are_reported_once() {
+    assert_eq!(found(COMPLETE_CELL, &skip_file), []);
+    let missing = found(COMPLETE_CELL, &|_| NamedFile::Missing);
     let keys: Vec<&str> = missing.iter().map(|(key, _)| key.as_str()).collect();
     assert!(keys.len() >= 5 && keys.iter().all(|key| key.starts_with("calibration.")), "{keys:?}");
     let advised = missing.iter().filter(|(_, message)| message.contains("panelprep calibrate")).count();
@@ -98,16 +98,16 @@ fn files_that_are_not_there_or_not_right_are_named_once() {
         (advised, missing[0].1.contains("which does not exist; `panelprep demo` creates this file")),
         (1, true)
     );
-    let wrong = found(WHOLE, &|_| NamedFile::Text("wavelength = 3".to_owned()));
+    let wrong = found(COMPLETE_CELL, &|_| NamedFile::Text("wavelength = 3".to_owned()));
     assert_eq!(wrong.len(), missing.len(), "{wrong:?}");
     assert!(wrong[0].1.contains("scanner.toml:1: wavelength: unknown key"), "{wrong:?}");
-    let unreadable = found(WHOLE, &|_| NamedFile::Unreadable("line 1 is not UTF-8".to_owned()));
+    let unreadable = found(COMPLETE_CELL, &|_| NamedFile::Unreadable("line 1 is not UTF-8".to_owned()));
     assert!(unreadable[0].1.ends_with("which cannot be read: line 1 is not UTF-8"), "{unreadable:?}");
 }
 
 /// Calibrations that were measured with the nominal arm, in a cell that corrects the arm.
 #[test]
-fn a_mount_measured_with_another_correction_is_not_right() {
+fn a_mount_measured_with_another_correction_is_refused() {
     let cell = "[calibration]\nrobot_correction = \"arm.toml\"\nflange_from_tool = \"tool.toml\"\n";
     let correction = "[robot_correction]\n";
     let tool = |by: &str| {
@@ -134,8 +134,8 @@ fn a_mount_measured_with_another_correction_is_not_right() {
 }
 
 #[test]
-fn settings_of_a_zivid_are_looked_at() {
-    let zivid = WHOLE.replacen(
+fn missing_settings_of_a_zivid_are_reported() {
+    let zivid = COMPLETE_CELL.replacen(
         "[scanner]\nkind = \"simulated\"",
         "[scanner]\nkind = \"zivid\"\nsettings = \"a.yml\"\nsettings_2d = \"b.yml\"",
         1,

@@ -15,20 +15,20 @@ use panelprep_toolpath::path::trace::{ExecutedPath, Trace};
 use panelprep_toolpath::surface::BSplineSurface;
 use std::collections::BTreeSet;
 
-/// Allowed distance of a reported pose from the planned lines where these are straight, mm: the remaining error of
-/// the drives.
+/// Largest distance of a reported pose from the planned path where the path is straight, mm: what remains as an error
+/// of the drives.
 const MAX_PATH_DEVIATION_MM: f64 = 1.0;
-/// The covered share of an executed grid may be smaller than planned by this much: the reported poses are some
-/// millimetres apart.
-const SHORT_OF_PLAN: f64 = 0.01;
+/// The covered share of an executed grid may be less than the planned share by this amount, because the reported poses
+/// are some millimetres apart.
+const MAX_COVERAGE_DEFICIT: f64 = 0.01;
 
 /// Largest ratio of a grid's time under the disc to the planned time; above it, a person must review the result. In
-/// bends and on short lines the arm is slower than the planned feed.
-const DWELL_RATIO_REVIEW: f64 = 1.35;
-/// From this factor on, the path's removal is not the planned one.
-const DWELL_RATIO_REJECT: f64 = 1.6;
+/// bends and on short moves the arm is slower than the planned feed.
+const MAX_DWELL_RATIO: f64 = 1.35;
+/// Above this ratio, the removal is not the planned one, and the part is rejected.
+const MAX_REVIEWED_DWELL_RATIO: f64 = 1.6;
 
-/// The executed part of a path: waypoints are counted from the second one.
+/// The executed part of a path; its first waypoint, the end of the approach, is not counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
     /// Number of waypoints of the path.
@@ -68,11 +68,11 @@ pub struct AbrasionResult {
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct LongestDwell {
     id: GridId,
-    /// Executed time over planned time; infinite if none was planned, or if it is not a number.
+    /// Executed time divided by planned time; infinite if no time was planned, or if the executed time is not a number.
     ratio: f64,
 }
 
-/// Evaluates the work of the disc from these reports.
+/// Evaluates what the disc did on a contact path, from the reported poses in `trace`.
 pub fn evaluate_abrasion(
     plan: &Plan,
     (surface, region): (&BSplineSurface, &Region),
@@ -106,13 +106,13 @@ pub fn evaluate_abrasion(
     }
 }
 
-/// Keeps the grids that the disc reached.
+/// Returns those grids that the disc reached.
 fn overlapped(grids: Vec<GridDwell>) -> Vec<GridDwell> {
     grids.into_iter().filter(|grid| grid.share() > 0.0).collect()
 }
 
-/// Returns the limit of a measured pose's distance from the planned lines, mm. At a rounded corner the distance is
-/// less than the rounding.
+/// Returns the limit of the distance of a measured pose from the planned path, mm. It includes the blending distance,
+/// because a blended corner is at most this far from the planned path.
 pub fn deviation_limit_mm(settings: &recipe::Path) -> f64 {
     MAX_PATH_DEVIATION_MM + settings.blend_share() * settings.waypoint_spacing_mm()
 }
@@ -128,15 +128,15 @@ impl AbrasionResult {
         ]
     }
 
-    /// The removal, if it is known.
+    /// Draws the removal, if it is known.
     pub fn draw_removal(&self, panel: &TaughtPanel) -> Option<ResultDrawing> {
         let caption = "Depth removed by this and earlier passes on this part, calculated from the poses that the \
                        robot reported, µm";
         self.removed.as_ref().map(|removed| removed.draw_map(panel, ("removal_executed", caption)))
     }
 
-    /// The requirements on a path: it was executed completely, covered the grids, and stayed near the planned
-    /// lines.
+    /// Returns the checks of the path: it was executed completely, covered the grids, stayed near the planned path, and
+    /// was not too slow.
     fn checks(&self) -> [Check; 4] {
         let Progress { waypoints, done } = self.progress;
         let (off_mm, allowed_mm, begun) =
@@ -175,28 +175,29 @@ impl AbrasionResult {
         ]
     }
 
-    /// Checks the time under the disc against the planned time. The covered share of a grid does not show a long time:
-    /// a slow robot covers everything.
+    /// Checks the time under the disc against the planned time. The covered share of a grid does not show a time that
+    /// is too long, because a slow robot covers everything.
     fn dwell_ratio_check(&self) -> Check {
         let Some(LongestDwell { id, ratio }) = self.longest_dwell else {
             return Check::new(name::DWELL_RATIO_NAME, "", None);
         };
-        let severity = if ratio <= DWELL_RATIO_REJECT { Severity::Review } else { Severity::Reject };
-        Check::new(name::DWELL_RATIO_NAME, "", ratio).with_max(DWELL_RATIO_REVIEW, LimitSource::Program).with_consequence(
+        let severity = if ratio <= MAX_REVIEWED_DWELL_RATIO { Severity::Review } else { Severity::Reject };
+        Check::new(name::DWELL_RATIO_NAME, "", ratio).with_max(MAX_DWELL_RATIO, LimitSource::Program).with_consequence(
             severity,
             "dwell_too_long",
             || {
-                let [found, allowed] = distinguishable_texts(ratio, DWELL_RATIO_REVIEW, 2);
+                let [found, allowed] = distinguishable_texts(ratio, MAX_DWELL_RATIO, 2);
                 format!(
                     "{id} was under the disc {found} times as long as planned (limit {allowed} times; above \
-                     {DWELL_RATIO_REJECT} times the part is rejected); check that the override is 100 % and that the \
+                     {MAX_REVIEWED_DWELL_RATIO} times the part is rejected); check that the override is 100 % and that the \
                      robot reaches the feed"
                 )
             },
         )
     }
 
-    /// Returns the force of a compliant tool at the poses that are meant to be on the panel; empty for another tool.
+    /// Returns the mean, smallest and largest force that a compliant tool measured at the poses in contact; empty for
+    /// another tool.
     fn contact_forces(&self) -> Vec<Check> {
         let on_panel = self.executed_path.poses.iter().filter(|pose| pose.contact);
         let forces_n: Vec<f64> = on_panel.filter_map(|pose| pose.force_n).collect();
@@ -211,7 +212,7 @@ impl AbrasionResult {
             .into()
     }
 
-    /// The result for the record; `most_passes` passes are allowed.
+    /// Returns the result for the record; `most_passes` is the limit of the number of passes.
     pub fn finding(&self, pass: u8, most_passes: usize) -> Finding {
         let (walked, dwell) = (&self.executed_path, &self.dwell);
         let [executed, begun, off_path, longer] = self.checks();
@@ -220,7 +221,7 @@ impl AbrasionResult {
             .removed
             .as_ref()
             .map_or_else(Vec::new, |removed| removed.executed_checks(self.progress.is_complete()));
-        // The removal has priority over the time.
+        // The reasons of the removal precede the reason of the time.
         let judgement =
             Judgement::from_checks([&executed, &begun, &off_path].into_iter().chain(&of_removal).chain([&longer]));
         let finding =
@@ -258,15 +259,15 @@ impl AbrasionResult {
     }
 }
 
-/// The gate's verdict on the executed path. If a part of the path was not executed, this is not a fault of the executed
-/// part: the cycle is then held or aborted, and the remaining part is planned again.
+/// Returns the gate's verdict on the executed path. If a part of the path was not executed, this is not a fault of the
+/// executed part: the cycle is then held or aborted, and the remaining part is planned again.
 pub fn executed_checks(finding: &Finding) -> Judgement {
     Judgement::from_checks(finding.checks.iter().filter(|check| check.name != name::EXECUTED_WAYPOINTS_NAME))
 }
 
-/// The grid with the largest ratio of executed to planned time under the disc. The ratio is calculated for the mean
-/// time and for the 95 % quantile over the grid; the quantile finds a long time in only a part of a grid. `None` if
-/// the disc touched nothing.
+/// Returns the grid with the largest ratio of executed to planned time under the disc; `None` if the disc touched
+/// nothing. The ratio is calculated both for the mean time of the grid and for the 95 % quantile over the grid; the
+/// quantile also finds a long time in only a part of the grid.
 fn longest_dwell(executed: &[GridDwell], planned: &[GridDwell]) -> Option<LongestDwell> {
     let high_s = |grid: &GridDwell| grid.spread().map_or(0.0, |spread| spread.high_s);
     let of_grid = |grid: &GridDwell| {
@@ -286,7 +287,7 @@ fn longest_dwell(executed: &[GridDwell], planned: &[GridDwell]) -> Option<Longes
     touched.max_by(|a, b| a.ratio.total_cmp(&b.ratio))
 }
 
-/// Returns the grids of the begun areas in two lists: covered as planned, and the others.
+/// Returns the grids of those areas that were begun, in two lists: those covered as planned, and the others.
 fn split_covered(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<GridId>) {
     let executed = done as usize + 1;
     let mut before = 0;
@@ -298,11 +299,12 @@ fn split_covered(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<Gri
         for id in path.grids.iter().filter(|_| touched) {
             let planned = plan.grids.iter().find(|grid| grid.id == *id).map_or(1.0, |grid| grid.share());
             let found = dwell.grid(*id).map_or(0.0, |grid| grid.share());
-            // A grid of an interrupted area that the disc did not reach; or one in which another area was listed.
+            // The path of this area was interrupted before the disc reached this grid, or the grid was already listed
+            // for another area.
             if found <= 0.0 || whole.contains(id) || begun.contains(id) {
                 continue;
             }
-            let grids = if found >= planned - SHORT_OF_PLAN { &mut whole } else { &mut begun };
+            let grids = if found >= planned - MAX_COVERAGE_DEFICIT { &mut whole } else { &mut begun };
             grids.push(*id);
         }
     }
@@ -334,8 +336,8 @@ mod tests {
         );
     }
 
-    /// Two areas around breaks lie in one grid. After the first path the grid is begun, after both it is abraded, and it
-    /// is listed once.
+    /// Two areas around breaks lie in one grid. After the first path the grid is begun; after both paths it is abraded,
+    /// and it is listed once.
     #[test]
     fn a_grid_with_two_areas_is_abraded_after_both() {
         use panelprep_toolpath::path::plan_beyond_borders;
@@ -344,7 +346,7 @@ mod tests {
         let recipe = recipe(Shape::Plane, "[path]\ndisc_diameter_mm = 10\nstep_over_mm = 4\n");
         let panel = taught(Shape::Plane, ScanDefects::default(), &recipe);
         let fit = examine_fit(&panel, recipe.surface()).expect("a surface");
-        // By hand: r2c3 is 0.4 to 0.6 along u; the areas are 16.8 and 11.2 mm wide, with 11.2 mm between them.
+        // By hand: r2c3 extends from 0.4 to 0.6 along u; the areas are 16.8 mm and 11.2 mm wide, with a gap of 11.2 mm.
         let area = |low: f64, high: f64| ParameterPatch {
             low: Parameter { u: low, v: 0.4 },
             high: Parameter { u: high, v: 0.5 },
@@ -366,16 +368,15 @@ mod tests {
     }
 
     /// Calculated by hand: at an override of 50 % each place is under the disc twice as long. A stop at one of four
-    /// places gives
-    /// 1.5 times the mean, and 3 times at that place.
+    /// places gives 1.5 times the mean, and 3 times at that place.
     #[test]
-    fn a_grid_is_held_against_its_own_plan() {
+    fn the_dwell_time_of_a_grid_is_compared_with_its_plan() {
         assert_eq!(ratio([2.0; 4], [1.0; 4]), Some(2.0));
         assert_eq!(ratio([1.0; 4], [1.0; 4]), Some(1.0));
         assert_eq!(ratio([1.0, 1.0, 1.0, 3.0], [1.0; 4]), Some(3.0));
         assert_eq!(ratio([0.0; 4], [1.0; 4]), None, "the disc was not there");
         assert_eq!(ratio([0.5; 4], [0.0; 4]), Some(f64::INFINITY), "nothing was planned there");
-        // For an interrupted path, the executed half counts.
+        // Of an interrupted path, only the executed half counts.
         assert_eq!(ratio([1.0, 1.0, 0.0, 0.0], [1.0; 4]), Some(1.0));
     }
 }

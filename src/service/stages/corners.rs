@@ -1,8 +1,8 @@
-//! The results of the flange camera's pictures of taught corners: the correction of a localization, and just before
-//! contact whether the corners are still where the localization puts them.
+//! Results of the flange camera's pictures of taught corners: the correction of a localization, and, immediately before
+//! contact, the check whether the corners are still where the localization puts them.
 //!
-//! Each corner is searched for in its own picture. All corners together then correct the panel's pose, or confirm it:
-//! one corner alone is never the result if several were seen.
+//! Each corner is searched for in its own picture. Then all corners together correct the panel's pose, or confirm it:
+//! if several corners were seen, one corner alone never is the result.
 
 use super::ResultDrawing;
 use crate::report;
@@ -18,10 +18,11 @@ use panelprep_vision::locate::corner::{self, CornerError};
 use panelprep_vision::locate::refine::{self, CornerView, RefineError, RefinedPose};
 use serde_json::json;
 
-/// The most corners that are looked at: two determine the panel's shift and its turn, more add little.
+/// Maximum number of corners that are viewed: two determine the shift and the rotation of the panel, and more corners
+/// add little accuracy.
 const MAX_CORNERS: usize = 2;
 
-/// Returns the number of corners that a loop of views looks at if all `taught` corners can be seen.
+/// Returns the number of corners that a loop of views shows, if all `taught` corners can be seen.
 pub fn max_views(limits: &recipe::Corner, taught: usize) -> usize {
     MAX_CORNERS.min(limits.max_moves() + 1).min(taught)
 }
@@ -33,7 +34,8 @@ pub struct CornerReference<'a> {
     pub corners: &'a [TaughtCorner],
     /// The flange camera.
     pub camera: &'a PinholeCamera,
-    /// The part of the flange camera's picture in which its lens is calibrated: nothing is measured elsewhere.
+    /// The part of the flange camera's picture in which its lens is calibrated; the position of a corner outside of it
+    /// is not trusted.
     pub lens: &'a LensExtent,
     /// The recipe's `[corner]`.
     pub limits: &'a recipe::Corner,
@@ -50,21 +52,21 @@ pub struct Sighting {
     pub base_from_camera: Rigid<Base, FlangeCamera>,
     /// The corner's position in the picture.
     pub found_px: Pixel,
-    /// The assumed pose of the panel with which the corner was searched for.
+    /// The assumed pose of the panel, from which the position for the search was calculated.
     pub search_pose: Rigid<Base, Panel>,
 }
 
-/// The state of a loop of views that moves nearer from picture to picture.
+/// The state of a loop of views, in which the camera moves closer from picture to picture.
 #[derive(Debug, Clone, Copy)]
 pub struct Progress {
     /// Number of moves after the first picture.
     pub moves: usize,
-    /// Whether a corner has not been seen yet.
+    /// Whether at least one corner has not been seen yet.
     pub is_missing: bool,
 }
 
 impl CornerReference<'_> {
-    /// Finds a taught corner in the picture from a view; `place` is the assumed pose of the panel.
+    /// Finds a taught corner in a picture; `place` is the assumed pose of the panel.
     ///
     /// # Errors
     /// If the picture shows no corner of the panel.
@@ -79,7 +81,7 @@ impl CornerReference<'_> {
         Ok(Sighting { corner, taught: *taught, base_from_camera, found_px: found.corner_px, search_pose: place })
     }
 
-    /// The result of all sightings together for an assumed pose of the panel.
+    /// Returns the pose that results from all sightings together, beginning with an assumed pose of the panel.
     fn combine_sightings(
         &self,
         place: Rigid<Base, Panel>,
@@ -89,8 +91,8 @@ impl CornerReference<'_> {
         refine::refine(place, self.camera, &views)
     }
 
-    /// Corrects a localization by corner pictures. `claims_mm` are the errors that localization and calibrations
-    /// claim, 95 %, if they claim any; `progress` is given if the pictures are those of a loop of views.
+    /// Corrects a localization by corner pictures. `claims_mm` are the errors that localization and calibrations state,
+    /// 95 %, if they state any; `progress` is given if the pictures are those of a loop of views.
     ///
     /// # Errors
     /// If there is no sighting, or a corner is not in front of its camera.
@@ -110,15 +112,15 @@ impl CornerReference<'_> {
         Ok(correction.with_check(self.lens_extent_check(sightings)))
     }
 
-    /// Returns a check for a corner that was found outside the calibrated part of the lens, if there is one.
+    /// Returns a failed check if a corner was found outside of the calibrated part of the lens.
     fn lens_extent_check(&self, sightings: &[Sighting]) -> Option<Check> {
         let outside = health::lens_extent_refusal(self.lens, sightings.iter().map(|sighting| sighting.found_px))?;
         let check = Check::new("corner where the lens is known", "", None);
         Some(check.with_reason(Some(outside), Severity::Reject))
     }
 
-    /// Checks whether the corners are where `place` puts them. `unseen` states which of the corners that determine the
-    /// pose cannot be seen again, if there are any.
+    /// Checks whether the corners are where the pose `place` puts them. `unseen` states which of the corners that
+    /// determine the pose cannot be seen again, if there are any.
     ///
     /// # Errors
     /// As [`CornerReference::refine`].
@@ -136,8 +138,8 @@ impl CornerReference<'_> {
         Ok(Verification { checks, count, judgement })
     }
 
-    /// The corner in its picture, with the found position and the position according to a pose of the panel; `None` if
-    /// the latter position is not in front of the camera.
+    /// Draws the corner in its picture, at the found position and at the position according to a pose of the panel;
+    /// `None` if the latter position is not in front of the camera.
     pub fn draw_corner(
         &self,
         (sighting, picture): (&Sighting, &ColorPicture),
@@ -164,11 +166,11 @@ impl Sighting {
     }
 }
 
-/// Returns the largest distance between a corner's new position and its position under the assumed pose, mm.
+/// Returns the largest distance between the corrected position of a corner and its position in the assumed pose, mm.
 fn step_mm(refined: &RefinedPose, sightings: &[Sighting]) -> f64 {
     let step_mm =
         |seen: &Sighting| refined.base_from_panel.distance_at_mm(seen.search_pose, seen.taught.point).abs();
-    // The absolute value makes a value that is not a number count as the largest.
+    // `abs` makes the sign of a NaN positive, so that a NaN counts as the largest distance.
     sightings.iter().map(step_mm).max_by(f64::total_cmp).unwrap_or(f64::NAN)
 }
 
@@ -176,9 +178,10 @@ fn step_mm(refined: &RefinedPose, sightings: &[Sighting]) -> f64 {
 #[derive(Debug, Clone, Copy)]
 struct ViewLoop {
     progress: Progress,
-    /// No view follows.
+    /// Whether no view follows.
     is_last: bool,
-    /// The largest distance of a corner from the position at which it was searched for, mm.
+    /// The largest distance between the corrected position of a corner and the position at which it was searched for,
+    /// mm.
     step_mm: f64,
 }
 
@@ -187,16 +190,18 @@ impl ViewLoop {
         self.step_mm <= limits.settled_mm()
     }
 
-    /// Returns whether all corners have been seen at close range.
+    /// Returns whether all corners have been seen from close range.
     fn are_all_seen(self, limits: &recipe::Corner) -> bool {
         !self.progress.is_missing && self.has_converged(limits)
     }
 
-    /// The requirements on a loop of views: it converges, within the allowed moves, and has seen all corners.
+    /// Returns the checks of a loop of views: it converges, needs at most the allowed number of moves, and has seen all
+    /// corners.
     fn checks(self, seen: usize, limits: &recipe::Corner) -> [Check; 3] {
         let (is_done, step_mm) = (self.are_all_seen(limits), self.step_mm);
         let step = Check::new("corner from where it was looked for", "mm", step_mm);
-        // A loop that has not yet converged is continued with a move and another picture.
+        // A loop that has not converged continues with a move and another picture, so the limit applies only at its
+        // end.
         let step = if is_done || self.is_last {
             step.with_max(limits.settled_mm(), LimitSource::recipe("corner.settled_mm"))
         } else {
@@ -237,7 +242,7 @@ pub struct Correction {
     pub checks: Vec<Check>,
     /// The verdict.
     pub judgement: Judgement,
-    /// Whether another view may help: not all corners have been seen from near, and views are left.
+    /// Whether another view may help: not all corners have been seen from close range, and moves are left.
     pub is_another_view_useful: bool,
 }
 
@@ -250,8 +255,8 @@ impl Correction {
     ) -> Self {
         let is_done = views.is_none_or(|views| views.are_all_seen(limits));
         let wants_another_view = !is_done && views.is_some_and(|views| !views.is_last);
-        // Corner deviations become findings only when all corners have been seen at close range. A check that
-        // rejects is not postponed to another view.
+        // Disagreements of corners become reasons for a review only after all corners have been seen from close range.
+        // A check that rejects does not wait for another view.
         let claims_mm = claims_mm.filter(|_| is_done);
         let is_open = |check: &Check| wants_another_view && check.severity < Severity::Reject;
         let of_corners: Vec<Check> = refine::checks(&refined, limits)
@@ -269,7 +274,7 @@ impl Correction {
         Correction { refined, checks, judgement, is_another_view_useful: wants_another_view }
     }
 
-    /// The same result with an additional check of the pictures themselves, whose limit was not met.
+    /// Adds a failed check of the pictures themselves to the result, if there is one.
     fn with_check(mut self, of_pictures: Option<Check>) -> Self {
         if let Some(check) = of_pictures {
             self.judgement = self.judgement.combined_with(Judgement::from_checks([&check]));
@@ -278,7 +283,7 @@ impl Correction {
         self
     }
 
-    /// The result for the record; `left_out` states which corners the arm could not reach, and why.
+    /// Returns the result for the record; `left_out` states which corners the arm could not reach, and why.
     pub fn finding(&self, left_out: &[String]) -> Finding {
         let finding = Finding::new(Kind::Refine, 0, self.judgement.clone())
             .with_detail("base_from_panel", json!(KukaPose::from_rigid(&self.refined.base_from_panel)))
@@ -287,7 +292,7 @@ impl Correction {
     }
 }
 
-/// Returns how far the correction moves the panel.
+/// Returns the shift and the rotation by which the correction changes the panel's pose.
 fn correction_motion(refined: &RefinedPose) -> [Check; 3] {
     let [x_mm, y_mm] = refined.shift_mm;
     let first = refined.corners.first().map_or(String::new(), |corner| format!("corner {}", corner.corner + 1));
@@ -299,10 +304,10 @@ fn correction_motion(refined: &RefinedPose) -> [Check; 3] {
     ]
 }
 
-/// The result of the corners just before contact.
+/// The result of the corners immediately before contact.
 #[derive(Debug, Clone)]
 pub struct Verification {
-    /// The distance of each corner from its place according to the localization.
+    /// Checks of the distance of each corner from its position according to the localization.
     pub checks: Vec<Check>,
     /// The number of corners that were seen.
     count: Check,
@@ -311,7 +316,7 @@ pub struct Verification {
 }
 
 impl Verification {
-    /// The result for the record; after the last view, `needed` corners must have been seen.
+    /// Returns the result for the record; after the last view, at least `needed` corners must have been seen.
     pub fn finding(&self, pass: u8, needed: Option<usize>) -> Finding {
         let count = match needed {
             Some(needed) => self.count.clone().with_min(needed as f64, LimitSource::Program),
@@ -338,9 +343,9 @@ mod tests {
         Recipe::check("test.toml", text).unwrap_or_else(|problems| panic!("{problems}"))
     }
 
-    /// A correction by two corners: each requires a shift of 1 mm, and a residual of 0.4 mm remains, more than the 0.3
-    /// mm that are allowed for one rigid panel.
-    fn unlike() -> RefinedPose {
+    /// A correction by two corners that contradict each other: each needs a shift of 1 mm, and a residual of 0.4 mm
+    /// remains; the limit for one rigid panel is 0.3 mm.
+    fn corners_that_contradict() -> RefinedPose {
         let expected_px = Pixel::at(0.0, 0.0);
         let report = |corner| CornerReport {
             corner,
@@ -362,13 +367,14 @@ mod tests {
         judgement.reasons.iter().map(|reason| &*reason.code).collect()
     }
 
-    /// A review finding does not hide the rejection of a pose that does not settle: no person may accept such a
+    /// A reason for a review does not hide the rejection of a pose that does not converge: no person may accept such a
     /// pose.
     #[test]
-    fn a_doubt_hides_no_rejection() {
+    fn a_review_does_not_hide_a_rejection() {
         let recipe = recipe();
         let judged = |views: ViewLoop, claims_mm| {
-            Correction::judge_correction(unlike(), claims_mm, Some(views), recipe.corner()).judgement
+            Correction::judge_correction(corners_that_contradict(), claims_mm, Some(views), recipe.corner())
+                .judgement
         };
         let judgement = judged(views(false, true, 0.9), Some([0.1; 2]));
         let codes_of_both = vec!["not_settled", "corners_disagree"];
@@ -381,36 +387,39 @@ mod tests {
         }
     }
 
-    /// Review findings of a view that is followed by another view are not findings about the panel: no person is asked
-    /// about them.
+    /// If another view follows, the reasons for a review are not yet reasons about the panel, and no person is asked to
+    /// decide about them.
     #[test]
-    fn a_view_that_another_one_follows_leaves_no_review() {
+    fn a_view_before_the_last_one_gives_no_review() {
         let recipe = recipe();
-        let judged =
-            |views: ViewLoop| Correction::judge_correction(unlike(), Some([0.1; 2]), Some(views), recipe.corner());
+        let judged = |views: ViewLoop| {
+            Correction::judge_correction(corners_that_contradict(), Some([0.1; 2]), Some(views), recipe.corner())
+        };
         let (followed, last) = (judged(views(true, false, 2.0)), judged(views(false, true, 0.1)));
         assert_eq!((followed.judgement.verdict, last.judgement.verdict), (Verdict::Accept, Verdict::Review));
         assert!(followed.finding(&[]).checks.iter().all(Check::is_met));
     }
 
-    /// A corner is measured less accurately from far: while views are left, it is viewed at close range before its
-    /// review findings count.
+    /// A corner is measured less accurately from a large distance: while moves are left, it is viewed from close range
+    /// before its reasons for a review count.
     #[test]
-    fn another_view_is_wanted_until_all_corners_were_seen_from_near() {
+    fn views_are_requested_until_all_corners_were_seen_closely() {
         let recipe = recipe();
         let wants = |views: Option<ViewLoop>| {
-            Correction::judge_correction(unlike(), Some([0.1; 2]), views, recipe.corner()).is_another_view_useful
+            Correction::judge_correction(corners_that_contradict(), Some([0.1; 2]), views, recipe.corner())
+                .is_another_view_useful
         };
         assert!(wants(Some(views(false, false, 2.0))) && wants(Some(views(true, false, 0.1))));
         assert!(!wants(Some(views(false, false, 0.1))) && !wants(Some(views(false, true, 2.0))));
         assert!(!wants(None), "pictures that were not taken in a loop are all there are");
     }
 
-    /// Pictures from files are judged like those of a loop that has seen all corners from near.
+    /// Pictures from files are judged like those of a loop that has seen all corners from close range.
     #[test]
-    fn a_loop_that_is_done_judges_as_a_command_does() {
+    fn a_completed_loop_judges_like_a_command() {
         let recipe = recipe();
-        let judged = |views| Correction::judge_correction(unlike(), Some([0.1; 2]), views, recipe.corner());
+        let judged =
+            |views| Correction::judge_correction(corners_that_contradict(), Some([0.1; 2]), views, recipe.corner());
         let (command, done) = (judged(None), judged(Some(views(false, false, 0.1))));
         assert_eq!(command.judgement, done.judgement);
         let numbers = |correction: &Correction| -> Vec<(String, Option<f64>)> {

@@ -1,8 +1,8 @@
-//! The water-break test: pictures are added one by one while the film is watched, or while a clip is read. After the
+//! The water-break test: pictures are added one by one while the film is observed, or while a clip is read. After the
 //! last picture the film is judged.
 //!
-//! Some pictures are kept for the film's strip, cut to the region: evenly distributed, and at short intervals once the
-//! film opens.
+//! Some pictures are kept for the strip, cropped to the region: evenly distributed over time, and at short intervals
+//! after the film opens.
 
 use super::{ResultDrawing, names};
 use crate::report::{FailedGrid, PanelOverlay, StripPicture, bounds, cut_out, film_strip, strip_times_s};
@@ -18,24 +18,24 @@ use panelprep_vision::inspect::{
 };
 use std::sync::Arc;
 
-/// The setup with which a film is watched.
+/// The setup with which a film is observed.
 #[derive(Debug, Clone, Copy)]
 pub struct FilmSetup<'a> {
     /// The taught panel.
     pub panel: &'a TaughtPanel,
-    /// The camera that films.
+    /// The camera that records the film.
     pub camera: &'a PinholeCamera,
     /// The panel's pose in the camera's frame.
     pub camera_from_panel: Rigid<Camera, Panel>,
     /// The taught pixels of places that were sanded since the dry picture was taken.
     pub sanded: Option<&'a Mask>,
-    /// How long the film is watched, and the criteria of failure.
+    /// The duration of the observation, and the criteria of failure.
     pub demands: Demands,
     /// The recipe.
     pub recipe: &'a Recipe,
 }
 
-/// A film that is being watched.
+/// A film that is being observed.
 #[derive(Debug)]
 pub struct FilmRun {
     watch: FilmWatch,
@@ -47,9 +47,9 @@ pub struct FilmRun {
 /// The result of adding one picture to a film.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PictureOutcome {
-    /// The picture's time after the first fully wet one, s; `None` before that.
+    /// The picture's time after the first fully wet picture, s; `None` before that.
     pub since_wet_s: Option<f64>,
-    /// The grids on which the film broke, if they are the first of this film to fail.
+    /// Names of the grids on which the film broke, if these are the first failed grids of this film.
     pub newly_broken_grids: Option<String>,
 }
 
@@ -57,7 +57,7 @@ impl FilmRun {
     /// Begins a test with this expected duration, s.
     ///
     /// # Errors
-    /// If the region is not in the picture at all.
+    /// If no part of the region is in the picture.
     pub fn begin_test(setup: &FilmSetup<'_>, lasts_s: f64) -> Result<Self, InspectError> {
         let FilmSetup { panel, camera, camera_from_panel, sanded, demands, recipe } = *setup;
         let view = inspect::FilmView { taught: panel, camera, camera_from_panel, sanded };
@@ -66,20 +66,20 @@ impl FilmRun {
         Ok(FilmRun { watch, strip, last: None, has_opened: false })
     }
 
-    /// Assumes the panel's pose, because none was given: see [`Watch::assume_nominal_pose`].
+    /// Uses the panel's nominal pose, because no pose was given: see [`Watch::assume_nominal_pose`].
     pub fn assume_nominal_pose(&mut self) {
         self.watch.assume_nominal_pose();
     }
 
-    /// Sets the film's start to this time, on the clock of its pictures: see [`Watch::set_start`].
+    /// Sets the start time of the film, by the clock of its pictures: see [`Watch::set_start`].
     pub fn set_start(&mut self, time_s: f64) {
         self.watch.set_start(time_s);
     }
 
-    /// Adds the next picture, at `time_s` of any clock that does not jump.
+    /// Adds the next picture; `time_s` is its time by any clock that does not jump.
     ///
     /// # Errors
-    /// If its size is not the camera's, or it comes out of order.
+    /// If the picture does not have the camera's size, or the pictures are not in the order of time.
     pub fn push(
         &mut self,
         picture: &Arc<ColorPicture>,
@@ -111,7 +111,7 @@ impl FilmRun {
     }
 }
 
-/// A film that was watched.
+/// A film after its observation.
 #[derive(Debug)]
 pub struct FilmOutcome {
     /// The inspection's result, with the verdict.
@@ -121,17 +121,17 @@ pub struct FilmOutcome {
     strip: KeyframeStrip,
 }
 
-/// Numbers that were measured besides the film's result.
+/// Numbers that do not belong to the result of the film.
 #[derive(Debug, Clone, Copy)]
 pub struct FilmCounts {
-    /// Median time from a decoded picture to its result, ms.
+    /// Median time from the decoding of a picture to its result, ms.
     pub ms_per_picture: Option<f64>,
-    /// Pictures of the camera that were not fetched in time, if the camera reports it.
+    /// Number of the camera's pictures that were not fetched in time, if the camera reports it.
     pub dropped: Option<u64>,
 }
 
 impl FilmOutcome {
-    /// Draws the film over time, and on its last picture where and when the film broke.
+    /// Draws the film over time, and marks on its last picture where and when the film broke.
     pub fn draw_film(&self, setup: &FilmSetup<'_>) -> Vec<ResultDrawing> {
         let Some(last) = &self.last else { return Vec::new() };
         let inspection = &*self.inspection;
@@ -165,7 +165,7 @@ impl FilmOutcome {
         drawings
     }
 
-    /// The result for the record.
+    /// Returns the result for the record.
     pub fn finding(&self, setup: &FilmSetup<'_>, pass: u8, counted: FilmCounts) -> Finding {
         let (inspection, process) = (&*self.inspection, setup.recipe.process());
         let failed: Vec<GridId> = inspection.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect();
@@ -190,7 +190,7 @@ impl FilmOutcome {
     }
 }
 
-/// The failed grids, each with its broken area in words.
+/// Returns the failed grids, each with a text that states its broken area.
 fn failed_grids<'p>(panel: &'p TaughtPanel, inspection: &Inspection) -> Vec<FailedGrid<'p>> {
     let failed = inspection.grids.iter().filter(|grid| grid.failed);
     let one = |found: &GridInspection| {
@@ -203,7 +203,7 @@ fn failed_grids<'p>(panel: &'p TaughtPanel, inspection: &Inspection) -> Vec<Fail
     failed.filter_map(one).collect()
 }
 
-/// Values that are reported with a film and are not judged.
+/// Returns values that are reported with a film but not judged.
 fn counts(inspection: &Inspection, counted: FilmCounts) -> [Check; 4] {
     let closed = inspection.breaks.iter().filter(|found| found.has_closed_again()).count();
     [
@@ -214,15 +214,15 @@ fn counts(inspection: &Inspection, counted: FilmCounts) -> [Check; 4] {
     ]
 }
 
-/// Times that differ by less than this are equal, s.
+/// Times that differ by at most this amount are equal, s.
 const TIME_TOLERANCE_S: f64 = 1e-3;
 
-/// The selected pictures so far.
+/// The pictures that were selected for the strip so far.
 #[derive(Debug)]
 struct KeyframeStrip {
-    /// The box around the region in the picture.
+    /// The bounding box of the region in the picture, px.
     bounds: [(usize, usize); 2],
-    /// The film's expected duration, as far as it is known, s.
+    /// The expected duration of the film, s.
     lasts_s: f64,
     opened_s: Option<f64>,
     cuts: Vec<(f64, ColorPicture)>,

@@ -1,5 +1,5 @@
-//! A corner of a panel, learnt from a picture that the flange camera took at the panel's nominal place. The panel itself
-//! is learnt by [`TaughtPanel::learn`].
+//! Learns a corner of a panel from a picture that the flange camera took at the panel's nominal place.
+//! [`TaughtPanel::learn`] learns the panel itself.
 
 use panelprep_base::geometry::{Base, ColorPicture, Flange, FlangeCamera, PinholeCamera, Point, Rigid};
 use panelprep_cell::panel::{CornerTeaching, LearnError, TaughtCorner, TaughtPanel};
@@ -17,7 +17,7 @@ pub enum CornerLearnError {
     NotOnPanel(#[from] LearnError),
 }
 
-/// Learns the corner with this number, from 0, in a picture from `base_from_flange`.
+/// Learns the corner with this number, from 0, from a picture taken at the pose `base_from_flange`.
 ///
 /// # Errors
 /// If the picture shows no corner of the panel.
@@ -34,9 +34,9 @@ pub fn corner(
         let reference_px = corner::find_taught(&gray, (settings, number), camera, expected)?.corner_px;
         Ok(panel.corner(CornerTeaching { reference_px, panel_from_camera }, camera)?)
     };
-    // The corner's place is known once it is found with the scale at the panel's middle. It is then found again
-    // with its own scale, as in a cycle: the edges' ends depend on the scale, and so does their intersection, by a
-    // tenth of a pixel.
+    // First the corner is found with the picture's scale at the panel's centre, which gives its place. Then it is found
+    // again with the scale at this place, as in a cycle: the ends of the edges depend on the scale, and so does their
+    // intersection, by a tenth of a pixel.
     let rough = seen_at(panel.centre())?;
     seen_at(rough.point)
 }

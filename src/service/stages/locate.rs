@@ -14,7 +14,7 @@ use serde_json::json;
 
 /// A localization with its verdict.
 pub struct LocateOutcome<'a> {
-    /// The evidence; `None` if nothing like the panel was found.
+    /// The evidence; `None` if no object like the panel was found.
     pub fit: Option<Fit>,
     /// Every number that was judged; empty if nothing was found.
     pub checks: Vec<Check>,
@@ -25,15 +25,15 @@ pub struct LocateOutcome<'a> {
     prepared: Option<PreparedScan<'a>>,
 }
 
-/// Finds the taught panel in a scan and judges the result. A panel that is not found is a verdict, not an error. The
+/// Finds the taught panel in a scan and judges the result. A panel that is not found gives a verdict, not an error. The
 /// panel's model must have been created for the range errors of this view.
 pub fn locate<'a>(
     (panel, model): (&'a TaughtPanel, &'a Result<TaughtModel, LocateError>),
     view: ScanView<'a>,
     recipe: &'a Recipe,
 ) -> LocateOutcome<'a> {
-    // The following steps use only depths and the lens's rays: a scan of another lens or frame would give a pose
-    // all the same.
+    // The steps after this one use only depths and the lens's rays, so a scan of another lens or in another frame would
+    // give a wrong pose without an error.
     if let Err(error) = files::check_lens(view.scan, view.camera) {
         let judgement = Judgement::new(vec![Reason::new("other_scan", error.to_string())], vec![]);
         return LocateOutcome { fit: None, checks: vec![], judgement, panel, view, prepared: None };
@@ -49,7 +49,7 @@ pub fn locate<'a>(
 }
 
 impl LocateOutcome<'_> {
-    /// The assumed range errors of the 3D camera's scans.
+    /// Returns the range errors that are assumed for the 3D camera's scans.
     pub fn range(&self) -> RangeErrors {
         self.view.range
     }
@@ -57,13 +57,13 @@ impl LocateOutcome<'_> {
     /// Returns the pose of the drawing's frame in the base frame, if the panel was found and was taught from its
     /// drawing.
     pub fn base_from_drawing(&self) -> Option<KukaPose> {
-        // The frame of a panel that was taught from its drawing is the drawing's.
+        // The frame of a panel that was taught from its drawing is the frame of the drawing.
         let fit = self.fit.as_ref().filter(|_| self.panel.reference == TaughtSource::Drawing)?;
         Some(KukaPose::from_rigid(&fit.base_from_panel))
     }
 
-    /// The obstacles that the arm avoids on its way to a corner: the panel where it was found, and the other points
-    /// of the scan. `None` if the localization is rejected, since nothing moves towards such a panel.
+    /// Returns the obstacles that the arm avoids on its way to a corner: the panel at its found pose, and the other
+    /// points of the scan. `None` if the localization is rejected, because then the arm does not move to the panel.
     pub fn obstacles(&self) -> Option<Obstacles> {
         let fit = self.fit.as_ref().filter(|_| self.judgement.verdict != Verdict::Reject)?;
         let of_panel = self.panel.points().map(|(_, point)| fit.base_from_panel * point);
@@ -71,7 +71,7 @@ impl LocateOutcome<'_> {
         Some(Obstacles::default().with_points_of("panel", of_panel).with_points_of("the scan's points", of_scan))
     }
 
-    /// The taught outline and grids at the found place, over the scan's picture; `None` if no panel was found.
+    /// Draws the taught outline and grids at the found pose over the scan's picture; `None` if no panel was found.
     pub fn draw_placement(&self, picture: &ColorPicture) -> Option<ResultDrawing> {
         let camera_from_panel = self.view.base_from_camera.inverse() * self.fit.as_ref()?.base_from_panel;
         let view = report::PanelOverlay { picture, camera: self.view.camera, camera_from_panel };
@@ -79,7 +79,7 @@ impl LocateOutcome<'_> {
         Some(ResultDrawing::new("located", caption, view.located(self.panel)))
     }
 
-    /// Shows each reason of the verdict in the scan; none for reasons that no scan shows.
+    /// Draws a picture of the scan for each reason of the verdict, except for reasons that a scan cannot show.
     pub fn draw_reasons(&self, picture: &ColorPicture) -> Vec<ResultDrawing> {
         let Some(prepared) = self.prepared.as_ref().filter(|_| !self.judgement.reasons.is_empty()) else {
             return Vec::new();
@@ -90,7 +90,7 @@ impl LocateOutcome<'_> {
         drawn.into_iter().map(ResultDrawing::from).collect()
     }
 
-    /// Returns the result for the record; the verdict was available `elapsed_ms` after the scan was in memory.
+    /// Returns the result for the record; `elapsed_ms` is the time from the scan in memory to the verdict.
     pub fn finding(&self, elapsed_ms: f64) -> Finding {
         let elapsed = Check::new(name::SCAN_TO_VERDICT, "ms", elapsed_ms);
         let finding = Finding::new(Kind::Locate, 0, self.judgement.clone());

@@ -1,15 +1,15 @@
-//! The phases of a cycle, each written once: a function from inputs to a result of checks, drawings and data.
+//! The phases of a cycle, each implemented once: a function from inputs to a result of checks, drawings and data.
 //!
-//! A command that reads its inputs from files and the live loop that has just taken a picture call the same function.
-//! A stage has no access to camera, robot, store or clock: the caller takes the picture, calls the stage, measures its
+//! A command that reads its inputs from files calls the same function as the live loop that has just taken a picture. A
+//! stage has no access to camera, robot, store or clock: the caller takes the picture, calls the stage, measures its
 //! duration, records the result, and answers the cycle's state machine.
 //!
-//! - `locate`: the panel's place, by the 3D scan · `corners`: the correction by corner pictures, and the verification
+//! - `locate`: the panel's pose, by the 3D scan · `corners`: the correction by corner pictures, and the verification
 //!   before contact · `film`: the water-break test on the pictures of a film
 //! - `survey`: the surface with its profile and flatness, and the part of the surface that the arm reaches · `treat`:
 //!   the places to abrade after a film · `plan`: the path over them · `abrade`: the executed path · `removal`: the
 //!   removal by the path
-//! - `learn`: panel and corners, derived from the content of a teaching
+//! - `learn`: panel and corners, learnt from the pictures and scans of a teaching
 
 pub mod abrade;
 pub mod corners;
@@ -28,8 +28,7 @@ use panelprep_cell::imaging::ImagingError;
 use panelprep_cell::panel::GridId;
 use panelprep_cell::record::{Finding, Kind};
 
-/// A picture that explains a result to a person, or the reason why it could not be drawn. The picture affects no
-/// decision.
+/// A picture that explains a result to a person, or the error that prevented it. No decision depends on the picture.
 #[derive(Debug)]
 pub struct ResultDrawing {
     /// The picture's short name, for example `corner_before`.

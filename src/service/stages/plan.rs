@@ -1,5 +1,5 @@
-//! The path over some places: planned on the surface, followed by the arm with the best tool rotation, and judged by
-//! every gate.
+//! The path over some places: planned on the surface, followed by the arm with the best rotation of the tool about its
+//! axis, and judged by every gate.
 
 use super::removal::{self, EarlierRemoval, PathRemovalTotal, RemovalInputs};
 use super::survey::ToolState;
@@ -20,24 +20,24 @@ use panelprep_toolpath::path::{
 use panelprep_toolpath::removal::map::RemovalMap;
 use panelprep_toolpath::surface::{Fit, Parameter, ParameterPatch, Treated};
 
-/// Points on each side of the drawn border of an area.
-const OUTLINE_STEPS: usize = 8;
+/// Number of points on each side of the drawn border of an area.
+const POINTS_PER_SIDE: usize = 8;
 
-/// The pose from which the arm follows a plan.
+/// The arm's pose from which it begins to follow a plan, as far as this pose is known.
 #[derive(Debug)]
 pub enum ReachStart<'a> {
-    /// The arm's tool is not known: reach is not checked.
+    /// The arm's tool is not known, so the reach is not checked.
     Unknown,
     /// The arm's pose in front of the panel.
     From(ReachSetup<'a>),
-    /// The arm does not reach this pose.
+    /// The arm cannot reach its pose in front of the panel.
     Refused(Reason),
 }
 
 /// A plan with the verdict of every gate.
 #[derive(Debug, Clone)]
 pub struct PlanOutcome {
-    /// The paths in the panel's frame, with the tool rotation that the arm follows best.
+    /// The paths in the panel's frame, with the rotation of the tool that the arm follows best.
     pub plan: Plan,
     /// How the arm follows the paths; `None` if it cannot follow them, or if this was not checked.
     pub reached: Option<ReachablePlan>,
@@ -51,7 +51,7 @@ pub struct PlanOutcome {
     pub judgement: Judgement,
 }
 
-/// Lays paths over these places of a fitted surface, with the feeds for the removal that the recipe asks for.
+/// Plans paths over these places of a fitted surface, with the feeds for the removal that the recipe demands.
 ///
 /// # Errors
 /// If the surface allows no path.
@@ -69,9 +69,9 @@ pub fn lay_paths(
     Ok(abrasive.schedule_feeds(plan))
 }
 
-/// Lays paths over areas around breaks, or over the failed grids as a whole, if the areas do not cost less surface under
-/// the disc and also less time: many small areas need more ways through the air and lower feeds. The plan contains both
-/// costs.
+/// Plans paths over areas around breaks, if they put less surface under the disc and also take less time than paths
+/// over the failed grids as a whole; otherwise plans the whole grids. Many small areas need more motions through the
+/// air and lower feeds. The plan contains the costs of both.
 ///
 /// # Errors
 /// If the surface allows no path.
@@ -88,7 +88,7 @@ pub fn lay_lesser_paths(
     let whole = lay_paths(on, &treated.as_whole_grids(&panel.region, failed), with);
     let all: Vec<GridId> = panel.region.ids().collect();
     let cost = |plan: &Plan| {
-        // The disc also overlaps grids that are not treated.
+        // The simulation contains all grids, because the disc also overlaps grids that are not treated.
         let dwell = dwell::simulate(&fit.surface, &panel.region, &all, &dwell::timed_poses(plan), radius_mm);
         TreatmentCost { under_disc_mm2: dwell.under_disc_mm2(), duration_s: plan.duration_s }
     };
@@ -98,7 +98,7 @@ pub fn lay_lesser_paths(
     Ok(Plan { costs: Some(costs), ..chosen? })
 }
 
-/// Follows a plan with the arm and judges it.
+/// Computes how the arm follows a plan, and judges the plan.
 pub fn judge(
     plan: Plan,
     (panel, fit): (&TaughtPanel, &Fit),
@@ -138,7 +138,7 @@ pub fn judge(
     let spin = Check::new("turn of the tool about its axis, for reach", "°", spin_deg);
     let swept = Check::new("swept by the disc", "mm²", disc.swept_mm2);
     let of_arm = [spin, room].into_iter().chain(pad).chain(stroke).chain([swept, worn]);
-    let checks = of_path.into_iter().chain(sizes(&plan)).chain(of_arm).chain(of_removal).collect();
+    let checks = of_path.into_iter().chain(size_checks(&plan)).chain(of_arm).chain(of_removal).collect();
     let plan = match &reached {
         Some(reached) => panel_reach::turned_plan(&plan, reached.spin),
         None => plan,
@@ -147,7 +147,7 @@ pub fn judge(
 }
 
 impl PlanOutcome {
-    /// Also applies the checks of the gate before the motion, at the panel's pose: box, steps, turns and tilt.
+    /// Adds the checks of the gate before the motion, at the panel's pose: box, step lengths, rotations and tilt.
     #[must_use]
     pub fn gated_in_base(mut self, panel: path::PanelPoses, limits: &Limits) -> Self {
         let broken = path::violated_in_base(&self.plan, panel, &WaypointLimits::from(limits));
@@ -156,8 +156,8 @@ impl PlanOutcome {
         self
     }
 
-    /// Also checks the places of the breaks, if areas around breaks are planned: `located_mm` is the uncertainty of
-    /// the panel's pose, 95 %.
+    /// Adds the check of the places of the breaks, if areas around breaks are planned: `located_mm` is the uncertainty
+    /// of the panel's pose, 95 %.
     #[must_use]
     pub fn with_breaks(mut self, located_mm: Option<f64>, recipe: &Recipe) -> Self {
         if let Some(check) = treat::checks(&self.plan.treated, located_mm, recipe) {
@@ -167,7 +167,7 @@ impl PlanOutcome {
         self
     }
 
-    /// The path over the panel in a picture of the panel.
+    /// Draws the path over the panel in a picture of the panel.
     pub fn draw_plan(&self, panel: &TaughtPanel, view: &PanelOverlay<'_>) -> ResultDrawing {
         let contact = |path: &ToolPath| -> Vec<Point<Panel>> {
             let on_panel = path.waypoints.iter().filter(|waypoint| waypoint.contact);
@@ -176,7 +176,7 @@ impl PlanOutcome {
         let paths: Vec<_> = self.plan.paths.iter().map(contact).collect();
         let planned = |grid: &Grid| self.plan.paths.iter().any(|path| path.grids.contains(&grid.id));
         let areas = self.plan.treated.areas().unwrap_or_default();
-        let areas: Vec<_> = areas.iter().map(|area| outline(panel, area)).collect();
+        let areas: Vec<_> = areas.iter().map(|area| area_border(panel, area)).collect();
         ResultDrawing::new(
             "planned",
             "The planned path of the tool over the panel",
@@ -184,13 +184,13 @@ impl PlanOutcome {
         )
     }
 
-    /// The path's removal, if it is known.
+    /// Draws the path's removal, if it is known.
     pub fn draw_removal(&self, panel: &TaughtPanel) -> Option<ResultDrawing> {
         let caption = "Depth that this path and earlier passes on this part remove, µm";
         self.removed.as_ref().map(|removed| removed.draw_map(panel, ("removal_planned", caption)))
     }
 
-    /// The result for the record.
+    /// Returns the result for the record.
     pub fn finding(&self, pass: u8, grids: &[GridId]) -> Finding {
         let finding = Finding::new(Kind::Plan, pass, self.judgement.clone());
         let finding = finding.with_detail("grids", names(grids)).with_checks(self.checks.iter().cloned());
@@ -201,7 +201,7 @@ impl PlanOutcome {
         if self.plan.treated.areas().is_none() {
             return finding;
         }
-        // An area may extend into grids that did not fail: these are abraded as well, and count.
+        // An area may extend into grids that did not fail: these are abraded as well, and the abrasion counts for them.
         let beside = self.plan.treated.grids().iter().copied().filter(|id| !grids.contains(id));
         let beside: Vec<GridId> = beside.collect();
         let mm2 = Check::new(name::AROUND_BREAKS, "mm²", self.plan.treated_mm2());
@@ -214,7 +214,7 @@ impl PlanOutcome {
     }
 }
 
-/// Describes both costs and the choice that follows from them.
+/// Describes the costs of both treatments, and the choice that follows from them.
 pub fn costs_text(costs: &TreatmentCosts) -> Vec<String> {
     let [around, whole] = match (costs.around_breaks, costs.whole_grids) {
         (Some(around), Some(whole)) => {
@@ -228,19 +228,19 @@ pub fn costs_text(costs: &TreatmentCosts) -> Vec<String> {
     vec![format!("around the breaks: {around}"), format!("whole grids: {whole}"), format!("chosen: {chosen}")]
 }
 
-/// Returns the grids of each area, in the order of travel.
+/// Returns the names of the grids of each area, in the order of the path.
 fn areas_text(plan: &Plan) -> Vec<String> {
     let text = |path: &ToolPath| names(&path.grids).join(", ");
     plan.paths.iter().map(text).collect()
 }
 
-/// Returns the border of an area on the panel; the places where the panel is not known are left out.
-fn outline(panel: &TaughtPanel, area: &ParameterPatch) -> Vec<Point<Panel>> {
+/// Returns the border of an area on the panel; points at which the panel's surface is not known are left out.
+fn area_border(panel: &TaughtPanel, area: &ParameterPatch) -> Vec<Point<Panel>> {
     let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
     let side = |side: usize| {
         let (from, to) = (corners[side], corners[(side + 1) % 4]);
-        (0..OUTLINE_STEPS).map(move |step| {
-            let share = step as f64 / OUTLINE_STEPS as f64;
+        (0..POINTS_PER_SIDE).map(move |step| {
+            let share = step as f64 / POINTS_PER_SIDE as f64;
             Parameter { u: from.0 + share * (to.0 - from.0), v: from.1 + share * (to.1 - from.1) }
         })
     };
@@ -248,8 +248,8 @@ fn outline(panel: &TaughtPanel, area: &ParameterPatch) -> Vec<Point<Panel>> {
     (0..4).flat_map(side).filter_map(|share| panel.surface_point_at(pixel(area.parameter_at(share)))).collect()
 }
 
-/// Returns every check of the path's result. If the feeds are scheduled for the removal, the evenness of the removal
-/// counts, not that of the times.
+/// Returns every check of the path. If the feeds are scheduled for the removal, the evenness of the removal counts, not
+/// the evenness of the times.
 fn path_checks(plan: &Plan, recipe: &Recipe, is_known: bool) -> (Vec<Check>, Judgement) {
     let (checks, judgement) = path::judge_plan(plan, recipe.path());
     let scheduled = recipe.removal().is_some_and(|asked| asked.method() == RemovalMethod::Scheduled);
@@ -262,8 +262,8 @@ fn path_checks(plan: &Plan, recipe: &Recipe, is_known: bool) -> (Vec<Check>, Jud
     (checks, judgement)
 }
 
-/// Returns checks of the plan's size.
-fn sizes(plan: &Plan) -> [Check; 4] {
+/// Returns the numbers that describe the size of the plan.
+fn size_checks(plan: &Plan) -> [Check; 4] {
     let waypoints: usize = plan.paths.iter().map(|path| path.waypoints.len()).sum();
     [
         Check::new("paths", "", plan.paths.len() as f64),
@@ -279,12 +279,12 @@ mod tests {
     use panelprep_toolpath::surface::examine_fit;
     use panelprep_toolpath::surface::scene::{ScanDefects, Shape, recipe, taught};
 
-    /// The scene's grids are 57 mm wide. By hand: contacts stay 3 mm inside of an area of 45 mm and the disc's radius is
-    /// 15 mm, so the disc is over (39 + 30)² mm² with round corners, 4761 − 193 = 4568 mm²; over the grid it is over
-    /// (51 + 30)² − 193 = 6368 mm². An area of 70 mm costs more than the grid, so the grid is planned, and of the two
-    /// broken places the one in the grid counts.
+    /// The scene's grids are 57 mm wide. By hand: the path stays 3 mm inside of an area of 45 mm, and the disc's radius
+    /// is 15 mm. So the disc covers (39 + 30)² mm² with round corners, 4761 − 193 = 4568 mm²; on the grid it covers (51
+    /// + 30)² − 193 = 6368 mm². An area of 70 mm costs more than the grid, so the grid is planned, and only the break
+    /// in the grid counts, not the other one.
     #[test]
-    fn areas_that_cost_more_than_the_failed_grids_are_not_planned() {
+    fn areas_with_higher_costs_than_whole_grids_are_not_planned() {
         let recipe = recipe(Shape::Plane, "[treat]\nby = \"break\"\n");
         let panel = taught(Shape::Plane, ScanDefects::default(), &recipe);
         let fit = examine_fit(&panel, recipe.surface()).expect("a surface");

@@ -1,8 +1,8 @@
-//! The removal of a path, as planned and as executed, and its checks against the limits of the recipe; and the feeds
-//! for the removal that the recipe asks for.
+//! The removal of a path, as planned and as executed, with its checks against the limits of the recipe; and the feeds
+//! for the removal that the recipe demands.
 //!
-//! A move has the feeds that recipe and controller allow on it. Where these limits keep the scheduled feed from its
-//! value, the shares of the path at each limit explain an uneven removal.
+//! Recipe and controller limit the feed of each move. If these limits change the scheduled feeds, the shares of the
+//! path at each limit explain why the removal is uneven.
 
 use super::ResultDrawing;
 use super::survey::ToolState;
@@ -24,20 +24,21 @@ use panelprep_toolpath::removal::track::{Disc, IsPanelAt, path_stretches};
 use panelprep_toolpath::surface::{Fit, Parameter, Treated};
 use serde::{Deserialize, Serialize};
 
-/// Distance between the samples of a map, in radii of the disc; `SPACING_MM` are its limits, mm.
-const SPACING_RADII: f64 = 0.1;
-const SPACING_MM: [f64; 2] = [0.5, 1.5];
+/// Distance between the samples of a map, in radii of the disc.
+const SAMPLE_SPACING_RADII: f64 = 0.1;
+/// Smallest and largest distance between the samples of a map, mm.
+const SAMPLE_SPACING_LIMITS_MM: [f64; 2] = [0.5, 1.5];
 
-/// Distance of scheduled lines beyond the treated area, in radii of the disc.
+/// Distance by which the lines of a scheduled path extend beyond the treated area, in radii of the disc.
 const OVERRUN_RADII: f64 = 0.4;
 
-/// Share of the path from which a feed limit counts as the cause of uneven removal.
-const LIMITED_FEED_SHARE: f64 = 0.1;
+/// If more than this share of the path is at a limit of the feed, the limit counts as the cause of uneven removal.
+const MAX_LIMITED_FEED_SHARE: f64 = 0.1;
 
-/// A mean that is short of the target by this share needs no second pass.
+/// If the mean removal is less than the target by at most this share, no second pass is needed.
 const MEAN_TOLERANCE: f64 = 0.1;
 
-/// Feeds that differ by less than this share are the same.
+/// Feeds that differ by at most this share are equal.
 const FEED_TOLERANCE: f64 = 1e-3;
 
 /// The inputs of a removal calculation.
@@ -57,12 +58,12 @@ pub struct RemovalInputs<'a> {
     pub earlier_removal: EarlierRemoval,
 }
 
-/// Removal by a path, and the total with earlier paths on the same part.
+/// Removal by a path, and the total together with earlier paths on the same part.
 #[derive(Debug, Clone)]
 pub struct PathRemovalTotal {
-    /// Removal by position, including earlier paths.
+    /// Removal at each position, including the earlier paths of this cycle.
     pub map: RemovalMap,
-    /// The numbers of the path, and the largest depths of the part; `None` if nothing is treated.
+    /// The numbers of the path, and the largest depths of the part; `None` if the path treats no area.
     pub figures: Option<MapFigures>,
     /// The judged values of the removal.
     pub checks: Vec<Check>,
@@ -72,41 +73,42 @@ pub struct PathRemovalTotal {
 /// Removal by earlier cycles on the same part.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct EarlierRemoval {
-    /// The upper 95 % bound of the removal anywhere, µm; it counts everywhere, since the maps of earlier cycles are
-    /// not kept.
+    /// Upper 95 % bound of the largest removal, µm. It is added at every position, because the maps of earlier cycles
+    /// are not kept.
     pub bound_um: f64,
-    /// Earlier cycles that abraded the part to an unknown depth.
+    /// Number of earlier cycles that abraded the part to an unknown depth.
     pub unknown: usize,
 }
 
-/// Shares of the path in contact on which the feed could not be scheduled as wanted, 0…1.
+/// Shares of the path in contact on which the feed is at a limit of the recipe, 0…1.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct BoundShares {
-    /// Value at `min_feed_mm_s`.
+struct FeedLimitShares {
+    /// Share of the path at `min_feed_mm_s`.
     lowest: f64,
-    /// Value at `feed_mm_s`.
+    /// Share of the path at `feed_mm_s`.
     highest: f64,
 }
 
 impl<'a> RemovalInputs<'a> {
-    /// The recipe's table with its force, N, and the model; `None` if one of them is missing.
+    /// Returns the recipe's `[removal]`, its force, N, and the removal model; `None` if one of them is missing.
     fn known_inputs(&self) -> Option<(&'a recipe::Removal, f64, Model)> {
         Some((self.recipe.removal()?, self.recipe.force_n()?, self.tool.removal?))
     }
 
-    /// Returns the recipe's table with its force and the model, if the recipe also asks for scheduled feeds.
+    /// Returns the same as [`Self::known_inputs`], if the recipe also demands scheduled feeds.
     fn scheduled_inputs(&self) -> Option<(&'a recipe::Removal, f64, Model)> {
         self.known_inputs().filter(|(asked, ..)| asked.method() == RemovalMethod::Scheduled)
     }
 
-    /// Returns the distance of a plan's lines beyond the treated area, mm: feeds alone cannot make the removal uniform
-    /// up to the border of this area.
+    /// Returns the distance by which a plan's lines extend beyond the treated area, mm: feeds alone cannot make the
+    /// removal even up to the border of this area.
     pub fn overrun_mm(&self) -> f64 {
         let radius_mm = self.recipe.path().disc_diameter_mm() / 2.0;
         self.scheduled_inputs().map_or(0.0, |_| OVERRUN_RADII * radius_mm)
     }
 
-    /// The plan with the feeds that remove the target, if the recipe asks for that and the model is known.
+    /// Returns the plan with the feeds that remove the target depth, if the recipe demands them and the model is known;
+    /// otherwise the same plan.
     #[must_use]
     pub fn schedule_feeds(&self, plan: Plan) -> Plan {
         let Some((asked, force_n, model)) = self.scheduled_inputs() else { return plan };
@@ -130,33 +132,34 @@ impl<'a> RemovalInputs<'a> {
         fed.with_dwell(&times)
     }
 
-    /// The removal of a plan; `None` if the recipe does not ask for it, or if the model is not known.
+    /// Returns the removal by a plan; `None` if the recipe does not demand a removal, or if the model is not known.
     pub fn planned_removal(&self, plan: &Plan) -> Option<PathRemovalTotal> {
         let asked = self.recipe.removal()?;
-        let bounded = BoundShares::compute(&waypoints(plan), asked, self.recipe.path());
+        let bounded = FeedLimitShares::compute(&waypoints(plan), asked, self.recipe.path());
         self.removed((&plan.treated, &dwell::timed_poses(plan)), bounded)
     }
 
-    /// The removal by these poses on those places, with the force that the tool measured; without a measurement,
-    /// with the recipe's force.
+    /// Returns the removal by these poses on the treated places, with the force that the tool measured, or the recipe's
+    /// force if there is no measurement.
     pub fn executed_removal(&self, treated: &Treated, poses: &[ExecutedPose]) -> Option<PathRemovalTotal> {
-        self.removed((treated, poses), BoundShares::default())
+        self.removed((treated, poses), FeedLimitShares::default())
     }
 
     fn removed(
         &self,
         (treated, poses): (&Treated, &[ExecutedPose]),
-        bounded: BoundShares,
+        bounded: FeedLimitShares,
     ) -> Option<PathRemovalTotal> {
         let (asked, force_n, model) = self.known_inputs()?;
         let ground = self.panel_ground();
         let disc = self.disc(&model);
         let all = path_stretches(&self.fit.surface, poses, (&disc, force_n), &ground);
-        let spacing_mm = (SPACING_RADII * disc.pad.radius_mm).clamp(SPACING_MM[0], SPACING_MM[1]);
+        let spacing_mm = (SAMPLE_SPACING_RADII * disc.pad.radius_mm)
+            .clamp(SAMPLE_SPACING_LIMITS_MM[0], SAMPLE_SPACING_LIMITS_MM[1]);
         let force_share = (asked.force_error_percent() / 100.0).hypot(model.force_law_share_95(force_n));
         let on = (&self.fit.surface, &self.panel.region, &ground as IsPanelAt<'_>);
         let own = removed(on, treated, &all, (&model, force_share), spacing_mm);
-        // The target applies to a pass; the limit at each position applies to the part.
+        // The target applies to one pass; the limit at each position applies to all passes on the part.
         let of_pass = MapFigures::compute(&own, asked.target_um());
         let map = match self.earlier {
             Some(earlier) => own.plus(earlier),
@@ -189,13 +192,13 @@ impl<'a> RemovalInputs<'a> {
 }
 
 impl PathRemovalTotal {
-    /// Draws the map in µm.
+    /// Draws the map of the removal in µm.
     pub fn draw_map(&self, panel: &TaughtPanel, (name, caption): (&str, &str)) -> ResultDrawing {
         ResultDrawing::new(name, caption, removal_map(&self.map.field(), &panel.region, self.limits_um))
     }
 
-    /// The checks of the executed path. If the path was cut short, the work that remains is not counted as an error
-    /// of the path.
+    /// Returns the checks of the executed path. If the path was cut short, only the limit of the depth has a
+    /// consequence, because the missing removal is not a fault of the executed part.
     pub fn executed_checks(&self, is_whole: bool) -> Vec<Check> {
         let reported = |check: &Check| match is_whole || check.name == name::REMOVED_BOUND {
             true => check.clone(),
@@ -204,7 +207,7 @@ impl PathRemovalTotal {
         self.checks.iter().map(reported).collect()
     }
 
-    /// Returns lines of text for a person.
+    /// Describes the removal in lines of text for a person.
     pub fn describe(&self) -> Vec<String> {
         let [target_um, max_um] = self.limits_um;
         let Some(found) = &self.figures else {
@@ -232,7 +235,7 @@ impl PathRemovalTotal {
 }
 
 impl EarlierRemoval {
-    /// Returns the checks of the removal by earlier cycles, if there were any.
+    /// Returns the checks of the removal by earlier cycles; empty if there was none.
     fn checks(&self, asked: &recipe::Removal) -> Vec<Check> {
         let before = Check::new("removed in earlier cycles of this part, upper 95 % bound", "µm", self.bound_um);
         let unknown = Check::new("earlier cycles of this part with an unknown depth", "", self.unknown as f64)
@@ -254,7 +257,7 @@ fn waypoints(plan: &Plan) -> Vec<Waypoint> {
     plan.paths.iter().flat_map(|path| path.waypoints.iter().copied()).collect()
 }
 
-/// Returns a failed check if the recipe asks for removal but the disc's removal is not known.
+/// Returns a failed check if the recipe demands a removal but the removal model of the disc is not known.
 pub fn unknown(recipe: &Recipe, tool: ToolState) -> Option<Check> {
     let stated = recipe.removal().filter(|_| tool.removal.is_none())?;
     let check = Check::new(name::REMOVED_BOUND, "µm", None)
@@ -263,7 +266,10 @@ pub fn unknown(recipe: &Recipe, tool: ToolState) -> Option<Check> {
 }
 
 /// Returns the checks of the removal by a path.
-fn removal_checks(figures: Option<&MapFigures>, (asked, bounded): (&recipe::Removal, BoundShares)) -> Vec<Check> {
+fn removal_checks(
+    figures: Option<&MapFigures>,
+    (asked, bounded): (&recipe::Removal, FeedLimitShares),
+) -> Vec<Check> {
     let figure = |number: fn(&MapFigures) -> f64| figures.map(number);
     let (target_um, max_um) = (asked.target_um(), asked.max_um());
     let passes =
@@ -312,7 +318,7 @@ fn removal_checks(figures: Option<&MapFigures>, (asked, bounded): (&recipe::Remo
     ]
 }
 
-/// Checks whether the removal model's coupons cover this force.
+/// Checks whether the force lies in the range that the coupons of the removal model cover.
 fn force_check(force_n: f64, model: &Model) -> Check {
     let holds = model.valid_force_range_n();
     let is_beyond = holds.is_none_or(|[least_n, most_n]| !(least_n..=most_n).contains(&force_n));
@@ -341,16 +347,16 @@ fn force_check(force_n: f64, model: &Model) -> Check {
 }
 
 /// Returns advice for a more even removal.
-fn evenness_advice(asked: &recipe::Removal, bounded: BoundShares) -> String {
+fn evenness_advice(asked: &recipe::Removal, bounded: FeedLimitShares) -> String {
     let percent = |share: f64| fixed_decimals(100.0 * share, 0);
     match asked.method() {
         RemovalMethod::Constant => "set method = \"scheduled\" for a more even removal".to_owned(),
-        RemovalMethod::Scheduled if bounded.highest > LIMITED_FEED_SHARE => format!(
+        RemovalMethod::Scheduled if bounded.highest > MAX_LIMITED_FEED_SHARE => format!(
             "{} % of the path in contact already has the highest feed: raise feed_mm_s or lower force_n for a more \
              even removal",
             percent(bounded.highest)
         ),
-        RemovalMethod::Scheduled if bounded.lowest > LIMITED_FEED_SHARE => format!(
+        RemovalMethod::Scheduled if bounded.lowest > MAX_LIMITED_FEED_SHARE => format!(
             "{} % of the path in contact already has the lowest feed: lower min_feed_mm_s or raise force_n for a \
              more even removal",
             percent(bounded.lowest)
@@ -361,7 +367,7 @@ fn evenness_advice(asked: &recipe::Removal, bounded: BoundShares) -> String {
     }
 }
 
-/// Returns the moves in contact, with the feeds that recipe and controller allow on each.
+/// Returns the moves in contact, each with the lowest and the highest feed that recipe and controller allow.
 pub fn contact_moves(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path) -> Vec<Move> {
     let planning_s = settings.planning_time_ms() / 1_000.0;
     let pairs = all.windows(2).enumerate().filter(|(_, pair)| pair[0].contact && pair[1].contact);
@@ -374,9 +380,9 @@ pub fn contact_moves(all: &[Waypoint], asked: &recipe::Removal, settings: &recip
         .collect()
 }
 
-impl BoundShares {
-    /// Computes the shares from a plan's waypoints. A move that is too short for the controller is not counted: its
-    /// highest feed is not set by the recipe.
+impl FeedLimitShares {
+    /// Computes the shares from a plan's waypoints. A move that is so short that the controller limits its feed counts
+    /// for neither share, because the recipe does not set its highest feed.
     fn compute(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path) -> Self {
         let moves = contact_moves(all, asked, settings);
         let way_mm: f64 = moves.iter().map(|own| own.length_mm).sum();
@@ -384,7 +390,7 @@ impl BoundShares {
             let at = moves.iter().filter(|own| is_at(all[own.pose].feed_mm_s));
             at.map(|own| own.length_mm).sum::<f64>() / way_mm.max(f64::MIN_POSITIVE)
         };
-        BoundShares {
+        FeedLimitShares {
             lowest: share(&|feed_mm_s| feed_mm_s <= asked.min_feed_mm_s() * (1.0 + FEED_TOLERANCE)),
             highest: share(&|feed_mm_s| feed_mm_s >= settings.feed_mm_s() * (1.0 - FEED_TOLERANCE)),
         }

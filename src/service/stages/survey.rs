@@ -1,5 +1,5 @@
-//! The surface of the region, and the part of it that the arm reaches at the panel's place: known before any water
-//! runs.
+//! The surface of the region, and the part of it that the arm reaches at the panel's pose: both are known before any
+//! water runs.
 //!
 //! Today's form is checked against the recipe: profile of the surface and flatness, with their uncertainties.
 
@@ -19,8 +19,7 @@ use panelprep_toolpath::surface::{
     self, Deviation, DeviationMap, Fit, Flatness, Form, Measured, TodaysScan, TodaysSurfaceFit,
 };
 
-/// Facts about the tool that are not in the path: the error at its tip, and the area that the disc in use has swept
-/// so far.
+/// Facts about the tool that the path does not contain: its error, its disc's wear and removal model, and its stroke.
 #[derive(Debug, Clone, Copy)]
 pub struct ToolState {
     /// `[limits] tool_error_mm` of the cell.
@@ -31,19 +30,19 @@ pub struct ToolState {
     pub removal: Option<Model>,
     /// The stroke of a compliant tool, mm.
     pub stroke_mm: Option<f64>,
-    /// Whether the path is run in the air: the requirements, wear and removal of contact then have no consequence.
+    /// Whether the path is run in the air; then the checks of contact, wear and removal have no consequence.
     pub in_air: bool,
 }
 
 impl ToolState {
-    /// Checks whether a compliant tool's stroke absorbs the unknown errors of a path over this surface; `None` for
-    /// another tool.
+    /// Checks whether the stroke of a compliant tool is larger than the unknown errors of a path over this surface;
+    /// `None` for another tool.
     pub(super) fn check_stroke(&self, fit: &Fit, settings: &recipe::Path) -> Option<Check> {
         let errors_mm = [self.error_mm, Some(fit.deviation.p95_mm), Some(settings.chord_error_mm())];
         self.stroke_mm.map(|stroke_mm| check_stroke(stroke_mm, settings.press_in_mm(), errors_mm))
     }
 
-    /// Returns this check of the requirements, wear or removal of contact; in the air, the check has no consequence.
+    /// Returns this check of contact, wear or removal, without its consequence if the path is run in the air.
     pub(super) fn contact_check(&self, check: Check) -> Check {
         if self.in_air { check.without_consequence() } else { check }
     }
@@ -54,7 +53,7 @@ impl ToolState {
 pub struct RegionSurvey {
     /// Every grid; empty if the arm does not reach the panel, or the surface allows no path.
     pub grids: Vec<GridReach>,
-    /// Checks of grids that are not reached, and of steps that are too large.
+    /// Checks of grids that the arm does not reach, and of steps that are too large.
     violations: Vec<Check>,
     /// Checks of the tool's suitability.
     tool_checks: Vec<Check>,
@@ -64,8 +63,8 @@ pub struct RegionSurvey {
     pub judgement: Judgement,
 }
 
-/// Follows the path over each grid separately, from the arm's pose before contact; `stand` states why the arm does
-/// not reach this pose, if it does not.
+/// Computes the arm's motion over each grid separately, from the arm's pose before contact. `stand` is this pose, or
+/// the reason why the arm does not reach it.
 pub fn survey_grids(
     (panel, fit): (&TaughtPanel, &Fit),
     stand: Result<ReachSetup<'_>, Reason>,
@@ -86,7 +85,7 @@ pub fn survey_grids(
     let (around, settings) = ((&panel.region, panel.outline.as_slice()), recipe.path());
     match panel_reach::check_grids(&fit.surface, around, &stand, settings) {
         Ok(grids) => {
-            let (pad, disc) = (check_pad(settings, tool.error_mm), disc(&grids, settings, tool));
+            let (pad, disc) = (check_pad(settings, tool.error_mm), check_disc(&grids, settings, tool));
             let stroke = tool.check_stroke(fit, settings);
             let of_tool = pad.into_iter().chain(stroke).chain([disc]).map(|check| tool.contact_check(check));
             let of_tool: Vec<Check> = of_tool.collect();
@@ -98,30 +97,30 @@ pub fn survey_grids(
     }
 }
 
-/// Checks the disc against the largest grid: a disc that would not last is changed before the panel is wet.
-fn disc(grids: &[GridReach], settings: &recipe::Path, tool: ToolState) -> Check {
+/// Checks whether the disc lasts for the largest grid: otherwise it is changed before the panel is wet.
+fn check_disc(grids: &[GridReach], settings: &recipe::Path, tool: ToolState) -> Check {
     let largest_mm2 = grids.iter().map(|grid| grid.swept_mm2).fold(0.0, f64::max);
     let (worn_after_mm2, life_mm2) = (tool.worn_mm2 + largest_mm2, settings.disc_life_mm2());
     DiscWearPlan { swept_mm2: largest_mm2, wear_after_mm2: worn_after_mm2, life_mm2 }
         .check_wear(name::WORN_BY_A_GRID, "one grid")
 }
 
-/// The surface of the panel as it lies there today, and the results about it.
+/// The surface of the panel as it is today, and the results about it.
 #[derive(Debug)]
 pub struct TodaysSurface {
     /// The surface on which paths are planned.
     pub fit: Fit,
     /// Checks of the surface's distance from the taught surface, and of its accuracy.
     pub checks: Vec<Check>,
-    /// Root mean square distance of the scan's points from this surface, mm; `None` if the scan shows too little of
-    /// the surface to compare.
+    /// Root mean square distance of the scan's points from this surface, mm; `None` if the scan shows too little of the
+    /// surface for a comparison.
     pub rms_mm: Option<f64>,
-    /// The distance from the taught surface, pixel by pixel.
+    /// Drawing of the distance from the taught surface, pixel by pixel.
     pub drawing: Option<ResultDrawing>,
 }
 
-/// Corrects the taught surface by the scan in which the panel was located. The thesis's surface is only compared with
-/// the scan and stays as taught: the panel's difference from this surface counts as the surface's error.
+/// Corrects the taught surface by the scan in which the panel was located. The surface of the thesis's method is only
+/// compared with the scan and is not corrected: the panel's deviation from it counts as an error of the surface.
 pub fn correct_by_scan(
     (panel, taught): (&TaughtPanel, &Fit),
     scan: &TodaysScan,
@@ -134,7 +133,7 @@ pub fn correct_by_scan(
             let nominal_scans = u8::from(reference == TaughtSource::Scan);
             let form = scan.errors.and_then(|errors| Form::compute((taught, nominal_scans), &todays, &errors));
             let form_rows = form_checks(form.as_ref(), reference, limits);
-            let checks = deviations(&todays, reference, limits).into_iter().chain(form_rows).collect();
+            let checks = deviation_checks(&todays, reference, limits).into_iter().chain(form_rows).collect();
             let picture = today_map(&todays.map, reference, limits.max_deviation_mm());
             let caption = map_caption(reference, form.as_ref());
             let drawing = Some(ResultDrawing::new("deviation", caption, picture));
@@ -164,7 +163,7 @@ fn map_caption(reference: TaughtSource, form: Option<&Form>) -> String {
     format!("Distance of today's panel surface in front of or behind {other}; {uncertainty}")
 }
 
-/// Returns the name of the check of the deviation: its reference is part of the name.
+/// Returns the name of the check of the deviation; the name states from which reference the surface deviates.
 fn deviation_name(reference: TaughtSource) -> &'static str {
     match reference {
         TaughtSource::Scan => name::DEVIATION,
@@ -173,7 +172,7 @@ fn deviation_name(reference: TaughtSource) -> &'static str {
 }
 
 /// Checks the difference between today's surface and the taught surface against the limits.
-fn deviations(todays: &TodaysSurfaceFit, reference: TaughtSource, limits: &recipe::Surface) -> [Check; 4] {
+fn deviation_checks(todays: &TodaysSurfaceFit, reference: TaughtSource, limits: &recipe::Surface) -> [Check; 4] {
     let (deviation_mm, limit_mm) = (todays.largest_mm, limits.max_deviation_mm());
     let (rms_mm, limit_rms_mm) = (todays.rms_mm, limits.max_rms_mm());
     let (percent, limit_percent) = (todays.missing_percent, limits.max_missing_percent());
@@ -236,7 +235,7 @@ impl RegionSurvey {
         self
     }
 
-    /// The result for the record.
+    /// Returns the result for the record.
     pub fn finding(&self, pass: u8, deviation: &Deviation, (panel, recipe): (&TaughtPanel, &Recipe)) -> Finding {
         let reached = self.grids.iter().filter_map(|grid| grid.outcome.as_ref().ok());
         let missed: Vec<GridId> =
@@ -244,7 +243,7 @@ impl RegionSurvey {
         let least_deg = reached.clone().copied().reduce(f64::min);
         let all = panel.region.ids().count() as f64;
         let finding = Finding::new(Kind::Reach, pass, self.judgement.clone())
-            .with_checks(surface(deviation, recipe))
+            .with_checks(surface_checks(deviation, recipe))
             .with_checks([
                 Check::new("grids within the arm's reach", "", reached.count() as f64)
                     .with_min(all, LimitSource::Program),
@@ -256,8 +255,8 @@ impl RegionSurvey {
     }
 }
 
-/// Checks the deviation between surface and scan.
-fn surface(deviation: &Deviation, recipe: &Recipe) -> [Check; 5] {
+/// Returns the checks of the deviation between the taught surface and its scan.
+fn surface_checks(deviation: &Deviation, recipe: &Recipe) -> [Check; 5] {
     let limits = recipe.surface();
     [
         Check::new("residual of the surface, rms", "mm", deviation.rms_mm)
@@ -271,10 +270,10 @@ fn surface(deviation: &Deviation, recipe: &Recipe) -> [Check; 5] {
     ]
 }
 
-/// A measured figure of form, as its checks name it.
+/// A measured figure of form, with the texts of its check.
 struct FormFigure<'a> {
     name: &'static str,
-    /// The subject of a sentence.
+    /// The figure as the subject of a sentence.
     subject: String,
     code: &'static str,
     measured: &'a Measured,
@@ -282,7 +281,7 @@ struct FormFigure<'a> {
     set_by: LimitSource,
 }
 
-/// Returns the checks of a form; `None` if today's scan does not show it.
+/// Returns the checks of a form; `form` is `None` if today's scan does not show it.
 fn form_checks(form: Option<&Form>, reference: TaughtSource, limits: &recipe::Surface) -> Vec<Check> {
     let is_limited = limits.max_profile_mm().is_some() || limits.max_flatness_mm().is_some();
     let Some(form) = form else {
@@ -312,7 +311,7 @@ fn form_checks(form: Option<&Form>, reference: TaughtSource, limits: &recipe::Su
     checks
 }
 
-/// Returns the name of the profile's check: its reference is part of the name.
+/// Returns the name of the check of the profile; the name states to which reference the profile is relative.
 fn profile_name(reference: TaughtSource) -> &'static str {
     match reference {
         TaughtSource::Scan => name::PROFILE,
@@ -320,7 +319,7 @@ fn profile_name(reference: TaughtSource) -> &'static str {
     }
 }
 
-/// Returns the checks of the flatness: of a flat panel, or if the recipe limits it.
+/// Returns the checks of the flatness, if the panel is nominally flat or the recipe limits the flatness.
 fn flatness_checks(flatness: Option<&Flatness>, limit_mm: Option<f64>) -> Vec<Check> {
     let Some(flat) = flatness else {
         let unknown = Check::new(name::FLATNESS, "mm", None);
@@ -338,7 +337,7 @@ fn flatness_checks(flatness: Option<&Flatness>, limit_mm: Option<f64>) -> Vec<Ch
         subject: match flat.is_nominal_flat() {
             true => "the flatness of the region".to_owned(),
             false => format!(
-                "the flatness of the region, which is not a flat one (flatness {} mm as taught),",
+                "the flatness of the region, which was not flat when it was taught (flatness {} mm),",
                 fixed_decimals(flat.nominal_mm, 2)
             ),
         },
@@ -371,7 +370,8 @@ fn seen_check(seen_percent: f64, is_limited: bool, limits: &recipe::Surface) -> 
 }
 
 impl FormFigure<'_> {
-    /// The figure beside its limit. A value is good only if it is within the limit with its whole uncertainty.
+    /// Checks the figure against its limit. A value is good only if it is within the limit together with its
+    /// uncertainty.
     fn check(&self) -> Check {
         let Measured { value_mm, uncertainty_mm } = *self.measured;
         let number = Check::new(self.name, "mm", value_mm);
@@ -432,9 +432,9 @@ mod tests {
         (judgement.verdict, judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect())
     }
 
-    /// By hand: 0.8 + 0.2 mm keep a limit of 1.0 mm, and do not keep 0.99 mm; 0.8 mm alone keeps it.
+    /// By hand: 0.8 mm + 0.2 mm is within a limit of 1.0 mm, but not within 0.99 mm; 0.8 mm alone is within both.
     #[test]
-    fn only_what_is_proven_is_accepted() {
+    fn a_form_is_accepted_only_with_its_uncertainty() {
         let good = form(measured(0.8, 0.2), measured(0.3, 0.1), 0.0, 100.0);
         let with = |mm: f64| format!("max_profile_mm = {mm}\nmax_flatness_mm = 0.4");
         assert_eq!(codes(Some(&good), &with(1.0)), (Verdict::Accept, vec![]));
@@ -448,7 +448,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_seen_is_not_good() {
+    fn a_form_that_was_not_seen_needs_a_review() {
         let hidden = form(measured(0.1, 0.1), measured(0.1, 0.1), 0.0, 89.0);
         assert_eq!(codes(Some(&hidden), "max_profile_mm = 1.0").1, ["form_hidden"]);
         assert_eq!(codes(None, "max_flatness_mm = 1.0").1, ["form_hidden"]);
@@ -460,7 +460,7 @@ mod tests {
     /// Only a panel that was taught from its drawing is compared with the drawing. A curved panel has no flatness,
     /// unless the recipe limits it.
     #[test]
-    fn the_reference_is_named() {
+    fn checks_name_their_reference() {
         let round = form(measured(0.1, 0.1), measured(22.0, 0.1), 21.7, 100.0);
         let names = |reference: TaughtSource, keys: &str| -> Vec<String> {
             let checks = form_checks(Some(&round), reference, recipe(keys).surface());

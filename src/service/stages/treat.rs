@@ -1,4 +1,5 @@
-//! What is abraded after a film: the grids that failed, or areas around their breaks (`[treat]` in the recipe).
+//! The places that are abraded after a film: the grids that failed, or areas around their breaks (`[treat]` in the
+//! recipe).
 
 use panelprep_base::geometry::Mask;
 use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
@@ -10,28 +11,29 @@ use panelprep_toolpath::path::breaks::{Breaks, Distances, around_breaks};
 use panelprep_toolpath::surface::{Fit, Treated};
 use panelprep_vision::inspect::{GridInspection, Inspection};
 
-/// A grid is treated as a whole if the places that broke have less than this fraction of its broken surface.
-const LOCATED_SHARE: f64 = 0.99;
-/// The disc reaches beyond an area by this, in radii of the disc.
+/// If the places of the breaks are known for less than this share of a grid's broken surface, the grid is treated as a
+/// whole.
+const MIN_LOCATED_SHARE: f64 = 0.99;
+/// Distance by which the disc reaches beyond an area, in radii of the disc.
 const REACH_RADII: f64 = 0.8;
-/// Areas may become one if the gap between them is smaller than this, in radii of the disc: the disc reaches beyond each
-/// of them, so that it would treat most of the gap twice.
-const JOIN_RADII: f64 = 1.0;
-/// Least side of an area, in radii of the disc. With 2.3 radii the time under the disc is 2.1 times longer at one place
-/// than at another, more than the default `max_dwell_ratio`; with 2.9 radii it is less.
-const LEAST_RADII: f64 = 3.0;
+/// Two areas may be joined if the gap between them is smaller than this, in radii of the disc: the disc reaches beyond
+/// each area, so that it would treat most of the gap twice.
+const MAX_JOINED_GAP_RADII: f64 = 1.0;
+/// Shortest side of an area, in radii of the disc. With 2.3 radii, the ratio of the longest to the shortest time under
+/// the disc is 2.1, more than the default `max_dwell_ratio`; with 2.9 radii it is less than the default.
+const MIN_SIDE_RADII: f64 = 3.0;
 
 /// The result of a film, as far as it determines what is abraded.
 #[derive(Debug, Clone)]
 pub struct Broken {
-    /// Pixels of the taught picture that broke.
+    /// Pixels of the taught picture on which the film broke.
     pub places: Mask,
-    /// For each grid the surface of these pixels, and the broken surface by which the grid was judged, mm².
+    /// For each grid two areas, mm²: the surface of these pixels, and the broken surface by which the grid was judged.
     pub located_mm2: Vec<(GridId, [f64; 2])>,
 }
 
 impl Broken {
-    /// Takes the broken places of a film.
+    /// Creates this from the inspection of a film.
     pub fn from_film(film: &Inspection) -> Self {
         let located_mm2 = film.footprint.broken_mm2(&film.mask());
         let of_grid = |(grid, located_mm2): (&GridInspection, f64)| (grid.id, [located_mm2, grid.broken_mm2]);
@@ -41,17 +43,18 @@ impl Broken {
         }
     }
 
-    /// Returns the failed grids whose breaks are not known well enough for an area around them.
+    /// Returns the failed grids for whose breaks the places are not known well enough to plan areas around them.
     fn not_located(&self, failed: &[GridId]) -> Vec<GridId> {
         let is_located = |id: &GridId| {
             let known = self.located_mm2.iter().find(|(known, _)| known == id);
-            known.is_some_and(|(_, [located, broken])| *located > 0.0 && *located >= LOCATED_SHARE * broken)
+            known.is_some_and(|(_, [located, broken])| *located > 0.0 && *located >= MIN_LOCATED_SHARE * broken)
         };
         failed.iter().copied().filter(|id| !is_located(id)).collect()
     }
 }
 
-/// Returns what is abraded of these failed grids. `spared` grids must not be abraded again; no area extends into them.
+/// Returns the places to abrade on these failed grids. `spared` grids must not be abraded again, so no area extends
+/// into them.
 pub fn treated(
     (panel, fit): (&TaughtPanel, &Fit),
     broken: &Broken,
@@ -67,22 +70,22 @@ pub fn treated(
     let radius_mm = recipe.path().disc_diameter_mm() / 2.0;
     let distances = Distances {
         margin_mm: recipe.treat().widened_mm(recipe.path()),
-        join_mm: JOIN_RADII * radius_mm,
-        least_mm: LEAST_RADII * radius_mm,
+        join_mm: MAX_JOINED_GAP_RADII * radius_mm,
+        least_mm: MIN_SIDE_RADII * radius_mm,
         reach_mm: (REACH_RADII * radius_mm - recipe.treat().uncertainty_mm()).max(0.0),
     };
     let around = around_breaks(&fit.surface, &panel.region, &breaks, distances);
     around.with_uncertainty_mm(recipe.treat().uncertainty_mm())
 }
 
-/// Checks the places of the breaks against the margin, which contains their uncertainty: `located_mm` is that of the
-/// panel's pose, 95 %. Nothing if whole grids are treated.
+/// Checks whether the uncertainty of the panel's pose, `located_mm` (95 %), is within the uncertainty that the margin
+/// around breaks includes; `None` if whole grids are treated.
 pub fn checks(treated: &Treated, located_mm: Option<f64>, recipe: &Recipe) -> Option<Check> {
     treated.areas()?;
     let allowed_mm = recipe.treat().uncertainty_mm();
     let check = Check::new(name::BREAKS_UNCERTAIN, "mm", located_mm);
     let check = check.with_max(allowed_mm, LimitSource::recipe("treat.uncertainty_mm"));
-    // If the uncertainty is not known, the margin does not count as large enough.
+    // An unknown uncertainty counts as larger than the limit.
     let is_kept = located_mm.is_some() && check.is_met();
     Some(check.with_consequence_if(!is_kept, Severity::Review, "breaks_uncertain", || match located_mm {
         Some(found_mm) => {
@@ -114,7 +117,7 @@ mod tests {
         name.parse().expect("a grid")
     }
 
-    /// The scene's panel with a break of ±`half_mm` at (x, y) mm; each broken pixel is 1.6 mm wide.
+    /// Returns a break of ±`half_mm` at (x, y) mm on the scene's panel; each broken pixel is 1.6 mm wide.
     fn broken(panel: &TaughtPanel, [x, y]: [f64; 2], half_mm: f64) -> Broken {
         let mut places = Mask::all_outside(panel.mask.width, panel.mask.height);
         for index in 0..places.inside.len() {
@@ -132,9 +135,9 @@ mod tests {
         areas.map(|area| [width_mm * (area.high.u - area.low.u), height_mm * (area.high.v - area.low.v)]).collect()
     }
 
-    /// By hand: grids are 56 mm wide in x, which on the tilted plane are 56 · √1.04 = 57 mm. A break of 10 mm in the
-    /// middle of r2c3 with the default margin of 15 + 2 mm on each side is an area of 44 mm, give or take a pixel, and at
-    /// least three disc radii, 45 mm; it stays in its grid.
+    /// By hand: grids are 56 mm wide in x, which is 56 · √1.04 = 57 mm on the tilted plane. A break of 10 mm in the
+    /// middle of r2c3 with the default margin of 15 + 2 mm on each side gives an area of 44 mm, to within a pixel. The
+    /// area has at least three disc radii, 45 mm, and stays in its grid.
     #[test]
     fn a_break_in_a_grid_is_an_area_in_it() {
         let recipe = recipe(Shape::Plane, BREAK);
@@ -150,8 +153,8 @@ mod tests {
         assert_eq!(whole, Treated::from_grids(&[id("r2c3")]));
     }
 
-    /// The border between r2c3 and r2c4 lies at x = 28 mm. A break across it is one area with two addresses, also if
-    /// only one of the grids failed. If r2c4 must not be abraded again, the area ends at the border.
+    /// The border between r2c3 and r2c4 lies at x = 28 mm. A break across it gives one area with the names of both
+    /// grids, even if only one of the grids failed. If r2c4 must not be abraded again, the area ends at the border.
     #[test]
     fn a_break_across_two_grids_is_one_area() {
         let recipe = recipe(Shape::Plane, BREAK);
@@ -166,14 +169,15 @@ mod tests {
         let area = spared.areas().expect("around breaks")[0];
         assert!((area.high.u - 0.6).abs() < 1e-12, "{area:?}");
         assert!(spared.broken().expect("known").iter().all(|at| at.u < 0.6), "only what may be abraded counts");
-        // No break lies in the only failed grid: it is treated as a whole, and not left out.
+        // No break lies in the only failed grid: the grid is treated as a whole, and not left out.
         let elsewhere = of(&[id("r1c1")], &[]);
         assert_eq!((elsewhere.grids(), sides(&fit, &elsewhere)[0][0].round()), (&[id("r1c1")][..], 57.0));
     }
 
-    /// A failed grid whose broken places have less than 0.99 of its broken surface, or none, is treated as a whole.
+    /// A failed grid is treated as a whole if the places of its breaks are known for less than 0.99 of its broken
+    /// surface, or not at all.
     #[test]
-    fn a_grid_without_an_outline_is_treated_as_a_whole() {
+    fn a_grid_with_unknown_break_places_is_treated_as_a_whole() {
         let recipe = recipe(Shape::Plane, BREAK);
         let panel = taught(Shape::Plane, ScanDefects::default(), &recipe);
         let fit = examine_fit(&panel, recipe.surface()).expect("a surface");
@@ -189,9 +193,10 @@ mod tests {
         assert_eq!((found.grids(), sides(&fit, &found).len()), (&[id("r3c5")][..], 1));
     }
 
-    /// The default uncertainty is 2 mm: a panel located to 2.1 mm, or to an unknown uncertainty, needs a person.
+    /// The default uncertainty is 2 mm: if the panel is located to 2.1 mm, or to an unknown uncertainty, a person must
+    /// decide.
     #[test]
-    fn the_margin_contains_the_uncertainty_of_the_pose() {
+    fn an_uncertain_pose_needs_a_review() {
         let recipe = recipe(Shape::Plane, BREAK);
         let around = Treated::from_areas(
             &panelprep_cell::panel::Region::new(recipe.region()).expect("convex"),

@@ -1,4 +1,4 @@
-//! Files as people write them: those of this program, and one for each habit of other authors' files.
+//! Files as people write them: those of this program, and one for each style of other authors.
 
 use super::*;
 use crate::check::{FileReport, check_file, check_files};
@@ -6,7 +6,7 @@ use crate::check::{FileReport, check_file, check_files};
 const COMMANDS: &str = include_str!("../../../../config/kuka/CELLCMD.xml");
 const STATE: &str = include_str!("../../../../config/kuka/CELLSTAT.xml");
 
-/// Returns a correct channel, with these lines in INTERNAL (4), RECEIVE (6) and SEND (8).
+/// Returns a correct channel with these lines added to INTERNAL (line 4), RECEIVE (line 6) and SEND (line 8).
 fn file(internal: &str, receive: &str, send: &str) -> String {
     format!(
         "<ETHERNETKRL>\n<CONFIGURATION>\n<EXTERNAL><TYPE>Client</TYPE></EXTERNAL>\n<INTERNAL>{internal}</INTERNAL>\n\
@@ -18,7 +18,7 @@ const INTERNAL: &str = "<ENVIRONMENT>Submit</ENVIRONMENT><BUFFERING Limit=\"512\
                         <IP>172.31.1.147</IP><PORT>54600</PORT>";
 const RECEIVE: &str = "<XML><ELEMENT Tag=\"A/@B\" Type=\"INT\"/><ELEMENT Tag=\"A\" Set_Flag=\"2\"/></XML>";
 
-/// Returns the entries of a list as `line key: message`; the tests compare their beginnings.
+/// Returns the entries of a list as `line key: message`; the tests compare how they begin.
 fn lines(list: &[Problem]) -> Vec<String> {
     list.iter().map(|problem| format!("{} {}: {}", problem.line, problem.key, problem.message)).collect()
 }
@@ -37,7 +37,7 @@ fn expect(text: &str, problems: &[&str], warnings: &[&str]) -> FileReport {
 }
 
 #[test]
-fn our_own_files_are_right_and_state_what_they_do() {
+fn the_programs_own_files_are_correct_and_described() {
     let reports = check_files(&[("config/kuka/CELLCMD.xml", COMMANDS), ("config/kuka/CELLSTAT.xml", STATE)], None);
     for report in &reports {
         assert_eq!((&report.problems, &report.warnings, report.kind), (&vec![], &vec![], Some("EthernetKRL")));
@@ -90,9 +90,9 @@ fn defaults_are_reported() {
     );
 }
 
-/// A streaming driver of the first kind: UDP, a placeholder for the address, everything in the program.
+/// A typical file of a streaming driver: UDP, a placeholder as the address, and a channel that ends with the program.
 #[test]
-fn a_placeholder_and_datagrams_are_reported() {
+fn a_placeholder_address_and_udp_are_reported() {
     let internal = "<ENVIRONMENT>Program</ENVIRONMENT><BUFFERING Mode=\"FIFO\" Limit=\"512\"/>\n<ALIVE Set_Flag=\"1\" Ping=\"200\"/>\
                     <IP>address.of.robot</IP><PORT>54600</PORT><PROTOCOL>UDP</PROTOCOL>\n<TIMEOUT Connect=\"60000\"/>";
     let report = expect(
@@ -113,7 +113,7 @@ fn a_placeholder_and_datagrams_are_reported() {
 }
 
 #[test]
-fn what_the_controller_refuses_is_an_error_with_its_line_and_key() {
+fn properties_that_the_controller_refuses_are_problems() {
     let internal = |more: &str| file(&format!("{INTERNAL}\n{more}"), RECEIVE, "");
     let received =
         |element: &str| file(INTERNAL, &format!("<XML>{element}<ELEMENT Tag=\"A\" Set_Flag=\"2\"/></XML>"), "");
@@ -194,7 +194,7 @@ fn what_the_controller_refuses_is_an_error_with_its_line_and_key() {
 }
 
 #[test]
-fn what_is_no_channel_file_is_reported() {
+fn a_file_without_a_channel_is_reported() {
     for (text, problem) in [
         ("", "1 : not XML: the file contains no element"),
         ("<ETHERNETKRL>\n<SEND>", "2 : not XML: SEND is never closed"),
@@ -218,9 +218,9 @@ fn what_is_no_channel_file_is_reported() {
     expect(&deep, &["1 : not XML: elements are nested more than 32 levels deep"], &[]);
 }
 
-/// Unknown elements, names in another case, and comments as in a data list: they are read and reported.
+/// Unknown elements, names with other capital letters, and comments as in a data list: they are read and reported.
 #[test]
-fn unknown_names_get_the_nearest_right_one() {
+fn the_nearest_known_name_is_suggested_for_unknown_names() {
     let internal =
         format!("{INTERNAL}\n<BUFERING Limit=\"9\"/><SENDFLAG>1</SENDFLAG>\n<ENVIROMENT>Submit</ENVIROMENT>");
     expect(
@@ -256,7 +256,7 @@ fn unknown_names_get_the_nearest_right_one() {
 
 /// Elements over several lines, commented-out elements, a flag on a leaf, a repeated tag, a missing type.
 #[test]
-fn elements_are_looked_at_one_by_one() {
+fn each_element_is_checked() {
     let receive = "<XML>\n<!-- <ELEMENT Tag=\"A/@Z\" Type=\"AXIS\"/> &lt;!&ndash; -->\n<ELEMENT Tag=\"A/@B\"\n  Type=\"STRING\"\n  \
                    Set_Flag=\"5\"/>\n<ELEMENT Tag=\"A/@C\"/>\n<ELEMENT Tag=\"A/@B\" Type=\"STRING\"/>\n\
                    <ELEMENT Tag=\"F/G\" Type=\"FRAME\" Mode=\"LIFO\"/><ELEMENT Tag=\"F/G/@X\" Type=\"REAL\"/>\n\
@@ -278,10 +278,10 @@ fn elements_are_looked_at_one_by_one() {
     assert!(report.descriptions.contains(&rises), "{:?}", report.descriptions);
 }
 
-/// Two nodes below a node with the flag: the flag is set when both have arrived. Then a datum beside that node, which
-/// the flag does not cover.
+/// Two child elements of an element with a flag: the flag is set when both have arrived. Then an element beside that
+/// element, which the flag does not cover.
 #[test]
-fn a_flag_above_all_data_is_as_good_as_the_roots() {
+fn a_flag_of_an_element_with_all_data_is_enough() {
     let receive = "<XML><ELEMENT Tag=\"A/C/@N\" Type=\"INT\"/><ELEMENT Tag=\"A/C/P\" Type=\"FRAME\"/>\
                    <ELEMENT Tag=\"A/C\" Set_Flag=\"5\"/></XML>";
     let report = expect(&file(INTERNAL, receive, ""), &[], &[]);
@@ -300,9 +300,10 @@ fn a_flag_above_all_data_is_as_good_as_the_roots() {
     );
 }
 
-/// Records of bytes; a controller that connects as a client; two roots sent, a text and an attribute of one node.
+/// Records of bytes; a controller that connects as a client; two root elements that are sent, with the text and an
+/// attribute of one element.
 #[test]
-fn other_kinds_of_channel_are_put_in_words() {
+fn other_kinds_of_channel_are_described() {
     let says = |text: &str| check_file("x/y\\B.xml", text).descriptions;
     let bytes =
         file(INTERNAL, "<RAW><ELEMENT Tag=\"Buffer\" Type=\"BYTE\" Set_Flag=\"3\" Size=\"256\"/></RAW>", "");
@@ -330,7 +331,7 @@ fn other_kinds_of_channel_are_put_in_words() {
 }
 
 #[test]
-fn files_of_one_controller_are_held_against_each_other() {
+fn files_of_one_controller_are_compared() {
     let other = file(INTERNAL, RECEIVE, "");
     let away = other.replace("54600", "54605").replace("Set_Flag=\"1\"", "Set_Flag=\"11\"");
     let reports = check_files(
@@ -360,9 +361,9 @@ fn files_of_one_controller_are_held_against_each_other() {
     assert_begins(&lines(&reports[1].problems), &["1 : a/ONE.xml also defines the channel ONE"], COMMANDS);
 }
 
-/// As in a project's file of flags: 2,688 is outside of the manual's range, and only this is reported.
+/// A flag number from a real project, 2,688: it is outside of the manual's range, and only this is reported.
 #[test]
-fn a_flag_that_is_none_is_reported_once() {
+fn a_flag_number_out_of_range_is_reported_once() {
     let flags = |number: &str| {
         let receive = RECEIVE.replace("Set_Flag=\"2\"", &format!("Set_Flag=\"{number}\""));
         assert_ne!(receive, RECEIVE);

@@ -129,9 +129,12 @@ fn recipe_and_tool_must_agree() {
     };
     assert!(says(TOOL, "").contains("states no [path] force_n"));
     assert!(says("", FORCE).contains("force_n = 20, which has no effect"));
-    // By hand: 1.5 kg weigh 14.7 N, so that with the band of 5 N a tool of 100 N has 80.3 N left when it points up.
+    // By hand: 1.5 kg weigh 14.7 N, so with a force tolerance of 5 N, a tool of 100 N has 80.3 N left if it points upwards.
     let told = says(TOOL, "[path]\nforce_n = 80.5\n");
-    assert!(told.contains("with the tool's band of 5 N and the weight of its payload, 14.7 N"), "{told}");
+    assert!(
+        told.contains("with the tool's force tolerance of 5 N and the weight of its payload, 14.7 N"),
+        "{told}"
+    );
     assert!(told.contains("it exceeds [tool] max_force_n = 100"), "{told}");
     assert_eq!(says(TOOL, "[path]\nforce_n = 80\n"), "");
     assert_eq!(says(TOOL, FORCE), "");

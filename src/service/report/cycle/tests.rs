@@ -112,7 +112,7 @@ fn the_page_shows_every_number_limit_and_hash() {
 }
 
 #[test]
-fn a_whole_budget_needs_no_stated_error_and_a_running_cycle_is_no_result() {
+fn a_complete_budget_has_a_total_and_a_running_cycle_no_result() {
     let part = Some(0.5);
     let whole = Budget { hand_eye_mm: part, locate_mm: part, fit_mm: part, robot_mm: part, stated_mm: Some(0.8) };
     let html = cycle_page(
@@ -131,14 +131,14 @@ fn a_whole_budget_needs_no_stated_error_and_a_running_cycle_is_no_result() {
 }
 
 #[test]
-fn numbers_keep_four_digits() {
+fn numbers_have_four_significant_digits() {
     let texts = [0.123456, 59.8, 123456.7, 0.00012344, -2.5, 0.0, 100.04, 3.0].map(format_value);
     assert_eq!(texts, ["0.1235", "59.8", "123457", "0.0001234", "-2.5", "0", "100", "3"]);
 }
 
-/// A contact path with an end that was not reported: 3 waypoints were reported, 16 permitted; r1c1 is reached from
-/// 2 on, r1c2 from 10, r1c3 from 30.
-fn cut_short() -> CycleRecord {
+/// A contact path whose end was not reported: the robot reported 3 waypoints, and 16 were permitted. The path reaches
+/// r1c1 at waypoint 2, r1c2 at 10 and r1c3 at 30.
+fn cycle_with_an_interrupted_path() -> CycleRecord {
     let reached = |grid: &str, first| FirstReached { grid: grid.to_owned(), first };
     let grids = vec![reached("r1c1", 2), reached("r1c2", 10), reached("r1c3", 30)];
     let path = ContactPath { id: Id(5), pass: 1, grids, wears_mm2: 1_234.0 };
@@ -150,9 +150,9 @@ fn cut_short() -> CycleRecord {
 }
 
 #[test]
-fn what_is_not_known_of_a_contact_is_reported_to_be_unknown() {
+fn unknown_facts_about_a_contact_are_stated_as_unknown() {
     for outcome in [None, Some(Outcome::Cleared)] {
-        let mut record = cut_short();
+        let mut record = cycle_with_an_interrupted_path();
         record.motions[0].outcome = outcome;
         let html = cycle_page(&record, &BTreeMap::new()).html();
         for part in [
@@ -166,7 +166,7 @@ fn what_is_not_known_of_a_contact_is_reported_to_be_unknown() {
         }
         assert!(!html.contains("touched no grid") && !html.contains("<td>r1c3</td>"), "{html}");
     }
-    let mut unkept = cut_short();
+    let mut unkept = cycle_with_an_interrupted_path();
     unkept.motions[0].contact = None;
     let html = cycle_page(&unkept, &BTreeMap::new()).html();
     assert!(
@@ -178,7 +178,8 @@ fn what_is_not_known_of_a_contact_is_reported_to_be_unknown() {
 #[test]
 fn simulated_time_and_wall_time_are_distinguished() {
     let simulated = |ms: u64| Some(Clock::Simulated { at_ms: ms });
-    let mut record = CycleRecord { clocks: [simulated(500), simulated(192_700)], ..cut_short() };
+    let mut record =
+        CycleRecord { clocks: [simulated(500), simulated(192_700)], ..cycle_with_an_interrupted_path() };
     record.findings[0]
         .checks
         .extend([Check::new(name::SCAN_TO_VERDICT, "ms", 136.0), Check::new("residual", "mm", 0.1)]);
@@ -199,9 +200,10 @@ fn simulated_time_and_wall_time_are_distinguished() {
     assert!(cycle_page(&earlier, &BTreeMap::new()).html().contains("was not recorded"));
 }
 
-/// By hand: of 102 waypoints 101 belong to the path, and these are executed; the approach ends at the first waypoint.
+/// By hand: 101 of the 102 waypoints belong to the path, and these are executed; the approach ends at the first
+/// waypoint.
 #[test]
-fn planned_and_executed_waypoints_agree() {
+fn planned_and_executed_waypoints_are_counted_alike() {
     let executed = Check::new(name::EXECUTED_WAYPOINTS_NAME, "", 101.0)
         .with_limit(Limit::AtLeast(101.0), LimitSource::Program);
     let findings = vec![
@@ -219,7 +221,7 @@ fn planned_and_executed_waypoints_agree() {
 }
 
 #[test]
-fn a_number_that_is_not_allowed_differs_from_its_limit() {
+fn a_number_beyond_its_limit_is_printed_differently_from_it() {
     let shown = |value: f64, limit: Limit| {
         let row = row(
             &Check::new("n", "%", value).with_limit(limit, LimitSource::Program),
@@ -243,8 +245,8 @@ fn the_page_of_a_cycle_on_foam_releases_nothing() {
     assert!(html.contains("cycle 7, on foam</h1>") && html.contains("releases no panel"), "{html}");
 }
 
-/// The verdict of an air-run states that the motions passed, not the panel: its page states this, and has no
-/// conditions of a test.
+/// The verdict of an air-run states that the motions passed, not that the panel passed: its page states this, and
+/// contains no conditions of a test.
 #[test]
 fn the_page_of_an_air_run_releases_nothing() {
     let cycle = record();

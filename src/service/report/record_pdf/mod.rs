@@ -1,8 +1,8 @@
 //! The record of a cycle on one page, to read and to sign, as HTML and as PDF; content that does not fit on the page
 //! follows as an annex.
 //!
-//! The content (`sheet`) is created once, as `tables`, from the stored data of the cycle, and is drawn in both formats.
-//! Nothing is decided here: every word and number is already in the record.
+//! The sheet (`sheet`) consists of tables (`tables`). It is created once from the stored data of the cycle and is drawn
+//! in both formats. Nothing is decided here: every word and number is already in the record.
 
 mod pdf;
 mod sheet;

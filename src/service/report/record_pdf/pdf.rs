@@ -1,7 +1,8 @@
-//! The page and its annex as PDF/A-3, with the signed record inside: this one file contains everything that was signed.
+//! The page and its annex as PDF/A-3, with the signed record attached: this one file contains everything that was
+//! signed.
 //!
-//! First each text, line and picture gets its position: a list of marks for each page, in points from its top left
-//! corner. Then the marks are drawn.
+//! First each text, rectangle and picture gets its position: a list of elements for each page, in points from its top
+//! left corner. Then the elements are drawn.
 
 use super::sheet::RecordSheet;
 use super::tables::{Block, GridMap, GridState};
@@ -26,7 +27,7 @@ use ttf_parser::{Face, FaceParsingError};
 pub struct AttachedFile {
     /// Its name.
     pub name: String,
-    /// The content of the file, as text.
+    /// Text that describes the content of the file.
     pub description: String,
     /// The type of the file, such as `application/json`.
     pub mime_type: &'static str,
@@ -34,7 +35,7 @@ pub struct AttachedFile {
     pub bytes: Vec<u8>,
 }
 
-/// The reason why there is no PDF.
+/// The reason why the PDF cannot be written.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("the record cannot be written as PDF/A-3: {problem}")]
 pub struct PdfError {
@@ -60,10 +61,11 @@ impl PdfError {
     }
 }
 
-/// Returns the PDF. `unix_s` is when the record was made, s since 1970: the same record gives the same bytes.
+/// Returns the PDF. `unix_s` is the time at which the record was made, s since 1970. The same record always gives the
+/// same bytes.
 ///
 /// # Errors
-/// If a picture is not a JPEG, or the file would not be PDF/A-3.
+/// If a picture is not a JPEG, or the file would not be valid PDF/A-3.
 pub fn pdf(
     sheet: &RecordSheet,
     figures: &[Figure],
@@ -98,8 +100,8 @@ pub fn pdf(
             .language("en".to_owned())
             .creation_date(date),
     );
-    let size =
-        PageSettings::from_wh(PAGE_PT[0], PAGE_PT[1]).ok_or_else(|| PdfError::new("the page size is not valid"))?;
+    let size = PageSettings::from_wh(PAGE_SIZE_PT[0], PAGE_SIZE_PT[1])
+        .ok_or_else(|| PdfError::new("the page size is not valid"))?;
     for marks in &laid {
         let mut page = document.start_page_with(size.clone());
         let mut surface = page.surface();
@@ -175,7 +177,7 @@ fn draw(surface: &mut Surface<'_>, mark: &PageElement, fonts: &(Font, Font), ima
     }
 }
 
-/// Converts a time to the date format of a PDF; the date is taken from the text that people read.
+/// Converts a time to the date format of a PDF, by way of the text that people read.
 fn date(unix_s: i64) -> Option<DateTime> {
     let words = utc_text(unix_s);
     let numbers: Vec<u16> =
@@ -187,29 +189,29 @@ fn date(unix_s: i64) -> Option<DateTime> {
 }
 
 /// A4, points.
-const PAGE_PT: [f32; 2] = [595.0, 842.0];
+const PAGE_SIZE_PT: [f32; 2] = [595.0, 842.0];
 const MARGIN_PT: f32 = 34.0;
 const TEXT_PT: f32 = 7.0;
-const LEADING: f32 = 1.28;
+const LINE_HEIGHT_FACTOR: f32 = 1.28;
 const HEADING_PT: f32 = 8.2;
 const TITLE_PT: f32 = 13.0;
-/// Largest length of the map's longer side.
-const MAP_PT: f32 = 150.0;
-/// Largest side of a grid's cell in the map.
-const CELL_PT: f32 = 18.0;
+/// Largest length of the map's longer side, pt.
+const MAX_MAP_SIDE_PT: f32 = 150.0;
+/// Largest side of a grid's cell in the map, pt.
+const MAX_CELL_SIDE_PT: f32 = 18.0;
 const GREY: [u8; 3] = [90, 90, 90];
 const BLACK: [u8; 3] = [0, 0, 0];
 
-/// A drawn element of a page.
+/// An element of a page.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum PageElement {
-    /// A line of text; its position is its left end on the baseline.
+    /// A line of text; its position is the left end of its baseline.
     Text { at: [f32; 2], size_pt: f32, bold: bool, colour: [u8; 3], text: String },
     /// A line.
     Line { from: [f32; 2], to: [f32; 2], width_pt: f32 },
     /// A filled rectangle with its outline.
     Cell { at: [f32; 2], side_pt: f32, colour: [u8; 3] },
-    /// The picture with this number, in this box.
+    /// The picture with this index, in this box.
     Picture { at: [f32; 2], size: [f32; 2], number: usize },
 }
 
@@ -222,7 +224,7 @@ pub(super) struct AnnexPicture<'p> {
     pub size_px: [u32; 2],
 }
 
-/// The two fonts, for calculating the widths of texts.
+/// The two fonts, with which the widths of texts are calculated.
 pub(super) struct FontFaces {
     regular: Face<'static>,
     bold: Face<'static>,
@@ -247,7 +249,7 @@ impl FontFaces {
         units * size_pt / f32::from(face.units_per_em())
     }
 
-    /// Returns the same text in characters that the font has; any other character is replaced by its number.
+    /// Returns the text with each character that a font lacks replaced by its Unicode number.
     fn printable(&self, text: &str) -> String {
         let mut printable = String::with_capacity(text.len());
         for sign in text.chars() {
@@ -262,7 +264,7 @@ impl FontFaces {
         printable
     }
 
-    /// Splits a text into lines of at most this width; a wider word is cut.
+    /// Splits a text into lines of at most this width; a word that is wider is split as well.
     fn wrap_text(&self, text: &str, style: (f32, bool), width_pt: f32) -> Vec<String> {
         let mut lines = vec![String::new()];
         for word in self.printable(text).split(' ').filter(|word| !word.is_empty()) {
@@ -292,14 +294,14 @@ impl FontFaces {
     }
 }
 
-/// Pages that are being laid out.
+/// The pages whose layout is being computed, and the vertical position of the next element.
 struct PageLayout<'f> {
     faces: &'f FontFaces,
     pages: Vec<Vec<PageElement>>,
     y: f32,
 }
 
-/// Returns the marks of each page, and the number of pages before the annex.
+/// Returns the elements of each page, and the number of pages before the annex.
 pub(super) fn pages(
     sheet: &RecordSheet,
     pictures: &[AnnexPicture<'_>],
@@ -323,7 +325,7 @@ pub(super) fn pages(
     for (number, shown) in pictures.iter().enumerate() {
         laying.picture(number, shown);
     }
-    laying.add_page_feet(&sheet.title);
+    laying.add_page_footers(&sheet.title);
     (laying.pages, first)
 }
 
@@ -339,17 +341,17 @@ impl PageLayout<'_> {
         self.y = MARGIN_PT;
     }
 
-    /// Begins a new page if this height has no room on the current one.
+    /// Begins a new page if less than this height is left on the current one.
     fn ensure_height(&mut self, height_pt: f32) {
-        if self.y + height_pt > PAGE_PT[1] - MARGIN_PT && self.y > MARGIN_PT {
+        if self.y + height_pt > PAGE_SIZE_PT[1] - MARGIN_PT && self.y > MARGIN_PT {
             self.begin_page();
         }
     }
 
     fn text(&mut self, text: &str, (size_pt, bold): (f32, bool), colour: [u8; 3]) {
-        for text in self.faces.wrap_text(text, (size_pt, bold), PAGE_PT[0] - 2.0 * MARGIN_PT) {
-            self.ensure_height(size_pt * LEADING);
-            self.y += size_pt * LEADING;
+        for text in self.faces.wrap_text(text, (size_pt, bold), PAGE_SIZE_PT[0] - 2.0 * MARGIN_PT) {
+            self.ensure_height(size_pt * LINE_HEIGHT_FACTOR);
+            self.y += size_pt * LINE_HEIGHT_FACTOR;
             self.add_element(PageElement::Text {
                 at: [MARGIN_PT, self.y - 0.25 * size_pt],
                 size_pt,
@@ -360,12 +362,12 @@ impl PageLayout<'_> {
         }
     }
 
-    /// Adds cells side by side, each wrapped in its column: x, width, colour, text.
+    /// Adds cells side by side, each with its text wrapped to the width of its column: x, width, colour, text.
     fn row(&mut self, cells: &[(f32, f32, [u8; 3], &str)], style: (f32, bool)) {
         let wrapped: Vec<Vec<String>> =
             cells.iter().map(|(_, width, _, text)| self.faces.wrap_text(text, style, width - 4.0)).collect();
         let lines = wrapped.iter().map(Vec::len).max().unwrap_or(1);
-        let line_pt = style.0 * LEADING;
+        let line_pt = style.0 * LINE_HEIGHT_FACTOR;
         self.ensure_height(lines as f32 * line_pt + 2.0);
         for ((x, _, colour, _), texts) in cells.iter().zip(wrapped) {
             for (index, text) in texts.into_iter().enumerate() {
@@ -380,14 +382,14 @@ impl PageLayout<'_> {
             }
         }
         self.y += lines as f32 * line_pt + 1.0;
-        let (from, to) = ([MARGIN_PT, self.y], [PAGE_PT[0] - MARGIN_PT, self.y]);
+        let (from, to) = ([MARGIN_PT, self.y], [PAGE_SIZE_PT[0] - MARGIN_PT, self.y]);
         self.add_element(PageElement::Line { from, to, width_pt: 0.25 });
         self.y += 1.0;
     }
 
     fn facts(&mut self, facts: &[(String, String)]) {
         self.y += 4.0;
-        let half = (PAGE_PT[0] - 2.0 * MARGIN_PT) / 2.0;
+        let half = (PAGE_SIZE_PT[0] - 2.0 * MARGIN_PT) / 2.0;
         let (name, value) = (0.33 * half, 0.67 * half);
         for pair in facts.chunks(2) {
             let cells: Vec<(f32, f32, [u8; 3], &str)> = pair
@@ -404,10 +406,10 @@ impl PageLayout<'_> {
 
     fn table(&mut self, block: &Block) {
         // A heading stays on the same page as its first row.
-        self.ensure_height(HEADING_PT * LEADING + 4.0 * TEXT_PT * LEADING);
+        self.ensure_height(HEADING_PT * LINE_HEIGHT_FACTOR + 4.0 * TEXT_PT * LINE_HEIGHT_FACTOR);
         self.y += 3.0;
         self.text(&block.heading, (HEADING_PT, true), BLACK);
-        let width = PAGE_PT[0] - 2.0 * MARGIN_PT;
+        let width = PAGE_SIZE_PT[0] - 2.0 * MARGIN_PT;
         let mut columns = Vec::new();
         let mut x = MARGIN_PT;
         for (head, share) in &block.columns {
@@ -426,7 +428,7 @@ impl PageLayout<'_> {
 
     fn map(&mut self, map: &GridMap) {
         let most = map.columns.max(map.rows.len()).max(1) as f32;
-        let side = CELL_PT.min(MAP_PT / most);
+        let side = MAX_CELL_SIDE_PT.min(MAX_MAP_SIDE_PT / most);
         let height = (map.rows.len() as f32 * side).max(4.0 * 13.0);
         self.ensure_height(height + 8.0);
         self.y += 5.0;
@@ -469,23 +471,23 @@ impl PageLayout<'_> {
     }
 
     fn picture(&mut self, number: usize, shown: &AnnexPicture<'_>) {
-        let room = [PAGE_PT[0] - 2.0 * MARGIN_PT, 330.0];
+        let room = [PAGE_SIZE_PT[0] - 2.0 * MARGIN_PT, 330.0];
         let [width, height] = shown.size_px.map(|px| px.max(1) as f32);
         let scale = (room[0] / width).min(room[1] / height);
         let size = [width * scale, height * scale];
-        self.ensure_height(size[1] + 3.0 * TEXT_PT * LEADING);
+        self.ensure_height(size[1] + 3.0 * TEXT_PT * LINE_HEIGHT_FACTOR);
         self.y += 6.0;
         self.add_element(PageElement::Picture { at: [MARGIN_PT, self.y], size, number });
         self.y += size[1];
         self.text(shown.caption, (TEXT_PT, false), GREY);
     }
 
-    /// Adds the foot of each page.
-    fn add_page_feet(&mut self, title: &str) {
+    /// Adds a footer to each page.
+    fn add_page_footers(&mut self, title: &str) {
         let all = self.pages.len();
         for (index, page) in self.pages.iter_mut().enumerate() {
             let text = self.faces.printable(&format!("{title} · page {} of {all}", index + 1));
-            let at = [MARGIN_PT, PAGE_PT[1] - 0.55 * MARGIN_PT];
+            let at = [MARGIN_PT, PAGE_SIZE_PT[1] - 0.55 * MARGIN_PT];
             page.push(PageElement::Text { at, size_pt: 6.0, bold: false, colour: GREY, text });
         }
     }

@@ -23,7 +23,7 @@ pub struct RecordSheet {
     pub title: String,
     /// How the cycle ended.
     pub verdict: Verdict,
-    /// The cycle's end in a sentence.
+    /// The result of the cycle in a sentence.
     pub disposition: String,
     /// Pairs of name and value above the map, two pairs in each line.
     pub facts: Vec<(String, String)>,
@@ -35,12 +35,12 @@ pub struct RecordSheet {
     pub annex: Vec<Block>,
 }
 
-/// Number of rows that each table is guaranteed on the page; the annex has all rows.
+/// Number of rows on the page that is reserved for each table; the annex has all rows.
 const GUARANTEED_ROWS: usize = 5;
 const UNNAMED_TEXT: &str = "not stated at the start";
 
-/// Tables that receive the free rows of the other tables, in this order: numbers, equipment and then failed grids.
-/// A row of these tables is one line.
+/// Indices of the tables that receive the rows that other tables do not use, in this order: numbers, equipment, failed
+/// grids. A row of these tables is one line.
 const ROW_PRIORITY: [usize; 3] = [2, 3, 0];
 
 /// Returns the number of rows of each table on the page; together the tables have at most as many rows as if each had
@@ -96,7 +96,7 @@ impl RecordSheet {
             }
             blocks.push(shown);
         }
-        // The line for the person who decides follows the rows of the people who signed, whatever their number.
+        // The line for the person who decides comes after the rows of all people who signed.
         if let (Some(line), Some(block)) = (signature_line(sources), blocks.last_mut()) {
             block.rows.push(line);
         }
@@ -133,7 +133,7 @@ fn disposition_text(record: &CycleRecord) -> String {
     };
     if record.has_no_part() {
         return "NO PART: nothing, or an object that is not recognised as the taught panel, was in the cell; the part with \
-                this serial number was not examined. If it was in the cell, an inspector must look at it"
+                this serial number was not examined. If it was in the cell, an inspector must examine it"
             .to_owned();
     }
     let words = match judgement.verdict {
@@ -161,7 +161,7 @@ fn facts(sources: &RecordSources<'_>) -> Vec<(String, String)> {
         let value = record.findings.iter().find_map(|finding| finding.details.get(detail));
         value.and_then(|value| value.as_str()).map(|text| format!("{text} (stated by the recipe)"))
     };
-    // Of several people who state a value, the last one counts.
+    // If several people stated a value, the last statement counts.
     let by_person = |value: fn(&StatedValues) -> Option<&String>| {
         let mut last_first = sources.signatures.iter().rev();
         last_first.find_map(|one| {
@@ -216,7 +216,8 @@ fn facts(sources: &RecordSources<'_>) -> Vec<(String, String)> {
     ]
 }
 
-/// Characters of a value that a person stated, on the page; the signed file of the signature has all of them.
+/// Maximum number of characters of a value that a person stated, on the page; the signed file of the signature contains
+/// the whole value.
 const MAX_STATED_CHARACTERS: usize = 90;
 
 /// Returns a value that a person stated, as the page prints it.
@@ -227,7 +228,7 @@ fn stated_text(text: &str) -> String {
     }
 }
 
-/// What the page states if the store has no approval of the recipe's text.
+/// Text on the page if the store has no approval of the recipe's text.
 const NO_APPROVAL: &str = "no approval in the store";
 
 fn earlier_removal_text(earlier: Option<&[EarlierCycle]>) -> String {
@@ -253,8 +254,9 @@ fn time(record: &CycleRecord) -> String {
     format!("{began}, {took}{simulated}")
 }
 
-/// States the criterion by which a grid fails, as it was applied to the films. The time is the window as recipe or cell
-/// state it; the check's limit is one picture shorter, since a window begins and ends between two pictures.
+/// Describes the criterion by which a grid fails, as it was applied to the films. The time is the observation window
+/// that recipe or cell states. The limit of the check is shorter by the interval between two pictures, because the
+/// window begins and ends between two pictures.
 fn criterion(record: &CycleRecord, process: Option<&recipe::Process>) -> String {
     let films = record.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
     let checks: Vec<&Check> = films.flat_map(|film| &film.checks).collect();
@@ -306,11 +308,11 @@ font-size:13px;margin:.7em 0 .1em}.sheet table{width:100%;margin:0}.sheet th,.sh
 vertical-align:top;overflow-wrap:anywhere;white-space:normal}.sheet .facts{display:grid;grid-template-columns:1fr 1fr;gap:0 1.5rem}\
 .sheet .facts div{border-bottom:1px solid #ddd;display:flex;gap:.6rem}.sheet .facts b{flex:0 0 38%;font-weight:normal;color:#555}\
 .sheet .map table{width:auto}.sheet .map{display:flex;gap:1rem;align-items:flex-start;margin-top:.6em}@media print{.sheet{font-size:7.6pt;break-after:page}}";
-/// The side of a cell of the map, px, if the region has few grids; if there are more, they are drawn smaller.
-const CELL_PX: usize = 34;
-const MAP_PX: usize = 380;
+/// Largest side of a cell of the map, px; the cells of a region with many grids are smaller.
+const MAX_CELL_SIDE_PX: usize = 34;
+const MAX_MAP_SIDE_PX: usize = 380;
 
-/// Returns the page; it comes before the annex.
+/// Returns the sheet as HTML, without the annex.
 pub fn html(sheet: &RecordSheet) -> String {
     let page = markup! {
         style { (PreEscaped(STYLE_SHEET)) }
@@ -340,11 +342,10 @@ fn table(block: &Block) -> Markup {
     }
 }
 
-/// Draws the map: each grid with its letter and hatch, so that the map is readable without colour and on a bad
-/// copy.
+/// Draws the map: each grid with its letter and hatch, so that the map is readable without colour and on a poor copy.
 fn draw_grid_map(map: &GridMap) -> Markup {
     let most = map.columns.max(map.rows.len()).max(1);
-    let side = CELL_PX.min(MAP_PX / most).max(4);
+    let side = MAX_CELL_SIDE_PX.min(MAX_MAP_SIDE_PX / most).max(4);
     let (width, height) = (map.columns * side, map.rows.len() * side);
     let cells = map.rows.iter().enumerate().flat_map(|(row, states)| {
         states.iter().enumerate().map(move |(column, state)| (column * side, row * side, *state))
@@ -357,7 +358,7 @@ fn draw_grid_map(map: &GridMap) -> Markup {
     }
 }
 
-// Inside an SVG, each element needs its own closing tag; otherwise it would contain all elements that follow.
+// In an SVG, each element needs its own closing tag; otherwise it would contain all elements that follow.
 fn cell([x, y]: [usize; 2], side: usize, state: GridState) -> Markup {
     let [red, green, blue] = state.state_color();
     let [down, up] = state.hatch_directions();
@@ -403,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn each_grid_of_the_map_is_an_element_of_its_own() {
+    fn each_grid_of_the_map_is_a_closed_svg_element() {
         let rows = vec![vec![GridState::Passed, GridState::Failed], vec![GridState::PassedAfterAbrasion; 2]];
         let svg = draw_grid_map(&GridMap { rows, columns: 2 }).into_string();
         assert_eq!((svg.matches("<rect").count(), svg.matches("></rect>").count()), (4, 4), "{svg}");

@@ -1,7 +1,7 @@
-//! The data from which the page is made; from it, the tables of the page and of its annex, and the map of the grids.
+//! The data from which the page is made, the tables of the page and of its annex, and the map of the grids.
 //!
-//! Each grid passed at once, failed and passed after it was abraded, failed, or is not reported. All numbers have one
-//! format: the digits that the measurement supports, beside the limit and its source.
+//! A grid passed in the first film, passed after it had failed and was abraded, failed, or was not tested. All numbers
+//! have one format: the digits that the measurement supports, beside the limit and its source.
 
 use crate::report::cycle::event_sections;
 use crate::report::page::Section;
@@ -25,17 +25,17 @@ pub struct RecordSources<'s> {
     pub part: Option<&'s PartNames>,
     /// The cycle's recipe; `None` if the stored copy is missing.
     pub recipe: Option<&'s Recipe>,
-    /// Who approved the recipe and when, in words; `None` if the store has no approval of this text.
+    /// Text that states who approved the recipe and when; `None` if the store has no approval of this recipe's text.
     pub recipe_approval: Option<&'s str>,
-    /// What measured.
+    /// The equipment.
     pub equipment: &'s [Equipment],
-    /// Earlier cycles that abraded the same part; `None` if no serial number was named.
+    /// Earlier cycles that abraded the same part; `None` if the part's serial number is not known.
     pub earlier: Option<&'s [EarlierCycle]>,
     /// The people who signed, in order.
     pub signatures: &'s [PrintedSignature],
 }
 
-/// A camera, a tool or a mount with its calibration.
+/// A camera, a tool or a mount, with its calibration.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Equipment {
     /// The kind of equipment, such as "scanner, lens".
@@ -81,7 +81,7 @@ pub struct PrintedSignature {
     pub meaning: String,
     /// The record's number in the chain of signed records, and the record's hash.
     pub chain_position: String,
-    /// A person who decides whether the part is released.
+    /// Whether the person decided with this signature about the release of the part.
     pub is_deciding: bool,
     /// The values that the cell does not measure, as this person stated them.
     pub values: StatedValues,
@@ -98,7 +98,8 @@ pub struct Block {
     pub rows: Vec<Vec<String>>,
 }
 
-const TABLE: [(&str, f32); 4] = [("check", 0.42), ("measured", 0.2), ("limit", 0.18), ("limit set by", 0.2)];
+const CHECK_COLUMNS: [(&str, f32); 4] =
+    [("check", 0.42), ("measured", 0.2), ("limit", 0.18), ("limit set by", 0.2)];
 
 /// Lists every film, including invalid films.
 pub(super) fn film_list(record: &CycleRecord) -> Block {
@@ -128,10 +129,10 @@ pub(super) fn film_list(record: &CycleRecord) -> Block {
     }
 }
 
-/// Lists the values by which a reader judges the treatment; if there are several values of one kind, the last one.
+/// Lists the values by which a reader judges the treatment; of several values of one kind, only the last one.
 pub(super) fn numbers(record: &CycleRecord) -> Block {
-    // In the record, a check's name may only be understandable after the name of the check before it; here each name
-    // is complete.
+    // In the record, the names of some checks are understandable only after the preceding check; here each name is
+    // complete.
     let wanted = [
         (Kind::Inspect, name::SMALLEST_BREAK, name::SMALLEST_BREAK),
         (Kind::Locate, name::RESIDUAL, name::RESIDUAL),
@@ -160,7 +161,7 @@ pub(super) fn numbers(record: &CycleRecord) -> Block {
     };
     Block {
         heading: "Measured values with their limits".to_owned(),
-        columns: TABLE.to_vec(),
+        columns: CHECK_COLUMNS.to_vec(),
         rows: wanted.into_iter().filter_map(last).collect(),
     }
 }
@@ -205,7 +206,7 @@ pub(super) fn equipment_table(all: &[Equipment]) -> Block {
     }
 }
 
-/// Lists the results on which a person had to decide, and who decided.
+/// Lists the results about which a person had to decide, each with its decision.
 pub(super) fn deviations(record: &CycleRecord) -> Block {
     let all = record.findings.iter().zip(finding_dispositions(&record.findings, &record.asked));
     let reviews = all.filter(|(finding, _)| finding.judgement.verdict == Verdict::Review);
@@ -241,8 +242,8 @@ pub(super) fn signatures(sources: &RecordSources<'_>) -> Block {
     }
 }
 
-/// Returns the line to sign by hand; `None` for a cycle that examined no part, which has nothing to release, or if a
-/// signature already decides.
+/// Returns the line for a signature by hand; `None` if the cycle examined no part and there is nothing to release, or
+/// if a signature already contains the decision.
 pub(super) fn signature_line(sources: &RecordSources<'_>) -> Option<Vec<String>> {
     let is_open = sources.record.has_examined_part() && !sources.signatures.iter().any(|one| one.is_deciding);
     let line = "……………………………".to_owned();
@@ -264,7 +265,7 @@ pub(super) fn events(record: &CycleRecord) -> Vec<Block> {
     event_sections(record).into_iter().map(block).collect()
 }
 
-/// Lists every reason in full, because the page has no space for long ones.
+/// Lists every reason in full, because the page has space only for short ones.
 pub(super) fn reasons(record: &CycleRecord) -> Option<Block> {
     let row = |what: String, verdict: Verdict, message: &str| {
         vec![what, verdict.keyword().to_owned(), message.to_owned()]
@@ -286,12 +287,12 @@ pub(super) fn check_table(finding: &Finding) -> Block {
     let pass = if finding.pass == 0 { String::new() } else { format!(", pass {}", finding.pass) };
     Block {
         heading: format!("All numbers: {}{pass}, {}", kind_text(finding.kind), finding.judgement.verdict.keyword()),
-        columns: TABLE.to_vec(),
+        columns: CHECK_COLUMNS.to_vec(),
         rows: finding.checks.iter().map(|check| row(check, "")).collect(),
     }
 }
 
-/// Shortens a text to what fits on the page; the annex has the full text.
+/// Shortens a text to at most this number of characters for the page; the annex has the full text.
 pub(super) fn shorten_for_page(text: &str, most: usize) -> String {
     match text.char_indices().nth(most) {
         Some((end, _)) => format!("{}… (see the annex)", &text[..end]),
@@ -299,7 +300,7 @@ pub(super) fn shorten_for_page(text: &str, most: usize) -> String {
     }
 }
 
-/// Returns the first digits of a hash: enough to compare by eye; the signed record has all digits.
+/// Returns the first digits of a hash, which are enough to compare two hashes by eye; the signed record has all digits.
 pub(super) fn short_hash(hash: &str) -> String {
     hash.get(..16).map_or(hash.to_owned(), |digits| format!("{digits}…"))
 }
@@ -352,7 +353,7 @@ impl GridState {
         }
     }
 
-    /// The directions in which the state's cell is hatched: `[down to the right, up to the right]`.
+    /// Returns the directions in which the state's cell is hatched: `[down to the right, up to the right]`.
     pub fn hatch_directions(self) -> [bool; 2] {
         match self {
             GridState::NotTested | GridState::Passed => [false, false],
@@ -376,7 +377,7 @@ fn grid_name(row: usize, column: usize) -> String {
     format!("r{}c{}", row + 1, column + 1)
 }
 
-/// Returns the films that give a result for each grid, in order.
+/// Returns the valid films in order; only these contain a result for each grid.
 fn films(record: &CycleRecord) -> impl Iterator<Item = &Finding> {
     record.findings.iter().filter(|finding| is_valid_film(finding))
 }
@@ -407,8 +408,8 @@ pub(super) fn map(record: &CycleRecord, rows: usize, columns: usize) -> GridMap 
     GridMap { columns, rows: (0..rows).map(row).collect() }
 }
 
-/// Returns a row for each grid that failed in any film: its name, the film, time to break, broken area, passes, and
-/// the area in the last film.
+/// Returns a row for each grid that failed in any film: its name, the first film in which it failed, time to break,
+/// broken area, number of passes, the area in the last film, and the result.
 pub(super) fn failed_rows(record: &CycleRecord) -> Vec<Vec<String>> {
     let names: BTreeSet<(usize, usize, String)> = films(record)
         .flat_map(|film| film.names("failed"))
@@ -445,8 +446,8 @@ fn film_name(pass: u8) -> String {
     if pass == 0 { "first".to_owned() } else { format!("after pass {pass}") }
 }
 
-/// Returns the number of digits after the point that the measurements of a unit support: a picture every fifth of a
-/// second, a pixel of a few tenths of a millimetre, a calibration of hundredths.
+/// Returns the number of decimals that the measurements of a unit support: pictures are 0.2 s apart, a pixel covers a
+/// few tenths of a millimetre, and calibrations are accurate to hundredths of a millimetre.
 fn decimals(value: f64, unit: &str) -> usize {
     match unit {
         "mm" | "px" => 2,
@@ -458,7 +459,7 @@ fn decimals(value: f64, unit: &str) -> usize {
     }
 }
 
-/// Returns the number of digits after the point that show a stated number as it is, at most 4.
+/// Returns the number of decimals with which a stated number is printed exactly, at most 4.
 fn exact_decimals(value: f64) -> usize {
     let shows = |digits: &usize| {
         let scaled = value * 10_f64.powi(*digits as i32);
@@ -478,15 +479,14 @@ pub(super) fn uncertainty(value: f64, unit: &str) -> String {
     format!("{} {unit}", fixed_decimals(value, digits))
 }
 
-/// Returns the number of digits after the point, at least `decimals`, with which a value does not look like zero; at
-/// most 4.
+/// Returns the number of decimals, from `decimals` to 4, with which a value that is not zero does not look like zero.
 fn nonzero_decimals(value: f64, decimals: usize) -> usize {
     let looks_zero = |digits: usize| (value * 10_f64.powi(digits as i32)).round() == 0.0;
     if value == 0.0 { decimals } else { (decimals..4).find(|digits| !looks_zero(*digits)).unwrap_or(4) }
 }
 
-/// Formats a check as a row of the table of numbers: name, found value, limit, source of the limit. A value that was
-/// not measured is said to be so in its own column, beside the limit.
+/// Formats a check as a row of the table of numbers: name, measured value, limit, source of the limit. If there is no
+/// value, its column contains "not measured", and the limit is still stated.
 pub(super) fn row(check: &Check, of: &str) -> Vec<String> {
     let what = format!("{}{of}", check.name);
     let (sign, bound) = match check.limit {
@@ -495,8 +495,8 @@ pub(super) fn row(check: &Check, of: &str) -> Vec<String> {
         Limit::AtLeast(limit) => ("≥ ", Some(limit)),
         Limit::Below(limit) => ("< ", Some(limit)),
     };
-    // The value and the limit have the same format: a share of 1 beside a limit of 0.99 is 1.00. A limit is a stated
-    // number and is never rounded.
+    // The value and the limit have the same number of decimals: beside a limit of 0.99, a share of 1 is printed as
+    // 1.00. A limit is a stated number and is never rounded.
     let of_bound = |bound: f64| decimals(bound, &check.unit).max(exact_decimals(bound));
     let of_value = |value: f64| nonzero_decimals(value, decimals(value, &check.unit));
     let decimals = check.value.map_or(0, of_value).max(bound.map_or(0, of_bound));

@@ -127,7 +127,7 @@ fn rows<'s>(sheet: &'s RecordSheet, heading: &str) -> &'s [Vec<String>] {
 
 /// Calculated by hand from `films`; the invalid film gives no result for any grid.
 #[test]
-fn the_map_states_what_became_of_each_grid() {
+fn the_map_shows_the_result_of_each_grid() {
     use GridState::{Failed, NotTested, Passed, PassedAfterAbrasion};
     let sheet = sheet(&record(films()), &[]);
     let map = sheet.map.as_ref().expect("a map");
@@ -165,10 +165,10 @@ fn the_page_names_part_criteria_deviations_and_who_accepted_them() {
     assert_eq!(rows(&sheet, "Deviations")[1], ["decision", "no person decided"]);
 }
 
-/// A number that was not measured is said to be so, beside its limit; a number beyond its limit is printed so that it
-/// differs from the limit, and a small one so that it differs from zero.
+/// A missing number is printed as "not measured" beside its limit. A number beyond its limit is printed so that it
+/// differs from the limit, and a small number so that it differs from zero.
 #[test]
-fn numbers_are_in_one_form() {
+fn numbers_and_limits_have_one_format() {
     let locate = |value: Option<f64>| {
         let check = Check::new("residual, point to plane, rms", "mm", value);
         let check = check.with_max(0.25, LimitSource::recipe("locate.max_rms_mm"));
@@ -190,7 +190,7 @@ fn numbers_are_in_one_form() {
 }
 
 #[test]
-fn a_line_to_sign_remains_until_a_person_has_decided() {
+fn the_line_to_sign_remains_until_a_person_has_decided() {
     let signed = |decides| PrintedSignature {
         name: "Grace Hopper (grace)".to_owned(),
         time: "2026-05-31 09:00:00 UTC".to_owned(),
@@ -204,7 +204,7 @@ fn a_line_to_sign_remains_until_a_person_has_decided() {
         rows(&sheet, "Signatures").iter().filter(|row| row[2] == "released / not released").count()
     };
     assert_eq!((lines(&[]), lines(&[signed(false)]), lines(&[signed(false), signed(true)])), (1, 1, 0));
-    // What the person states about the water is a fact of the page; what no person states stays a blank.
+    // What the person states about the water is printed on the page; what no person states stays a blank.
     let water = StatedValues { water: Some("deionised, 21 °C".to_owned()), ..StatedValues::default() };
     let sheet = sheet(&record(films()), &[PrintedSignature { values: water, ..signed(true) }]);
     let fact = |name: &str| sheet.facts.iter().find(|(found, _)| found == name).map(|(_, value)| value.clone());
@@ -214,17 +214,17 @@ fn a_line_to_sign_remains_until_a_person_has_decided() {
 
 /// In the HTML, the text is escaped, and every state is shown by a letter and by lines, not by colour alone.
 #[test]
-fn the_map_is_read_without_colour() {
+fn the_map_is_readable_without_colour() {
     let html = html(&sheet(&record(films()), &[]));
     assert!(html.contains("wing &lt;2&gt;") && !html.contains("wing <2>"));
     for letter in [">P<", ">A<", ">F<", ">–<"] {
         assert!(html.contains(letter), "{letter}");
     }
-    // Calculated by hand: in the map one A with one line and one F with two lines, and the same in the legend.
+    // Calculated by hand: the map has one A with one line and one F with two lines, and so has the legend.
     assert_eq!(html.matches("<line").count(), 6);
 }
 
-/// The fullest page of a cycle: long reasons, many failed grids, many reviews and signatures.
+/// A cycle with more content than the page can show: long reasons, many failed grids, many reviews and signatures.
 #[test]
 fn the_page_fits_on_one_sheet_and_the_rest_is_the_annex() {
     let long = "the outline of the panel lies elsewhere than it was found by the scan ".repeat(9);
@@ -265,7 +265,7 @@ fn the_page_fits_on_one_sheet_and_the_rest_is_the_annex() {
 }
 
 #[test]
-fn the_pdf_is_of_the_standard_and_the_same_for_the_same_record() {
+fn the_pdf_is_pdf_a_3_and_equal_for_the_same_record() {
     let mut record = record(films());
     record.panel = "翼 \u{1F6E9} Flügel\tleft".to_owned();
     let mut jpeg = Vec::new();
@@ -294,8 +294,8 @@ fn the_pdf_is_of_the_standard_and_the_same_for_the_same_record() {
     assert!(pdf(&sheet, &broken, &attached, 0).is_err(), "no JPEG");
 }
 
-/// Limits are printed as recipe and program state them: 0.995 is not 0.99, and a window of 60 s at five pictures a
-/// second is not 59.8 s.
+/// Limits are printed as recipe and program state them: 0.995 does not become 0.99, and a window of 60 s at five
+/// pictures per second does not become 59.8 s.
 #[test]
 fn criteria_are_printed_as_they_are_stated() {
     let check = Check::new("coverage", "", 0.9981).with_min(0.995, LimitSource::Program);
@@ -313,14 +313,14 @@ fn criteria_are_printed_as_they_are_stated() {
     assert_eq!(criterion, Some("no grid with 30.0 mm² of broken film or more within 60.0 s"));
 }
 
-/// The record that is signed says what was abraded and requested, as the page does.
+/// The signed record states what was abraded and requested, as the page does.
 #[test]
 fn the_annex_has_the_requests_and_what_was_abraded() {
     let mut record = record(films());
     record.asked.push(RequestRecord { wanted: RequestedAction::NewDisc, ..record.asked[0].clone() });
     let sheet = sheet(&record, &[]);
     assert!(rows(&sheet, "What was abraded").iter().any(|row| row[0] == "r1c2" && row[1].starts_with("pass 1")));
-    // A grid beside the planned ones is counted, with its share in each pass.
+    // A grid beside the planned ones is listed with its share in each pass.
     let beside = |pass: u8, share: f64| {
         let checks = [Check::new(name::overlapped_share("r1c3"), "", share)];
         Finding::new(Kind::Abrade, pass, judged(Verdict::Accept, "")).with_checks(checks)

@@ -1,4 +1,4 @@
-//! Removal by the plan of a taught panel, calculated with the same functions as in command and loop.
+//! Removal by the plan of a taught panel, calculated with the functions that commands and the live loop use.
 
 use super::*;
 use crate::stages::plan::{self, ReachStart};
@@ -43,10 +43,10 @@ fn scheduled_feeds_remove_the_target() {
     assert!(value(&checks, name::REMOVED_EVEN) < 20.0 && value(&checks, name::REMOVED_BOUND) < 50.0);
 }
 
-/// If the highest feed alone removes more than the target, the message tells the person to change this feed; the
-/// same holds for a lowest feed.
+/// If the highest feed alone removes more than the target, the message names this feed as the one to change; the same
+/// applies to the lowest feed.
 #[test]
-fn the_feed_that_hinders_is_named() {
+fn the_message_names_the_feed_to_change() {
     let told = |feed_mm_s: f64, lowest_mm_s: f64| {
         let table = format!("{TABLE}method = \"scheduled\"\nmin_feed_mm_s = {lowest_mm_s}\n");
         let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = {feed_mm_s}\n{table}"));
@@ -64,10 +64,10 @@ fn the_feed_that_hinders_is_named() {
     assert!(slow.contains("the lowest feed: lower min_feed_mm_s or raise force_n"), "{slow}");
 }
 
-/// Calculated by hand: e^(2.228 · √(0.02² + 0.03² + 0.0510²)) = 1.149 times the expected removal; the force is
-/// known to 10 %.
+/// Calculated by hand: the bound is e^(2.228 · √(0.02² + 0.03² + 0.0510²)) = 1.149 times the expected removal; the
+/// force is known to 10 %.
 #[test]
-fn what_may_be_too_deep_is_rejected_and_never_cut() {
+fn a_removal_that_may_be_too_deep_is_rejected() {
     let (verdict, codes, checks) = planned(
         &format!("{}method = \"scheduled\"\n", TABLE.replace("50", "34")),
         Some(EVEN_MODEL),
@@ -78,9 +78,9 @@ fn what_may_be_too_deep_is_rejected_and_never_cut() {
     assert!((ratio - 1.149_4).abs() < 0.000_5, "{ratio}");
 }
 
-/// The removal by earlier cycles counts in every calculation.
+/// The removal by earlier cycles is included in every calculation.
 #[test]
-fn earlier_cycles_count() {
+fn removal_by_earlier_cycles_is_added() {
     let scheduled = format!("{TABLE}method = \"scheduled\"\n");
     let alone = planned(&scheduled, Some(EVEN_MODEL), EarlierRemoval::default());
     let after = planned(&scheduled, Some(EVEN_MODEL), EarlierRemoval { bound_um: 12.5, unknown: 0 });
@@ -91,9 +91,9 @@ fn earlier_cycles_count() {
     assert_eq!((unknown.0, unknown.1), (Verdict::Review, vec!["earlier_unknown".to_owned()]));
 }
 
-/// Calculated by hand: at 120 mm/s and rows of 12 mm, about 4·10⁻⁴ · 20 · 2618 / (120 · 12) = 14.5 µm.
+/// Calculated by hand: at 120 mm/s and with a step-over of 12 mm, about 4·10⁻⁴ · 20 · 2618 / (120 · 12) = 14.5 µm.
 #[test]
-fn today_s_feed_stays_and_its_removal_is_reported() {
+fn a_constant_feed_is_kept_and_its_removal_is_reported() {
     let (_, codes, checks) = planned(TABLE, Some(EVEN_MODEL), EarlierRemoval::default());
     assert!(codes.contains(&"more_passes".to_owned()), "{codes:?}");
     assert!(value(&checks, name::REMOVED_MEAN) < 25.0 && value(&checks, "passes that the target takes") == 2.0);
@@ -103,9 +103,9 @@ fn today_s_feed_stays_and_its_removal_is_reported() {
     assert!(verdict == Verdict::Accept && !checks.iter().any(|check| check.name.contains("remov")));
 }
 
-/// In the air nothing is removed: no limit of the part is a reason, and no row contains a broken limit.
+/// An air-run removes nothing: no limit of the part is a reason of its verdict, and no row shows a violated limit.
 #[test]
-fn what_an_air_run_would_remove_is_no_reason() {
+fn removal_is_no_reason_of_an_air_run() {
     let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = 120\n{TABLE}"));
     let panel = taught(Shape::Sphere, ScanDefects::default(), &recipe);
     let fit = examine_fit(&panel, recipe.surface()).expect("a surface");
@@ -129,10 +129,10 @@ fn what_an_air_run_would_remove_is_no_reason() {
     }
 }
 
-/// By hand: k·p is proportional to the force, so half of the force along the path removes half as much; without a
-/// measurement the recipe's force counts.
+/// By hand: k·p is proportional to the force, so half of the force along the path removes half as much. Without a
+/// measurement, the recipe's force is used.
 #[test]
-fn the_force_that_was_measured_counts() {
+fn the_measured_force_determines_the_removal() {
     let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = 120\n{TABLE}"));
     let panel = taught(Shape::Sphere, ScanDefects::default(), &recipe);
     let fit = examine_fit(&panel, recipe.surface()).expect("a surface");
@@ -157,10 +157,10 @@ fn waypoint(x_mm: f64) -> Waypoint {
     Waypoint { panel_from_tool: pose.to_rigid(), contact: true, feed_mm_s: 60.0, blend_mm: 2.0 }
 }
 
-/// Calculated by hand: of four moves of 10 mm the first is at 5 mm/s, the lowest feed; the last two are at 60,
-/// the highest.
+/// Calculated by hand: of four moves of 10 mm, the first has 5 mm/s, the lowest feed, and the last two have 60 mm/s,
+/// the highest feed.
 #[test]
-fn the_shares_of_the_way_at_its_bounds() {
+fn shares_of_the_path_at_each_feed_limit() {
     let recipe = recipe(
         Shape::Sphere,
         "[path]\nfeed_mm_s = 60\n[removal]\ntarget_um = 30\nmax_um = 50\nforce_n = 20\nmin_feed_mm_s = 5\n",
@@ -169,7 +169,7 @@ fn the_shares_of_the_way_at_its_bounds() {
     let feeds = [30.0, 5.0, 30.0, 60.0, 60.0];
     let at = |index: usize| Waypoint { feed_mm_s: feeds[index], ..waypoint(10.0 * index as f64) };
     let all: Vec<Waypoint> = (0..5).map(at).collect();
-    let found = BoundShares::compute(&all, asked, recipe.path());
-    assert_eq!(found, BoundShares { lowest: 0.25, highest: 0.5 });
-    assert_eq!(BoundShares::compute(&[], asked, recipe.path()), BoundShares::default());
+    let found = FeedLimitShares::compute(&all, asked, recipe.path());
+    assert_eq!(found, FeedLimitShares { lowest: 0.25, highest: 0.5 });
+    assert_eq!(FeedLimitShares::compute(&[], asked, recipe.path()), FeedLimitShares::default());
 }
