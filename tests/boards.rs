@@ -149,7 +149,7 @@ pub fn error<A: Side>(cell: &BoardCell, found: &HandEye<A>) -> Error {
     let off: Vector<A::To> = pose * found.stated_point - truth * found.stated_point;
     Error {
         mm: off.mm.norm(),
-        deg: (truth.inverse() * pose).turn().0,
+        deg: (truth.inverse() * pose).rotation_angle().0,
         stated_mm: found.uncertainty_mm,
         held: found.region_holds(off),
         suspects: found.suspects.len(),

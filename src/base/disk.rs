@@ -28,7 +28,7 @@ pub fn open(file: &Path) -> Result<File> {
 /// Returns the bytes of a regular file of at most [`MAX_BYTES`].
 ///
 /// # Errors
-/// The errors of [`open`], and a larger file.
+/// As [`open`], and if the file is larger.
 pub fn read(file: &Path) -> Result<Vec<u8>> {
     read_at_most(file, MAX_BYTES)
 }
@@ -70,7 +70,7 @@ mod tests {
     use rustix::fs::{CWD, FileType, Mode, mknodat};
 
     #[test]
-    fn what_is_no_regular_file_is_refused_by_its_kind_and_without_waiting() {
+    fn only_regular_files_are_opened_and_without_waiting() {
         let folder = tempfile::tempdir().expect("a folder");
         let pipe = folder.path().join("scan.pcd");
         mknodat(CWD, &pipe, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).expect("a pipe");

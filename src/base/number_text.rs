@@ -14,7 +14,8 @@ const MAX_DECIMALS: usize = 15;
 /// Checks a name or a remark that is shown on a page unchanged.
 ///
 /// # Errors
-/// States the problem: it is empty, longer than this many characters, or contains characters that cannot be printed.
+/// States the problem: the text is empty, longer than this number of characters, or contains characters that cannot be
+/// printed.
 pub fn printable(text: &str, most_characters: usize) -> Result<(), String> {
     match text.chars().count() {
         _ if text.trim() != text || text.is_empty() => {
@@ -35,7 +36,7 @@ pub struct FixedDecimals {
     decimals: usize,
 }
 
-/// Returns a number with this many digits after the point: see [`FixedDecimals`].
+/// Returns a number with this number of digits after the point: see [`FixedDecimals`].
 pub fn fixed_decimals(value: f64, decimals: usize) -> FixedDecimals {
     FixedDecimals { value, decimals }
 }
@@ -137,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn a_number_that_is_none_is_called_so() {
+    fn nan_is_named_as_such() {
         assert_eq!(fixed_decimals(f64::NAN, 3).to_string(), "unknown");
         assert_eq!(distinguishable_texts(f64::INFINITY, 0.1, 3), ["infinite", "0.1"]);
         assert_eq!(distinguishable_texts(f64::NAN, 0.25, 3), ["unknown", "0.25"]);
@@ -145,7 +146,7 @@ mod tests {
 
     /// Calculated by hand: 8.2 % compared with 8 % needs one digit, 0.5004 compared with 0.5 needs four.
     #[test]
-    fn what_was_found_differs_from_what_is_allowed() {
+    fn a_value_and_its_violated_limit_are_distinguishable() {
         assert_eq!(distinguishable_percents(0.082, 0.08, 0), ["8.2", "8"]);
         assert_eq!(distinguishable_texts(0.5004, 0.5, 2), ["0.5004", "0.5"]);
         assert_eq!(distinguishable_texts(0.75, 0.25, 3), ["0.750", "0.25"]);
@@ -157,7 +158,7 @@ mod tests {
     /// Expected values from `date -u -d @…`: leap days, also in a century year that is a leap year, and the last
     /// second before 1970.
     #[test]
-    fn times_are_those_of_the_calendar() {
+    fn times_are_formatted_as_calendar_dates() {
         for (unix_s, words) in [
             (-1, "1969-12-31 23:59:59 UTC"),
             (0, "1970-01-01 00:00:00 UTC"),

@@ -18,7 +18,7 @@ impl Phase {
     /// All phases, in order.
     pub const ALL: &'static [Phase] = <Self as VariantArray>::VARIANTS;
 
-    /// The phase's keyword in `clip.csv`.
+    /// Returns the phase's keyword in `clip.csv`.
     pub fn keyword(self) -> &'static str {
         self.into()
     }

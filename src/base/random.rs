@@ -3,7 +3,7 @@
 use rustix::rand::{GetRandomFlags, getrandom};
 use std::io::{Error, ErrorKind};
 
-/// Returns this many random bytes.
+/// Returns `N` random bytes.
 ///
 /// # Errors
 /// If the operating system cannot provide them yet, or provides fewer.
@@ -28,7 +28,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_two_are_the_same() {
+    fn two_random_tokens_differ() {
         let [one, other] = [token().expect("bytes"), token().expect("bytes")];
         assert_eq!((one.len(), other.len()), (64, 64));
         assert_ne!(one, other);

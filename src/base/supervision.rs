@@ -1,9 +1,9 @@
-//! Supervises the program's threads. Each thread that the cell depends on reports that it works, and one place
-//! checks all of them.
+//! Supervises the program's threads. Each thread that the cell depends on reports that it works, and one place checks
+//! all of them.
 //!
-//! A sign of life from one thread proves nothing about the others. Therefore systemd's watchdog is triggered, and
-//! the robot kept under control, only while every thread has answered. A thread that panics, ends or is silent for
-//! longer than allowed is a [`ThreadFault`], and the process then ends in the safe way.
+//! A report from one thread proves nothing about the others. Therefore systemd's watchdog is triggered, and the cycle
+//! continues, only while every thread has answered. A thread that panics, ends or is silent for longer than allowed is
+//! a [`ThreadFault`]; the program then stops the robot and ends.
 
 use std::cell::Cell;
 use std::fmt;
@@ -49,7 +49,7 @@ impl std::error::Error for ThreadFault {}
 
 /// A thread's last report about itself.
 #[derive(Debug, Clone, Copy)]
-enum ThreadSign {
+enum ThreadReport {
     /// The thread worked at this time, and will report this again.
     Works(Instant),
     /// The thread waits until it is given work; it may be silent.
@@ -64,67 +64,67 @@ enum ThreadSign {
 struct Thread {
     name: &'static str,
     longest_silence: Duration,
-    sign: Mutex<ThreadSign>,
+    sign: Mutex<ThreadReport>,
 }
 
 impl Thread {
-    fn sign(&self) -> MutexGuard<'_, ThreadSign> {
+    fn sign(&self) -> MutexGuard<'_, ThreadReport> {
         self.sign.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn current_failure(&self) -> Option<ThreadFailure> {
         match *self.sign() {
-            ThreadSign::Works(at) => {
+            ThreadReport::Works(at) => {
                 Some(at.elapsed()).filter(|since| *since > self.longest_silence).map(ThreadFailure::Silent)
             }
-            ThreadSign::Rests | ThreadSign::Done => None,
-            ThreadSign::Lost => Some(ThreadFailure::Ended),
+            ThreadReport::Rests | ThreadReport::Done => None,
+            ThreadReport::Lost => Some(ThreadFailure::Ended),
         }
     }
 }
 
-/// The thread's own end, which moves into the thread. If it is dropped without [`SupervisedThread::report_done`], the thread is
-/// lost.
+/// The supervised thread's handle, which moves into the thread. If it is dropped without
+/// [`SupervisedThread::report_done`], the thread counts as lost.
 #[derive(Debug)]
 pub struct SupervisedThread(Arc<Thread>);
 
-/// The thread's other end, for the [`Supervisor`].
+/// The [`Supervisor`]'s handle of the thread.
 #[derive(Debug, Clone)]
 pub struct WatchedThread(Arc<Thread>);
 
-/// Creates both ends for a thread of this name. The thread reports at least once in `longest_silence` that it
-/// works, or reports that it rests.
+/// Creates both handles for a thread of this name. The thread reports at least once in `longest_silence` that it works,
+/// or reports that it rests.
 pub fn supervise(name: &'static str, longest_silence: Duration) -> (SupervisedThread, WatchedThread) {
     #[cfg(debug_assertions)]
-    let longest_silence = injected::format_silence(longest_silence);
-    let thread = Arc::new(Thread { name, longest_silence, sign: Mutex::new(ThreadSign::Rests) });
+    let longest_silence = injected::limit_silence(longest_silence);
+    let thread = Arc::new(Thread { name, longest_silence, sign: Mutex::new(ThreadReport::Rests) });
     (SupervisedThread(thread.clone()), WatchedThread(thread))
 }
 
 impl SupervisedThread {
-    /// Reports that the thread works. Called in each round of its loop.
+    /// Reports that the thread works. The thread calls this in each round of its loop.
     pub fn report_working(&self) {
-        *self.0.sign() = ThreadSign::Works(Instant::now());
+        *self.0.sign() = ThreadReport::Works(Instant::now());
         #[cfg(debug_assertions)]
-        injected::failure_text(self.0.name);
+        injected::inject_fault(self.0.name);
     }
 
     /// Reports that the thread has nothing to do until it is given work.
     pub fn report_resting(&self) {
-        *self.0.sign() = ThreadSign::Rests;
+        *self.0.sign() = ThreadReport::Rests;
     }
 
     /// Reports that the thread ends because this was requested.
     pub fn report_done(&self) {
-        *self.0.sign() = ThreadSign::Done;
+        *self.0.sign() = ThreadReport::Done;
     }
 }
 
 impl Drop for SupervisedThread {
     fn drop(&mut self) {
         let mut sign = self.0.sign();
-        if !matches!(*sign, ThreadSign::Done) {
-            *sign = ThreadSign::Lost;
+        if !matches!(*sign, ThreadReport::Done) {
+            *sign = ThreadReport::Lost;
         }
     }
 }
@@ -143,21 +143,21 @@ impl WatchedThread {
 
 thread_local! {
     /// Whether a panic of this thread is not a fault of the cell.
-    static IS_APART: Cell<bool> = const { Cell::new(false) };
+    static IS_EXEMPT: Cell<bool> = const { Cell::new(false) };
 }
 
-/// From now on a panic of this thread is not a fault of the cell. This is for a thread that runs foreign code on any
-/// network input and catches the panics: no input from there may stop the robot.
+/// Exempts the calling thread: from now on its panics are not faults of the cell. This is for a thread that runs
+/// foreign code on any network input and catches the panics: no input from there may stop the robot.
 pub fn exempt_thread() {
-    IS_APART.set(true);
+    IS_EXEMPT.set(true);
 }
 
 /// Checks all threads. Clones share the same state.
 #[derive(Debug, Clone, Default)]
-pub struct Supervisor(Arc<Mutex<Inside>>);
+pub struct Supervisor(Arc<Mutex<SupervisorState>>);
 
 #[derive(Debug, Default)]
-struct Inside {
+struct SupervisorState {
     threads: Vec<WatchedThread>,
     panicked: Option<String>,
 }
@@ -166,17 +166,17 @@ impl Supervisor {
     /// Adds this thread to those that are checked. A thread that is done is removed.
     pub fn add_thread(&self, thread: WatchedThread) {
         let mut inside = self.lock();
-        inside.threads.retain(|watched| !matches!(*watched.0.sign(), ThreadSign::Done));
+        inside.threads.retain(|watched| !matches!(*watched.0.sign(), ThreadReport::Done));
         inside.threads.push(thread);
     }
 
-    /// From now on a panic of any thread of this process, named or not, is a fault that [`Supervisor::check_threads`]
-    /// reports.
-    pub fn notice_panics(&self) {
+    /// Records panics: from now on a panic of any thread of this process, named or not, is a fault that
+    /// [`Supervisor::check_threads`] reports.
+    pub fn record_all_panics(&self) {
         let (supervisor, report) = (self.clone(), panic::take_hook());
         panic::set_hook(Box::new(move |panicked| {
             report(panicked);
-            if IS_APART.get() {
+            if IS_EXEMPT.get() {
                 return;
             }
             supervisor.record_panic(std::thread::current().name().unwrap_or("without a name"));
@@ -200,14 +200,14 @@ impl Supervisor {
         inside.threads.iter().try_for_each(WatchedThread::check_thread)
     }
 
-    fn lock(&self) -> MutexGuard<'_, Inside> {
+    fn lock(&self) -> MutexGuard<'_, SupervisorState> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Faults on demand, for tests of the whole program; a release build has none. `PANELPREP_INJECT` names a file.
-/// Once the file contains `panic NAME` or `hang NAME`, the supervised thread of that name does so when it next
-/// reports that it works. No thread may then be silent for longer than three seconds, so that the test need not
+/// Faults on demand, for tests of the whole program; a release build has none. `PANELPREP_INJECT` names a file. Once
+/// the file contains `panic NAME` or `hang NAME`, the supervised thread of that name panics or hangs when it next
+/// reports that it works. The limit of every thread's silence is then three seconds at most, so that the test need not
 /// wait.
 #[cfg(debug_assertions)]
 mod injected {
@@ -216,12 +216,12 @@ mod injected {
 
     static FILE: LazyLock<Option<String>> = LazyLock::new(|| std::env::var("PANELPREP_INJECT").ok());
 
-    pub(super) fn format_silence(silence: Duration) -> Duration {
+    pub(super) fn limit_silence(silence: Duration) -> Duration {
         if FILE.is_some() { silence.min(Duration::from_secs(3)) } else { silence }
     }
 
     #[expect(clippy::panic, reason = "the requested test fault")]
-    pub(super) fn failure_text(thread: &str) {
+    pub(super) fn inject_fault(thread: &str) {
         // A second panic while the first one unwinds would end the process before it could report.
         if std::thread::panicking() {
             return;
@@ -248,9 +248,9 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_of_a_thread_that_is_separate_is_none_of_the_cells() {
+    fn a_panic_of_an_exempt_thread_is_no_fault() {
         let supervisor = Supervisor::default();
-        supervisor.notice_panics();
+        supervisor.record_all_panics();
         let panics = |is_apart: bool| {
             let thread = std::thread::Builder::new().name("apart".to_owned());
             let run = move || {
@@ -263,15 +263,15 @@ mod tests {
         };
         panics(true);
         // Other tests panic too, in threads of other names.
-        let is_told = || supervisor.lock().panicked.as_deref() == Some("apart");
-        assert!(!is_told());
+        let is_recorded = || supervisor.lock().panicked.as_deref() == Some("apart");
+        assert!(!is_recorded());
         supervisor.lock().panicked = None;
         panics(false);
-        assert!(is_told() || supervisor.check_threads().is_err());
+        assert!(is_recorded() || supervisor.check_threads().is_err());
     }
 
     #[test]
-    fn a_thread_that_works_is_silent_for_no_longer_than_it_may_be() {
+    fn a_working_thread_that_is_silent_for_too_long_is_a_fault() {
         let supervisor = Supervisor::default();
         let (thread, watched) = supervise("link", LIMIT);
         supervisor.add_thread(watched);
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn a_thread_that_ends_unasked_is_a_fault() {
+    fn a_thread_that_ends_without_a_request_is_a_fault() {
         let supervisor = Supervisor::default();
         let (thread, watched) = supervise("socket", Duration::MAX);
         supervisor.add_thread(watched);

@@ -80,7 +80,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_secret_is_the_first_line() {
+    fn the_secret_is_the_first_line_of_its_file() {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("token");
         let read = |text: &[u8]| {
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn files_that_are_no_certificates_are_named() {
+    fn files_without_certificates_are_reported() {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("ca.pem");
         std::fs::write(&file, "no certificate").expect("written");

@@ -30,7 +30,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// The verdict's keyword, which users use in scripts.
+    /// Returns the verdict's keyword, on which scripts of users depend.
     pub fn keyword(self) -> &'static str {
         self.into()
     }
@@ -48,7 +48,7 @@ impl Verdict {
         }
     }
 
-    /// The process's exit code: 0 for a good verdict, 1 for any other verdict, 3 for a fault.
+    /// Returns the process's exit code: 0 for a good verdict, 1 for any other verdict, 3 for a fault.
     pub fn exit_code(self) -> u8 {
         match self {
             Verdict::Accept | Verdict::Pass => 0,
@@ -90,7 +90,8 @@ pub struct Judgement {
 }
 
 impl Judgement {
-    /// Reject if there is a reason to, else review if there is one, else accept.
+    /// Creates a rejection if there is a reason to reject, else a review if there is a reason for one, else an
+    /// acceptance.
     pub fn new(reject: Vec<Reason>, review: Vec<Reason>) -> Self {
         let verdict = match (reject.is_empty(), review.is_empty()) {
             (true, true) => Verdict::Accept,
@@ -133,7 +134,7 @@ impl Limit {
         }
     }
 
-    /// The limit's number.
+    /// Returns the limit's number.
     pub fn value(self) -> Option<f64> {
         match self {
             Limit::Unlimited => None,
@@ -184,7 +185,7 @@ pub enum Severity {
 pub struct Check {
     /// The quantity's name, as text.
     pub name: String,
-    /// The value; `None` if it was not measured, which breaks no limit.
+    /// The value; `None` if it was not measured, which violates no limit.
     pub value: Option<f64>,
     /// The value's unit, "mm"; empty for shares and counts.
     pub unit: String,
@@ -205,10 +206,10 @@ pub struct Check {
 }
 
 /// Names of a check's fields that earlier versions of this program did not store.
-pub const SINCE_CHECKS: [&str; 4] = ["set_by", "severity", "code", "message"];
+pub const LATER_CHECK_FIELDS: [&str; 4] = ["set_by", "severity", "code", "message"];
 
 impl Check {
-    /// A number without a limit; `None` means that it was not measured.
+    /// Creates a check of a number without a limit; `None` means that the number was not measured.
     pub fn new(name: impl Into<String>, unit: impl Into<String>, value: impl Into<Option<f64>>) -> Self {
         let (name, unit, value) = (name.into(), unit.into(), value.into());
         let (limit, severity) = (Limit::Unlimited, Severity::None);
@@ -221,13 +222,13 @@ impl Check {
         Check { limit, set_by: Some(set_by), ..self }
     }
 
-    /// The same number, with this upper limit.
+    /// Returns the same number with this upper limit.
     #[must_use]
     pub fn with_max(self, limit: f64, set_by: LimitSource) -> Self {
         self.with_limit(Limit::AtMost(limit), set_by)
     }
 
-    /// The same number, with this lower limit.
+    /// Returns the same number with this lower limit.
     #[must_use]
     pub fn with_min(self, limit: f64, set_by: LimitSource) -> Self {
         self.with_limit(Limit::AtLeast(limit), set_by)
@@ -241,29 +242,29 @@ impl Check {
 
     /// Returns the same check with this consequence: if its limit is not met, a person decides for this reason.
     #[must_use]
-    pub fn reviews(self, code: &'static str, words: impl FnOnce() -> String) -> Self {
+    pub fn or_review(self, code: &'static str, words: impl FnOnce() -> String) -> Self {
         self.with_consequence(Severity::Review, code, words)
     }
 
     /// Returns the same check with this consequence, for this reason, if its limit is not met.
     #[must_use]
     pub fn with_consequence(self, severity: Severity, code: &'static str, words: impl FnOnce() -> String) -> Self {
-        let is_broken = !self.is_met();
-        self.with_consequence_if(is_broken, severity, code, words)
+        let is_violated = !self.is_met();
+        self.with_consequence_if(is_violated, severity, code, words)
     }
 
-    /// Returns the same check with this consequence, for this reason, if `is_broken`. Used for a number that had to be
-    /// measured and was not, or if the limit alone does not decide.
+    /// Returns the same check with this consequence, for this reason, if `is_violated`. Used for a number that had to
+    /// be measured and was not, or if the limit alone does not decide.
     #[must_use]
     pub fn with_consequence_if(
         self,
-        is_broken: bool,
+        is_violated: bool,
         severity: Severity,
         code: &'static str,
         words: impl FnOnce() -> String,
     ) -> Self {
-        let check = Check { severity, code: Some(Cow::Borrowed(code)), message: is_broken.then(words), ..self };
-        if is_broken { check } else { check.without_failed_limit() }
+        let check = Check { severity, code: Some(Cow::Borrowed(code)), message: is_violated.then(words), ..self };
+        if is_violated { check } else { check.without_failed_limit() }
     }
 
     /// Returns the same number, without its limit if the limit is not met: the limit decides nothing here.
@@ -290,7 +291,7 @@ impl Check {
         Check { severity: self.severity.min(severity), ..self }
     }
 
-    /// Returns whether the value meets its limit; a value that was not measured breaks no limit.
+    /// Returns whether the value meets its limit; a value that was not measured violates no limit.
     pub fn is_met(&self) -> bool {
         self.value.is_none_or(|value| self.limit.is_met_by(value))
     }
@@ -353,7 +354,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_limit_states_what_it_allows() {
+    fn a_limit_is_met_or_violated_by_a_value() {
         assert!(
             Limit::AtMost(1.0).is_met_by(1.0)
                 && !Limit::Below(1.0).is_met_by(1.0)
@@ -369,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn a_check_gives_a_reason_where_it_is_not_kept() {
+    fn a_check_gives_a_reason_if_its_limit_is_not_met() {
         let codes = |check: Check| -> Vec<String> {
             let judgement = Judgement::from_checks(&[check]);
             judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect()
@@ -398,12 +399,12 @@ mod tests {
     /// in these cases: a gate that tolerates more than it prints, a number with a limit but no consequence, and a
     /// consequence that was removed.
     #[test]
-    fn no_limit_is_broken_on_what_is_accepted() {
+    fn an_accepted_result_violates_no_limit() {
         let over =
             || Check::new("overhang", "mm", 2.005).with_max(2.0, LimitSource::recipe("path.edge_overhang_mm"));
         let words = || "too far".to_owned();
         let tolerated = over().with_consequence_if(false, Severity::Review, "edge_overhang", words);
-        let freed = over().reviews("edge_overhang", words).without_consequence();
+        let freed = over().or_review("edge_overhang", words).without_consequence();
         for check in [tolerated, freed] {
             assert_eq!((check.is_met(), check.limit, &check.set_by), (true, Limit::Unlimited, &None));
             assert_eq!(Judgement::from_checks(&[check]).verdict, Verdict::Accept);
@@ -429,23 +430,23 @@ mod tests {
 
     /// An earlier version of this program stored only name, value, unit and limit.
     #[test]
-    fn a_check_is_read_as_an_earlier_program_kept_it() {
+    fn a_check_of_an_earlier_version_is_read() {
         let text = r#"{"name": "residual", "value": 0.1, "unit": "mm", "limit": {"at_most": 0.25}}"#;
         let read: Check = serde_json::from_str(text).expect("read");
-        assert_eq!(read, Check::new("residual", "mm", 0.1).within_kept(Limit::AtMost(0.25)));
+        assert_eq!(read, Check::new("residual", "mm", 0.1).with_stored_limit(Limit::AtMost(0.25)));
         let written = serde_json::to_value(rms(0.26)).expect("written");
-        assert!(SINCE_CHECKS.iter().all(|name| written.get(name).is_some()), "{written}");
+        assert!(LATER_CHECK_FIELDS.iter().all(|name| written.get(name).is_some()), "{written}");
         assert_eq!(serde_json::from_value::<Check>(written).expect("read"), rms(0.26));
     }
 
     impl Check {
-        fn within_kept(self, limit: Limit) -> Self {
+        fn with_stored_limit(self, limit: Limit) -> Self {
             Check { limit, ..self }
         }
     }
 
     #[test]
-    fn one_reason_to_reject_outweighs_the_rest() {
+    fn one_reason_to_reject_decides_the_verdict() {
         let reason = |code| Reason::new(code, "measured 2 mm, allowed 1 mm");
         assert_eq!(Judgement::new(vec![], vec![]).verdict, Verdict::Accept);
         assert_eq!(Judgement::new(vec![], vec![reason("a")]).verdict, Verdict::Review);

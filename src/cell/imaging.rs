@@ -73,7 +73,7 @@ pub fn outer_contours(mask: &Mask) -> Result<Vec<Vec<Pixel>>, ImagingError> {
 ///
 /// # Errors
 /// If OpenCV refuses the mask, for example an empty one.
-pub fn connected_pieces(mask: &Mask, by_corners: bool) -> Result<Vec<Vec<usize>>, ImagingError> {
+pub fn connected_components(mask: &Mask, by_corners: bool) -> Result<Vec<Vec<usize>>, ImagingError> {
     const OPERATION: &str = "connected pieces";
     let bytes = mask.to_gray().gray;
     let source = with_operation(OPERATION, view(mask.height, mask.width, &bytes))?;

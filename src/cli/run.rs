@@ -41,7 +41,7 @@ use std::thread::JoinHandle;
 /// If a file is invalid, another process writes to the store or answers on the socket, or the store cannot be written.
 pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let supervisor = Supervisor::default();
-    supervisor.notice_panics();
+    supervisor.record_all_panics();
     let (sender, queue) = daemon::request_queue();
     signals(sender.clone())?;
     let files = Arc::new(CellFiles::read(common)?);

@@ -11,11 +11,11 @@ use panelprep_base::geometry::ColorPicture;
 use rand::RngExt;
 use rayon::prelude::*;
 
-/// Grey levels of the dry panel under perpendicular light of the lamp.
-const DRY: [f64; 3] = [77.0, 72.0, 68.0];
+/// Grey levels of the dry panel under perpendicular light of the lamp, by channel.
+const DRY_GRAY: [f64; 3] = [77.0, 72.0, 68.0];
 
 /// The share of the dry colour that remains under a film of water, by channel.
-const FILM: [f64; 3] = [0.63, 0.60, 0.58];
+const FILM_FACTORS: [f64; 3] = [0.63, 0.60, 0.58];
 
 /// Width of a tow of the weave, mm; `WEAVE_CONTRAST` is the difference in brightness of the yarns.
 const TOW_MM: f64 = 2.0;
@@ -35,10 +35,10 @@ pub(super) fn dry_and_wet(sight: &PixelHit) -> (FixedColor, FixedColor) {
     let light =
         lamp_light(&panel.normal) * (1.0 + panel.appearance.weave * weave_brightness(panel.place, panel.pixel_mm));
     let mix = |channel: usize, film: f64| {
-        let dry = DRY[channel] * panel.appearance.albedo[channel] * light;
+        let dry = DRY_GRAY[channel] * panel.appearance.albedo[channel] * light;
         to_fixed_point(share * dry * film + (1.0 - share) * background[channel])
     };
-    let film = FILM.map(|left| left.powf(panel.appearance.film));
+    let film = FILM_FACTORS.map(|left| left.powf(panel.appearance.film));
     ([0, 1, 2].map(|channel| mix(channel, 1.0)), [0, 1, 2].map(|channel| mix(channel, film[channel])))
 }
 
@@ -77,14 +77,14 @@ pub(super) fn capture_dry(view: &CastView<'_>, pixels: &PixelNoise, shot: Seed) 
     picture
 }
 
-/// Side of the square that contains one drop, mm; `DROP_RADII_MM` are the radii of the drops.
+/// Side of the square that contains the centre of one drop, mm; `DROP_RADII_MM` are the radii of the drops.
 const DROP_SQUARE_MM: f64 = 9.0;
 const DROP_RADII_MM: std::ops::Range<f64> = 0.4..2.2;
-/// Share of the film's brightness that remains in a drop; `DROP_GLINT` is the grey level of the drop's glint.
-const DROP_DARK: f64 = 0.75;
-const DROP_GLINT: f64 = 235.0;
+/// Share of the film's brightness that remains in a drop; `DROP_GLINT_GRAY` is the grey level of the drop's glint.
+const DROP_FACTOR: f64 = 0.75;
+const DROP_GLINT_GRAY: f64 = 235.0;
 /// Largest extent of a drop beyond the panel's edge, as a share of the drop's radius.
-const DROP_OVERHANG: f64 = 0.35;
+const MAX_DROP_OVERHANG: f64 = 0.35;
 
 /// Takes a picture of the wet scene with the flange camera; `shot` is its own seed.
 pub(super) fn capture_wet(view: &CastView<'_>, pixels: &PixelNoise, shot: Seed) -> ColorPicture {
@@ -110,13 +110,13 @@ fn apply_drop(color: [u16; 3], sight: &PixelHit, shot: Seed) -> [u16; 3] {
         let centre = [column, row].map(|at| (at as f64 + random.random_range(0.0..1.0)) * DROP_SQUARE_MM);
         let (s, t) = ((panel.place[0] - centre[0]) / radius_mm, (panel.place[1] - centre[1]) / radius_mm);
         let beyond_mm = panel.edge_px * panel.pixel_mm;
-        if s.hypot(t) > 1.0 || beyond_mm > DROP_OVERHANG * radius_mm {
+        if s.hypot(t) > 1.0 || beyond_mm > MAX_DROP_OVERHANG * radius_mm {
             continue;
         }
         if (s + 0.25).hypot(t - 0.4) < 0.3 {
-            return [(DROP_GLINT * f64::from(LEVEL)) as u16; 3];
+            return [(DROP_GLINT_GRAY * f64::from(LEVEL)) as u16; 3];
         }
-        return color.map(|channel| (f64::from(channel) * DROP_DARK) as u16);
+        return color.map(|channel| (f64::from(channel) * DROP_FACTOR) as u16);
     }
     color
 }
@@ -146,7 +146,7 @@ mod tests {
     /// On the edge itself a pixel is half panel, half background; a quarter of a pixel outside the edge it is a
     /// quarter panel.
     #[test]
-    fn edge_pixels_mix_by_their_share() {
+    fn edge_pixels_are_mixed_by_their_share() {
         let dry = |edge_px: f64| f64::from(dry_and_wet(&sight(edge_px)).0[0]);
         let (panel, plate) = (dry(-2.0), 180.0 * 128.0);
         assert!((dry(0.0) - (panel + plate) / 2.0).abs() < 1.0);
@@ -155,11 +155,11 @@ mod tests {
     }
 
     #[test]
-    fn a_film_darkens_by_a_third_and_more() {
+    fn a_film_darkens_the_panel_by_more_than_a_third() {
         let (dry, wet) = dry_and_wet(&sight(-2.0));
         for channel in 0..3 {
             let left = f64::from(wet[channel]) / f64::from(dry[channel]);
-            assert!((left - FILM[channel]).abs() < 1e-3, "{left}");
+            assert!((left - FILM_FACTORS[channel]).abs() < 1e-3, "{left}");
         }
         let gray = f64::from(dry[1]) / 128.0;
         assert!((55.0..80.0).contains(&gray), "{gray}");

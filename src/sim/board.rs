@@ -1,12 +1,12 @@
 //! A calibration board as a camera sees it, squares and markers through a distorting lens, with pixel noise; and
-//! pictures of it for calibration with known truth: the flange's true pose, the pose that the robot reports, and
-//! the camera's picture.
+//! pictures of it for calibration with known truth: the flange's true pose, the pose that the robot reports, and the
+//! camera's picture.
 //!
 //! Each pixel is the mean of the board over its area: 16 × 16 rays if an edge passes through it, else one ray. Grey
 //! levels of the print are not black and white, and the light falls off towards one side, as in a workshop.
 //!
 //! The fixed camera looks at a board on the flange, the flange camera at a board in the cell. Positions, tilts and
-//! turns are drawn at random as a careful operator would choose them: widely spread, with the whole board in the
+//! rotations are drawn at random as a careful operator would choose them: widely spread, with the whole board in the
 //! picture.
 
 use super::noise::{LEVEL, NormalStream, PixelNoise, RandomPurpose, Seed, to_byte};
@@ -48,12 +48,12 @@ pub struct BoardPrint {
     pub markers: Vec<Marker>,
 }
 
-const RAYS: usize = 16;
-const BLACK: f64 = 35.0;
-const WHITE: f64 = 205.0;
-const GROUND: f64 = 95.0;
+const RAYS_PER_SIDE: usize = 16;
+const BLACK_GRAY: f64 = 35.0;
+const WHITE_GRAY: f64 = 205.0;
+const BACKGROUND_GRAY: f64 = 95.0;
 /// Width of the white rim around the squares, in squares.
-const RIM: f64 = 0.7;
+const RIM_SQUARES: f64 = 0.7;
 
 impl BoardPrint {
     /// Creates a chessboard from its number of inner corners.
@@ -68,23 +68,23 @@ impl BoardPrint {
         }
     }
 
-    /// The inner corners, row by row.
+    /// Returns the inner corners, row by row.
     pub fn corners(&self) -> Vec<Point<Board>> {
         let place =
             |column: usize, row: usize| Point::at(column as f64 * self.square_mm, row as f64 * self.square_mm, 0.0);
         (0..self.rows - 1).flat_map(|row| (0..self.columns - 1).map(move |column| place(column, row))).collect()
     }
 
-    /// The middle of the inner corners.
+    /// Returns the middle of the inner corners.
     pub fn centre(&self) -> Point<Board> {
         let half = |squares: usize| (squares - 2) as f64 * self.square_mm / 2.0;
         Point::at(half(self.columns), half(self.rows), 0.0)
     }
 
-    /// The corners of the white rim.
+    /// Returns the corners of the white rim.
     pub(super) fn rim(&self) -> [Point<Board>; 4] {
-        let low = -(1.0 + RIM) * self.square_mm;
-        let high = |squares: usize| (squares as f64 - 1.0 + RIM) * self.square_mm;
+        let low = -(1.0 + RIM_SQUARES) * self.square_mm;
+        let high = |squares: usize| (squares as f64 - 1.0 + RIM_SQUARES) * self.square_mm;
         let (right, down) = (high(self.columns), high(self.rows));
         [[low, low], [right, low], [right, down], [low, down]].map(|[x, y]| Point::at(x, y, 0.0))
     }
@@ -93,11 +93,11 @@ impl BoardPrint {
     fn gray_at(&self, x_mm: f64, y_mm: f64) -> Option<f64> {
         let (x, y) = (x_mm / self.square_mm + 1.0, y_mm / self.square_mm + 1.0);
         let (columns, rows) = (self.columns as f64, self.rows as f64);
-        if x < -RIM || y < -RIM || x > columns + RIM || y > rows + RIM {
+        if x < -RIM_SQUARES || y < -RIM_SQUARES || x > columns + RIM_SQUARES || y > rows + RIM_SQUARES {
             return None;
         }
         if x < 0.0 || y < 0.0 || x >= columns || y >= rows {
-            return Some(WHITE);
+            return Some(WHITE_GRAY);
         }
         let (column, row) = (x as usize, y as usize);
         let white = ((column + row) % 2 == 0) == self.is_first_square_white;
@@ -106,7 +106,7 @@ impl BoardPrint {
             Some(marker) => self.cell(marker, x - column as f64, y - row as f64).unwrap_or(white),
             None => white,
         };
-        Some(if white { WHITE } else { BLACK })
+        Some(if white { WHITE_GRAY } else { BLACK_GRAY })
     }
 
     /// Returns the colour of the marker's cell at a point of its square, 0…1 in each direction; `None` around the
@@ -137,7 +137,7 @@ impl BoardPrint {
                 let seen = if columns.contains(&column) && rows.contains(&row) {
                     self.mean_gray(camera, &plane, column as f64, row as f64)
                 } else {
-                    GROUND
+                    BACKGROUND_GRAY
                 };
                 let light = 0.85 + 0.3 * column as f64 / camera.width_px as f64;
                 *byte = to_byte((seen * light * f64::from(LEVEL)).round() as u16, noise[column]);
@@ -146,7 +146,7 @@ impl BoardPrint {
         picture
     }
 
-    /// The points that the 3D camera measures on the board. Points are missing beside the board and where its
+    /// Returns the points that the 3D camera measures on the board. Points are missing beside the board and where its
     /// projector does not reach. The noise lies along the ray and depends on the place on the board and its depth.
     pub(super) fn points(
         &self,
@@ -198,20 +198,22 @@ impl BoardPrint {
         let [Some(low), Some(right), Some(down)] =
             [corner(u - 0.5, v - 0.5), corner(u + 0.5, v - 0.5), corner(u - 0.5, v + 0.5)]
         else {
-            return GROUND;
+            return BACKGROUND_GRAY;
         };
         let at = |across: f64, along: f64| {
             let place =
                 |axis: usize| low[axis] + across * (right[axis] - low[axis]) + along * (down[axis] - low[axis]);
-            self.gray_at(place(0), place(1)).unwrap_or(GROUND)
+            self.gray_at(place(0), place(1)).unwrap_or(BACKGROUND_GRAY)
         };
         let middle = at(0.5, 0.5);
         if [at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0), at(1.0, 1.0)].iter().all(|gray| *gray == middle) {
             return middle;
         }
-        let place = |index: usize| (index as f64 + 0.5) / RAYS as f64;
-        let sum: f64 = (0..RAYS * RAYS).map(|index| at(place(index % RAYS), place(index / RAYS))).sum();
-        sum / (RAYS * RAYS) as f64
+        let place = |index: usize| (index as f64 + 0.5) / RAYS_PER_SIDE as f64;
+        let sum: f64 = (0..RAYS_PER_SIDE * RAYS_PER_SIDE)
+            .map(|index| at(place(index % RAYS_PER_SIDE), place(index / RAYS_PER_SIDE)))
+            .sum();
+        sum / (RAYS_PER_SIDE * RAYS_PER_SIDE) as f64
     }
 }
 
@@ -228,7 +230,7 @@ impl Plane {
         Plane { origin: camera_from_board.origin().mm.coords, axes }
     }
 
-    /// The intersection of a pixel's ray with the plane, in the board's x and y.
+    /// Returns the intersection of a pixel's ray with the plane, in the board's x and y.
     fn intersect_ray(&self, camera: &PinholeCamera, pixel: Pixel) -> Option<[f64; 2]> {
         let ray: Vector<Camera> = camera.unproject(pixel)?;
         let depth = self.axes[2].dot(&self.origin) / self.axes[2].dot(&ray.mm);
@@ -267,18 +269,18 @@ pub struct BoardCell {
     reduction: usize,
 }
 
-/// The board on the flange. A bracket holds it beside the arm, facing back over the arm, because the fixed camera
-/// is behind the arm. The bracket does not hold it straight.
+/// Returns the board's pose on the flange. A bracket holds the board beside the arm, facing back over the arm, because
+/// the fixed camera is behind the arm. The bracket does not hold it straight.
 fn flange_from_board(print: &BoardPrint) -> Rigid<Flange, Board> {
     // The board's Z points away from the viewer, as the flange's Z does.
     let turn = UnitQuaternion::from_scaled_axis(Vector3::new(1.5, 1.0, 2.0).map(f64::to_radians));
-    board_pose_in_hand(Vector3::new(BRACKET_MM, -9.0, 55.0), turn, print)
+    board_pose_in_hand(Vector3::new(BRACKET_DISTANCE_MM, -9.0, 55.0), turn, print)
 }
 
 /// Distance from the flange's axis to the board's middle, mm: at this distance the arm does not hide the board.
-const BRACKET_MM: f64 = 190.0;
+const BRACKET_DISTANCE_MM: f64 = 190.0;
 
-/// The board's pose in the cell: in front of the robot, facing up.
+/// Returns the board's pose in the cell: in front of the robot, facing up.
 fn base_from_board(print: &BoardPrint) -> Rigid<Base, Board> {
     let turn = UnitQuaternion::from_scaled_axis(Vector3::new(180.0, 0.0, 0.0).map(f64::to_radians))
         * UnitQuaternion::from_scaled_axis(Vector3::new(1.0, -2.0, 25.0).map(f64::to_radians));
@@ -311,7 +313,7 @@ const SCANNER_INDEX: u64 = 2_000;
 const MAX_CENTRE_OFFSET: [f64; 2] = [0.22, 0.14];
 const MAX_CENTRE_OFFSET_WIDE: [f64; 2] = [0.42, 0.25];
 /// Minimum distance of the rim from the picture's edge, px.
-const MARGIN_PX: f64 = 12.0;
+const MIN_RIM_MARGIN_PX: f64 = 12.0;
 
 impl BoardCell {
     /// Creates a board cell with this print and a robot with these errors.
@@ -324,32 +326,32 @@ impl BoardCell {
         BoardCell { reduction, ..self }
     }
 
-    /// The fixed camera.
+    /// Returns the fixed camera.
     pub fn scanner(&self) -> PinholeCamera {
         scene::scanner(self.reduction)
     }
 
-    /// The camera on the flange.
+    /// Returns the camera on the flange.
     pub fn flange_camera(&self) -> PinholeCamera {
         scene::flange_camera(self.reduction)
     }
 
-    /// The fixed camera's true pose.
+    /// Returns the fixed camera's true pose.
     pub fn base_from_camera(&self) -> Rigid<Base, Camera> {
         scene::base_from_camera()
     }
 
-    /// The true mount of the flange camera.
+    /// Returns the true mount of the flange camera.
     pub fn flange_from_camera(&self) -> Rigid<Flange, FlangeCamera> {
         scene::flange_from_camera()
     }
 
-    /// The true pose of the board that the flange camera looks at.
+    /// Returns the true pose of the board that the flange camera looks at.
     pub fn base_from_board(&self) -> Rigid<Base, Board> {
         base_from_board(&self.print)
     }
 
-    /// The print.
+    /// Returns the print.
     pub fn print(&self) -> &BoardPrint {
         &self.print
     }
@@ -405,7 +407,7 @@ impl BoardCell {
         shots
     }
 
-    /// The panel's middle in the frame of the fixed camera.
+    /// Returns the panel's middle in the frame of the fixed camera.
     pub fn panel_middle(&self) -> Point<Camera> {
         scene::base_from_camera().inverse() * Point::new(super::shape::CENTRE_MM.into())
     }
@@ -443,7 +445,7 @@ impl BoardCell {
                 * UnitQuaternion::from_scaled_axis(Vector3::z() * spread(1.5));
             let camera_from_board: Rigid<C, Board> = board_pose_in_hand(middle, turn, &self.print);
             let inside = |pixel: Pixel| {
-                let within = |at: f64, size: usize| at > MARGIN_PX && at < size as f64 - MARGIN_PX;
+                let within = |at: f64, size: usize| at > MIN_RIM_MARGIN_PX && at < size as f64 - MIN_RIM_MARGIN_PX;
                 within(pixel.u, camera.width_px) && within(pixel.v, camera.height_px)
             };
             let seen = |corner: &Point<Board>| camera.project(camera_from_board * *corner).is_some_and(inside);
@@ -471,7 +473,7 @@ impl BoardCell {
         let corners = self.print.corners().into_iter().map(|corner| {
             let (du, dv) = (normal.next() * noise_px, normal.next() * noise_px);
             let Some(pixel) = camera.project(shot.camera_from_board * corner) else {
-                unreachable!("the whole board stands before the camera")
+                unreachable!("the whole board lies in front of the camera")
             };
             (corner, Pixel::at(pixel.u + du, pixel.v + dv))
         });

@@ -1,10 +1,10 @@
-//! Determines what each pixel of a camera sees: panel or fixture, and the distance from the panel's edge, to a
-//! fraction of a pixel.
+//! Determines what each pixel of a camera sees: panel or fixture, and the distance from the panel's edge, to a fraction
+//! of a pixel.
 //!
 //! A pixel's ray o + λ r (r = (x, y, 1) in the camera's frame, so λ is the depth) meets the height field where
 //!     F(λ) = o_h + λ r_h − h(o_s + λ r_s, o_t + λ r_t) = 0,   F′ = r_h − ∂h/∂s r_s − ∂h/∂t r_t,           (1)
 //! solved by Newton's method from the neighbour's depth. The surface continues smoothly beyond its outline, so the
-//! outline's distance d at the intersection changes sign at the edge; with its slope in the picture, g,
+//! outline's distance d at the intersection changes sign at the edge; with its gradient in the picture, g,
 //!     edge = d / |g| px,                                                                                 (2)
 //! and the panel's share of the pixel is the part of a square pixel on the inner side of that straight line.
 
@@ -125,8 +125,8 @@ pub(super) struct PanelView<'a> {
     rows: Range<usize>,
 }
 
-/// The panel is not searched for beyond this distance from its edge, px.
-const EDGE_REACH_PX: f64 = 3.0;
+/// Largest distance from the panel's edge at which a pixel is searched for the panel, px.
+const MAX_EDGE_REACH_PX: f64 = 3.0;
 
 impl<'a> CastView<'a> {
     pub fn new<C: Frame>(
@@ -148,17 +148,17 @@ impl<'a> CastView<'a> {
         CastView { sanding: Some(sanding).filter(|sanding| !sanding.is_empty()), ..self }
     }
 
-    /// Columns of the picture.
+    /// Returns the number of columns of the picture.
     pub fn width(&self) -> usize {
         self.camera.width_px
     }
 
-    /// Rows of the picture.
+    /// Returns the number of rows of the picture.
     pub fn height(&self) -> usize {
         self.camera.height_px
     }
 
-    /// The focal length across, px.
+    /// Returns the focal length across, px.
     pub fn focal_px(&self) -> f64 {
         self.camera.fx_px
     }
@@ -182,7 +182,7 @@ impl<'a> CastView<'a> {
             if let Some(hit) = hit {
                 depth_mm = Some(hit.depth_mm);
             }
-            let panel = hit.filter(|hit| hit.edge_px < EDGE_REACH_PX).map(|hit| match self.sanding {
+            let panel = hit.filter(|hit| hit.edge_px < MAX_EDGE_REACH_PX).map(|hit| match self.sanding {
                 Some(sanding) => PanelHit { appearance: sanding.appearance_at(hit.place), ..hit },
                 None => hit,
             });
@@ -216,8 +216,8 @@ impl<'a> PanelView<'a> {
         self.axes[0] * direction.x + self.axes[1] * direction.y + self.axes[2] * direction.z
     }
 
-    /// The intersection of a ray (x, y, 1) with the surface (1), found by a search that starts at the neighbour's
-    /// depth, or else at the sheet's plane.
+    /// Returns the intersection of a ray (x, y, 1) with the surface (1), found by a search that starts at the
+    /// neighbour's depth, or else at the sheet's plane.
     pub fn intersect_ray(&self, ray: Vector3<f64>, guess_mm: Option<f64>) -> Option<PanelHit> {
         const STEPS: usize = 20;
         let r = self.to_sheet_direction(&ray);
@@ -288,7 +288,7 @@ fn bounds(
     }
     let span = |axis: usize, size: usize| {
         let clip = |px: f64| px.clamp(0.0, size as f64) as usize;
-        clip((low[axis] - EDGE_REACH_PX - 2.0).floor())..clip((high[axis] + EDGE_REACH_PX + 3.0).ceil())
+        clip((low[axis] - MAX_EDGE_REACH_PX - 2.0).floor())..clip((high[axis] + MAX_EDGE_REACH_PX + 3.0).ceil())
     };
     (span(0, camera.width_px), span(1, camera.height_px))
 }
@@ -302,7 +302,7 @@ mod tests {
     /// A point of the panel, projected by the camera model, is the point that the nearest pixel sees. The edge's
     /// distance in the picture agrees with the projected distance to a hundredth of a pixel.
     #[test]
-    fn pixels_see_what_projects_onto_them() {
+    fn a_pixel_sees_the_point_that_projects_onto_it() {
         let camera = scene::scanner(2);
         let rays = Rays::new(&camera);
         let shape = Shape::taught(Seed(5));
@@ -342,7 +342,7 @@ mod tests {
     /// The sum of all shares is the area of the projected outline: averaged over its length, the edge is exact to
     /// 0.01 px.
     #[test]
-    fn the_edge_is_where_the_outline_projects() {
+    fn the_edge_lies_on_the_projected_outline() {
         let camera = scene::scanner(2);
         let rays = Rays::new(&camera);
         let shape = Shape::taught(Seed(5));

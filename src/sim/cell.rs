@@ -49,7 +49,7 @@ pub struct Region {
 /// A box of the base frame in which to search for the panel, mm: all poses of the panel lie inside, the fixture
 /// outside.
 pub const SEARCH_BOX_MM: [[f64; 3]; 2] = [[465.0, -240.0, 180.0], [638.0, 240.0, 540.0]];
-/// The region keeps this distance from the outline, mm.
+/// Distance of the region from the outline, mm.
 const REGION_INSET_MM: f64 = 15.0;
 
 /// A simulated cell.
@@ -71,12 +71,12 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// The cell of this seed and scene, with camera pictures `reduction` times smaller than the real ones.
+    /// Creates the cell of this seed and scene, with camera pictures `reduction` times smaller than the real ones.
     ///
     /// # Panics
     /// If `reduction` is not 1…8.
     pub fn new(seed: u64, scene: Scene, reduction: usize) -> Self {
-        assert!((1..=8).contains(&reduction), "pictures {reduction} times smaller; allowed is 1 to 8");
+        assert!((1..=8).contains(&reduction), "pictures {reduction} times smaller; valid: 1 to 8");
         let seed = Seed(seed);
         let taught = Shape::taught(seed);
         let present = match scene {
@@ -131,8 +131,8 @@ impl Cell {
         Cell { film: spec, ..self }
     }
 
-    /// Returns the same cell with a panel that bows by this much today, mm: the panel's middle lies in front of its
-    /// taught position.
+    /// Returns the same cell with a panel that has a bow of this height, mm, since it was taught: the panel's middle
+    /// lies in front of its taught position.
     pub fn with_bow(self, bow_mm: f64) -> Self {
         Cell { present: self.present.map(|panel| panel.with_bow(bow_mm)), ..self }
     }
@@ -142,32 +142,32 @@ impl Cell {
         Cell { base_from_panel: scene::displaced_pose(self.seed, place), ..self }
     }
 
-    /// The true intrinsic parameters of the 3D camera; its calibration estimates them.
+    /// Returns the true intrinsic parameters of the 3D camera; its calibration estimates them.
     pub fn scanner(&self) -> &PinholeCamera {
         &self.scanner.0
     }
 
-    /// The true intrinsic parameters of the colour camera on the flange; its calibration estimates them.
+    /// Returns the true intrinsic parameters of the colour camera on the flange; its calibration estimates them.
     pub fn flange_camera(&self) -> &PinholeCamera {
         &self.flange_camera.0
     }
 
-    /// The 3D camera's pose in the calibration: 0.1 mm and 0.01° off.
+    /// Returns the 3D camera's pose in the calibration: 0.1 mm and 0.01° off.
     pub fn calibrated_base_from_camera(&self) -> Rigid<Base, Camera> {
         scene::calibrated_mount(self.seed, 0, &scene::base_from_camera())
     }
 
-    /// The flange camera's mounting in the calibration: 0.1 mm and 0.01° off.
+    /// Returns the flange camera's mounting in the calibration: 0.1 mm and 0.01° off.
     pub fn calibrated_flange_from_camera(&self) -> Rigid<Flange, FlangeCamera> {
         scene::calibrated_mount(self.seed, 1, &scene::flange_from_camera())
     }
 
-    /// The scan of the taught panel at its nominal pose.
+    /// Returns the scan of the taught panel at its nominal pose.
     pub fn taught_scan(&self) -> OrganizedCloud<Camera> {
         self.render_scan(Some((&self.taught, &scene::nominal())), 0)
     }
 
-    /// The drawing of the taught panel, and the place of its frame while the panel is at its nominal place.
+    /// Returns the drawing of the taught panel, and the place of its frame while the panel is at its nominal place.
     pub fn drawing(&self) -> (TriangleMesh, Rigid<Base, Drawing>) {
         let base_from_drawing = scene::nominal().isometry() * self.taught.panel_from_sheet();
         (shape::drawing_mesh(&self.taught), Rigid::from_isometry_unchecked(base_from_drawing))
@@ -198,7 +198,7 @@ impl Cell {
         CastView::new(&self.scanner.0, &self.scanner.1, &scene::base_from_camera(), panel)
     }
 
-    /// Corners of the taught panel with the flange poses from which they are taught.
+    /// Returns the corners of the taught panel with the flange poses from which they are taught.
     pub fn corner_views(&self) -> Vec<CornerView> {
         scene::corner_views(&self.taught)
     }
@@ -214,7 +214,7 @@ impl Cell {
         )
     }
 
-    /// The flange camera's picture from this pose, dry. The same pose gives the same picture.
+    /// Returns the flange camera's picture from this pose, dry. The same pose gives the same picture.
     pub fn flange_picture(&self, base_from_flange: &Rigid<Base, Flange>, place: PanelPosition) -> ColorPicture {
         match place {
             PanelPosition::Nominal => self.flange_shot(base_from_flange, Some((&self.taught, &scene::nominal()))),
@@ -264,7 +264,7 @@ impl Cell {
         )
     }
 
-    /// The water-break test of the panel in the cell.
+    /// Returns the water-break test of the panel in the cell.
     pub fn film(&self) -> Film {
         self.film_with_spots(&self.spots)
     }
@@ -301,18 +301,18 @@ impl Cell {
         Film::new(&view.with_sanding(sanding), on_panel, spec, &self.pixels, seed)
     }
 
-    /// Adds a pass of a disc of this radius; its centre was at these places of the panel.
-    pub fn sand(&self, sanding: &mut Sanding, centres: &[Point<Panel>], radius_mm: f64, look: SandingStrength) {
+    /// Adds a pass of a disc of this radius; the points of the panel are the positions of the disc's centre.
+    pub fn sand(&self, sanding: &mut Sanding, centres: &[Point<Panel>], radius_mm: f64, strength: SandingStrength) {
         let shape = self.present.as_ref().unwrap_or(&self.taught);
         let places: Vec<[f64; 2]> = centres.iter().map(|centre| shape.nearest(*centre).0).collect();
-        sanding.add_track(&places, radius_mm, (self.seed, look));
+        sanding.add_track(&places, radius_mm, (self.seed, strength));
     }
 
     /// Adds a pass over these areas of the panel, each given by the corners of a quadrilateral.
-    pub fn sand_areas(&self, sanding: &mut Sanding, areas: &[[Point<Panel>; 4]], look: SandingStrength) {
+    pub fn sand_areas(&self, sanding: &mut Sanding, areas: &[[Point<Panel>; 4]], strength: SandingStrength) {
         let shape = self.present.as_ref().unwrap_or(&self.taught);
         let quads: Vec<_> = areas.iter().map(|area| area.map(|corner| shape.nearest(corner).0)).collect();
-        sanding.add_quads(&quads, (self.seed, look));
+        sanding.add_quads(&quads, (self.seed, strength));
     }
 
     /// Returns the ground truth: the pixels of the taught scan that show a sanded point, or a point nearer to it
@@ -335,12 +335,12 @@ impl Cell {
         film_defects::draw_spots(self.seed.child(RandomPurpose::Grease, index), shape, WET_FROM_S, grease)
     }
 
-    /// The greasy spots.
+    /// Returns the greasy spots.
     pub fn spots(&self) -> &[GreasySpot] {
         &self.spots
     }
 
-    /// A region of grids of 42 to 50 mm, 15 mm inside the taught panel's outline.
+    /// Returns a region of grids of 42 to 50 mm, 15 mm inside the taught panel's outline.
     pub fn region(&self) -> Region {
         let inner = self.taught.outline().inset_corners(REGION_INSET_MM);
         // The outline's corners are listed from the bottom left; the fifth is the top left, the third is the end of
@@ -350,13 +350,13 @@ impl Cell {
                 scene::base_from_camera().inverse() * (scene::nominal() * self.taught.point(inner[index].into()));
             match self.scanner.0.project(seen) {
                 Some(pixel) => pixel,
-                None => unreachable!("the nominal panel stands before the camera"),
+                None => unreachable!("the nominal panel lies in front of the camera"),
             }
         });
         Region { corners_px, rows: 4, columns: 6 }
     }
 
-    /// The ground truth of this cell.
+    /// Returns the ground truth of this cell.
     pub fn truth(&self) -> CellTruth {
         CellTruth::new(
             (self.seed.0, self.scene),
@@ -379,21 +379,21 @@ pub struct Target {
     pub base_from_board: Rigid<Base, Board>,
     /// Its known pose.
     pub known_base_from_board: Rigid<Base, Board>,
-    /// The flange's pose at which the flange camera takes its picture; without meaning for the fixed camera.
+    /// The flange's pose at which the flange camera takes its picture; not used for the fixed camera.
     pub base_from_flange: Rigid<Base, Flange>,
     /// The camera's picture of the board.
     pub picture: GrayPicture,
 }
 
 impl Target {
-    /// The print of the board: 5 × 4 inner corners, squares of 40 mm.
+    /// Returns the print of the board: 5 × 4 inner corners, squares of 40 mm.
     pub fn target_print() -> BoardPrint {
         BoardPrint::chessboard(5, 4, 40.0)
     }
 }
 
 impl Cell {
-    /// The board beside the middle of the fixed camera's view, within reach of the arm that touches it.
+    /// Returns the board beside the middle of the fixed camera's view, within reach of the arm that touches it.
     pub fn scanner_target(&self) -> Target {
         let camera_from_board = board_pose_at([120.0, 90.0, 690.0], [0.15, -0.2, 0.05]);
         let base_from_board = scene::base_from_camera() * camera_from_board;

@@ -11,7 +11,7 @@
 use super::appearance::{FixedColor, dry_and_wet};
 use super::cast::CastView;
 use super::film_defects::GreasySpot;
-use super::film_spec::{FilmSpec, Lamp, PanelGround, TravellingSpot, TravellingSpots};
+use super::film_spec::{FilmSpec, Lamp, PanelExtent, TravellingSpot, TravellingSpots};
 use super::noise::{PixelNoise, RandomPurpose, Seed, ValueNoise, to_byte};
 use super::wetting::{Phase, PixelColors, RunoffPattern, SPRAY_FROM_S, WET_FROM_S, Water, WetPixel};
 use panelprep_base::geometry::{ColorPicture, Mask};
@@ -81,7 +81,7 @@ impl Film {
                 let (dry_color, wet) = dry_and_wet(&sight);
                 dry[column] = apply_exposure(dry_color, spec.exposure);
                 let Some(panel) = sight.panel.filter(|panel| panel.coverage > 0.0) else { return };
-                // A pixel that shows the panel only in part changes only by that part.
+                // A pixel that shows the panel only in part changes only in proportion to that part.
                 let stained = 1.0 + panel.coverage * (stains.brightness_factor(panel.place) - 1.0);
                 let dusty = 1.0 + panel.coverage * most_dust * dust.value_at(panel.place).clamp(-1.0, 1.0);
                 let [washed, wet] = [dry_color, wet].map(|color| apply_exposure(color, spec.exposure * stained));
@@ -95,7 +95,7 @@ impl Film {
                 row.wetted.push(water.wetting_at(panel.place, panel.pixel_mm, colors));
             });
         });
-        let ground = panel_ground(&rows, view);
+        let ground = panel_extent(&rows, view);
         let centre_px = [0, 1].map(|axis| (ground.low_px[axis] + ground.high_px[axis]) / 2.0);
         Film {
             lamp: Lamp::new(spec, seed, centre_px, width as f64),
@@ -123,7 +123,7 @@ impl Film {
         }
     }
 
-    /// The picture taken at this time, s.
+    /// Returns the picture taken at this time, s.
     pub fn picture(&self, time_s: f64) -> ColorPicture {
         let mut picture = ColorPicture::uniform(self.width, self.height, [0; 3]);
         self.render_rows(&mut picture, time_s, 0..self.height, 0..self.width);
@@ -183,13 +183,13 @@ impl Film {
         });
     }
 
-    /// Truth: the pixels with a film that has broken by this time, s, even if it closed again.
+    /// Returns the ground truth: the pixels with a film that has broken by this time, s, even if it closed again.
     pub fn broken_pixels(&self, time_s: f64) -> Mask {
         self.truth(|wetted| f64::from(wetted.breaks_at_s) <= time_s)
     }
 
-    /// Truth: the pixels with a film that had broken by this time, s, and has closed since.
-    pub fn closed(&self, time_s: f64) -> Mask {
+    /// Returns the ground truth: the pixels with a film that had broken by this time, s, and has closed since.
+    pub fn closed_pixels(&self, time_s: f64) -> Mask {
         self.truth(|wetted| f64::from(wetted.closes_at_s) <= time_s)
     }
 
@@ -217,7 +217,8 @@ impl Film {
         both
     }
 
-    /// Truth: when the film breaks at each pixel, s of the film, row by row; infinite if it holds.
+    /// Returns the ground truth: the time at which the film breaks at each pixel, s of the film, row by row; infinite
+    /// if it holds.
     pub fn break_times_s(&self) -> Vec<f32> {
         let mut times_s = vec![f32::INFINITY; self.width * self.height];
         for (index, row) in self.rows.iter().enumerate() {
@@ -278,15 +279,15 @@ fn travelling_effects(
     (shine, covered)
 }
 
-/// The panel's extent in the picture.
-fn panel_ground(rows: &[Row], view: &CastView<'_>) -> PanelGround {
+/// Returns the panel's extent in the picture.
+fn panel_extent(rows: &[Row], view: &CastView<'_>) -> PanelExtent {
     let shown = || rows.iter().enumerate().filter(|(_, row)| !row.wetted.is_empty());
     let (top, bottom) = (shown().next().map_or(0, |row| row.0), shown().next_back().map_or(1, |row| row.0 + 1));
     let left = shown().map(|(_, row)| row.first_column).min().unwrap_or(0);
     let right = shown().map(|(_, row)| row.first_column + row.wetted.len()).max().unwrap_or(1).max(left + 1);
     // The panel is about 780 mm in front of the camera.
     let px_per_mm = view.focal_px() / 780.0;
-    PanelGround { low_px: [left as f64, top as f64], high_px: [right as f64, bottom as f64], px_per_mm }
+    PanelExtent { low_px: [left as f64, top as f64], high_px: [right as f64, bottom as f64], px_per_mm }
 }
 
 #[cfg(test)]

@@ -32,7 +32,7 @@ pub struct GreasySpot {
 /// The behaviour of the film on a greasy spot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SpotKind {
-    /// The spot's film breaks while it is watched.
+    /// The spot's film breaks while it is observed.
     Breaks,
     /// The spot becomes wet and dries half a second later, during the spray.
     UnderSpray,
@@ -60,8 +60,8 @@ pub enum Grease {
     },
 }
 
-/// Distance of the spots from the panel's outline, in addition to their own radius, mm: they lie inside the region.
-const MIXED_EDGE_MM: f64 = 18.0;
+/// Minimum distance of a spot's outline from the panel's outline, mm, so that the spot lies inside the region.
+const MIN_MIXED_EDGE_MM: f64 = 18.0;
 
 /// Returns the spots that `grease` specifies on this panel; the panel's film is whole from `wet_from_s` on.
 pub(super) fn draw_spots(seed: Seed, shape: &Shape, wet_from_s: f64, grease: &Grease) -> Vec<GreasySpot> {
@@ -104,7 +104,7 @@ fn mixed_spots(seed: Seed, shape: &Shape, count: usize, (wet_from_s, until_s): (
         };
         let apart =
             |other: &GreasySpot| (other.centre - spot.centre).norm() > other.radius_mm() + spot.radius_mm() + 6.0;
-        let inside = shape.outline().distance(spot.centre).0 < -(MIXED_EDGE_MM + spot.radius_mm());
+        let inside = shape.outline().distance(spot.centre).0 < -(MIN_MIXED_EDGE_MM + spot.radius_mm());
         if inside && spots.iter().all(apart) {
             spots.push(spot);
         }
@@ -130,10 +130,10 @@ fn covering_spot(share: f64, kind: SpotKind) -> GreasySpot {
     }
 }
 
-/// Minimum distance of a spot's centre from the panel's outline, mm; `SPOT_DISTANCE_MM` is that between two
+/// Minimum distance of a spot's centre from the panel's outline, mm; `MIN_SPOT_DISTANCE_MM` is that between two
 /// centres.
-const EDGE_DISTANCE_MM: f64 = 42.0;
-const SPOT_DISTANCE_MM: f64 = 52.0;
+const MIN_SPOT_EDGE_MM: f64 = 42.0;
+const MIN_SPOT_DISTANCE_MM: f64 = 52.0;
 
 /// Draws two to four spots on this panel at random; the panel's film is whole from `wet_from_s` on.
 pub(super) fn draw(seed: Seed, shape: &Shape, wet_from_s: f64) -> Vec<GreasySpot> {
@@ -142,8 +142,8 @@ pub(super) fn draw(seed: Seed, shape: &Shape, wet_from_s: f64) -> Vec<GreasySpot
     let mut spots: Vec<GreasySpot> = Vec::new();
     while spots.len() < count {
         let centre = Vector2::new(random.random_range(-170.0..170.0), random.random_range(-120.0..120.0));
-        let apart = spots.iter().all(|spot| (spot.centre - centre).norm() > SPOT_DISTANCE_MM);
-        if apart && shape.outline().distance(centre).0 < -EDGE_DISTANCE_MM {
+        let apart = spots.iter().all(|spot| (spot.centre - centre).norm() > MIN_SPOT_DISTANCE_MM);
+        if apart && shape.outline().distance(centre).0 < -MIN_SPOT_EDGE_MM {
             // The first spot breaks early, so that a short film shows a break.
             let latest_s = if spots.is_empty() { 6.0 } else { 25.0 };
             spots.push(spot(&mut random, centre, wet_from_s + 1.5, latest_s));
@@ -167,7 +167,7 @@ fn spot(random: &mut Pcg64, centre: Vector2<f64>, earliest_s: f64, span_s: f64) 
 }
 
 impl GreasySpot {
-    /// The spot's centre on the sheet, mm.
+    /// Returns the spot's centre on the sheet, mm.
     pub(super) fn centre_mm(&self) -> [f64; 2] {
         self.centre.into()
     }
@@ -185,31 +185,31 @@ impl GreasySpot {
 
     /// Returns the time at which the film breaks at this share of the way from the centre to the outline, s of the
     /// film.
-    pub(super) fn breaks_s(&self, reached: f64) -> f64 {
+    pub(super) fn opening_time_s(&self, reached: f64) -> f64 {
         self.breaks_at_s + self.grows_s * reached.powf(1.5)
     }
 
     /// Returns the time at which the film breaks at a point of the spot that water reaches at `wet_from_s`.
     pub(super) fn break_time_at_s(&self, reached: f64, wet_from_s: f64) -> f64 {
-        const WET_FOR_S: f64 = 0.5;
+        const WET_DURATION_S: f64 = 0.5;
         match self.kind {
-            SpotKind::Breaks => self.breaks_s(reached),
-            SpotKind::UnderSpray => wet_from_s + WET_FOR_S,
+            SpotKind::Breaks => self.opening_time_s(reached),
+            SpotKind::UnderSpray => wet_from_s + WET_DURATION_S,
             SpotKind::NeverWets => f64::NEG_INFINITY,
         }
     }
 
-    /// Largest distance of the spot's outline from its centre, mm.
+    /// Returns the largest distance of the spot's outline from its centre, mm.
     pub(super) fn radius_mm(&self) -> f64 {
         self.half_axes_mm.max() * (1.0 + self.waves.iter().map(|(_, share, _)| share).sum::<f64>())
     }
 
-    /// Smallest distance of the spot's outline from its centre, or a slightly smaller value, mm.
+    /// Returns the smallest distance of the spot's outline from its centre, or a slightly smaller value, mm.
     pub(super) fn min_radius_mm(&self) -> f64 {
         self.half_axes_mm.min() * (1.0 - self.waves.iter().map(|(_, share, _)| share).sum::<f64>())
     }
 
-    /// The spot's outline on the sheet as a closed polyline, mm.
+    /// Returns the spot's outline on the sheet as a closed polyline, mm.
     pub(super) fn outline_mm(&self) -> Vec<[f64; 2]> {
         const POINTS: usize = 72;
         let point = |i: usize| {
@@ -259,6 +259,6 @@ mod tests {
         let shape = Shape::taught(Seed(1));
         let spot = &draw(Seed(1), &shape, 4.0)[0];
         assert!(spot.reach(spot.centre_mm()).0 < 1e-12);
-        assert!((spot.breaks_s(0.25) - spot.breaks_at_s - 0.125 * spot.grows_s).abs() < 1e-12);
+        assert!((spot.opening_time_s(0.25) - spot.breaks_at_s - 0.125 * spot.grows_s).abs() < 1e-12);
     }
 }

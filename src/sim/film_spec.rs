@@ -181,7 +181,7 @@ impl LampLight {
 
 /// The panel's pixels: the area in which glints and drops start, and the size of a millimetre in pixels.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct PanelGround {
+pub(super) struct PanelExtent {
     pub low_px: [f64; 2],
     pub high_px: [f64; 2],
     pub px_per_mm: f64,
@@ -202,11 +202,11 @@ pub(super) struct TravellingSpots {
     seed: Seed,
     purpose: RandomPurpose,
     count: usize,
-    ground: PanelGround,
+    ground: PanelExtent,
 }
 
 impl TravellingSpots {
-    pub fn new(seed: Seed, purpose: RandomPurpose, count: usize, ground: PanelGround) -> Self {
+    pub fn new(seed: Seed, purpose: RandomPurpose, count: usize, ground: PanelExtent) -> Self {
         TravellingSpots { seed, purpose, count, ground }
     }
 
@@ -286,7 +286,7 @@ mod tests {
 
     /// Calculated by hand: in the middle of a shadow of 0.3, the light is 0.7 of the light far from the shadow.
     #[test]
-    fn a_shadow_passes_and_the_drift_keeps_its_bounds() {
+    fn a_shadow_passes_and_the_drift_stays_within_its_limit() {
         let spec = FilmSpec { drift: 0.15, shadow: 0.3, shadow_at_s: 10.0, ..FilmSpec::CALM_FILM };
         let lamp = Lamp::new(&spec, Seed(4), [900.0, 600.0], 1944.0);
         let lit = lamp.light_at(10.0);
@@ -298,10 +298,10 @@ mod tests {
         );
     }
 
-    const GROUND: PanelGround = PanelGround { low_px: [100.0, 100.0], high_px: [500.0, 400.0], px_per_mm: 2.0 };
+    const GROUND: PanelExtent = PanelExtent { low_px: [100.0, 100.0], high_px: [500.0, 400.0], px_per_mm: 2.0 };
 
     #[test]
-    fn travellers_move_without_jumps_while_they_live() {
+    fn glints_and_drops_move_without_jumps() {
         let glints = TravellingSpots::new(Seed(3), RandomPurpose::Glints, 30, GROUND);
         let (now, soon) = (glints.at_time(7.0), glints.at_time(7.01));
         let steps = now
@@ -315,7 +315,7 @@ mod tests {
 
     /// Calculated by hand: with a radius of 2 px, a pixel beside the centre has exp(−1/8) of the peak.
     #[test]
-    fn a_glint_is_a_bell_and_a_drop_a_disc() {
+    fn a_glint_is_gaussian_and_a_drop_is_a_disc() {
         let spotted = TravellingSpot { centre_px: [10.0, 5.0], radius_px: 2.0, peak_gray: 100.0 };
         let mut row = vec![0.0; 20];
         spotted.add_glint_light(5, 0, &mut row);

@@ -54,7 +54,8 @@ impl Seed {
     }
 }
 
-/// SplitMix64's finaliser (Steele, Lea & Flood, OOPSLA 2014): neighbouring seeds give unrelated streams.
+/// Mixes a seed with SplitMix64's finaliser (Steele, Lea & Flood, OOPSLA 2014): neighbouring seeds give unrelated
+/// streams.
 fn mix_seed(state: u64) -> u64 {
     let z = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -62,7 +63,7 @@ fn mix_seed(state: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Two independent standard normal numbers (Box–Muller).
+/// Draws two independent standard normal numbers (Box–Muller).
 pub(super) fn normal_pair(random: &mut Pcg64) -> [f64; 2] {
     let radius = (-2.0 * (1.0 - random.random::<f64>()).ln()).sqrt();
     let (sin, cos) = (std::f64::consts::TAU * random.random::<f64>()).sin_cos();
@@ -88,7 +89,7 @@ impl NormalStream {
         })
     }
 
-    /// A number from 0 to 1.
+    /// Draws a number from 0 to 1.
     pub fn share(&mut self) -> f64 {
         self.random.random()
     }
@@ -120,7 +121,7 @@ impl ValueNoise {
         }
     }
 
-    /// The noise at a place of the sheet. Beyond the lattice, the values at its border continue.
+    /// Returns the noise at a place of the sheet. Beyond the lattice, the values at its border continue.
     pub fn value_at(&self, [s_mm, t_mm]: [f64; 2]) -> f64 {
         let (i, across) = self.cell(s_mm - self.corner_mm[0]);
         let (j, up) = self.cell(t_mm - self.corner_mm[1]);
@@ -137,7 +138,7 @@ impl ValueNoise {
     }
 }
 
-/// 3x² − 2x³ between 0 and 1, constant beyond.
+/// Computes 3x² − 2x³ between 0 and 1; the value is constant beyond.
 pub(super) fn smoothstep(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
@@ -193,7 +194,7 @@ mod tests {
 
     /// By hand: the mean over a cell is 26/35 of the nodes' rms; 0.06 mm becomes 0.0446 mm.
     #[test]
-    fn value_noise_keeps_26_parts_in_35() {
+    fn value_noise_has_26_35_of_the_rms_at_its_nodes() {
         let samples: Vec<f64> = (0..400)
             .flat_map(|index| {
                 let noise = ValueNoise::new(Seed(7).stream(RandomPurpose::Scan, index), 60.0, 200.0);
@@ -218,7 +219,7 @@ mod tests {
 
     /// Calculated by hand: 70 + 2.5 = 72.5 rounds up to 73; no value exceeds the range of a byte.
     #[test]
-    fn bytes_are_rounded_and_saturate() {
+    fn values_are_rounded_and_limited_to_a_byte() {
         assert_eq!(to_byte(70 * 128, 320), 73);
         assert_eq!(to_byte(70 * 128, 319), 72);
         assert_eq!((to_byte(255 * 128, 900), to_byte(0, -900)), (255, 0));

@@ -19,16 +19,16 @@ pub const TOOL_LENGTH_MM: f64 = 120.0;
 
 /// Nominal lengths a1, b, c1, c2, a2, c3, c4, mm.
 const NOMINAL_LENGTHS_MM: [f64; 7] = [25.0, 0.0, 400.0, 335.0, -25.0, 365.0, 90.0];
-/// Largest errors of an arm of this class before they are scaled to the stated error: zeros (rad), then twists
-/// (rad) and lengths (mm).
-const ZERO_RAD: f64 = 8.7e-4;
-const TWIST_RAD: f64 = 5e-4;
-const LENGTH_MM: f64 = 0.4;
+/// Largest errors of an arm of this class before they are scaled to the stated error: zeros (rad), then twists (rad)
+/// and lengths (mm).
+const MAX_ZERO_ERROR_RAD: f64 = 8.7e-4;
+const MAX_TWIST_ERROR_RAD: f64 = 5e-4;
+const MAX_LENGTH_ERROR_MM: f64 = 0.4;
 /// Weights of upper arm, forearm, and wrist with tool, N. `COMPLIANCE` is that of the drives of axes 2, 3 and 5,
 /// rad/(N mm).
 const WEIGHTS_N: [f64; 3] = [90.0, 60.0, 45.0];
 const COMPLIANCE: f64 = 6e-9;
-/// Amplitude of the gears' error, rad; `GEAR_PERIODS` is the number of its periods in one turn of each axis.
+/// Amplitude of the gears' error, rad; `GEAR_PERIODS` is the number of its periods in one rotation of each axis.
 const GEAR_ERROR_RAD: f64 = 3e-5;
 const GEAR_PERIODS: [f64; 3] = [3.0, 4.0, 5.0];
 
@@ -57,9 +57,9 @@ impl RealArm {
         let mut normal = NormalStream::new(Seed(seed).stream(RandomPurpose::Arm, 0));
         let mut even = |most: f64| (2.0 * normal.share() - 1.0) * most;
         let drawn = RealArm {
-            zeros_rad: std::array::from_fn(|_| even(ZERO_RAD)),
-            twists_rad: std::array::from_fn(|_| std::array::from_fn(|_| even(TWIST_RAD))),
-            lengths_mm: std::array::from_fn(|_| even(LENGTH_MM)),
+            zeros_rad: std::array::from_fn(|_| even(MAX_ZERO_ERROR_RAD)),
+            twists_rad: std::array::from_fn(|_| std::array::from_fn(|_| even(MAX_TWIST_ERROR_RAD))),
+            lengths_mm: std::array::from_fn(|_| even(MAX_LENGTH_ERROR_MM)),
             compliance: std::array::from_fn(|_| COMPLIANCE * (0.75 + even(0.25))),
             gears_rad: std::array::from_fn(|_| even(GEAR_ERROR_RAD)),
         };
@@ -77,7 +77,7 @@ impl RealArm {
         }
     }
 
-    /// The error of a tool of 120 mm, rms over poses in front of the panel, mm.
+    /// Returns the error of a tool of 120 mm, rms over poses in front of the panel, mm.
     pub fn error_mm(&self) -> f64 {
         let tip = nalgebra::Point3::new(0.0, 0.0, TOOL_LENGTH_MM);
         let mut off_mm2 = Vec::new();
@@ -95,9 +95,9 @@ impl RealArm {
         (off_mm2.iter().sum::<f64>() / off_mm2.len() as f64).sqrt()
     }
 
-    /// The flange's true pose.
+    /// Returns the flange's true pose.
     pub fn base_from_flange(&self, joints: &Joints) -> Rigid<Base, Flange> {
-        let mut q = turns_rad(joints);
+        let mut q = axis_angles_rad(joints);
         for (axis, periods) in GEAR_PERIODS.iter().enumerate() {
             q[axis] += self.gears_rad[axis] * (periods * q[axis]).sin();
         }
@@ -110,7 +110,7 @@ impl RealArm {
         chain(&q, &lengths_mm, &self.twists_rad)
     }
 
-    /// The true pose of the simulated tool's pad, whatever length a calibration assumes for the tool.
+    /// Returns the true pose of the simulated tool's pad, whatever length a calibration assumes for the tool.
     pub fn base_from_tool(&self, joints: &Joints) -> Rigid<Base, Tool> {
         self.base_from_flange(joints)
             * Rigid::from_isometry_unchecked(Isometry3::translation(0.0, 0.0, TOOL_LENGTH_MM))
@@ -183,15 +183,15 @@ const STARTS: [[f64; 6]; 4] = [
 const LEVER_MM: f64 = 300.0;
 const STEPS: usize = 100;
 const CONVERGENCE_MM: f64 = 1e-7;
-/// Largest turn of an axis in one step.
+/// Largest rotation of an axis in one step.
 const MAX_STEP_DEG: f64 = 15.0;
 
 /// Returns the flange's pose according to the nominal geometry: the pose that the controller reports.
 pub fn nominal_flange(joints: &Joints) -> Rigid<Base, Flange> {
-    chain(&turns_rad(joints), &NOMINAL_LENGTHS_MM, &[[0.0; 2]; 5])
+    chain(&axis_angles_rad(joints), &NOMINAL_LENGTHS_MM, &[[0.0; 2]; 5])
 }
 
-fn turns_rad(joints: &Joints) -> [f64; 6] {
+fn axis_angles_rad(joints: &Joints) -> [f64; 6] {
     let [a1, a2, a3, a4, a5, a6] = joints.degrees();
     [-a1, a2 + 90.0, a3, -a4, a5, -a6].map(f64::to_radians)
 }
@@ -201,7 +201,7 @@ fn moments(q: &[f64; 6]) -> [f64; 3] {
     let [_, _, _, c2, a2, c3, c4] = NOMINAL_LENGTHS_MM;
     let lean = q[1] + q[2];
     let (elbow, wrist) = (c2 * q[1].sin(), a2 * lean.cos() + c3 * lean.sin());
-    // The wrist's weight acts at the flange; axes 4 and 5 determine how far forward this is.
+    // The weight of the wrist acts at the flange; the angles of axes 4 and 5 determine its lever arm.
     let tool = c4 * (lean.sin() * q[4].cos() + lean.cos() * q[4].sin() * q[3].cos());
     let [upper, fore, hand] = WEIGHTS_N;
     let about_3 = fore * wrist / 2.0 + hand * (wrist + tool);
@@ -245,7 +245,7 @@ mod tests {
 
     /// Calculated by hand: upper arm upright, forearm level: x = 25 + 365 + 90, z = 400 + 335 + 25.
     #[test]
-    fn the_drawing_is_the_kr_6() {
+    fn the_nominal_geometry_is_that_of_the_kr_6() {
         let home = Joints::from([0.0, -90.0, 90.0, 0.0, 0.0, 0.0]);
         assert!((nominal_flange(&home).origin().mm - nalgebra::Point3::new(480.0, 0.0, 760.0)).norm() < 1e-9);
         assert_eq!(RealArm::new(1, 1.0).with_scaled_errors(0.0).base_from_flange(&home), nominal_flange(&home));
@@ -254,14 +254,15 @@ mod tests {
     /// Calculated by hand: in the home position no moment acts on the upper arm. The forearm has 60 N at 182.5 mm,
     /// the wrist 45 N at 455 mm.
     #[test]
-    fn weights_turn_the_axes_as_levers_do() {
-        let [about_2, about_3, about_5] = moments(&turns_rad(&Joints::from([0.0, -90.0, 90.0, 0.0, 0.0, 0.0])));
+    fn moments_of_the_weights_by_hand() {
+        let [about_2, about_3, about_5] =
+            moments(&axis_angles_rad(&Joints::from([0.0, -90.0, 90.0, 0.0, 0.0, 0.0])));
         assert!((about_3 - (60.0 * 182.5 + 45.0 * 455.0)).abs() < 1e-6, "{about_3}");
         assert!((about_2 - about_3).abs() < 1e-6 && (about_5 - 45.0 * 90.0).abs() < 1e-6, "{about_2} {about_5}");
     }
 
     #[test]
-    fn an_arm_is_off_by_what_was_asked_for_and_comes_where_it_should() {
+    fn an_arm_has_the_stated_error_and_reaches_a_true_pose() {
         for seed in 1..=5 {
             let arm = RealArm::new(seed, 1.0);
             assert!((arm.error_mm() - 1.0).abs() < 0.02, "{}", arm.error_mm());

@@ -10,7 +10,7 @@ use rand::RngExt;
 
 /// Number of cells along each side of the sheet's lattice: a cell is 1 mm wide, from −256 to 256 mm in both
 /// directions.
-const CELLS: usize = 512;
+const LATTICE_CELLS: usize = 512;
 const HALF_MM: f64 = 256.0;
 /// Width of the transition of the appearance at the edge of the area that the disc covered, mm.
 const EDGE_TRANSITION_MM: f64 = 0.8;
@@ -66,44 +66,44 @@ pub struct SandingStrength {
 impl SandingStrength {
     /// The expected appearance after the work of a real disc.
     pub const TYPICAL: SandingStrength = SandingStrength { albedo: [0.7, 1.4] };
-    /// From less than half of the brightness to almost twice the brightness.
+    /// Factors from less than half of the brightness to almost twice the brightness.
     pub const EXTREME: SandingStrength = SandingStrength { albedo: [0.4, 1.8] };
 }
 
 impl Sanding {
-    /// Adds a pass of a disc of this radius; its centre was at these places of the sheet, mm. Everything else is
-    /// drawn from the seed and the number of the pass.
+    /// Adds a pass of a disc of this radius; the places of the sheet, mm, are the positions of the disc's centre.
+    /// Everything else is drawn from the seed and the number of the pass.
     pub(super) fn add_track(
         &mut self,
         centres_mm: &[[f64; 2]],
         radius_mm: f64,
-        (seed, look): (Seed, SandingStrength),
+        (seed, strength): (Seed, SandingStrength),
     ) {
-        let mut depth_mm = vec![f32::NEG_INFINITY; CELLS * CELLS];
+        let mut depth_mm = vec![f32::NEG_INFINITY; LATTICE_CELLS * LATTICE_CELLS];
         for [s, t] in centres_mm {
             let reach = |mm: f64| {
-                let cell = |mm: f64| (mm + HALF_MM).clamp(0.0, (CELLS - 1) as f64) as usize;
+                let cell = |mm: f64| (mm + HALF_MM).clamp(0.0, (LATTICE_CELLS - 1) as f64) as usize;
                 cell(mm - radius_mm)..cell(mm + radius_mm) + 1
             };
             for row in reach(*t) {
                 for column in reach(*s) {
                     let [u, v] = [column, row].map(|cell| cell as f64 + 0.5 - HALF_MM);
                     let depth = (radius_mm - (u - s).hypot(v - t)) as f32;
-                    let cell = &mut depth_mm[row * CELLS + column];
+                    let cell = &mut depth_mm[row * LATTICE_CELLS + column];
                     *cell = cell.max(depth);
                 }
             }
         }
-        self.add(depth_mm, seed, look);
+        self.add(depth_mm, seed, strength);
     }
 
     /// Adds a pass over these quadrilaterals of the sheet, mm.
-    pub(super) fn add_quads(&mut self, quads_mm: &[[[f64; 2]; 4]], (seed, look): (Seed, SandingStrength)) {
+    pub(super) fn add_quads(&mut self, quads_mm: &[[[f64; 2]; 4]], (seed, strength): (Seed, SandingStrength)) {
         let depth = |index: usize| {
-            let place = [index % CELLS, index / CELLS].map(|cell| cell as f64 + 0.5 - HALF_MM);
+            let place = [index % LATTICE_CELLS, index / LATTICE_CELLS].map(|cell| cell as f64 + 0.5 - HALF_MM);
             quads_mm.iter().map(|quad| inside_distance(quad, place)).fold(f64::NEG_INFINITY, f64::max) as f32
         };
-        self.add((0..CELLS * CELLS).map(depth).collect(), seed, look);
+        self.add((0..LATTICE_CELLS * LATTICE_CELLS).map(depth).collect(), seed, strength);
     }
 
     fn add(&mut self, depth_mm: Vec<f32>, seed: Seed, SandingStrength { albedo: [least, most] }: SandingStrength) {
@@ -130,10 +130,10 @@ impl Sanding {
 
     /// Returns the present appearance of a point of the sheet: a later pass covers the earlier passes.
     pub(super) fn appearance_at(&self, place: [f64; 2]) -> Appearance {
-        self.passes.iter().fold(Appearance::UNTREATED, |look, pass| {
+        self.passes.iter().fold(Appearance::UNTREATED, |appearance, pass| {
             let depth = pass.depth_at(place);
             let own = pass.rim.blend(&pass.middle, ((depth - pass.rim_mm) / EDGE_TRANSITION_MM).clamp(0.0, 1.0));
-            look.blend(&own, (depth / EDGE_TRANSITION_MM + 0.5).clamp(0.0, 1.0))
+            appearance.blend(&own, (depth / EDGE_TRANSITION_MM + 0.5).clamp(0.0, 1.0))
         })
     }
 }
@@ -142,12 +142,12 @@ impl SandingPass {
     /// Interpolates the depth between the centres of four cells.
     fn depth_at(&self, place: [f64; 2]) -> f64 {
         let [(column, across), (row, up)] = place.map(|mm| {
-            let at = (mm + HALF_MM - 0.5).clamp(0.0, (CELLS - 2) as f64);
+            let at = (mm + HALF_MM - 0.5).clamp(0.0, (LATTICE_CELLS - 2) as f64);
             (at as usize, at.fract())
         });
         let cell = |dc: usize, dr: usize| {
             // Far from the disc the depth is the same as without a disc: any negative number is correct.
-            f64::from(self.depth_mm[(row + dr) * CELLS + column + dc].max(-1_000.0))
+            f64::from(self.depth_mm[(row + dr) * LATTICE_CELLS + column + dc].max(-1_000.0))
         };
         let low = cell(0, 0) + across * (cell(1, 0) - cell(0, 0));
         let high = cell(0, 1) + across * (cell(1, 1) - cell(0, 1));
@@ -176,7 +176,7 @@ mod tests {
     /// By hand: a disc of 20 mm at (0, 0) and at (30, 0) is 20 mm deep at its centres and 5 mm at the middle
     /// between both, (15, 0).
     #[test]
-    fn a_track_is_as_deep_as_the_nearest_disc() {
+    fn the_depth_in_a_track_is_that_of_the_nearest_disc() {
         let mut sanding = Sanding::default();
         sanding.add_track(&[[0.0, 0.0], [30.0, 0.0]], 20.0, (Seed(1), SandingStrength::EXTREME));
         let pass = &sanding.passes[0];
@@ -186,8 +186,11 @@ mod tests {
         }
         assert!(sanding.was_touched([48.0, 0.0], 0.0) && !sanding.was_touched([55.0, 0.0], 2.0));
         assert_eq!(sanding.appearance_at([-100.0, 0.0]), Appearance::UNTREATED);
-        let look = sanding.appearance_at([0.0, 0.0]);
-        assert!((look.albedo[0] - pass.middle.albedo[0]).abs() + (look.weave - pass.middle.weave).abs() < 1e-12);
+        let appearance = sanding.appearance_at([0.0, 0.0]);
+        assert!(
+            (appearance.albedo[0] - pass.middle.albedo[0]).abs() + (appearance.weave - pass.middle.weave).abs()
+                < 1e-12
+        );
     }
 
     /// By hand: in a square of 40 mm about (0, 0) a place at (15, 5) is 5 mm from its right side, in either order
@@ -203,16 +206,16 @@ mod tests {
     }
 
     #[test]
-    fn each_pass_has_a_look_of_its_own_within_its_limits() {
+    fn each_pass_has_its_own_appearance_within_the_limits() {
         let mut sanding = Sanding::default();
         let square = [[-40.0, -40.0], [40.0, -40.0], [40.0, 40.0], [-40.0, 40.0]];
-        let looks: Vec<Appearance> = (0..20)
+        let appearances: Vec<Appearance> = (0..20)
             .map(|_| {
                 sanding.add_quads(&[square], (Seed(7), SandingStrength::EXTREME));
                 sanding.appearance_at([0.0, 0.0])
             })
             .collect();
-        let albedos: Vec<f64> = looks.iter().map(|look| look.albedo[1]).collect();
+        let albedos: Vec<f64> = appearances.iter().map(|appearance| appearance.albedo[1]).collect();
         assert!(albedos.iter().all(|albedo| (0.38..1.88).contains(albedo)), "{albedos:?}");
         assert!(albedos.iter().any(|albedo| *albedo < 0.6) && albedos.iter().any(|albedo| *albedo > 1.4));
     }

@@ -1,30 +1,29 @@
-//! The 3D camera: its projector, a shot with its noise and the colour picture on the same pixels, and the error of
-//! a poorly calibrated camera.
+//! The 3D camera: its projector, a shot with its noise and the colour picture on the same pixels, and the error of a
+//! poorly calibrated camera.
 //!
-//! A pixel has a point if the projector lights the surface that the pixel sees. Noise along the ray: white,
-//! σ = 0.055 mm · (z / 700 mm)² / cos(incidence); on the panel also correlated, value noise of 0.06 mm rms
-//! at the nodes of a square lattice of 50–85 mm, drawn anew for each shot. At the panel's edge a tenth of the
-//! pixels flies between panel and background if both are lit, and most others are missing; 0.2 % drop out anywhere.
+//! A pixel has a point if the projector lights the surface that the pixel sees. Noise along the ray: white, σ = 0.055
+//! mm · (z / 700 mm)² / cos(incidence); on the panel also correlated, value noise of 0.06 mm rms at the nodes of a
+//! square lattice of 50–85 mm, drawn anew for each shot. At the panel's edge a tenth of the pixels have a flying point
+//! between panel and background if both are lit, and most others are missing; 0.2 % drop out anywhere.
 //!
-//! A Zivid measures a point only if both its camera and its projector see it. The projector of a Two M70 is b = 111
-//! mm to the right of the lens and is turned by 0.113 rad towards its axis. A pixel has no point if its surface
+//! A Zivid measures a point only if both its camera and its projector see it. The projector of a Two M70 is b = 111 mm
+//! to the right of the lens and is rotated by 0.113 rad towards its axis. A pixel has no point if its surface
 //! - lies outside of the projector's picture,
 //! - looks away from the projector, or
 //! - is in shadow: another object is on the line to the projector, nearer to it by over 0.5 % of the depth.
 //!
-//! The edge of an object at the distance d in front of a wall at the depth z leaves a strip of the wall without
-//! points,
+//! The edge of an object at the distance d in front of a wall at the depth z leaves a strip of the wall without points,
 //!     w ≈ b d / (z − d),                                                                                  (1)
 //! on the side that faces away from the projector. Colours have the room's light and no such shadows.
 //!
 //! Lines of sight end at the surfaces themselves, not at a depth map. Therefore rims are not ragged, and no slanted
-//! surface is in its own shadow. Not simulated: half-shadows, light from surface to surface, and the panel's shadow
-//! on itself, because the panel is too shallow for it. Source: geometry and rule of the vendor's own simulation,
+//! surface is in its own shadow. Not simulated: penumbras, light from surface to surface, and the panel's shadow on
+//! itself, because the panel is too shallow for it. Source: geometry and rule of the vendor's own simulation,
 //! github.com/zivid/zivid-isaac-sim (camera_calibration.py, zivid_camera.py); for the M70 the vendor's simulation
 //! computes the projector's picture four times coarser.
 //!
-//! The error of a poor calibration is a smooth error of 1/z over the picture, the same in each scan. With the
-//! picture's half width and half height as units, the depth error at 700 mm is
+//! The error of a poor calibration is a smooth error of 1/z over the picture, the same in each scan. With the picture's
+//! half width and half height as units, the depth error at 700 mm is
 //!     c = A (X² − 0.6 Y² + 0.5 sin(2.2 X + 1.3 Y + φ)),   1/z_measured = 1/z − c / (700 mm)²,
 //! a bow with opposite signs along X and Y, and a wave added to it. Zivid states a dimension trueness of 0.2 %, and
 //! 0.06 mm of local planarity, for the Two M70; public scans of a poorly calibrated camera bow by 1.5 to 3.4 mm. The
@@ -41,14 +40,14 @@ use panelprep_base::geometry::{Base, Camera, OrganizedCloud, Panel, PinholeCamer
 use rand::RngExt;
 use rayon::prelude::*;
 
-const WHITE_MM: f64 = 0.055;
-const WHITE_AT_MM: f64 = 700.0;
-const CORRELATED_MM: f64 = 0.06;
-const LATTICE_MM: std::ops::Range<f64> = 50.0..85.0;
+const WHITE_NOISE_MM: f64 = 0.055;
+const WHITE_NOISE_DEPTH_MM: f64 = 700.0;
+const CORRELATED_NOISE_MM: f64 = 0.06;
+const LATTICE_SPACING_MM: std::ops::Range<f64> = 50.0..85.0;
 /// Half the side of the square that the lattice covers: more than the largest panel.
 pub(super) const LATTICE_HALF_WIDTH_MM: f64 = 260.0;
-/// A pixel nearer than this to the panel's edge sees both sides, px.
-const EDGE_PX: f64 = 1.0;
+/// Width of the zone on both sides of the panel's edge in which a pixel sees both surfaces, px.
+const EDGE_ZONE_PX: f64 = 1.0;
 const FLYING_SHARE: f64 = 0.10;
 const EDGE_MISSING_SHARE: f64 = 0.75;
 const DROPOUT_SHARE: f64 = 0.002;
@@ -70,19 +69,19 @@ pub struct NoiseFigures {
     pub drop_out_share: f64,
     /// Distance from the camera to its projector, mm: a surface that only one of the two sees has no points.
     pub projector_baseline_mm: f64,
-    /// An object that is nearer to the projector than a point by this share of the point's depth throws a shadow on
-    /// the point.
+    /// An object that is nearer to the projector than a point by more than this share of the point's depth casts a
+    /// shadow on the point.
     pub projector_shadow_share: f64,
     /// Pixel noise of both cameras, grey levels.
     pub pixel_gray: f64,
 }
 
-/// The noise of every rendered shot.
+/// Returns the noise of every rendered shot.
 pub fn scanner_noise() -> NoiseFigures {
     NoiseFigures {
-        range_white_mm: WHITE_MM,
-        range_correlated_mm: CORRELATED_MM,
-        range_lattice_mm: [LATTICE_MM.start, LATTICE_MM.end],
+        range_white_mm: WHITE_NOISE_MM,
+        range_correlated_mm: CORRELATED_NOISE_MM,
+        range_lattice_mm: [LATTICE_SPACING_MM.start, LATTICE_SPACING_MM.end],
         edge_flying_share: FLYING_SHARE,
         edge_missing_share: EDGE_MISSING_SHARE,
         drop_out_share: DROPOUT_SHARE,
@@ -92,7 +91,7 @@ pub fn scanner_noise() -> NoiseFigures {
     }
 }
 
-/// Makes a shot; `shot` is its own seed.
+/// Takes a shot; `shot` is its own seed.
 pub(super) fn capture(
     view: &CastView<'_>,
     projector: &Projector<'_>,
@@ -124,15 +123,15 @@ pub(super) fn capture(
 /// Draws the correlated noise of a shot, in units of its rms, on a lattice of this spacing, mm. `None` selects the
 /// camera's usual spacing.
 pub(super) fn correlated_noise(shot: Seed, spacing_mm: Option<f64>) -> ValueNoise {
-    let usual_mm = || shot.stream(RandomPurpose::Scan, 0).random_range(LATTICE_MM);
+    let usual_mm = || shot.stream(RandomPurpose::Scan, 0).random_range(LATTICE_SPACING_MM);
     let lattice_mm = spacing_mm.unwrap_or_else(usual_mm);
     ValueNoise::new(shot.stream(RandomPurpose::Scan, 1), lattice_mm, LATTICE_HALF_WIDTH_MM)
 }
 
-/// Computes the range error of a pixel that looks square at a surface, mm, from its white and its correlated noise
-/// in units of their rms.
+/// Computes the range error of a pixel whose ray is perpendicular to the surface, mm, from its white and its correlated
+/// noise in units of their rms.
 pub(super) fn range_error_mm(white: f64, depth_mm: f64, correlated: f64) -> f64 {
-    white * WHITE_MM * (depth_mm / WHITE_AT_MM).powi(2) + CORRELATED_MM * correlated
+    white * WHITE_NOISE_MM * (depth_mm / WHITE_NOISE_DEPTH_MM).powi(2) + CORRELATED_NOISE_MM * correlated
 }
 
 /// A lit surface on which a ray may end.
@@ -152,7 +151,7 @@ impl Surface {
         projector.is_lit(&(sight.ray * panel.depth_mm), Some(panel)).then(|| Surface {
             depth_mm: panel.depth_mm,
             cos_incidence: panel.cos_incidence,
-            correlated_mm: CORRELATED_MM * correlated.value_at(panel.place),
+            correlated_mm: CORRELATED_NOISE_MM * correlated.value_at(panel.place),
         })
     }
 
@@ -175,8 +174,8 @@ pub(super) fn measured(
 ) -> Option<[f32; 3]> {
     // Drawn for every pixel, so that the surface seen by one pixel does not change the noise of the next.
     let (white, chance, between) = (normal.next(), normal.share(), normal.share());
-    let near = sight.panel.filter(|panel| panel.edge_px < EDGE_PX);
-    let at_edge = near.is_some_and(|panel| panel.edge_px > -EDGE_PX);
+    let near = sight.panel.filter(|panel| panel.edge_px < EDGE_ZONE_PX);
+    let at_edge = near.is_some_and(|panel| panel.edge_px > -EDGE_ZONE_PX);
     let missing = if at_edge { FLYING_SHARE..FLYING_SHARE + EDGE_MISSING_SHARE } else { 0.0..DROPOUT_SHARE };
     if missing.contains(&chance) {
         return None;
@@ -190,8 +189,8 @@ pub(super) fn measured(
         Some(panel) if panel.edge_px < 0.0 => Surface::from_panel_hit(sight, &panel, projector, correlated)?,
         _ => Surface::from_background(sight, projector)?,
     };
-    let scale = surface.depth_mm / WHITE_AT_MM;
-    let along_ray_mm = white * WHITE_MM * scale * scale / surface.cos_incidence + surface.correlated_mm;
+    let scale = surface.depth_mm / WHITE_NOISE_DEPTH_MM;
+    let along_ray_mm = white * WHITE_NOISE_MM * scale * scale / surface.cos_incidence + surface.correlated_mm;
     let point = sight.ray * (surface.depth_mm + along_ray_mm / sight.ray.norm());
     Some([point.x as f32, point.y as f32, point.z as f32])
 }
@@ -211,21 +210,21 @@ const PROJECTOR_LENS: PinholeCamera = PinholeCamera {
     k3: 0.0,
 };
 
-/// The projector's position in the camera's frame, mm, and its turn about the camera's y, rad.
+/// The projector's position in the camera's frame, mm, and its rotation about the camera's y, rad.
 const PROJECTOR_POSITION_MM: [f64; 3] = [111.2, 0.0, 9.7];
-const PROJECTOR_TURN_RAD: f64 = -0.113;
+const PROJECTOR_ROTATION_RAD: f64 = -0.113;
 
-/// An object that is nearer to the projector than a point by this share of the point's depth throws a shadow on the
-/// point.
+/// An object that is nearer to the projector than a point by more than this share of the point's depth casts a shadow
+/// on the point.
 const PROJECTOR_SHADOW_SHARE: f64 = 0.005;
 
-/// Distance from the camera's lens to the projector's lens, mm.
+/// Returns the distance from the camera's lens to the projector's lens, mm.
 fn baseline_mm() -> f64 {
     Vector3::from(PROJECTOR_POSITION_MM).norm()
 }
 
 fn camera_from_projector() -> Isometry3<f64> {
-    Isometry3::new(PROJECTOR_POSITION_MM.into(), Vector3::y() * PROJECTOR_TURN_RAD)
+    Isometry3::new(PROJECTOR_POSITION_MM.into(), Vector3::y() * PROJECTOR_ROTATION_RAD)
 }
 
 /// The projector in front of the objects in the cell.
@@ -236,7 +235,7 @@ pub(super) struct Projector<'a> {
 }
 
 impl<'a> Projector<'a> {
-    /// The projector of a camera at this pose, in front of the fixture, a panel and these objects.
+    /// Creates the projector of a camera at this pose, in front of the fixture, a panel and these objects.
     pub fn new(
         base_from_camera: &Rigid<Base, Camera>,
         panel: Option<(&'a Shape, &Rigid<Base, Panel>)>,
@@ -262,7 +261,7 @@ impl<'a> Projector<'a> {
     /// panel, `on_panel` is the panel as the camera sees it there.
     pub fn is_lit(&self, point: &Vector3<f64>, on_panel: Option<&PanelHit>) -> bool {
         let point = self.projector_from_camera * Point3::from(*point);
-        let Some((column, row)) = inside(&point) else { return false };
+        let Some((column, row)) = projector_pixel(&point) else { return false };
         let nearest = (1.0 - PROJECTOR_SHADOW_SHARE) * point.z;
         let clear_of_panel = match (&self.panel, on_panel) {
             (Some(panel), Some(sight)) => panel.to_sheet_direction(&point.coords).dot(&sight.normal) < 0.0,
@@ -280,7 +279,7 @@ impl<'a> Projector<'a> {
 }
 
 /// Returns the pixel of the projector's picture that contains a point of the projector's frame.
-fn inside(point: &Point3<f64>) -> Option<(usize, usize)> {
+fn projector_pixel(point: &Point3<f64>) -> Option<(usize, usize)> {
     let Pixel { u, v } = PROJECTOR_LENS.project(Point::<Camera>::new(*point))?;
     let within = u >= 0.0 && v >= 0.0 && u < PROJECTOR_LENS.width_px as f64 && v < PROJECTOR_LENS.height_px as f64;
     within.then_some((u as usize, v as usize))
@@ -302,7 +301,7 @@ impl OccludingScreen {
         let centre = projector_from_slab.translation.vector;
         let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| projector_from_slab * axis);
         let same_side = axes[2].dot(&(eye.coords - centre)) * axes[2].dot(&-centre) > 0.0;
-        // If the camera sees the side that the projector does not see, all of that side is dark.
+        // If the camera sees the side that faces away from the projector, all of that side is dark.
         let reach = if same_side { 1.0 - PROJECTOR_SHADOW_SHARE } else { 1.0 + 1e-6 };
         OccludingScreen { centre, axes, half_mm: slab.half_mm, reach }
     }
@@ -369,8 +368,8 @@ pub(super) mod tests {
         assert!(!Projector::without_occluders().is_lit(&Vector3::new(0.0, 0.0, -700.0), None), "behind");
     }
 
-    /// A camera pose at (−35, 0, 360) that looks straight at the plate, 700 mm away; the camera's x is the base's
-    /// −Y.
+    /// Returns a camera pose at (−35, 0, 360) that looks straight at the plate, 700 mm away; the camera's x is the
+    /// base's −Y.
     pub fn before_the_plate() -> Rigid<Base, Camera> {
         let axes = [-Vector3::y(), -Vector3::z(), Vector3::x()].map(panelprep_base::geometry::Vector::new);
         Rigid::from_axes(axes, Point::at(-35.0, 0.0, 360.0))
@@ -391,9 +390,9 @@ pub(super) mod tests {
         assert!(Projector::new(&before_the_plate(), None, &[thin]).is_lit(&Vector3::new(0.0, 0.0, 700.0), None));
     }
 
-    /// An object between lens and projector, with its edge towards the camera, shows the lens its dark side.
+    /// An object between lens and projector, with its edge towards the camera, shows the lens its unlit side.
     #[test]
-    fn the_dark_side_of_a_thing_has_no_points() {
+    fn the_unlit_side_of_an_object_has_no_points() {
         let seen_from = |y_mm: f64| {
             let thing = Slab::facing(Point3::new(465.0, y_mm, 360.0), Vector3::y(), 0.0, [40.0, 40.0], [100.0; 3]);
             Projector::new(&before_the_plate(), None, &[thing]).is_lit(&Vector3::new(-y_mm, 0.0, 505.0), None)
@@ -405,7 +404,7 @@ pub(super) mod tests {
     /// For a shadow on the plate beside the panel, the line to the projector passes through the panel's inside. The
     /// panel has no object in front of it and is lit everywhere, at every pose.
     #[test]
-    fn a_panel_is_lit_and_throws_its_shadow_to_the_left() {
+    fn a_panel_is_lit_and_casts_its_shadow_to_the_left() {
         let base_from_camera = scene::base_from_camera();
         for seed in 0..20 {
             let shape = Shape::taught(Seed(seed));

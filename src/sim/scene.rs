@@ -31,13 +31,13 @@ impl Scene {
     /// Every scene.
     pub const ALL: &'static [Scene] = <Self as VariantArray>::VARIANTS;
 
-    /// The scene's keyword, which users use in scripts.
+    /// Returns the scene's keyword, on which scripts of users depend.
     pub fn keyword(self) -> &'static str {
         self.into()
     }
 }
 
-/// The fixed 3D camera, a Zivid Two, with its picture made smaller by a whole factor.
+/// Returns the fixed 3D camera, a Zivid Two, with its picture made smaller by a whole factor.
 pub(super) fn scanner(reduction: usize) -> PinholeCamera {
     let camera = PinholeCamera {
         width_px: 1944,
@@ -55,7 +55,7 @@ pub(super) fn scanner(reduction: usize) -> PinholeCamera {
     reduce_camera(camera, reduction)
 }
 
-/// The colour camera on the flange, with its picture made smaller by a whole factor.
+/// Returns the colour camera on the flange, with its picture made smaller by a whole factor.
 pub(super) fn flange_camera(reduction: usize) -> PinholeCamera {
     let camera = PinholeCamera {
         width_px: 2048,
@@ -86,7 +86,7 @@ fn reduce_camera(camera: PinholeCamera, reduction: usize) -> PinholeCamera {
     }
 }
 
-/// The 3D camera's pose: beside and above the robot, with the panel's centre in the middle of its picture.
+/// Returns the 3D camera's pose: beside and above the robot, with the panel's centre in the middle of its picture.
 pub(super) fn base_from_camera() -> Rigid<Base, Camera> {
     let eye = Point3::new(-100.0, -250.0, 700.0);
     let forward = (Point3::from(CENTRE_MM) - eye).normalize();
@@ -95,7 +95,7 @@ pub(super) fn base_from_camera() -> Rigid<Base, Camera> {
     Rigid::from_axes(axes, Point::new(eye))
 }
 
-/// The flange camera's mounting: beside the tool along the flange's X, slightly tilted, looking in the tool's
+/// Returns the flange camera's mounting: beside the tool along the flange's X, slightly tilted, looking in the tool's
 /// direction.
 pub(super) fn flange_from_camera() -> Rigid<Flange, FlangeCamera> {
     let tilt = UnitQuaternion::from_scaled_axis(Vector3::new(0.8, -3.0, 0.6).map(f64::to_radians));
@@ -123,24 +123,24 @@ fn direction(normal: &mut NormalStream) -> Vector3<f64> {
     Vector3::from_fn(|_, _| normal.next()).normalize()
 }
 
-/// The panel's nominal pose: its frame is the base's (thesis 3.8).
+/// Returns the panel's nominal pose: its frame is the base's (thesis 3.8).
 pub(super) fn nominal() -> Rigid<Base, Panel> {
     Rigid::from_isometry_unchecked(Isometry3::identity())
 }
 
 const MAX_SHIFT_MM: f64 = 25.0;
-const MAX_TURN_DEG: f64 = 8.0;
+const MAX_ROTATION_DEG: f64 = 8.0;
 /// Factor of the shift along the panel's normal: it is smaller than sideways, so that the panel stays clear of the
 /// fixture.
 const NORMAL_SHIFT_FACTOR: f64 = 0.6;
 
-/// The panel's displaced pose: shifted by up to 25 mm and turned by up to 8° about its centre; different for each
-/// number.
+/// Returns the panel's displaced pose: shifted by up to 25 mm and rotated by up to 8° about its centre; different for
+/// each number.
 pub(super) fn displaced_pose(seed: Seed, place: u32) -> Rigid<Base, Panel> {
     let mut normal = NormalStream::new(seed.stream(RandomPurpose::Placement, u64::from(place)));
     let mut shift = direction(&mut normal) * (MAX_SHIFT_MM * (0.3 + 0.7 * normal.share()));
     shift.x *= NORMAL_SHIFT_FACTOR;
-    let turn = direction(&mut normal) * (Degrees(MAX_TURN_DEG).to_rad() * (0.3 + 0.7 * normal.share()));
+    let turn = direction(&mut normal) * (Degrees(MAX_ROTATION_DEG).to_rad() * (0.3 + 0.7 * normal.share()));
     let centre = Vector3::from(CENTRE_MM);
     let turned = UnitQuaternion::from_scaled_axis(turn);
     Rigid::from_isometry_unchecked(Isometry3::from_parts(
@@ -263,7 +263,7 @@ pub(super) fn intersect_fixture(origin: &Point3<f64>, ray: &Vector3<f64>, pixel_
     Background { depth_mm, cos_incidence: ray.x.abs() / ray.norm(), color }
 }
 
-/// The lamp's light on the fixture, a few percent brighter in the middle.
+/// Returns the lamp's light on the fixture, a few percent brighter in the middle.
 fn fixture_light(y_mm: f64, z_mm: f64) -> f64 {
     let (across, up) = (y_mm / 500.0, (z_mm - 380.0) / 500.0);
     1.03 - 0.09 * (across * across + up * up)
@@ -346,23 +346,27 @@ mod tests {
     }
 
     #[test]
-    fn a_calibration_is_a_tenth_of_a_millimetre_off() {
+    fn a_calibration_has_an_error_of_a_tenth_of_a_millimetre() {
         for seed in 0..20 {
             let found = calibrated_mount(Seed(seed), 0, &base_from_camera());
             let error = base_from_camera().inverse() * found;
             assert!((error.origin().mm.coords.norm() - 0.1).abs() < 1e-9);
-            assert!((error.turn().0 - 0.01).abs() < 1e-9);
+            assert!((error.rotation_angle().0 - 0.01).abs() < 1e-9);
         }
     }
 
     #[test]
-    fn the_panel_moves_within_its_limits_about_its_centre() {
+    fn the_panels_displacement_stays_within_its_limits() {
         let centre = Point::<Panel>::at(560.0, 0.0, 360.0);
         for seed in 0..200 {
             let place = displaced_pose(Seed(seed), 0);
             let shift = (place * centre).mm - centre.mm;
             assert!(shift.norm() <= MAX_SHIFT_MM && shift.norm() > 2.0 && shift.x.abs() <= 15.0, "{shift}");
-            assert!(place.turn().0 <= MAX_TURN_DEG && place.turn().0 > 2.0, "{}", place.turn());
+            assert!(
+                place.rotation_angle().0 <= MAX_ROTATION_DEG && place.rotation_angle().0 > 2.0,
+                "{}",
+                place.rotation_angle()
+            );
         }
     }
 
@@ -385,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn corner_poses_put_the_corner_near_the_middle() {
+    fn from_a_corner_pose_the_corner_is_near_the_middle() {
         let camera = flange_camera(1);
         for view in corner_views(&Shape::taught(Seed(1))) {
             let base_from_camera = view.base_from_flange * flange_from_camera();
@@ -398,7 +402,7 @@ mod tests {
 
     /// By hand: from (0, 0, 360) straight ahead the plate is 665 mm away; at Y = 95 a post, 650 mm away.
     #[test]
-    fn the_plate_and_a_post() {
+    fn rays_meet_the_plate_and_a_post() {
         let from = |y: f64| Point3::new(0.0, y, 360.0);
         let plate = intersect_fixture(&from(0.0), &Vector3::x(), 1e-3);
         assert!((plate.depth_mm.expect("a plate") - 665.0).abs() < 1e-9 && plate.color[0] > 170.0);
@@ -409,7 +413,7 @@ mod tests {
     /// The x of a slab's frame is the base's Y, and its y points upwards: corners of a part are corners of its
     /// slab.
     #[test]
-    fn parts_are_slabs_of_their_size() {
+    fn each_fixture_part_is_a_slab_of_its_size() {
         for (board, slab) in FIXTURE_BOARDS.iter().zip(occluders()) {
             let corner = Point3::new(board.x_mm, board.y_mm[1], board.z_mm[1]);
             let at = slab.base_from_slab.inverse_transform_point(&corner);
@@ -419,7 +423,7 @@ mod tests {
     }
 
     #[test]
-    fn beyond_the_plate_is_the_hall() {
+    fn a_ray_beside_the_plate_meets_the_hall() {
         let hall = intersect_fixture(&Point3::new(0.0, 0.0, 900.0), &Vector3::x(), 1e-3);
         assert_eq!((hall.depth_mm, hall.color), (None, HALL_COLOR));
         assert_eq!(intersect_fixture(&Point3::new(0.0, 0.0, 360.0), &-Vector3::x(), 1e-3).depth_mm, None);
@@ -428,7 +432,7 @@ mod tests {
     /// Calculated by hand: a slab of 40 × 20 mm, 500 mm ahead along X and square to it. Its edge is 20 mm aside;
     /// there it fills half a pixel.
     #[test]
-    fn a_slab_ahead_is_met_up_to_its_edge() {
+    fn a_ray_meets_a_slab_up_to_its_edge() {
         let slab = Slab::facing(Point3::new(500.0, 0.0, 0.0), -Vector3::x(), 0.0, [20.0, 10.0], [100.0; 3]);
         let look =
             |y: f64, z: f64| slab.intersect(&Point3::origin(), &Vector3::new(1.0, y / 500.0, z / 500.0), 1e-3);

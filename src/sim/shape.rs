@@ -59,7 +59,7 @@ impl Relief {
         phase_t_rad: 0.0,
     };
 
-    /// h(−s, t).
+    /// Returns the mirrored surface, h(−s, t).
     pub fn mirror_s(self) -> Relief {
         Relief {
             twist_st: -self.twist_st,
@@ -70,7 +70,7 @@ impl Relief {
         }
     }
 
-    /// −h(s, t).
+    /// Returns the negated surface, −h(s, t).
     pub fn negated(self) -> Relief {
         Relief {
             lift_mm: -self.lift_mm,
@@ -206,12 +206,12 @@ impl Shape {
         Shape { relief, bend: None, outline, panel_from_sheet }
     }
 
-    /// The outline on the sheet.
+    /// Returns the outline on the sheet.
     pub fn outline(&self) -> &Outline {
         &self.outline
     }
 
-    /// The transformation from sheet coordinates to the panel's frame.
+    /// Returns the transformation from sheet coordinates to the panel's frame.
     pub fn panel_from_sheet(&self) -> &Isometry3<f64> {
         &self.panel_from_sheet
     }
@@ -307,7 +307,7 @@ impl Outline {
         self
     }
 
-    /// The points where the straight edges would intersect without rounding.
+    /// Returns the points where the straight edges would intersect without rounding.
     pub fn corners(&self) -> &[Vector2<f64>] {
         &self.corners
     }
@@ -393,8 +393,8 @@ fn inset_corners_from(edges: &[Edge], by_mm: f64) -> Vec<Vector2<f64>> {
 const DRAWING_STEP_MM: f64 = 1.0;
 /// Half the length of the lattice, mm: more than any panel.
 const DRAWING_HALF_MM: f64 = 260.0;
-/// Halvings until a side's crossing with the outline is known to a nanometre.
-const DRAWING_HALVINGS: usize = 30;
+/// Number of bisections until a side's crossing with the outline is known to a nanometre.
+const DRAWING_BISECTIONS: usize = 30;
 
 /// The lattice with the vertices that were made so far.
 struct CutLattice<'a> {
@@ -434,7 +434,7 @@ impl CutLattice<'_> {
             return known;
         }
         let (mut within, mut beyond) = (Self::node_position(inside), Self::node_position(outside));
-        for _ in 0..DRAWING_HALVINGS {
+        for _ in 0..DRAWING_BISECTIONS {
             let middle = (within + beyond) / 2.0;
             if self.is_inside(middle) { within = middle } else { beyond = middle }
         }
@@ -569,7 +569,7 @@ mod tests {
     /// Calculated by hand for a window of 4 mm about the middle: (4, 0) is 2 mm from the window's edge, (0, 0) is 2
     /// mm outside the panel's material.
     #[test]
-    fn a_window_is_not_panel() {
+    fn a_window_is_outside_of_the_panel() {
         let window = [(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)].map(|(s, t)| Vector2::new(s, t));
         let outline = square().with_hole(Outline::new(window.to_vec(), 0.5));
         assert!((outline.distance(Vector2::new(4.0, 0.0)).0 + 2.0).abs() < 1e-12);

@@ -70,12 +70,12 @@ impl CellTruth {
         self.shape.outline().distance(self.shape.nearest(point).0.into()).0
     }
 
-    /// The panel's outline on its surface, one point every 5 mm.
+    /// Returns the panel's outline on its surface, one point every 5 mm.
     pub fn outline(&self) -> Vec<Point<Panel>> {
         self.shape.outline().polyline(5.0).into_iter().map(|place| self.shape.point(place.into())).collect()
     }
 
-    /// Points of the surface on a lattice of 10 mm: the error of a pose is evaluated at these points.
+    /// Returns the points of the surface on a lattice of 10 mm: the error of a pose is evaluated at these points.
     pub fn surface_points(&self) -> Vec<Point<Panel>> {
         let lattice = (-20..=20).flat_map(|j| (-20..=20).map(move |i| [f64::from(i) * 10.0, f64::from(j) * 10.0]));
         lattice
@@ -84,7 +84,7 @@ impl CellTruth {
             .collect()
     }
 
-    /// Mean and largest distance between the surface at a found pose and the true surface, mm.
+    /// Returns the mean and largest distance between the surface at a found pose and the true surface, mm.
     pub fn placement_error_mm(&self, found: &Rigid<Base, Panel>) -> PlacementError {
         let points = self.surface_points();
         let errors = points.iter().map(|&point| self.base_from_panel.distance_at_mm(*found, point));
@@ -183,7 +183,7 @@ fn true_spot(shape: &Shape, spot: &GreasySpot) -> TrueSpot {
     let next = outline.iter().cycle().skip(1);
     let area_mm2 =
         outline.iter().zip(next).map(|(&a, &b)| (a - centre).mm.cross(&(b - centre).mm).norm() / 2.0).sum();
-    let (breaks_at_s, grown_at_s) = (spot.breaks_s(0.0), spot.breaks_s(1.0));
+    let (breaks_at_s, grown_at_s) = (spot.opening_time_s(0.0), spot.opening_time_s(1.0));
     TrueSpot { centre, outline, area_mm2, breaks_at_s, grown_at_s }
 }
 
@@ -194,7 +194,7 @@ mod tests {
 
     /// Calculated by hand: shifting the found pose by 0.3 mm shifts every point by 0.3 mm.
     #[test]
-    fn the_error_of_a_place_is_measured_over_the_surface() {
+    fn the_error_of_a_pose_is_measured_over_the_surface() {
         let truth = Cell::new(1, Scene::Good, 8).truth();
         let found =
             truth.base_from_panel.followed_by_displacement(Vector::new(nalgebra::Vector3::new(0.0, 0.3, 0.0)));
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn truth_survives_its_file() {
+    fn the_ground_truth_is_read_back_unchanged() {
         let numbers = Cell::new(3, Scene::Good, 8).truth().numbers();
         let text = serde_json::to_string(&numbers).expect("plain numbers");
         let back: TruthNumbers = serde_json::from_str(&text).expect("the same form");

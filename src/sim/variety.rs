@@ -8,9 +8,9 @@ use nalgebra::Vector2;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
-/// Smallest and largest length, mm; `WIDTH_MM` is the same for the width.
-const LENGTH_MM: [f64; 2] = [140.0, 390.0];
-const WIDTH_MM: [f64; 2] = [100.0, 260.0];
+/// Smallest and largest length, mm; `WIDTH_RANGE_MM` is the same for the width.
+const LENGTH_RANGE_MM: [f64; 2] = [140.0, 390.0];
+const WIDTH_RANGE_MM: [f64; 2] = [100.0, 260.0];
 /// Largest rise of a surface at its ends, mm.
 const MAX_RISE_MM: f64 = 22.0;
 
@@ -27,8 +27,8 @@ pub(super) struct Panel {
 impl Panel {
     /// Draws a panel of any shape.
     pub fn random(random: &mut Pcg64) -> Panel {
-        let length = random.random_range(LENGTH_MM[0]..LENGTH_MM[1]);
-        let width = random.random_range(WIDTH_MM[0]..WIDTH_MM[1]).min(0.95 * length);
+        let length = random.random_range(LENGTH_RANGE_MM[0]..LENGTH_RANGE_MM[1]);
+        let width = random.random_range(WIDTH_RANGE_MM[0]..WIDTH_RANGE_MM[1]).min(0.95 * length);
         let mut panel = Panel {
             relief: draw_relief(random, [length, width]),
             corners: corners(random, [length, width]),
@@ -44,7 +44,7 @@ impl Panel {
         panel
     }
 
-    /// Draws a flat rectangle, which looks the same after half a turn.
+    /// Draws a flat rectangle, which looks the same after a rotation by 180°.
     pub fn random_symmetric(random: &mut Pcg64) -> Panel {
         let length = random.random_range(200.0..360.0);
         let width = random.random_range(120.0..180.0);
@@ -60,7 +60,7 @@ impl Panel {
         Panel { relief: Relief::FLAT, ..self.clone() }
     }
 
-    /// The renderer's shape.
+    /// Returns the renderer's shape.
     pub fn shape(&self) -> Shape {
         let mut outline = Outline::new(self.corners.clone(), ROUNDING_MM);
         for cut in &self.cuts {
@@ -222,7 +222,7 @@ mod tests {
     /// Calculated by hand: in the mirror image the point (30, 10) has the height of (−30, 10); the back has minus
     /// that height.
     #[test]
-    fn mirror_and_back() {
+    fn mirror_image_and_back_have_the_correct_heights() {
         let panel = Panel::random(&mut generator(Seed(3), 0));
         let height = |panel: &Panel, s: f64| panel.shape().height(s, 10.0)[0];
         assert!((height(&panel.mirror_image(), 30.0) - height(&panel, -30.0)).abs() < 1e-12);

@@ -23,30 +23,32 @@ pub enum Phase {
     Dry,
     /// Water runs down over the panel.
     Spray,
-    /// Water has reached the whole panel; the film is watched.
+    /// Water has reached the whole panel; the film is observed.
     Wet,
 }
 
 impl Phase {
-    /// The phase's keyword in `clip.csv`.
+    /// Returns the phase's keyword in `clip.csv`.
     pub fn keyword(self) -> &'static str {
         self.into()
     }
 }
 
-/// Time from which the panel is fully wet and its film is watched, s.
+/// Time from which the panel is fully wet and its film is observed, s.
 pub const WET_FROM_S: f64 = 4.0;
 /// Time at which the spray begins, s.
 pub const SPRAY_FROM_S: f64 = 1.0;
 
-/// Time that the front needs from the panel's top to its bottom, s, and the unevenness of its arrival.
+/// Time that the water's front needs from the panel's top to its bottom, s; `FRONT_UNEVEN_S` is the unevenness of its
+/// arrival.
 const FRONT_TIME_S: f64 = 2.3;
 const FRONT_UNEVEN_S: f64 = 0.12;
-/// Times in which a place becomes wet, its film opens, and its film closes again, s.
+/// Time in which a place becomes wet, s; `OPENING_S` and `CLOSING_S` are the times in which its film opens and closes
+/// again.
 const WETTING_S: f64 = 0.2;
 const OPENING_S: f64 = 0.15;
 const CLOSING_S: f64 = 0.4;
-/// On a place that covers much of the panel, more droplets than these would only cost time.
+/// Maximum number of droplets on a spot: more droplets on a large spot would only cost computing time.
 const MAX_DROPLETS: usize = 60;
 
 /// A pixel of the panel.
@@ -56,7 +58,7 @@ pub(super) struct WetPixel {
     /// Colour after the dust was washed off, without a film; that of a damp place if the pixel is greasy.
     pub bare: FixedColor,
     wet_from_s: f32,
-    /// Infinite if there is no grease.
+    /// Time at which the film breaks, s; infinite if there is no grease.
     pub breaks_at_s: f32,
     pub closes_at_s: f32,
     /// The share of this pixel that lies in the spot.
@@ -68,7 +70,7 @@ pub(super) struct WetPixel {
 }
 
 impl WetPixel {
-    /// A pixel beside the panel, which has one colour and no water.
+    /// Creates a pixel beside the panel, which has one colour and no water.
     pub fn background(color: FixedColor) -> Self {
         WetPixel {
             wet: color,
@@ -220,7 +222,7 @@ pub(super) struct RunoffPattern {
 }
 
 /// The pattern at one time.
-pub(super) struct Drift<'a> {
+pub(super) struct ShiftedPattern<'a> {
     pattern: &'a [f32],
     shifts: [usize; 2],
     amplitude: f32,
@@ -256,16 +258,16 @@ impl RunoffPattern {
     }
 
     /// Returns the pattern as it has moved by this time of the film, s.
-    pub fn thickness_at(&self, time_s: f64) -> Drift<'_> {
+    pub fn thickness_at(&self, time_s: f64) -> ShiftedPattern<'_> {
         let since_wet_s = (time_s - WET_FROM_S).max(0.0) as f32;
         let amplitude = STREAK_FINAL_THICKNESS
             + (STREAK_INITIAL_THICKNESS - STREAK_FINAL_THICKNESS) * (-since_wet_s / STREAK_FADES_S).exp();
         let shifts = STREAK_SPEEDS.map(|speed| (speed * time_s.max(0.0)) as usize % STREAK_ROWS);
-        Drift { pattern: &self.pattern, shifts, amplitude }
+        ShiftedPattern { pattern: &self.pattern, shifts, amplitude }
     }
 }
 
-impl Drift<'_> {
+impl ShiftedPattern<'_> {
     /// Returns the factor by which the film darkens here, about 1.
     pub fn thickness(&self, [column, row]: [u16; 2]) -> f32 {
         let (column, row) = (usize::from(column), usize::from(row));
@@ -287,10 +289,10 @@ mod tests {
     fn streaks_travel_down_and_thin_out() {
         let runoff = RunoffPattern::new(Seed(1));
         let one = |time_s: f64, row: u16| {
-            let drift = Drift { amplitude: 1.0, ..runoff.thickness_at(time_s) };
+            let shifted = ShiftedPattern { amplitude: 1.0, ..runoff.thickness_at(time_s) };
             (0..100)
                 .map(|column| {
-                    drift.pattern[(usize::from(row) + drift.shifts[0]) % STREAK_ROWS * STREAK_COLUMNS + column]
+                    shifted.pattern[(usize::from(row) + shifted.shifts[0]) % STREAK_ROWS * STREAK_COLUMNS + column]
                 })
                 .sum::<f32>()
         };

@@ -230,14 +230,14 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
             known += 1;
             println!(
                 "{seed:4}  {length:.0}×{width:.0}  {:.2}  not found: {}",
-                trial.hidden(),
+                trial.hidden_share(),
                 words(&tried.judgement)
             );
             continue;
         };
         println!(
             "{seed:4}  {length:.0}×{width:.0}  {:.2}  {:6}  {:.3}  {:.3}  {:.3}  {:?}  {:.3}  {:.2}  {:.0}  {}",
-            trial.hidden(),
+            trial.hidden_share(),
             tried.judgement.verdict.keyword(),
             error.mean_mm,
             error.max_mm,
@@ -254,7 +254,7 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
         }
         accepted += 1;
         wrong += usize::from(error.max_mm > RIGHT_MM);
-        if length >= LARGE_MM[0] && width >= LARGE_MM[1] && trial.hidden() <= LITTLE_HIDDEN {
+        if length >= LARGE_MM[0] && width >= LARGE_MM[1] && trial.hidden_share() <= LITTLE_HIDDEN {
             large += 1;
             large_good += usize::from(error.mean_mm <= MEAN_MM && error.max_mm <= MAX_MM);
             means.push(error.mean_mm);

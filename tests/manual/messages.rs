@@ -66,7 +66,7 @@ const CALLS: [(&str, &str); 12] = [
     (".rs", "sight::reason("),
     (".rs", "refused("),
     (".rs", ".rejects("),
-    (".rs", ".reviews("),
+    (".rs", ".or_review("),
     ("removal/gate.rs", " bounded("),
     ("removal/gate.rs", " power("),
     ("removal/gate.rs", " exponent("),

@@ -65,7 +65,7 @@ impl<'d, 't> Section<'d, 't> {
         Section { document, path, table, line, known: RefCell::default() }
     }
 
-    /// Whether this table is in the file.
+    /// Returns whether this table is in the file.
     pub fn is_present(&self) -> bool {
         self.table.is_some()
     }
@@ -80,12 +80,12 @@ impl<'d, 't> Section<'d, 't> {
         Some(None)
     }
 
-    /// Whether this key is in the table.
+    /// Returns whether this key is in the table.
     pub fn has_key(&self, key: &str) -> bool {
         self.entry(key).is_some()
     }
 
-    /// Whether this key exists and is a table.
+    /// Returns whether this key exists and is a table.
     pub fn is_table(&self, key: &str) -> bool {
         self.entry(key).is_some_and(|(_, value)| value.is_table())
     }
@@ -153,7 +153,7 @@ impl<'d, 't> Section<'d, 't> {
         Section::new(self.document, path, table, line)
     }
 
-    /// The tables of a list, `[[key]]`; an absent list is empty.
+    /// Returns the tables of a list, `[[key]]`; none if the list is absent.
     pub fn sections(&self, key: &'static str) -> Vec<Section<'d, 't>> {
         self.known.borrow_mut().push(key);
         let Some((_, value)) = self.entry(key) else { return Vec::new() };
@@ -173,13 +173,13 @@ impl<'d, 't> Section<'d, 't> {
         self.table.into_iter().flatten().map(|(name, _)| name.get_ref().as_ref())
     }
 
-    /// All entries of a table with names chosen by the user.
+    /// Reads all entries of a table whose names the user chooses.
     pub fn parse_named_entries<T: Setting>(&self, limits: &T::Limits) -> BTreeMap<String, T> {
         let parsed = |name: &str| Some((name.to_owned(), self.parse_value(name, self.entry(name)?.1, limits)?));
         self.names().filter_map(parsed).collect()
     }
 
-    /// All tables in a table with names chosen by the user.
+    /// Returns all tables in a table whose names the user chooses.
     pub fn named_sections(&self) -> Vec<(String, Section<'d, 't>)> {
         self.names().map(|name| (name.to_owned(), self.subsection(name, name))).collect()
     }
@@ -239,7 +239,7 @@ pub fn copy_value<T: Clone>(value: &T) -> T {
     value.clone()
 }
 
-/// A parsed file in the process of reading.
+/// A parsed file while its keys are read.
 struct Document<'t> {
     text: &'t str,
     root: Spanned<DeTable<'t>>,
@@ -250,8 +250,8 @@ struct Document<'t> {
     misspelt: BTreeMap<String, String>,
 }
 
-/// A finding of the reading. The possible meaning of an unknown key is only known when the whole file has been
-/// read.
+/// A problem that was found while the file was read. The possible meaning of an unknown key is only known when the
+/// whole file has been read.
 enum Finding {
     Wrong(Problem),
     Unknown { line: usize, table: String, key: String, is_table: bool },
@@ -334,7 +334,7 @@ impl<'t> Document<'t> {
         list
     }
 
-    /// The message for an unknown key, and the keys that may have been meant.
+    /// Returns the message for an unknown key, and the keys that may have been meant.
     fn unknown(&self, table: &str, key: &str, is_table: bool) -> (String, Vec<String>) {
         match self.guess_meaning(table, key, is_table) {
             KeyMeaning::Near(name, None) => (format!("unknown key; did you mean {name}?"), vec![path(table, name)]),

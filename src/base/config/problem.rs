@@ -60,7 +60,7 @@ pub fn key_line(text: &str, key: &str) -> usize {
     line
 }
 
-/// The line of an offset, from 1.
+/// Returns the line of an offset, from 1.
 pub(super) fn line_number(text: &str, offset: usize) -> usize {
     1 + text.as_bytes()[..offset.min(text.len())].iter().filter(|&&byte| byte == b'\n').count()
 }
@@ -81,8 +81,8 @@ fn decimal_comma(line: &str) -> Option<(String, String)> {
         .next()
 }
 
-/// The key at the start of a line, under the last table header above it. The parsed tree cannot state this: it does
-/// not contain broken or duplicate keys.
+/// Returns the key at the start of a line, under the last table header above it. The parsed tree cannot state this: it
+/// does not contain broken or duplicate keys.
 fn key_at(text: &str, line: usize) -> Option<String> {
     let header = |line: &str| Some(line.trim().strip_prefix('[')?.trim_matches(['[', ']', ' ']).to_owned());
     let written = text.lines().nth(line - 1)?;
@@ -132,7 +132,7 @@ fn stem_and_unit(key: &str) -> (&str, Option<&'static str>) {
     UNITS.iter().find_map(split).unwrap_or((key, None))
 }
 
-/// The known name that the user most likely meant, with the unit of that name if only the unit is wrong.
+/// Returns the known name that the user most likely meant, with the unit of that name if only the unit is wrong.
 pub fn nearest<'k>(unknown: &str, known: &[&'k str]) -> Option<(&'k str, Option<&'static str>)> {
     let written = unknown.to_lowercase().replace(['-', ' '], "_");
     let (stem, unit) = stem_and_unit(&written);
@@ -151,7 +151,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_key_is_where_it_is_written_or_where_it_belongs() {
+    fn the_line_of_a_key_or_of_its_table_is_found() {
         let text = "store = 'a'\n\n[poses]\npark = { a1_deg = 1.0 }\n[poses.ready]\na1_deg = 2.0\n[io.outputs]\nlight = 1\n";
         for (key, line) in [
             ("store", 1),

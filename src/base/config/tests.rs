@@ -40,7 +40,7 @@ fn parse(top: &Section<'_, '_>) -> Option<Checked> {
     Some((panel?, locate?, region?, extra.into_iter().collect::<Option<_>>()?))
 }
 
-/// The problems of a text as a person sees them, without the file's name.
+/// Returns the problems of a text as a person sees them, without the file's name.
 fn problems(text: &str) -> Vec<String> {
     match parse_file("f", text, parse) {
         Ok(_) => vec![],
@@ -50,13 +50,14 @@ fn problems(text: &str) -> Vec<String> {
     }
 }
 
-/// A correct start of four lines; the added text is in line 5 and below, inside `[region]` or after it.
+/// Returns the problems of a file that begins with four correct lines and continues with this text: it is in line 5 and
+/// below, inside `[region]` or after it.
 fn after_good(text: &str) -> Vec<String> {
     problems(&format!("panel = 'door'\n[region]\nrows = 4\ncolumns = 6\n{text}"))
 }
 
 #[test]
-fn a_right_file_is_read_in_any_notation() {
+fn a_correct_file_is_read_in_any_notation() {
     for text in [
         "panel = \"door\"\n[region]\nrows = 4\ncolumns = 6\n",
         "panel = 'door'\r\n[region]\r\nrows = 4\r\ncolumns = 6\r\n",
@@ -72,7 +73,7 @@ fn a_right_file_is_read_in_any_notation() {
 }
 
 #[test]
-fn each_mistake_is_named_with_line_key_and_what_is_allowed() {
+fn each_mistake_is_reported_with_line_key_and_valid_values() {
     let cases = [
         // Names.
         ("max_shfit_mm = 6", "6: locate.max_shfit_mm: unknown key; did you mean max_shift_mm?"),
@@ -133,7 +134,7 @@ fn each_mistake_is_named_with_line_key_and_what_is_allowed() {
 }
 
 #[test]
-fn what_is_missing_is_named_once() {
+fn a_missing_key_is_reported_once() {
     assert_eq!(
         problems(""),
         [
@@ -153,7 +154,7 @@ fn what_is_missing_is_named_once() {
 
 /// A misspelt key is not also reported as missing, and the contents of a misspelt table are still checked.
 #[test]
-fn a_misspelt_name_is_not_called_missing_as_well() {
+fn a_misspelt_name_is_not_also_reported_as_missing() {
     assert_eq!(
         problems("panel = 'door'\n[regoin]\nrows = 4\ncolumms = 6\n[locate]\nmax_shift_mm = 900"),
         [
@@ -184,7 +185,7 @@ fn a_misspelt_name_is_not_called_missing_as_well() {
 }
 
 #[test]
-fn a_table_and_a_value_are_not_taken_for_each_other() {
+fn a_table_is_not_confused_with_a_value() {
     assert_eq!(problems("panel = 'door'\nregion = 3"), ["2: region: found 3, valid: a table; write [region]"]);
     assert_eq!(
         after_good("[extra]\nrows = 1"),
@@ -193,7 +194,7 @@ fn a_table_and_a_value_are_not_taken_for_each_other() {
 }
 
 #[test]
-fn lines_are_right_in_lists_and_inline_tables() {
+fn line_numbers_are_correct_in_lists_and_inline_tables() {
     assert_eq!(
         after_good("[[extra]]\nrows = 1\ncolumns = 1\n[[extra]]\nrows = 0\ncolumns = 99"),
         [
@@ -214,7 +215,7 @@ fn lines_are_right_in_lists_and_inline_tables() {
 }
 
 #[test]
-fn all_problems_of_a_file_come_at_once_in_the_order_of_lines() {
+fn all_problems_of_a_file_are_listed_in_the_order_of_lines() {
     let text =
         "panl = 'door'\r\n[locate]\r\nmax_shift_mm = nan\r\nturn_limit_rad = 0.1\r\n\r\n[region]\r\nrows = 51\r\n";
     assert_eq!(
@@ -231,7 +232,7 @@ fn all_problems_of_a_file_come_at_once_in_the_order_of_lines() {
 
 /// The parser cannot know the meaning of a broken line: nothing is reported as missing then, other problems stay.
 #[test]
-fn a_syntax_error_hides_no_other_problem_and_makes_up_none() {
+fn a_syntax_error_neither_hides_nor_adds_other_problems() {
     assert_eq!(
         problems("[region\nrows = 99\ncolumns = 6\n[locate]\nmax_shift_mm = 900"),
         [
@@ -243,14 +244,14 @@ fn a_syntax_error_hides_no_other_problem_and_makes_up_none() {
 
 proptest! {
     #[test]
-    fn any_text_is_an_answer(text in "(?s).{0,200}") {
+    fn any_text_gives_a_result_without_a_panic(text in "(?s).{0,200}") {
         let _ = parse_file("f", &text, parse);
         let _ = top_keys(&text);
     }
 
     /// Random texts of TOML elements reach deeper parts of the reader than texts of random letters.
     #[test]
-    fn any_near_miss_is_an_answer_whose_lines_exist(
+    fn problems_of_any_text_of_toml_elements_name_existing_lines(
         words in prop::collection::vec(prop::sample::select(vec![
             "panel", "region", "rows", "columns", "extra", "locate", "max_shift_mm", "max_shift", "=", "[", "]", "{", "}", ",", "\n",
             "\r\n", "\"", "'", "nan", "-1", "4", "1e9", "'door'", "#", ".", "[[", "]]", " ", "true", "é",
@@ -266,7 +267,7 @@ proptest! {
     }
 
     #[test]
-    fn a_number_is_read_as_written_or_refused(number in prop::num::f64::ANY) {
+    fn a_number_is_read_exactly_or_refused(number in prop::num::f64::ANY) {
         let text = format!("panel = 'door'\nregion = {{rows = 4, columns = 6}}\nlocate.max_shift_mm = {number:?}");
         let text = text.replace("NaN", "nan");
         match parse_file("f", &text, parse) {

@@ -28,7 +28,7 @@ pub(super) fn describe_value(value: &DeValue<'_>) -> String {
     }
 }
 
-/// The number in a value; `None` if it is something else. NaN and infinite numbers are returned as they are.
+/// Returns the number in a value; `None` if it is something else. NaN and infinite numbers are returned as they are.
 fn number(value: &DeValue<'_>) -> Option<f64> {
     match value {
         DeValue::Integer(number) => i64::from_str_radix(number.as_str(), number.radix()).ok().map(|n| n as f64),
@@ -180,7 +180,7 @@ mod tests {
     use toml_edit::DocumentMut;
 
     #[test]
-    fn a_value_is_set_beside_its_comment() {
+    fn a_value_is_set_and_its_comment_kept() {
         let mut document: DocumentMut = "# all\nrows = 4 # four\n".parse().expect("TOML");
         set_value(document.as_table_mut(), "rows", 5);
         set_value(document.as_table_mut(), "columns", 6);

@@ -2,8 +2,9 @@
 //!
 //! N_{i,0}(u) = 1 on [u_i, u_{i+1}), the last non-empty span closed;
 //!     N_{i,p} = (u − u_i)/(u_{i+p} − u_i) N_{i,p−1} + (u_{i+p+1} − u)/(u_{i+p+1} − u_{i+1}) N_{i+1,p−1},   (4.10)
-//! with 0/0 = 0: Cox–de Boor by degree; the thesis mixes order and degree here. Only the p + 1 functions that are
-//! not zero on the span of u are computed, so the quotients 0/0 never arise. The derivative is
+//! with 0/0 = 0. This is the Cox–de Boor recursion, in which p is the degree; the thesis mixes order and degree here.
+//! Only the p + 1 functions that are not zero on the span of u are computed, so the quotients 0/0 never arise. The
+//! derivative is
 //!     N'_{i,p} = p ( N_{i,p−1}/(u_{i+p} − u_i) − N_{i+1,p−1}/(u_{i+p+1} − u_{i+1}) ).
 //! Source: Piegl & Tiller, The NURBS Book, 2nd ed., sections 2.2 and 2.3.
 
@@ -15,7 +16,7 @@ pub const MAX_DEGREE: usize = 5;
 /// Degree of fitted surfaces and fields along each parameter.
 pub const DEGREE: usize = 3;
 
-/// Numbers that belong to the `degree + 1` functions of one span; the rest is zero.
+/// One number for each of the `degree + 1` functions of a span; the numbers behind them are zero.
 pub type SpanValues = [f64; MAX_DEGREE + 1];
 
 /// The reason why numbers are not a valid knot vector.
@@ -106,17 +107,17 @@ impl KnotVector {
         Self::new(degree, ends(low).chain(inner).chain(ends(high)).collect())
     }
 
-    /// The degree p.
+    /// Returns the degree p.
     pub fn degree(&self) -> usize {
         self.degree
     }
 
-    /// Number of control points.
+    /// Returns the number of control points.
     pub fn controls(&self) -> usize {
         self.knots.len() - self.degree - 1
     }
 
-    /// First and last parameter.
+    /// Returns the first and the last parameter.
     pub fn domain(&self) -> RangeInclusive<f64> {
         self.knots[0]..=self.knots[self.knots.len() - 1]
     }
@@ -130,7 +131,7 @@ impl KnotVector {
     pub fn span(&self, at: f64) -> usize {
         let inner = &self.knots[self.degree + 1..self.controls()];
         let (low, high) = (self.knots[0], self.knots[self.knots.len() - 1]);
-        // Spans are usually equal: the first guess is right, or wrong by a step or two.
+        // Spans are usually equal: the first guess is correct, or one or two spans away.
         let mut span = ((at - low) / (high - low) * self.spans() as f64).max(0.0) as usize;
         span = span.min(inner.len());
         while span < inner.len() && inner[span] <= at {
@@ -167,13 +168,13 @@ impl KnotVector {
         SpanFunctions { start, length, coefficients: lower }
     }
 
-    /// Returns the Greville abscissa of each control point: the mean of its inner knots, as many as the degree.
+    /// Returns the Greville abscissa of each control point: the mean of its p inner knots.
     pub fn greville_abscissa(&self) -> Vec<f64> {
         let mean = |i: usize| self.knots[i + 1..=i + self.degree].iter().sum::<f64>() / self.degree as f64;
         (0..self.controls()).map(mean).collect()
     }
 
-    /// Values alone.
+    /// Returns only the values.
     pub fn values(&self, at: f64) -> SpanValues {
         let knot = self.span(at) + self.degree;
         (1..=self.degree).fold(constant_values(), |lower, degree| self.raise(lower, degree, knot, at))
@@ -243,8 +244,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Calculates the recursion exactly as written, 0/0 = 0, last non-empty span closed: an oracle that shares no
-    /// code.
+    /// Evaluates the recursion exactly as it is written above, with 0/0 = 0 and the last non-empty span closed: a
+    /// reference that shares no code with the functions under test.
     fn cox_de_boor(knots: &[f64], i: usize, p: usize, u: f64) -> f64 {
         let last = knots[knots.len() - 1];
         if p == 0 {
@@ -257,8 +258,8 @@ mod tests {
             + over(knots[i + p + 1] - u, knots[i + p + 1] - knots[i + 1]) * cox_de_boor(knots, i + 1, p - 1, u)
     }
 
-    /// Calculated by hand: inside a uniform cubic the values at a knot are 1/6, 4/6, 1/6, 0. The slopes are −1/2,
-    /// 0, 1/2, 0 per span, and the second derivatives 1, −2, 1, 0.
+    /// Calculated by hand: inside a uniform cubic the values at a knot are 1/6, 4/6, 1/6, 0. The first derivatives are
+    /// −1/2, 0, 1/2, 0 per span, and the second derivatives 1, −2, 1, 0.
     #[test]
     fn uniform_cubic_at_a_knot() {
         let knots = KnotVector::uniform(3, 8, 0.0..=8.0).expect("open");
@@ -275,9 +276,10 @@ mod tests {
         }
     }
 
-    /// By hand: without inner knots the cubic is Bernstein's, at u = 1/2: 1/8, 3/8, 3/8, 1/8.
+    /// Calculated by hand: without inner knots the functions are the cubic Bernstein polynomials. At u = 1/2 they are
+    /// 1/8, 3/8, 3/8, 1/8.
     #[test]
-    fn one_span_is_bernstein() {
+    fn without_inner_knots_the_functions_are_bernstein_polynomials() {
         let knots = KnotVector::uniform(3, 1, 0.0..=1.0).expect("open");
         for (r, expected) in [0.125, 0.375, 0.375, 0.125].into_iter().enumerate() {
             assert!((knots.values(0.5)[r] - expected).abs() < 1e-15);
@@ -292,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn closed_falling_or_torn_knots_are_refused() {
+    fn knots_that_are_not_open_or_decrease_are_refused() {
         assert!(matches!(KnotVector::uniform(0, 4, 0.0..=1.0), Err(KnotError::Degree { found: 0 })));
         assert!(matches!(KnotVector::uniform(3, 0, 0.0..=1.0), Err(KnotError::NotOpen { .. })));
         for knots in [
@@ -337,7 +339,7 @@ mod tests {
         }
 
         #[test]
-        fn polynomials_of_a_span_are_its_functions(knots in knot_vectors(), share in 0.0..=1.0f64) {
+        fn polynomials_of_a_span_equal_its_functions(knots in knot_vectors(), share in 0.0..=1.0f64) {
             let at = knots.domain().end() * share;
             let functions = knots.span_polynomials(knots.span(at));
             let t = (at - functions.start) / functions.length;
@@ -349,7 +351,7 @@ mod tests {
         }
 
         #[test]
-        fn derivatives_agree_with_differences(knots in knot_vectors(), share in 0.001..0.999f64) {
+        fn derivatives_agree_with_finite_differences(knots in knot_vectors(), share in 0.001..0.999f64) {
             let (at, step) = (knots.domain().end() * share, 1e-6);
             prop_assume!(knots.span(at - step) == knots.span(at + step));
             let (before, basis, after) =

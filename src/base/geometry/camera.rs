@@ -37,7 +37,7 @@ pub struct PinholeCamera {
     pub k3: f64,
 }
 
-/// Newton steps before unprojection gives up; real lenses need three or four.
+/// Maximum number of Newton steps of an unprojection; real lenses need three or four.
 const MAX_NEWTON_STEPS: usize = 20;
 
 impl PinholeCamera {
@@ -62,7 +62,7 @@ impl PinholeCamera {
 
     /// Returns the derivative of the pixel that sees this point with respect to fx, fy, cx, cy, k1, k2, p1, p2, k3, in
     /// this order; `None` behind the camera.
-    pub fn lens_slope<F: Frame>(&self, point: Point<F>) -> Option<SMatrix<f64, 2, 9>> {
+    pub fn lens_jacobian<F: Frame>(&self, point: Point<F>) -> Option<SMatrix<f64, 2, 9>> {
         let p = point.mm;
         (p.z > 1e-6).then(|| {
             let (x, y) = (p.x / p.z, p.y / p.z);
@@ -180,11 +180,12 @@ mod tests {
         k3: -0.02,
     };
 
-    /// Comparison with differences: if a parameter changes a little, the pixel moves as the slope states.
+    /// Comparison with finite differences: if a parameter changes by a small amount, the pixel moves as the derivative
+    /// states.
     #[test]
-    fn the_lens_slope_is_the_lens_s_own() {
+    fn the_lens_jacobian_agrees_with_finite_differences() {
         let point = Point::<Camera>::at(-170.0, 95.0, 700.0);
-        let slope = LENS.lens_slope(point).expect("in front");
+        let slope = LENS.lens_jacobian(point).expect("in front");
         let parameters: [fn(&mut PinholeCamera) -> &mut f64; 9] = [
             |lens| &mut lens.fx_px,
             |lens| &mut lens.fy_px,
@@ -233,7 +234,7 @@ mod tests {
     /// corner of this picture lies at 0.64. With k1 = −0.1 the corner is reached at r − 0.1 r³ = 0.64, which is r =
     /// 0.669.
     #[test]
-    fn a_lens_that_folds_inside_the_picture_is_known() {
+    fn a_distortion_without_inverse_is_detected() {
         let plain = PinholeCamera { k1: -0.1, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0, ..LENS };
         let radius = plain.max_undistorted_radius(0.05).expect("no fold");
         assert!((radius - 0.669).abs() < 0.02, "{radius}");
@@ -242,15 +243,15 @@ mod tests {
     }
 
     #[test]
-    fn behind_the_camera_is_no_pixel() {
+    fn a_point_behind_the_camera_has_no_pixel() {
         assert_eq!(LENS.project(Point::<Camera>::at(0.0, 0.0, -700.0)), None);
         assert_eq!(LENS.project_inside(Point::<Camera>::at(500.0, 0.0, 700.0)), None);
     }
 
     /// Comparison with central differences: if a point moves by ±0.01 mm along each axis, its pixel moves as the
-    /// slope states.
+    /// derivative states.
     #[test]
-    fn the_slope_of_a_projection_is_its_difference() {
+    fn the_projection_jacobian_agrees_with_finite_differences() {
         let at = nalgebra::Point3::new(130.0, -90.0, 620.0);
         let (_, slope) = LENS.project_with_jacobian(Point::<Camera>::new(at)).expect("in front");
         for axis in 0..3 {

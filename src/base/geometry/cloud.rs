@@ -1,12 +1,12 @@
 //! The organised cloud: one point and one colour for each pixel of a 3D camera; and the lens that recorded it.
 //!
-//! A missing point is stored as NaN, and NaN is never returned: every access returns an `Option`. A point that a
-//! file or camera delivers as NaN, infinite or (0, 0, 0) is missing.
+//! A missing point is stored as NaN, and NaN is never returned: every access returns an `Option`. A point that a file
+//! or camera delivers as NaN, infinite or (0, 0, 0) is missing.
 //!
-//! Every point lies on the ray of its pixel, so the cloud determines the lens. With pixels (u, v) and points (x, y,
-//! z), the nine numbers of a lens minimise Σ |(u, v) − π(x, y, z)|². First a pinhole is computed, whose normal
-//! equations are linear in x/z and y/z; then Gauss–Newton runs on all nine. Points that filters moved across edges
-//! are left out once.
+//! Every point lies on the ray of its pixel, so the cloud determines the lens. With pixels (u, v) and points (x, y, z),
+//! the nine parameters of a lens minimise Σ |(u, v) − π(x, y, z)|². First a pinhole is computed, whose normal equations
+//! are linear in x/z and y/z; then Gauss–Newton runs on all nine. It runs a second time without the points whose
+//! projection error is large, such as points that filters moved across edges.
 
 use super::camera::PinholeCamera;
 use super::picture::ColorPicture;
@@ -79,17 +79,17 @@ impl<F: Frame> OrganizedCloud<F> {
         Ok(OrganizedCloud { width, height, points_mm, colors, frame: std::marker::PhantomData })
     }
 
-    /// Columns.
+    /// Returns the number of columns.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows.
+    /// Returns the number of rows.
     pub fn height(&self) -> usize {
         self.height
     }
 
-    /// The point seen by this pixel; `None` if it is missing.
+    /// Returns the point seen by this pixel; `None` if it is missing.
     pub fn point(&self, column: usize, row: usize) -> Option<Point<F>> {
         self.point_at(row * self.width + column)
     }
@@ -105,12 +105,12 @@ impl<F: Frame> OrganizedCloud<F> {
         self.colors[index]
     }
 
-    /// All points that are not missing, with their index, row by row.
+    /// Returns all points that are not missing, with their index, row by row.
     pub fn valid_points(&self) -> impl Iterator<Item = (usize, Point<F>)> + '_ {
         (0..self.points_mm.len()).filter_map(|index| Some((index, self.point_at(index)?)))
     }
 
-    /// The colours as a picture.
+    /// Returns the colours as a picture.
     pub fn picture(&self) -> ColorPicture {
         ColorPicture { width: self.width, height: self.height, rgb: self.colors.clone() }
     }
@@ -152,8 +152,8 @@ impl<F: Frame> OrganizedCloud<F> {
         &self.points_mm
     }
 
-    /// The surface area that one pixel represents, mm²: the cross product of half the steps between its neighbours.
-    /// `None` at the border of the picture or next to a missing point.
+    /// Returns the surface area that one pixel represents, mm²: the cross product of half the steps between its
+    /// neighbours. `None` at the border of the picture or next to a missing point.
     pub fn pixel_area_mm2(&self, column: usize, row: usize) -> Option<f64> {
         self.smoothed_pixel_area_mm2(column, row, 1)
     }
@@ -173,13 +173,13 @@ impl<F: Frame> OrganizedCloud<F> {
     }
 }
 
-/// Approximate number of points that are evaluated.
-const LENS_SAMPLE: usize = 4_000;
-/// Fewer points do not determine a lens.
+/// Approximate number of points to which the lens is fitted.
+const LENS_SAMPLE_SIZE: usize = 4_000;
+/// Minimum number of points that determine a lens.
 const MIN_LENS_POINTS: usize = 60;
-const LENS_STEPS: usize = 12;
-/// Points whose distance is more than this many medians are left out.
-const MAX_MEDIANS: f64 = 6.0;
+const MAX_LENS_STEPS: usize = 12;
+/// Limit of a point's projection error as a multiple of the median error; a point with a larger error is left out.
+const MAX_ERROR_IN_MEDIANS: f64 = 6.0;
 
 /// A cloud's lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -190,11 +190,11 @@ pub struct CloudLens {
     pub median_px: f64,
 }
 
-/// Returns about [`LENS_SAMPLE`] points with their pixels, evenly distributed over the picture.
+/// Returns about [`LENS_SAMPLE_SIZE`] points with their pixels, evenly distributed over the picture.
 pub fn sample_points<F: Frame>(cloud: &OrganizedCloud<F>) -> Vec<(Pixel, Point<F>)> {
     let count = cloud.width() * cloud.height();
     // The stride has no common factor with the width, so that the columns vary.
-    let mut stride = (count / LENS_SAMPLE).max(1);
+    let mut stride = (count / LENS_SAMPLE_SIZE).max(1);
     while stride > 1 && (cloud.width().is_multiple_of(stride) || stride.is_multiple_of(2)) {
         stride -= 1;
     }
@@ -220,7 +220,7 @@ pub fn fit_lens<F: Frame>(
     let mut camera = fit_pinhole(&kept, (width_px, height_px))?;
     for round in 0..2 {
         camera = refine_lens(&kept, camera)?;
-        let allowed_px = MAX_MEDIANS * median_projection_error_px(&kept, &camera)?.max(1e-6);
+        let allowed_px = MAX_ERROR_IN_MEDIANS * median_projection_error_px(&kept, &camera)?.max(1e-6);
         if round == 0 {
             kept.retain(|(pixel, point)| {
                 camera.project(*point).is_some_and(|seen| seen.distance_px(*pixel) <= allowed_px)
@@ -258,10 +258,12 @@ fn refine_lens<F: Frame>(kept: &[(Pixel, Point<F>)], start: PinholeCamera) -> Op
         return None;
     }
     let mut camera = start;
-    for _ in 0..LENS_STEPS {
+    for _ in 0..MAX_LENS_STEPS {
         let (mut normal, mut pull) = (SMatrix::<f64, 9, 9>::zeros(), SVector::<f64, 9>::zeros());
         for (pixel, point) in kept {
-            let (Some(seen), Some(slope)) = (camera.project(*point), camera.lens_slope(*point)) else { continue };
+            let (Some(seen), Some(slope)) = (camera.project(*point), camera.lens_jacobian(*point)) else {
+                continue;
+            };
             normal += slope.transpose() * slope;
             pull += slope.transpose() * Vector2::new(pixel.u - seen.u, pixel.v - seen.v);
         }
@@ -311,7 +313,7 @@ mod tests {
     /// Calculated by hand: pixels of 0.4 × 0.4 mm are 0.16 mm²; ±0.06 mm of noise in depth makes the steps between
     /// neighbours longer.
     #[test]
-    fn a_longer_reach_takes_the_noise_out_of_an_area() {
+    fn a_longer_reach_reduces_the_noise_of_an_area() {
         let noise = |i: usize| if (i * i * 7 + i / 5) % 11 < 5 { 0.06 } else { -0.06 };
         let at = |i: usize| [(i % 40) as f32 * 0.4, (i / 40) as f32 * 0.4, 700.0 + noise(i)];
         let cloud = OrganizedCloud::<Camera>::new(40, 40, (0..1600).map(at).collect(), vec![[0; 3]; 1600])
@@ -326,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_points_never_come_out() {
+    fn missing_points_are_never_returned() {
         let points = vec![[f32::NAN; 3], [0.0; 3], [1.0, f32::INFINITY, 2.0], [1.0, 2.0, 3.0]];
         let cloud = OrganizedCloud::<Camera>::new(2, 2, points, vec![[0; 3]; 4]).expect("counts agree");
         assert_eq!(cloud.valid_points().map(|(index, _)| index).collect::<Vec<_>>(), [3]);
@@ -334,22 +336,22 @@ mod tests {
     }
 
     #[test]
-    fn a_list_is_refused_and_states_what_to_do() {
+    fn a_cloud_of_a_single_row_is_refused_with_a_remedy() {
         let error = OrganizedCloud::<Camera>::new(4, 1, vec![[1.0; 3]; 4], vec![[0; 3]; 4]).expect_err("a list");
         assert!(error.to_string().contains("ordered cloud"), "{error}");
     }
 
     #[test]
-    fn moving_keeps_the_pixel_grid() {
+    fn a_transform_keeps_the_pixel_grid() {
         let base_from_camera: Rigid<Base, Camera> =
             Rigid::from_isometry_unchecked(Isometry3::new(Vector3::new(0.0, 0.0, 100.0), Vector3::zeros()));
         let moved = grid(3, 3).transformed(&base_from_camera);
         assert!(moved.point(2, 1).expect("there").distance_mm(Point::at(4.0, 3.0, 800.0)) < 1e-4);
     }
 
-    /// The numbers of a lens are found from points on its rays; points that were moved across an edge are left out.
+    /// The parameters of a lens are found from points on its rays; points that were moved across an edge are left out.
     #[test]
-    fn a_cloud_states_its_lens() {
+    fn the_lens_is_computed_from_a_cloud() {
         let lens = PinholeCamera {
             width_px: 200,
             height_px: 160,

@@ -12,9 +12,9 @@ use super::rigid::{Camera, Point};
 
 /// z₀ of (1), mm.
 pub const REFERENCE_DEPTH_MM: f64 = 700.0;
-/// Coefficients across the picture.
+/// Number of coefficients along the picture's width.
 pub const FIELD_COLUMNS: usize = 9;
-/// Coefficients along the picture's height.
+/// Number of coefficients along the picture's height.
 pub const FIELD_ROWS: usize = 7;
 /// All coefficients.
 pub const FIELD_SIZE: usize = FIELD_COLUMNS * FIELD_ROWS;
@@ -123,11 +123,11 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: all coefficients 0.5 give 0.5 everywhere. Those of a line give that line, here 0.1 mm
-    /// from one column to the next, of which six intervals cover the width. In the middle, at interval 3, the
-    /// coefficients 3, 4, 5 have the weights 1/6, 4/6, 1/6.
+    /// Calculated by hand: all coefficients 0.5 give 0.5 everywhere. Coefficients that increase linearly give a linear
+    /// field, here 0.1 mm from one column to the next, of which six intervals cover the width. In the middle, at
+    /// interval 3, the coefficients 3, 4, 5 have the weights 1/6, 4/6, 1/6.
     #[test]
-    fn constants_and_lines_are_themselves() {
+    fn constant_and_linear_coefficients_give_such_fields() {
         assert!((field(|_, _| 0.5).at_mm([0.12, -0.05]) - 0.5).abs() < 1e-12);
         let line = field(|column, _| 0.1 * column as f64);
         assert!((line.at_mm([0.0, 0.0]) - 0.4).abs() < 1e-12, "{}", line.at_mm([0.0, 0.0]));

@@ -1,9 +1,9 @@
-//! KUKA's pose, X Y Z A B C, and the angles of the robot's six axes: the forms of wires, logs and files.
+//! KUKA's pose, X Y Z A B C, and the angles of the robot's six axes, as they are written in messages, logs and files.
 //!
-//! `R = Rz(A)·Ry(B)·Rx(C)` (thesis Eq. 3.4 as corrected: r22 = cA cC + sA sB sC). Back again
-//! `A = atan2(r21, r11)`, `B = atan2(−r31, hypot(r11, r21))`, `C = atan2(r32, r33)` (Eq. 3.3 as corrected). At
-//! |B| = 90° only A ± C is defined: A is set to 0 and C carries the turn. A pose is never multiplied; it is
-//! turned into a [`Rigid`] first. Angles near the pole are noise: compare rotations, not angles.
+//! `R = Rz(A)·Ry(B)·Rx(C)` (thesis Eq. 3.4 as corrected: r22 = cA cC + sA sB sC). The inverse is `A = atan2(r21, r11)`,
+//! `B = atan2(−r31, hypot(r11, r21))`, `C = atan2(r32, r33)` (Eq. 3.3 as corrected). At |B| = 90° only A ± C is
+//! defined: A is set to 0, and C contains the whole rotation. A pose is never multiplied; it is converted to a
+//! [`Rigid`] first. Near |B| = 90° small errors change A and C by large amounts: compare rotations, not angles.
 
 use super::rigid::{Degrees, Frame, Rigid};
 use crate::number_text::fixed_decimals;
@@ -32,7 +32,7 @@ pub struct KukaPose {
 const MIN_COS_B: f64 = 1e-9;
 
 impl KukaPose {
-    /// The transform that this pose represents, between the frames that the caller states.
+    /// Returns the transform that this pose represents, between the frames that the caller states.
     pub fn to_rigid<To: Frame, From: Frame>(self) -> Rigid<To, From> {
         let turn = |axis: nalgebra::Unit<Vector3<f64>>, deg: f64| {
             UnitQuaternion::from_axis_angle(&axis, Degrees(deg).to_rad())
@@ -46,7 +46,7 @@ impl KukaPose {
         ))
     }
 
-    /// The pose that represents this transform.
+    /// Returns the pose that represents this transform.
     pub fn from_rigid<To: Frame, From: Frame>(rigid: &Rigid<To, From>) -> Self {
         let position = rigid.origin().mm;
         let [a_deg, b_deg, c_deg] = angles_deg(&rigid.rotation());
@@ -81,7 +81,8 @@ fn angles_deg(rotation: &Rotation3<f64>) -> [f64; 3] {
     [a_rad, b_rad, c_rad].map(f64::to_degrees)
 }
 
-/// The positions of the six axes, degrees, as the controller writes them. Never wrapped: A4 and A6 turn past ±180°.
+/// The positions of the six axes, degrees, as the controller writes them. They are never wrapped, because A4 and A6
+/// turn past ±180°.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Joints {
@@ -100,7 +101,7 @@ pub struct Joints {
 }
 
 impl Joints {
-    /// The angles of axes 1 to 6, degrees.
+    /// Returns the angles of axes 1 to 6, degrees.
     pub fn degrees(&self) -> [f64; 6] {
         [self.a1_deg, self.a2_deg, self.a3_deg, self.a4_deg, self.a5_deg, self.a6_deg]
     }
@@ -127,7 +128,7 @@ mod tests {
 
     /// Calculated by hand: Ry(90)·ẑ = x̂, then Rz(90)·x̂ = ŷ. The wrong order would give x̂; A and C swapped, −ŷ.
     #[test]
-    fn tool_axis_follows_a_then_b() {
+    fn the_tool_axis_is_rotated_by_b_and_then_by_a() {
         let pose = KukaPose { x_mm: 100.0, a_deg: 90.0, b_deg: 90.0, ..KukaPose::default() };
         let tip = pose.to_rigid::<Base, Tool>() * Point::<Tool>::at(0.0, 0.0, 10.0);
         assert!((tip.mm - Point3::new(100.0, 10.0, 0.0)).norm() < 1e-9, "{tip:?}");
@@ -135,7 +136,7 @@ mod tests {
 
     /// By hand, A = 30°, B = 20°, C = 10°: r22 = cA cC + sA sB sC = 0.8529 + 0.0297 = 0.8826, not 0.8232 as printed.
     #[test]
-    fn equation_3_4_carries_the_corrected_sign() {
+    fn equation_3_4_has_the_corrected_sign() {
         let pose = KukaPose { a_deg: 30.0, b_deg: 20.0, c_deg: 10.0, ..KukaPose::default() };
         let r = pose.to_rigid::<Base, Tool>().rotation();
         assert!((r.matrix()[(1, 1)] - 0.882_564).abs() < 1e-6, "{r}");
@@ -144,7 +145,7 @@ mod tests {
 
     /// At B = 90° the pose (40, 90, 10) has the same rotation as (0, 90, −30): only C − A counts.
     #[test]
-    fn at_the_pole_a_is_zero_and_the_rotation_stays() {
+    fn at_b_of_90_degrees_a_is_zero_and_the_rotation_is_kept() {
         for (b_deg, c_expected_deg) in [(90.0, -30.0), (-90.0, 50.0)] {
             let pose = KukaPose { a_deg: 40.0, b_deg, c_deg: 10.0, ..KukaPose::default() };
             let rigid = pose.to_rigid::<Base, Tool>();
@@ -157,7 +158,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn angles_and_rotation_agree_both_ways(
+        fn pose_and_transform_convert_into_each_other(
             a_deg in -180.0..180.0f64, b_deg in -89.99..89.99f64, c_deg in -180.0..180.0f64,
         ) {
             let pose = KukaPose { x_mm: 1.0, y_mm: -2.0, z_mm: 3.0, a_deg, b_deg, c_deg };
@@ -168,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn the_axis_that_is_farthest_off_counts() {
+    fn the_largest_difference_of_an_axis_counts() {
         let (one, other) =
             (Joints::from([1.0, -90.0, 90.0, 0.0, 5.0, 6.0]), Joints::from([1.5, -90.0, 87.0, 0.0, 5.0, 8.0]));
         assert_eq!((one.max_difference_deg(&other), one.max_difference_deg(&one)), (3.0, 0.0));

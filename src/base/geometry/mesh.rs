@@ -1,10 +1,10 @@
-//! A triangle mesh as a file states it: vertices without a frame's unit, triangles, and the objects that they form.
+//! A triangle mesh as its file states it: vertices, triangles, and the objects that they form.
 //!
 //! A drawing's file may state no unit, so the numbers are lengths only together with a [`LengthUnit`].
 
 /// Words between "unit" and the unit itself.
 const UNIT_FILLER_WORDS: [&str; 4] = ["in", "is", "are", "all"];
-/// Units of length that no drawing of a panel is read in.
+/// Names of units of length that are not supported in a drawing.
 const OTHER_UNITS: [&str; 16] = [
     "cm",
     "centimeter",
@@ -58,8 +58,8 @@ impl LengthUnit {
     /// none.
     ///
     /// # Errors
-    /// If the comment states a unit that is not read: another one, as in "units: cm", or a multiple, as in "unit: 0.001
-    /// m". The error contains its words.
+    /// If the comment states a unit that is not supported: another one, as in "units: cm", or a multiple, as in "unit:
+    /// 0.001 m". The error contains its words.
     pub fn from_comment(comment: &str) -> Result<Option<Self>, String> {
         let is_of_word = |c: char| c.is_alphanumeric() || c == '.';
         let mut words = comment.split(|c: char| !is_of_word(c)).map(|word| word.trim_matches('.'));
@@ -85,7 +85,7 @@ impl LengthUnit {
         }
     }
 
-    /// The length of one unit, mm.
+    /// Returns the length of one unit, mm.
     pub fn to_mm(self) -> f64 {
         match self {
             LengthUnit::Millimetre => 1.0,
@@ -94,7 +94,7 @@ impl LengthUnit {
         }
     }
 
-    /// The short word.
+    /// Returns the short name.
     pub fn abbreviation(self) -> &'static str {
         match self {
             LengthUnit::Millimetre => "mm",
@@ -127,7 +127,7 @@ pub struct TriangleMesh {
 }
 
 impl TriangleMesh {
-    /// Begins a further object at the next triangle. An object without triangles is forgotten.
+    /// Begins a further object at the next triangle, and removes the previous one if it has no triangles.
     pub fn begin_object(&mut self, name: &str) {
         let first_triangle = self.triangles.len();
         if self.objects.last().is_some_and(|last| last.first_triangle == first_triangle) {
@@ -158,7 +158,7 @@ mod tests {
 
     /// Three triangles: the first before any object, an object without triangles, then two objects.
     #[test]
-    fn objects_divide_the_triangles() {
+    fn triangles_belong_to_the_object_before_them() {
         let mut mesh = TriangleMesh { triangles: vec![[0, 1, 2]], ..TriangleMesh::default() };
         mesh.begin_object("empty");
         mesh.begin_object("skin");

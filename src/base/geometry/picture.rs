@@ -46,15 +46,15 @@ impl RasterSize {
         squares
     }
 
-    /// Returns the connected pieces of the cells for which `holds` is true, ordered by their first cells. Each
-    /// piece is in the order of a breadth-first search from its first cell.
-    pub fn connected_pieces(self, steps: &[(isize, isize)], holds: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
-        self.joined_pieces(steps, holds, |_, _| true)
+    /// Returns the connected components of the cells for which `holds` is true, ordered by their first cells. Each
+    /// component is in the order of a breadth-first search from its first cell.
+    pub fn connected_components(self, steps: &[(isize, isize)], holds: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
+        self.joined_components(steps, holds, |_, _| true)
     }
 
-    /// Returns the connected pieces as [`RasterSize::connected_pieces`] does, but two neighbours for which `holds` is true are
-    /// connected only if `joined` is also true for the pair.
-    pub fn joined_pieces(
+    /// Returns the connected components as [`RasterSize::connected_components`] does, but two neighbours for which
+    /// `holds` is true are connected only if `joined` is also true for the pair.
+    pub fn joined_components(
         self,
         steps: &[(isize, isize)],
         holds: impl Fn(usize) -> bool,
@@ -149,11 +149,11 @@ pub struct Mask {
 }
 
 impl Mask {
-    /// Returns the mask's connected pieces, as indices of pixels; pixels that touch at a corner belong to the same
-    /// piece.
-    pub fn connected_pieces(&self) -> Vec<Vec<usize>> {
+    /// Returns the mask's connected components, as indices of pixels; pixels that touch at a corner belong to the same
+    /// component.
+    pub fn connected_components(&self) -> Vec<Vec<usize>> {
         RasterSize { width: self.width, height: self.height }
-            .connected_pieces(&ALL_NEIGHBOURS, |index| self.inside[index])
+            .connected_components(&ALL_NEIGHBOURS, |index| self.inside[index])
     }
 
     /// Creates a mask without any pixel inside.
@@ -161,7 +161,7 @@ impl Mask {
         Mask { width, height, inside: vec![false; width * height] }
     }
 
-    /// Number of pixels inside.
+    /// Returns the number of pixels inside.
     pub fn count(&self) -> usize {
         self.inside.iter().filter(|&&inside| inside).count()
     }
@@ -190,26 +190,26 @@ mod tests {
 
     /// By hand: 0.299·255 = 76.2, 0.587·255 = 149.7, 0.114·255 = 29.1.
     #[test]
-    fn gray_weighs_green_most() {
+    fn the_gray_value_has_the_weights_of_bt_601() {
         let picture = ColorPicture { width: 3, height: 1, rgb: vec![[255, 0, 0], [0, 255, 0], [0, 0, 255]] };
         assert_eq!(picture.to_gray().gray, [76, 150, 29]);
     }
 
     const SMALL: RasterSize = RasterSize { width: 4, height: 3 };
 
-    /// By hand, `#` holds:
+    /// Calculated by hand; `holds` is true for the cells with `#`:
     /// ```text
     /// # . # #
-    /// . # . .
+    /// # . # .
     /// . . . #
     /// ```
     #[test]
-    fn pieces_touch_beside_or_at_a_corner() {
+    fn components_connect_at_sides_or_also_at_corners() {
         let holds = |index: usize| [0, 2, 3, 5, 11].contains(&index);
-        assert_eq!(SMALL.connected_pieces(&DIRECT_NEIGHBOURS, holds), [vec![0], vec![2, 3], vec![5], vec![11]]);
-        assert_eq!(SMALL.connected_pieces(&ALL_NEIGHBOURS, holds), [vec![0, 5, 2, 3], vec![11]]);
+        assert_eq!(SMALL.connected_components(&DIRECT_NEIGHBOURS, holds), [vec![0], vec![2, 3], vec![5], vec![11]]);
+        assert_eq!(SMALL.connected_components(&ALL_NEIGHBOURS, holds), [vec![0, 5, 2, 3], vec![11]]);
         assert_eq!(
-            SMALL.joined_pieces(&ALL_NEIGHBOURS, holds, |from, to| from + to != 7),
+            SMALL.joined_components(&ALL_NEIGHBOURS, holds, |from, to| from + to != 7),
             [vec![0, 5], vec![2, 3], vec![11]]
         );
     }

@@ -20,15 +20,17 @@ use super::cloud::OrganizedCloud;
 use super::rigid::{Frame, Point, Vector};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-/// A neighbour belongs to another surface if its distance from the middle point is more than this multiple of the
-/// distance below which the nearest quarter of the neighbours lies. It is a quarter because at an edge up to three
-/// quarters may be another surface. It is a ratio so that a coarse scan is treated as a fine one.
-const MAX_RATIO: f64 = 4.0;
-/// A plane through fewer points is not reliable.
+/// Limit of a neighbour's distance from the middle point, as a multiple of the first quartile of these distances; a
+/// neighbour that is farther away belongs to another surface. The limit is based on the quartile because at an edge up
+/// to three quarters of the neighbours may belong to another surface. It is a ratio, so that it applies to coarse and
+/// fine scans alike.
+const MAX_DISTANCE_RATIO: f64 = 4.0;
+/// Minimum number of points for a reliable plane.
 const MIN_PLANE_POINTS: usize = 8;
-/// A few points in a row do not determine a plane at a pixel beside them. With the mean and scatter S of the points'
-/// pixels, a pixel at the distance d from the mean has 1 + dᵀ S⁻¹ d: 7 at the corner of an evenly filled square, 9 at
-/// the corner of a triangle. Above this limit the pixel is too far beside the points.
+/// Maximum leverage of a pixel. A few points in a row do not determine a plane at a pixel beside them. With the mean
+/// and scatter S of the points' pixels, a pixel at the distance d from the mean has the leverage 1 + dᵀ S⁻¹ d: 7 at the
+/// corner of an evenly filled square, 9 at the corner of a triangle. Above this limit the pixel is too far beside the
+/// points.
 const MAX_LEVERAGE: f64 = 12.0;
 
 /// A plane by a point on it and its normal, a direction.
@@ -41,8 +43,8 @@ pub struct Plane<F: Frame> {
 }
 
 impl<F: Frame> Plane<F> {
-    /// The point where the ray from `origin` along `ray` intersects the plane; `None` if the ray runs parallel to
-    /// it or away from it.
+    /// Returns the point where the ray from `origin` along `ray` intersects the plane; `None` if the ray runs parallel
+    /// to it or away from it.
     pub fn intersect_ray(&self, origin: Point<F>, ray: Vector<F>) -> Option<Point<F>> {
         let slope = self.normal.mm.dot(&ray.mm);
         let distance = self.normal.mm.dot(&(self.point - origin).mm) / slope;
@@ -50,8 +52,8 @@ impl<F: Frame> Plane<F> {
     }
 }
 
-/// The plane through the points within `half_width_px` pixels of a pixel. `None` if there are too few points, or if
-/// they lie far beside the pixel compared with the area that they cover. `viewer` is the camera's position.
+/// Returns the plane through the points within `half_width_px` pixels of a pixel. `None` if there are too few points,
+/// or if they lie far beside the pixel compared with the area that they cover. `viewer` is the camera's position.
 pub fn local_plane<F: Frame>(
     cloud: &OrganizedCloud<F>,
     at: (usize, usize),
@@ -81,7 +83,7 @@ pub fn local_plane_where<F: Frame>(
     }
     let mut distances_mm: Vec<f64> = offsets.iter().map(|(offset, _)| offset.norm()).collect();
     let quarter = distances_mm.len() / 4;
-    let reach_mm = MAX_RATIO * *distances_mm.select_nth_unstable_by(quarter, f64::total_cmp).1;
+    let reach_mm = MAX_DISTANCE_RATIO * *distances_mm.select_nth_unstable_by(quarter, f64::total_cmp).1;
     let (mut count, mut sum, mut squares) = (0usize, Vector3::zeros(), Matrix3::zeros());
     let (mut pixel_sum, mut pixel_squares) = (Vector2::zeros(), Matrix2::zeros());
     for (offset, pixel) in offsets.iter().filter(|(offset, _)| offset.norm() <= reach_mm) {
@@ -102,7 +104,7 @@ pub fn local_plane_where<F: Frame>(
     Some(Plane { point, normal: Vector::new(outward) })
 }
 
-/// Returns whether the origin lies too far beside points with this mean and this mean square.
+/// Returns whether the pixel at the origin lies too far beside points with this mean and this mean square.
 fn is_outside_of_points(mean: Vector2<f64>, square: Matrix2<f64>) -> bool {
     let scatter = square - mean * mean.transpose();
     scatter.try_inverse().is_none_or(|inverse| 1.0 + mean.dot(&(inverse * mean)) > MAX_LEVERAGE)
@@ -121,16 +123,17 @@ fn nearest_valid_pixel<F: Frame>(
     })
 }
 
-/// The bounds of f meet within this distance, mm.
-const GAP_MM: f64 = 1e-7;
+/// Maximum difference between the two bounds of f at which the solution is accepted, mm.
+const MAX_GAP_MM: f64 = 1e-7;
 /// Largest number of cutting planes; twenty are usual.
 const MAX_CUTS: usize = 60;
-/// Largest slope of the planes against the plane of least squares, in multiples of its zone over the points' scatter.
+/// Largest slope of the planes against the plane of least squares: a multiple of the zone about that plane, divided by
+/// the points' scatter.
 const MAX_SLOPE: f64 = 4.0;
-/// A direction in which the points scatter less than this does not determine a plane, mm.
+/// Minimum scatter of the points in each direction of their plane, mm; with less scatter they do not determine a plane.
 const MIN_SCATTER_MM: f64 = 1e-3;
-/// Share by which a corner of the linear program may violate a row: rounding.
-const ROUNDING: f64 = 1e-10;
+/// Relative tolerance for rounding errors when a corner of the linear program is checked against its rows.
+const ROUNDING_TOLERANCE: f64 = 1e-10;
 
 /// The zone between two parallel planes that contain all points.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -147,7 +150,7 @@ impl PlaneZone {
     pub fn compute<F: Frame>(points: &[Point<F>]) -> Option<PlaneZone> {
         let (local, scatter_mm) = along_plane(points)?;
         let level = Zone::at(&local, [0.0; 2]);
-        let max_slope = MAX_SLOPE * level.width_mm.max(GAP_MM);
+        let max_slope = MAX_SLOPE * level.width_mm.max(MAX_GAP_MM);
         let sides = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
         let mut rows: Vec<Row> =
             sides.map(|[x, y]| Row { of: Vector3::new(x, y, 0.0), least: -max_slope }).to_vec();
@@ -159,7 +162,7 @@ impl PlaneZone {
             if zone.width_mm < best.width_mm {
                 best = zone;
             }
-            if best.width_mm - lowest.z <= GAP_MM {
+            if best.width_mm - lowest.z <= MAX_GAP_MM {
                 break;
             }
             rows.push(zone.cut(&local));
@@ -173,7 +176,7 @@ impl PlaneZone {
 /// Returns the points along their plane of least squares, x and y divided by their scatter, and this scatter, mm;
 /// `None` if they lie on a line.
 fn along_plane<F: Frame>(points: &[Point<F>]) -> Option<(Vec<Vector3<f64>>, [f64; 2])> {
-    // An eigenvalue of a number that is not finite has no end.
+    // The eigenvalue decomposition does not terminate for numbers that are not finite.
     if points.len() < 3 || !points.iter().all(|point| point.mm.coords.iter().all(|mm| mm.is_finite())) {
         return None;
     }
@@ -215,7 +218,7 @@ impl Zone {
         Zone { slopes, width_mm: highest.1 - lowest.1, highest: highest.0, lowest: lowest.0 }
     }
 
-    /// (1) for the zone's own pair of points.
+    /// Returns the row (1) of the highest and the lowest point.
     fn cut(&self, points: &[Vector3<f64>]) -> Row {
         let between = points[self.highest] - points[self.lowest];
         Row { of: Vector3::new(between.x, between.y, 1.0), least: between.z }
@@ -229,10 +232,12 @@ struct Row {
     least: f64,
 }
 
-/// Returns the place (a, b, f) with the least f that meets all rows: a corner, at which three rows are equal.
+/// Returns the point (a, b, f) with the least f that satisfies all rows: a corner, at which three rows hold with
+/// equality.
 fn lowest_corner(rows: &[Row]) -> Option<Vector3<f64>> {
-    let scale = rows.iter().map(|row| row.least.abs()).fold(GAP_MM, f64::max);
-    let meets_all = |at: &Vector3<f64>| rows.iter().all(|row| row.of.dot(at) >= row.least - ROUNDING * scale);
+    let scale = rows.iter().map(|row| row.least.abs()).fold(MAX_GAP_MM, f64::max);
+    let meets_all =
+        |at: &Vector3<f64>| rows.iter().all(|row| row.of.dot(at) >= row.least - ROUNDING_TOLERANCE * scale);
     let mut lowest: Option<Vector3<f64>> = None;
     for (i, first) in rows.iter().enumerate() {
         for (j, second) in rows.iter().enumerate().skip(i + 1) {
@@ -258,7 +263,7 @@ mod tests {
 
     /// By hand: on z = 700 + x/2 the normal towards the viewer at the origin is (1/2, 0, −1)/√1.25.
     #[test]
-    fn a_tilted_plane_has_its_normal_and_meets_a_ray() {
+    fn a_tilted_plane_is_fitted_and_intersected_by_a_ray() {
         let point = |i: usize| {
             let (x, y) = ((i % 21) as f32 * 0.4 - 4.0, (i / 21) as f32 * 0.4 - 4.0);
             if i == 220 { [f32::NAN; 3] } else { [x, y, 700.0 + x / 2.0] }
@@ -279,7 +284,7 @@ mod tests {
     /// it and a scatter of 0.5 px: 1 + (4.5/0.5)² = 82. For half of a window with the pixel at its edge, the value
     /// is 4.
     #[test]
-    fn a_few_points_in_a_row_are_no_plane_for_a_pixel_beside_them() {
+    fn a_few_points_in_a_row_give_no_plane_for_a_pixel_beside_them() {
         let cloud = |columns: std::ops::Range<usize>| {
             let point = |i: usize| {
                 let (x, y) = ((i % 21) as f32 * 0.4, (i / 21) as f32 * 0.4);
@@ -314,7 +319,7 @@ mod tests {
     /// By hand: a cylinder of radius 10 m over 400 mm has the sagitta 10000 − √(10000² − 200²) = 2.0002 mm, all of
     /// which is its zone.
     #[test]
-    fn a_cylinder_has_its_sagitta() {
+    fn the_flatness_of_a_cylinder_is_its_sagitta() {
         let radius_mm = 1e4_f64;
         let found = zone(|x, _| (radius_mm.powi(2) - (400.0 * (x - 0.5)).powi(2)).sqrt() - radius_mm);
         assert!((found.minimum_mm - 2.0002).abs() < 1e-3, "{found:?}");
@@ -333,7 +338,7 @@ mod tests {
     /// By hand: in a twist each edge is a line, and the heights at the corners are 0, 0, 0 and 1. The planes through
     /// the two diagonals are 0.5 apart.
     #[test]
-    fn a_twist_has_half_of_its_corner() {
+    fn the_flatness_of_a_twist_is_half_of_its_corner_height() {
         let found = zone(|x, y| x * y);
         assert!((found.minimum_mm - 0.5).abs() < 1e-3, "{found:?}");
     }

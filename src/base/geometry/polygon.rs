@@ -16,7 +16,7 @@ pub fn contains(polygon: &[Pixel], point: Pixel) -> bool {
     inside
 }
 
-/// The pixels of a picture of this size whose centres lie inside by the even–odd rule.
+/// Returns the pixels of a picture of this size whose centres lie inside by the even–odd rule.
 pub fn fill_polygon(polygon: &[Pixel], width: usize, height: usize) -> Mask {
     let mut mask = Mask::all_outside(width, height);
     for row in 0..height {
@@ -35,7 +35,7 @@ pub fn fill_polygon(polygon: &[Pixel], width: usize, height: usize) -> Mask {
     mask
 }
 
-/// Area in px², positive if the corners run clockwise as seen on a screen (v down).
+/// Returns the area in px², positive if the corners run clockwise as seen on a screen (v down).
 pub fn signed_area_px2(polygon: &[Pixel]) -> f64 {
     edges(polygon).map(|(a, b)| (a.u * b.v - b.u * a.v) / 2.0).sum()
 }
@@ -94,7 +94,7 @@ mod tests {
     /// crossing. (2, 1) is 1 px from the upper side of a rectangle of 4 × 4 px, and (6, 7) is √(2² + 3²) px from its
     /// corner.
     #[test]
-    fn sides_cross_or_are_so_far_away() {
+    fn crossing_sides_and_distances_to_sides_by_hand() {
         let of = |corners: &[[f64; 2]]| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect::<Vec<_>>();
         let square = of(&[[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]]);
         assert_eq!(crossing_sides(&square), None);

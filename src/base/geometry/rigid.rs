@@ -1,15 +1,15 @@
-//! Frames, angles and pixels as types; frame-tagged points, directions and rigid transforms; and the uncertainty of
-//! a pose as the uncertainty of the places that it puts in space.
+//! Frames, angles and pixels as types; frame-tagged points, directions and rigid transforms; and the uncertainty of a
+//! pose, expressed as the uncertainty of the points that it maps.
 //!
-//! A frame is the reference of a measurement. Every point, direction and transform carries its frame, so that
-//! adding a camera point to a base point does not compile. Types cannot distinguish the same frame at two times: if
-//! a person bumps the panel, `Panel` before and after is one type but two poses. This is why tokens and Verify
-//! exist.
+//! A frame is the reference of a measurement. Every point, direction and transform carries its frame, so that adding a
+//! camera point to a base point does not compile. Types cannot distinguish the same frame at two times: if a person
+//! bumps the panel, `Panel` before and after is one type but two poses. For this reason the cycle uses a localization
+//! only for a limited time, until the phase Verify renews it.
 //!
-//! `Rigid<To, From>` is the thesis's `ᵀᵒT_From` (Eq. 3.1): it maps a point of frame `From` to frame `To`. In
-//! products neighbouring frames cancel, `base_from_panel = base_from_camera * camera_from_panel`; every other order
-//! does not compile. [`Rigid::from_isometry_unchecked`] is the only function that declares numbers to be a
-//! transform between two frames: a search for its name gives the list to review.
+//! `Rigid<To, From>` is the thesis's `ᵀᵒT_From` (Eq. 3.1): it maps a point of frame `From` to frame `To`. In products
+//! neighbouring frames cancel, `base_from_panel = base_from_camera * camera_from_panel`; every other order does not
+//! compile. [`Rigid::from_isometry_unchecked`] is the only function that declares numbers to be a transform between two
+//! frames: a search for its name gives the list to review.
 //!
 //! No public function accepts two bare numbers side by side. Lengths are `f64` in mm with the unit in their name,
 //! inside tagged points and transforms. Angles cross every boundary in degrees; [`Degrees::to_rad`] is the only
@@ -100,7 +100,7 @@ impl Pixel {
         (self.u - other.u).hypot(self.v - other.v)
     }
 
-    /// The nearest whole pixel in a picture of this size; `None` outside of the picture.
+    /// Returns the nearest whole pixel in a picture of this size; `None` outside of the picture.
     pub fn nearest_whole(self, width: usize, height: usize) -> Option<(usize, usize)> {
         let (column, row) = (self.u.round(), self.v.round());
         let inside = column >= 0.0 && row >= 0.0 && column < width as f64 && row < height as f64;
@@ -147,7 +147,7 @@ impl<F: Frame> Vector<F> {
         Vector { mm, frame: PhantomData }
     }
 
-    /// The direction of this vector; `None` if it is too short to have one.
+    /// Returns the direction of this vector; `None` if it is too short to have one.
     pub fn direction(self) -> Option<Self> {
         self.mm.try_normalize(1e-12).map(Self::new)
     }
@@ -192,7 +192,7 @@ impl<To: Frame, From: Frame> Rigid<To, From> {
         Rigid { isometry, frames: PhantomData }
     }
 
-    /// The inverse, which maps points of `To` to `From`.
+    /// Returns the inverse, which maps points of `To` to `From`.
     pub fn inverse(self) -> Rigid<From, To> {
         Rigid::from_isometry_unchecked(self.isometry.inverse())
     }
@@ -202,18 +202,18 @@ impl<To: Frame, From: Frame> Rigid<To, From> {
         &self.isometry
     }
 
-    /// The rotation alone.
+    /// Returns only the rotation.
     pub fn rotation(&self) -> Rotation3<f64> {
         self.isometry.rotation.to_rotation_matrix()
     }
 
-    /// The position of the origin of `From` in `To`.
+    /// Returns the position of the origin of `From` in `To`.
     pub fn origin(&self) -> Point<To> {
         Point::new(Point3::from(self.isometry.translation.vector))
     }
 
     /// Returns the total angle of the rotation, 0…180°.
-    pub fn turn(&self) -> Degrees {
+    pub fn rotation_angle(&self) -> Degrees {
         Degrees::from_rad(self.isometry.rotation.angle())
     }
 
@@ -222,7 +222,7 @@ impl<To: Frame, From: Frame> Rigid<To, From> {
         Self::from_isometry_unchecked(Translation3::from(step.mm) * self.isometry)
     }
 
-    /// The distance between a point of `From` as this transform maps it and as `other` maps it, mm.
+    /// Returns the distance between a point of `From` as this transform maps it and as `other` maps it, mm.
     pub fn distance_at_mm(self, other: Self, point: Point<From>) -> f64 {
         (self * point).distance_mm(other * point)
     }
@@ -236,7 +236,7 @@ impl<F: Frame> Rigid<F, F> {
 }
 
 impl<To: Frame, From: Frame> Rigid<To, From> {
-    /// The transform whose columns are the axes of `From` seen in `To` (thesis Eq. 3.17). The axes must be
+    /// Creates the transform whose columns are the axes of `From` seen in `To` (thesis Eq. 3.17). The axes must be
     /// orthonormal and right-handed; the caller ensures this.
     pub fn from_axes(axes: [Vector<To>; 3], origin: Point<To>) -> Self {
         let basis = nalgebra::Matrix3::from_columns(&axes.map(|axis| axis.mm));
@@ -266,11 +266,11 @@ impl<To: Frame, From: Frame> Mul<Vector<From>> for Rigid<To, From> {
     }
 }
 
-/// The rigid motion that maps points best onto others (Kabsch, Acta Cryst. A32, 1976): with the centroids p̄, q̄
-/// and the singular value decomposition U S Vᵀ = Σ (p − p̄)(q − q̄)ᵀ,
+/// Computes the rigid motion that maps points best onto others (Kabsch, Acta Cryst. A32, 1976): with the centroids p̄,
+/// q̄ and the singular value decomposition U S Vᵀ = Σ (p − p̄)(q − q̄)ᵀ,
 ///     R = U diag(1, 1, det(U Vᵀ)) Vᵀ,   t = p̄ − R q̄,
 /// where the determinant keeps R a rotation if the pairs fit a reflection better (Umeyama, IEEE PAMI 13(4), 1991).
-/// `None` for fewer than three pairs, for points on a line and for numbers that are not finite.
+/// Returns `None` for fewer than three pairs, for points on a line and for numbers that are not finite.
 pub fn fit_rigid_motion<From: Frame, To: Frame>(pairs: &[(Point<From>, Point<To>)]) -> Option<Rigid<To, From>> {
     let count = pairs.len() as f64;
     let (sum_from, sum_to) = pairs.iter().fold((Vector3::zeros(), Vector3::zeros()), |(from, to), pair| {
@@ -303,15 +303,15 @@ pub fn fit_rigid_motion<From: Frame, To: Frame>(pairs: &[(Point<From>, Point<To>
 pub struct PoseUncertainty {
     /// The pose.
     pub camera_from_panel: Rigid<Camera, Panel>,
-    /// The point about which the twist turns.
+    /// The point about which the twist rotates.
     pub centre: Point<Panel>,
     /// The covariance of the twist.
     pub covariance: Matrix6<f64>,
 }
 
 impl PoseUncertainty {
-    /// Returns one standard deviation of a place along a direction of length 1, mm; NaN if the covariance is not known.
-    /// A twist moves the place with the arm r from the centre by ω × r + v, and along n by ω · (r × n) + v · n.
+    /// Returns one standard deviation of a point along a direction of length 1, mm; NaN if the covariance is not known.
+    /// A twist moves the point, whose lever arm from the centre is r, by ω × r + v, and along n by ω · (r × n) + v · n.
     pub fn along_mm(&self, place: Point<Panel>, direction: Vector<Panel>) -> f64 {
         let arm = (self.camera_from_panel * place - self.camera_from_panel * self.centre).mm;
         let along = (self.camera_from_panel * direction).mm;
@@ -333,9 +333,9 @@ mod tests {
         Rigid::from_isometry_unchecked(Isometry3::new(Vector3::new(x, y, z), Vector3::new(rx, ry, rz)))
     }
 
-    /// Calculated by hand: a quarter turn about Z maps x̂ to ŷ, then the translation (100, 0, 0) is added.
+    /// Calculated by hand: a rotation by 90° about Z maps x̂ to ŷ, then the translation (100, 0, 0) is added.
     #[test]
-    fn a_transform_turns_first_and_shifts_then() {
+    fn a_transform_rotates_first_and_then_translates() {
         let base_from_panel: Rigid<Base, Panel> = rigid([100.0, 0.0, 0.0, 0.0, 0.0, std::f64::consts::FRAC_PI_2]);
         let moved = base_from_panel * Point::<Panel>::at(10.0, 0.0, 0.0);
         assert!((moved.mm - Point3::new(100.0, 10.0, 0.0)).norm() < 1e-12);
@@ -344,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn axes_become_columns() {
+    fn axes_are_the_columns_of_the_rotation() {
         let axes = [Vector3::y(), Vector3::z(), Vector3::x()].map(Vector::<Base>::new);
         let base_from_panel: Rigid<Base, Panel> = Rigid::from_axes(axes, Point::at(1.0, 2.0, 3.0));
         let moved = base_from_panel * Point::<Panel>::at(5.0, 0.0, 0.0);
@@ -353,7 +353,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn inverse_undoes_and_products_associate(
+        fn the_inverse_cancels_and_products_are_associative(
             a in prop::array::uniform6(-3.0..3.0f64),
             b in prop::array::uniform6(-3.0..3.0f64),
             p in prop::array::uniform3(-500.0..500.0f64),
@@ -368,9 +368,9 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: a quarter turn about Z and a shift of (10, 0, 0) map (1, 0, 0) to (10, 1, 0).
+    /// Calculated by hand: a rotation by 90° about Z and a shift of (10, 0, 0) map (1, 0, 0) to (10, 1, 0).
     #[test]
-    fn the_nearest_motion_of_a_quarter_turn() {
+    fn the_rigid_motion_of_a_quarter_turn_is_fitted() {
         let pairs: [(Point<Panel>, Point<Base>); 3] = [
             (Point::at(0.0, 0.0, 0.0), Point::at(10.0, 0.0, 0.0)),
             (Point::at(1.0, 0.0, 0.0), Point::at(10.0, 1.0, 0.0)),
@@ -406,9 +406,9 @@ mod tests {
     }
 
     /// By hand: a tilt of 1 mrad about y moves a place that is 100 mm away along x by 0.1 mm along the normal, which
-    /// together with a shift of 0.05 mm is 0.1118 mm. Along x it moves by nothing.
+    /// together with a shift of 0.05 mm is 0.1118 mm. Along x it does not move.
     #[test]
-    fn a_tilt_counts_with_its_arm() {
+    fn a_tilt_is_multiplied_by_its_lever_arm() {
         let turned = Isometry3::rotation(Vector3::new(0.0, 0.0, std::f64::consts::FRAC_PI_2));
         let mut covariance = Matrix6::zeros();
         // The panel's y is the camera's −x.
@@ -422,7 +422,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_covariance_is_no_certainty() {
+    fn an_unknown_covariance_gives_nan() {
         let camera_from_panel = Rigid::from_isometry_unchecked(Isometry3::identity());
         let covariance = Matrix6::repeat(f64::NAN);
         let pose = PoseUncertainty { camera_from_panel, centre: Point::at(0.0, 0.0, 0.0), covariance };
@@ -431,7 +431,7 @@ mod tests {
 
     /// By hand: 180° is π.
     #[test]
-    fn degrees_become_radians_and_back() {
+    fn degrees_and_radians_convert_into_each_other() {
         assert!((Degrees(180.0).to_rad() - std::f64::consts::PI).abs() < 1e-15);
         assert!((Degrees::from_rad(std::f64::consts::FRAC_PI_6).0 - 30.0).abs() < 1e-12);
     }

@@ -6,31 +6,31 @@
 //! with n̄ the mean number of heights r_q for each coefficient and Δ² second differences of the coefficients along u
 //! and along v. If heights are missing, the field continues smoothly and fades to 0. Heights have Tukey's weights
 //! (Beaton & Tukey, Technometrics 16, 1974). The first weights come from a single patch, so that a clamp or a flying
-//! point has no weight. Sums are computed over fixed chunks in their order, so that the bits are the same for any
+//! point has no weight. Sums are computed over fixed chunks in their order, so that the result is bit-identical for any
 //! number of threads.
 
 use super::basis::{DEGREE, KnotVector};
-use super::statistics::{SIGMA_OF_MEDIAN, TUKEY, median, tukey_weight};
+use super::statistics::{SIGMA_OF_MEDIAN, TUKEY_CONSTANT, median, tukey_weight};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 /// Largest length of a span, mm: longer than a weave, a seam or the camera's noise, shorter than the bending of a
 /// panel.
-const SPAN_MM: f64 = 70.0;
-/// λ and μ of (1). Between measured places λ and μ bend and shrink the field by less than a hundredth.
-const SMOOTH: f64 = 1e-3;
+const MAX_SPAN_MM: f64 = 70.0;
+/// λ of (1); `MAGNITUDE_WEIGHT` is μ. Between measured places both together change the field by less than a hundredth.
+const SMOOTHNESS_WEIGHT: f64 = 1e-3;
 const MAGNITUDE_WEIGHT: f64 = 1e-4;
 /// Lower limit of σ, mm, for heights without noise.
-const MIN_SCALE_MM: f64 = 0.01;
+const MIN_SIGMA_MM: f64 = 0.01;
 /// Number of fits with Tukey's weights.
-const ROUNDS: usize = 4;
+const FIT_ROUNDS: usize = 4;
 /// A height farther than this from the best single patch does not belong to the field, mm; the waves of a panel are
 /// smaller.
 const MAX_PATCH_DISTANCE_MM: f64 = 1.5;
 /// Number of basis functions that are non-zero at a point, along each axis.
 const BASIS_ORDER: usize = DEGREE + 1;
-/// Number of heights summed by one task.
-const CHUNK: usize = 2_048;
+/// Number of heights that one task sums.
+const CHUNK_HEIGHTS: usize = 2_048;
 
 /// A height that was measured at a place.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,7 +68,7 @@ impl SmoothField {
             (height.height_mm - patch.height_at(height.position)).abs() <= MAX_PATCH_DISTANCE_MM
         };
         let weights = seen.iter().map(|height| f64::from(is_near(height))).collect();
-        let spans = sides_mm.map(|mm| (mm / SPAN_MM).ceil().max(1.0) as usize);
+        let spans = sides_mm.map(|mm| (mm / MAX_SPAN_MM).ceil().max(1.0) as usize);
         SmoothField::fit_weighted(&knots(spans)?, seen, weights)
     }
 
@@ -84,12 +84,12 @@ impl SmoothField {
     fn fit_weighted(knots: &[KnotVector; 2], seen: &[HeightSample], mut weights: Vec<f64>) -> Option<RobustField> {
         let mut field = SmoothField::solve_weighted(knots, seen, &weights)?;
         let mut limit_mm = f64::INFINITY;
-        for _ in 0..ROUNDS {
+        for _ in 0..FIT_ROUNDS {
             let off_mm: Vec<f64> =
                 seen.par_iter().map(|height| height.height_mm - field.height_at(height.position)).collect();
             let mut sizes: Vec<f64> = off_mm.iter().map(|mm| mm.abs()).collect();
-            let scale_mm = (SIGMA_OF_MEDIAN * median(&mut sizes).unwrap_or(0.0)).max(MIN_SCALE_MM);
-            limit_mm = TUKEY * scale_mm;
+            let scale_mm = (SIGMA_OF_MEDIAN * median(&mut sizes).unwrap_or(0.0)).max(MIN_SIGMA_MM);
+            limit_mm = TUKEY_CONSTANT * scale_mm;
             weights = off_mm.iter().map(|mm| tukey_weight(mm / scale_mm)).collect();
             field = SmoothField::solve_weighted(knots, seen, &weights)?;
         }
@@ -105,7 +105,8 @@ impl SmoothField {
             seen.iter().zip(weights).for_each(|(height, weight)| sums.add(knots, height, *weight));
             sums
         };
-        let chunks: Vec<Equations> = seen.par_chunks(CHUNK).zip(weights.par_chunks(CHUNK)).map(summed).collect();
+        let chunks: Vec<Equations> =
+            seen.par_chunks(CHUNK_HEIGHTS).zip(weights.par_chunks(CHUNK_HEIGHTS)).map(summed).collect();
         let mut sums = chunks.into_iter().fold(Equations::zero(count), Equations::sum_with);
         let mean = weights.iter().sum::<f64>() / count as f64;
         for index in 0..count {
@@ -115,7 +116,7 @@ impl SmoothField {
             let difference = [(index, 1.0), (index + step, -2.0), (index + 2 * step, 1.0)];
             for (i, value) in difference {
                 for (j, other) in difference {
-                    sums.normal[(i, j)] += mean * SMOOTH * value * other;
+                    sums.normal[(i, j)] += mean * SMOOTHNESS_WEIGHT * value * other;
                 }
             }
         }
@@ -184,7 +185,7 @@ fn basis_values(knots: &[KnotVector; 2], at: [f64; 2]) -> [BasisValue; BASIS_ORD
     })
 }
 
-/// The first coefficient of each second difference, and the step from one coefficient to the next.
+/// Returns, for each second difference, its first coefficient and the step from one coefficient to the next.
 fn second_differences(rows: usize, columns: usize) -> impl Iterator<Item = (usize, usize)> {
     let along_u = (0..rows.saturating_sub(2) * columns).map(move |index| (index, columns));
     let along_v =
@@ -231,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn no_heights_make_no_field() {
+    fn without_heights_there_is_no_field() {
         assert!(SmoothField::fit_robust([300.0, 200.0], &[]).is_none());
     }
 }

@@ -1,29 +1,29 @@
 //! The median, statistical constants that all modules share, and the meaning of "95 %" for errors on a panel.
 //!
-//! An error in one direction lies within 1.96 standard deviations with 95 %. "Anywhere on the panel" is more: the
-//! largest error over the panel. A plane-to-plane error is a shift v along the normal and two tilts with the parts
-//! t₁ and t₂ at the panel's edges. At the four corners the error is v ± t₁ ± t₂, at most |v| + |t₁| + |t₂|. Noise
-//! that is the same all over a rectangle gives
+//! An error in one direction lies within 1.96 standard deviations with a probability of 95 %. The largest error over
+//! the whole panel exceeds this limit more often. A plane-to-plane error is a shift v along the normal and two tilts
+//! with the parts t₁ and t₂ at the panel's edges. At the four corners the error is v ± t₁ ± t₂, at most |v| + |t₁| +
+//! |t₂|. Noise that is the same all over a rectangle gives
 //!     var v = s², var t₁ = var t₂ = 3 s²,   σ at a corner = √7 s,                                                     (1)
-//! and (|v| + |t₁| + |t₂|) / (√7 s) stays below 2.35 with 94 %. Rectangles of other proportions give the same,
-//! since both tilts are counted at the edges. With all six degrees of freedom, the three in the plane add to σ but
-//! hardly to the largest error. For six degrees of freedom, Monte Carlo of the localization's covariance gives 95 %
-//! at 2.34 on panels of 250 × 180 to 600 × 400 mm. One degree of freedom alone would give 1.96.
+//! and (|v| + |t₁| + |t₂|) / (√7 s) stays below 2.35 with a probability of 94 %. Rectangles of other proportions give
+//! the same, since both tilts are counted at the edges. With all six degrees of freedom, the three in the plane add to
+//! σ but hardly to the largest error. For six degrees of freedom, Monte Carlo of the localization's covariance gives 95
+//! % at 2.34 on panels of 250 × 180 to 600 × 400 mm. One degree of freedom alone would give 1.96.
 
-/// With a probability of 95 %, an error in one direction lies within this many standard deviations.
+/// An error in one direction lies within this number of standard deviations with a probability of 95 %.
 pub const NORMAL_TWO_SIDED_95: f64 = 1.96;
-/// The largest error over a panel lies within this many standard deviations of its worst point. The probability is 95
-/// % according to the localization's covariance, and 94 % according to (1).
+/// The largest error over a panel lies within this number of standard deviations of its worst point. The probability is
+/// 95 % according to the localization's covariance, and 94 % according to (1).
 pub const PANEL_MAX_95: f64 = 2.35;
 /// Factor from the median of |x| to the standard deviation of normal noise.
 pub const SIGMA_OF_MEDIAN: f64 = 1.4826;
 /// Tukey's constant: 95 % of the efficiency of plain least squares on normal noise (Beaton & Tukey, Technometrics
 /// 16, 1974).
-pub const TUKEY: f64 = 4.685;
+pub const TUKEY_CONSTANT: f64 = 4.685;
 
 /// Returns Tukey's weight, 0…1, of a deviation that is given in standard deviations.
 pub fn tukey_weight(deviation_in_sigma: f64) -> f64 {
-    let inner = 1.0 - (deviation_in_sigma / TUKEY).powi(2);
+    let inner = 1.0 - (deviation_in_sigma / TUKEY_CONSTANT).powi(2);
     if inner > 0.0 { inner * inner } else { 0.0 }
 }
 
@@ -45,15 +45,15 @@ impl TotalOrder for f32 {
     }
 }
 
-/// The median of these values, which are reordered; for an even count the larger of the two in the middle. `None`
-/// if there are no values.
+/// Returns the median of these values, which are reordered; for an even count the larger of the two in the middle.
+/// `None` if there are no values.
 pub fn median<T: TotalOrder>(values: &mut [T]) -> Option<T> {
     let middle = values.len() / 2;
     (middle < values.len()).then(|| *values.select_nth_unstable_by(middle, T::order).1)
 }
 
-/// The median of these values, which are reordered; for an even count the mean of the two in the middle. `None` if
-/// there are no values.
+/// Returns the median of these values, which are reordered; for an even count the mean of the two in the middle. `None`
+/// if there are no values.
 pub fn median_in_place(values: &mut [f64]) -> Option<f64> {
     let is_odd = values.len() % 2 == 1;
     let middle = values.len() / 2;
@@ -69,7 +69,7 @@ mod tests {
 
     /// Evaluates (1) by a sum over 80³ equally likely triples.
     #[test]
-    fn the_largest_of_four_corners_lies_within_the_factor() {
+    fn the_largest_corner_error_lies_within_the_factor() {
         let normal = Normal::new(0.0, 1.0).expect("a distribution");
         let one: Vec<f64> = (0..80).map(|k| normal.inverse_cdf(0.5 + (f64::from(k) + 0.5) / 160.0)).collect();
         let limit = PANEL_MAX_95 * 7.0_f64.sqrt();
@@ -85,14 +85,14 @@ mod tests {
     }
 
     #[test]
-    fn the_median_is_the_middle_one_or_the_larger_of_two() {
+    fn the_median_is_the_middle_value_or_the_larger_of_two() {
         assert_eq!(median(&mut [3.0, 1.0, 2.0]), Some(2.0));
         assert_eq!(median(&mut [4.0_f32, 1.0, 3.0, 2.0]), Some(3.0));
         assert_eq!(median::<f64>(&mut []), None);
     }
 
     #[test]
-    fn the_median_between_two_is_their_mean() {
+    fn the_median_of_an_even_count_is_the_mean_of_two() {
         assert_eq!(median_in_place(&mut [3.0, 1.0, 2.0]), Some(2.0));
         assert_eq!(median_in_place(&mut [4.0, 1.0, 3.0, 2.0]), Some(2.5));
         assert_eq!(median_in_place(&mut []), None);

@@ -148,7 +148,7 @@ impl TaughtPanel {
                 self.nearest_panel_pixel(at).and_then(|beside| self.extrapolated_distance_mm(ends, beside));
             self.measure_off_panel(GapKind::Hole, (at, size_mm), &mut pixels.into_iter())
         };
-        missing.connected_pieces().into_iter().filter_map(hole).collect()
+        missing.connected_components().into_iter().filter_map(hole).collect()
     }
 
     /// Finds the nearest pixel of the panel to the left of a place, or to the right if there is none on the left.

@@ -45,7 +45,7 @@ pub fn find_pieces<F: Frame>(cloud: &OrganizedCloud<F>, inside: impl Fn(usize) -
         let points = cloud.point_at(here).zip(cloud.point_at(there));
         points.is_some_and(|(here, there)| there.distance_mm(here) < max_step_mm)
     };
-    let mut found = raster.joined_pieces(&DIRECT_NEIGHBOURS, |index| free[index], near);
+    let mut found = raster.joined_components(&DIRECT_NEIGHBOURS, |index| free[index], near);
     found.sort_by_key(|piece| std::cmp::Reverse(piece.len()));
     found
 }

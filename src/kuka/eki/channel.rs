@@ -19,8 +19,8 @@ use panelprep_base::config::Problem;
 pub use stated::{Signal, Stated, StatedChannel, StatedElement, StatedRaw};
 
 /// The values that apply if a file does not state them (`eki.md` 1.3).
-const DEFAULT_ENTRIES: u32 = 16;
-const DEFAULT_BYTES: u32 = 16_384;
+const DEFAULT_MEMORY_ENTRIES: u32 = 16;
+const DEFAULT_MEMORY_BYTES: u32 = 16_384;
 const DEFAULT_PORT: u16 = 54_600;
 
 /// The memories of a channel, one for each tag with a type.
@@ -125,8 +125,8 @@ impl ChannelFile {
             protocol: stated.protocol.map_or(Protocol::Tcp, |protocol| protocol.value),
             memory: Memory {
                 order: stated.order.map_or(ReadOrder::Fifo, |order| order.value),
-                entries: stated.entries.map_or(DEFAULT_ENTRIES, |entries| entries.value),
-                bytes: stated.bytes.map_or(DEFAULT_BYTES, |bytes| bytes.value),
+                entries: stated.entries.map_or(DEFAULT_MEMORY_ENTRIES, |entries| entries.value),
+                bytes: stated.bytes.map_or(DEFAULT_MEMORY_BYTES, |bytes| bytes.value),
             },
             connect_timeout_ms: stated.connect_ms.map(|timeout| timeout.value),
             alive_flag: signal(true),
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn the_shipped_files_state_who_listens_where_and_what_travels() {
+    fn the_shipped_files_state_role_port_and_tags() {
         let command = ChannelFile::parse(CELLCMD).expect("reads");
         assert_eq!(
             (command.peer, command.port, command.environment),
@@ -203,7 +203,7 @@ mod tests {
     /// The manual's defaults apply if a file states nothing; if the controller connects, the port is that of the other
     /// machine.
     #[test]
-    fn what_a_file_does_not_state_is_the_manuals_default() {
+    fn values_that_a_file_does_not_state_have_the_manuals_default() {
         let silent = ChannelFile::parse(&file("", "")).expect("reads");
         assert_eq!(silent.memory, Memory { order: ReadOrder::Fifo, entries: 16, bytes: 16_384 });
         assert_eq!(
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn any_case_is_read_and_what_no_manual_names_is_kept() {
+    fn keywords_are_read_in_any_case_and_unknown_names_are_listed() {
         let text = file(
             "<buffering mode=\"lifo\" LIMIT=\"15\"/><Sendflag>1</Sendflag><ALIVE ElementName=\"x\"/>",
             ";text",
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_controller_would_refuse_is_named_with_its_line() {
+    fn entries_that_the_controller_refuses_are_reported_with_their_line() {
         let cases = [
             (
                 file("<BUFFERING Limit=\"513\"/>", ""),
@@ -270,7 +270,7 @@ mod tests {
             ),
             (
                 file("", "<ELEMENT Tag=\"A\" tag=\"B\"/>"),
-                "line 4: RECEIVE/XML/ELEMENT[A]/@tag: appears twice in one element",
+                "line 4: RECEIVE/XML/ELEMENT[A]/@tag: appears twice in one element; remove one of the two attributes",
             ),
             (
                 "\n<EthernetKRL2></EthernetKRL2>".to_owned(),

@@ -1,7 +1,7 @@
 //! Commands to the robot: the nine functions of thesis Table 3.1, as values of one type.
 //!
-//! Numbers carry their unit. They are checked when a command is queued, against the abilities of any controller of
-//! this kind; the gate checks the cell's own limits. Nothing is clamped.
+//! Numbers carry their unit. When a command is queued, they are compared with the limits of any controller of this
+//! kind; the gate checks the cell's own limits. Nothing is clamped.
 
 use super::ids::{Epoch, Keyword, intern_keyword};
 use panelprep_base::geometry::{Joints, KukaPose};
@@ -18,7 +18,7 @@ pub enum Command {
     MoveJ(MoveJ),
     /// `get_current_state()`: axis angles, flange pose and TCP pose; requested on the state channel.
     GetCurrentState,
-    /// `set_base(base_frame)`: the origin of poses, in the robot's base: the panel's pose.
+    /// `set_base(base_frame)`: the frame of the poses that follow, given in the robot's base; it is the panel's pose.
     SetBase(KukaPose),
     /// `set_tcp(tcp_frame)`: the TCP frame of the tool, in the flange frame.
     SetTcp(SetTcp),
@@ -136,7 +136,8 @@ pub enum Request {
         /// The last command sent in this epoch, 0 if none was sent.
         last_sent: u32,
     },
-    /// Ends the epoch: tool off, brake, discard commands, retract if in contact. Then the next epoch begins.
+    /// Ends the epoch: switches the tool off, brakes, discards the queued commands, and retracts if the tool is in
+    /// contact. Then the next epoch begins.
     Abort {
         /// The epoch after the abort.
         next: Epoch,
@@ -153,7 +154,7 @@ pub enum Request {
     },
 }
 
-/// The reason why a command cannot be sent. Names what was given and what is allowed.
+/// The reason why a command cannot be sent. The message contains the value and its limits.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum CommandError {
@@ -198,11 +199,11 @@ pub(super) struct CommandFields {
 
 /// Largest coordinate that a pose may have, mm.
 pub(super) const MAX_COORDINATE_MM: f64 = 100_000.0;
-/// Largest angle that a pose or an axis may have, degrees: ten turns.
+/// Largest angle that a pose or an axis may have, degrees: ten rotations.
 pub(super) const MAX_ANGLE_DEG: f64 = 3_600.0;
 
 impl Command {
-    /// The function's name in thesis Table 3.1.
+    /// Returns the function's name in thesis Table 3.1.
     pub fn name(&self) -> &'static str {
         self.into()
     }

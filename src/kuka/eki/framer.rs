@@ -3,21 +3,21 @@
 //! EthernetKRL sends documents back to back, without length or delimiter; one read may contain half a document or
 //! three. A document ends where the depth of its tags returns to zero, counted outside quotes, byte by byte: it does
 //! not matter how the stream is divided. Between documents white space, NUL, byte order marks and XML prologs are
-//! skipped. Some content is never sent by a controller: a document type, comments, entities, instructions, anything
-//! but printable ASCII, more than [`MAX_DOCUMENT_BYTES`]. After such content the framer accepts nothing more: the
-//! stream has no mark by which to find the next document, so only a new connection can continue.
+//! skipped. Some content is never sent by a controller: a document type, comments, entities, instructions, anything but
+//! printable ASCII, more than [`MAX_DOCUMENT_BYTES`]. After such content the framer accepts nothing more: the stream
+//! has no mark by which to find the next document, so only a new connection can continue.
 //!
-//! Does not check names or values, nor whether tags match: see `schema`.
+//! The framer does not check names or values, nor whether tags match: `schema` does.
 
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// Longest document with its prolog.
+/// Largest size of a document with its prolog.
 pub const MAX_DOCUMENT_BYTES: usize = 8 * 1024;
 /// Deepest nesting; the documents of this program have two levels.
 const MAX_DEPTH: usize = 8;
 
-/// The reason why a stream cannot be cut into documents. `at` counts the stream's bytes from 0.
+/// The reason why a stream cannot be divided into documents. `at` counts the stream's bytes from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum FrameError {
@@ -77,7 +77,7 @@ pub enum FrameError {
         /// The largest valid depth.
         limit: usize,
     },
-    /// Longer than any message.
+    /// A document that is longer than any message.
     #[error("byte {at}: a document of more than {limit} bytes")]
     TooLong {
         /// The position.
@@ -92,7 +92,7 @@ pub enum FrameError {
 enum ScanState {
     /// Outside of tags: between documents or between the tags of one.
     Outside,
-    /// In a byte order mark, after this many of its bytes.
+    /// In a byte order mark, after this number of its bytes.
     Mark(usize),
     /// Behind `<`.
     Opened,
@@ -225,7 +225,7 @@ impl Framer {
             (ScanState::Opened, b'/') if self.depth == 0 => return Err(FrameError::Unopened { at }),
             (ScanState::Opened, b'/') => ScanState::End { named: false },
             (ScanState::Opened, _) if starts_name => ScanState::Start { slash: false },
-            (ScanState::Start { slash: true }, b'>') => self.closed(self.depth),
+            (ScanState::Start { slash: true }, b'>') => self.end_element(self.depth),
             (ScanState::Start { .. } | ScanState::Valued, b'>') if self.depth == MAX_DEPTH => {
                 return Err(FrameError::TooDeep { at, limit: MAX_DEPTH });
             }
@@ -243,7 +243,7 @@ impl Framer {
             }
             (ScanState::Opened, _) => return Err(FrameError::Tag { at, byte }),
             (ScanState::Quoted(quote), _) if byte == quote => ScanState::Valued,
-            (ScanState::End { named: true }, b'>') => self.closed(self.depth - 1),
+            (ScanState::End { named: true }, b'>') => self.end_element(self.depth - 1),
             (ScanState::End { named: false }, _) if !starts_name => return Err(FrameError::Tag { at, byte }),
             (ScanState::End { .. }, b'<' | b'/' | b'"' | b'\'') => return Err(FrameError::Tag { at, byte }),
             (ScanState::End { .. }, _) => ScanState::End { named: true },
@@ -255,7 +255,7 @@ impl Framer {
     }
 
     /// Processes the end of an element, after which the nesting depth is `depth`; at zero the document is complete.
-    fn closed(&mut self, depth: usize) -> ScanState {
+    fn end_element(&mut self, depth: usize) -> ScanState {
         self.depth = depth;
         if depth == 0 {
             // Every byte was checked to be ASCII.
@@ -282,12 +282,12 @@ mod tests {
     use crate::eki::fixture::{ACK, STATE};
     use proptest::prelude::*;
 
-    /// Cuts a stream that arrives in one piece; returns the documents and the final error.
+    /// Divides a stream that arrives in one read; returns the documents and the final error.
     fn cut(stream: &[u8]) -> (Vec<String>, Option<FrameError>) {
         cut_at(stream, &[])
     }
 
-    /// Cuts a stream that arrives in pieces, divided at these positions.
+    /// Divides a stream that arrives in several reads, which end at these positions.
     fn cut_at(stream: &[u8], cuts: &[usize]) -> (Vec<String>, Option<FrameError>) {
         let mut framer = Framer::default();
         let (mut documents, mut from) = (Vec::new(), 0);
@@ -306,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn documents_back_to_back_are_distinguished() {
+    fn documents_without_delimiter_are_separated() {
         let quoted = "<a b='>\"/>' c=\">'\"><d/><e></e></a>";
         let stream = format!("\u{feff}<?xml version=\"1.0\"?>\r\n{ACK}{STATE}\0 {ACK}\n\0{quoted}<f/>");
         let (documents, error) = cut(stream.as_bytes());
@@ -317,7 +317,7 @@ mod tests {
     /// A stream with all kinds of content, divided at every single position, and at every pair of positions in its first
     /// part.
     #[test]
-    fn no_cut_matters() {
+    fn the_division_into_reads_does_not_matter() {
         let stream =
             format!("\u{feff}<?xml v='1'?>{ACK}\0\n<a b='>'/><c> <d e=\"'/\" ></d >\n</c>{STATE}{ACK}<!x>");
         let stream = stream.as_bytes();
@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_controller_sends_breaks_the_stream_where_it_is() {
+    fn content_that_no_controller_sends_is_an_error_with_its_position() {
         let cases: [(&[u8], FrameError); 24] = [
             (b"x", FrameError::Stray { at: 0, byte: b'x' }),
             (b"<a/>x", FrameError::Stray { at: 4, byte: b'x' }),
@@ -372,7 +372,7 @@ mod tests {
 
     /// 8192 bytes are one document, one more is too long; eight levels are allowed, nine are not.
     #[test]
-    fn size_and_depth_are_bounded() {
+    fn size_and_depth_are_limited() {
         let padded = |bytes: usize| format!("<a b=\"{}\"/>", "x".repeat(bytes - 9));
         assert_eq!(cut(padded(MAX_DOCUMENT_BYTES).as_bytes()).0.len(), 1);
         let limit = MAX_DOCUMENT_BYTES;
@@ -384,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_stays_and_what_came_before_it_is_kept() {
+    fn documents_before_an_error_are_returned_and_the_error_persists() {
         let mut framer = Framer::default();
         framer.push(format!("{ACK}x{ACK}").as_bytes());
         assert_eq!(framer.next_document(), Ok(Some(ACK.to_owned())));
@@ -424,7 +424,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_cut_of_any_stream_gives_the_same(
+        fn any_division_of_any_stream_gives_the_same_documents(
             pieces in prop::collection::vec(0..PIECES.len(), 0..40),
             places in prop::collection::vec(0.0..1.0f64, 0..8),
         ) {

@@ -1,15 +1,15 @@
 //! The robot's protocol without sockets: the client's half of EthernetKRL (EKI).
 //!
-//! Bytes and commands in, bytes and reports out; `now` comes from outside, so one session runs on the wall clock or
-//! in virtual time. Two channels: commands with their acknowledgements, and the controller's state with heartbeat
-//! and abort, which no motion can delay. Tags and their order come from the EthernetKRL files of the controller
-//! itself, `config/kuka/`.
+//! A session receives bytes and commands, and returns bytes and reports. The caller passes the time as `now`, so one
+//! session runs on the wall clock or in virtual time. There are two channels: commands with their acknowledgements, and
+//! the controller's state with heartbeat and abort, which no motion can delay. Tags and their order come from the
+//! EthernetKRL files of the controller itself, `config/kuka/`.
 //!
-//! Read in this order: [`channel`](ChannelFile) (the content of a file) · [`command`](Command) (the robot's
-//! commands) · [`framer`](Framer) and [`wire`](Wire) (bytes to documents to values) · [`session`](Session) (epochs,
-//! ids, credits, the watchdog).
+//! Read in this order: [`channel`](ChannelFile) (the content of a file) · [`command`](Command) (the robot's commands) ·
+//! [`framer`](Framer) and [`wire`](Wire) (bytes to documents to values) · [`session`](Session) (epochs, ids, credits,
+//! the watchdog).
 //!
-//! Does not open sockets and reads no clock: see `devices::robot`.
+//! This module opens no sockets and reads no clock: `devices::robot` does.
 
 pub mod channel;
 mod command;

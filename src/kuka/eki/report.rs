@@ -99,12 +99,12 @@ pub enum Report {
         /// The last executed command of the ended epoch, as far as the controller has reported.
         done: CommandId,
     },
-    /// The controller was started again, or its programs were changed; the epoch is gone.
+    /// The controller was started again, or its programs were changed; the epoch has ended.
     Rebooted {
         /// State of the controller.
         state: Box<State>,
     },
-    /// The connection is lost, or could not be made. The queued commands are forgotten.
+    /// The connection is lost, or could not be made. The queued commands are discarded.
     LinkLost {
         /// Cause of the loss.
         why: LinkLoss,
@@ -140,7 +140,7 @@ pub enum StopCause {
     /// The controller's program has stopped the epoch.
     #[error("the controller's program has stopped by itself")]
     ByProgram,
-    /// The link's reports are not fetched: the program that should supervise the robot has stalled.
+    /// The robot's reports are not read: the part of the program that supervises the robot has stalled.
     #[error("the program that supervises the robot has not read the robot's reports for too long")]
     Unattended,
 }

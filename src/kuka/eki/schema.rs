@@ -1,7 +1,7 @@
-//! One kind of document: the tags of an EthernetKRL file, connected to the fields that this program knows.
+//! One kind of document: the tags of an EthernetKRL file, assigned to the fields that this program knows.
 //!
-//! Names and order come from the file. The required fields, their ranges and their meaning come from the caller.
-//! A document is read strictly by its schema: each field occurs exactly once, is finite and in range, and there is no
+//! Names and order come from the file. The required fields, their ranges and their meaning come from the caller. A
+//! document is read strictly by its schema: each field occurs exactly once, is finite and in range, and there is no
 //! other content. A missing field is an error and never zero.
 
 use super::channel::{Element, Kind};
@@ -50,7 +50,7 @@ pub enum SchemaError {
         tag: String,
         /// The required type of the field.
         needed: &'static str,
-        /// The kind that the file states.
+        /// The type that the file states.
         found: Kind,
     },
     /// A tag appears twice.
@@ -121,10 +121,10 @@ pub(super) struct Schema {
 const FRAME: [&str; 6] = ["X", "Y", "Z", "A", "B", "C"];
 
 impl Schema {
-    /// Connects a channel's tags to the fields of one kind of document.
+    /// Assigns a channel's tags to the fields of one kind of document.
     ///
     /// # Errors
-    /// If the two differ.
+    /// If tags and fields do not match.
     pub(super) fn new(elements: &[Element], fields: &'static [Field]) -> Result<Self, SchemaError> {
         let mut above = Node::default();
         let mut seen = vec![false; fields.len()];

@@ -25,7 +25,7 @@ pub enum Mode {
 }
 
 impl Mode {
-    /// The name on the controller.
+    /// Returns the mode's name, as the controller displays it.
     pub fn name(self) -> &'static str {
         self.into()
     }
@@ -73,7 +73,7 @@ pub struct State {
     pub outputs: u32,
     /// The last command executed in this epoch.
     pub done: CommandId,
-    /// How often a path had an underrun before its end.
+    /// Number of times that a path had an underrun before its end.
     pub underruns: u32,
     /// The program override, `$OV_PRO`: the percentage of each commanded speed at which the arm moves, %.
     pub override_percent: u8,
@@ -129,7 +129,7 @@ pub(super) const STATE: [Field; 37] = [
     number_field("St/Tool/@C", MAX_ANGLE_DEG),
 ];
 
-/// Boot ids of a mock controller. The controller's programs make a boot id from its date, in seconds; these values
+/// Boot ids of a mock controller. The controller's programs compute a boot id from the date, in seconds; these values
 /// correspond to day 0 of month 0, which no controller's clock shows. 0 is the value of a controller whose programs did
 /// not begin (`CELL_INIT`), which may be a real one.
 const MOCK_BOOT_IDS: std::ops::Range<i32> = 1..86_400;

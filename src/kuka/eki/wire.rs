@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn a_state_is_read_number_by_number() {
+    fn each_number_of_a_state_is_read() {
         let state = wire().decode_state(STATE_TEXT).expect("a good state");
         assert_eq!((state.time_ms, state.sequence, state.answered, state.epoch), (1200, 7, 3, Epoch(2)));
         assert_eq!((state.boot, state.programs_checksum, state.mode), (77, -12_345, Mode::External));
@@ -209,7 +209,7 @@ mod tests {
         assert_eq!(state.flange_from_tool, KukaPose { z_mm: 120.0, ..KukaPose::default() });
     }
 
-    /// Bit by bit: each bit sets its own flag and no other.
+    /// Each bit sets its own flag and no other.
     #[test]
     fn each_flag_has_its_bit() {
         let read = |flags: u32| {
@@ -242,7 +242,7 @@ mod tests {
 
     /// Each line is one fault in an otherwise good document, and its error.
     #[test]
-    fn hostile_acknowledgements_get_exact_verdicts() {
+    fn faulty_acknowledgements_give_exact_errors() {
         let with = |old: &str, new: &str| {
             assert!(ACK_TEXT.contains(old), "{old}");
             ACK_TEXT.replace(old, new)
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn hostile_states_get_exact_verdicts() {
+    fn faulty_states_give_exact_errors() {
         let with = |old: &str, new: &str| {
             assert!(STATE_TEXT.contains(old), "{old}");
             STATE_TEXT.replacen(old, new, 1)

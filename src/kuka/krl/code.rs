@@ -72,7 +72,7 @@ pub enum Op {
     Referred(u32),
     /// See [`Op::Global`].
     System(u16),
-    /// Advances the address by this many cells.
+    /// Advances the address by this number of cells.
     Component(u32),
     /// Pops an index and advances the address to that element, of `count` elements with `size` cells each.
     Index { count: u32, size: u32 },
@@ -82,15 +82,15 @@ pub enum Op {
     LoadGlobal(u32),
     /// See [`Op::LoadGlobal`].
     LoadLocal(u32),
-    /// Replaces an address by the values of this many cells from this address on.
+    /// Replaces an address by the values of this number of cells from this address on.
     LoadBlock(u32),
     /// Pops a value and the address below it, and writes the value to the address.
     Store,
-    /// Pops this many cells and the address below them, and writes the cells to the address.
+    /// Pops this number of cells and the address below them, and writes the cells to the address.
     StoreBlock(u32),
     /// As [`Op::StoreBlock`], for `{…}`, in which components may be left out.
     StoreAggregate(u32),
-    /// Pops a text and an address, and writes this many characters at most.
+    /// Pops a text and an address, and writes at most this number of characters.
     StoreText(u32),
     /// Converts an INT to REAL; the INT lies this number of cells below the top of the stack.
     ToReal(u32),
@@ -106,7 +106,7 @@ pub enum Op {
     Binary(Binary),
     /// Applies `:` to two frames of 6 numbers.
     Geometric,
-    /// Keeps the first cells of this many and drops the others, for example to get a FRAME from a POS.
+    /// Keeps the `first` cells of `of` cells and drops the others, for example to get a FRAME from a POS.
     Keep { first: u32, of: u32 },
     /// Continues at another step.
     Jump(u32),
@@ -121,11 +121,11 @@ pub enum Op {
     Call(u32),
     /// Calls a routine of the controller.
     Builtin(Builtin),
-    /// Leaves the routine with a value of this many cells.
+    /// Leaves the routine with a value of this number of cells.
     Return(u32),
     /// Reports that a function ended without RETURN.
     NoReturn,
-    /// Discards this many cells of the stack.
+    /// Discards this number of cells of the stack.
     Drop(u32),
     /// Requests a motion; its target is 6 numbers on the stack, axes or a pose.
     Motion { motion: Motion, axes: bool, approximates: Option<Approximation> },

@@ -16,7 +16,7 @@ use super::code::{Condensed, Entry, LocalVariable, Op, Program};
 use super::syntax::{DeclarationContent, File, Item, Routine};
 use super::system::Kss;
 use super::types::Type;
-use compiler::{Argument, Compiler, Signature, Variable, VariableHome, cells_u32};
+use compiler::{Argument, Compiler, Signature, Variable, VariableLocation, cells_u32};
 use panelprep_base::config::Problem;
 use std::collections::BTreeMap;
 
@@ -69,7 +69,7 @@ impl Compiler<'_> {
                 self.statement = u32::MAX;
                 self.check_name(&routine.name);
                 let global = routine.global || nth == 0;
-                self.report_clash(routine, global);
+                self.report_name_conflict(routine, global);
                 let returns = routine.returns.as_ref().map(|returned| {
                     let kind = self.resolve_type(&returned.type_name);
                     if kind == Type::Char && !returned.dimensions.is_empty() { Type::Text } else { kind }
@@ -100,7 +100,7 @@ impl Compiler<'_> {
         Argument { name: name.to_owned(), by_value, kind, dimensions }
     }
 
-    fn report_clash(&mut self, routine: &Routine, global: bool) {
+    fn report_name_conflict(&mut self, routine: &Routine, global: bool) {
         let places = self.routine_places.get(&routine.name).into_iter().flatten();
         let mut known = places.map(|place| &self.routines[*place]);
         let clash = known.find(|known| known.file == self.file || (known.global && global));
@@ -138,9 +138,13 @@ impl Compiler<'_> {
             self.check_name(&argument.name);
             let cells = self.types.cells(argument.kind, &argument.dimensions);
             let offset = self.reserve(if argument.by_value { cells } else { 1 });
-            let home = if argument.by_value { VariableHome::Local(offset) } else { VariableHome::Referred(offset) };
+            let location = if argument.by_value {
+                VariableLocation::Local(offset)
+            } else {
+                VariableLocation::Referred(offset)
+            };
             let (kind, dimensions) = (argument.kind, argument.dimensions.clone());
-            let variable = Variable { kind, dimensions, home, constant: false, value: None, writable: true };
+            let variable = Variable { kind, dimensions, location, constant: false, value: None, writable: true };
             self.locals.insert(argument.name.clone(), variable);
             locals.push(LocalVariable { name: argument.name.clone(), offset, by_reference: !argument.by_value });
         }
@@ -206,8 +210,8 @@ impl Compiler<'_> {
         let kind = self.resolve_type(type_name);
         let dimensions: Vec<usize> = item.dimensions.iter().map(|size| self.dimension(size.as_ref())).collect();
         let offset = self.reserve(self.types.cells(kind, &dimensions));
-        let home = VariableHome::Local(offset);
-        let variable = Variable { kind, dimensions, home, constant: false, value: None, writable: true };
+        let location = VariableLocation::Local(offset);
+        let variable = Variable { kind, dimensions, location, constant: false, value: None, writable: true };
         if self.locals.insert(item.name.clone(), variable).is_some() {
             self.problem(&item.name, "this name is declared twice in the routine");
         }

@@ -1,10 +1,10 @@
-//! Reads the expressions and the declarations of a line: variables, structures, enumerations, signals, and items
-//! that are declared elsewhere. Comparisons bind weakest in KRL: `A>0 AND B` is `A>(0 AND B)`.
+//! Reads the expressions and the declarations of a line: variables, structures, enumerations, signals, and items that
+//! are declared elsewhere. Comparisons have the lowest precedence in KRL: `A>0 AND B` is `A>(0 AND B)`.
 
 use super::lex::{RESERVED, Token};
 use super::syntax::{
-    Binary, Call, Declaration, DeclarationContent, EXPRESSION_DEPTH, Expression, Item, OPERATORS, ReturnType, Step,
-    Unary, VariableRef,
+    Binary, Call, Declaration, DeclarationContent, Expression, Item, MAX_EXPRESSION_DEPTH, MAX_OPERATORS,
+    ReturnType, Step, Unary, VariableRef,
 };
 
 /// The reason why a line was not read.
@@ -131,14 +131,14 @@ impl<'a> TokenReader<'a> {
         self.binary(0)
     }
 
-    /// Reads the operands that operators of this level and stronger ones combine.
+    /// Reads a value and the operators behind it that have at least this precedence.
     fn binary(&mut self, weakest: usize) -> ReadResult<Expression> {
         let mut left = self.parse_unary()?;
         while let Some((operator, level)) = self.peek_operator().filter(|(_, level)| *level >= weakest) {
             self.at += 1;
             self.operators += 1;
-            if self.operators > OPERATORS {
-                return Err(NotRead::NotChecked(format!("the line has more than {OPERATORS} operators")));
+            if self.operators > MAX_OPERATORS {
+                return Err(NotRead::NotChecked(format!("the line has more than {MAX_OPERATORS} operators")));
             }
             let right = self.binary(level + 1)?;
             left = Expression::Binary(operator, Box::new(left), Box::new(right));
@@ -152,13 +152,14 @@ impl<'a> TokenReader<'a> {
             Token::Name(name) => name.as_str(),
             _ => return None,
         };
-        OPERATOR_LEVELS.iter().find(|(sign, ..)| *sign == next).map(|(_, operator, level)| (*operator, *level))
+        OPERATOR_PRECEDENCES.iter().find(|(sign, ..)| *sign == next).map(|(_, operator, level)| (*operator, *level))
     }
 
-    /// Reads one level deeper, if the limit allows.
+    /// Reads one nesting level deeper, if the limit permits it.
     fn read_nested<T>(&mut self, read: impl FnOnce(&mut Self) -> ReadResult<T>) -> ReadResult<T> {
-        if self.depth >= EXPRESSION_DEPTH {
-            let message = format!("brackets, braces or signs are nested more than {EXPRESSION_DEPTH} levels deep");
+        if self.depth >= MAX_EXPRESSION_DEPTH {
+            let message =
+                format!("brackets, braces or signs are nested more than {MAX_EXPRESSION_DEPTH} levels deep");
             return Err(NotRead::NotChecked(message));
         }
         self.depth += 1;
@@ -296,8 +297,8 @@ impl<'a> TokenReader<'a> {
     }
 }
 
-/// Each operator with its level, from the weakest to the strongest.
-const OPERATOR_LEVELS: [(&str, Binary, usize); 17] = [
+/// Each operator with its precedence; 0 is the lowest.
+const OPERATOR_PRECEDENCES: [(&str, Binary, usize); 17] = [
     ("==", Binary::Equal, 0),
     ("<>", Binary::Unequal, 0),
     ("<=", Binary::AtMost, 0),

@@ -33,7 +33,7 @@ impl std::fmt::Display for Token {
 const SIGNS: [&str; 21] =
     ["==", "<>", "<=", ">=", "<", ">", "=", "+", "-", "*", "/", "(", ")", "[", "]", "{", "}", ",", ":", ".", "!"];
 
-/// The tokens of a line; none for an empty line, a comment or a header line that begins with `&`. The message
+/// Returns the tokens of a line; none for an empty line, a comment or a header line that begins with `&`. The message
 /// states why the line is read only up to its [`Token::Unreadable`].
 pub(super) fn tokens(line: &str) -> (Vec<Token>, Option<String>) {
     let mut rest = line;
@@ -52,7 +52,7 @@ pub(super) fn tokens(line: &str) -> (Vec<Token>, Option<String>) {
                 rest = &rest[length..];
             }
             Err(message) => {
-                // The rest of the line is not guessed: tokens behind an unknown character would give a second, wrong
+                // The rest of the line is not read: tokens behind an unknown character would give a second, wrong
                 // message.
                 found.push(Token::Unreadable);
                 return (found, Some(message));
@@ -101,7 +101,7 @@ fn text(rest: &str) -> Result<(Token, usize), String> {
     Ok((Token::Text(inside.to_owned()), inside.len() + 2))
 }
 
-/// `'H1F'` and `'B101'`.
+/// Reads `'H1F'` and `'B101'`.
 fn lex_based_number(rest: &str) -> Result<(Token, usize), String> {
     let wrong = || "a number in apostrophes must be hexadecimal or binary, such as 'H1F' or 'B101'".to_owned();
     let inside = rest[1..].split_once('\'').map(|(inside, _)| inside).ok_or_else(wrong)?;
@@ -230,7 +230,7 @@ mod tests {
 
     /// The tokens before the error are kept, so that a block does not lose its first word.
     #[test]
-    fn what_cannot_be_read_is_reported() {
+    fn unreadable_characters_are_reported() {
         for line in ["A=\"x", "A=2147483649", "A='Q1'", "A=1 % 2", "A=#", "A=1.0E99", "A='H'", "A='"] {
             let (found, problem) = tokens(line);
             assert!(problem.is_some(), "{line}");

@@ -31,7 +31,8 @@ pub use code::{Cell, Entry, LocalVariable, Location, MemoryAddress, MemorySpace,
 pub use compile::{Analysis, analyse};
 pub use lex::RESERVED;
 pub use machine::{
-    Caller, EkiAnswer, Host, INTERRUPT_DEPTH, Interpreter, Memory, MotionRequest, StepPause, UndocumentedBehaviour,
+    Caller, EkiAnswer, Host, Interpreter, MAX_DECLARED_INTERRUPTS, Memory, MotionRequest, StepPause,
+    UndocumentedBehaviour,
 };
 pub use outline::{
     DeclaredVariable, StatedCall, StatedCase, StatedRoutine, StatedSwitch, StatedValue, UnreadValue,

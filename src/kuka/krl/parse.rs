@@ -7,7 +7,7 @@ use super::expression::{
 use super::lex::{RESERVED, Token, tokens};
 use super::routines::is_ethernet_krl_6_only;
 use super::syntax::{
-    Action, Data, Declaration, FILE_BYTES, File, Parameter, REPORTS, ReturnType, Routine, Statement,
+    Action, Data, Declaration, File, MAX_FILE_BYTES, MAX_REPORTS, Parameter, ReturnType, Routine, Statement,
 };
 use panelprep_base::config::Problem;
 
@@ -28,8 +28,8 @@ pub fn parse(name: &str, text: &str) -> File {
         data: None,
     };
     let mut parser = Parser::default();
-    if text.len() > FILE_BYTES {
-        let (found, limit) = (text.len() >> 20, FILE_BYTES >> 20);
+    if text.len() > MAX_FILE_BYTES {
+        let (found, limit) = (text.len() >> 20, MAX_FILE_BYTES >> 20);
         parser.warn(1, "", format!("not checked: the file has {found} MB; limit {limit} MB"));
     } else {
         parser.read_lines(text);
@@ -70,7 +70,7 @@ pub(super) struct Parser {
 impl Parser {
     fn read_lines(&mut self, text: &str) {
         let text = text.trim_start_matches('\u{feff}');
-        // Old editors leave rubbish behind DOS's end mark, which a controller does not read either.
+        // Old editors leave meaningless characters behind the end mark of DOS; a controller does not read them either.
         let text = text.split(END_OF_TEXT).next().unwrap_or_default();
         // A file without line feeds ends its lines with carriage returns only.
         let end = if text.contains('\n') { '\n' } else { '\r' };
@@ -96,7 +96,7 @@ impl Parser {
             return;
         }
         if !self.lines.iter().any(opens_a_routine) {
-            // The messages on its lines would hide the only one that helps: this is another kind of file.
+            // The file is of another kind: this one message helps, and messages on single lines would hide it.
             self.problems.clear();
             self.problem(1, "", "the file contains no DEF, DEFFCT or DEFDAT: it is not a KRL file");
             return;
@@ -138,13 +138,13 @@ impl Parser {
     }
 
     pub(super) fn problem(&mut self, line: usize, key: &str, message: impl Into<String>) {
-        if self.problems.len() < REPORTS {
+        if self.problems.len() < MAX_REPORTS {
             self.problems.push(Problem { line, key: key.to_owned(), message: message.into() });
         }
     }
 
     fn warn(&mut self, line: usize, key: &str, message: String) {
-        if self.warnings.len() < REPORTS {
+        if self.warnings.len() < MAX_REPORTS {
             self.warnings.push(Problem { line, key: key.to_owned(), message });
         }
     }
@@ -355,7 +355,7 @@ fn parse_routine_head(reader: &mut TokenReader<'_>) -> ReadResult<RoutineHead> {
     Ok(RoutineHead { global, returns, name, parameters })
 }
 
-/// `NAME`, `NAME:IN`, `NAME[,]:OUT`.
+/// Reads `NAME`, `NAME:IN` or `NAME[,]:OUT`.
 fn parse_parameter(reader: &mut TokenReader<'_>) -> ReadResult<Parameter> {
     let name = reader.name()?;
     if reader.accept_sign("[") {

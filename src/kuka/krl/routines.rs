@@ -301,7 +301,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_row_is_read() {
+    fn each_row_of_the_routine_tables_is_parsed() {
         assert_eq!(
             ROUTINES.len(),
             EXECUTED_ROUTINES.len() + CHECKED_ROUTINES.len() + ETHERNET_KRL_6_ROUTINES.len(),

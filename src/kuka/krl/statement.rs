@@ -5,12 +5,12 @@ use super::expression::{NotRead, ReadResult, TokenReader};
 use super::lex::Token;
 use super::parse::Parser;
 use super::syntax::{
-    Action, Approximation, BLOCK_DEPTH, Call, Case, Expression, InterruptSwitch, MotionStatement, PathKind,
+    Action, Approximation, Call, Case, Expression, InterruptSwitch, MAX_BLOCK_DEPTH, MotionStatement, PathKind,
     Statement, TriggerPlace, VariableRef,
 };
 
-/// First keywords of statements that are not read here, although a controller reads them.
-const UNREAD_KEYWORDS: [&str; 8] =
+/// First keywords of statements that a controller reads but this parser does not support.
+const UNSUPPORTED_KEYWORDS: [&str; 8] =
     ["ANIN", "ANOUT", "DIGIN", "ASYPTP", "ASYCONT", "ASYSTOP", "ASYCANCEL", "CANCEL"];
 
 /// The first and last keywords of blocks.
@@ -25,7 +25,7 @@ const BLOCKS: [(&str, &str); 8] = [
     ("PTP_SPLINE", "ENDSPLINE"),
 ];
 
-/// Keywords of other languages, each with the corresponding KRL keyword.
+/// Keywords of other languages, each with a message that states the correct KRL.
 const FOREIGN_KEYWORDS: [(&str, &str); 5] = [
     ("ELSEIF", "KRL has no ELSEIF: write ELSE, then an IF with its own ENDIF"),
     ("ELSIF", "KRL has no ELSIF: write ELSE, then an IF with its own ENDIF"),
@@ -61,7 +61,7 @@ const APPROXIMATIONS: [(&str, Approximation); 5] = [
 ];
 
 impl Parser {
-    /// Statements up to a line that begins with one of these words; that line is not consumed.
+    /// Reads the statements up to a line that begins with one of these words; that line is not consumed.
     pub(super) fn block(&mut self, ends: &[&str]) -> Vec<Statement> {
         self.depth += 1;
         let mut found = Vec::new();
@@ -91,8 +91,9 @@ impl Parser {
         let tokens = self.next_line();
         if let Some((_, last)) = BLOCKS.iter().find(|(word, _)| *word == first).filter(|_| !is_assignment(&tokens))
         {
-            if self.depth > BLOCK_DEPTH {
-                let unread = NotRead::NotChecked(format!("blocks are nested more than {BLOCK_DEPTH} levels deep"));
+            if self.depth > MAX_BLOCK_DEPTH {
+                let unread =
+                    NotRead::NotChecked(format!("blocks are nested more than {MAX_BLOCK_DEPTH} levels deep"));
                 self.report(line, &tokens, first, unread);
                 self.skip_block(last);
                 return Action::NotRead;
@@ -252,7 +253,7 @@ fn is_label(tokens: &[Token]) -> bool {
     matches!(tokens, [Token::Name(_), Token::Sign(":")])
 }
 
-/// `NAME=`, `NAME[`, `NAME.`
+/// Returns whether a line begins with `NAME=`, `NAME[` or `NAME.`: an assignment.
 fn is_assignment(tokens: &[Token]) -> bool {
     matches!(tokens, [Token::Name(_), Token::Sign("=" | "[" | "."), ..])
 }
@@ -346,7 +347,7 @@ fn parse_motion_or_spline(reader: &mut TokenReader<'_>, first: &str) -> ReadResu
         return Err((*instead).into());
     }
     let message = match reader.peek_token() {
-        _ if UNREAD_KEYWORDS.contains(&first) => {
+        _ if UNSUPPORTED_KEYWORDS.contains(&first) => {
             format!("{first} is a KRL statement that this parser does not support")
         }
         None => {
@@ -407,7 +408,7 @@ fn parse_motion_options(reader: &mut TokenReader<'_>, motion: &mut MotionStateme
     Ok(true)
 }
 
-/// `$VEL.CP=0.2,$TOOL=TOOL_DATA[1]`
+/// Reads `$VEL.CP=0.2,$TOOL=TOOL_DATA[1]`.
 fn settings(reader: &mut TokenReader<'_>) -> ReadResult<Vec<(VariableRef, Expression)>> {
     let mut settings = Vec::new();
     loop {

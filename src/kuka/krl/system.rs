@@ -44,7 +44,7 @@ pub struct SystemVariable {
     /// With its `$`.
     pub name: &'static str,
     pub(super) type_name: &'static str,
-    /// Elements of an array; 0 if it is none.
+    /// Number of elements; 0 if the variable is not an array.
     pub(super) count: usize,
     pub(super) writable: bool,
     /// Whether reading or writing the variable makes the advance run wait for the arm.
@@ -221,7 +221,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_variable_is_known_by_its_type_and_its_size() {
+    fn type_and_dimensions_of_a_known_variable_are_found() {
         let of = |name: &str| find_variable(name).map(|named| (named.type_name, named.dimensions));
         assert_eq!(of("$POWER_FAIL"), Some(("BOOL", 0)));
         assert_eq!(of("$ANIN"), Some(("REAL", 1)));

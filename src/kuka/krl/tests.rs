@@ -1,4 +1,4 @@
-//! Reading and reporting: the shipped files, and one planted fault for each rule.
+//! Tests the parser and its messages: the shipped files, and one planted fault for each rule.
 
 use super::{Analysis, Kss, analyse, parse};
 use panelprep_base::config::Problem;
@@ -26,7 +26,7 @@ fn reported(program: &str) -> [Vec<String>; 3] {
 }
 
 /// Returns the messages about these statements in a routine in which `I`, `R`, `B` are assigned.
-fn told_of(statements: &str) -> Vec<String> {
+fn messages_about(statements: &str) -> Vec<String> {
     reported_messages(&format!(
         "DEF A( )\nDECL INT I\nDECL REAL R\nDECL BOOL B\nDECL POINT P\nI=1\nR=1.0\nB=FALSE\nP=PLACES[1]\n{statements}\n\
          END\nDEFFCT INT SUM(X:IN,Y:OUT)\nDECL INT X\nDECL REAL Y\nY=1.0\nRETURN X\nENDFCT\n"
@@ -34,7 +34,7 @@ fn told_of(statements: &str) -> Vec<String> {
 }
 
 #[test]
-fn the_shipped_files_are_right() {
+fn the_shipped_files_have_no_problems() {
     macro_rules! shipped {
         ($($name:literal),*) => { [$(($name, include_str!(concat!("../../../config/kuka/", $name)))),*] };
     }
@@ -60,14 +60,14 @@ fn the_shipped_files_are_right() {
 }
 
 #[test]
-fn what_an_integrator_writes_is_read() {
+fn common_statements_are_read() {
     let statements = "FOR I=1 TO TEN STEP 2\nLIST[I]=I*2\nENDFOR\nREPEAT\nI=I-1\nUNTIL I<=0\nLOOP\nEXIT\nENDLOOP\n\
         WAIT FOR $IN[3] AND (NOT B)\nPTP {A1 0,A2 -90}\nPTP $AXIS_ACT_MEAS C_PTP\nLIN {X 1,Y 2} C_DIS\n\
         LIN $POS_ACT:P.P\n$OUT[5]=TRUE ; on\n$VEL.CP=0.2\n$APO.CDIS=5\nSWITCH SHADE\nCASE #RED,#GREEN\nHALT\n\
         DEFAULT\nCONTINUE\nENDSWITCH\nWORDS[]=\"abcdefgh\"\nI='H1F' B_AND 'B11'\nR=I\nI=R/2\nB=(I==1) OR B\n\
         INTERRUPT DECL 30 WHEN $FLAG[9] DO A( )\nINTERRUPT ON 30\nINTERRUPT OFF\nI=SUM(3,R)\nI=SUM(R,P.R)\nBRAKE F\n\
         TRIGGER WHEN DISTANCE=0 DELAY=20 DO $OUT[1]=FALSE\nTRIGGER WHEN DISTANCE=1 DELAY=-5 DO A( ) PRIO=-1";
-    assert_eq!(told_of(statements), Vec::<String>::new());
+    assert_eq!(messages_about(statements), Vec::<String>::new());
     let foreign = "&REL 4\nDEF A( )\nEXT BAS (BAS_COMMAND :IN,REAL :IN )\nINT I,K\n;FOLD INI\nBAS (#INITMOV,0)\n\
         ;ENDFOLD\nI=1\nK=I\nEND\n";
     assert_eq!(reported_messages(foreign), Vec::<String>::new());
@@ -75,7 +75,7 @@ fn what_an_integrator_writes_is_read() {
 
 /// Each line is one mistake, with the beginning of its report; the first statement is in line 10.
 #[test]
-fn each_slip_is_reported_with_its_line() {
+fn each_planted_mistake_is_reported_with_its_line() {
     for (statement, expected) in [
         ("I=", "10: I: a value is missing at the end of the line"),
         ("I=1 2", "10: I: expected the end of the line, found '2'"),
@@ -126,7 +126,7 @@ fn each_slip_is_reported_with_its_line() {
         ("TRIGGER WHEN DISTANCE=1 DELAY=0 DO A( )", "10: TRIGGER: a TRIGGER that calls a routine needs PRIO"),
         ("A_NAME_THAT_IS_FAR_TOO_LONG=1", "10: A_NAME_THAT_IS_FAR_TOO_LONG: this name is declared in none"),
     ] {
-        let reported = told_of(statement);
+        let reported = messages_about(statement);
         assert!(
             reported.iter().any(|reported| reported.starts_with(expected)),
             "{statement}: {reported:#?} instead of {expected}"
@@ -135,7 +135,7 @@ fn each_slip_is_reported_with_its_line() {
 }
 
 #[test]
-fn what_a_routine_leaves_open_is_reported() {
+fn incomplete_routines_are_reported() {
     for (program, expected) in [
         ("DEF A( )\nDECL INT I\nI=I+1\nEND", "3: I: this local variable may be read here before"),
         (
@@ -173,7 +173,7 @@ fn what_a_routine_leaves_open_is_reported() {
 }
 
 #[test]
-fn the_version_decides_which_system_variables_there_are() {
+fn the_kss_version_determines_the_system_variables() {
     let file = parse("a.src", "DEF A( )\nIF $COULD_START_MOTION THEN\nENDIF\nEND");
     let told =
         |kss: &str| analyse(std::slice::from_ref(&file), Some(kss.parse().expect("a version"))).problems.concat();
@@ -187,7 +187,7 @@ fn the_version_decides_which_system_variables_there_are() {
 /// An error that may occur at run time is a warning, and so is an item that no file declares; each name is reported
 /// once.
 #[test]
-fn a_doubt_is_no_problem() {
+fn uncertain_errors_are_warnings() {
     let program = "DEF A( )\nDECL INT I\nDECL NEW_T N\nIF COUNT>0 THEN\nI=1\nENDIF\nCOUNT=I\nN=#ON\nIF N==#OFF THEN\nUNKNOWN=1\n\
         UNKNOWN=2\nENDIF\nFOR I=1 TO 11\nIF I<=10 THEN\nLIST[I]=0\nENDIF\nENDFOR\nEND\nDEFFCT INT F( )\nIF COUNT>0 THEN\n\
         RETURN 1\nENDIF\nENDFCT";
@@ -208,7 +208,7 @@ fn a_doubt_is_no_problem() {
 
 /// A statement that is only checked is identified by its line, and only this statement stops the execution.
 #[test]
-fn what_is_only_checked_is_known_by_its_line() {
+fn statements_that_are_only_checked_are_listed_with_their_line() {
     let [problems, warnings, unexecuted] = reported(
         "DEF A( )\nDECL INT I\nDECL FRAME F\nI=1\nF=$POS_ACT\nSWITCH I\nCASE 1\nCIRC F,F\nCASE COUNT\nI=2\nENDSWITCH\nI=STRLEN(\"a\")\n\
          I=3\nEND",
@@ -220,7 +220,7 @@ fn what_is_only_checked_is_known_by_its_line() {
 /// Types with the same name in two modules are two types; a variable of another data list is visible if it is
 /// GLOBAL.
 #[test]
-fn a_name_is_known_where_it_is_declared() {
+fn a_name_is_visible_only_in_its_scope() {
     let list = |name: &str, words: &str, more: &str| {
         format!(
             "DEFDAT {name} PUBLIC\nENUM SIDE_T {words}\nDECL SIDE_T {name}_SIDE=#{}\n{more}ENDDAT\n",
@@ -252,7 +252,7 @@ fn a_name_is_known_where_it_is_declared() {
 
 /// Any content of a file is either reported or read; nothing panics.
 #[test]
-fn torn_files_are_reported_and_harm_nothing() {
+fn damaged_files_are_reported_without_a_panic() {
     let whole = include_str!("../../../config/kuka/cell_motion.src");
     let words: Vec<&str> = whole.split_inclusive([' ', '\n', '(', ',']).collect();
     for step in [3, 7, 11, 40] {

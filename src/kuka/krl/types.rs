@@ -177,7 +177,7 @@ impl Types {
         is_free
     }
 
-    /// The number of cells of a value of this type.
+    /// Returns the number of cells of a value of this type.
     pub(super) fn size(&self, kind: Type) -> usize {
         match kind {
             Type::Struc(index) => self.strucs[index].size,
@@ -185,7 +185,7 @@ impl Types {
         }
     }
 
-    /// The number of cells of an array of this type; the largest number of this computer if there are more.
+    /// Returns the number of cells of an array of this type; `usize::MAX` if the number is too large.
     pub(super) fn cells(&self, kind: Type, dimensions: &[usize]) -> usize {
         dimensions.iter().fold(self.size(kind), |cells, dimension| cells.saturating_mul(*dimension))
     }
@@ -419,7 +419,7 @@ mod tests {
 
     /// By hand: six REAL, two INT, six REAL; RET1, HITS, LENGTH, MSG_NO, MSG_TYPE and sixty characters.
     #[test]
-    fn each_line_is_a_type_and_knows_what_it_names() {
+    fn each_declared_kuka_type_is_read() {
         let types = kuka_types();
         let lines = KUKA_TYPES.lines().filter(|line| !line.is_empty()).count();
         assert_eq!(types.strucs.len() + types.enumerations.len(), lines);

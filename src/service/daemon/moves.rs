@@ -424,7 +424,7 @@ impl LoopMemory<'_> {
                     return vec![Reason::new("deviation", message)];
                 };
                 let tip = base_from_active * state.base_from_tcp.to_rigid::<Base, Tool>();
-                (tip.origin().distance_mm(end.origin()), (tip.inverse() * end).turn().0, DEVIATION_DEG)
+                (tip.origin().distance_mm(end.origin()), (tip.inverse() * end).rotation_angle().0, DEVIATION_DEG)
             }
         };
         let message = || {

@@ -146,7 +146,7 @@ impl AbrasionResult {
         [
             Check::new(name::EXECUTED_WAYPOINTS_NAME, "", f64::from(done))
                 .with_min(f64::from(waypoints), LimitSource::Program)
-                .reviews("part", || {
+                .or_review("part", || {
                     format!(
                         "the robot executed only {done} of {waypoints} waypoints; the remaining path was not \
                          executed"
@@ -164,13 +164,12 @@ impl AbrasionResult {
                     )
                 },
             ),
-            Check::new(name::PATH_DEVIATION_NAME, "mm", off_mm).with_max(allowed_mm, LimitSource::Program).reviews(
-                "off_path",
-                || {
+            Check::new(name::PATH_DEVIATION_NAME, "mm", off_mm)
+                .with_max(allowed_mm, LimitSource::Program)
+                .or_review("off_path", || {
                     let [off, allowed] = distinguishable_texts(off_mm, allowed_mm, 2);
                     format!("the robot reported a pose {off} mm away from the planned path (limit {allowed} mm)")
-                },
-            ),
+                }),
             self.dwell_ratio_check(),
         ]
     }

@@ -240,7 +240,7 @@ impl EarlierRemoval {
         let before = Check::new("removed in earlier cycles of this part, upper 95 % bound", "µm", self.bound_um);
         let unknown = Check::new("earlier cycles of this part with an unknown depth", "", self.unknown as f64)
             .with_max(0.0, LimitSource::Program)
-            .reviews("earlier_unknown", || {
+            .or_review("earlier_unknown", || {
                 format!(
                     "{} earlier cycles abraded this part to an unknown depth: measure the remaining thickness; in \
                  total, {} µm may be removed",
@@ -291,7 +291,7 @@ fn removal_checks(
                 )
             },
         ),
-        Check::new("passes that the target takes", "", passes).with_max(1.0, LimitSource::Program).reviews("more_passes", || {
+        Check::new("passes that the target takes", "", passes).with_max(1.0, LimitSource::Program).or_review("more_passes", || {
             format!(
                 "one pass removes {} µm on average, so the target of {} µm needs {} passes (limit 1); lower {} or \
                  raise force_n so that one pass is enough",
@@ -304,7 +304,7 @@ fn removal_checks(
                 }
             )
         }),
-        Check::new(name::REMOVED_EVEN, "%", within).with_max(asked.even_percent(), LimitSource::recipe("removal.even_percent")).reviews(
+        Check::new(name::REMOVED_EVEN, "%", within).with_max(asked.even_percent(), LimitSource::recipe("removal.even_percent")).or_review(
             "removal_uneven",
             || {
                 let [found, allowed] = distinguishable_texts(within.unwrap_or(f64::NAN), asked.even_percent(), 1);

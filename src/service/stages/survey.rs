@@ -180,7 +180,7 @@ fn deviation_checks(todays: &TodaysSurfaceFit, reference: TaughtSource, limits: 
     [
         Check::new(deviation_name(reference), "mm", deviation_mm)
             .with_max(limit_mm, LimitSource::recipe("surface.max_deviation_mm"))
-            .reviews("deviates", || {
+            .or_review("deviates", || {
                 let [mm, limit_mm] = distinguishable_texts(deviation_mm, limit_mm, 2);
                 let (other, clamped) = match reference {
                     TaughtSource::Scan => (reference.describe(), "that it is clamped as at teaching"),
@@ -193,7 +193,7 @@ fn deviation_checks(todays: &TodaysSurfaceFit, reference: TaughtSource, limits: 
             }),
         Check::new("residual of today's surface, rms", "mm", rms_mm)
             .with_max(limit_rms_mm, LimitSource::recipe("surface.max_rms_mm"))
-            .reviews("rough_today", || {
+            .or_review("rough_today", || {
                 let [mm, limit_mm] = distinguishable_texts(rms_mm, limit_rms_mm, 3);
                 format!(
                     "the scan points are {mm} mm rms from the surface fitted to today's scan (limit {limit_mm} \
@@ -203,7 +203,7 @@ fn deviation_checks(todays: &TodaysSurfaceFit, reference: TaughtSource, limits: 
             }),
         Check::new("region that today's scan does not show", "%", percent)
             .with_max(limit_percent, LimitSource::recipe("surface.max_missing_percent"))
-            .reviews("hidden_today", || {
+            .or_review("hidden_today", || {
                 let [percent, limit_percent] = distinguishable_texts(percent, limit_percent, 1);
                 format!(
                     "{percent} % of the region is hidden in the scan or covered by an object (limit \
@@ -212,7 +212,7 @@ fn deviation_checks(todays: &TodaysSurfaceFit, reference: TaughtSource, limits: 
             }),
         Check::new("largest square that today's scan does not show", "mm", hole_mm)
             .with_max(limit_hole_mm, LimitSource::recipe("surface.max_hole_mm"))
-            .reviews("hidden_today", || {
+            .or_review("hidden_today", || {
                 let [mm, limit_mm] = distinguishable_texts(hole_mm, limit_hole_mm, 1);
                 format!(
                     "a square of {mm} mm side length in the region is hidden or covered by an object (limit \
@@ -360,7 +360,7 @@ fn seen_check(seen_percent: f64, is_limited: bool, limits: &recipe::Surface) -> 
     if !is_limited {
         return seen;
     }
-    seen.with_min(least_percent, LimitSource::recipe("surface.max_missing_percent")).reviews("form_hidden", || {
+    seen.with_min(least_percent, LimitSource::recipe("surface.max_missing_percent")).or_review("form_hidden", || {
         let [percent, least] = distinguishable_texts(seen_percent, least_percent, 1);
         format!(
             "profile and flatness were measured in {percent} % of the region only (limit {least} %), and the rest is not known: \

@@ -19,7 +19,7 @@ fn panel_points(cell: &Cell, cloud: &OrganizedCloud<Camera>) -> usize {
 /// 300,000 points in the full picture are 18,750 points at a quarter of its width and height. Calculated by hand:
 /// about 334 × 228 mm without the cut corner, 73,000 mm², seen at 33° with 2.28 px/mm.
 #[test]
-fn a_panel_is_three_hundred_thousand_points() {
+fn a_panel_has_about_300_000_points() {
     for seed in 0..4 {
         let cell = Cell::new(seed, Scene::Good, 4);
         let taught = panel_points(&cell, &cell.taught_scan());
@@ -30,7 +30,7 @@ fn a_panel_is_three_hundred_thousand_points() {
 }
 
 #[test]
-fn scenes_differ_in_what_lies_before_the_fixture() {
+fn scenes_differ_in_the_objects_in_front_of_the_fixture() {
     let cell = |scene| Cell::new(3, scene, 4);
     let (good, clean) = (cell(Scene::Good), cell(Scene::Clean));
     let (empty, wrong) = (cell(Scene::NoPanel), cell(Scene::WrongPanel));
@@ -100,7 +100,7 @@ fn rms(numbers: &[f64]) -> f64 {
 /// Shares of all pixels within 1 px of the edge with a lit surface behind: 75 % missing, 10 % flying. Of all other
 /// pixels, 0.2 % of the lit ones and all unlit ones are missing.
 #[test]
-fn edges_have_holes_and_flying_points() {
+fn edges_have_missing_and_flying_points() {
     let cell = Cell::new(2, Scene::Clean, 2);
     let scan = cell.taught_scan();
     let panel = Some((&cell.taught, &scene::nominal()));
@@ -155,7 +155,7 @@ fn results_are_bit_equal_for_any_number_of_threads() {
 }
 
 #[test]
-fn other_seeds_shots_and_times_have_other_noise() {
+fn each_seed_shot_and_time_has_its_own_noise() {
     let cell = Cell::new(1, Scene::Good, 8);
     assert_ne!(cell.scan().picture(), Cell::new(2, Scene::Good, 8).scan().picture());
     let nominal = scene::nominal();
@@ -166,7 +166,7 @@ fn other_seeds_shots_and_times_have_other_noise() {
 
 /// The panel fills the quadrant opposite to the corner's name; 110 separates the panel from the background.
 #[test]
-fn corner_pictures_show_a_dark_quadrant() {
+fn corner_pictures_show_the_panel_in_one_quadrant() {
     let cell = Cell::new(4, Scene::Good, 4);
     for view in cell.corner_views() {
         for (pose, place) in [
@@ -212,7 +212,7 @@ fn the_region_lies_well_inside_in_grids_of_about_45_mm() {
 }
 
 #[test]
-fn breaks_open_grow_and_fill_their_spots() {
+fn breaks_open_and_grow_until_they_fill_their_spots() {
     let cell = Cell::new(6, Scene::Good, 2);
     let (film, truth) = (cell.film(), cell.truth());
     let first_s = truth.spots.iter().map(|spot| spot.breaks_at_s).fold(f64::INFINITY, f64::min);
@@ -240,7 +240,7 @@ fn breaks_open_grow_and_fill_their_spots() {
 /// Broken film looks dry. Whole film has 0.58 to 0.63 of the dry colour, less in streaks. The fixture does not
 /// change.
 #[test]
-fn a_whole_film_is_dark_and_a_broken_one_is_not() {
+fn a_whole_film_is_darker_than_a_broken_film() {
     let cell = Cell::new(6, Scene::Good, 4).with_films(FilmSpec::CALM_FILM);
     let (film, mask) = (cell.film(), cell.film().broken_pixels(80.0));
     let (dry, wet) = (film.picture(0.0).to_gray(), film.picture(80.0).to_gray());
@@ -264,14 +264,14 @@ fn a_whole_film_is_dark_and_a_broken_one_is_not() {
 
 /// One panel at several places: shape, grease and teaching stay, only its pose changes.
 #[test]
-fn another_place_is_the_same_panel() {
+fn another_pose_shows_the_same_panel() {
     let at = |place: u32| Cell::new(3, Scene::Good, 8).with_pose(place);
     let (first, second) = (at(0), at(2));
     assert_eq!(first.scan().picture(), Cell::new(3, Scene::Good, 8).scan().picture());
     assert_eq!(first.taught_scan().picture(), second.taught_scan().picture());
     let (truth, other) = (first.truth(), second.truth());
     let way = truth.base_from_panel.inverse() * other.base_from_panel;
-    assert!(way.turn().0 > 0.5, "{}", way.turn());
+    assert!(way.rotation_angle().0 > 0.5, "{}", way.rotation_angle());
     assert_eq!(truth.spots.len(), other.spots.len());
     assert!(truth.spots.iter().zip(&other.spots).all(|(a, b)| a.centre.distance_mm(b.centre) < 1e-9));
     let off_mm = |p| truth.distance_mm(p).abs();

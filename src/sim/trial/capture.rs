@@ -152,9 +152,9 @@ const MARKED_MARGIN_MM: f64 = 6.0;
 const MARKED_ACROSS_MM: f64 = 9.0;
 /// Grey level of the holder.
 const HOLDER_GRAY: f64 = 120.0;
-/// Size of a patch without points, mm.
+/// Approximate size of a patch without points, mm: the lattice spacing of the noise that forms the patches.
 const PATCH_MM: f64 = 55.0;
-/// Error of a corner of the outline that a person draws, px, one standard deviation.
+/// Standard deviation of a corner of the outline that a person draws, px.
 const DRAWING_ERROR_PX: f64 = 1.0;
 
 /// A straight side of the panel's outline on its sheet: its middle, the directions along the side and outwards, and
@@ -176,7 +176,7 @@ impl TrialScene {
         TrialScene { missing_share: missing, ..self }
     }
 
-    /// The areas without points in a scan.
+    /// Returns the areas without points in a scan.
     pub(super) fn missing_patches(&self, shot: u64) -> Option<MissingPatches> {
         if self.missing_share <= 0.0 {
             return None;
@@ -213,8 +213,8 @@ impl TrialScene {
         TrialScene { scale, ..self }
     }
 
-    /// The holder of a panel at this pose: at the panel's longest side or, if the holder was moved, at the second
-    /// longest side.
+    /// Returns the holder of a panel at this pose: at the panel's longest side or, if the holder was moved, at the
+    /// second longest side.
     pub(super) fn holder_of(&self, base_from_panel: &Rigid<Base, Panel>, is_moved: bool) -> Option<Slab> {
         if !self.is_held {
             return None;
@@ -244,7 +244,7 @@ impl TrialScene {
         })
     }
 
-    /// The area that a person marks in the taught scan's picture because the holder touches the panel there.
+    /// Returns the area that a person marks in the taught scan's picture because the holder touches the panel there.
     pub fn marked_holder_px(&self) -> Vec<[Pixel; 4]> {
         if !self.is_held {
             return Vec::new();
@@ -306,7 +306,7 @@ mod tests {
     /// equation (1) there gives 18.5 mm. On the right there is no shadow. Up and down, at x = 0, the light ends
     /// 0.30769 · 698.44 = 214.9 mm from the middle.
     #[test]
-    fn a_thing_before_a_wall_throws_a_shadow_away_from_the_projector() {
+    fn an_object_in_front_of_a_wall_casts_a_shadow_away_from_the_projector() {
         let trial = TrialScene::good_scene(1, 1);
         let thing = Slab::facing(Point3::new(565.0, 0.0, 360.0), -Vector3::x(), 0.0, [40.0, 40.0], [100.0; 3]);
         let scan = trial.capture(
@@ -356,7 +356,7 @@ mod tests {
     /// A third of a good scan's points on the panel are missing, and the holder continues the panel's surface beyond
     /// its end, without a step.
     #[test]
-    fn a_held_dark_panel_has_patches_and_no_step_at_its_holder() {
+    fn a_held_dark_panel_has_missing_patches_and_no_step_at_its_holder() {
         let trial = TrialScene::flat_scene(3, 4).with_holder().with_missing_patches(0.33);
         let scan = trial.taught_scan();
         let whole = TrialScene::flat_scene(3, 4).with_holder().taught_scan();

@@ -16,12 +16,12 @@ use strum::{IntoStaticStr, VariantArray};
 /// The box that contains a trial's panel, mm in the base frame; the fixture lies behind it.
 pub const TRIAL_BOX_MM: [[f64; 3]; 2] = [[250.0, -420.0, 10.0], [640.0, 420.0, 720.0]];
 
-/// Grey level of a disc; `RADIUS_MM` are the radii of the discs.
-const GRAY: f64 = 185.0;
-const RADIUS_MM: std::ops::Range<f64> = 3.5..8.0;
-/// Minimum distance between two discs, mm; `MIN_EDGE_DISTANCE_MM` is that from the panel's edge.
+/// Grey level of a disc; `DISC_RADII_MM` are the radii of the discs.
+const DISC_GRAY: f64 = 185.0;
+const DISC_RADII_MM: std::ops::Range<f64> = 3.5..8.0;
+/// Minimum distance between two discs, mm; `MIN_DISC_EDGE_DISTANCE_MM` is that from the panel's edge.
 const MIN_DISC_DISTANCE_MM: f64 = 10.0;
-const MIN_EDGE_DISTANCE_MM: f64 = 16.0;
+const MIN_DISC_EDGE_DISTANCE_MM: f64 = 16.0;
 /// Maximum number of discs.
 const MAX_DISCS: usize = 24;
 
@@ -65,12 +65,12 @@ impl PrintedDiscs {
         for _ in 0..40 * MAX_DISCS {
             let [s, t] = places[random.random_range(0..places.len())];
             let at = [s + random.random_range(-4.0..4.0), t + random.random_range(-4.0..4.0)];
-            let radius_mm = random.random_range(RADIUS_MM);
+            let radius_mm = random.random_range(DISC_RADII_MM);
             let is_apart = |(other, other_mm): &([f64; 2], f64)| {
                 (at[0] - other[0]).hypot(at[1] - other[1]) > radius_mm + other_mm + MIN_DISC_DISTANCE_MM
             };
             if discs.len() < MAX_DISCS
-                && from_edge(at) > MIN_EDGE_DISTANCE_MM + radius_mm
+                && from_edge(at) > MIN_DISC_EDGE_DISTANCE_MM + radius_mm
                 && discs.iter().all(is_apart)
             {
                 discs.push((at, radius_mm));
@@ -93,7 +93,9 @@ impl PrintedDiscs {
 
     /// Returns a colour of the panel when a mark covers this share of the pixel.
     pub fn blend_paint(color: FixedColor, share: f64) -> FixedColor {
-        color.map(|level| (f64::from(level) + share * (GRAY * f64::from(LEVEL) - f64::from(level))).round() as u16)
+        color.map(|level| {
+            (f64::from(level) + share * (DISC_GRAY * f64::from(LEVEL) - f64::from(level))).round() as u16
+        })
     }
 }
 
@@ -127,7 +129,7 @@ pub enum SceneDefect {
     /// More than 35 % of the panel is outside the picture.
     #[strum(serialize = "over 35 % out of view")]
     OutOfView,
-    /// A panel that looks the same after half a turn.
+    /// A panel that looks the same after a rotation by 180°.
     #[strum(serialize = "symmetric")]
     Symmetric,
     /// The camera has moved since teaching, by 1 to 10 mm.
@@ -176,7 +178,7 @@ mod tests {
 
     /// By hand: a pixel of 0.4 mm with its middle 0.1 mm inside a disc's border is three quarters mark.
     #[test]
-    fn a_pixel_at_the_border_is_mark_by_its_share() {
+    fn a_pixel_at_a_marks_border_is_covered_by_its_share() {
         let marks = PrintedDiscs { discs: vec![([10.0, 0.0], 5.0)] };
         let share = |s: f64| marks.share([s, 0.0], 0.4);
         assert!((share(5.1) - 0.75).abs() < 1e-9 && (share(5.0) - 0.5).abs() < 1e-9);
@@ -191,7 +193,7 @@ mod tests {
         let marks = PrintedDiscs::random_on_panel(&shape, Seed(2).stream(RandomPurpose::Trial, 60));
         assert!(marks.discs.len() >= 6, "{}", marks.discs.len());
         for (([s, t], radius_mm), mirrored) in marks.discs.iter().zip(marks.mirrored_discs().discs) {
-            assert!(-shape.outline().distance([*s, *t].into()).0 > radius_mm + MIN_EDGE_DISTANCE_MM);
+            assert!(-shape.outline().distance([*s, *t].into()).0 > radius_mm + MIN_DISC_EDGE_DISTANCE_MM);
             assert_eq!(mirrored, ([-s, *t], *radius_mm));
         }
     }

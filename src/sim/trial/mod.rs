@@ -1,11 +1,11 @@
-//! Trials of a localization: a panel of any shape, at any pose in a search box, in front of a cluttered fixture. It
-//! also contains the defects that such a scene can have. The calibration is the true one: only the localization is
+//! Trials of a localization: a panel of any shape, at any pose in a search box, in front of a cluttered fixture. They
+//! also contain the defects that such a scene can have. The calibration is the true one: only the localization is
 //! measured.
 //!
-//! A good trial has the taught panel, dry, in the box, rotated by up to ±180° about its normal and tilted by up to
-//! 30°. At most 20 % of the panel has no points: occluded, in shadow, or outside the field of view of the camera or
-//! the projector. Glints remove points and overexpose the picture.
-//! Panels may be bent after they were taught, by a bow and a wave, with the ground truth for them.
+//! A good trial has the taught panel, dry, in the box, rotated by up to ±180° about its normal and tilted by up to 30°.
+//! At most 20 % of the panel has no points: occluded, in shadow, or outside the field of view of the camera or the
+//! projector. Glints remove points and overexpose the picture. A panel may be bent after it was taught, by a bow and a
+//! wave, and the bend is known.
 
 mod capture;
 mod contents;
@@ -25,7 +25,7 @@ use panelprep_base::geometry::{
     fit_rigid_motion,
 };
 
-/// Size of the panels relative to those of other trials, if two are in the box.
+/// Factor of the panels' size, compared with other trials, if two panels are in the box.
 const REDUCED_PANEL_SCALE: f64 = 0.55;
 
 /// A scene with its ground truth.
@@ -73,7 +73,7 @@ impl TrialScene {
         let mut trial = TrialScene::good_scene(seed, reduction);
         let panel = variety::Panel::random(&mut generator(Seed(seed), 0)).flat_copy();
         (trial.taught, trial.present) = (panel.shape(), Some(panel.shape()));
-        trial.place_validly(&mut generator(Seed(seed), 1), None);
+        trial.draw_valid_pose(&mut generator(Seed(seed), 1), None);
         trial
     }
 
@@ -117,34 +117,34 @@ impl TrialScene {
             second_panel: None,
             is_holder_moved: false,
         };
-        trial.place_validly(&mut generator(seed, 1), wrong);
+        trial.draw_valid_pose(&mut generator(seed, 1), wrong);
         if let Some(wrong) = wrong {
             trial.add_defect(&panel, wrong, &mut generator(seed, 2));
         }
         if wrong == Some(SceneDefect::MirroredMarks) { trial.with_mirrored_marks() } else { trial }
     }
 
-    /// The 3D camera.
+    /// Returns the 3D camera.
     pub fn camera(&self) -> &PinholeCamera {
         &self.camera
     }
 
-    /// The camera's pose, as its calibration states.
+    /// Returns the camera's pose, as its calibration states.
     pub fn base_from_camera(&self) -> Rigid<Base, Camera> {
         scene::base_from_camera()
     }
 
-    /// Length and width of the rectangle from which the taught panel was cut, mm.
+    /// Returns the length and width of the rectangle from which the taught panel was cut, mm.
     pub fn size_mm(&self) -> [f64; 2] {
         self.size_mm
     }
 
-    /// The share of the panel that the 3D camera does not see: hidden, in shadow, or out of view.
-    pub fn hidden(&self) -> f64 {
+    /// Returns the share of the panel that the 3D camera does not see: hidden, in shadow, or out of view.
+    pub fn hidden_share(&self) -> f64 {
         self.hidden_share
     }
 
-    /// The panel's pose.
+    /// Returns the panel's pose.
     pub fn base_from_panel(&self) -> Rigid<Base, Panel> {
         self.place
     }
@@ -154,7 +154,7 @@ impl TrialScene {
         self.middle_px(0.4)
     }
 
-    /// The distance between the panel's surface at a found pose and the true surface.
+    /// Returns the distance between the panel's surface at a found pose and the true surface.
     pub fn error_mm(&self, found: &Rigid<Base, Panel>) -> PlacementError {
         let points = sheet_points(&self.taught);
         let errors = points.iter().map(|&at| self.place.distance_at_mm(*found, self.taught.point(at)));
@@ -162,7 +162,7 @@ impl TrialScene {
         PlacementError { mean_mm: sum_mm / points.len() as f64, max_mm }
     }
 
-    /// The scan that teaches the panel, at its nominal pose and without clutter.
+    /// Returns the scan that teaches the panel, at its nominal pose and without clutter.
     pub fn taught_scan(&self) -> OrganizedCloud<Camera> {
         let taught = Some((&self.taught, &scene::nominal()));
         let holder: Vec<Slab> = self.holder_of(&scene::nominal(), false).into_iter().collect();
@@ -173,7 +173,7 @@ impl TrialScene {
         self.capture(taught, &scene::base_from_camera(), contents, 0)
     }
 
-    /// The scan of the scene.
+    /// Returns the scan of the scene.
     pub fn scan(&self) -> OrganizedCloud<Camera> {
         let present = self.present.as_ref().map(|shape| (shape, &self.place));
         let slabs: Vec<Slab> =
@@ -219,14 +219,14 @@ impl TrialScene {
         TrialScene { present: self.present.map(|shape| shape.with_bend(bend)), ..self }
     }
 
-    /// The drawing of the taught panel, and the place of its frame while the panel is at its nominal place.
+    /// Returns the drawing of the taught panel, and the place of its frame while the panel is at its nominal place.
     pub fn drawing(&self) -> (TriangleMesh, Rigid<Base, Drawing>) {
         let base_from_drawing = scene::nominal().isometry() * self.taught.panel_from_sheet();
         (shape::drawing_mesh(&self.taught), Rigid::from_isometry_unchecked(base_from_drawing))
     }
 
-    /// A region in the middle of the taught scan's picture that covers this share of the panel's length and width:
-    /// top left, top right, bottom right, bottom left.
+    /// Returns a region in the middle of the taught scan's picture that covers this share of the panel's length and
+    /// width: top left, top right, bottom right, bottom left.
     pub fn middle_px(&self, share: f64) -> [Pixel; 4] {
         let [s, t] = self.size_mm.map(|mm| share / 2.0 * mm);
         [[-s, t], [s, t], [s, -t], [-s, -t]].map(|at| {
@@ -270,10 +270,10 @@ mod tests {
     /// A good panel is in the box, in front of the fixture, and most of its surface is seen; the scan has points at
     /// its position.
     #[test]
-    fn good_trials_are_good() {
+    fn good_trials_meet_their_conditions() {
         for seed in 0..6 {
             let trial = TrialScene::good_scene(seed, 4);
-            assert!(trial.hidden() < 0.2, "{}", trial.hidden());
+            assert!(trial.hidden_share() < 0.2, "{}", trial.hidden_share());
             let scan = trial.scan();
             let camera_from_base = trial.base_from_camera().inverse();
             let (mut near, mut seen) = (0, 0);
@@ -289,9 +289,9 @@ mod tests {
     }
 
     #[test]
-    fn bad_trials_are_bad() {
-        assert!(TrialScene::defective_scene(1, SceneDefect::Hidden, 8).hidden() > 0.4);
-        assert!(TrialScene::defective_scene(1, SceneDefect::OutOfView, 8).hidden() > 0.35);
+    fn defective_trials_have_their_defect() {
+        assert!(TrialScene::defective_scene(1, SceneDefect::Hidden, 8).hidden_share() > 0.4);
+        assert!(TrialScene::defective_scene(1, SceneDefect::OutOfView, 8).hidden_share() > 0.35);
         let wet = TrialScene::defective_scene(1, SceneDefect::Wet, 8).scan().valid_points().count();
         assert!(wet < TrialScene::good_scene(1, 8).scan().valid_points().count());
         let moved = TrialScene::defective_scene(1, SceneDefect::CameraMoved, 8);
@@ -304,7 +304,7 @@ mod tests {
     /// The nearest pose of a panel that is not bent is its own pose; the middle of a bowed panel lies in front of
     /// its ends by the bow.
     #[test]
-    fn a_bend_is_known() {
+    fn a_bend_has_its_ground_truth() {
         let trial = TrialScene::good_scene(3, 8);
         let place = trial.base_from_panel();
         assert!(trial.error_mm(&trial.best_fit_pose().expect("a panel")).max_mm < 1e-9);

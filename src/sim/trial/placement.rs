@@ -19,7 +19,7 @@ const MAX_HIDDEN: f64 = 0.195;
 
 impl TrialScene {
     /// Draws poses until one is valid: in front of the fixture, in the box, and with the required visible share.
-    pub(super) fn place_validly(&mut self, random: &mut Pcg64, wrong: Option<SceneDefect>) {
+    pub(super) fn draw_valid_pose(&mut self, random: &mut Pcg64, wrong: Option<SceneDefect>) {
         let share = match wrong {
             Some(SceneDefect::Hidden) => 0.42..0.65,
             Some(SceneDefect::OutOfView) => 0.36..0.6,
@@ -64,7 +64,7 @@ impl TrialScene {
     }
 
     /// Returns whether every point of the panel faces the camera.
-    fn faces(&self, place: &Rigid<Base, Panel>, lattice: &[[f64; 2]]) -> bool {
+    fn faces_camera(&self, place: &Rigid<Base, Panel>, lattice: &[[f64; 2]]) -> bool {
         let eye = scene::base_from_camera().origin();
         lattice.iter().all(|&at| {
             let (point, normal) = (*place * self.taught.point(at), *place * self.taught.normal(at));
@@ -94,7 +94,7 @@ impl TrialScene {
             let p = (*place * self.taught.point(at)).mm;
             p.x < MAX_X_MM && axes.clone().all(|axis| p[axis] > low[axis] + 4.0 && p[axis] < high[axis] - 4.0)
         };
-        lattice.iter().all(is_inside) && self.faces(place, lattice)
+        lattice.iter().all(is_inside) && self.faces_camera(place, lattice)
     }
 
     /// Returns the share of these points of a panel at this pose that the camera or the projector does not see.
@@ -121,7 +121,7 @@ fn is_occluded_by(slab: &Slab, eye: &Point3<f64>, ray: &Vector3<f64>) -> bool {
     met.is_some_and(|met| met.share > 0.5 && met.depth_mm < length_mm - 1.0)
 }
 
-/// Creates a pose from the panel's centre, its turn about the normal, and its tilt about a direction in the plane.
+/// Creates a pose from the panel's centre, its rotation about the normal, and its tilt about a direction in the plane.
 fn make_pose(centre: Vector3<f64>, turn_deg: f64, tilt_deg: f64, about_rad: f64) -> Rigid<Base, Panel> {
     let turn = Rotation3::from_axis_angle(&Vector3::x_axis(), turn_deg.to_radians());
     let axis = Unit::new_normalize(Vector3::new(0.0, about_rad.cos(), about_rad.sin()));
@@ -133,7 +133,7 @@ fn make_pose(centre: Vector3<f64>, turn_deg: f64, tilt_deg: f64, about_rad: f64)
     ))
 }
 
-/// Objects beside and behind the panel, in the box; few hide a part of the panel.
+/// Draws objects beside and behind the panel, in the box; few hide a part of the panel.
 fn add_distractors(random: &mut Pcg64, place: &Rigid<Base, Panel>) -> Vec<Slab> {
     let middle = place.isometry() * Point3::from(CENTRE_MM);
     let count = random.random_range(2..6);
@@ -183,7 +183,7 @@ impl TrialScene {
             (self.is_held, self.is_holder_moved) = (true, true);
         }
         if wrong == SceneDefect::TwoPanels {
-            self.second_panel = self.second(random);
+            self.second_panel = self.second_panel_pose(random);
         }
         if wrong == SceneDefect::Nothing {
             // A flat object of the panel's size.
@@ -198,7 +198,7 @@ impl TrialScene {
     }
 
     /// Returns a pose beside the panel at which a second panel of the same kind is as visible as a good panel must be.
-    fn second(&self, random: &mut Pcg64) -> Option<Rigid<Base, Panel>> {
+    fn second_panel_pose(&self, random: &mut Pcg64) -> Option<Rigid<Base, Panel>> {
         let lattice = sheet_points(&self.taught);
         let middle = self.place.isometry() * Point3::from(CENTRE_MM);
         let [length, width] = self.size_mm;

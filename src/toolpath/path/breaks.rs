@@ -182,7 +182,7 @@ fn pieces(region: &Region, breaks: &Breaks<'_>) -> Vec<Vec<Pixel>> {
         let located = piece.into_iter().filter_map(|index| Some((region.grid_at(pixel(index))?, pixel(index))));
         located.filter(|(grid, _)| !breaks.spared.contains(grid)).collect()
     };
-    let all = breaks.broken.connected_pieces().into_iter().map(of_grids);
+    let all = breaks.broken.connected_components().into_iter().map(of_grids);
     let concerned = all.filter(|piece| piece.iter().any(|(grid, _)| breaks.failed.contains(grid)));
     concerned.map(|piece| piece.into_iter().map(|(_, pixel)| pixel).collect()).collect()
 }

@@ -38,7 +38,7 @@ impl DiscWearPlan {
     pub fn check_wear(&self, name: &'static str, what: &str) -> Check {
         let Some(life_mm2) = self.life_mm2 else { return Check::new(name, "mm²", None) };
         let check = Check::new(name, "mm²", self.wear_after_mm2);
-        check.with_max(life_mm2, LimitSource::recipe("path.disc_life_mm2")).reviews("disc_worn", || {
+        check.with_max(life_mm2, LimitSource::recipe("path.disc_life_mm2")).or_review("disc_worn", || {
             let left_mm2 = (life_mm2 - (self.wear_after_mm2 - self.swept_mm2)).max(0.0);
             format!(
                 "the disc has {left_mm2:.0} mm² of its life of {life_mm2:.0} mm² left (disc_life_mm2), but {what} \

@@ -154,13 +154,13 @@ fn broken_steps(path: &ToolPath, settings: &recipe::Path) -> Vec<Check> {
 }
 
 fn rotation_between(from: Rigid<Panel, Tool>, to: Rigid<Panel, Tool>) -> Degrees {
-    (from.inverse() * to).turn()
+    (from.inverse() * to).rotation_angle()
 }
 
 /// Checks the coverage of the grids; a grid of which the disc reaches too little has its own check.
 fn coverage(plan: &Plan) -> Vec<Check> {
     let check = |name: String, share: f64, words: &dyn Fn() -> String| {
-        Check::new(name, "", share).with_min(MIN_COVERAGE, LimitSource::Program).reviews("coverage", words)
+        Check::new(name, "", share).with_min(MIN_COVERAGE, LimitSource::Program).or_review("coverage", words)
     };
     let words = |grid: &GridCoverage| {
         let [reached, wanted] = distinguishable_percents(grid.share(), MIN_COVERAGE, 2);
@@ -183,7 +183,7 @@ fn coverage(plan: &Plan) -> Vec<Check> {
 fn breaks(plan: &Plan) -> Vec<Check> {
     let Some(share) = plan.breaks_reached else { return vec![] };
     let check = Check::new(name::BREAKS_REACHED, "", share).with_min(1.0, LimitSource::Program);
-    vec![check.reviews("break_missed", || {
+    vec![check.or_review("break_missed", || {
         let [reached, wanted] = distinguishable_percents(share, 1.0, 2);
         format!(
             "the disc surely reaches {reached} % of the broken places (limit {wanted} %): look at the planned path; permit \
@@ -201,7 +201,7 @@ fn evenness_checks(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
         Check::new("step-over, smallest", "mm", steps.map(|step| step.min_mm)),
         Check::new("step-over, largest", "mm", steps.map(|step| step.max_mm))
             .with_max(settings.step_over_mm(), LimitSource::recipe("path.step_over_mm"))
-            .reviews("step_over", || {
+            .or_review("step_over", || {
                 let found_mm = steps.map_or(0.0, |step| step.max_mm);
                 let [found, allowed] = distinguishable_texts(found_mm, settings.step_over_mm(), 2);
                 format!(
@@ -213,7 +213,7 @@ fn evenness_checks(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
         Check::new("time under the disc, 95 % of the treated area", "s", plan.dwell.map(|dwell| dwell.high_s)),
         Check::new(name::DWELL_RATIO, "", ratio.map(|(ratio, _)| ratio))
             .with_max(settings.max_dwell_ratio(), LimitSource::recipe("path.max_dwell_ratio"))
-            .reviews("uneven", || {
+            .or_review("uneven", || {
                 let (ratio, grid) = ratio.unwrap_or((f64::NAN, None));
                 let place = grid.map_or("over the whole treated area".to_owned(), |id| format!("in grid {id}"));
                 let [found, allowed] = distinguishable_texts(ratio, settings.max_dwell_ratio(), 2);
@@ -225,7 +225,7 @@ fn evenness_checks(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
             }),
         Check::new("disc beyond the panel's outline", "mm", largest_mm)
             .with_max(allowed_mm, LimitSource::recipe("path.edge_overhang_mm"))
-            .reviews("edge_overhang", || {
+            .or_review("edge_overhang", || {
                 let [reach, allowed] = distinguishable_texts(largest_mm, allowed_mm, 1);
                 format!(
                     "the disc reaches {reach} mm beyond the panel's outline (limit {allowed} mm, \

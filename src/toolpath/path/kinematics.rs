@@ -454,7 +454,7 @@ mod tests {
                 let (sent, joints) = arm.sent_flange(&wanted, &near).expect("within reach");
                 let there = arm.true_flange(sent, &joints);
                 prop_assert!(there.origin().distance_mm(wanted.origin()) < 1e-6);
-                prop_assert!((there.inverse() * wanted).turn().0 < 1e-6);
+                prop_assert!((there.inverse() * wanted).rotation_angle().0 < 1e-6);
                 prop_assert!(sent.origin().distance_mm(wanted.origin()) > 1e-3, "it was corrected");
                 let by_controller = arm.nominal_flange(&joints).expect("numbers");
                 prop_assert!(by_controller.origin().distance_mm(sent.origin()) < 1e-5);
@@ -484,7 +484,7 @@ mod tests {
             for way in &ways {
                 let there = kr6.base_from_flange(&Joints::from(*way)).expect("numbers");
                 prop_assert!(there.origin().distance_mm(pose.origin()) < 1e-3);
-                prop_assert!((there.inverse() * pose).turn().0 < 1e-4);
+                prop_assert!((there.inverse() * pose).rotation_angle().0 < 1e-4);
                 prop_assert!((kr6.centre_line(way)[2].mm.coords - wrist_centre(&pose, kr6.arm.geometry())).norm() < 1e-3);
             }
         }

@@ -126,7 +126,7 @@ pub fn gate_air_motion_at<Active: panelprep_base::geometry::Frame>(
     taught_axis: Option<Vector<Base>>,
     speed_mm_s: f64,
 ) -> GatedPath {
-    let (length_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * to).turn());
+    let (length_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * to).rotation_angle());
     let steps = (length_mm / AIR_STEP_MM).max(turn.0 / AIR_TURN.0).ceil().clamp(1.0, 1_000.0) as usize;
     let poses: Vec<Rigid<Active, Tool>> = (1..=steps)
         .map(|step| if step == steps { to } else { interpolate_pose(from, to, step as f64 / steps as f64) })
@@ -396,7 +396,8 @@ pub fn check_arm_identity(
         )
     };
     let by_model = by_model.ok_or_else(unknown)?;
-    let (off_mm, off) = (by_model.origin().distance_mm(reported.origin()), (by_model.inverse() * reported).turn());
+    let (off_mm, off) =
+        (by_model.origin().distance_mm(reported.origin()), (by_model.inverse() * reported).rotation_angle());
     if off_mm <= MODEL_MM && off.0 <= MODEL.0 {
         return Ok(());
     }

@@ -134,13 +134,13 @@ fn the_simulated_arm_follows_and_states_where_it_cannot() {
     for (joints, leg) in reached.arm_travel.joints.iter().zip(&legs) {
         let there = arm.base_from_flange(joints).expect("numbers") * flange_from_tool;
         assert!(there.origin().distance_mm(leg.base_from_tool.origin()) < 1e-3);
-        assert!((there.inverse() * leg.base_from_tool).turn().0 < 1e-3, "as the tool is turned, too");
+        assert!((there.inverse() * leg.base_from_tool).rotation_angle().0 < 1e-3, "as the tool is turned, too");
     }
     // The poses that the arm follows with a rotated tool are those of the rotated plan.
     let turned = panel_reach::plan_legs(&panel_reach::turned_plan(&plan, Degrees(60.0)), &stand, 0.0);
     for (written, followed) in turned.iter().zip(&panel_reach::plan_legs(&plan, &stand, 60.0)) {
         let between = written.base_from_tool.inverse() * followed.base_from_tool;
-        assert!(between.origin().mm.coords.norm() < 1e-9 && between.turn().0 < 1e-6);
+        assert!(between.origin().mm.coords.norm() < 1e-9 && between.rotation_angle().0 < 1e-6);
     }
     let around = (&panel.region, panel.outline.as_slice());
     let all = panel_reach::check_grids(&surface, around, &stand, recipe.path()).unwrap_or_else(|e| panic!("{e}"));

@@ -79,13 +79,13 @@ fn bounded_check(
         let [found, allowed] = distinguishable_texts(percent, limit, 1);
         format!("{words}: {found} (limit {allowed}); measure more coupons, or look for differences between them")
     };
-    if is_refused { check.or_reject(code, message) } else { check.reviews(code, message) }
+    if is_refused { check.or_reject(code, message) } else { check.or_review(code, message) }
 }
 
 fn check_coupon_count(count: usize) -> Check {
     Check::new("measured places", "", count as f64)
         .with_min(MIN_MEASURED_PLACES, LimitSource::Program)
-        .reviews("few_coupons", || format!("{count} places were measured; measure {MIN_MEASURED_PLACES} or more"))
+        .or_review("few_coupons", || format!("{count} places were measured; measure {MIN_MEASURED_PLACES} or more"))
 }
 
 fn check_outliers(found: &CouponFit, coupons: &[Coupon]) -> Check {
@@ -105,7 +105,7 @@ fn check_outliers(found: &CouponFit, coupons: &[Coupon]) -> Check {
         .collect();
     Check::new("coupons that the others contradict", "", out.len() as f64)
         .with_max(0.0, LimitSource::Program)
-        .reviews("outliers", || {
+        .or_review("outliers", || {
             format!("{}; measure these coupons again, or remove a line if you know what was wrong", out.join("; "))
         })
 }
@@ -115,7 +115,7 @@ fn check_disc_scatter(found: &CouponFit) -> Check {
     let count = found.discs.map_or(0, |discs| discs.count);
     Check::new("discs whose scatter is known", "", count as f64)
         .with_min(MIN_DISCS as f64, LimitSource::Program)
-        .reviews("few_discs", || match count {
+        .or_review("few_discs", || match count {
             0 => format!(
                 "the scatter from disc to disc is not known: name the disc of each coupon in the column disc, and use \
                  {MIN_DISCS} discs or more, each for two coupons or more"

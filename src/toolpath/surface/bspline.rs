@@ -301,7 +301,7 @@ mod tests {
         }
 
         #[test]
-        fn derivatives_agree_with_differences(
+        fn derivatives_agree_with_finite_differences(
             heights in prop::collection::vec(-20.0..20.0f64, 36), u in 0.01..0.99f64, v in 0.01..0.99f64,
         ) {
             let (surface, step) = (net(|i, j| heights[i * 6 + j]), 1e-6);

@@ -20,7 +20,7 @@ use super::samples::{Sample, Samples, knots, sides_mm};
 use super::thesis;
 use nalgebra::{Point2, Vector3};
 use panelprep_base::geometry::basis::KnotVector;
-use panelprep_base::geometry::statistics::{SIGMA_OF_MEDIAN, TUKEY, tukey_weight};
+use panelprep_base::geometry::statistics::{SIGMA_OF_MEDIAN, TUKEY_CONSTANT, tukey_weight};
 use panelprep_base::geometry::{Panel, Pixel, Point, median};
 use panelprep_cell::panel::{Region, TaughtPanel};
 use panelprep_cell::recipe::{self, FitMethod};
@@ -131,7 +131,7 @@ impl FitInputs<'_> {
             }
         };
         let residuals = self.residuals(&surface).map_err(early)?;
-        let limit_mm = TUKEY * scale_mm(&residuals);
+        let limit_mm = TUKEY_CONSTANT * scale_mm(&residuals);
         let map = self.map(Some((&residuals, limit_mm)));
         let mut deviation = self.deviation(&residuals, limit_mm);
         deviation.smoothing = smoothing;

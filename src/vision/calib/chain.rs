@@ -259,16 +259,16 @@ impl Chain {
                     let (p, corner) = self.corner(&camera_from_holder, q);
                     let point = Point::<C>::new(p.into());
                     let (pixel, slope) = camera.project_with_jacobian(point)?;
-                    let lens_slope = camera.lens_slope(point)?;
+                    let lens_jacobian = camera.lens_jacobian(point)?;
                     let along = match factor {
                         LengthFactor::Square => slope * (turn * q.mm.coords),
                         LengthFactor::Focal => {
-                            lens_slope.column(0) * camera.fx_px + lens_slope.column(1) * camera.fy_px
+                            lens_jacobian.column(0) * camera.fx_px + lens_jacobian.column(1) * camera.fy_px
                         }
                     };
                     let residual = nalgebra::Vector2::new(found.u - pixel.u, found.v - pixel.v);
                     gram.cross_terms += corner.jacobian(&slope).transpose() * along;
-                    gram.lens += along.transpose() * lens_slope;
+                    gram.lens += along.transpose() * lens_jacobian;
                     gram.square += along.norm_squared();
                     gram.pull += along.dot(&residual);
                 }
@@ -300,7 +300,7 @@ impl Chain {
             let (p, corner) = self.corner(&camera_from_holder, q);
             let point = Point::<C>::new(p.into());
             let (_, slope) = camera.project_with_jacobian(point)?;
-            cross += corner.jacobian(&slope).transpose() * camera.lens_slope(point)?;
+            cross += corner.jacobian(&slope).transpose() * camera.lens_jacobian(point)?;
         }
         Some(cross)
     }

@@ -460,7 +460,7 @@ impl<C: Frame> StationSet<'_, C> {
             let said = adjusted.to_from_camera.inverse() * moved * adjusted.holder_from_board;
             let seen = pose.camera_from_board;
             let mm = said.distance_at_mm(seen, board.centre());
-            let deg = (said.inverse() * seen).turn().0;
+            let deg = (said.inverse() * seen).rotation_angle().0;
             Residual {
                 name: station.name.clone(),
                 distance_mm: mm,

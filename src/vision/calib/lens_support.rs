@@ -113,7 +113,7 @@ fn pixel_jacobians(camera: &PinholeCamera, pixel: Pixel) -> Option<(SMatrix<f64,
     let mut by_pose = SMatrix::<f64, 2, 6>::zeros();
     by_pose.fixed_columns_mut::<3>(0).copy_from(&(-slope * ray.mm.cross_matrix()));
     by_pose.fixed_columns_mut::<3>(3).copy_from(&slope);
-    Some((camera.lens_slope(point)?, by_pose))
+    Some((camera.lens_jacobian(point)?, by_pose))
 }
 
 fn error_px(

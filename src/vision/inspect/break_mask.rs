@@ -110,7 +110,7 @@ pub fn determine_breaks(
     let mut broke_s = broke_s;
     grow_breaks(window, &mut broke_s, |index| seen.bare_since_s(index));
     let is_bead = fill_beads(window, &mut broke_s, sizes.bead_px, seen);
-    let pieces = window.raster().connected_pieces(&ALL_NEIGHBOURS, |i| broke_s[i] < NOT_BROKEN);
+    let pieces = window.raster().connected_components(&ALL_NEIGHBOURS, |i| broke_s[i] < NOT_BROKEN);
     let mut unsure = Vec::new();
     let all_s = broke_s.clone();
     let mut short = Vec::new();
@@ -142,7 +142,7 @@ pub fn determine_breaks(
 /// time at which their rim was complete.
 fn fill_beads(window: &Window, broke_s: &mut [f32], bead_px: usize, seen: &impl PixelObservations) -> Vec<bool> {
     let mut is_bead = vec![false; broke_s.len()];
-    for wet in window.raster().connected_pieces(&DIRECT_NEIGHBOURS, |i| broke_s[i] == NOT_BROKEN) {
+    for wet in window.raster().connected_components(&DIRECT_NEIGHBOURS, |i| broke_s[i] == NOT_BROKEN) {
         // A bead within a break is water that drew back, not a film; left out, it would make the break look smaller.
         let enclosed =
             wet.len() <= bead_px && wet.iter().all(|&i| seen.is_inside(i) && !is_at_window_edge(window, i));
@@ -223,7 +223,7 @@ impl BarePlace<'_> {
         let own: BTreeSet<usize> = self.piece.iter().copied().collect();
         let mut near = own.clone();
         near.extend(self.ring(diameter_px as usize, |_| true));
-        let trails = self.window.raster().connected_pieces(&ALL_NEIGHBOURS, |i| near.contains(&i));
+        let trails = self.window.raster().connected_components(&ALL_NEIGHBOURS, |i| near.contains(&i));
         trails.into_iter().map(|trail| trail.into_iter().filter(|i| own.contains(i)).collect()).collect()
     }
 

@@ -278,7 +278,7 @@ impl WatchedFilm<'_> {
             });
         let masked = Check::new(name::MASKED_GRIDS, "", masked.len() as f64)
             .with_max(0.0, LimitSource::recipe("inspect.masked_px"))
-            .reviews("masked", || {
+            .or_review("masked", || {
                 format!(
                     "the recipe masks a part of {}, so the grids named did not pass; inspect the masked parts by \
                      eye during the film",

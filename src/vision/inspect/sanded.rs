@@ -171,7 +171,7 @@ impl SandedPlaces<'_> {
     fn with_beads(&self, mut is_narrow: Vec<bool>) -> Vec<bool> {
         let raster = self.window.raster();
         let is_at_rim = |i: usize| raster.neighbours(i, &DIRECT_NEIGHBOURS).count() < DIRECT_NEIGHBOURS.len();
-        for piece in raster.connected_pieces(&DIRECT_NEIGHBOURS, |i| !is_narrow[i]) {
+        for piece in raster.connected_components(&DIRECT_NEIGHBOURS, |i| !is_narrow[i]) {
             if piece.len() <= MAX_BEAD_PX && !piece.iter().any(|&i| is_at_rim(i)) {
                 piece.iter().for_each(|&i| is_narrow[i] = true);
             }
@@ -186,7 +186,7 @@ impl SandedPlaces<'_> {
         let is_whole =
             |i: usize| self.inside[i] && self.model.has_no_dry_brightness(i) && self.broke_s[i].is_infinite();
         for piece in raster
-            .connected_pieces(&ALL_NEIGHBOURS, |i| without[i])
+            .connected_components(&ALL_NEIGHBOURS, |i| without[i])
             .into_iter()
             .filter(|piece| piece.len() >= self.break_px)
         {

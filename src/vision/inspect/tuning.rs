@@ -57,7 +57,7 @@ impl Tuning {
         let needed_s = self.needed_persist_s(demands);
         let persist = Check::new("persist_s of the recipe", "s", demands.persist_s)
             .with_min(needed_s, LimitSource::Program)
-            .reviews("persist", || {
+            .or_review("persist", || {
                 let [persist, longer] = distinguishable_texts(demands.persist_s, needed_s, 1);
                 format!(
                     "places look dry for up to {} s and then wet again, but persist_s is {persist} s (at least \
@@ -104,7 +104,7 @@ fn check_light(advice: &Advice) -> [Check; 2] {
             }),
         Check::new("dry region that is overexposed", "", advice.overexposed)
             .with_max(MAX_OVEREXPOSED, LimitSource::Program)
-            .reviews("overexposed", || {
+            .or_review("overexposed", || {
                 format!("{:.1} % of the dry region is overexposed: lower the exposure", 100.0 * advice.overexposed)
             }),
     ]
@@ -113,7 +113,7 @@ fn check_light(advice: &Advice) -> [Check; 2] {
 fn contrast(what: &str, contrast_to_noise: f64) -> Check {
     Check::new(format!("change of {what} by the film, times the noise"), "", contrast_to_noise)
         .with_min(MIN_CONTRAST_TO_NOISE, LimitSource::Program)
-        .reviews("contrast", || {
+        .or_review("contrast", || {
             let [found, needed] = distinguishable_texts(contrast_to_noise, MIN_CONTRAST_TO_NOISE, 1);
             format!(
                 "the film changes {what} by {found} times the noise, at least {needed} times are needed: use more \
@@ -126,7 +126,7 @@ fn contrast(what: &str, contrast_to_noise: f64) -> Check {
 fn check_faint_places(grids: &[GridContrast]) -> Option<Check> {
     let most = grids.iter().map(|grid| grid.faint_percent).max_by(f64::total_cmp)?;
     let check = Check::new("part of a grid that looks wet as it does dry, at most", "%", most);
-    Some(check.with_max(MAX_FAINT_PERCENT, LimitSource::Program).reviews("no_contrast", || {
+    Some(check.with_max(MAX_FAINT_PERCENT, LimitSource::Program).or_review("no_contrast", || {
         let faint: Vec<&GridContrast> =
             grids.iter().filter(|grid| grid.faint_percent > MAX_FAINT_PERCENT).collect();
         let mean_dry = faint.iter().map(|grid| grid.dry).sum::<f64>() / faint.len().max(1) as f64;

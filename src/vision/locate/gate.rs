@@ -168,7 +168,7 @@ fn check_bend(fit: &Fit, limits: &recipe::Surface) -> Check {
 fn check_marks(found: f64) -> Check {
     Check::new("marks in view that are where the taught ones are", "", found)
         .with_min(MIN_MARKS_FOUND, LimitSource::Program)
-        .reviews("marks_differ", || {
+        .or_review("marks_differ", || {
             let [found, needed] = distinguishable_percents(found, MIN_MARKS_FOUND, 0);
             format!(
                 "{found} % of the panel's visible marks are at their taught positions, at least {needed} % are \
@@ -184,7 +184,7 @@ fn picture(fit: &Fit) -> Vec<Check> {
     vec![
         Check::new("panel in view that gave points", "", fit.measured)
             .with_min(MIN_MEASURED, LimitSource::Program)
-            .reviews("points_missing", || {
+            .or_review("points_missing", || {
                 let [gave, needed] = distinguishable_percents(fit.measured, MIN_MEASURED, 0);
                 format!(
                     "only {gave} % of the visible panel has 3D points, at least {needed} % are needed; dry the \
@@ -193,7 +193,7 @@ fn picture(fit: &Fit) -> Vec<Check> {
             }),
         Check::new("edge wider than at teaching", "px", blur_px)
             .with_max(MAX_BLUR_PX, LimitSource::Program)
-            .reviews("blurred", || {
+            .or_review("blurred", || {
                 let [wider, allowed] = distinguishable_texts(blur_px.unwrap_or(0.0), MAX_BLUR_PX, 1);
                 format!(
                     "the outline's edge is {wider} px wider than at teaching (limit {allowed} px); check that the \
@@ -202,7 +202,7 @@ fn picture(fit: &Fit) -> Vec<Check> {
             }),
         Check::new("panel that is overexposed", "", fit.saturated_share)
             .with_max(MAX_SATURATED, LimitSource::Program)
-            .reviews("overexposed", || {
+            .or_review("overexposed", || {
                 let [found, allowed] = distinguishable_percents(fit.saturated_share, MAX_SATURATED, 0);
                 format!(
                     "{found} % of the panel is overexposed (limit {allowed} %); lower the exposure or shade the \
@@ -254,7 +254,7 @@ pub fn teaching_warnings(seen: &OutlineEvidence, fit: Option<&Fit>) -> Vec<Check
     let share = seen.by_colour + seen.by_depth;
     let outline = Check::new("outline that the scan shows", "", share)
         .with_min(MIN_OUTLINE_SEEN_SHARE, LimitSource::Program)
-        .reviews("outline_unseen", || {
+        .or_review("outline_unseen", || {
             let [seen, needed] = distinguishable_percents(share, MIN_OUTLINE_SEEN_SHARE, 0);
             format!(
                 "the scan shows {seen} % of the panel's outline, at least {needed} % are needed: only the outline \

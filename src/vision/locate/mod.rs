@@ -274,7 +274,7 @@ fn choose(
     let rivals = fitted.iter().filter(|(other, _)| inputs.model.largest_distance_mm(&first, other) > same_mm);
     let rival = rivals.map(|(other, against)| {
         let [for_first_mm, for_rival_mm] = score.exclusive_support_mm(against);
-        let turned = (first.inverse() * *other).turn();
+        let turned = (first.inverse() * *other).rotation_angle();
         CompetingPose { base_from_panel: base_from_camera * *other, rotation: turned, for_first_mm, for_rival_mm }
     });
     Some((first, rival.min_by(|a, b| a.evidence_ratio().total_cmp(&b.evidence_ratio()))))

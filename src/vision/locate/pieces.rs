@@ -43,7 +43,7 @@ pub(super) fn find_pieces(grid: &Grid, inside: &[bool]) -> Vec<Piece> {
         let depths = grid.depth_mm(here).zip(grid.depth_mm(there));
         depths.is_some_and(|(here_mm, there_mm)| grid.are_joined(here_mm, there_mm))
     };
-    let pieces = raster.joined_pieces(&DIRECT_NEIGHBOURS, |block| inside[block], joined);
+    let pieces = raster.joined_components(&DIRECT_NEIGHBOURS, |block| inside[block], joined);
     let large = pieces.into_iter().filter(|blocks| blocks.len() >= MIN_BLOCKS);
     let of = |blocks: Vec<usize>| Piece::from_blocks(grid, blocks.into_iter().map(|block| block as u32).collect());
     let mut found: Vec<Piece> = large.filter_map(of).collect();

@@ -106,7 +106,7 @@ pub fn refine(
     Ok(RefinedPose {
         base_from_panel: base_from_base * located,
         shift_mm: along(first),
-        rotation: base_from_base.turn(),
+        rotation: base_from_base.rotation_angle(),
         error_px: seen.iter().map(|seen| seen.error_px).fold(0.0, f64::max),
         corners: seen.iter().map(report).collect(),
     })

@@ -57,7 +57,7 @@ fn stations<A: Side>(seed: u64, error_mm: f64, (robot, noise_px): (RobotNoise, f
 fn in_regions<A: Side>(all: &[Station<A::From>]) -> Vec<Station<A::From>> {
     let distance_mm = |one: &Station<A::From>, other: &Station<A::From>| {
         let [one, other]: [Rigid<Base, Flange>; 2] = [one.base_from_flange, other.base_from_flange];
-        one.origin().distance_mm(other.origin()).hypot(LEVER_MM * (one.inverse() * other).turn().to_rad())
+        one.origin().distance_mm(other.origin()).hypot(LEVER_MM * (one.inverse() * other).rotation_angle().to_rad())
     };
     let mut middles = vec![&all[0]];
     while middles.len() < REGIONS {

@@ -196,7 +196,7 @@ impl Tally {
     pub fn times(&mut self, inspection: &Inspection, truth: &Mask, true_s: impl Fn(usize) -> f64) {
         let (footprint, region) = (&inspection.footprint, inspection.footprint.region());
         let inside = truth.inside.iter().zip(&region.inside).map(|(truly, inside)| *truly && *inside).collect();
-        for piece in (Mask { inside, ..*truth }).connected_pieces() {
+        for piece in (Mask { inside, ..*truth }).connected_components() {
             let mut mask = Mask::all_outside(truth.width, truth.height);
             piece.iter().for_each(|&index| mask.inside[index] = true);
             let area_mm2: f64 = footprint.broken_mm2(&mask).iter().sum();

@@ -243,7 +243,7 @@ fn node(node: &Node, reported: &mut BTreeSet<String>, found: &mut Findings) {
             found.add_problem(
                 child.line,
                 child.key(),
-                "appears twice; it is not known which of the two elements the controller uses",
+                "appears twice, and it is not known which of the two elements the controller uses; remove one of them",
             );
         }
         self::node(child, reported, found);
@@ -255,7 +255,11 @@ fn attributes(node: &Node, known: &KnownElement, reported: &mut BTreeSet<String>
     for attribute in &node.attributes {
         let key = format!("{}/@{}", node.key(), attribute.name);
         if !seen.insert(attribute.name.to_ascii_uppercase()) {
-            found.add_problem(attribute.line, &key, "appears twice in one element");
+            found.add_problem(
+                attribute.line,
+                &key,
+                "appears twice in one element; remove one of the two attributes",
+            );
             continue;
         }
         let right = known.attributes.iter().find(|(name, _)| name.eq_ignore_ascii_case(&attribute.name));

@@ -1,4 +1,4 @@
-//! The values that a file states about one channel, each with its line. Values that were noted as wrong are left
+//! The values that a file states about one channel, each with its line. Values that were reported as invalid are left
 //! out.
 
 use super::manual::{Environment, Findings, PeerRole, Protocol, ReadOrder};
@@ -19,15 +19,15 @@ pub struct StatedChannel {
     pub internal: Address,
     /// The address of the other machine.
     pub external: Address,
-    /// The part of the controller that receives.
+    /// The event that ends the channel.
     pub environment: Option<Stated<Environment>>,
     /// TCP or UDP.
     pub protocol: Option<Stated<Protocol>>,
     /// The order in which buffered elements are read.
     pub order: Option<Stated<ReadOrder>>,
-    /// Elements that the buffer holds.
+    /// Number of elements that the buffer can hold.
     pub entries: Option<Stated<u32>>,
-    /// Bytes that the buffer holds.
+    /// Number of bytes that the buffer can hold.
     pub bytes: Option<Stated<u32>>,
     /// The time limit of a connection attempt, ms.
     pub connect_ms: Option<Stated<u32>>,
@@ -35,7 +35,7 @@ pub struct StatedChannel {
     pub alive_line: Option<usize>,
     /// The signals that are on while a connection exists.
     pub(super) alive: Vec<Signal>,
-    /// The interval of ALIVE, s.
+    /// `Ping` of ALIVE, as written.
     pub ping: Option<Stated<u32>>,
     /// `Logging` and `Display` of MESSAGES.
     pub messages: [Option<String>; 2],
@@ -86,7 +86,7 @@ impl Signal {
         format!("{}[{}]", if self.is_flag { "$FLAG" } else { "$OUT" }, self.number)
     }
 
-    /// Returns the condition that raises the signal.
+    /// Describes the event that sets the signal.
     pub fn describe_cause(&self) -> String {
         self.tag.as_ref().map_or("a connection".to_owned(), |tag| format!("the arrival of {tag}"))
     }
@@ -113,7 +113,7 @@ pub struct StatedElement {
 }
 
 impl StatedElement {
-    /// The outermost name.
+    /// Returns the name of the outermost element.
     pub fn root(&self) -> &str {
         self.tag.split('/').next().unwrap_or_default()
     }

@@ -11,7 +11,7 @@ use panelprep_base::geometry::{Base, KukaPose, Tool};
 use std::collections::VecDeque;
 
 /// Largest difference between what was set and what is active, mm and degrees.
-const TOLERANCE: f64 = 0.001;
+const ECHO_TOLERANCE: f64 = 0.001;
 
 /// The echo of base or tool.
 #[derive(Debug)]
@@ -63,7 +63,7 @@ impl FrameEcho {
             return Err(Box::new(EchoMismatch::NotSet { frame, id }));
         }
         let (distance_mm, turn_deg) = pose_difference(sent, found);
-        if distance_mm <= TOLERANCE && turn_deg <= TOLERANCE {
+        if distance_mm <= ECHO_TOLERANCE && turn_deg <= ECHO_TOLERANCE {
             self.confirmed = id;
             Ok(())
         } else {
@@ -103,7 +103,7 @@ mod tests {
     /// 5678.123456 mm is 5678.12353515625 in single precision; a difference of one and a half micrometres is
     /// another position.
     #[test]
-    fn single_precision_is_the_controllers_and_no_difference() {
+    fn rounding_to_single_precision_is_no_difference() {
         let at = |x_mm| KukaPose { x_mm, ..KukaPose::default() };
         assert!(echo(at(5_678.123_456), at(5_678.123_535)));
         assert!(!echo(at(5_678.123_456), at(5_678.125)));
@@ -112,7 +112,7 @@ mod tests {
     /// Base 1 is active and base 2 was sent: the state may show either base, and neither counts as an echo of base
     /// 2.
     #[test]
-    fn while_a_frame_changes_nothing_is_concluded() {
+    fn while_a_frame_changes_it_is_not_judged() {
         let at = |x_mm| KukaPose { x_mm, ..KukaPose::default() };
         let mut echo = FrameEcho::new("base");
         echo.queued(CommandId(1), at(1.0));

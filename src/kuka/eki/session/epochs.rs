@@ -1,8 +1,8 @@
-//! Epochs and deadlines. An epoch is opened above all earlier ones, in steps that the controller accepts, and ended
-//! by an abort that waits for nothing.
+//! Epochs and deadlines. The number of a new epoch is above all earlier ones, and is reached in steps that the
+//! controller accepts. An abort ends the epoch; it is sent before all waiting commands.
 //!
-//! The deadlines are those of heartbeats and of the watchdog; a connection that is silent or does not obey an abort
-//! is closed. There are no deadlines in lock step, in which time passes only by heartbeats.
+//! The deadlines are those of heartbeats and of the watchdog; a connection that is silent or does not obey an abort is
+//! closed. There are no deadlines in lock step, in which time passes only by heartbeats.
 
 use super::{ClockMode, PendingAbort, Phase, QueueError, Session};
 use crate::eki::command::Request;
@@ -16,12 +16,12 @@ const SILENCE_TIMEOUT: Duration = Duration::from_secs(1);
 /// Time limit of a message from its first byte to its last; a slower message is not accepted.
 const MESSAGE_TIMEOUT: Duration = Duration::from_millis(200);
 
-/// The connections are made anew if the controller acknowledges no command in this number of consecutive epochs.
+/// Number of consecutive epochs without an acknowledged command after which the connections are opened again.
 const MAX_UNACKNOWLEDGED: u32 = 2;
 
 /// The maximum number of steps by which a new epoch may be above the controller's epoch: the controller's channel
 /// buffers this number of requests.
-const MAX_STEPS: u32 = 16;
+const MAX_EPOCH_STEPS: u32 = 16;
 
 impl Session {
     /// Requests a new epoch from the controller, with neither base nor tool. [`Report::EpochOpened`] follows.
@@ -33,7 +33,7 @@ impl Session {
     }
 
     /// Opens an epoch as [`Session::open_epoch`] does, with a number that is also above this one: an epoch that an
-    /// earlier program opened is never used again.
+    /// earlier run of the program opened is never used again.
     ///
     /// # Errors
     /// As for [`Session::open_epoch`].
@@ -43,11 +43,13 @@ impl Session {
             Phase::Open(flow) => flow.is_busy(),
             phase => matches!(phase, Phase::Stopping(_)),
         };
-        // A new epoch would forget what the arm is executing, and nothing would watch the rest of the motion.
+        // In a new epoch the session would not know what the arm still executes, and would not supervise the rest of
+        // the motion.
         if is_busy || self.moving {
             return Err(QueueError::NotStanding);
         }
-        // Above all three: a number that was ever used could make a delayed command of that epoch valid again.
+        // The new epoch is above all three: with a number that was used before, a delayed command of that epoch could
+        // become valid again.
         let highest = self.highest_known_epoch().max(self.opened_epoch).max(above);
         let (epoch, steps) = self.epoch_steps(u64::from(highest.0) + 1)?;
         let mut request = self.asked;
@@ -68,11 +70,11 @@ impl Session {
     /// one. The epochs in between were never open for a command.
     fn epoch_steps(&self, next: u64) -> Result<(Epoch, Vec<Epoch>), QueueError> {
         let found = self.highest_known_epoch();
-        let far = u64::from(MAX_STEPS) * u64::from(MAX_EPOCH_STEP);
+        let far = u64::from(MAX_EPOCH_STEPS) * u64::from(MAX_EPOCH_STEP);
         let epoch = u32::try_from(next).ok().filter(|epoch| *epoch <= LAST_NUMBER);
         let epoch = epoch.filter(|epoch| u64::from(epoch.saturating_sub(found.0)) <= far);
         let Some(epoch) = epoch else {
-            let most = MAX_STEPS * MAX_EPOCH_STEP;
+            let most = MAX_EPOCH_STEPS * MAX_EPOCH_STEP;
             return Err(QueueError::EpochTooFar { next, found, most, above: next.saturating_sub(1) });
         };
         let mut steps = Vec::new();
@@ -84,13 +86,15 @@ impl Session {
         Ok((Epoch(epoch), steps))
     }
 
-    /// Returns the highest epoch in which the controller can be, according to its reports and our requests.
+    /// Returns the highest epoch in which the controller can be, according to its reports and the requests of this
+    /// session.
     pub(super) fn highest_known_epoch(&self) -> Epoch {
         self.controller_epoch.max(self.asked_epoch)
     }
 
-    /// Ends the epoch: tool off, brake, everything discarded, retract if in contact. [`Report::Standstill`]
-    /// follows, or [`Report::LinkLost`] if the controller does not obey. A second call changes nothing.
+    /// Ends the epoch: switches the tool off, brakes, discards the queued commands, and retracts if the tool is in
+    /// contact. [`Report::Standstill`] follows, or [`Report::LinkLost`] if the controller does not obey. A second call
+    /// changes nothing.
     ///
     /// # Errors
     /// If there is no connection; then the controller has stopped by itself.
@@ -102,8 +106,8 @@ impl Session {
         Ok(())
     }
 
-    /// Ends the epoch at once, if one is open or being opened or the robot moves. Otherwise there is nothing to
-    /// stop, and repeated stops use up no numbers.
+    /// Ends the epoch at once, if one is open or being opened or the robot moves. Otherwise there is nothing to stop,
+    /// and repeated stops use up no epoch numbers.
     pub fn stop_now(&mut self) {
         let is_at_work = self.moving || matches!(self.phase, Phase::Open(_) | Phase::Opening { .. });
         if is_at_work && self.is_connected() {
@@ -163,7 +167,7 @@ impl Session {
         }
         // The outputs are sent before the heartbeat: in lock step a heartbeat that waits for commands would delay
         // them.
-        self.line_due();
+        self.send_due_line_signals();
         let last_sent = if let Phase::Open(flow) = &self.phase { flow.last_sent().0 } else { 0 };
         let request = self.number_request(Request::Heartbeat { last_sent });
         if self.pace == ClockMode::LockStep && last_sent > 0 {
@@ -172,7 +176,8 @@ impl Session {
         self.next_heartbeat = now + self.limits.heartbeat;
     }
 
-    /// When [`Session::time_passed`] has something to do; never in lock step.
+    /// Returns the time at which [`Session::time_passed`] must be called next; `None` in lock step or without a
+    /// connection.
     pub fn deadline(&self) -> Option<Time> {
         if self.pace == ClockMode::LockStep || !self.is_connected() {
             return None;
@@ -196,12 +201,13 @@ impl Session {
                 }
                 _ => now.since(self.last_received),
             };
-            // Checked before the other deadlines of a silent controller, since an arm may be moving behind this one.
+            // This fault is reported before those of the connection, since the arm may be moving while the controller
+            // is silent.
             self.report_fault(Report::WatchdogExpired { channel, silence });
             if channel == Channel::Command {
                 self.unacknowledged += 1;
             }
-            // Half a message that a disturbance left in the controller's memory absorbs all messages that follow
+            // A disturbance may leave half a message in the controller's memory, which absorbs all messages that follow
             // it.
             if self.unacknowledged >= MAX_UNACKNOWLEDGED {
                 return self.disconnected(LinkLoss::NotAcknowledged { epochs: self.unacknowledged });
@@ -230,7 +236,7 @@ impl Session {
         channels.filter_map(|(channel, begun)| Some((channel, waited(begun)?))).next()
     }
 
-    /// Returns when a pending abort must have been answered.
+    /// Returns the deadline for the controller's answer to a pending abort.
     fn abort_deadline(&self) -> Option<Time> {
         let (Phase::Stopping(stopping) | Phase::Greeting { abort: Some(stopping) }) = &self.phase else {
             return None;

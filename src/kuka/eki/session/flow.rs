@@ -23,7 +23,7 @@ const MAX_UNRECEIVED_BYTES: usize = 8 * 1024;
 /// Rotation speed with which the duration of a linear motion is calculated if the rotation takes longer than the
 /// translation, degrees a second. It is lower than the controller's own speed (`$VEL.ORI`, 200), so that the duration
 /// is not too short.
-const TURN_DEG_S: f64 = 90.0;
+const MIN_ROTATION_SPEED_DEG_S: f64 = 90.0;
 /// Largest delay of a point behind its plan, in addition to twice its duration (`faults.md` R5).
 const MAX_LATENESS: Duration = Duration::from_millis(500);
 
@@ -82,7 +82,7 @@ pub enum QueueError {
          perform a cold start"
     )]
     EpochTooFar {
-        /// The next epoch, from the epochs opened before.
+        /// The number that the next epoch would have: one above all epochs opened before.
         next: u64,
         /// Epoch of the controller.
         found: Epoch,
@@ -128,9 +128,9 @@ struct QueuedCommand {
     bytes: Vec<u8>,
     /// The duration of its motion by our calculation; zero if nothing moves.
     motion: Duration,
-    /// Start and speed of the command's linear motion are known, so that its duration can be used.
+    /// Whether start and speed of the command's linear motion are known, so that `motion` is its duration.
     measured: bool,
-    /// The command ends on the panel.
+    /// Whether the command's motion ends on the panel.
     contact: bool,
     /// The path of which the command is a point; `None` for other commands.
     path: Option<PathPoint>,
@@ -174,7 +174,7 @@ pub(super) struct CommandFlow {
     /// The end of the last queued line, if known.
     last_line_end: Option<KukaPose>,
     path_ends: VecDeque<CommandId>,
-    /// When the last command was executed, as far as reported, and whether it ended on the panel.
+    /// The time at which the last command was executed, as far as reported, and whether it ended on the panel.
     progressed_at: Time,
     touches: bool,
     /// The last point of the path that was reported as late.
@@ -236,7 +236,7 @@ impl CommandFlow {
         !self.queue.is_empty() || !self.in_flight.is_empty()
     }
 
-    /// When the oldest command was sent that the controller has not received.
+    /// Returns the time at which the oldest command was sent that the controller has not received.
     pub(super) fn oldest_unreceived(&self) -> Option<Time> {
         let received = self.in_flight.partition_point(|queued| queued.id <= self.received);
         self.in_flight.get(received).map(|queued| queued.sent_at)
@@ -249,8 +249,8 @@ impl CommandFlow {
         limits: &LinkLimits,
     ) -> Result<CommandId, QueueError> {
         let id = self.reserve_ids(1)?;
-        // Encoded before anything changes: a refused command leaves neither a gap in the ids nor a frame that waits for
-        // its echo.
+        // The command is encoded before anything changes: a refused command leaves neither a gap in the ids nor a frame
+        // that waits for its echo.
         let bytes = wire.encode_command(id, self.epoch, &command, 0)?;
         let mut motion = Duration::ZERO;
         match command {
@@ -266,7 +266,7 @@ impl CommandFlow {
         }
         if matches!(
             command,
-            // After these the tip is at a place that only the controller knows in the present frames.
+            // After these commands, only the controller knows the position of the tip in the active frames.
             Command::SetBase(_) | Command::SetTcp(_) | Command::MoveJ(_) | Command::CallSubroutine { .. }
         ) {
             self.last_line_end = None;
@@ -300,8 +300,8 @@ impl CommandFlow {
         let first = self.reserve_ids(count)?;
         let last = CommandId(first.0 + (count - 1));
         let path = Some(PathPoint { first, last, base, tool });
-        // In copies until every point is encoded: one bad point refuses the whole path, since a part of it would end in
-        // contact.
+        // Changes are made to copies until every point is encoded: one bad point refuses the whole path, since a part
+        // of it would end in contact.
         let (mut end, mut speed_mm_s) = (self.last_line_end, self.speed_mm_s);
         let mut queued = Vec::with_capacity(points.len());
         for (point, id) in points.iter().zip((first.0..=last.0).map(CommandId)) {
@@ -329,12 +329,12 @@ impl CommandFlow {
         Ok(last)
     }
 
-    /// Sends nothing behind this command until a later one is permitted; `None` removes this limit.
+    /// Permits commands up to this one; those behind it wait until a later one is permitted. `None` removes this limit.
     pub(super) fn permit_up_to(&mut self, last: Option<CommandId>) {
         self.permitted = last;
     }
 
-    /// Returns the first id of a block of this many new ids.
+    /// Returns the first id of a block of this number of new ids.
     fn reserve_ids(&self, count: u32) -> Result<CommandId, QueueError> {
         match self.next_id.0.checked_add(count) {
             Some(after) if after <= LAST_NUMBER => Ok(self.next_id),
@@ -357,13 +357,13 @@ impl CommandFlow {
     }
 
     fn may_send(&self, next: &QueuedCommand, limits: &LinkLimits) -> bool {
-        // The points behind are planned but not yet checked by the caller; what the controller has received it
-        // executes.
+        // The points behind the permitted one are planned, but the caller has not yet checked them; the controller
+        // executes every point that it receives.
         if self.permitted.is_some_and(|last| next.id > last) {
             return false;
         }
-        // Both limits hold: the ring of the program, and the bytes that EthernetKRL buffers before the program reads
-        // them.
+        // Both limits apply: the free places in the ring of the controller's program, and the bytes that EthernetKRL
+        // buffers before that program reads them.
         let has_place = self.max_sendable.is_none_or(|credit| u64::from(next.id.0) <= credit)
             && self.unreceived_bytes + next.bytes.len() <= MAX_UNRECEIVED_BYTES;
         let commands = self.in_flight.len();
@@ -371,7 +371,7 @@ impl CommandFlow {
             let fits = next.motion.is_zero() || self.motion + next.motion <= limits.window;
             return has_place && fits && commands < limits.window_commands;
         };
-        // A line in another frame than the planned one ends somewhere else, so no point leaves before both echoes
+        // A line in another frame than the planned one ends at another place, so no point is sent before both echoes
         // agree.
         if !(self.base.is_confirmed(part.base) && self.tool.is_confirmed(part.tool)) {
             return false;
@@ -396,11 +396,12 @@ impl CommandFlow {
     /// Accepts an acknowledgement of this epoch.
     pub(super) fn acknowledge(&mut self, ack: &Ack, now: Time) -> Result<(), SequenceError> {
         check_range("received", ack.received, self.acked_received, self.sent)?;
-        // Executed before received is impossible: such an acknowledgement is damaged or of another client.
+        // A command cannot be executed before it is received: such an acknowledgement is damaged or is for another
+        // client.
         check_range("executed", ack.done, self.acked_done, ack.received)?;
         (self.acked_received, self.acked_done) = (ack.received, ack.done);
         self.acknowledge_up_to(ack.received);
-        // In 64 bits: a damaged count near the largest number must not wrap into a small or a huge credit.
+        // Calculated in 64 bits: a damaged count near the largest number must not wrap into a small or a huge credit.
         self.max_sendable = Some(u64::from(ack.received.0) + u64::from(ack.free));
         self.remove_executed(now);
         Ok(())
@@ -410,7 +411,8 @@ impl CommandFlow {
     pub(super) fn accept_state(&mut self, state: &State, now: Time) -> Result<(), Report> {
         check_range("executed", state.done, self.state_done, self.sent).map_err(Report::SequenceError)?;
         self.state_done = state.done;
-        // The state may overtake the acknowledgement on the other channel, and what was executed was received.
+        // The state may arrive before the acknowledgement on the other channel; a command that was executed was also
+        // received.
         self.acknowledge_up_to(state.done);
         self.remove_executed(now);
         let echo = [
@@ -427,7 +429,7 @@ impl CommandFlow {
     /// Calculates the duration of a linear motion that starts at the arm's present position.
     fn measure_start(&mut self, state: &State) {
         let is_seen = |frame: &FrameEcho| frame.last_queued().is_some_and(|last| frame.is_confirmed(last));
-        // Only an arm at rest in confirmed frames is at the reported pose; a moving one is already farther on.
+        // Only an arm at rest in confirmed frames is at the reported pose; an arm that moves has already left it.
         if !self.is_busy() && is_seen(&self.base) && is_seen(&self.tool) {
             self.last_line_end = Some(state.base_from_tcp);
         }
@@ -458,11 +460,12 @@ impl CommandFlow {
         }
     }
 
-    /// Returns the point to which the arm is moving, if the motion takes far longer than planned: once for each path.
+    /// Returns the point to which the arm is moving, if the motion takes far longer than planned; at most once for each
+    /// path.
     pub(super) fn late_point(&mut self, now: Time) -> Option<LatePoint> {
         let next = self.in_flight.front().filter(|next| next.measured)?;
         let last = next.path?.last;
-        // A point that waits behind others is not late: its time runs from the end of the one before.
+        // A point that waits behind others is not late: its time counts from the end of the point before it.
         let waited = now.since(next.sent_at.max(self.progressed_at));
         if waited <= 2 * next.motion + MAX_LATENESS || self.late.replace(last) == Some(last) {
             return None;
@@ -503,6 +506,7 @@ fn check_range(
 fn line_time(start: Option<KukaPose>, end: KukaPose, speed_mm_s: Option<f64>) -> Option<Duration> {
     let [start, end] = [start?, end].map(|pose| pose.to_rigid::<Base, Tool>());
     let along_s = start.origin().distance_mm(end.origin()) / speed_mm_s?;
-    let turning_s = start.isometry().rotation.angle_to(&end.isometry().rotation).to_degrees() / TURN_DEG_S;
+    let turning_s =
+        start.isometry().rotation.angle_to(&end.isometry().rotation).to_degrees() / MIN_ROTATION_SPEED_DEG_S;
     Duration::try_from_secs_f64(along_s.max(turning_s)).ok()
 }

@@ -1,17 +1,17 @@
 //! The client's side of the protocol: epochs, ids, credits and the watchdog, without a socket.
 //!
-//! Inputs are bytes, commands and `now`; outputs are polled: [`Session::poll_transmit`] until it has none, then
+//! Inputs are bytes, commands and `now`. Outputs are polled: [`Session::poll_transmit`] until it returns `None`, then
 //! [`Session::poll_report`]. One epoch at a time is open. Any fault in it (a refusal, a wrong count, an echo that
-//! differs, silence) ends it: abort on the wire, the queue dropped, a report. Nothing moves again before
-//! [`Session::open_epoch`]. A new connection only requests the state.
+//! differs, silence) ends it: the session sends an abort, empties the queue and reports the fault. Nothing moves again
+//! before [`Session::open_epoch`]. A new connection only requests the state.
 //!
 //! A stop reaches the arm in every state. An abort needs no unused number: the controller stops even if the abort's
 //! number is not a valid successor. The abort must be answered and obeyed within the watchdog's time, or the
-//! connections are closed, which stops the controller by its own rules. Reports never exceed what the controller
-//! has reported. Epochs that jump by more than [`MAX_EPOCH_STEP`](super::MAX_EPOCH_STEP) are refused on both sides,
-//! so that one wrong message cannot exhaust the counter. Knowledge of the controller's epoch is valid for one
-//! connection; epochs that this program opened are remembered beyond it. After a controller's cold start, or with a
-//! store that was restored from a backup, the next epoch is reached in steps.
+//! connections are closed, which stops the controller by its own rules. Reports never exceed what the controller has
+//! reported. Epochs that jump by more than [`MAX_EPOCH_STEP`](super::MAX_EPOCH_STEP) are refused on both sides, so that
+//! one wrong message cannot exhaust the counter. The controller's epoch is known only as long as the connection lasts;
+//! epochs that this program opened are remembered beyond it. After a controller's cold start, or with a store that was
+//! restored from a backup, the next epoch is reached in steps.
 //!
 //! On the wall clock a heartbeat is sent automatically at [`Session::deadline`]. In lock step there are no deadlines:
 //! each heartbeat is requested, and grants the controller its next 100 ms.
@@ -67,7 +67,7 @@ struct PendingAbort {
     sent: CommandId,
     done: CommandId,
     is_refusal_reported: bool,
-    /// The abort request, and when it was handed over for sending.
+    /// The number of the abort request, and the time at which it was sent.
     request: u32,
     asked_at: Option<Time>,
     /// The controller has answered the abort, and so has stopped.
@@ -108,9 +108,9 @@ pub struct Session {
     /// The controller's epoch and the highest requested one, on this connection.
     controller_epoch: Epoch,
     asked_epoch: Epoch,
-    /// The highest epoch that was ever requested to open, as far as this session and its callers know.
+    /// The highest epoch that was ever requested, as far as this session and its callers know.
     opened_epoch: Epoch,
-    /// The last request sent and the last request answered on this connection.
+    /// The number of the last request sent, and of the last request answered, on this connection.
     asked: u32,
     answered: u32,
     /// The numbers of the unanswered heartbeats, each with the last command that the heartbeat names; in lock step
@@ -178,7 +178,7 @@ impl Session {
         self.number_request(Request::State);
     }
 
-    /// Handles a connection that failed, or could not be made. Queued commands are forgotten. An abort remains to be
+    /// Handles a connection that failed, or could not be made. Queued commands are discarded. A pending abort is still
     /// sent, in case the state channel is still connected.
     pub fn disconnected(&mut self, why: LinkLoss) {
         let why = if self.is_waiting_for_greeting() { connection_end_cause(why) } else { why };
@@ -199,7 +199,7 @@ impl Session {
         self.is_connected() && self.answered < self.asked
     }
 
-    /// The open epoch.
+    /// Returns the open epoch.
     pub fn epoch(&self) -> Option<Epoch> {
         if let Phase::Open(flow) = &self.phase { Some(flow.epoch()) } else { None }
     }
@@ -254,11 +254,11 @@ impl Session {
     pub fn set_line_signals(&mut self, bits: u32) {
         self.line = Some(bits);
         if self.require_greeting().is_ok() {
-            self.line_due();
+            self.send_due_line_signals();
         }
     }
 
-    fn line_due(&mut self) {
+    fn send_due_line_signals(&mut self) {
         if let Some(bits) = self.line.filter(|_| self.line != self.sent_line) {
             self.number_request(Request::Line { bits });
             self.sent_line = self.line;
@@ -314,8 +314,8 @@ impl Session {
     }
 
     /// Queues a whole path as [`Session::queue_path`] does, but sends only this number of points until
-    /// [`Session::permit_commands`] permits more. A client that records which points the robot may have executed records them
-    /// before it permits them.
+    /// [`Session::permit_commands`] permits more. A client that records which points the robot may have executed records
+    /// them before it permits them.
     ///
     /// # Errors
     /// As [`Session::queue_path`].

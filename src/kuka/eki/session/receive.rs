@@ -87,14 +87,14 @@ impl Session {
                 self.asked_epoch = self.asked_epoch.max(ack.epoch);
                 self.report_fault(Report::SequenceError(error));
             }
-            // Acknowledgements of an ended epoch are normal after an abort: they were in progress. They are only
-            // counted.
+            // After an abort, acknowledgements of the ended epoch are normal: they were already on their way. They are
+            // only counted.
             _ => self.stale_messages += u64::from(ack.epoch < self.highest_known_epoch()),
         }
     }
 
-    /// Returns whether the controller can be in this epoch, according to what is known on this connection. If it
-    /// cannot, this is reported, and no part of its message is used.
+    /// Returns whether the controller can be in this epoch, according to the reports on this connection. If it cannot,
+    /// this is reported, and no part of its message is used.
     fn is_plausible_epoch(&mut self, channel: Channel, found: Epoch) -> bool {
         let known = self.highest_known_epoch();
         // States arrive in order; an acknowledgement may belong to a previous epoch.
@@ -140,7 +140,7 @@ impl Session {
             if state.answered != self.asked {
                 return;
             }
-            self.note_counts(&state);
+            self.record_counts(&state);
             self.controller_epoch = state.epoch;
             self.phase = abort.map_or(Phase::Idle, Phase::Stopping);
             self.reports.push_back(Report::Connected { state: Box::new(state) });
@@ -149,7 +149,7 @@ impl Session {
         if let Err(error) = self.check_counts(&state) {
             self.report_fault(Report::SequenceError(error));
         }
-        self.note_counts(&state);
+        self.record_counts(&state);
         self.controller_epoch = state.epoch;
         self.process_in_phase(&state, now);
         self.reports.push_back(Report::State(Box::new(state)));
@@ -171,7 +171,7 @@ impl Session {
         Ok(())
     }
 
-    fn note_counts(&mut self, state: &State) {
+    fn record_counts(&mut self, state: &State) {
         self.last_sequence = Some(state.sequence);
         self.answered = state.answered.clamp(self.answered, self.asked);
         // In lock step the controller answers a heartbeat only when it has received the commands that the heartbeat
@@ -194,8 +194,8 @@ impl Session {
             }
             Phase::Opening { epoch, request } if state.answered >= *request => {
                 self.reports.push_back(Report::EpochNotOpened { asked: *epoch, found: state.epoch });
-                // The number that was requested was not taken: the next request must be above the one that the
-                // controller really has.
+                // The controller did not take the requested number: the next request must be above the controller's
+                // actual epoch.
                 self.asked_epoch = self.controller_epoch;
                 self.phase = Phase::Idle;
             }
@@ -229,8 +229,8 @@ impl Session {
         }
         // In the ended epoch the state reports the stop; in the next one nothing has begun.
         if stopping.ended == Some(state.epoch) && !state.stopped {
-            // It has answered the abort and is neither stopped nor in the next epoch. A closed connection is the last
-            // means: its watchdog stops it.
+            // The controller has answered the abort, but has neither stopped nor begun the next epoch. Closing the
+            // connection is the last resort: the controller's own watchdog then stops it.
             return self.disconnected(LinkLoss::AbortNotObeyed);
         }
         stopping.obeyed = true;
@@ -241,7 +241,7 @@ impl Session {
         }
     }
 
-    /// Checks for a robot that is far behind its plan: in the air this is only reported; in contact it ends the epoch,
+    /// Checks whether the robot is far behind its plan: in the air this is only reported; in contact it ends the epoch,
     /// because the disc has stayed too long at one place.
     fn check_pace(&mut self, now: Time) {
         let Phase::Open(flow) = &mut self.phase else { return };
@@ -269,8 +269,8 @@ impl Session {
     fn check_interlocks(&mut self, state: &State) {
         let by_hand = matches!(state.mode, Mode::T1 | Mode::T2);
         let causes = [
-            // In the order of what the operator must do first: an open guard also switches the drives off, and only the
-            // cause helps.
+            // In the order of what the operator must do first: an open guard also switches the drives off, so the
+            // operator must remove the cause first.
             (state.emergency_stop, StopCause::EmergencyStop),
             (!state.guard_closed, StopCause::GuardOpen),
             (!state.drives_on, StopCause::DrivesOff),
@@ -288,7 +288,7 @@ impl Session {
 }
 
 impl PendingAbort {
-    /// Notes the number of executed commands of the ended epoch; no more than were sent.
+    /// Records the number of executed commands of the ended epoch; more than were sent is an error.
     fn record_executed(&mut self, done: CommandId) -> Result<(), SequenceError> {
         let (first, last) = (CommandId(0), self.sent);
         if done > last {

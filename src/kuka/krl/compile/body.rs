@@ -23,7 +23,7 @@ impl Compiler<'_> {
         self.begin_statement(statement.line);
         match &statement.action {
             Action::Assign { to, value } => self.assign(to, value),
-            Action::Call(call) => self.call_and_forget(call),
+            Action::Call(call) => self.call_without_result(call),
             Action::If { condition, then, otherwise } => self.compile_if(condition, then, otherwise),
             Action::Switch { on, cases, default } => self.compile_switch(on, cases, default.as_deref()),
             Action::For { variable, from, to, step, body } => {
@@ -78,7 +78,7 @@ impl Compiler<'_> {
                 if let Op::InterruptDeclaration { call, .. } = &mut self.program.code[declaration] {
                     *call = at;
                 }
-                self.call_and_forget(call);
+                self.call_without_result(call);
                 self.emit(Op::EndInterrupt);
                 self.set_jump_target(declaration);
             }
@@ -178,7 +178,7 @@ impl Compiler<'_> {
         self.emit(Op::StoreText(cells));
     }
 
-    fn call_and_forget(&mut self, call: &Call) {
+    fn call_without_result(&mut self, call: &Call) {
         if let Some(kind) = self.call(call, Type::Unknown)
             && kind != Type::Unknown
         {
@@ -408,7 +408,7 @@ impl Compiler<'_> {
         let trigger = self.emit(Op::Trigger { after: 0 });
         match &action.action {
             Action::Assign { to, value } => self.assign(to, value),
-            Action::Call(call) => self.call_and_forget(call),
+            Action::Call(call) => self.call_without_result(call),
             _ => {}
         }
         self.emit(Op::EndInterrupt);

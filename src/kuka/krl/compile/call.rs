@@ -7,8 +7,8 @@ use super::super::types::Type;
 use super::compiler::{Argument, Compiler, cells_u32};
 
 impl Compiler<'_> {
-    /// Calls a routine and returns the type of its result, `None` if it has no result. `wanted` is the expected
-    /// type.
+    /// Compiles a call and returns the type of the routine's result, `None` if it has no result. `wanted` is the
+    /// expected type.
     pub(super) fn call(&mut self, call: &Call, wanted: Type) -> Option<Type> {
         if let Some(index) = self.visible_routine(&call.name) {
             return self.call_routine(call, index);
@@ -44,7 +44,7 @@ impl Compiler<'_> {
             self.problem(&call.name, format!("found {given} arguments, expected {wanted}"));
         }
         if given != wanted || call.arguments.contains(&None) {
-            // The routine uses VARSTATE to find which arguments were given.
+            // The routine uses VARSTATE to determine which arguments were given.
             self.record_unexecuted(&call.name);
         }
         for (place, given) in call.arguments.iter().enumerate() {
@@ -176,7 +176,7 @@ impl Compiler<'_> {
         returns
     }
 
-    /// VARSTATE interprets the text as a name: an index in it is a number.
+    /// Checks the text of VARSTATE: it is the name of a variable, in which an index must be a number.
     fn check_varstate_text(&mut self, call: &Call, known: &KnownRoutine) {
         let Some(Some(Expression::Text(text))) = call.arguments.first() else { return };
         let index = text.split_once('[').and_then(|(_, behind)| behind.split_once(']')).map(|(index, _)| index);
@@ -248,7 +248,7 @@ impl Compiler<'_> {
     }
 }
 
-/// The number of arguments that a routine needs for its execution.
+/// Returns the number of arguments that a routine needs for its execution.
 fn executed_argument_count(builtin: Builtin, known: &KnownRoutine) -> usize {
     match builtin {
         Builtin::Bas => 2,

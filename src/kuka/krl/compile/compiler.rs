@@ -5,19 +5,20 @@
 use crate::krl::code::{Cell, Location, Op, Program};
 use crate::krl::lex::RESERVED;
 use crate::krl::syntax::{
-    ARRAY_VALUES, Data, Declaration, DeclarationContent, File, Item, MEMORY_VALUES, REPORTS, STEPS,
+    Data, Declaration, DeclarationContent, File, Item, MAX_ARRAY_VALUES, MAX_MEMORY_VALUES, MAX_PROGRAM_STEPS,
+    MAX_REPORTS,
 };
 use crate::krl::system::Kss;
 use crate::krl::types::{NewComponent, Scope, Type, Types, is_name_only_type, kuka_types};
 use panelprep_base::config::Problem;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The maximum length of a name; longer names do not compile on a controller.
+/// The maximum length of a name; a controller does not compile longer names.
 const MAX_NAME_LENGTH: usize = 24;
 
 /// The location of a variable.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum VariableHome {
+pub(super) enum VariableLocation {
     Global(u32),
     Local(u32),
     Referred(u32),
@@ -36,7 +37,7 @@ pub(super) struct Variable {
     pub(super) kind: Type,
     /// The sizes of an array; 0 if the caller determines the size, or if it is not known.
     pub(super) dimensions: Vec<usize>,
-    pub(super) home: VariableHome,
+    pub(super) location: VariableLocation,
     pub(super) constant: bool,
     /// Value of a constant.
     pub(super) value: Option<Cell>,
@@ -192,7 +193,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// The scopes in which a type is looked for, the innermost one first.
+    /// Returns the scopes in which a type is looked for, the innermost one first.
     fn type_scopes(&self) -> Vec<Scope> {
         let routine = self.routine.map(|place| Scope::Routine { file: self.file, place });
         routine.into_iter().chain([Scope::Module(self.modules[self.file])]).collect()
@@ -218,7 +219,7 @@ impl Compiler<'_> {
     }
 
     pub(super) fn emit(&mut self, op: Op) -> usize {
-        if self.program.code.len() < STEPS {
+        if self.program.code.len() < MAX_PROGRAM_STEPS {
             self.program.code.push(op);
         } else {
             self.program.is_too_large = true;
@@ -252,7 +253,7 @@ impl Compiler<'_> {
     /// allocated.
     pub(super) fn reserve(&mut self, cells: usize) -> u32 {
         let offset = self.frame_cells;
-        if cells <= MEMORY_VALUES.saturating_sub(offset) {
+        if cells <= MAX_MEMORY_VALUES.saturating_sub(offset) {
             self.frame_cells += cells;
         } else {
             self.record_unexecuted("a variable of this size");
@@ -262,7 +263,7 @@ impl Compiler<'_> {
 }
 
 fn push(list: &mut Vec<Problem>, problem: Problem) {
-    if list.len() < REPORTS {
+    if list.len() < MAX_REPORTS {
         list.push(problem);
     }
 }
@@ -326,7 +327,7 @@ impl<'a> Compiler<'a> {
             DeclarationContent::Enumeration { name, words } => {
                 self.check_name(name);
                 let is_free = self.types.add_enumeration(scope, name, words.clone());
-                self.report_if_taken(is_free, name);
+                self.report_if_declared(is_free, name);
             }
             DeclarationContent::Struc { name, components } => {
                 waiting.push(PendingStructure { file, routine, line: declaration.line, scope, name, components });
@@ -335,7 +336,7 @@ impl<'a> Compiler<'a> {
         }
     }
 
-    fn report_if_taken(&mut self, is_free: bool, name: &str) {
+    fn report_if_declared(&mut self, is_free: bool, name: &str) {
         let in_own_list = self.files[self.file].data.as_ref().is_some_and(is_visible_everywhere);
         if !is_free && !in_own_list {
             self.problem(name, "a type of this name is already declared");
@@ -409,15 +410,15 @@ impl<'a> Compiler<'a> {
         let cells = placed
             .iter()
             .fold(0_usize, |sum, part| sum.saturating_add(self.types.cells(part.kind, &part.dimensions)));
-        if cells > ARRAY_VALUES {
+        if cells > MAX_ARRAY_VALUES {
             self.problem(
                 struc.name,
-                format!("the structure has more than {ARRAY_VALUES} values, the limit of this program"),
+                format!("the structure has more than {MAX_ARRAY_VALUES} values, the limit of this program"),
             );
             placed.clear();
         }
         let is_free = self.types.add_struc(struc.scope, struc.name, placed);
-        self.report_if_taken(is_free, struc.name);
+        self.report_if_declared(is_free, struc.name);
     }
 }
 

@@ -2,12 +2,12 @@
 
 use super::super::code::{Cell, Shared};
 use super::super::syntax::{
-    ARRAY_VALUES, Action, Data, Declaration, DeclarationContent, Expression, Item, MEMORY_VALUES, Step, Unary,
-    VariableRef,
+    Action, Data, Declaration, DeclarationContent, Expression, Item, MAX_ARRAY_VALUES, MAX_MEMORY_VALUES, Step,
+    Unary, VariableRef,
 };
 use super::super::system;
 use super::super::types::Type;
-use super::compiler::{Compiler, SharedVariable, Variable, VariableHome, cells_u32, is_visible_everywhere};
+use super::compiler::{Compiler, SharedVariable, Variable, VariableLocation, cells_u32, is_visible_everywhere};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Part of a shared variable that receives a first value.
@@ -142,8 +142,8 @@ impl Compiler<'_> {
                 let is_simple = dimensions.is_empty() && self.types.size(kind) == 1;
                 value = at.and_then(|at| self.program.memory.get(at).copied()).filter(|_| constant && is_simple);
             }
-            let home = at.map_or(VariableHome::Nowhere, |at| VariableHome::Global(cells_u32(at)));
-            let variable = Variable { kind, dimensions, home, constant, value, writable: !constant };
+            let location = at.map_or(VariableLocation::Nowhere, |at| VariableLocation::Global(cells_u32(at)));
+            let variable = Variable { kind, dimensions, location, constant, value, writable: !constant };
             self.add_shared(declaration, data, &item.name, variable);
         }
     }
@@ -151,13 +151,13 @@ impl Compiler<'_> {
     /// Allocates memory for a shared variable and returns its first cell; `None` if it does not fit into memory.
     fn allocate_variable(&mut self, name: &str, kind: Type, dimensions: &[usize]) -> Option<usize> {
         let cells = self.types.cells(kind, dimensions);
-        if cells > ARRAY_VALUES {
+        if cells > MAX_ARRAY_VALUES {
             let message =
-                format!("the array has more than {ARRAY_VALUES} values: no controller has memory for them");
+                format!("the array has more than {MAX_ARRAY_VALUES} values: no controller has memory for them");
             self.problem(name, message);
         }
         let offset = self.program.memory.len();
-        if cells > MEMORY_VALUES.saturating_sub(offset) {
+        if cells > MAX_MEMORY_VALUES.saturating_sub(offset) {
             self.record_unexecuted("a variable of this size");
             return None;
         }
@@ -210,7 +210,7 @@ impl Compiler<'_> {
         if let (Some(from), None, false) = (from, to, analog)
             && let Some((index, number)) = self.bit(from)
         {
-            variable.home = VariableHome::Bit { variable: index, number };
+            variable.location = VariableLocation::Bit { variable: index, number };
             variable.writable = system::SYSTEM_VARIABLES[usize::from(index)].writable;
         }
         variable
@@ -230,7 +230,7 @@ impl Compiler<'_> {
         Some((u16::try_from(index).ok()?, number))
     }
 
-    /// A CONST without a value in its declaration must receive one below.
+    /// Checks that each CONST without a value in its declaration receives one in a later line.
     fn check_constant_values(&mut self, data: &Data) {
         let valued: BTreeSet<&str> = data
             .values
@@ -264,7 +264,7 @@ impl Compiler<'_> {
             }
             return;
         };
-        let at = if let VariableHome::Global(start) = variable.home { Some(start as usize) } else { None };
+        let at = if let VariableLocation::Global(start) = variable.location { Some(start as usize) } else { None };
         let mut part = InitialPart { at, kind: variable.kind, dimensions: variable.dimensions };
         for step in &to.steps {
             match step {
@@ -492,5 +492,5 @@ impl Compiler<'_> {
 
 /// Returns a variable of which only the type is known.
 pub(super) fn untyped_location(kind: Type, dimensions: Vec<usize>) -> Variable {
-    Variable { kind, dimensions, home: VariableHome::Nowhere, constant: false, value: None, writable: true }
+    Variable { kind, dimensions, location: VariableLocation::Nowhere, constant: false, value: None, writable: true }
 }

@@ -1,13 +1,13 @@
-//! Warnings about the flow of a routine: local variables that it may read before they are assigned, functions that
-//! can end without RETURN, and memories of EthernetKRL that are read directly after they were cleared. All are
-//! warnings, because it is not known here which paths the conditions exclude.
+//! Warnings about the flow of a routine: local variables that it may read before they are assigned, functions that can
+//! end without RETURN, and memories of EthernetKRL that are read directly after they were cleared. All are warnings,
+//! because it is not known here which paths the conditions exclude.
 //!
 //! A variable counts as assigned if every path to that point assigns it completely or in part. A variable that is
 //! passed by reference to a routine counts as assigned by that routine; EthernetKRL's readers need a variable that
-//! already holds a value. A routine with labels is not checked: a GOTO may come from anywhere.
+//! already holds a value. A routine with labels is not checked: a GOTO may lead to a label from any line.
 //!
-//! EKI_Get does not wait, and finds a memory empty that was just cleared. This check examines one block, statement by
-//! statement. It ends at any statement that may wait, or that is not known.
+//! EKI_Get does not wait: directly after a memory was cleared, it finds the memory empty. This check examines one
+//! block, statement by statement. It ends at any statement that may wait, or that is not known.
 
 use super::super::routines::Builtin::{EkiCheckBuffer, EkiClear, EkiClearBuffer, EkiClose};
 use super::super::routines::{ArgumentPassing, Builtin, find_routine};

@@ -5,7 +5,7 @@ use super::super::routines::VARIABLES_OF_ETHERNET_KRL_6;
 use super::super::syntax::{Expression, Step, VariableRef};
 use super::super::system::{self, LOWEST_KSS, SYSTEM_VARIABLES};
 use super::super::types::{Component, Type};
-use super::compiler::{Compiler, Variable, VariableHome, cells_u32};
+use super::compiler::{Compiler, Variable, VariableLocation, cells_u32};
 use super::data::untyped_location;
 
 /// A variable or a part of one, whose address the steps have put on the stack.
@@ -86,7 +86,7 @@ impl Compiler<'_> {
         Variable {
             kind: self.types.kuka_type(row.type_name),
             dimensions: if row.count > 0 { vec![row.count] } else { Vec::new() },
-            home: VariableHome::System(u16::try_from(index).unwrap_or_default()),
+            location: VariableLocation::System(u16::try_from(index).unwrap_or_default()),
             constant: false,
             value: None,
             writable: row.writable,
@@ -101,8 +101,8 @@ impl Compiler<'_> {
             self.check_indices(place);
             return None;
         };
-        self.push_home(&place.name, &variable);
-        let by_reference = matches!(variable.home, VariableHome::Referred(_));
+        self.push_base_address(&place.name, &variable);
+        let by_reference = matches!(variable.location, VariableLocation::Referred(_));
         let Variable { kind, dimensions, writable, constant, .. } = variable;
         let mut found = ResolvedVariable { kind, dimensions, writable, constant };
         for step in &place.steps {
@@ -114,18 +114,18 @@ impl Compiler<'_> {
         Some(found)
     }
 
-    fn push_home(&mut self, name: &str, variable: &Variable) {
-        if variable.home == VariableHome::Nowhere {
+    fn push_base_address(&mut self, name: &str, variable: &Variable) {
+        if variable.location == VariableLocation::Nowhere {
             self.record_unexecuted(name);
         }
-        self.emit(match variable.home {
-            VariableHome::Global(offset) => Op::Global(offset),
-            VariableHome::Local(offset) => Op::Local(offset),
-            VariableHome::Referred(offset) => Op::Referred(offset),
-            VariableHome::System(index) | VariableHome::Bit { variable: index, .. } => Op::System(index),
-            VariableHome::Nowhere => Op::Push(Cell::Unset),
+        self.emit(match variable.location {
+            VariableLocation::Global(offset) => Op::Global(offset),
+            VariableLocation::Local(offset) => Op::Local(offset),
+            VariableLocation::Referred(offset) => Op::Referred(offset),
+            VariableLocation::System(index) | VariableLocation::Bit { variable: index, .. } => Op::System(index),
+            VariableLocation::Nowhere => Op::Push(Cell::Unset),
         });
-        if let VariableHome::Bit { variable, number } = variable.home {
+        if let VariableLocation::Bit { variable, number } = variable.location {
             let count = cells_u32(SYSTEM_VARIABLES[usize::from(variable)].count);
             self.emit(Op::Push(Cell::Int(number)));
             self.emit(Op::Index { count, size: 1 });

@@ -1,7 +1,7 @@
 //! Compiles values: expressions that put a value on the stack, and operators between two values.
 
 use super::super::code::{Cell, Op};
-use super::super::syntax::{AGGREGATE_VALUES, Binary, Expression, Step, Unary, VariableRef};
+use super::super::syntax::{Binary, Expression, MAX_AGGREGATE_VALUES, Step, Unary, VariableRef};
 use super::super::types::{Component, Type};
 use super::compiler::{Compiler, cells_u32};
 
@@ -151,7 +151,7 @@ impl Compiler<'_> {
             });
             return self.unknown("components of an unknown type");
         };
-        let is_wide = size > AGGREGATE_VALUES;
+        let is_wide = size > MAX_AGGREGATE_VALUES;
         if is_wide {
             self.record_unexecuted("{…}");
         }

@@ -59,7 +59,7 @@ pub trait Host {
     /// Returns the number of planned motions, including the present one.
     fn planned_motions(&self) -> usize;
 
-    /// `$ADVANCE`.
+    /// Returns the value of `$ADVANCE`.
     fn advance(&self) -> usize;
 
     /// Plans a motion and returns its number among all motions; its end is reported with this number.
@@ -71,19 +71,19 @@ pub trait Host {
     /// Executes all planned motions to their end, because a statement waits for the arm.
     fn finish_motions(&mut self);
 
-    /// Brakes; the arm has stopped once [`Host::is_arm_at_rest`] is true.
+    /// Starts braking; the arm has stopped once [`Host::is_arm_at_rest`] is true.
     fn start_braking(&mut self, fast: bool);
 
     /// Discards the planned motions after RESUME.
     fn discard(&mut self);
 
-    /// EthernetKRL.
+    /// Executes a function of EthernetKRL.
     ///
     /// # Errors
     /// If the call stops an interpreter.
     fn eki(&mut self, what: Builtin, channel: &str, tag: &str, value: &[Cell]) -> Result<EkiAnswer, String>;
 
-    /// CWRITE to `$CMD`.
+    /// Executes CWRITE to `$CMD`.
     ///
     /// # Errors
     /// If the command is not known.
@@ -104,7 +104,7 @@ pub struct Caller<'a> {
 }
 
 impl Caller<'_> {
-    /// Returns this many cells of the innermost local variable of this name.
+    /// Returns this number of cells of the innermost local variable of this name.
     pub fn local_cells(&self, name: &str, cells: usize) -> Option<Vec<Cell>> {
         self.interpreter.local_cells(self.program, self.memory, name, cells)
     }
@@ -172,7 +172,8 @@ impl Interpreter {
             Op::InterruptSwitchAll { on } => self.switch(None, on, program, memory, host)?,
             Op::Trigger { after } => {
                 let (_priority, delay, distance) = (self.pop_int()?, self.pop_real()?, self.pop_int()?);
-                // An error and not an approximation: a trigger at another moment switches the tool at another place.
+                // Any other trigger is an error and is not approximated: a trigger at another moment switches the tool
+                // at another place.
                 if distance != 1 || delay != 0.0 {
                     return Err("this interpreter supports only TRIGGER WHEN DISTANCE=1 DELAY=0".into());
                 }
@@ -302,7 +303,7 @@ impl Interpreter {
         let channel = self.pop_text_index()?;
         let text = |index: usize| program.texts.get(index).map_or("", String::as_str);
         let answer = host.eki(builtin, text(channel), tag.map_or("", text), &value)?;
-        // With an error the variable keeps its old value, which a program must not take for a received one.
+        // After an error the variable keeps its old value, which a program must not use as a received value.
         if let Some(address) = into.filter(|_| answer.msg_no == 0) {
             let cells = if builtin == EkiGetFrame { 6 } else { 1 };
             for (offset, cell) in (address.offset..).zip(answer.value.into_iter().take(cells)) {
@@ -347,7 +348,7 @@ fn frame(isometry: &Matrix) -> [f32; 6] {
     [at.x, at.y, at.z, a.to_degrees(), b.to_degrees(), c.to_degrees()].map(|number| number as f32)
 }
 
-/// `left:right`.
+/// Computes `left:right`.
 pub(super) fn compose_frames(left: [f32; 6], right: [f32; 6]) -> [f32; 6] {
     frame(&(frame_to_isometry(left) * frame_to_isometry(right)))
 }

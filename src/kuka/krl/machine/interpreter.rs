@@ -31,7 +31,7 @@ pub struct Interpreter {
     pub(super) continue_statement: Option<usize>,
     /// The effect of ON_ERROR_PROCEED: the error of the next statement is ignored.
     pub(super) error_suppression: u8,
-    /// The saved `planned`, `continue_statement` and `statement` of each statement that an interrupt broke into.
+    /// The saved `planned`, `continue_statement` and `statement` of each interrupted statement.
     pub(super) saved: Vec<(bool, Option<usize>, usize)>,
     pub(super) statement: usize,
     pub(super) statement_height: usize,
@@ -100,7 +100,8 @@ impl Interpreter {
     pub(super) fn enter_routine(&mut self, program: &Program, routine: u32, return_to: usize, height: usize) {
         let entry = &program.routines[routine as usize];
         let base = self.cells.len();
-        // Unset and not zero: a controller stops at a variable that was never assigned, and so must the execution here.
+        // Unset and not zero: a controller stops at a variable that was never assigned, and this interpreter must stop
+        // as well.
         self.cells.resize(base + entry.frame_cells as usize, Cell::Unset);
         let parameters = entry.parameter_cells as usize;
         let given = self.stack.len().saturating_sub(parameters);
@@ -211,7 +212,8 @@ pub(super) struct Frame {
     pub(super) base: usize,
     /// Height of the stack when the routine was called.
     pub(super) height: usize,
-    /// Present if an interrupt or trigger broke in: its priority, and what the interrupted program waited for.
+    /// Present if an interrupt or trigger called the routine: its priority, and what the interrupted program waited
+    /// for.
     pub(super) interrupt_entry: Option<InterruptEntry>,
 }
 
@@ -248,8 +250,8 @@ pub(super) struct Trigger {
     pub(super) base: usize,
 }
 
-/// Points that public documents do not specify. Each may be true or false on a controller; the programs must work
-/// in both cases.
+/// Behaviour that public documents do not specify. Each item may be true or false on a controller; the programs must
+/// work in both cases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct UndocumentedBehaviour {
     /// RESUME requires `$ADVANCE` = 0 at the time of its execution; otherwise the program stops.
@@ -296,7 +298,7 @@ impl Memory {
         }
     }
 
-    /// A shared INT; 0 if the cell holds none.
+    /// Returns a shared INT; 0 if the cell holds none.
     #[inline]
     pub fn shared_int(&self, cell: Option<u32>) -> i32 {
         match cell.and_then(|cell| self.cells.get(cell as usize)) {
@@ -305,7 +307,7 @@ impl Memory {
         }
     }
 
-    /// A shared BOOL; FALSE if the cell holds none.
+    /// Returns a shared BOOL; FALSE if the cell holds none.
     #[inline]
     pub fn bool(&self, cell: Option<u32>) -> bool {
         matches!(cell.and_then(|cell| self.cells.get(cell as usize)), Some(Cell::Bool(true)))

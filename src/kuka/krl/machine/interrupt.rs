@@ -11,7 +11,7 @@ use super::interpreter::{Frame, Interpreter, Interrupt, InterruptEntry, Memory, 
 /// Priority of a trigger with PRIO=-1: the controller uses a priority that programs may not use.
 const TRIGGER_PRIORITY: i32 = 80;
 /// The number of interrupts that may be declared at once.
-pub const INTERRUPT_DEPTH: usize = 32;
+pub const MAX_DECLARED_INTERRUPTS: usize = 32;
 
 impl Interpreter {
     pub(super) fn declare(&mut self, number: i32, global: bool, call: u32) -> Result<(), StepError> {
@@ -22,7 +22,7 @@ impl Interpreter {
         let declared_in = self.frames.len() - 1;
         // A second declaration of a number replaces the first, as on the controller.
         self.interrupts.retain(|interrupt| interrupt.number != number);
-        if self.interrupts.len() >= INTERRUPT_DEPTH {
+        if self.interrupts.len() >= MAX_DECLARED_INTERRUPTS {
             return Err("more than 32 interrupts are declared".into());
         }
         self.interrupts.push(Interrupt {

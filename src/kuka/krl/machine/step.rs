@@ -18,7 +18,8 @@ impl Interpreter {
             let Some(op) = program.code.get(self.step_index) else { return StepPause::Ended };
             if let Op::Statement(index) = op {
                 self.begin_statement(*index as usize, program, memory);
-                // It ends here by name: a skipped statement would make every result behind it a guess.
+                // The program stops here and names the statement: if the statement were skipped, all later results
+                // would be unreliable.
                 if let Some(what) = program.unexecuted.get(index) {
                     return StepPause::Fault(format!(
                         "{}: this interpreter does not execute {what}",
@@ -63,7 +64,7 @@ impl Interpreter {
         }
     }
 
-    /// ON_ERROR_PROCEED: skips the rest of the statement.
+    /// Skips the rest of the statement, as ON_ERROR_PROCEED requires.
     fn skip_statement(&mut self, program: &Program) {
         self.stack.truncate(self.statement_height);
         let behind = &program.code[self.step_index..];

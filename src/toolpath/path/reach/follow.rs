@@ -138,7 +138,7 @@ fn checked_poses(
             before = Some(to);
             continue;
         };
-        let (length_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * to).turn());
+        let (length_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * to).rotation_angle());
         let steps = (length_mm / STEP_MM).max(turn.0 / STEP_DEG).ceil().max(1.0);
         let seconds = length_mm / leg.feed_mm_s / steps;
         for step in 1..=steps as usize {

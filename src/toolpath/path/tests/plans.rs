@@ -16,7 +16,11 @@ fn a_plan_over_a_plane_by_hand() {
     assert_eq!(waypoints.iter().filter(|waypoint| waypoint.contact).count(), 34);
     let first = KukaPose { x_mm: 3.0, y_mm: 3.0, z_mm: 40.0, c_deg: 180.0, ..KukaPose::default() };
     let apart = tool(&waypoints[0]).inverse() * first.to_rigid::<Panel, Tool>();
-    assert!(apart.turn() < Degrees(1e-6) && apart.origin().mm.coords.norm() < 1e-6, "{}", waypoints[0].pose());
+    assert!(
+        apart.rotation_angle() < Degrees(1e-6) && apart.origin().mm.coords.norm() < 1e-6,
+        "{}",
+        waypoints[0].pose()
+    );
     assert!(!waypoints[0].contact && waypoints[1].contact && !waypoints[35].contact);
     assert!((plan.length_mm - 344.0).abs() < 1e-6 && (plan.contact_mm - 264.0).abs() < 1e-6);
     let air_s = 80.0 / 60.0;

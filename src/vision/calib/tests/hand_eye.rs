@@ -45,7 +45,7 @@ fn error<A: Arrangement>(found: &HandEye<A>, truth: Rigid<A::To, A::From>) -> (f
     let pose = found.adjustment.to_from_camera;
     let off = ((pose * found.stated_point) - (truth * found.stated_point)).mm;
     let inverse = found.covariance_mm2().try_inverse().expect("regular");
-    (off.norm(), (truth.inverse() * pose).turn().0, off.dot(&(inverse * off)) / 3.0)
+    (off.norm(), (truth.inverse() * pose).rotation_angle().0, off.dot(&(inverse * off)) / 3.0)
 }
 
 #[test]

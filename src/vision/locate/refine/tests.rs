@@ -271,7 +271,7 @@ proptest! {
         let view = CornerView { corner: 0, taught: &corner, base_from_camera, found_px: Pixel::at(u, 700.0) };
         if let Ok(refined) = refine(located, &CAMERA, &[view]) {
             let turned: Rigid<Panel, Panel> = located.inverse() * refined.base_from_panel;
-            prop_assert!(turned.turn().0 < 1e-6);
+            prop_assert!(turned.rotation_angle().0 < 1e-6);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The events that end an epoch, and that nothing in it moves afterwards.
+//! Tests the faults that end an epoch, and that no command of the epoch moves the robot afterwards.
 
 use super::*;
 
@@ -20,7 +20,7 @@ fn a_refusal_ends_the_epoch_and_names_the_command() {
 
 /// After an abort the queue is empty on both sides, and a new epoch begins without commands.
 #[test]
-fn an_abort_discards_and_nothing_of_the_old_epoch_moves_again() {
+fn after_an_abort_no_command_of_the_old_epoch_is_executed() {
     let mut cell = Cell::ready();
     cell.session.queue_path(&path(200, 2.0)).expect("a good path");
     cell.pass(1_000);
@@ -57,7 +57,7 @@ fn standstill_is_reported_only_when_the_robot_is_at_rest() {
 
 /// The last state arrives at 1,200 ms. The abort is sent 400 ms later, and the link is closed after one second.
 #[test]
-fn silence_with_a_path_underway_aborts_and_then_gives_up() {
+fn silence_during_a_path_aborts_and_then_closes_the_link() {
     let mut cell = Cell::ready();
     cell.session.queue_path(&path(200, 2.0)).expect("a good path");
     cell.pass(1_000);
@@ -77,7 +77,7 @@ fn silence_with_a_path_underway_aborts_and_then_gives_up() {
 }
 
 #[test]
-fn silence_of_an_idle_robot_is_only_a_lost_link() {
+fn silence_of_an_idle_robot_only_closes_the_link() {
     let mut cell = Cell::ready();
     cell.pass(300);
     cell.controller.silent = true;
@@ -91,7 +91,7 @@ fn silence_of_an_idle_robot_is_only_a_lost_link() {
 /// States keep coming, but the commands are lost: without an abort the robot would have an underrun without any
 /// message.
 #[test]
-fn commands_that_are_not_acknowledged_abort() {
+fn commands_without_acknowledgement_cause_an_abort() {
     let mut cell = Cell::ready();
     cell.pass(300);
     cell.controller.deaf_to_commands = true;
@@ -108,7 +108,7 @@ fn commands_that_are_not_acknowledged_abort() {
 /// opened again. The second such epoch in a row ends the connections, and one command that arrives resets the
 /// count.
 #[test]
-fn commands_that_are_not_acknowledged_twice_end_the_connections() {
+fn two_epochs_without_acknowledgement_close_the_connections() {
     let swallowed = |cell: &mut Cell| {
         cell.controller.deaf_to_commands = true;
         cell.session.queue(speed(0.2)).expect("good");
@@ -135,7 +135,7 @@ fn commands_that_are_not_acknowledged_twice_end_the_connections() {
 }
 
 #[test]
-fn wrong_counts_end_the_epoch() {
+fn impossible_numbers_end_the_epoch() {
     type Fault = fn(&mut Controller);
     let cases: [(Fault, SequenceError); 5] = [
         (|controller| controller.sequence += 1, SequenceError::State { last: 0, found: 2 }),
@@ -185,7 +185,7 @@ fn messages_of_ended_epochs_are_dropped_and_counted() {
 }
 
 #[test]
-fn an_emergency_stop_on_the_way_ends_the_epoch() {
+fn an_emergency_stop_during_a_path_ends_the_epoch() {
     let cases = [(2, StopCause::EmergencyStop), (4, StopCause::GuardOpen), (1, StopCause::DrivesOff)];
     for (bit, cause) in cases {
         let mut cell = Cell::ready();

@@ -1,9 +1,9 @@
-//! The connection: boots, broken streams, reconnection, refusals at queueing, lock step.
+//! Tests the connection: restarts of the controller, invalid data, reconnection, refusals at queueing, lock step.
 
 use super::*;
 
 #[test]
-fn another_boot_ends_the_epoch_and_no_number_is_used_again() {
+fn a_restart_ends_the_epoch_and_its_number_is_not_used_again() {
     let mut cell = Cell::ready();
     cell.session.queue_path(&path(200, 2.0)).expect("a good path");
     cell.pass(1_000);
@@ -23,7 +23,7 @@ fn another_boot_ends_the_epoch_and_no_number_is_used_again() {
 /// The answer to the opening was lost with the link, and the controller then counts from zero again. An epoch that
 /// it may have opened is not opened a second time.
 #[test]
-fn an_epoch_that_was_asked_for_and_not_confirmed_is_never_used_again() {
+fn an_epoch_that_was_requested_but_not_confirmed_is_never_used_again() {
     let mut cell = Cell::ready();
     cell.pass(200);
     cell.controller.silent = true;
@@ -43,7 +43,7 @@ fn an_epoch_that_was_asked_for_and_not_confirmed_is_never_used_again() {
 
 /// A malformed message with a path underway: the abort still goes out, then the link is closed.
 #[test]
-fn a_broken_stream_aborts_and_closes() {
+fn an_invalid_message_aborts_and_closes_the_link() {
     let mut cell = Cell::ready();
     cell.session.queue_path(&path(200, 2.0)).expect("a good path");
     cell.pass(1_000);
@@ -78,7 +78,7 @@ fn a_reconnection_moves_nothing() {
 }
 
 #[test]
-fn what_cannot_be_executed_is_refused_where_it_is_queued() {
+fn commands_that_cannot_be_executed_are_refused_when_queued() {
     let mut cell = Cell::ready();
     assert_eq!(cell.session.queue_path(&[]), Err(QueueError::EmptyPath));
     let mut bad = path(3, 2.0);
@@ -102,7 +102,7 @@ fn what_cannot_be_executed_is_refused_where_it_is_queued() {
 
 /// In lock step there is no deadline, and an answered heartbeat means that the commands it named have arrived.
 #[test]
-fn in_lock_step_only_heartbeats_pass_time() {
+fn in_lock_step_only_heartbeats_advance_the_time() {
     let mut cell = Cell::new();
     cell.session = Session::new(wire(), LinkLimits::default(), ClockMode::LockStep);
     cell.session.connected(Time::from_ms(0));
@@ -140,7 +140,7 @@ fn a_message_has_200_ms_from_its_first_byte_to_its_last() {
 
 /// Request 2³¹ − 1 is the last: the connection ends, and the next one counts from 1.
 #[test]
-fn requests_do_not_wrap() {
+fn request_numbers_do_not_wrap() {
     let mut cell = Cell::ready();
     cell.pass(100);
     cell.session.asked = LAST_NUMBER;
@@ -156,7 +156,7 @@ fn requests_do_not_wrap() {
 /// An acknowledgement of another client's epoch ends the epoch of this client, and the abort's number is above the
 /// other epoch.
 #[test]
-fn another_clients_epoch_is_reported_and_left_behind() {
+fn an_epoch_of_another_client_is_reported_and_exceeded() {
     let mut cell = Cell::ready();
     cell.session.queue_path(&path(200, 2.0)).expect("a good path");
     cell.pass(500);
@@ -174,7 +174,7 @@ fn another_clients_epoch_is_reported_and_left_behind() {
 /// channel means that the ports are exchanged. After a first message the two are reported as a closed channel and an
 /// invalid message.
 #[test]
-fn what_ends_a_connection_before_a_word_is_named_as_what_it_is() {
+fn the_end_of_a_connection_before_its_first_message_has_its_own_cause() {
     let losses = |after_a_word: bool| {
         let closed = LinkLoss::Closed { channel: Channel::State };
         let mut first = Cell::new();

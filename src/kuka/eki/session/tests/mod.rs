@@ -30,17 +30,17 @@ struct Controller {
     /// Offset that is added to the number of the last answered request in the controller's reports.
     answers_ahead: u32,
     flags: u32,
-    /// The program has stopped the epoch.
+    /// Whether the program has stopped the epoch.
     stopped: bool,
     boot: u32,
     ms_per_command: u64,
     busy_until_ms: u64,
     ring_places: usize,
     silent: bool,
-    /// It neither executes nor answers requests.
-    deaf_to_requests: bool,
-    /// Aborts are answered, but not carried out.
-    disobedient: bool,
+    /// Whether it neither executes commands nor answers requests.
+    is_unresponsive: bool,
+    /// Whether it answers aborts without carrying them out.
+    ignores_aborts: bool,
     deaf_to_commands: bool,
     mode: u32,
     override_percent: u8,
@@ -74,8 +74,8 @@ impl Controller {
             busy_until_ms: 0,
             ring_places: 100,
             silent: false,
-            deaf_to_requests: false,
-            disobedient: false,
+            is_unresponsive: false,
+            ignores_aborts: false,
             deaf_to_commands: false,
             mode: 4,
             override_percent: 100,
@@ -91,13 +91,13 @@ impl Controller {
         let values: Vec<String> = text.split('"').skip(1).step_by(2).map(str::to_owned).collect();
         let number = |index: usize| values[index].parse::<u32>().expect("a number");
         if text.starts_with("<Req ") {
-            if self.deaf_to_requests {
+            if self.is_unresponsive {
                 return;
             }
             self.answered = number(0);
             let follows = number(3) > self.epoch && number(3) - self.epoch <= 1_000_000;
             match number(2) {
-                11 if !self.disobedient => {
+                11 if !self.ignores_aborts => {
                     self.stop();
                     if follows {
                         self.begin(number(3));
@@ -290,7 +290,7 @@ fn speed(speed_m_s: f64) -> Command {
     })
 }
 
-/// A straight path with this number of points at this spacing.
+/// Returns a straight path with this number of points at this spacing.
 fn path(points: usize, step_mm: f64) -> Vec<MoveLin> {
     let point = |index: usize| {
         let pose = KukaPose { x_mm: step_mm * index as f64, ..KukaPose::default() };

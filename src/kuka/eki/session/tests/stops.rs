@@ -1,13 +1,14 @@
-//! A stop reaches the arm in every state, whatever the controller has reported before.
+//! Tests that a stop reaches the arm in every state, whatever the controller has reported before.
 
 use super::*;
 use crate::eki::MAX_EPOCH_STEP;
 use rayon::prelude::*;
 
 /// Time limit in which the controller must have stopped after an abort is commanded, ms.
-const BOUND_MS: u64 = 500;
-/// The ends of every field's range, values beyond it, and the ends of an epoch step; the epoch is 6 to 8 here.
-const VALUES: [i64; 9] =
+const STOP_LIMIT_MS: u64 = 500;
+/// The values that are tried in each field: the ends of every field's range, values beyond it, and the ends of an epoch
+/// step; the epoch is 6 to 8 here.
+const TRIED_VALUES: [i64; 9] =
     [i32::MIN as i64, -1, 0, 1, 9, 255, MAX_EPOCH_STEP as i64, MAX_EPOCH_STEP as i64 + 9, i32::MAX as i64];
 const ACK_FIELDS: [&str; 6] = ["Rx", "Done", "Free", "Err", "ErrId", "Ep"];
 const STATE_FIELDS: [&str; 15] =
@@ -71,7 +72,7 @@ fn with_value(document: &str, field: &str, value: i64) -> String {
 
 impl Cell {
     /// Lets time pass; a controller without its client stops by itself.
-    fn pass_to_the_end(&mut self, ms: u64) {
+    fn pass_until_stopped(&mut self, ms: u64) {
         for _ in 0..ms / 10 {
             self.pass(10);
             if !self.session.is_connected() {
@@ -81,9 +82,9 @@ impl Cell {
         }
     }
 
-    /// Sends one message with a value that no controller sends, then an abort. The controller has stopped within
-    /// the time limit, and nothing more is executed. Then everything works as before.
-    fn survives(mut self, name: &str, channel: Channel, message: &str) {
+    /// Sends one message with a value that no controller sends, then an abort. Checks that the controller has stopped
+    /// within the time limit, that nothing more is executed, and that the session then works as before.
+    fn assert_that_a_stop_succeeds(mut self, name: &str, channel: Channel, message: &str) {
         let now = Time::from_ms(self.now_ms);
         match channel {
             Channel::Command => self.session.push_command_bytes(message.as_bytes(), now),
@@ -91,10 +92,10 @@ impl Cell {
         }
         // The abort is refused only if the connection was closed, which also stops the controller.
         assert_eq!(self.session.abort().is_err(), !self.session.is_connected(), "{name}");
-        self.pass_to_the_end(BOUND_MS);
+        self.pass_until_stopped(STOP_LIMIT_MS);
         assert!(self.controller.stopped && self.controller.ring.is_empty(), "{name}: it runs on");
         let executed = self.controller.executed.len();
-        self.pass_to_the_end(500);
+        self.pass_until_stopped(500);
         assert_eq!(self.controller.executed.len(), executed, "{name}: an ended epoch moves");
         for report in &self.reports {
             let Report::Standstill { done } = report else { continue };
@@ -107,15 +108,15 @@ impl Cell {
             if !self.session.is_connected() {
                 self.controller.answered = 0;
                 self.session.connected(Time::from_ms(self.now_ms));
-                self.pass_to_the_end(200);
+                self.pass_until_stopped(200);
             }
             let opened = self.session.open_epoch();
             assert!(opened.is_ok() || !self.session.is_connected(), "{name}: {opened:?}");
-            self.pass_to_the_end(200);
+            self.pass_until_stopped(200);
         }
         assert!(self.controller.epoch < 2 * MAX_EPOCH_STEP, "{name}: the count is used up");
         self.session.queue(speed(0.1)).expect("open");
-        self.pass_to_the_end(300);
+        self.pass_until_stopped(300);
         assert_eq!(self.controller.executed.len(), executed + 1, "{name}");
     }
 }
@@ -123,17 +124,21 @@ impl Cell {
 #[test]
 fn a_stop_reaches_the_controller_after_any_value_of_any_field_in_any_state() {
     let cases: Vec<(Stage, i64)> =
-        Stage::ALL.iter().flat_map(|stage| VALUES.map(|value| (*stage, value))).collect();
+        Stage::ALL.iter().flat_map(|stage| TRIED_VALUES.map(|value| (*stage, value))).collect();
     cases.into_par_iter().for_each(|(stage, value)| {
         for field in ACK_FIELDS {
             let cell = stage.cell();
             let message = with_value(&cell.controller.ack(), field, value);
-            cell.survives(&format!("{stage:?}, Ack {field}={value}"), Channel::Command, &message);
+            cell.assert_that_a_stop_succeeds(
+                &format!("{stage:?}, Ack {field}={value}"),
+                Channel::Command,
+                &message,
+            );
         }
         for field in STATE_FIELDS {
             let mut cell = stage.cell();
             let message = with_value(&cell.controller.next_state(), field, value);
-            cell.survives(&format!("{stage:?}, St {field}={value}"), Channel::State, &message);
+            cell.assert_that_a_stop_succeeds(&format!("{stage:?}, St {field}={value}"), Channel::State, &message);
         }
     });
 }
@@ -141,7 +146,7 @@ fn a_stop_reaches_the_controller_after_any_value_of_any_field_in_any_state() {
 /// In an earlier version this message used up all epoch numbers. Now the abort is sent with a number after which at
 /// least one more is left.
 #[test]
-fn the_last_epoch_in_one_message_is_not_believed() {
+fn the_largest_epoch_number_in_one_message_is_rejected() {
     for message in [Channel::Command, Channel::State] {
         let mut cell = Stage::Busy.cell();
         let now = Time::from_ms(cell.now_ms);
@@ -167,7 +172,7 @@ fn the_last_epoch_in_one_message_is_not_believed() {
 
 /// A controller with a damaged count is refused with an explanation each time, and never commanded.
 #[test]
-fn a_controller_at_the_end_of_its_count_is_refused() {
+fn a_controller_near_the_largest_epoch_is_refused() {
     let mut cell = Cell::new();
     cell.controller.epoch = LAST_NUMBER;
     for _ in 0..3 {
@@ -188,7 +193,7 @@ fn a_controller_at_the_end_of_its_count_is_refused() {
 #[test]
 fn an_abort_that_is_not_answered_ends_the_connection() {
     let mut cell = Stage::Busy.cell();
-    cell.controller.deaf_to_requests = true;
+    cell.controller.is_unresponsive = true;
     cell.session.abort().expect("connected");
     cell.pass(390);
     assert!(cell.session.is_connected());
@@ -203,7 +208,7 @@ fn an_abort_that_is_not_answered_ends_the_connection() {
 #[test]
 fn an_abort_that_is_not_obeyed_ends_the_connection() {
     let mut cell = Stage::Busy.cell();
-    cell.controller.disobedient = true;
+    cell.controller.ignores_aborts = true;
     cell.session.abort().expect("connected");
     cell.pass(50);
     assert_eq!(cell.events().last(), Some(&&Report::LinkLost { why: LinkLoss::AbortNotObeyed }));
@@ -213,7 +218,7 @@ fn an_abort_that_is_not_obeyed_ends_the_connection() {
 /// An abort is commanded before the controller's first message: it is requested at once, and the answer is
 /// reported.
 #[test]
-fn an_abort_waits_for_no_greeting() {
+fn an_abort_before_the_first_state_is_sent_at_once() {
     let mut cell = Stage::Greeting.cell();
     cell.session.abort().expect("connected");
     cell.pass(50);
@@ -231,7 +236,7 @@ fn an_abort_waits_for_no_greeting() {
 /// steps, since no number is used twice. A store from a backup, which knows less than the controller, continues from
 /// the controller's count.
 #[test]
-fn epochs_go_on_above_what_either_side_knows() {
+fn the_next_epoch_is_above_those_of_cell_and_controller() {
     let mut cell = Stage::Idle.cell();
     let above = 3 * MAX_EPOCH_STEP + 5;
     let opened = cell.session.open_epoch_above(Epoch(above));
@@ -254,7 +259,7 @@ fn epochs_go_on_above_what_either_side_knows() {
 /// With water or tool on and nothing queued, silence ends the epoch, and so does a program that no longer
 /// supervises the link.
 #[test]
-fn silence_counts_while_an_output_does_harm() {
+fn silence_ends_the_epoch_while_water_or_tool_is_on() {
     let harmful = |cell: &mut Cell| {
         cell.session.limits.harmful_outputs = 0b10;
         let state = with_value(&cell.controller.next_state(), "Out", 0b10);
@@ -277,7 +282,7 @@ fn silence_counts_while_an_output_does_harm() {
 /// A robot that stopped an epoch with nothing queued accepts no more commands in it: the epoch is also over for the
 /// client.
 #[test]
-fn an_epoch_that_the_controller_stopped_is_over() {
+fn an_epoch_that_the_controller_stopped_has_ended() {
     let mut cell = Stage::Open.cell();
     cell.controller.stop();
     cell.pass(200);
@@ -302,7 +307,7 @@ fn another_override_in_contact_ends_the_epoch() {
     }
 }
 
-/// The reason why an epoch was stopped: the mode switch, no program that could move, or otherwise the program.
+/// The cause of the stop is the mode switch, or that no program could move the robot, or otherwise the program.
 #[test]
 fn a_stopped_epoch_states_why() {
     // Drives on, no emergency stop, guard closed; with bit 4 a motion is also possible.

@@ -1,12 +1,13 @@
-//! Limits of what is sent and not executed: the window by commands, by time, by the ring and by bytes. Also tests a
-//! robot behind its plan, and base and tool: no line is sent before the state shows both as they were set.
+//! Tests the limits of the commands that are sent and not executed: the window by commands, by time, by the ring and by
+//! bytes. Also tests a robot behind its plan, and base and tool: no line is sent before the state shows both as they
+//! were set.
 
 use super::*;
 
 /// 200 points 1 mm apart at 100 mm/s are 10 ms each, 100 of them a second: 50 commands are sent ahead and never
 /// more.
 #[test]
-fn two_hundred_points_are_executed_once_inside_the_window() {
+fn two_hundred_points_are_each_executed_once_within_the_window() {
     let mut cell = Cell::ready();
     let last = cell.session.queue_path(&path(200, 1.0)).expect("a good path");
     assert_eq!(last, CommandId(203));
@@ -29,7 +30,7 @@ fn two_hundred_points_are_executed_once_inside_the_window() {
 
 /// The arm is already at the first point, which needs no time; 10 mm at 100 mm/s are 0.1 s: ten more are a second.
 #[test]
-fn the_window_is_also_time() {
+fn the_window_also_limits_the_duration() {
     let mut cell = Cell::ready();
     cell.pass(200);
     cell.controller.ms_per_command = 100;
@@ -41,7 +42,7 @@ fn the_window_is_also_time() {
 /// 100 mm at 100 mm/s are a second for each point. Still five points are sent ahead, so that the controller can
 /// blend.
 #[test]
-fn a_few_points_are_ahead_whatever_they_last() {
+fn a_few_points_are_sent_ahead_whatever_their_duration() {
     let mut cell = Cell::ready();
     cell.pass(200);
     cell.controller.ms_per_command = 1_000;
@@ -52,7 +53,7 @@ fn a_few_points_are_ahead_whatever_they_last() {
 
 /// A free ring of eight places never holds a ninth command, whatever the window allows.
 #[test]
-fn the_rings_free_places_are_kept() {
+fn the_free_places_of_the_ring_are_not_exceeded() {
     let mut cell = Cell::ready();
     cell.controller.ring_places = 8;
     cell.pass(300);
@@ -64,7 +65,7 @@ fn the_rings_free_places_are_kept() {
 /// Only the permitted part of a path is sent, whatever room the window has. When more is permitted, the rest
 /// follows, and commands behind the path are not held back.
 #[test]
-fn what_is_not_permitted_waits() {
+fn commands_that_are_not_permitted_wait() {
     let mut cell = Cell::ready();
     let last = cell.session.queue_path_within(&path(40, 1.0), 16).expect("a good path");
     assert_eq!(last, CommandId(43));
@@ -82,12 +83,12 @@ fn what_is_not_permitted_waits() {
 /// Without an acknowledgement at most 8 KiB are in transit. In lock step an answered heartbeat acknowledges the
 /// commands that it names: then the window fills to its 50 commands.
 #[test]
-fn bytes_not_yet_received_are_bounded() {
+fn the_bytes_not_yet_received_are_limited() {
     let mut cell = Cell::ready_at(ClockMode::LockStep);
     cell.pass(300);
     let mut points = path(200, 1.0);
     for MoveLin { pose, .. } in &mut points {
-        // Ten whole turns: the same orientation, written with more bytes.
+        // Ten whole rotations: the same orientation, written with more bytes.
         (pose.a_deg, pose.b_deg, pose.c_deg) = (-3_600.0, -3_600.0, -3_600.0);
     }
     cell.session.queue_path(&points).expect("a good path");
@@ -108,7 +109,7 @@ fn bytes_not_yet_received_are_bounded() {
 /// 10 mm at 100 mm/s are 0.1 s: up to 0.7 s are tolerated, more is reported. In the air it is reported once, in
 /// contact it ends the epoch.
 #[test]
-fn a_robot_far_behind_its_plan_is_reported_and_not_left_in_contact() {
+fn a_robot_far_behind_its_plan_is_reported_and_stopped_in_contact() {
     for (ms, contact, told) in [(650, true, 0), (800, true, 1), (800, false, 1)] {
         let mut cell = Cell::ready();
         cell.pass(200);
@@ -128,7 +129,7 @@ fn a_robot_far_behind_its_plan_is_reported_and_not_left_in_contact() {
 
 /// Linear motions wait until the state shows base and tool; nothing else releases them.
 #[test]
-fn no_line_is_sent_before_base_and_tool_are_seen() {
+fn no_linear_motion_is_sent_before_base_and_tool_are_confirmed() {
     let mut cell = Cell::ready();
     cell.session.queue_path(&path(3, 2.0)).expect("a good path");
     cell.pass(90);
@@ -139,7 +140,7 @@ fn no_line_is_sent_before_base_and_tool_are_seen() {
 }
 
 #[test]
-fn a_base_that_did_not_arrive_ends_the_epoch_before_any_line() {
+fn a_base_that_was_not_set_ends_the_epoch_before_any_linear_motion() {
     let mut cell = Cell::ready();
     cell.session.queue_path(&path(3, 2.0)).expect("a good path");
     cell.pass(70);
@@ -169,7 +170,7 @@ fn a_base_that_was_lost_ends_the_epoch() {
 
 /// The echo applies for the whole epoch: a person who changes the base on the pendant ends the epoch.
 #[test]
-fn a_base_that_changes_on_the_way_ends_the_epoch() {
+fn a_base_that_changes_during_a_path_ends_the_epoch() {
     let mut cell = Cell::ready();
     cell.session.queue_path(&path(100, 2.0)).expect("a good path");
     cell.pass(1_000);
