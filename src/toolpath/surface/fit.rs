@@ -14,10 +14,8 @@
 
 use super::bspline::BSplineSurface;
 use super::equations::{Solution, SurfaceEquations};
-use super::error::{FitError, MIN_PIXELS};
 use super::map::{DeviationMap, MapPixel};
-use super::samples::{Sample, Samples, knots, sides_mm};
-use super::thesis;
+use super::samples::{FitError, MIN_PIXELS, Sample, Samples, knots, sides_mm, thesis_controls, thesis_knots};
 use nalgebra::{Point2, Vector3};
 use panelprep_base::geometry::basis::KnotVector;
 use panelprep_base::geometry::statistics::{SIGMA_OF_MEDIAN, TUKEY_CONSTANT, tukey_weight};
@@ -94,7 +92,7 @@ pub fn examine_fit(panel: &TaughtPanel, settings: &recipe::Surface) -> Result<Fi
     let sides_mm = sides_mm(panel).map_err(early)?;
     let knots = match settings.method() {
         FitMethod::LeastSquares => knots(sides_mm, settings.control_spacing_mm()),
-        FitMethod::Thesis => thesis::knots(sides_mm, settings.control_spacing_mm()),
+        FitMethod::Thesis => thesis_knots(sides_mm, settings.control_spacing_mm()),
     };
     let samples = Samples::collect(panel, &knots.map_err(|error| early(error.into()))?);
     let look = FitInputs {
@@ -126,7 +124,7 @@ impl FitInputs<'_> {
         let (surface, smoothing) = match self.settings.method() {
             FitMethod::LeastSquares => self.fit_robust().map_err(early)?,
             FitMethod::Thesis => {
-                let controls = thesis::controls(panel, &self.samples.knots).map_err(early)?;
+                let controls = thesis_controls(panel, &self.samples.knots).map_err(early)?;
                 (self.surface(controls).map_err(early)?, 0.0)
             }
         };

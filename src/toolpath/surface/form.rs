@@ -30,11 +30,10 @@
 //! to belong to the surface do not count: if they are less than half of a place, neither does their defect; U is that of
 //! single places.
 
-use super::cells::CellRaster;
-use super::derivatives::Parameter;
+use super::bspline::Parameter;
 use super::fit::Fit;
-use super::net::sides_mm;
-use super::today::{TodaysPoint, TodaysSurfaceFit};
+use super::patch::sides_mm;
+use super::today::{CellRaster, TodaysPoint, TodaysSurfaceFit};
 use panelprep_base::geometry::statistics::NORMAL_TWO_SIDED_95;
 use panelprep_base::geometry::{Panel, PlaneZone, Point, PoseUncertainty};
 

@@ -1,11 +1,11 @@
-//! The deviation of a fit as a map: where the scan lies in front of the surface or behind it, and where points are
-//! missing.
+//! Maps of the surface: the deviation of a fit, with the places at which points are missing; and a number at each
+//! position of some grids, such as a depth, ready to be drawn.
 
-use super::derivatives::Parameter;
+use super::bspline::Parameter;
 use super::samples::Window;
 use nalgebra::Point2;
 use panelprep_base::geometry::{Pixel, RasterSize};
-use panelprep_cell::panel::Region;
+use panelprep_cell::panel::{GridId, Region};
 
 /// The state of one pixel of the taught picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -127,6 +127,26 @@ impl DeviationMap {
         let raster = RasterSize { width: self.width(), height: self.pixels.len() / self.width().max(1) };
         raster.largest_squares(|index| matches!(self.pixels[index], MapPixel::Missing | MapPixel::Rejected { .. }))
     }
+}
+
+/// One grid, sample by sample, row by row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GridField {
+    /// The grid.
+    pub id: GridId,
+    /// Samples along u.
+    pub columns: usize,
+    /// The value at each sample; `None` if there is no panel.
+    pub values: Vec<Option<f32>>,
+}
+
+/// Some grids of a region.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Field {
+    /// Grid by grid.
+    pub grids: Vec<GridField>,
+    /// Length of the region along u and along v, through its middle, mm.
+    pub sides_mm: [f64; 2],
 }
 
 #[cfg(test)]

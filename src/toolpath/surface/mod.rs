@@ -6,42 +6,27 @@
 //! the panel was located, and `form` states its profile and flatness. `dwell` computes from executed or planned
 //! poses how long the disc was on each point of the surface. This module does not know how paths are planned.
 
-mod banded;
 mod bspline;
-mod cells;
-mod derivatives;
 pub mod dwell;
 mod equations;
-mod error;
-mod field;
 mod fit;
 mod form;
 mod map;
-mod net;
 mod patch;
 mod samples;
 #[cfg(any(test, feature = "testing"))]
 #[cfg_attr(feature = "testing", allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 pub mod scene;
-mod spans;
-mod spread;
 #[cfg(test)]
 mod tests;
-mod thesis;
 mod today;
-mod treated;
 
-pub use bspline::{BSplineSurface, SurfaceError};
-pub use derivatives::{Derivatives, Parameter, PointTangents};
-pub use error::FitError;
-pub use field::{Field, GridField};
+pub use bspline::{BSplineSurface, Derivatives, Parameter, PointTangents, SurfaceError};
+pub use dwell::{AreaWeighted, DwellSpread};
 pub use fit::{Deviation, Fit, Refusal, examine_fit, fit};
 pub use form::{Flatness, Form, FormErrors, FormPlace, Measured, TodaysScan};
-pub use map::{DeviationMap, HoleMap, MapPixel};
-pub use net::SampleGrid;
-pub use net::sides_mm;
+pub use map::{DeviationMap, Field, GridField, HoleMap, MapPixel};
 pub use panelprep_base::geometry::basis::{Basis, KnotError, KnotVector, MAX_DEGREE, SpanFunctions, SpanValues};
-pub use patch::ParameterPatch;
-pub use spread::{AreaWeighted, DwellSpread};
+pub use patch::{ParameterPatch, SampleGrid, Treated, sides_mm};
+pub use samples::FitError;
 pub use today::{TodayError, TodaysPoint, TodaysSurfaceFit, correct_taught_surface, todays_points};
-pub use treated::Treated;

@@ -4,16 +4,14 @@
 //! which gives its parameters (u, v). There, r = N(u, v) · (P − S(u, v)) is the distance of today's panel in front
 //! of the taught panel. The correction c(u, v) is the smooth field that follows r (`geometry/smooth_field`). Each
 //! control point of the surface is moved along the normal at its Greville abscissa, until the surface there is
-//! moved by c.
+//! moved by c. For this the region is divided into cells of about the same side, row by row.
 
-use super::bspline::{BSplineSurface, SurfaceError};
-use super::cells::CellRaster;
-use super::derivatives::Parameter;
+use super::bspline::{BSplineSurface, Parameter, SurfaceError};
 use super::map::{DeviationMap, MapPixel};
-use super::net::sides_mm;
+use super::patch::sides_mm;
 use nalgebra::Point2;
 use panelprep_base::geometry::{
-    Camera, HeightSample, OrganizedCloud, Panel, Point, Rigid, RobustField, SmoothField, Vector,
+    Camera, HeightSample, OrganizedCloud, Panel, Point, RasterSize, Rigid, RobustField, SmoothField, Vector,
 };
 use panelprep_cell::panel::TaughtPanel;
 use rayon::prelude::*;
@@ -253,6 +251,42 @@ pub(super) fn points_of(fit: &super::Fit, in_front_mm: impl Fn(Parameter) -> f64
         TodaysPoint { at, point: Vector::new(point) }
     };
     (0..side * side).map(&mut point).collect()
+}
+
+/// The cells of a region.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CellRaster {
+    /// Number of cells along u and v.
+    pub size: RasterSize,
+    /// The shorter side of a cell, mm.
+    pub side_mm: f64,
+}
+
+impl CellRaster {
+    /// Divides a region with these sides into cells of about this side, mm.
+    pub fn new(sides_mm: [f64; 2], cell_mm: f64) -> Self {
+        let [width, height] = sides_mm.map(|mm| ((mm / cell_mm).round() as usize).max(1));
+        let side_mm = (sides_mm[0] / width as f64).min(sides_mm[1] / height as f64);
+        CellRaster { size: RasterSize { width, height }, side_mm }
+    }
+
+    /// The number of cells.
+    pub fn count(&self) -> usize {
+        self.size.width * self.size.height
+    }
+
+    /// Returns the cell that contains a place of the unit square.
+    pub fn index(&self, [u, v]: [f64; 2]) -> usize {
+        let along = |share: f64, count: usize| ((share * count as f64) as usize).min(count - 1);
+        along(v, self.size.height) * self.size.width + along(u, self.size.width)
+    }
+
+    /// Returns the middle of a cell.
+    pub fn middle(&self, index: usize) -> Parameter {
+        let along = |cell: usize, count: usize| (cell as f64 + 0.5) / count as f64;
+        let RasterSize { width, height } = self.size;
+        Parameter { u: along(index % width, width), v: along(index / width, height) }
+    }
 }
 
 #[cfg(test)]
