@@ -1,8 +1,25 @@
-//! A planned path as poses with their times, for [`simulate`].
+//! The time that each place is under the disc: a planned path as poses with their times, for [`simulate`], and the
+//! feeds that make this time even.
+//!
+//! A line travelled at w = 1 / feed keeps a place within the disc's radius R under the disc for the time c w, c being
+//! the length of the line within R of the place. For all places together: t = C w. Near the border of the treated area
+//! fewer lines pass than in its middle, so there the feed is lower. With a target time t₀,
+//!     w ← w · Cᵀ(t₀ / C w) / Cᵀ1                                                  (Richardson and Lucy)
+//! brings C w close to t₀ and keeps w positive. The lower limit of w follows from the recipe's feed, or from the feed
+//! that the controller can plan. The upper limit is [`MAX_SLOWDOWN`] times the lower limit. t₀ is a high quantile of
+//! the times at a uniform feed, and at least the time under adjacent rows of infinite length. All areas of a plan are
+//! treated together, because neighbouring areas influence each other.
 
-pub use crate::surface::dwell::{Dwell, ExecutedPose, GridDwell, simulate, simulate_treated};
-
+use super::areas::Piece;
 use super::planned::Plan;
+pub use crate::surface::dwell::{Dwell, ExecutedPose, GridDwell, simulate, simulate_treated};
+use crate::surface::{BSplineSurface, DwellSpread, Parameter, ParameterPatch, SampleGrid};
+use panelprep_base::geometry::{Panel, Point};
+use panelprep_cell::panel::{GridId, Region};
+use panelprep_cell::recipe;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
 
 /// Returns the plan as poses with their times.
 pub fn timed_poses(plan: &Plan) -> Vec<ExecutedPose> {
@@ -17,4 +34,204 @@ pub fn timed_poses(plan: &Plan) -> Vec<ExecutedPose> {
         executed.push(ExecutedPose { panel_from_tool, seconds, contact, force_n: None });
     }
     executed
+}
+
+/// Largest factor by which the feed is lower than the recipe's feed.
+const MAX_SLOWDOWN: f64 = 3.0;
+/// Number of iterations towards an even time; more iterations change only the third digit.
+const STEPS: usize = 15;
+/// Fraction of the places whose time at a uniform feed is at most the target time.
+const TARGET_QUANTILE: f64 = 0.9;
+/// Largest ratio between a time and the target time that is used, in either direction: one place must not dominate a
+/// line.
+const MAX_WEIGHT: f64 = 3.0;
+
+/// The feeds along the lines of each piece, and the resulting times.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct EvenFeeds {
+    /// For each piece, the feed on the way to each place of its track, mm/s.
+    pub feeds_mm_s: Vec<Vec<f64>>,
+    /// Spread of the times over the whole treated area; `None` if nothing is treated.
+    pub all: Option<DwellSpread>,
+    /// Spread of the times in each grid.
+    pub grids: Vec<(GridId, DwellSpread)>,
+}
+
+/// Lowers the feed at places at which this makes the times under the disc more even.
+pub(super) fn even_out_feeds(
+    surface: &BSplineSurface,
+    region: &Region,
+    pieces: &[Piece],
+    settings: &recipe::Path,
+) -> EvenFeeds {
+    let radius_mm = settings.disc_diameter_mm() / 2.0;
+    let parts: Vec<(GridId, ParameterPatch)> = pieces.iter().flat_map(|piece| piece.area.parts(region)).collect();
+    let lines: Vec<Vec<Option<Line>>> = pieces.iter().map(|piece| lines(surface, piece, radius_mm)).collect();
+    let treating: Vec<&Line> = lines.iter().flatten().flatten().collect();
+    let coarse: Vec<SpreadPlaces> = {
+        let spacing_mm = (radius_mm / 5.0).clamp(1.0, 3.0);
+        parts.par_iter().map(|(_, part)| SpreadPlaces::new(surface, *part, spacing_mm)).collect()
+    };
+    let slowness = inverse_feeds(&treating, &coarse, radius_mm, settings);
+    let mut next = slowness.iter();
+    let mut feed = |line: &Option<Line>| match line {
+        Some(_) => next.next().map_or(settings.feed_mm_s(), |slowness| 1.0 / slowness),
+        None => settings.feed_mm_s(),
+    };
+    // The first place of a track is reached through the air, at the recipe's feed.
+    let feeds_mm_s = lines
+        .iter()
+        .map(|lines| std::iter::once(settings.feed_mm_s()).chain(lines.iter().map(&mut feed)).collect())
+        .collect();
+    // The result is measured on a finer net than the one on which the feeds were found, so that it cannot be even by
+    // construction.
+    let spacing_mm = (radius_mm / 10.0).clamp(0.5, 1.5);
+    let of_part = |(id, part): &(GridId, ParameterPatch)| {
+        let places = SpreadPlaces::new(surface, *part, spacing_mm);
+        let mut times_s = vec![0.0; places.points.len()];
+        for (line, slowness) in treating.iter().zip(&slowness) {
+            places.for_places_under(line, radius_mm, |place, chord_mm| times_s[place] += chord_mm * slowness);
+        }
+        (*id, times_s.into_iter().zip(places.area_mm2).collect::<Vec<_>>())
+    };
+    let times: Vec<(GridId, Vec<(f64, f64)>)> = parts.par_iter().map(of_part).collect();
+    let all = DwellSpread::from_times(times.iter().flat_map(|(_, times)| times.iter().copied()));
+    // Two areas may lie in one grid.
+    let mut by_grid: BTreeMap<GridId, Vec<(f64, f64)>> = BTreeMap::new();
+    times.into_iter().for_each(|(id, times)| by_grid.entry(id).or_default().extend(times));
+    let spread = |(id, times): (GridId, Vec<(f64, f64)>)| Some((id, DwellSpread::from_times(times.into_iter())?));
+    EvenFeeds { feeds_mm_s, all, grids: by_grid.into_iter().filter_map(spread).collect() }
+}
+
+/// A straight piece of a track in contact.
+struct Line {
+    ends: [Parameter; 2],
+    points: [Point<Panel>; 2],
+    length_mm: f64,
+    /// Reach of the disc along u and v, in units of the parameters.
+    reach: [f64; 2],
+}
+
+/// Returns the lines between neighbouring places of a track; `None` if the tool is lifted.
+fn lines(surface: &BSplineSurface, piece: &Piece, radius_mm: f64) -> Vec<Option<Line>> {
+    let line = |(ends, contact): (&[Parameter], &[bool])| {
+        let [from, to] = [ends[0], ends[1]];
+        let tangents = surface.tangents(from);
+        // With slanted parameter lines, the reach is larger than the radius: the height of a rhombus is its side times
+        // the sine.
+        let [lu, lv] = [tangents.s_u.mm.norm(), tangents.s_v.mm.norm()];
+        let sine = tangents.area_mm2() / (lu * lv);
+        let points = [tangents.point, surface.point(to)];
+        (contact[0] && contact[1]).then(|| Line {
+            ends: [from, to],
+            points,
+            length_mm: points[0].distance_mm(points[1]),
+            reach: [1.1 * radius_mm / (lu * sine), 1.1 * radius_mm / (lv * sine)],
+        })
+    };
+    piece.track.windows(2).zip(piece.contact.windows(2)).map(line).collect()
+}
+
+/// Places spread evenly over a grid.
+struct SpreadPlaces {
+    net: SampleGrid,
+    points: Vec<Point<Panel>>,
+    /// Area of the surface at each place, mm².
+    area_mm2: Vec<f64>,
+}
+
+impl SpreadPlaces {
+    fn new(surface: &BSplineSurface, patch: ParameterPatch, spacing_mm: f64) -> Self {
+        let net = SampleGrid::from_patch(surface, patch, spacing_mm);
+        let place = |index: usize| {
+            let tangents = surface.tangents(net.parameter_at(index));
+            (tangents.point, tangents.area_mm2() * net.cell())
+        };
+        let (points, area_mm2) = (0..net.count()).map(place).unzip();
+        SpreadPlaces { net, points, area_mm2 }
+    }
+
+    /// Calls `tell` for each place under the disc on a line, with the length of the line within the radius of the
+    /// place, mm.
+    fn for_places_under(&self, line: &Line, radius_mm: f64, mut tell: impl FnMut(usize, f64)) {
+        let ([from, to], [reach_u, reach_v]) = (line.ends, line.reach);
+        let least = Parameter { u: from.u.min(to.u) - reach_u, v: from.v.min(to.v) - reach_v };
+        let most = Parameter { u: from.u.max(to.u) + reach_u, v: from.v.max(to.v) + reach_v };
+        for place in self.net.points_around(least, most) {
+            let chord_mm = chord_mm(line, self.points[place], radius_mm);
+            if chord_mm > 0.0 {
+                tell(place, chord_mm);
+            }
+        }
+    }
+}
+
+/// Returns the length of the part of a line within the radius of a point, mm.
+fn chord_mm(line: &Line, point: Point<Panel>, radius_mm: f64) -> f64 {
+    let [from, to] = line.points;
+    let (way, offset) = ((to - from).mm, (point - from).mm);
+    let along_mm = offset.dot(&way) / line.length_mm;
+    let half2 = radius_mm * radius_mm - (offset.norm_squared() - along_mm * along_mm);
+    if half2 <= 0.0 {
+        return 0.0;
+    }
+    let half_mm = half2.sqrt();
+    ((along_mm + half_mm).min(line.length_mm) - (along_mm - half_mm).max(0.0)).max(0.0)
+}
+
+/// Calculates 1 / feed for each line, s/mm.
+fn inverse_feeds(lines: &[&Line], places: &[SpreadPlaces], radius_mm: f64, settings: &recipe::Path) -> Vec<f64> {
+    let (fastest, planning_s) = (1.0 / settings.feed_mm_s(), settings.planning_time_ms() / 1_000.0);
+    let shortest: Vec<f64> = lines.iter().map(|line| fastest.max(planning_s / line.length_mm)).collect();
+    let starts: Vec<usize> = places
+        .iter()
+        .scan(0, |next, places| {
+            let start = *next;
+            *next += places.points.len();
+            Some(start)
+        })
+        .collect();
+    let column = |line: &&Line| {
+        let mut column: Vec<(usize, f64)> = Vec::new();
+        for (places, start) in places.iter().zip(&starts) {
+            places.for_places_under(line, radius_mm, |place, chord_mm| column.push((start + place, chord_mm)));
+        }
+        column
+    };
+    let columns: Vec<Vec<(usize, f64)>> = lines.par_iter().map(column).collect();
+    let count: usize = places.iter().map(|places| places.points.len()).sum();
+    let times_s = |slowness: &[f64]| {
+        let mut times_s = vec![0.0; count];
+        for (column, slowness) in columns.iter().zip(slowness) {
+            column.iter().for_each(|(place, chord_mm)| times_s[*place] += chord_mm * slowness);
+        }
+        times_s
+    };
+    // Never below the time of endless rows: near a border places are short of time, and the target must not follow them
+    // down.
+    let wanted_s =
+        target_time_s(times_s(&shortest), PI * radius_mm * radius_mm / settings.step_over_mm() * fastest);
+    let mut slowness = shortest.clone();
+    for _ in 0..STEPS {
+        let weights: Vec<f64> = times_s(&slowness)
+            .into_iter()
+            .map(|time_s| (wanted_s / time_s.max(f64::MIN_POSITIVE)).clamp(1.0 / MAX_WEIGHT, MAX_WEIGHT))
+            .collect();
+        for ((column, shortest), slowness) in columns.iter().zip(&shortest).zip(&mut slowness) {
+            let sums = column.iter().fold((0.0, 0.0), |(weighted, all), (place, chord_mm)| {
+                (weighted + chord_mm * weights[*place], all + chord_mm)
+            });
+            if sums.1 > 0.0 {
+                // Only slower than the recipe's feed, never faster: a person chose that feed for the disc.
+                *slowness = (*slowness * sums.0 / sums.1).clamp(*shortest, shortest.max(MAX_SLOWDOWN * fastest));
+            }
+        }
+    }
+    slowness
+}
+
+fn target_time_s(mut times_s: Vec<f64>, of_endless_rows_s: f64) -> f64 {
+    times_s.sort_by(f64::total_cmp);
+    let long_s = times_s.get((times_s.len() as f64 * TARGET_QUANTILE) as usize).copied().unwrap_or_default();
+    long_s.max(of_endless_rows_s)
 }

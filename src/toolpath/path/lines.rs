@@ -1,9 +1,21 @@
 //! The lines over one patch, by the recipe's pattern, as one continuous track from the first place in contact to the
-//! last.
+//! last: rows in any direction, offset contours and spirals (thesis Fig. 4.26 b–d).
+//!
+//! Rows at an angle: in the patch's middle u and v are scaled to mm and rotated by the feed angle, (a, b) along and
+//! across the rows. Rows begin at the inset corner of the patch that is lowest in b. Each row continues from the row
+//! before it by r' along b, measured on the surface as ∫ |F × D| / |F| db with F = S_a and D = S_b. Parts of rows
+//! outside of the inset patch use the measure of the nearest place in the patch, and are then cut off.
+//!
+//! A ring at depth d has the distance d, measured on the surface as for rows, from each of the patch's four borders
+//! beyond that border's inset. Let h be half of the patch's shorter side without the insets. Depths are equal steps r'
+//! = h / (n + ½) ≤ r − e, so that the sides of the innermost ring, too, are r' apart in the middle. At places at which
+//! the patch is longer by e, they are at most r apart; no line is travelled twice. If h is zero, there is one line, or
+//! one point, in the middle.
 
-use super::raster::{Insets, RasterError, RasterSettings, RowDirection, join_lines, resampled, rows};
-use super::rings::PatchRings;
-use super::slanted;
+use super::raster::{
+    Insets, RasterError, RasterSettings, RowDirection, interpolate, join_lines, point_across, resampled, rows,
+    squeezed_position_mm,
+};
 use crate::surface::{BSplineSurface, Parameter, ParameterPatch};
 use panelprep_base::geometry::{Degrees, Panel, Point};
 use panelprep_cell::recipe::{self, Pattern};
@@ -121,7 +133,7 @@ fn lay_rows(
     angle_deg: f64,
 ) -> Result<Vec<Vec<Parameter>>, RasterError> {
     if is_slanted_angle(angle_deg) {
-        slanted::rows(surface, patch, (laying, Degrees(angle_deg)))
+        slanted_rows(surface, patch, (laying, Degrees(angle_deg)))
     } else if angle_deg.abs() < AXIS_ANGLE_TOLERANCE_DEG {
         rows(surface, patch, laying)
     } else {
@@ -147,4 +159,319 @@ fn join_row_sets(surface: &BSplineSurface, first: Lines, second: Lines, spacing_
     }
     track = join_lines(surface, &[track, across], spacing_mm);
     Lines { track, neighbours: [first.neighbours, second.neighbours].concat() }
+}
+
+/// Distance between points of a row before resampling, mm.
+const COLUMN_MM: f64 = 4.0;
+/// Number of steps for a distance across the rows; the measure hardly changes over one row.
+const ACROSS_STEPS: usize = 2;
+
+struct Chart {
+    middle: Parameter,
+    /// Change of (u, v) for 1 mm along and across.
+    direction: [f64; 2],
+    normal_direction: [f64; 2],
+}
+
+impl Chart {
+    fn new(surface: &BSplineSurface, patch: &ParameterPatch, angle: Degrees) -> Self {
+        let middle = patch.parameter_at(Parameter { u: 0.5, v: 0.5 });
+        let tangents = surface.tangents(middle);
+        let (lu, lv) = (tangents.s_u.mm.norm(), tangents.s_v.mm.norm());
+        let (sine, cosine) = angle.to_rad().sin_cos();
+        Chart { middle, direction: [cosine / lu, sine / lv], normal_direction: [-sine / lu, cosine / lv] }
+    }
+
+    fn to_parameter(&self, a: f64, b: f64) -> Parameter {
+        Parameter {
+            u: self.middle.u + a * self.direction[0] + b * self.normal_direction[0],
+            v: self.middle.v + a * self.direction[1] + b * self.normal_direction[1],
+        }
+    }
+
+    fn coordinates(&self, at: Parameter) -> [f64; 2] {
+        let (du, dv) = (at.u - self.middle.u, at.v - self.middle.v);
+        let area = self.direction[0] * self.normal_direction[1] - self.direction[1] * self.normal_direction[0];
+        [
+            (du * self.normal_direction[1] - dv * self.normal_direction[0]) / area,
+            (dv * self.direction[0] - du * self.direction[1]) / area,
+        ]
+    }
+
+    /// Returns the distance on the surface, mm, for 1 mm across in the chart.
+    fn measure(&self, surface: &BSplineSurface, patch: &ParameterPatch, at: Parameter) -> Result<f64, RasterError> {
+        let at = Parameter { u: at.u.clamp(patch.low.u, patch.high.u), v: at.v.clamp(patch.low.v, patch.high.v) };
+        let tangents = surface.tangents(at);
+        surface.unit_normal(&tangents).ok_or(RasterError::Degenerate { at })?;
+        let direction = |[u, v]: [f64; 2]| tangents.s_u.mm * u + tangents.s_v.mm * v;
+        let feed = direction(self.direction);
+        Ok(feed.cross(&direction(self.normal_direction)).norm() / feed.norm())
+    }
+}
+
+/// Lays rows at an angle to u; neighbouring rows run in opposite directions.
+fn slanted_rows(
+    surface: &BSplineSurface,
+    patch: &ParameterPatch,
+    (laying, angle): (&RasterSettings, Degrees),
+) -> Result<Vec<Vec<Parameter>>, RasterError> {
+    let chart = Chart::new(surface, patch, angle);
+    let corners = inset_corners(surface, patch, &laying.insets)?;
+    let around = corners.map(|corner| chart.coordinates(corner));
+    let range = |axis: usize| {
+        let all = around.iter().map(|c| c[axis]);
+        (all.clone().fold(f64::INFINITY, f64::min), all.fold(f64::NEG_INFINITY, f64::max))
+    };
+    let ((a_low, a_high), (b_low, b_high)) = (range(0), range(1));
+    let columns = ((a_high - a_low) / COLUMN_MM).ceil().max(2.0) as usize;
+    let a = |column: usize| a_low + (a_high - a_low) * column as f64 / columns as f64;
+    // Width on the surface through the middle, from the lowest to the highest corner.
+    let mut width_mm = 0.0;
+    for piece in 0..8 {
+        let b = b_low + (b_high - b_low) * (piece as f64 + 0.5) / 8.0;
+        width_mm += chart.measure(surface, patch, chart.to_parameter(0.0, b))? * (b_high - b_low) / 8.0;
+    }
+    let steps = (width_mm / laying.step_over_mm - 1e-9).ceil().max(1.0);
+    let step_mm = width_mm / steps;
+    let mut at: Vec<f64> = vec![b_low; columns + 1];
+    let mut rows = Vec::new();
+    for row in 0..=steps as usize {
+        if row > 0 {
+            for (column, b) in at.iter_mut().enumerate() {
+                for _ in 0..ACROSS_STEPS {
+                    let half_mm = step_mm / ACROSS_STEPS as f64;
+                    let here = chart.measure(surface, patch, chart.to_parameter(a(column), *b))?;
+                    let there =
+                        chart.measure(surface, patch, chart.to_parameter(a(column), *b + half_mm / here))?;
+                    *b += half_mm / (0.5 * (here + there));
+                }
+            }
+        }
+        let line: Vec<Parameter> =
+            at.iter().enumerate().map(|(column, b)| chart.to_parameter(a(column), *b)).collect();
+        let mut line = resampled(surface, &clip_line(&line, &corners), [0.0; 2], laying.spacing_mm);
+        if rows.len() % 2 == 1 {
+            line.reverse();
+        }
+        if !line.is_empty() {
+            rows.push(line);
+        }
+    }
+    Ok(rows)
+}
+
+/// Returns the corners of the patch, moved inwards by the insets, in order.
+fn inset_corners(
+    surface: &BSplineSurface,
+    patch: &ParameterPatch,
+    insets: &Insets,
+) -> Result<[Parameter; 4], RasterError> {
+    let corner = |high_u: bool, high_v: bool| {
+        let pick = |high: bool, low: f64, top: f64| if high { top } else { low };
+        let inset = |[low, high]: [f64; 2], is_high: bool| if is_high { -high } else { low };
+        let (u, v) = (pick(high_u, patch.low.u, patch.high.u), pick(high_v, patch.low.v, patch.high.v));
+        let mut at = Parameter { u, v };
+        for _ in 0..4 {
+            let on_border = Parameter { v, ..at };
+            at = point_across(surface, RowDirection::U, on_border, inset(insets.v, high_v))?;
+            let on_border = Parameter { u, ..at };
+            at = point_across(surface, RowDirection::V, on_border, inset(insets.u, high_u))?;
+        }
+        Ok(at)
+    };
+    Ok([corner(false, false)?, corner(true, false)?, corner(true, true)?, corner(false, true)?])
+}
+
+/// Returns the part of a line inside a convex quadrilateral.
+fn clip_line(line: &[Parameter], corners: &[Parameter; 4]) -> Vec<Parameter> {
+    // The value is positive inside of a side; the corners are in the order that leads from u to v.
+    let sides = |at: Parameter| -> [f64; 4] {
+        std::array::from_fn(|n| {
+            let (from, to) = (corners[n], corners[(n + 1) % 4]);
+            (to.u - from.u) * (at.v - from.v) - (to.v - from.v) * (at.u - from.u)
+        })
+    };
+    let size = sides(corners[0])[1].abs();
+    let mut kept: Vec<Parameter> = Vec::new();
+    for pair in line.windows(2) {
+        let (before, after) = (sides(pair[0]), sides(pair[1]));
+        let (mut from, mut to) = (0.0, 1.0_f64);
+        for (b, a) in before.into_iter().zip(after) {
+            // A point just outside counts as inside, because the first and the last row touch a corner.
+            let (b, a) = (b + 1e-9 * size, a + 1e-9 * size);
+            if b < 0.0 && a < 0.0 {
+                to = -1.0;
+            } else if b < 0.0 {
+                from = f64::max(from, b / (b - a));
+            } else if a < 0.0 {
+                to = to.min(b / (b - a));
+            }
+        }
+        if from <= to {
+            for share in [from, to] {
+                let at = interpolate(pair[0], pair[1], share);
+                if kept.last() != Some(&at) {
+                    kept.push(at);
+                }
+            }
+        }
+    }
+    kept
+}
+
+/// Steps of the search for a ring's corner, the intersection of two borders; each gains about three digits.
+const CORNER_STEPS: usize = 4;
+/// Number of points along one side of a ring before resampling.
+const SIDE_STEPS: usize = 24;
+/// Smallest half of a ring's shorter side, mm; a smaller ring becomes a line.
+const MIN_HALF_MM: f64 = 0.5;
+
+/// The rings of one patch.
+pub(super) struct PatchRings<'a> {
+    surface: &'a BSplineSurface,
+    patch: &'a ParameterPatch,
+    insets: Insets,
+    step_mm: f64,
+    /// Number of rings inside the outermost one.
+    steps: usize,
+    shorter: RowDirection,
+    /// Whether there is no room for a ring.
+    is_line: bool,
+}
+
+/// A side of a ring: from the corner at lowest u and v along u, then along v, back along u, back along v.
+const SIDES: usize = 4;
+
+impl<'a> PatchRings<'a> {
+    pub fn new(surface: &'a BSplineSurface, patch: &'a ParameterPatch, insets: Insets, step_over_mm: f64) -> Self {
+        let length = |along: RowDirection, across: f64| {
+            let place = |n: usize| surface.point(patch.parameter_at(along.point(n as f64 / 8.0, across)));
+            (0..8).map(|n| place(n).distance_mm(place(n + 1))).sum::<f64>()
+        };
+        let (u_mm, v_mm) = (length(RowDirection::U, 0.5), length(RowDirection::V, 0.5));
+        // If there is no space for both insets, the ring shrinks to a line or a point between them.
+        let shrunk = |length_mm: f64, inset: [f64; 2]| {
+            let low_mm = squeezed_position_mm(length_mm, inset);
+            if inset[0] + inset[1] < length_mm { inset } else { [low_mm, length_mm - low_mm] }
+        };
+        let insets = Insets { u: shrunk(u_mm, insets.u), v: shrunk(v_mm, insets.v), ..insets };
+        let left = |length_mm: f64, [low, high]: [f64; 2]| (length_mm - low - high).max(0.0);
+        let (left_u_mm, left_v_mm) = (left(u_mm, insets.u), left(v_mm, insets.v));
+        let half_mm = left_u_mm.min(left_v_mm) / 2.0;
+        let shorter = if left_u_mm < left_v_mm { RowDirection::U } else { RowDirection::V };
+        let middle_mm = if shorter == RowDirection::U { u_mm } else { v_mm };
+        let longest_mm = (0..=4).map(|n| length(shorter, n as f64 / 4.0)).fold(middle_mm, f64::max);
+        // The sides of the innermost ring are farther apart by this length at the longest part of the patch than in
+        // the middle. If this is most of a step, more rings do not help, and the gate reports how far apart they
+        // are.
+        let excess_mm = Some(longest_mm - middle_mm).filter(|excess_mm| *excess_mm < step_over_mm / 2.0);
+        let within_mm = step_over_mm - excess_mm.unwrap_or(0.0);
+        let steps = (half_mm / within_mm - 0.5 - 1e-9).ceil().max(0.0) as usize;
+        let step_mm = half_mm / (steps as f64 + 0.5);
+        PatchRings { surface, patch, insets, step_mm, steps, shorter, is_line: half_mm < MIN_HALF_MM }
+    }
+
+    fn depth(&self, ring: usize) -> f64 {
+        self.step_mm * ring as f64
+    }
+
+    /// Returns the two sides of the innermost ring that lie beside one another: those across its shorter side.
+    pub fn innermost_sides(&self) -> [usize; 2] {
+        if self.shorter == RowDirection::U { [1, 3] } else { [0, 2] }
+    }
+
+    /// Returns each ring's four sides, the outermost ring first.
+    pub fn closed(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
+        (0..=self.steps).map(|ring| self.sides([self.depth(ring); SIDES + 1])).collect()
+    }
+
+    /// Returns the rings as [`PatchRings::closed`] does, but the last side of each ring leads to the corner of the next
+    /// ring, at the place where it meets that ring.
+    pub fn stepped_rings(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
+        let mut rings = self.closed()?;
+        for (ring, sides) in rings.iter_mut().take(self.steps).enumerate() {
+            let next = self.corner([false, false], self.depth(ring + 1))?;
+            let last = &mut sides[SIDES - 1];
+            last.retain(|at| at.v > next.v);
+            if let Some(at) = last.last().copied() {
+                last.push(self.point_at_depth(
+                    RowDirection::V,
+                    Parameter { v: next.v, ..at },
+                    false,
+                    self.depth(ring),
+                )?);
+            }
+        }
+        Ok(rings)
+    }
+
+    /// Returns the outermost ring, then turns that lead continuously inwards, then the innermost ring.
+    pub fn winding_rings(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
+        let mut all = vec![self.sides([0.0; SIDES + 1])?];
+        for ring in 0..self.steps {
+            let (here, next) = (self.depth(ring), self.depth(ring + 1));
+            let depth = |corner: usize| here + (next - here) * corner as f64 / SIDES as f64;
+            all.push(self.sides([0, 1, 2, 3, 4].map(depth))?);
+        }
+        if self.steps > 0 {
+            all.push(self.sides([self.depth(self.steps); SIDES + 1])?);
+        }
+        Ok(all)
+    }
+
+    /// Returns four sides between corners of these depths; the fifth depth is the first corner's after a whole
+    /// turn, at which the line continues.
+    fn sides(&self, depths_mm: [f64; SIDES + 1]) -> Result<[Vec<Parameter>; SIDES], RasterError> {
+        let corner =
+            |n: usize, depth_mm: f64| self.corner([n % SIDES == 1 || n % SIDES == 2, n % SIDES >= 2], depth_mm);
+        let mut corners = [Parameter { u: 0.0, v: 0.0 }; SIDES + 1];
+        for (n, depth_mm) in depths_mm.iter().enumerate() {
+            corners[n] = corner(n, *depth_mm)?;
+        }
+        let mut sides = [const { Vec::new() }; SIDES];
+        for (n, side) in sides.iter_mut().enumerate() {
+            let along = if n % 2 == 0 { RowDirection::U } else { RowDirection::V };
+            // Sides 0 and 3 follow the low border of the other parameter.
+            let high = n == 1 || n == 2;
+            for step in 0..=SIDE_STEPS {
+                let share = step as f64 / SIDE_STEPS as f64;
+                let depth_mm = depths_mm[n] + (depths_mm[n + 1] - depths_mm[n]) * share;
+                let at = interpolate(corners[n], corners[n + 1], share);
+                side.push(self.point_at_depth(along, at, high, depth_mm)?);
+            }
+        }
+        if self.is_line {
+            // On a line, the way back would repeat the same line.
+            sides[2].clear();
+            sides[3].clear();
+        }
+        Ok(sides)
+    }
+
+    /// Finds the point on the column of `at` at this depth from the low or high border.
+    fn point_at_depth(
+        &self,
+        along: RowDirection,
+        at: Parameter,
+        high: bool,
+        depth_mm: f64,
+    ) -> Result<Parameter, RasterError> {
+        let border = along.cross_coordinate(if high { self.patch.high } else { self.patch.low });
+        let inset_mm = self.insets.side_insets(along)[usize::from(high)] + depth_mm;
+        let from = along.point(along.row_coordinate(at), border);
+        point_across(self.surface, along, from, if high { -inset_mm } else { inset_mm })
+    }
+
+    fn corner(&self, [high_u, high_v]: [bool; 2], depth_mm: f64) -> Result<Parameter, RasterError> {
+        let pick = |high: bool, low: f64, top: f64| if high { top } else { low };
+        let mut at = Parameter {
+            u: pick(high_u, self.patch.low.u, self.patch.high.u),
+            v: pick(high_v, self.patch.low.v, self.patch.high.v),
+        };
+        for _ in 0..CORNER_STEPS {
+            at = self.point_at_depth(RowDirection::U, at, high_v, depth_mm)?;
+            at = self.point_at_depth(RowDirection::V, at, high_u, depth_mm)?;
+        }
+        Ok(at)
+    }
 }

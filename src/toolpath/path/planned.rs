@@ -1,8 +1,7 @@
 //! The data of a plan: waypoints, the paths that they form, and the area that these paths cover; and the reason why
 //! there is no plan.
 
-use super::coverage::GridCoverage;
-use super::edge::DiscOverhang;
+use super::coverage::{DiscOverhang, GridCoverage};
 use super::orientation::OrientationError;
 use super::raster::RasterError;
 use crate::surface::dwell::Dwell;

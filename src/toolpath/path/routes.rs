@@ -4,11 +4,10 @@
 //! that of the plan, in the panel's frame, which is the base that was set. Every path is followed with all axes from
 //! the current axis angles.
 
-use super::gate::{PanelPoses, check_pad, judge_plan, taught_axis};
+use super::gate::{PanelPoses, Route, WaypointLimits, check_pad, judge_plan, taught_axis, violated_by_route};
 use super::kinematics::Kinematics;
 use super::planned::{Plan, Waypoint};
 use super::reach::{self, Obstacles, PathLine, ReachFault, check_retracts, follow_path, interpolate_pose};
-use super::waypoint_gate::{Route, WaypointLimits, violated_by_route};
 use nalgebra::Vector3;
 use panelprep_base::geometry::{Base, Degrees, Flange, Joints, KukaPose, Panel, Rigid, Tool, Vector};
 use panelprep_base::number_text::distinguishable_texts;

@@ -1,5 +1,13 @@
-//! The reasons why an arm cannot follow a path, as text: which axis or part, how far, and the limit.
+//! The limits that every pose of a path must satisfy, and the reasons why an arm cannot follow a path, as text: which
+//! axis or part, how far, and the limit.
+//!
+//! The limits are those of the axes, the singularities, speeds and accelerations, the boxes that no part of the arm
+//! may enter, and the distances from the obstacles that a scan showed.
 
+use crate::path::kinematics::{JointAngles, Kinematics};
+use crate::path::obstacles::Obstacle;
+use nalgebra::{Isometry3, Vector3};
+use panelprep_base::geometry::{Base, Flange, Frame, Joints, Point, Rigid, Tool};
 use panelprep_base::number_text::{distinguishable_texts, shortest_text};
 use panelprep_cell::controller::RETRACT_MM;
 
@@ -143,4 +151,258 @@ pub struct ReachFault {
     pub index: usize,
     /// Cause of the fault.
     pub cause: Infeasibility,
+}
+
+/// The part of the arm that may be near to the panel.
+const TOOL: &str = "tool";
+/// Distance between points on the arm that are compared with the keep-out boxes, mm.
+const SAMPLE_MM: f64 = 15.0;
+
+/// Returns the first axis that exceeds its limits, which are reduced by the margin.
+pub(super) fn first_exceeded_axis(arm: &Kinematics, at: &JointAngles) -> Option<Infeasibility> {
+    let (axes, margin_deg) = (arm.arm().axes(), arm.arm().margins().limit_margin_deg());
+    (0..6).find_map(|axis| {
+        let allowed_deg = [axes.min_deg[axis] + margin_deg, axes.max_deg[axis] - margin_deg];
+        let inside = (allowed_deg[0]..=allowed_deg[1]).contains(&at[axis]);
+        (!inside).then_some(Infeasibility::AxisLimit { axis: axis + 1, angle_deg: at[axis], allowed_deg })
+    })
+}
+
+/// Returns the reason that excludes all solutions: the axis limit that is exceeded least.
+pub(super) fn axis_limit(arm: &Kinematics, ways: &[JointAngles]) -> Infeasibility {
+    let far = |cause: &Infeasibility| match cause {
+        Infeasibility::AxisLimit { angle_deg, allowed_deg, .. } => {
+            (allowed_deg[0] - angle_deg).max(angle_deg - allowed_deg[1])
+        }
+        _ => f64::INFINITY,
+    };
+    let all = ways.iter().filter_map(|way| first_exceeded_axis(arm, way));
+    all.min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(Infeasibility::NotFinite)
+}
+
+/// Calculates the room beyond all margins, degrees.
+pub(super) fn limit_room_deg(arm: &Kinematics, look: &CheckedPose, at: &JointAngles) -> Result<f64, Infeasibility> {
+    if let Some(cause) = first_exceeded_axis(arm, at) {
+        return Err(cause);
+    }
+    let margins = arm.arm().margins();
+    let wrist_deg = at[4].abs().min(180.0 - at[4].abs());
+    let checks = [
+        (Singularity::Wrist, wrist_deg, margins.wrist_margin_deg()),
+        (Singularity::Elbow, arm.elbow_deg(at), margins.elbow_margin_deg()),
+        (Singularity::Overhead, arm.overhead_mm(&look.base_from_flange), margins.overhead_margin_mm()),
+    ];
+    if let Some((which, found, needed)) = checks.into_iter().find(|(_, found, needed)| found < needed) {
+        return Err(Infeasibility::Singular { singularity: which, found, needed });
+    }
+    let (axes, margin_deg) = (arm.arm().axes(), margins.limit_margin_deg());
+    let of_axis = |axis: usize| (at[axis] - axes.min_deg[axis]).min(axes.max_deg[axis] - at[axis]) - margin_deg;
+    let least = (0..6).map(of_axis).fold(f64::INFINITY, f64::min);
+    Ok(least.min(wrist_deg - margins.wrist_margin_deg()).min(arm.elbow_deg(at) - margins.elbow_margin_deg()))
+}
+
+/// Checks and returns the axes' speeds on a step, degrees a second.
+pub(super) fn too_fast(
+    arm: &Kinematics,
+    look: &CheckedPose,
+    turned: &JointAngles,
+    before: &JointAngles,
+) -> Result<JointAngles, Infeasibility> {
+    let axes = arm.arm().axes();
+    // A rotation on the spot takes as long as the controller plans.
+    if look.seconds <= 0.0 {
+        return Ok([0.0; 6]);
+    }
+    let speed: JointAngles = turned.map(|turn| turn / look.seconds);
+    for axis in 0..6 {
+        let (needed_deg_s, allowed_deg_s) = (speed[axis].abs(), axes.max_speed_deg_s[axis]);
+        if needed_deg_s > allowed_deg_s {
+            return Err(Infeasibility::AxisSpeed { axis: axis + 1, needed_deg_s, allowed_deg_s });
+        }
+        let Some(change_s) = look.change_s else { continue };
+        let (needed_deg_s2, allowed_deg_s2) =
+            ((speed[axis] - before[axis]).abs() / change_s, axes.max_acceleration_deg_s2[axis]);
+        if needed_deg_s2 > allowed_deg_s2 {
+            return Err(Infeasibility::AxisAcceleration { axis: axis + 1, needed_deg_s2, allowed_deg_s2 });
+        }
+    }
+    Ok(speed)
+}
+
+/// Returns the arm's parts: each with its ends and its required distance, mm.
+fn parts(
+    arm: &Kinematics,
+    tip: Point<Base>,
+    at: &JointAngles,
+) -> [(&'static str, Point<Base>, Point<Base>, f64); 4] {
+    let margins = arm.arm().margins();
+    let [shoulder, elbow, wrist, flange] = arm.centre_line(at);
+    [
+        ("upper arm", shoulder, elbow, margins.clearance_mm()),
+        ("forearm", elbow, wrist, margins.clearance_mm()),
+        ("wrist", wrist, flange, margins.clearance_mm()),
+        (TOOL, flange, tip, margins.tool_clearance_mm()),
+    ]
+}
+
+/// Checks that neither a part of the arm nor the tool with its tip at this point is in a keep-out box or too near to a
+/// box.
+pub(super) fn check_keep_out(arm: &Kinematics, tip: Point<Base>, at: &JointAngles) -> Result<(), Infeasibility> {
+    if arm.arm().keep_out().is_empty() {
+        return Ok(());
+    }
+    let parts = parts(arm, tip, at);
+    for keep_out in arm.arm().keep_out() {
+        for (part, from, to, needed_mm) in parts {
+            let samples = (from.distance_mm(to) / SAMPLE_MM).ceil().max(1.0) as usize;
+            let along = |n: usize| from + (to - from) * (n as f64 / samples as f64);
+            let outside = |point: Point<Base>| {
+                let beyond = |i: usize| (keep_out.min.mm[i] - point.mm[i]).max(point.mm[i] - keep_out.max.mm[i]);
+                Vector3::new(beyond(0), beyond(1), beyond(2)).map(|mm| mm.max(0.0)).norm()
+            };
+            let distance_mm = (0..=samples).map(|n| outside(along(n))).fold(f64::INFINITY, f64::min);
+            if distance_mm < needed_mm {
+                let name = keep_out.name.clone();
+                return Err(Infeasibility::KeepOut { part, name, distance_mm, needed_mm });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// One line of a path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PathLine {
+    /// The pose at the end of the line.
+    pub base_from_tool: Rigid<Base, Tool>,
+    /// Speed of the tool centre point on this line, mm/s.
+    pub feed_mm_s: f64,
+    /// Rounding at the end of the line, mm; 0 stops there.
+    pub blend_mm: f64,
+}
+
+/// One checked pose of a path.
+pub(super) struct CheckedPose {
+    pub index: usize,
+    pub base_from_flange: Rigid<Base, Flange>,
+    pub tip: Point<Base>,
+    /// Time since the previous checked pose, s.
+    pub seconds: f64,
+    /// Time in which the speed may change since the previous checked pose, s; `None` if the arm stops in between.
+    pub change_s: Option<f64>,
+    /// Whether a waypoint ends here.
+    pub is_end: bool,
+    pub solutions: Vec<JointAngles>,
+}
+
+/// Returns the pose at a fraction of a straight line, rotated by the same fraction of the angle.
+pub fn interpolate_pose<To: Frame>(from: Rigid<To, Tool>, to: Rigid<To, Tool>, share: f64) -> Rigid<To, Tool> {
+    let (from, to) = (from.isometry(), to.isometry());
+    let place = from.translation.vector.lerp(&to.translation.vector, share);
+    // Between opposite rotations the interpolation is not unique; the check at the end finds the jump.
+    let turned = from.rotation.try_slerp(&to.rotation, share, 1e-9).unwrap_or(to.rotation);
+    Rigid::from_isometry_unchecked(Isometry3::from_parts(place.into(), turned))
+}
+
+/// Largest distance of the tool from an obstacle that is required at the end of a checked path, mm. Elsewhere the
+/// configured distance is required; the arc of all axes from 40 mm over the demonstration's panel brings the rim of the
+/// disc down to 11.8 mm. The obstacles' points are thinned to 8 mm, which makes a distance of 8 mm appear as up to 10 mm.
+const DEPARTURE_MM: f64 = 10.0;
+/// Smallest distance of the tool that shows that it does not pass through a surface, mm: between points that are
+/// thinned to 8 mm, a line keeps smaller distances from all of them.
+const MESH_MM: f64 = 8.0;
+/// Distance that the arm's body may lose on such a motion, mm. Its configured distance contains half of its thickness.
+const BODY_SLACK_MM: f64 = 1.0;
+
+/// Checks that neither a part of the arm nor the tool with its tip at this point is too near to any obstacle point.
+pub(super) fn check_clearance(arm: &Kinematics, tip: Point<Base>, at: &JointAngles) -> Result<(), Infeasibility> {
+    let Some(obstacles) = arm.obstacles() else { return Ok(()) };
+    for (index, (part, from, to, needed_mm)) in parts(arm, tip, at).into_iter().enumerate() {
+        for (number, obstacle) in obstacles.obstacles().iter().enumerate() {
+            let needed_mm = arm.least_mm(number).map_or(needed_mm, |least_mm| least_mm[index]);
+            let nearer_mm = obstacle.smallest_distance_mm(needed_mm, |point| from_line_mm(point, from, to));
+            if let Some(distance_mm) = nearer_mm {
+                let name = obstacle.name.to_owned();
+                return Err(Infeasibility::KeepOut { part, name, distance_mm, needed_mm });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Returns whether the arm with this tool keeps the configured distances from the obstacles at these axis angles.
+pub fn is_clear(arm: &Kinematics, flange_from_tool: Rigid<Flange, Tool>, at: &Joints) -> bool {
+    let tip = arm.base_from_flange(at).map(|flange| (flange * flange_from_tool).origin());
+    tip.is_some_and(|tip| check_clearance(arm, tip, &at.degrees()).is_ok())
+}
+
+/// Returns the arm at the end of a checked path that led near to an obstacle: on a motion that begins with these axis
+/// angles, its tool may come as near as [`DEPARTURE_MM`], or half of the distance at the start if that is smaller, but not
+/// nearer than [`MESH_MM`]. Its body may not come nearer than configured, or than at the start if that is smaller. `None`
+/// if the angles are not finite.
+pub fn departing(arm: &Kinematics, from: &Joints, flange_from_tool: Rigid<Flange, Tool>) -> Option<Kinematics> {
+    let tip = (arm.base_from_flange(from)? * flange_from_tool).origin();
+    let Some(obstacles) = arm.obstacles() else { return Some(arm.clone()) };
+    let parts = parts(arm, tip, &from.degrees());
+    let of_obstacle = |obstacle: &Obstacle| {
+        parts.map(|(part, from, to, needed_mm)| {
+            let nearer_mm = obstacle.smallest_distance_mm(needed_mm, |point| from_line_mm(point, from, to));
+            let start_mm = nearer_mm.unwrap_or(needed_mm);
+            match part {
+                TOOL => (0.5 * start_mm).clamp(MESH_MM, DEPARTURE_MM).min(needed_mm),
+                _ => start_mm - BODY_SLACK_MM,
+            }
+        })
+    };
+    let least_mm = obstacles.obstacles().iter().map(of_obstacle).collect();
+    Some(arm.clone().with_least_distances(least_mm))
+}
+
+/// Returns the distance of a point from the line between two others, mm.
+fn from_line_mm(point: Point<Base>, from: Point<Base>, to: Point<Base>) -> f64 {
+    let (way, arm) = ((to - from).mm, (point - from).mm);
+    let share = (arm.dot(&way) / way.norm_squared().max(1e-9)).clamp(0.0, 1.0);
+    (arm - way * share).norm()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::path::obstacles::Obstacles;
+    use crate::path::reach::{PathLine, follow_path};
+    use nalgebra::Vector3;
+    use panelprep_base::geometry::{KukaPose, Vector};
+    use panelprep_cell::cell::Cell;
+    use std::sync::Arc;
+
+    /// Calculated by hand: (30, 40, 0) is 40 mm beside the line from the origin along X, (−30, 40, 0) is 50 mm from
+    /// the line's beginning.
+    #[test]
+    fn distances_from_a_line() {
+        let line =
+            |x: f64| from_line_mm(Point::at(x, 40.0, 0.0), Point::at(0.0, 0.0, 0.0), Point::at(100.0, 0.0, 0.0));
+        assert!((line(30.0) - 40.0).abs() < 1e-12 && (line(-30.0) - 50.0).abs() < 1e-12);
+    }
+
+    /// A tool of 120 mm moves 60 mm along its axis. An object 30 mm ahead of its end is too near for the required
+    /// 40 mm, an object 60 mm ahead is not.
+    #[test]
+    fn a_line_that_comes_too_near_to_the_panel_is_refused() {
+        let cell = Cell::check("cell.toml", "").unwrap_or_else(|error| panic!("{error}"));
+        let bare = Kinematics::new(cell.arm());
+        let tool: Rigid<Flange, Tool> = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
+        let at = Joints { a2_deg: -90.0, a3_deg: 90.0, a5_deg: 30.0, ..Joints::default() };
+        let start = bare.base_from_flange(&at).expect("finite") * tool;
+        let ahead = |mm: f64| {
+            start * Rigid::<Tool, Tool>::identity().followed_by_displacement(Vector::new(Vector3::z() * mm))
+        };
+        let leg = PathLine { base_from_tool: ahead(60.0), feed_mm_s: 50.0, blend_mm: 0.0 };
+        let follows = |before_mm: f64| {
+            let obstacles = Obstacles::default().with_points_of("panel", [ahead(60.0 + before_mm).origin()]);
+            follow_path(&bare.clone().with_obstacles(Arc::new(obstacles)), tool, Some(&at), &[leg])
+        };
+        let met = follows(30.0).expect_err("too near").cause;
+        assert!(matches!(&met, Infeasibility::KeepOut { part: "tool", name, .. } if name == "panel"), "{met}");
+        assert!(follows(60.0).is_ok());
+    }
 }

@@ -9,20 +9,11 @@
 //! keep-out boxes. Corners that are rounded over b mm change speed in 2 b / feed; if the arm stops, the controller's
 //! own ramp applies. A path is rejected as a whole.
 
-mod clearance;
 mod follow;
 mod infeasible;
-mod joint_motion;
-mod leg;
-mod margins;
-mod retract;
 #[cfg(test)]
 mod tests;
 
 pub use super::obstacles::Obstacles;
-pub use clearance::{departing, is_clear};
-pub use follow::{ArmTravel, follow_path, helpful_shift, postures};
-pub use infeasible::{Infeasibility, ReachFault, Singularity};
-pub use joint_motion::joint_motion;
-pub use leg::{PathLine, interpolate_pose};
-pub use retract::{check_retracts, retract};
+pub use follow::{ArmTravel, check_retracts, follow_path, helpful_shift, joint_motion, postures, retract};
+pub use infeasible::{Infeasibility, PathLine, ReachFault, Singularity, departing, interpolate_pose, is_clear};

@@ -1,7 +1,6 @@
 //! Tests of paths that are refused, at poses calculated by hand.
 
-use super::leg::CheckedPose;
-use super::margins::{check_keep_out, first_exceeded_axis, too_fast};
+use super::infeasible::{CheckedPose, check_keep_out, first_exceeded_axis, too_fast};
 use super::*;
 use crate::path::kinematics::{JointAngles, Kinematics};
 use panelprep_base::geometry::{Flange, Joints, KukaPose, Point, Rigid, Tool};

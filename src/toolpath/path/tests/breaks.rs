@@ -1,7 +1,6 @@
 //! Tests of paths over areas around breaks: parts of grids, by hand on a plane of 280 × 168 mm with 3 × 5 grids of 56 mm.
 
-use super::super::boxes::laid;
-use super::super::breaks::{Breaks, Distances, around_breaks};
+use super::super::breaks::{Breaks, Distances, around_breaks, laid};
 use super::super::gate::judge_plan;
 use super::super::plan::plan_beyond_borders;
 use super::*;

@@ -2,8 +2,6 @@
 
 mod breaks;
 mod plans;
-mod poses;
-mod reached;
 mod rows;
 
 use super::*;
