@@ -1,4 +1,4 @@
-//! The scatter between discs, a variance beside that of the coupons.
+//! The scatter between discs, a variance beside that of the coupons, and the least squares that it needs.
 //!
 //! Coupons i that disc j treated differ from the model by a common part d_j and by their own parts:
 //!     yᵢ = aᵢᵀ x + d_j(i) + eᵢ,   var e = σ_r²,   var d = λ σ_r².                                           (8)
@@ -7,13 +7,31 @@
 //! likelihood (Patterson & Thompson, Biometrika 58, 1971):
 //!     (n − p) ln RSS(λ) + Σ ln(1 + λ n_j) + ln det(AᵀA)(λ)  is smallest.                                     (9)
 
-use super::least_squares::{Line, line};
 use nalgebra::{DMatrix, DVector};
 
 /// Number of values of λ that are tried, in equal ratios between `MIN_LAMBDA` and `MAX_LAMBDA`, beside 0.
 const TRIED_VALUES: u32 = 120;
 const MIN_LAMBDA: f64 = 1e-3;
 const MAX_LAMBDA: f64 = 1e3;
+
+/// Result of a least-squares fit.
+pub(super) struct Line {
+    /// The estimated parameters.
+    pub solution: DVector<f64>,
+    /// (AᵀA)⁻¹.
+    pub inverse: DMatrix<f64>,
+    /// Standard deviation of one y from the model.
+    pub deviation: f64,
+}
+
+/// Returns the x that minimises |A x − y|², with these rows of A; `None` if they do not determine x.
+pub(super) fn line(rows: &DMatrix<f64>, y: &DVector<f64>) -> Option<Line> {
+    let inverse = (rows.transpose() * rows).try_inverse()?;
+    let solution = &inverse * rows.transpose() * y;
+    let left = y - rows * &solution;
+    let redundancy = rows.nrows().saturating_sub(rows.ncols()).max(1) as f64;
+    Some(Line { solution, inverse, deviation: (left.norm_squared() / redundancy).sqrt() })
+}
 
 /// The discs of the coupons and their scatter.
 #[derive(Debug, Clone, PartialEq)]

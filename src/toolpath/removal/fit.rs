@@ -1,22 +1,30 @@
-//! Estimates k and the disc's wear from coupons, with their uncertainty.
+//! Estimates k and the disc's wear from coupons, with their uncertainty; or states why a set of coupons does not
+//! determine them.
 //!
 //!     yᵢ = ln hᵢ − ln Xᵢ = ln k₀ − b wᵢ + eᵢ                                                              (7)
 //! by least squares: every coupon counts by its relative error. With A's rows (1, −wᵢ), σ_r² = Σ eᵢ² / (n − 2) and
 //! the covariance is σ_r² (AᵀA)⁻¹; if the table names the discs, their scatter counts too (`disc_scatter`). Each
-//! coupon is predicted from the others. A coupon is named if it is farther off
-//! than Student's distribution allows, with 95 %, for one of n. A third unknown tests whether depth follows X at
-//! all: the power of X, which is 1 if Preston holds. Source: Draper & Smith, Applied Regression Analysis, 1998,
-//! 8.1.
+//! coupon is predicted from the others. A coupon is named if it is farther off than Student's distribution allows,
+//! with 95 %, for one of n. A third unknown tests whether depth follows X at all: the power of X, which is 1 if
+//! Preston holds. Source: Draper & Smith, Applied Regression Analysis, 1998, 8.1.
 
 use super::coupons::{Coupon, CouponTool};
-use super::disc_scatter::DiscScatter;
-use super::fit_error::{CONTRADICTORY, LEVELS, WORN_LEVELS_MM2};
-pub use super::fit_error::{FitError, MIN_COUPONS};
-use super::least_squares::{Line, line};
+use super::disc_scatter::{DiscScatter, Line, line};
 use super::model::MM2_PER_M2;
 use super::power::{ForceExponents, Power};
 use nalgebra::{DMatrix, DVector, Matrix2};
+use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
 use panelprep_vision::calib::{student_95, student_quantile};
+
+/// Smallest number of coupons: two for the two numbers, and four more to show how well they are known.
+pub const MIN_COUPONS: usize = 6;
+/// The largest exposure must be at least this many times the smallest, to show that the depth follows the exposure.
+const LEVELS: f64 = 1.3;
+/// The areas that the discs had swept must differ by this much, mm², to show the wear: a fiftieth of a square
+/// metre.
+const WORN_LEVELS_MM2: f64 = 20_000.0;
+/// Largest scatter of the coupons, σ of ln h; above this they contradict each other.
+const CONTRADICTORY: f64 = 0.5;
 
 /// A coupon as predicted from the other coupons.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -211,6 +219,66 @@ fn power(rows: &DMatrix<f64>, (exposure, depth): (&[f64], &[f64])) -> Power {
         let uncertainty = student_95((exposure.len() - 3) as f64) * found.deviation * found.inverse[(2, 2)].sqrt();
         Power { value: found.solution[2], uncertainty }
     })
+}
+
+/// The reason why coupons do not determine a model.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum FitError {
+    /// Too few.
+    #[error(
+        "{found} places were measured, at least {MIN_COUPONS} are needed to determine k, the wear and their \
+         uncertainties"
+    )]
+    TooFew {
+        /// Number of places found.
+        found: usize,
+    },
+    /// All coupons have nearly the same load.
+    #[error(
+        "all coupons had nearly the same load: the highest is only {} times the lowest, at least {} times is \
+         needed to determine how the depth depends on it; change passes, feed_mm_s or force_n",
+        distinguishable_texts(*ratio, LEVELS, 2)[0], distinguishable_texts(*ratio, LEVELS, 2)[1]
+    )]
+    OneLoad {
+        /// Ratio of the largest exposure to the smallest.
+        ratio: f64,
+    },
+    /// All coupons have nearly the same disc wear.
+    #[error(
+        "the discs had swept {} to {} m² (worn_mm2), but a difference of at least 0.02 m² is needed to determine \
+         the wear: measure one coupon with a new disc and one with a used disc",
+        fixed_decimals(*least_m2, 3), fixed_decimals(*most_m2, 3)
+    )]
+    OneWear {
+        /// Smallest swept area, m².
+        least_m2: f64,
+        /// Largest swept area, m².
+        most_m2: f64,
+    },
+    /// The coupons contradict each other.
+    #[error(
+        "the coupons contradict each other: depths differ from the best model by {percent:.0} % rms; the largest \
+         deviation is that of {name} (line {line})"
+    )]
+    Contradictory {
+        /// Rms, percent.
+        percent: f64,
+        /// Name of the coupon that deviates most.
+        name: String,
+        /// Its line.
+        line: u64,
+    },
+    /// Worn discs remove more.
+    #[error(
+        "worn discs removed more than new discs: ln k grows by {per_m2:.2} ± {known_m2:.2} per square metre swept; \
+         check that worn_mm2 and the depth belong to the same coupon"
+    )]
+    GrowsWithWear {
+        /// Growth, 1/m².
+        per_m2: f64,
+        /// The 95 % uncertainty of the growth, 1/m².
+        known_m2: f64,
+    },
 }
 
 #[cfg(test)]

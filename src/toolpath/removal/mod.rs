@@ -23,7 +23,7 @@
 //! elastic foundation: each of its places yields independently, and never pulls,
 //!                                         p = s · max(c, 0) below the disc where there is panel,      (4, `pad`)
 //!                                         c = δ + t·x − ½ xᵀ K x,
-//! x being the place in the tangent plane, K the surface's curvature there (`tangent_frame`), t the tilt of the disc
+//! x being the place in the tangent plane, K the surface's curvature there (`track`), t the tilt of the disc
 //! against that plane.
 //! δ follows from                          ∫ p dA = F.                                                 (5)
 //! The tilt is the tool's: the arm holds its attitude, and a force-controlled tool moves along its axis alone. So
@@ -31,7 +31,7 @@
 //! on a ball joint would need two more equations, and is not this model.
 //!
 //! While the disc wobbles on its orbit, its rim does too: p is averaged over the circle of the orbit's radius
-//! (`stroke`). Over a straight segment of path all of this integrates in closed form, so a few segments are as exact as
+//! (`pad`). Over a straight segment of path all of this integrates in closed form, so a few segments are as exact as
 //! many short steps. A random orbit also turns the disc about its own axis; this is slow and not counted.
 //!
 //! # The uncertainty
@@ -47,32 +47,25 @@
 //! 1985, 4.3. Without negative pressure beyond an edge: as for polishing tools that extend over it, Luna-Aguilar et
 //! al., Proc. SPIE 4840, 2003, where pressures that pull are shown to be wrong.
 //!
-//! Files: `speed`, `tangent_frame`, `pad`, `stroke`, `model` the physics · `track` the segments of a path · `samples`,
-//! `map` their removal, place by place · `figures` its numbers · `schedule`, `descent` the feeds that make it even ·
-//! `ground` where there is panel · `coupons`, `table` measured depths · `fit`, `least_squares`, `disc_scatter`,
-//! `power`, `fit_error`, `gate` their result for k, and whether it may be used. No I/O and no clock. Lengths in mm and
-//! forces in N.
+//! Files: `speed`, `pad`, `model` the physics · `track` the segments of a path · `map` their removal, place by place ·
+//! `figures` its numbers · `schedule` the feeds that make it even · `ground` where there is panel · `coupons`, `table`
+//! measured depths · `fit`, `disc_scatter`, `power`, `gate` their result for k, and whether it may be used. No I/O and
+//! no clock. Lengths in mm and forces in N.
 
 pub mod coupons;
-mod descent;
 mod disc_scatter;
 #[cfg(any(test, feature = "testing"))]
 #[cfg_attr(feature = "testing", allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 pub mod examples;
 pub mod figures;
 pub mod fit;
-mod fit_error;
 pub mod gate;
 pub mod ground;
-mod least_squares;
 pub mod map;
 pub mod model;
 pub mod pad;
 pub mod power;
-pub mod samples;
 pub mod schedule;
 pub mod speed;
-pub mod stroke;
 pub mod table;
-pub mod tangent_frame;
 pub mod track;

@@ -4,8 +4,7 @@
 //! An exponent is determined only by coupons that differ in this number, independently of the others.
 
 use super::coupons::Coupon;
-use super::disc_scatter::DiscScatter;
-use super::least_squares::line;
+use super::disc_scatter::{DiscScatter, line};
 use nalgebra::{DMatrix, DVector};
 use panelprep_vision::calib::student_95;
 
@@ -96,7 +95,8 @@ fn column(coupons: &[Coupon], number: impl Fn(&Coupon) -> f64) -> Option<DVector
 #[cfg(test)]
 mod tests {
     use super::super::coupons::tests::TOOL;
-    use super::super::fit::{fit, tests::coupons};
+    use super::super::fit::fit;
+    use super::super::fit::tests::coupons;
     use super::*;
 
     /// Twelve coupons with forces of 10 and 20 N, and depths that grow with these powers of force and passes.
