@@ -4,8 +4,7 @@
 //! contains every tag of the file, in its order, opened and closed; numbers are written as `%f` of a 32-bit float. A
 //! tag that the program did not set is present and empty.
 
-use super::channel_file::{Element, ElementKind};
-use super::error::EkiFault;
+use super::channel_file::{EkiFault, Element, ElementKind};
 use quick_xml::events::{BytesStart, Event};
 use quick_xml::{Reader, XmlVersion};
 use std::io::Write;

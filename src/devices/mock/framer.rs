@@ -3,7 +3,7 @@
 //! A document ends where the tag depth returns to zero outside of quotes. Between documents white space, NUL, a
 //! byte order mark and a prolog (`<?…?>`) are skipped. The result does not depend on how the stream was cut.
 
-use super::error::EkiFault;
+use super::channel_file::EkiFault;
 
 /// Cuts a stream into documents.
 #[derive(Debug)]

@@ -1,4 +1,5 @@
-//! The values that a channel has received and the program has not yet read: one memory for each tag that has a type.
+//! One channel: its connection, its outgoing bytes, and the values that it has received and the program has not yet
+//! read, with one memory for each tag that has a type.
 //!
 //! A document pushes one value into the memory of each tag that it contains. A missing or empty tag pushes nothing, so
 //! that the memories of one channel can drift apart. Every value has the sequence number of its document, by which a
@@ -6,9 +7,8 @@
 //! program reads with the functions below, which are `EKI_CheckBuffer`, `EKI_Get…` and `EKI_ClearBuffer`: an empty
 //! memory gives an error at once.
 
-use super::channel_file::{ChannelFile, ElementKind, ReadOrder};
+use super::channel_file::{ChannelFile, EkiError, EkiFault, ElementKind, Environment, FileProblem, ReadOrder};
 use super::codec::{Value, decode};
-use super::error::{EkiError, EkiFault, FileProblem};
 use super::framer::Framer;
 use std::collections::VecDeque;
 
@@ -165,6 +165,41 @@ impl Memory {
 
 pub(super) fn as_int(value: &Value) -> Option<i32> {
     if let Value::Int(number) = value { Some(*number) } else { None }
+}
+
+/// One channel: the received values and the bytes to send.
+#[derive(Debug)]
+pub(super) struct Link {
+    pub(super) memory: Memory,
+    pub(super) out: Vec<u8>,
+    pub(super) connected: bool,
+    pub(super) fault: Option<EkiFault>,
+    /// The time at which the program opens the channel again.
+    pub(super) listens_at_ms: u64,
+    pub(super) environment: Environment,
+    pub(super) listens_for_ms: Option<u64>,
+    /// The $FLAG and $OUT that are true while a client is connected.
+    pub(super) alive: (Option<u16>, Option<u16>),
+    /// Flags and outputs that the channel's elements set.
+    pub(super) raises: Vec<Raised>,
+}
+
+impl Link {
+    pub(super) fn new(memory: Memory, file: &ChannelFile) -> Self {
+        let flags = file.received.iter().filter_map(|element| element.set_flag.map(Raised::Flag));
+        let outputs = file.received.iter().filter_map(|element| element.set_out.map(Raised::Output));
+        Link {
+            memory,
+            out: Vec::new(),
+            connected: false,
+            fault: None,
+            listens_at_ms: 0,
+            environment: file.environment,
+            listens_for_ms: file.listens_for_ms,
+            alive: file.alive,
+            raises: flags.chain(outputs).collect(),
+        }
+    }
 }
 
 #[cfg(test)]

@@ -4,27 +4,37 @@
 //! request. The robot interpreter plans up to $ADVANCE motions ahead, the arm moves one step, and changes are
 //! reported. In lock step requests are answered as they arrive, and a heartbeat grants 100 ms. In that time, only the
 //! commands up to the one that the heartbeat names are read, so that the result does not depend on when bytes arrive.
+//!
+//! The state of one epoch is the ring of commands, base and tool, speeds. None of this outlives the epoch.
+//!
+//! The programs derive from the commands whether the sanding tool is on the panel: it is in contact from the start of
+//! a move to a contact point until an air point is reached. Landing and leaving count. The retract from the panel is
+//! part of this state.
 
-use super::answer::LastAnswers;
-use super::channel_link::Link;
+use super::channel_file::{FileProblem, MockError};
 use super::codec::Template;
-use super::contact::ContactState;
-use super::epoch::Epoch;
-use super::error::{FileProblem, MockError};
 use super::fault::FaultState;
 use super::interpreted::RunningPrograms;
 use super::log::{ContactSample, ExecutedMotion, ProgramStop};
-use super::memory::Memory;
+use super::memory::{Link, Memory};
 use super::mover::Mover;
-use super::options::Clock;
-use super::safety::SafetyState;
-use super::setup::Setup;
-use super::wire::{CommandPositions, RequestPositions, UNCONNECTED_LINE_OUTPUTS};
-use super::world::World;
-use std::collections::{BTreeMap, BTreeSet};
+use super::moves::{Lin, Move, Pose};
+use super::options::{Clock, SafetyState};
+use super::setup::{Setup, World};
+use super::wire::{Command, CommandPositions, LastAnswers, Refusal, RequestPositions, UNCONNECTED_LINE_OUTPUTS};
+use panelprep_base::geometry::{Flange, KukaPose, Rigid, Tool, Vector};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// One interpolation and submit cycle.
 pub(super) const TICK_MS: u64 = 12;
+
+/// Number of entries in the ring.
+pub(super) const RING: usize = 100;
+
+/// Length of a retract along the tool's −Z, mm.
+const RETRACT_MM: f64 = 50.0;
+const RETRACT_MM_S: f64 = 200.0;
+const RETRACT_MM_S2: f64 = 2000.0;
 
 /// The mock controller.
 pub struct Controller {
@@ -189,5 +199,173 @@ impl Controller {
         self.flags.clear();
         let on: Vec<u16> = self.outputs.iter().filter(|(_, on)| **on).map(|(number, _)| *number).collect();
         on.iter().for_each(|&number| self.set_output(number, false));
+    }
+}
+
+#[derive(Debug, Clone)]
+pub(super) struct Epoch {
+    pub(super) number: i32,
+    /// Commands are accepted; false once the epoch has ended.
+    pub(super) open: bool,
+    pub(super) last_received: i32,
+    pub(super) last_executed: i32,
+    /// The first refusal and the id of the refused command.
+    pub(super) refusal: Option<(Refusal, i32)>,
+    /// Commands that were received and are not yet planned.
+    pub(super) ring: VecDeque<Command>,
+    pub(super) base: Option<KukaPose>,
+    pub(super) tool: Option<ActiveTool>,
+    pub(super) speed_mm_s: f64,
+    pub(super) acceleration_mm_s2: f64,
+    /// Acceleration as a share of each axis's highest acceleration, 0…1.
+    pub(super) axis_acceleration_share: f64,
+    /// The time until which the subroutine at the ring's front runs.
+    pub(super) subroutine_until_ms: Option<u64>,
+}
+
+/// $TOOL.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ActiveTool {
+    pub(super) pose: KukaPose,
+    pub(super) sanding: bool,
+}
+
+impl ActiveTool {
+    pub(super) fn flange_from_tool(&self) -> Rigid<Flange, Tool> {
+        self.pose.to_rigid()
+    }
+}
+
+impl Epoch {
+    /// Returns an epoch that accepts no commands.
+    pub(super) fn closed(number: i32) -> Self {
+        Epoch {
+            number,
+            open: false,
+            last_received: 0,
+            last_executed: 0,
+            refusal: None,
+            ring: VecDeque::new(),
+            base: None,
+            tool: None,
+            speed_mm_s: 100.0,
+            acceleration_mm_s2: 1000.0,
+            axis_acceleration_share: 0.5,
+            subroutine_until_ms: None,
+        }
+    }
+
+    /// Creates a new epoch, without base and tool.
+    pub(super) fn new_open(number: i32) -> Self {
+        Epoch { open: true, ..Epoch::closed(number) }
+    }
+
+    pub(super) fn free_entries(&self) -> usize {
+        RING.saturating_sub(self.ring.len())
+    }
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct ContactState {
+    /// The last point that was reached is a point in contact.
+    was_last_point_in_contact: bool,
+    /// The tool that is in contact.
+    tool: Option<Rigid<Flange, Tool>>,
+    retract: RetractState,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum RetractState {
+    #[default]
+    No,
+    /// Begins as soon as the arm has stopped.
+    Due,
+    Runs,
+}
+
+impl ContactState {
+    /// Returns whether the tool is in contact, or moves towards contact.
+    pub(super) fn touches(&self, front: Option<&Move>) -> bool {
+        self.was_last_point_in_contact || front.is_some_and(Move::contact)
+    }
+
+    /// Returns whether both ends of the present segment are in contact.
+    pub(super) fn is_in_contact(&self, front: Option<&Move>) -> bool {
+        self.was_last_point_in_contact && front.is_none_or(Move::contact)
+    }
+
+    /// Returns the tool that is in contact.
+    pub(super) fn tool(&self) -> Option<Rigid<Flange, Tool>> {
+        self.tool
+    }
+
+    /// Records that this move is being executed.
+    pub(super) fn heads_for(&mut self, front: Option<&Move>) {
+        if let Some(Move::Lin(lin)) = front
+            && lin.contact
+        {
+            self.tool = Some(lin.flange_from_tool);
+        }
+    }
+
+    /// Records that the end of this move was reached or passed.
+    pub(super) fn on_point_reached(&mut self, step: &Move) {
+        self.was_last_point_in_contact = step.contact();
+        if step.key().is_none() {
+            self.retract = RetractState::No;
+        }
+    }
+
+    /// Stops: the tool retracts from the panel as soon as the arm has stopped, if this is allowed.
+    pub(super) fn stop(&mut self, front: Option<&Move>, may_retract: bool) {
+        self.was_last_point_in_contact = self.touches(front);
+        self.retract =
+            if may_retract && self.was_last_point_in_contact { RetractState::Due } else { RetractState::No };
+    }
+
+    /// Resets the contact for a new epoch: a person jogs a tool off the panel if an e-stop left it there. A retract
+    /// continues.
+    pub(super) fn forget(&mut self) {
+        if !self.is_retract_due() {
+            *self = ContactState::default();
+        }
+    }
+
+    /// Abandons the retract, because it cannot be executed.
+    pub(super) fn abandon_retract(&mut self) {
+        self.retract = RetractState::No;
+    }
+
+    pub(super) fn is_retract_due(&self) -> bool {
+        self.retract != RetractState::No
+    }
+
+    pub(super) fn is_retracting(&self) -> bool {
+        self.retract == RetractState::Runs
+    }
+
+    /// Returns the retract that is due, from the tool's present position.
+    pub(super) fn take_retract(&mut self, tool_at: impl Fn(&Rigid<Flange, Tool>) -> Pose) -> Option<Move> {
+        if self.retract != RetractState::Due {
+            return None;
+        }
+        let Some(flange_from_tool) = self.tool else {
+            self.retract = RetractState::No;
+            return None;
+        };
+        self.retract = RetractState::Runs;
+        let from = tool_at(&flange_from_tool);
+        let away = from * Vector::<Tool>::new(nalgebra::Vector3::z() * -RETRACT_MM);
+        Some(Move::Lin(Lin {
+            key: None,
+            target: from.followed_by_displacement(away),
+            flange_from_tool,
+            blend_mm: 0.0,
+            contact: false,
+            switched_output: None,
+            remaining_points: 0,
+            speed_mm_s: RETRACT_MM_S,
+            acceleration_mm_s2: RETRACT_MM_S2,
+        }))
     }
 }

@@ -5,15 +5,25 @@
 //! its start is passed becomes an exact stop. PTP moves all axes together; the slowest sets the pace. If an axis
 //! would exceed its maximum speed, the tool slows down, as with $CP_VEL_TYPE = #VAR_ALL. If that does not help (a
 //! pole, a change of configuration), the motion fails. Not modelled: jerk, centripetal acceleration in a blend,
-//! load.
+//! load. On its lines the tool looks ahead: the legs up to the next stop give the permitted speed.
 
-use super::corner::{Corner, Pose, distance_mm};
 use super::kinematics::{Arm, Unreachable, angles_deg, to_joints};
-use super::legs::{MoverLeg, pose_ahead};
-use super::moves::{Lin, Move, MoveKey, Override, Ptp, ROUNDING_MM};
-use super::ramp::{self, Limits};
+use super::moves::{
+    Corner, CornerBlend, Limits, Lin, Move, MoveKey, MoverLeg, Override, Pose, Ptp, ROUNDING_MM, distance_mm,
+    measure_mm, pose_ahead, ramp_step,
+};
 use panelprep_base::geometry::{Base, Flange, Joints, Rigid, Tool};
 use std::collections::VecDeque;
+
+/// Time in which an axis reaches its highest speed.
+const AXIS_RAMP_S: f64 = 0.2;
+/// Number of times that the step may be halved if an axis would be too fast.
+const HALVINGS: i32 = 7;
+
+/// $VEL.ORI1: the highest rotational speed of the tool, degrees/s.
+const TURN_DEG_S: f64 = 200.0;
+/// Smallest deceleration of BRAKE on a line, mm/s².
+const BRAKE_MM_S2: f64 = 5000.0;
 
 /// A move that was executed.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,11 +43,6 @@ pub(super) enum MoveBlocked {
     /// At any speed of the tool, this axis, 1 to 6, would exceed its maximum speed.
     AxisSpeed(usize),
 }
-
-/// Time in which an axis reaches its highest speed.
-const AXIS_RAMP_S: f64 = 0.2;
-/// Number of times that the step may be halved if an axis would be too fast.
-const HALVINGS: i32 = 7;
 
 /// The arm and its planned moves.
 #[derive(Debug, Clone)]
@@ -226,7 +231,7 @@ impl Mover {
             speed: if self.braking { 0.0 } else { pace((ptp.speed_share * allowed.share).min(allowed.axis_share)) },
             acceleration: pace(if self.braking { 1.0 } else { ptp.acceleration_share }) / AXIS_RAMP_S,
         };
-        let (further, speed) = if lead_deg > 0.0 { ramp::step(self.speed, limits, step_s) } else { (0.0, 0.0) };
+        let (further, speed) = if lead_deg > 0.0 { ramp_step(self.speed, limits, step_s) } else { (0.0, 0.0) };
         self.leg_distance += further;
         self.speed = speed;
         if self.leg_distance < lead_deg {
@@ -250,7 +255,7 @@ impl Mover {
         let Some(flange_from_tool) = legs.first().map(|leg| leg.linear_motion().flange_from_tool) else {
             return Ok(());
         };
-        let (further_mm, speed) = ramp::step(self.speed, self.line_limits(&legs, allowed, step_s), step_s);
+        let (further_mm, speed) = ramp_step(self.speed, self.line_limits(&legs, allowed, step_s), step_s);
         let mut share = 1.0;
         for halving in 0..=HALVINGS {
             let Some(pose) = pose_ahead(&legs, self.leg_distance + further_mm * share) else { break };
@@ -339,5 +344,82 @@ impl Mover {
             done.push(CompletedMove { step: Move::Lin(lin), joints, was_starved: false });
         }
         Ok(())
+    }
+}
+
+impl Mover {
+    fn line_limits(&self, legs: &[MoverLeg], allowed: Override, step_s: f64) -> Limits {
+        let acceleration =
+            legs.iter().map(|leg| leg.linear_motion().acceleration_mm_s2).fold(f64::INFINITY, f64::min);
+        let (mut ahead_mm, mut speed) = (-self.leg_distance, f64::INFINITY);
+        for leg in legs {
+            // Limits the speed here, one step ahead, so that it can be reduced to that leg's speed by the leg's
+            // start.
+            let from_mm = (ahead_mm - self.speed * step_s).max(0.0);
+            let own_mm_s = (leg.linear_motion().speed_mm_s * allowed.share).min(allowed.tool_mm_s);
+            speed = speed.min((own_mm_s * own_mm_s + 2.0 * acceleration * from_mm).sqrt());
+            ahead_mm += leg.length_mm();
+        }
+        if self.braking {
+            return Limits { to_stop: ahead_mm, speed: 0.0, acceleration: acceleration.max(BRAKE_MM_S2) };
+        }
+        Limits { to_stop: ahead_mm, speed, acceleration }
+    }
+
+    /// Returns the present leg and those that follow, up to the next stop.
+    fn legs_to_stop(&self) -> Vec<MoverLeg> {
+        let lins: Vec<Lin> = self
+            .planned
+            .iter()
+            .map_while(|step| match step {
+                Move::Lin(lin) => Some(*lin),
+                Move::Ptp(_) => None,
+            })
+            .collect();
+        let (mut legs, mut gone_mm) = (Vec::with_capacity(8), self.leg_distance);
+        let (mut from, mut whole_mm) = match &self.place {
+            MotionState::Line { from, length_mm: whole_mm } => (*from, *whole_mm),
+            MotionState::Corner { corner, .. } => {
+                gone_mm = 0.0;
+                legs.extend(lins.first().map(|&lin| MoverLeg::Corner { corner: corner.clone(), lin }));
+                (corner.end, corner.outgoing_length_mm)
+            }
+            MotionState::Standing | MotionState::Axes { .. } => return legs,
+        };
+        for (index, &lin) in lins.iter().enumerate() {
+            let mm_per_deg = lin.speed_mm_s / TURN_DEG_S;
+            let corner = lins.get(index + 1).and_then(|next| {
+                let (vertex, next) = (lin.target, next.target);
+                Corner::new(&CornerBlend {
+                    incoming_pose: from,
+                    incoming_length_mm: whole_mm,
+                    vertex,
+                    outgoing_end: next,
+                    blend_mm: lin.blend_mm,
+                    mm_per_deg,
+                })
+            });
+            let line = |to: Pose, stops: bool| MoverLeg::Line {
+                from,
+                to,
+                length_mm: measure_mm(&from, &to, mm_per_deg),
+                lin,
+                stops,
+            };
+            let blended = corner.map(|corner| (line(corner.start, false), corner));
+            match blended {
+                // A blend is not made if its start was already passed.
+                Some((to_blend, corner)) if gone_mm <= to_blend.length_mm() + ROUNDING_MM => {
+                    (from, whole_mm) = (corner.end, corner.outgoing_length_mm);
+                    legs.extend([to_blend, MoverLeg::Corner { corner: Box::new(corner), lin }]);
+                }
+                _ => {
+                    legs.push(line(lin.target, true));
+                    break;
+                }
+            }
+            gone_mm = 0.0;
+        }
+        legs
     }
 }

@@ -1,7 +1,25 @@
-//! The moves that can be planned for the arm.
+//! The moves that can be planned for the arm, and the shape and the speed of the path that they form.
+//!
+//! The tool's path consists of legs: straight lines between poses, and the parabola with which C_DIS replaces a
+//! corner. A blend leaves the incoming line at distance d before the corner and joins the outgoing line at distance d
+//! after it. d is at most half of either line. Position: B(t) = (1−t)² start + 2t(1−t) corner + t² end; orientation:
+//! the same construction on arcs. Along a path there is one measure of length: millimetres, or, if the rotation at the
+//! allowed rate needs more time, the equivalent of the rotation in millimetres.
+//!
+//! The speed along a path has a ramp: acceleration at the allowed rate, constant at the allowed speed, deceleration to
+//! a standstill at the end of the path. From speed v, with distance d to the stop, the highest speed from which
+//! braking is still possible is √(v²/2 + a d); braking from v needs v²/2a. The unit of length is the caller's: mm on a
+//! line, otherwise degrees of the leading axis.
 
-use super::corner::Pose;
-use panelprep_base::geometry::{Flange, Joints, Rigid, Tool};
+use nalgebra::{Isometry3, Translation3};
+use panelprep_base::geometry::{Base, Flange, Joints, Rigid, Tool};
+
+/// Lengths that differ by less than this are equal, mm.
+pub(super) const ROUNDING_MM: f64 = 1e-9;
+
+const PARTS: usize = 32;
+/// A blend shorter than this is an exact stop, mm.
+const MIN_BLEND_MM: f64 = 1e-6;
 
 /// The command to which a move belongs; a retract belongs to no command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,5 +93,340 @@ pub(super) struct Override {
     pub(super) share: f64,
 }
 
-/// Lengths that differ by less than this are equal, mm.
-pub(super) const ROUNDING_MM: f64 = 1e-9;
+/// The pose of the tool in the base frame.
+pub(super) type Pose = Rigid<Base, Tool>;
+
+/// Returns the pose at this fraction of the path: position on the line, orientation by rotation about one axis.
+fn interpolate_pose(from: &Pose, to: &Pose, share: f64) -> Pose {
+    let (from, to) = (from.isometry(), to.isometry());
+    let origin = from.translation.vector.lerp(&to.translation.vector, share);
+    let turn = (from.rotation.inverse() * to.rotation).powf(share);
+    Rigid::from_isometry_unchecked(Isometry3::from_parts(Translation3::from(origin), from.rotation * turn))
+}
+
+/// Returns the distance between two poses, mm.
+pub(super) fn distance_mm(from: &Pose, to: &Pose) -> f64 {
+    from.origin().distance_mm(to.origin())
+}
+
+/// Returns the measure of the path between two poses; a rotation of one degree counts as `mm_per_deg`.
+pub(super) fn measure_mm(from: &Pose, to: &Pose, mm_per_deg: f64) -> f64 {
+    let turn_deg = from.isometry().rotation.angle_to(&to.isometry().rotation).to_degrees();
+    distance_mm(from, to).max(turn_deg * mm_per_deg)
+}
+
+/// The two lines of a corner, and the limit of the blend.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CornerBlend {
+    /// A pose on the incoming line.
+    pub(super) incoming_pose: Pose,
+    /// Length of the whole incoming line, from corner to corner, mm.
+    pub(super) incoming_length_mm: f64,
+    /// The corner.
+    pub(super) vertex: Pose,
+    /// The end of the outgoing line.
+    pub(super) outgoing_end: Pose,
+    /// The requested blend distance, mm.
+    pub(super) blend_mm: f64,
+    /// Equivalent length of a rotation by one degree, mm.
+    pub(super) mm_per_deg: f64,
+}
+
+/// A blended corner.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Corner {
+    pub(super) start: Pose,
+    vertex: Pose,
+    pub(super) end: Pose,
+    /// Its measure, mm.
+    pub(super) length_mm: f64,
+    /// Length of the whole outgoing line, mm.
+    pub(super) outgoing_length_mm: f64,
+    /// Arc lengths from the start, at equal steps of t.
+    arc_mm: [f64; PARTS + 1],
+}
+
+impl Corner {
+    /// Returns `None` if the arm must stop at the corner.
+    pub(super) fn new(bend: &CornerBlend) -> Option<Self> {
+        let whole_out_mm = distance_mm(&bend.vertex, &bend.outgoing_end);
+        let blend_mm = bend.blend_mm.min(bend.incoming_length_mm / 2.0).min(whole_out_mm / 2.0);
+        let in_mm = distance_mm(&bend.incoming_pose, &bend.vertex);
+        if blend_mm < MIN_BLEND_MM || in_mm < blend_mm - 1e-9 {
+            return None;
+        }
+        let start = interpolate_pose(&bend.incoming_pose, &bend.vertex, (1.0 - blend_mm / in_mm).max(0.0));
+        let end = interpolate_pose(&bend.vertex, &bend.outgoing_end, blend_mm / whole_out_mm);
+        let vertex = bend.vertex;
+        let mut corner = Corner {
+            start,
+            vertex,
+            end,
+            length_mm: 0.0,
+            outgoing_length_mm: whole_out_mm,
+            arc_mm: [0.0; PARTS + 1],
+        };
+        let mut before = start.origin().mm.coords;
+        for part in 1..=PARTS {
+            let here = corner.origin_mm(part as f64 / PARTS as f64);
+            corner.arc_mm[part] = corner.arc_mm[part - 1] + (here - before).norm();
+            before = here;
+        }
+        let turned_mm = measure_mm(&start, &vertex, bend.mm_per_deg) + measure_mm(&vertex, &end, bend.mm_per_deg);
+        let chords_mm = 2.0 * blend_mm;
+        // Position and rotation have the same progress. If the rotation does not slow down the motion on the lines, it
+        // does not slow it down in the corner either.
+        corner.length_mm = corner.arc_mm[PARTS] * (turned_mm / chords_mm).max(1.0);
+        Some(corner)
+    }
+
+    fn origin_mm(&self, t: f64) -> nalgebra::Vector3<f64> {
+        let (start, vertex, end) = (self.start.isometry(), self.vertex.isometry(), self.end.isometry());
+        let (start, vertex, end) = (&start.translation, &vertex.translation, &end.translation);
+        let shares = ((1.0 - t) * (1.0 - t), 2.0 * t * (1.0 - t), t * t);
+        let of = |start: f64, vertex: f64, end: f64| start * shares.0 + vertex * shares.1 + end * shares.2;
+        nalgebra::Vector3::new(
+            of(start.x, vertex.x, end.x),
+            of(start.y, vertex.y, end.y),
+            of(start.z, vertex.z, end.z),
+        )
+    }
+
+    /// Returns the pose at the distance `gone_mm` (of the measure) after the start.
+    pub(super) fn pose_at(&self, gone_mm: f64) -> Pose {
+        let arc_mm = self.arc_mm[PARTS] * (gone_mm / self.length_mm).clamp(0.0, 1.0);
+        let after = self.arc_mm.iter().position(|&end_mm| end_mm >= arc_mm).unwrap_or(PARTS).max(1);
+        let [low, high] = [self.arc_mm[after - 1], self.arc_mm[after]];
+        // At a full reversal the two halves of the parabola coincide, so that a chord may have the length zero.
+        let inside = if high > low { (arc_mm - low) / (high - low) } else { 1.0 };
+        let t = ((after - 1) as f64 + inside) / PARTS as f64;
+        let turned = interpolate_pose(
+            &interpolate_pose(&self.start, &self.vertex, t),
+            &interpolate_pose(&self.vertex, &self.end, t),
+            t,
+        );
+        let origin = Translation3::from(self.origin_mm(t));
+        Rigid::from_isometry_unchecked(Isometry3::from_parts(origin, turned.isometry().rotation))
+    }
+}
+
+#[derive(Debug, Clone)]
+pub(super) enum MoverLeg {
+    /// A straight line; `stops` is true if the arm stops at its end.
+    Line {
+        from: Pose,
+        to: Pose,
+        length_mm: f64,
+        lin: Lin,
+        stops: bool,
+    },
+    Corner {
+        corner: Box<Corner>,
+        lin: Lin,
+    },
+}
+
+impl MoverLeg {
+    pub(super) fn length_mm(&self) -> f64 {
+        match self {
+            MoverLeg::Line { length_mm, .. } => *length_mm,
+            MoverLeg::Corner { corner, .. } => corner.length_mm,
+        }
+    }
+
+    pub(super) fn linear_motion(&self) -> &Lin {
+        match self {
+            MoverLeg::Line { lin, .. } | MoverLeg::Corner { lin, .. } => lin,
+        }
+    }
+
+    pub(super) fn pose_at(&self, gone_mm: f64) -> Pose {
+        match self {
+            MoverLeg::Line { to, length_mm, .. } if gone_mm >= *length_mm => *to,
+            MoverLeg::Line { from, to, length_mm, .. } => interpolate_pose(from, to, gone_mm / length_mm),
+            MoverLeg::Corner { corner, .. } => corner.pose_at(gone_mm),
+        }
+    }
+}
+
+/// Returns the pose at this distance after the start of the first leg.
+pub(super) fn pose_ahead(legs: &[MoverLeg], mut gone_mm: f64) -> Option<Pose> {
+    for leg in legs {
+        if gone_mm <= leg.length_mm() {
+            return Some(leg.pose_at(gone_mm));
+        }
+        gone_mm -= leg.length_mm();
+    }
+    legs.last().map(|leg| leg.pose_at(leg.length_mm()))
+}
+
+/// The limits for one step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Limits {
+    /// Remaining length to the point where the motion must stop.
+    pub(super) to_stop: f64,
+    /// Highest speed, in units of length per second.
+    pub(super) speed: f64,
+    /// Acceleration and deceleration per second².
+    pub(super) acceleration: f64,
+}
+
+/// Returns the distance of a step of `step_s` that starts at `speed`, and the speed at the step's end.
+pub(super) fn ramp_step(speed: f64, limits: Limits, step_s: f64) -> (f64, f64) {
+    let Limits { to_stop, speed: highest, acceleration } = limits;
+    let (mut gone, mut now, mut left_s) = (0.0, speed, step_s);
+    let change = |gone: &mut f64, now: &mut f64, left_s: &mut f64, target: f64| {
+        let rate = acceleration.copysign(target - *now);
+        let spent_s = ((target - *now) / rate).min(*left_s);
+        *gone += *now * spent_s + 0.5 * rate * spent_s * spent_s;
+        *now += rate * spent_s;
+        *left_s -= spent_s;
+    };
+    if now > highest {
+        change(&mut gone, &mut now, &mut left_s, highest);
+    }
+    let peak = (0.5 * now * now + acceleration * (to_stop - gone).max(0.0)).sqrt().min(highest);
+    if peak > now {
+        change(&mut gone, &mut now, &mut left_s, peak);
+    }
+    let level = to_stop - gone - 0.5 * now * now / acceleration;
+    if now > 0.0 && level > 0.0 {
+        let spent_s = (level / now).min(left_s);
+        gone += now * spent_s;
+        left_s -= spent_s;
+    }
+    if left_s > 0.0 {
+        change(&mut gone, &mut now, &mut left_s, 0.0);
+    }
+    // A nanometre before the stop counts as the stop, and a nanometre per second as standstill: otherwise rounding
+    // would leave a rest such as 10⁻³²⁰ without end.
+    if to_stop - gone < 1e-6 { (to_stop, 0.0) } else { (gone, if now < 1e-6 { 0.0 } else { now }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use panelprep_base::geometry::KukaPose;
+    use proptest::prelude::*;
+
+    fn pose(x_mm: f64, y_mm: f64, a_deg: f64) -> Pose {
+        KukaPose { x_mm, y_mm, a_deg, ..KukaPose::default() }.to_rigid()
+    }
+
+    fn right_angle(blend_mm: f64) -> CornerBlend {
+        CornerBlend {
+            incoming_pose: pose(0.0, 0.0, 0.0),
+            incoming_length_mm: 10.0,
+            vertex: pose(10.0, 0.0, 0.0),
+            outgoing_end: pose(10.0, 6.0, 30.0),
+            blend_mm,
+            mm_per_deg: 0.0,
+        }
+    }
+
+    /// Calculated by hand: 2 mm before and after the corner; in the middle ¼ (8,0) + ½ (10,0) + ¼ (10,2) = (9.5,
+    /// 0.5). The arc of a parabola over a right angle is 2 d · 0.811613 = 3.2465 mm.
+    #[test]
+    fn a_right_angle_is_cut_by_the_blend_distance() {
+        let corner = Corner::new(&right_angle(2.0)).expect("blended");
+        assert!(distance_mm(&corner.start, &pose(8.0, 0.0, 0.0)) < 1e-12);
+        assert!(distance_mm(&corner.end, &pose(10.0, 2.0, 0.0)) < 1e-12);
+        assert!(distance_mm(&corner.pose_at(corner.length_mm / 2.0), &pose(9.5, 0.5, 0.0)) < 1e-9);
+        assert!((corner.length_mm - 3.2465).abs() < 2e-3, "{}", corner.length_mm);
+    }
+
+    /// The largest blend is half of the shorter line, 3 mm.
+    #[test]
+    fn a_blend_takes_at_most_half_of_either_line() {
+        let corner = Corner::new(&right_angle(50.0)).expect("blended");
+        assert!(distance_mm(&corner.start, &pose(7.0, 0.0, 0.0)) < 1e-12);
+        assert!(Corner::new(&right_angle(0.0)).is_none());
+        let whole = CornerBlend { incoming_length_mm: 2.0, ..right_angle(50.0) };
+        assert!(distance_mm(&Corner::new(&whole).expect("blended").start, &pose(9.0, 0.0, 0.0)) < 1e-12);
+    }
+
+    /// Equal steps of the measure are equal steps of the tool, and the orientation is continuous.
+    #[test]
+    fn the_corner_is_run_at_even_pace() {
+        let corner = Corner::new(&right_angle(2.0)).expect("blended");
+        let poses: Vec<Pose> =
+            (0..=20).map(|part| corner.pose_at(corner.length_mm * f64::from(part) / 20.0)).collect();
+        let steps: Vec<f64> = poses.windows(2).map(|pair| distance_mm(&pair[0], &pair[1])).collect();
+        let mean = steps.iter().sum::<f64>() / 20.0;
+        assert!(steps.iter().all(|step| (step / mean - 1.0).abs() < 0.02), "{steps:?}");
+        let turns = poses.windows(2).map(|pair| measure_mm(&pair[0], &pair[1], 1000.0) / 1000.0);
+        assert!(turns.fold(0.0, f64::max) < 2.0);
+        // Calculated by hand: a third of the outgoing line's 30° at its first 2 of 6 mm.
+        assert!((KukaPose::from_rigid(&corner.end).a_deg - 10.0).abs() < 1e-9);
+    }
+
+    /// If one degree counts as 1 mm, a rotation of 30° on a line of 6 mm has the length 30 mm.
+    #[test]
+    fn turning_counts_where_it_takes_longer() {
+        let (from, to) = (pose(10.0, 0.0, 0.0), pose(10.0, 6.0, 30.0));
+        assert!((measure_mm(&from, &to, 1.0) - 30.0).abs() < 1e-9);
+        assert!((measure_mm(&from, &to, 0.1) - 6.0).abs() < 1e-9);
+    }
+
+    fn run(mut limits: Limits) -> (f64, f64) {
+        let (mut time_s, mut speed, mut fastest) = (0.0, 0.0, 0.0_f64);
+        while limits.to_stop > 0.0 {
+            let (gone, next) = ramp_step(speed, limits, 0.012);
+            // At the end the last nanometre is skipped, and so is the small remaining speed.
+            assert!((next - speed).abs() <= limits.acceleration * 0.012 + 0.2, "{speed} then {next}");
+            limits.to_stop -= gone;
+            speed = next;
+            time_s += 0.012;
+            fastest = fastest.max(speed);
+            assert!(time_s < 100.0, "never ends");
+        }
+        (time_s, fastest)
+    }
+
+    /// By hand: 250 mm at 100 mm/s and 1000 mm/s² need 250/100 + 100/1000 = 2.6 s; 217 ticks are 2.604 s.
+    #[test]
+    fn a_long_way_takes_length_by_speed_and_one_ramp() {
+        let (time_s, fastest) = run(Limits { to_stop: 250.0, speed: 100.0, acceleration: 1000.0 });
+        assert!((time_s - 2.604).abs() < 1e-9 && (fastest - 100.0).abs() < 1e-9, "{time_s} {fastest}");
+    }
+
+    /// By hand: 4 mm at 1000 mm/s² never reach 100 mm/s, only √(1000·4) = 63.2; they need 2·0.0632 = 0.126 s.
+    #[test]
+    fn a_short_way_is_a_triangle() {
+        let (time_s, fastest) = run(Limits { to_stop: 4.0, speed: 100.0, acceleration: 1000.0 });
+        assert!((time_s - 0.132).abs() < 1e-9 && fastest < 63.3, "{time_s} {fastest}");
+    }
+
+    /// By hand: from 100 mm/s down to 40 at 1000 mm/s² needs 60 ms, five ticks.
+    #[test]
+    fn too_fast_is_braked_down() {
+        let mut speed = 100.0;
+        for _ in 0..5 {
+            speed = ramp_step(speed, Limits { to_stop: 500.0, speed: 40.0, acceleration: 1000.0 }, 0.012).1;
+        }
+        assert!((speed - 40.0).abs() < 1e-9, "{speed}");
+    }
+
+    proptest! {
+        /// Braking ends at a speed of exactly 0, at the latest one step after the time that the braking needs.
+        #[test]
+        fn a_brake_holds(mut speed in 0.1..2000.0f64, acceleration in 50.0..9000.0f64) {
+            let steps = (speed / acceleration / 0.012).ceil() as usize + 1;
+            for _ in 0..steps {
+                speed = ramp_step(speed, Limits { to_stop: 1e4, speed: 0.0, acceleration }, 0.012).1;
+            }
+            prop_assert_eq!(speed, 0.0);
+        }
+
+        #[test]
+        fn it_stops_where_and_when_it_must(
+            to_stop in 1e-3..500.0f64, speed in 10.0..2000.0f64, acceleration in 100.0..9000.0f64,
+        ) {
+            let (time_s, _) = run(Limits { to_stop, speed, acceleration });
+            let reaches = to_stop > speed * speed / acceleration;
+            let triangle_s = 2.0 * (to_stop / acceleration).sqrt();
+            let needed_s = if reaches { to_stop / speed + speed / acceleration } else { triangle_s };
+            prop_assert!(time_s > needed_s - 2e-4 && time_s < needed_s + 0.0121, "{time_s} {needed_s}");
+        }
+    }
+}

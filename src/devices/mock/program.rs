@@ -3,10 +3,9 @@
 //! Commands are planned in order. Speeds apply to the commands that follow. Base, tool, outputs and subroutines wait
 //! until the arm has stopped, like statements that stop the advance run.
 
-use super::epoch::ActiveTool;
 use super::kinematics;
 use super::log::{ContactSample, ExecutedMotion, StopCause, path_stop_message};
-use super::model::{Controller, TICK_MS};
+use super::model::{ActiveTool, Controller, TICK_MS};
 use super::mover::{CompletedMove, MoveBlocked};
 use super::moves::{Lin, Move, MoveKey, Override, Ptp};
 use super::options::Mode;

@@ -1,4 +1,5 @@
-//! The setup of a mock controller: its arm, its channels, its clock, and the meaning of its inputs and outputs.
+//! The setup of a mock controller: its arm, its channels, its clock, the meaning of its inputs and outputs, and the
+//! world around it. Outputs act on the world, inputs come from it.
 
 use super::channel_file::ChannelFile;
 use super::fault::FaultSpec;
@@ -80,5 +81,28 @@ impl Setup {
             programs: None,
             omitted_rule: None,
         }
+    }
+}
+
+/// The world on the other side of the controller's terminals. The world is called while the controller is locked, so
+/// it must not request anything from the controller.
+pub trait World: Send {
+    /// `$OUT[number]` changed.
+    fn on_output(&mut self, number: u16, value: bool, time_ms: u64);
+
+    /// Returns the state of `$IN[number]` now; `None` keeps the state that
+    /// [`Controller::set_input`](super::Controller::set_input) has set.
+    fn input(&self, number: u16, time_ms: u64) -> Option<bool>;
+}
+
+/// Nothing is connected.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct UnconnectedWorld;
+
+impl World for UnconnectedWorld {
+    fn on_output(&mut self, _: u16, _: bool, _: u64) {}
+
+    fn input(&self, _: u16, _: u64) -> Option<bool> {
+        None
     }
 }

@@ -1,9 +1,8 @@
 //! The tasks of the submit interpreter: requests, the transfer of commands into the ring, the watchdog, the stop.
 
-use super::epoch::{Epoch, RING};
-use super::error::EkiFault;
+use super::channel_file::EkiFault;
 use super::log::{ProgramStop, StopCause};
-use super::model::Controller;
+use super::model::{Controller, Epoch, RING};
 use super::options::{Clock, Rule};
 use super::wire::{self, Channel, Command, Refusal, Request};
 

@@ -1,9 +1,7 @@
 //! The model, driven as by a client: documents in, documents out, in lock step unless a test lets time pass itself.
 
 mod motion;
-mod outputs;
 mod protocol;
-mod served;
 mod stops;
 
 use super::kinematics::to_joints;

@@ -1,9 +1,75 @@
-//! The messages that the cell's programs understand: commands, requests, refusals; and their numbers in the
-//! protocol.
+//! The messages that the cell's programs understand: commands, requests, refusals; their numbers in the protocol; and
+//! the documents that the controller sent last.
 
-use super::channel_file::ElementKind;
-use super::error::{EkiFault, FileProblem};
+use super::channel_file::{EkiFault, ElementKind, FileProblem};
+use super::codec::Template;
 use super::memory::{Memory, as_int};
+use super::setup::Setup;
+
+/// The tags that the programs set, in the order in which they set them.
+const ACK_TAGS: [&str; 6] = ["Ack/@Rx", "Ack/@Done", "Ack/@Free", "Ack/@Err", "Ack/@ErrId", "Ack/@Ep"];
+#[rustfmt::skip] // a row for each element
+const STATE_TAGS: [&str; 37] = [
+    "St/@T", "St/@Seq", "St/@Re", "St/@Ep", "St/@Boot", "St/@Sum",
+    "St/@Mode", "St/@Flags", "St/@In", "St/@Out", "St/@Done", "St/@Under", "St/@Ov",
+    "St/J/@A1", "St/J/@A2", "St/J/@A3", "St/J/@A4", "St/J/@A5", "St/J/@A6",
+    "St/Tcp/@X", "St/Tcp/@Y", "St/Tcp/@Z", "St/Tcp/@A", "St/Tcp/@B", "St/Tcp/@C",
+    "St/Base/@X", "St/Base/@Y", "St/Base/@Z", "St/Base/@A", "St/Base/@B", "St/Base/@C",
+    "St/Tool/@X", "St/Tool/@Y", "St/Tool/@Z", "St/Tool/@A", "St/Tool/@B", "St/Tool/@C",
+];
+
+pub(super) const MOVE_J: i32 = 1;
+pub(super) const MOVE_LIN: i32 = 2;
+pub(super) const SET_BASE: i32 = 3;
+pub(super) const SET_TCP: i32 = 4;
+pub(super) const SET_ACC_SPEED: i32 = 5;
+pub(super) const SET_DIGOUT: i32 = 6;
+pub(super) const SET_DIGIN: i32 = 7;
+pub(super) const CALL_SUBROUTINE: i32 = 8;
+pub(super) const HEARTBEAT: i32 = 10;
+pub(super) const ABORT: i32 = 11;
+pub(super) const RESET: i32 = 12;
+pub(super) const LINE: i32 = 13;
+/// The outputs to a line while no client is connected: only the fault output is on.
+pub(super) const UNCONNECTED_LINE_OUTPUTS: i32 = 32;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Ack {
+    pub(super) received: i32,
+    pub(super) done: i32,
+    pub(super) free: i32,
+    pub(super) refusal: (i32, i32),
+    pub(super) epoch: i32,
+}
+
+/// The documents that were sent last.
+#[derive(Debug)]
+pub(super) struct LastAnswers {
+    pub(super) ack: Template,
+    pub(super) state: Template,
+    pub(super) last_ack: Option<(Ack, u64)>,
+    pub(super) last_state_ms: u64,
+    pub(super) sequence: i32,
+    pub(super) answered: i32,
+}
+
+impl LastAnswers {
+    pub(super) fn new(setup: &Setup) -> Self {
+        LastAnswers {
+            ack: Template::new(&setup.commands.sent, &ACK_TAGS),
+            state: Template::new(&setup.states.sent, &STATE_TAGS),
+            last_ack: None,
+            last_state_ms: 0,
+            sequence: setup.first_state,
+            answered: 0,
+        }
+    }
+
+    /// Forgets the last acknowledgement: nothing has been sent to a new client.
+    pub(super) fn forget_ack(&mut self) {
+        self.last_ack = None;
+    }
+}
 
 /// A channel of the controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,21 +159,6 @@ pub(super) struct Request {
     pub(super) operation: i32,
     pub(super) n1: i32,
 }
-
-pub(super) const MOVE_J: i32 = 1;
-pub(super) const MOVE_LIN: i32 = 2;
-pub(super) const SET_BASE: i32 = 3;
-pub(super) const SET_TCP: i32 = 4;
-pub(super) const SET_ACC_SPEED: i32 = 5;
-pub(super) const SET_DIGOUT: i32 = 6;
-pub(super) const SET_DIGIN: i32 = 7;
-pub(super) const CALL_SUBROUTINE: i32 = 8;
-pub(super) const HEARTBEAT: i32 = 10;
-pub(super) const ABORT: i32 = 11;
-pub(super) const RESET: i32 = 12;
-pub(super) const LINE: i32 = 13;
-/// The outputs to a line while no client is connected: only the fault output is on.
-pub(super) const UNCONNECTED_LINE_OUTPUTS: i32 = 32;
 
 /// The positions of a command's values in a channel's memory.
 #[derive(Debug, Clone, Copy)]
@@ -202,7 +253,7 @@ struct RowReader {
 }
 
 impl RowReader {
-    fn take_value<T: Default>(&mut self, read: Result<(T, u32), super::error::EkiError>) -> T {
+    fn take_value<T: Default>(&mut self, read: Result<(T, u32), super::channel_file::EkiError>) -> T {
         match read {
             Ok((value, counter)) => {
                 if *self.counter.get_or_insert(counter) != counter {

@@ -3,7 +3,7 @@
 use super::super::model::Controller;
 use super::super::options::Mode;
 use super::super::wire::{Channel, Refusal, SET_BASE, SET_TCP};
-use super::plan::{ConnectionSide, Fault, FaultTime};
+use super::spec::{ConnectionSide, Fault, FaultTime};
 
 const REBOOT_MS: u64 = 3_000;
 

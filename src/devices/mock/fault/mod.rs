@@ -1,17 +1,120 @@
 //! The faults of a controller or of the link to it, and their times, so that users can test their own cell against
-//! them.
+//! them: those that are still to come, and those that last.
 //!
-//! A [`FaultSpec`] is written as text (`mock-robot --fault`), see [`FaultSpec::HELP`]; [`Controller::apply_fault`] makes
-//! one fault happen now. Times are the controller's own: in lock step they pass only with the client's heartbeats.
+//! A [`FaultSpec`] is written as text (`mock-robot --fault`), see [`FaultSpec::HELP`]; [`Controller::apply_fault`]
+//! makes one fault happen now. Times are the controller's own: in lock step they pass only with the client's
+//! heartbeats.
 //!
 //! [`Controller::apply_fault`]: super::Controller::inject
 
 mod inject;
-mod plan;
 mod spec;
-mod troubles;
 
-pub use plan::{ConnectionSide, Fault, FaultSpec, FaultTime, PlannedFault};
-pub use spec::FaultSpecError;
+use super::wire::{Channel, Command, Refusal, SET_BASE, SET_TCP};
+pub use spec::{ConnectionSide, Fault, FaultSpec, FaultSpecError, FaultTime, PlannedFault};
 
-pub(super) use troubles::FaultState;
+/// The error of a wrong base, mm.
+const BASE_ERROR_MM: f64 = 1.0;
+
+/// The faults of a controller: those that are still to come, and those that last.
+#[derive(Debug, Default)]
+pub(super) struct FaultState {
+    planned: Vec<PlannedFault>,
+    commands_arrived: u64,
+    /// The faults that end by themselves, and the times of their ends.
+    ends: Vec<(u64, Fault)>,
+    unplugged: bool,
+    mute: bool,
+    no_acks: bool,
+    stalled: bool,
+    slow_share: Option<f64>,
+    override_percent: Option<u8>,
+    pose_deviation_mm: Option<u8>,
+    /// The operation, `set_base` or `set_tcp`, whose next command is acknowledged without an effect.
+    lost_operation: Option<i32>,
+    wrong_base: bool,
+    refusal: Option<Refusal>,
+    skips_state: bool,
+    /// Bytes and closed connections that wait for the cable, by channel.
+    pub(super) cable_buffer: [Vec<u8>; 2],
+    pub(super) hung_up: [bool; 2],
+}
+
+impl FaultState {
+    pub(super) fn new(planned: Vec<PlannedFault>) -> Self {
+        FaultState { planned, ..FaultState::default() }
+    }
+
+    /// Returns whether the cable is out.
+    pub(super) fn is_unplugged(&self) -> bool {
+        self.unplugged
+    }
+
+    /// Returns whether nothing is sent on this channel.
+    pub(super) fn is_channel_silenced(&self, channel: Channel) -> bool {
+        self.mute || (self.no_acks && channel == Channel::Command)
+    }
+
+    /// Returns whether the submit interpreter is stalled.
+    pub(super) fn is_submit_stalled(&self) -> bool {
+        self.stalled
+    }
+
+    /// `$OV_PRO`.
+    pub(super) fn override_percent(&self) -> u8 {
+        self.override_percent.unwrap_or(100)
+    }
+
+    /// Returns the deviation of the measured pose along Z, mm.
+    pub(super) fn pose_deviation_mm(&self) -> f64 {
+        self.pose_deviation_mm.map_or(0.0, f64::from)
+    }
+
+    /// Returns the share of its commanded speed at which the arm moves.
+    pub(super) fn speed_share(&self) -> f64 {
+        self.slow_share.unwrap_or(1.0) * f64::from(self.override_percent()) / 100.0
+    }
+
+    /// Takes the reason to refuse the next command, if there is one.
+    pub(super) fn take_refusal(&mut self) -> Option<Refusal> {
+        self.refusal.take()
+    }
+
+    /// Returns one if the sequence number of a state is to be skipped, otherwise zero.
+    pub(super) fn take_sequence_skip(&mut self) -> i32 {
+        i32::from(std::mem::take(&mut self.skips_state))
+    }
+
+    /// Returns the value to which a frame is really set, with the faults applied; `None` if the command has no effect.
+    pub(super) fn faulty_frame(&mut self, command: &Command) -> Option<[f64; 6]> {
+        let mut numbers = command.p;
+        if self.lost_operation == Some(command.operation) {
+            self.lost_operation = None;
+            return None;
+        }
+        if command.operation == SET_BASE && std::mem::take(&mut self.wrong_base) {
+            numbers[0] += BASE_ERROR_MM;
+        }
+        Some(numbers)
+    }
+}
+
+impl FaultState {
+    /// Returns the value to which `$BASE` or `$TOOL` is really set when a program sets it, with the faults applied;
+    /// `None` if there is no effect. Null frames are not affected: the program itself sets them, at the start of an
+    /// epoch.
+    pub(super) fn spoil_frame(&mut self, is_base: bool, mut frame: [f32; 6]) -> Option<[f32; 6]> {
+        let operation = if is_base { SET_BASE } else { SET_TCP };
+        if frame == [0.0; 6] {
+            return Some(frame);
+        }
+        if self.lost_operation == Some(operation) {
+            self.lost_operation = None;
+            return None;
+        }
+        if is_base && std::mem::take(&mut self.wrong_base) {
+            frame[0] += BASE_ERROR_MM as f32;
+        }
+        Some(frame)
+    }
+}

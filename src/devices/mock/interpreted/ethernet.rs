@@ -2,12 +2,11 @@
 //!
 //! A lost channel is not opened again by itself: EKI_Clear, EKI_Init and EKI_Open do that.
 
-use super::super::channel_file::Element;
+use super::super::channel_file::{EkiError, EkiFault, Element};
 use super::super::codec::{Template, Value};
-use super::super::error::{EkiError, EkiFault};
 use super::super::model::Controller;
 use super::super::wire::Channel;
-use super::values::ControllerValues;
+use super::running::ControllerValues;
 use panelprep_kuka::krl::{Builtin, Cell, EkiAnswer, UndocumentedBehaviour};
 
 /// Error codes, in this order: not available; initialised already; interpretation failed; exists already; unknown

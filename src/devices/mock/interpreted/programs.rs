@@ -1,6 +1,6 @@
 //! The programs that a mock controller executes.
 
-use super::super::error::MockError;
+use super::super::channel_file::MockError;
 use panelprep_base::config::Problem;
 use panelprep_cell::controller::is_named;
 use panelprep_kuka::krl::{Kss, Program, UndocumentedBehaviour, analyse, parse};

@@ -1,14 +1,26 @@
-//! The programs of one controller while they run.
+//! The programs of one controller while they run: their state, the values of the system variables, and the documents
+//! that have arrived in lock step and are not yet handed over.
 
+use super::super::channel_file::EkiFault;
+use super::super::codec::{Value, decode};
+use super::super::framer::Framer;
 use super::super::log::StopCause;
 use super::super::setup::Setup;
-use super::held::HeldDocuments;
+use super::super::wire::Channel;
 use super::programs::Programs;
-use super::values::ControllerValues;
+use panelprep_base::geometry::{Joints, KukaPose};
 use panelprep_kuka::krl::{Cell, Interpreter, Memory};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use std::collections::VecDeque;
+
+/// Limits that fit any cell; the shipped file has the limits of one cell.
+const WIDE_LIMITS: [(&str, usize, f32); 4] = [
+    ("CELL_BOX_MIN", 3, -10_000.0),
+    ("CELL_BOX_MAX", 3, 10_000.0),
+    ("CELL_STEP_MM", 1, 2_000.0),
+    ("CELL_VEL_MAX", 1, 2.0),
+];
 
 /// The programs of one controller while they run.
 pub(in super::super) struct RunningPrograms {
@@ -133,14 +145,6 @@ impl RunningPrograms {
     }
 }
 
-/// Limits that fit any cell; the shipped file has the limits of one cell.
-const WIDE_LIMITS: [(&str, usize, f32); 4] = [
-    ("CELL_BOX_MIN", 3, -10_000.0),
-    ("CELL_BOX_MAX", 3, 10_000.0),
-    ("CELL_STEP_MM", 1, 2_000.0),
-    ("CELL_VEL_MAX", 1, 2.0),
-];
-
 /// Sets the inputs and outputs of `cell_config.dat` to those of this controller; the user's own `cell_config.dat`
 /// is kept.
 fn configure(memory: &mut Memory, programs: &Programs, setup: &Setup) {
@@ -197,4 +201,221 @@ pub(super) enum SchedulerBias {
     Fair,
     StarvesSubmit,
     StarvesRobot,
+}
+
+/// A document and the fields read from it; `None` for a field that the document lacks.
+#[derive(Debug)]
+pub(super) struct Document {
+    pub(super) bytes: Vec<u8>,
+    pub(super) epoch: Option<i32>,
+    pub(super) id: Option<i32>,
+    pub(super) operation: Option<i32>,
+    pub(super) number: Option<i32>,
+}
+
+/// The documents that wait to be sent.
+#[derive(Debug)]
+pub(super) struct HeldDocuments {
+    pub(super) framers: [Framer; 2],
+    pub(super) commands: VecDeque<Document>,
+    pub(super) requests: VecDeque<Document>,
+    /// Epoch and id of the newest command that arrived.
+    pub(super) arrived: (i32, i32),
+    /// Whether commands that a heartbeat names may still arrive, because their channel was not lost.
+    pub(super) awaits_commands: bool,
+    /// A request is being served.
+    pub(super) is_serving: bool,
+}
+
+impl HeldDocuments {
+    pub(super) fn new(setup: &Setup) -> Self {
+        HeldDocuments {
+            framers: [&setup.commands, &setup.states].map(|file| Framer::new(file.limit_bytes)),
+            commands: VecDeque::new(),
+            requests: VecDeque::new(),
+            arrived: (0, 0),
+            awaits_commands: true,
+            is_serving: false,
+        }
+    }
+
+    pub(super) fn queue_mut(&mut self, channel: Channel) -> &mut VecDeque<Document> {
+        match channel {
+            Channel::Command => &mut self.commands,
+            Channel::State => &mut self.requests,
+        }
+    }
+
+    pub(super) fn is_delivered(&self, heartbeat: &Document, epoch: i32) -> bool {
+        let (Some(of), Some(last)) = (heartbeat.epoch, heartbeat.number) else { return true };
+        last <= 0 || !self.awaits_commands || of < epoch || self.arrived >= (of, last)
+    }
+
+    /// Takes the commands up to the one that a heartbeat names.
+    pub(super) fn take_up_to(&mut self, heartbeat: &Document) -> Vec<Document> {
+        let named = heartbeat.epoch.zip(heartbeat.number);
+        let is_later = |command: &Document| match (command.epoch.zip(command.id), named) {
+            (Some(key), Some(named)) => key > named,
+            _ => false,
+        };
+        let count = self.commands.iter().position(is_later).unwrap_or(self.commands.len());
+        self.commands.drain(..count).collect()
+    }
+}
+
+impl Document {
+    pub(super) fn new(bytes: Vec<u8>, elements: &[super::super::channel_file::Element]) -> Self {
+        let arrived: Result<_, EkiFault> = decode(elements, &bytes);
+        let arrived = arrived.unwrap_or_default();
+        let int = |ending: &str| {
+            arrived.iter().find_map(|arrival| {
+                match (&arrival.value, elements[arrival.element].tag.ends_with(ending)) {
+                    (Some(Value::Int(number)), true) => Some(*number),
+                    _ => None,
+                }
+            })
+        };
+        Document { epoch: int("/@Ep"), id: int("/@Id"), operation: int("/@Op"), number: int("/@N1"), bytes }
+    }
+}
+
+/// A timer that counts ms.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Timer {
+    pub(super) value: i64,
+    pub(super) set_ms: u64,
+    pub(super) runs: bool,
+}
+
+impl Timer {
+    pub(super) fn value(&self, now_ms: u64) -> i64 {
+        if self.runs { self.value + (now_ms - self.set_ms) as i64 } else { self.value }
+    }
+}
+
+/// A frame that is written component by component.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct WrittenFrame {
+    pub(super) now: Option<[f32; 6]>,
+    pub(super) parts: [f32; 6],
+}
+
+/// The values on which $POS_ACT depends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct PoseInputs {
+    pub(super) joints: Joints,
+    pub(super) base: Option<[f32; 6]>,
+    pub(super) tool: Option<[f32; 6]>,
+}
+
+/// A channel as the program sees it.
+#[derive(Debug, Clone, Default)]
+pub(super) struct ChannelState {
+    pub(super) initialised: bool,
+    pub(super) listens: bool,
+    pub(super) cleared_ms: u64,
+    pub(super) set: Vec<super::super::codec::Value>,
+    /// Index after the element that was set last.
+    pub(super) set_next: usize,
+}
+
+/// The controller's values in addition to the data lists.
+#[derive(Debug, Clone)]
+pub(in super::super) struct ControllerValues {
+    pub(super) state: RobotState,
+    pub(super) stop_message: bool,
+    pub(super) advance: i32,
+    pub(super) base: WrittenFrame,
+    pub(super) tool: WrittenFrame,
+    /// $VEL.CP, $ACC.CP, $APO.CDIS.
+    pub(super) velocity: f32,
+    pub(super) acceleration: f32,
+    pub(super) distance: f32,
+    pub(super) axis_velocity: [i32; 6],
+    pub(super) axis_acceleration: [i32; 6],
+    pub(super) timers: [Timer; 65],
+    pub(super) words: [u16; 2],
+    /// Values that a program writes and that have no effect in this model.
+    pub(super) others: std::collections::BTreeMap<(u16, u32), Cell>,
+    pub(super) channels: [ChannelState; 2],
+    /// EKI_Init and EKI_Open fail until this time.
+    pub(super) channels_fail_until_ms: u64,
+    /// An interrupt's condition may have changed.
+    pub(super) changed: bool,
+    /// An approximated motion from standstill does not wait for a next motion.
+    pub(super) released: bool,
+    /// The reason why the arm abandoned a motion.
+    pub(super) abandon_reason: Option<String>,
+    /// Whether the next motion will be abandoned.
+    pub(super) abandons_next_motion: bool,
+    pub(super) reset_asked: bool,
+    /// The value of `$ROB_TIMER` at the start.
+    pub(super) uptime_ms: u64,
+    /// The last requested $POS_ACT.
+    pub(super) pose: Option<(PoseInputs, [f64; 6])>,
+}
+
+impl ControllerValues {
+    pub(super) fn new(setup: &Setup) -> Self {
+        let channel = |elements: usize| ChannelState {
+            set: vec![super::super::codec::Value::Unset; elements],
+            ..ChannelState::default()
+        };
+        ControllerValues {
+            state: RobotState::Reset,
+            stop_message: false,
+            advance: 3,
+            base: WrittenFrame::default(),
+            tool: WrittenFrame::default(),
+            velocity: 0.1,
+            acceleration: 1.0,
+            distance: 0.0,
+            axis_velocity: [100; 6],
+            axis_acceleration: [100; 6],
+            timers: [Timer::default(); 65],
+            words: [0; 2],
+            others: std::collections::BTreeMap::new(),
+            channels: [channel(setup.commands.sent.len()), channel(setup.states.sent.len())],
+            channels_fail_until_ms: 0,
+            changed: true,
+            released: false,
+            abandon_reason: None,
+            abandons_next_motion: false,
+            reset_asked: false,
+            uptime_ms: setup.programs.as_ref().map_or(0, |programs| programs.uptime_ms),
+            pose: None,
+        }
+    }
+
+    pub(super) fn init_motion(&mut self) {
+        (self.velocity, self.acceleration, self.advance) = (0.1, 1.0, 3);
+        (self.axis_velocity, self.axis_acceleration) = ([100; 6], [100; 6]);
+    }
+
+    /// Returns whether the TCP can be reported, which needs a program that has set base and tool.
+    pub(super) fn knows_tcp(&self) -> bool {
+        let has_program = matches!(self.state, RobotState::Active | RobotState::Stopped | RobotState::Ended);
+        has_program && self.base.now.is_some() && self.tool.now.is_some()
+    }
+}
+
+/// Creates a pose from the six numbers of a frame.
+pub(super) fn frame(numbers: [f32; 6]) -> KukaPose {
+    let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] = numbers.map(f64::from);
+    KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }
+}
+
+/// `$PRO_STATE1`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RobotState {
+    /// No program is selected.
+    Free,
+    /// The program is selected and at its first line.
+    Reset,
+    /// The program runs.
+    Active,
+    /// The program was stopped; Start continues it.
+    Stopped,
+    /// The program has reached its end.
+    Ended,
 }
