@@ -1,6 +1,6 @@
 //! The link to a tool over TCP: a thread of its own, for which nothing waits.
 
-use super::tool::{ConnectedTool, ToolReport, session_limits};
+use super::{ConnectedTool, ToolReport, session_limits};
 use panelprep_base::supervision::{SupervisedThread, WatchedThread, supervise};
 use panelprep_cell::cell::{CompliantTool, ToolAddress};
 use panelprep_cell::force::{ForceSetPoint, LinkLossCause, Session, SessionLimits, State, ToolReading};

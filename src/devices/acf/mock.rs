@@ -5,8 +5,19 @@
 //! presses with the commanded force, to which the weight of its payload is added according to its attitude. Its sensor
 //! reports the actuator's force with a small zero error and with noise that depends only on the time, so that two runs
 //! are equal.
+//!
+//! A fault can be planned to begin during a path: `silent@40`, from the 40th waypoint in contact on. For tests of the
+//! link and of the doctor the mock is also behind a TCP port of this machine, for one client at a time.
 
 use panelprep_cell::cell::CompliantTool;
+use std::io;
+use std::io::{ErrorKind, Read, Write};
+use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
+use std::str::FromStr;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 /// Speed of the actuator, mm/s.
 const SPEED_MM_S: f64 = 250.0;
@@ -17,6 +28,13 @@ const NOISE_N: f64 = 0.2;
 const STIFF_N_MM: f64 = 40.0;
 /// Gravity, m/s².
 const GRAVITY_M_S2: f64 = 9.806_65;
+
+/// Delay of an answer if no time is named, ms, and error of the force, N.
+const DEFAULT_DELAY_MS: u64 = 130;
+const DEFAULT_FORCE_ERROR_N: f64 = 12.0;
+
+/// How long the mock waits for bytes or a client.
+const POLL_TIMEOUT: Duration = Duration::from_millis(2);
 
 /// The surroundings of the tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -187,4 +205,158 @@ impl MockAcf {
 fn noise_n(time_ms: u64) -> f64 {
     let mixed = time_ms.wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(17).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     NOISE_N * ((mixed >> 40) as f64 / f64::from(1_u32 << 23) - 1.0)
+}
+
+/// A fault, and the number of waypoints after which the tool has the fault.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlannedToolFault {
+    /// The fault.
+    pub fault: ToolFault,
+    /// Number of waypoints in contact that were executed before.
+    pub from: u32,
+}
+
+/// The error of a fault specification.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("found \"{found}\"; valid: {}", PlannedToolFault::HELP)]
+pub struct PlannedToolFaultError {
+    found: String,
+}
+
+impl PlannedToolFault {
+    /// The syntax of a fault.
+    pub const HELP: &'static str = "NAME[=VALUE]@N, N being a waypoint in contact from 1 on: link-cut, silent, late=MS, garbage, \
+                                    other-id, errors=BITS, force=N, no-contact, stuck; for example silent@40 or force=-12@3";
+}
+
+impl FromStr for PlannedToolFault {
+    type Err = PlannedToolFaultError;
+
+    fn from_str(text: &str) -> Result<Self, PlannedToolFaultError> {
+        read(text).ok_or_else(|| PlannedToolFaultError { found: text.to_owned() })
+    }
+}
+
+fn read(text: &str) -> Option<PlannedToolFault> {
+    let (what, from) = text.split_once('@')?;
+    let (name, value) = what.split_once('=').map_or((what, None), |(name, value)| (name, Some(value)));
+    let fault = match (name, value) {
+        ("link-cut", None) => ToolFault::LinkCut,
+        ("silent", None) => ToolFault::Silent,
+        ("late", ms) => ToolFault::Late(ms.map_or(Some(DEFAULT_DELAY_MS), |ms| ms.parse().ok())?),
+        ("garbage", None) => ToolFault::Garbage,
+        ("other-id", None) => ToolFault::OtherId,
+        ("errors", bits) => ToolFault::Errors(bits.map_or(Some(1), |bits| bits.parse().ok())?),
+        ("force", off) => ToolFault::ForceOff(off.map_or(Some(DEFAULT_FORCE_ERROR_N), parse_finite)?),
+        ("no-contact", None) => ToolFault::NoContact,
+        ("stuck", None) => ToolFault::Stuck,
+        _ => return None,
+    };
+    Some(PlannedToolFault { fault, from: from.parse().ok().filter(|from| *from > 0)? })
+}
+
+fn parse_finite(text: &str) -> Option<f64> {
+    text.parse().ok().filter(|number: &f64| number.is_finite())
+}
+
+/// A mock that listens; when it is dropped, it ends.
+pub struct MockAcfServer {
+    address: SocketAddr,
+    fault: Arc<Mutex<Option<ToolFault>>>,
+    ending: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl MockAcfServer {
+    /// Starts to listen, with the panel at this distance in front of the tool, mm, and the tool level.
+    ///
+    /// # Errors
+    /// If there is no port or thread.
+    pub fn start(tool: &CompliantTool, touches_at_mm: f64) -> io::Result<Self> {
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
+        listener.set_nonblocking(true)?;
+        let address = listener.local_addr()?;
+        let (fault, ends) = (Arc::new(Mutex::new(None)), Arc::new(AtomicBool::new(false)));
+        let (of_thread, ended, mut mock) = (fault.clone(), ends.clone(), MockAcf::new(tool));
+        let run = move || {
+            let since = Instant::now();
+            while !ended.load(Ordering::Relaxed) {
+                match listener.accept() {
+                    Ok((stream, _)) => serve(stream, &mut mock, (&of_thread, &ended), (since, touches_at_mm)),
+                    Err(_) => std::thread::sleep(POLL_TIMEOUT),
+                }
+            }
+        };
+        let thread = std::thread::Builder::new().name("mock tool".to_owned()).spawn(run)?;
+        Ok(MockAcfServer { address, fault, ending: ends, thread: Some(thread) })
+    }
+
+    /// Returns the address at which it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Sets the fault that the mock has from now on.
+    pub fn set_fault(&self, fault: Option<ToolFault>) {
+        *self.fault.lock().unwrap_or_else(PoisonError::into_inner) = fault;
+    }
+}
+
+impl Drop for MockAcfServer {
+    fn drop(&mut self) {
+        self.ending.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
+            let _ = thread.join();
+        }
+    }
+}
+
+type Control<'a> = (&'a Mutex<Option<ToolFault>>, &'a AtomicBool);
+
+/// Serves one client, until the client leaves or the mock cuts the connection.
+fn serve(
+    mut stream: TcpStream,
+    mock: &mut MockAcf,
+    (fault, ends): Control<'_>,
+    (since, touches_at_mm): (Instant, f64),
+) {
+    mock.connect();
+    if stream.set_nonblocking(false).and_then(|()| stream.set_read_timeout(Some(POLL_TIMEOUT))).is_err() {
+        return;
+    }
+    let mut buffer = [0; 256];
+    while !ends.load(Ordering::Relaxed) {
+        mock.set_fault(*fault.lock().unwrap_or_else(PoisonError::into_inner));
+        let time_ms = u64::try_from(since.elapsed().as_millis()).unwrap_or(u64::MAX);
+        mock.advance(ToolSurroundings { time_ms, contact_extension_mm: touches_at_mm, downwards: 0.0 });
+        match stream.read(&mut buffer) {
+            Ok(0) => return,
+            Ok(count) => mock.receive(&buffer[..count], time_ms),
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
+            Err(_) => return,
+        }
+        let Some(bytes) = mock.sent_bytes(time_ms) else { return };
+        if stream.write_all(&bytes).is_err() {
+            return;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_is_read_with_its_waypoint() {
+        let of = |text: &str| text.parse::<PlannedToolFault>().map(|planned| (planned.fault, planned.from));
+        assert_eq!(of("silent@40"), Ok((ToolFault::Silent, 40)));
+        assert_eq!(of("force=-12.5@3"), Ok((ToolFault::ForceOff(-12.5), 3)));
+        assert_eq!(of("late@1"), Ok((ToolFault::Late(130), 1)));
+        assert_eq!(of("errors=2@7"), Ok((ToolFault::Errors(2), 7)));
+        for wrong in ["silent", "silent@0", "silent@x", "mute@4", "silent=3@4", "force=nan@4", ""] {
+            let told = of(wrong).expect_err("no fault").to_string();
+            assert!(told.starts_with(&format!("found \"{wrong}\"")) && told.contains("silent@40"), "{told}");
+        }
+    }
 }

@@ -1,28 +1,154 @@
 //! The compliant tool: a FerRobotics ACF over TCP, and a mock of this tool inside the program.
 //!
+//! - this file: a compliant tool as the loop uses it, its commands and its reports
 //! - `link`: a thread of its own that keeps the session; its received data is read without waiting
-//! - `mock`: a tool as bytes in and bytes out, with faults; its stroke ends when the disc touches
+//! - `mock`: a tool as bytes in and bytes out, with faults, also faults that begin during a path; its stroke ends when
+//!   the disc touches; and the same tool behind a TCP port, for tests of the link
 //! - `simulated`: session and mock in the time of the simulated world
-//! - `planned_fault`: a fault of the simulated tool that begins during a path
-//! - `tool`: the loop's interface to each of them
-//! - `server`: the mock behind a TCP port, for tests of the link
 //!
 //! **The driver has not run on a real tool yet.** To be proven on site: that the log-in word is echoed, what the tool
 //! does automatically when its link is cut, and that its force agrees with a scale.
 
 mod link;
 mod mock;
-mod planned_fault;
-mod server;
 mod simulated;
-mod tool;
-
-#[cfg(test)]
-mod tests;
 
 pub use link::{AcfLink, AcfStartError};
-pub use mock::{MockAcf, ToolFault, ToolSurroundings};
-pub use planned_fault::{PlannedToolFault, PlannedToolFaultError};
-pub use server::MockAcfServer;
+pub use mock::{MockAcf, MockAcfServer, PlannedToolFault, PlannedToolFaultError, ToolFault, ToolSurroundings};
 pub use simulated::{SimulatedAcf, SimulatedPanel, Surroundings};
-pub use tool::{ConnectedTool, ToolReport, session_limits};
+
+use panelprep_cell::cell::CompliantTool;
+use panelprep_cell::force::{ForceSetPoint, LinkLossCause, SessionLimits, ToolReading};
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// A report of a tool.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum ToolReport {
+    /// A reading, with its age, ms.
+    Reading {
+        /// Its report.
+        reading: ToolReading,
+        /// Age of the reading, ms.
+        age_ms: u32,
+    },
+    /// The link to the tool is lost; reported once.
+    Lost(LinkLossCause),
+}
+
+/// A compliant tool that is connected by a link. No call blocks for an answer of the tool.
+pub trait ConnectedTool: Send {
+    /// Commands the force with which the tool presses from now on.
+    fn set_force(&mut self, press: ForceSetPoint);
+    /// Returns the next report of the tool; `None` if there is none.
+    fn next_report(&mut self) -> Option<ToolReport>;
+}
+
+/// Returns the limits that a session with this tool uses.
+pub fn session_limits(tool: &CompliantTool) -> SessionLimits {
+    SessionLimits {
+        login: tool.login.clone(),
+        id: tool.id,
+        period: Duration::from_millis(u64::from(tool.period_ms)),
+        reply_within: Duration::from_millis(u64::from(tool.reply_ms)),
+        rest_set_point: ForceSetPoint::retracted(tool.min_force_n),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use panelprep_cell::cell::CompliantTool;
+    use panelprep_cell::cell::{Cell, ToolAddress};
+    use panelprep_cell::force::ForceSetPoint;
+    use std::time::Duration;
+    use std::time::Instant;
+
+    fn tool() -> CompliantTool {
+        let cell = Cell::check("f", "[tool]\nkind = 'simulated'").unwrap_or_else(|problems| panic!("{problems}"));
+        cell.tool().compliant().expect("compliant").clone()
+    }
+
+    fn started(server: &MockAcfServer) -> AcfLink {
+        let address = ToolAddress { host: "127.0.0.1".to_owned(), port: server.address().port() };
+        AcfLink::start(&tool(), &address).expect("a thread")
+    }
+
+    /// Returns the expected report if it arrives within four seconds, and the time until then.
+    fn wait(link: &mut AcfLink, wanted: impl Fn(&ToolReport) -> bool) -> (ToolReport, Duration) {
+        let began = Instant::now();
+        while began.elapsed() < Duration::from_secs(4) {
+            match link.next_report().filter(&wanted) {
+                Some(news) => return (news, began.elapsed()),
+                None => std::thread::sleep(Duration::from_millis(1)),
+            }
+        }
+        panic!("nothing came");
+    }
+
+    /// After a command to press, the tool presses, and its force and position are read back.
+    #[test]
+    fn a_tool_over_a_socket_presses_as_commanded() {
+        let server = MockAcfServer::start(&tool(), 15.0).expect("a port");
+        let mut link = started(&server);
+        let held = |news: &ToolReport| matches!(news, ToolReport::Reading { reading, .. } if !reading.contact);
+        wait(&mut link, held);
+        link.set_force(ForceSetPoint { force_n: 20.0, no_contact_n: 5.0, ramp_s: 0.1 });
+        let pressed = |news: &ToolReport| matches!(news, ToolReport::Reading { reading, .. } if (reading.force_n - 20.0).abs() < 0.5);
+        let (news, _) = wait(&mut link, pressed);
+        let ToolReport::Reading { reading, age_ms } = news else { panic!("{news:?}") };
+        assert!(
+            reading.contact && (reading.position_mm - 15.0).abs() < 0.1 && age_ms < 200,
+            "{reading:?} {age_ms}"
+        );
+    }
+
+    /// Each fault of the link is reported by its name within the reply's deadline and the delay of a busy machine; then
+    /// the link is established again.
+    #[test]
+    fn each_fault_of_the_link_is_reported_and_mended() {
+        let server = MockAcfServer::start(&tool(), 15.0).expect("a port");
+        let mut link = started(&server);
+        let reads = |news: &ToolReport| matches!(news, ToolReport::Reading { .. });
+        for (fault, word) in [
+            (ToolFault::LinkCut, "closed"),
+            (ToolFault::Silent, "has not replied for 1"),
+            (ToolFault::Late(140), "has not replied for 1"),
+            (ToolFault::Garbage, "reply is not valid"),
+            (ToolFault::OtherId, "id 1041 replied"),
+        ] {
+            server.set_fault(None);
+            wait(&mut link, reads);
+            server.set_fault(Some(fault));
+            let (news, took) = wait(&mut link, |news| matches!(news, ToolReport::Lost(_)));
+            let ToolReport::Lost(loss) = news else { panic!("{news:?}") };
+            assert!(loss.to_string().contains(word), "{fault}: {loss}");
+            assert!(took < Duration::from_millis(400), "{fault} took {took:?}");
+        }
+        server.set_fault(None);
+        wait(&mut link, reads);
+    }
+
+    /// Calculated by hand: at 250 mm/s, the actuator needs 60 ms to extend by 15 mm; then it presses with 20 N and, if it
+    /// points down, additionally with its 1.5 kg: 34.7 N.
+    #[test]
+    fn the_mocks_actuator_goes_out_until_it_touches() {
+        let mut mock = MockAcf::new(&tool());
+        mock.receive(b"ferbak1040 20.00 20.00 0.000 0.000 0k", 0);
+        let at = |time_ms, downwards| ToolSurroundings { time_ms, contact_extension_mm: 15.0, downwards };
+        mock.advance(at(0, 0.0));
+        mock.advance(at(30, 0.0));
+        assert!((mock.position_mm() - 7.5).abs() < 1e-9 && !mock.contact);
+        mock.advance(at(70, 0.0));
+        assert!((mock.position_mm() - 15.0).abs() < 1e-9 && mock.contact);
+        mock.advance(at(80, 1.0));
+        // The sensor reports the actuator's force.
+        assert!((mock.sensor_n - 20.0).abs() <= 0.2, "{}", mock.sensor_n);
+        mock.set_fault(Some(ToolFault::ForceOff(12.0)));
+        mock.advance(at(90, 0.0));
+        assert!((mock.sensor_n - 32.0).abs() <= 0.2, "{}", mock.sensor_n);
+        mock.advance(ToolSurroundings { time_ms: 100, contact_extension_mm: -2.0, downwards: 0.0 });
+        assert!(mock.position_mm() == 0.0 && mock.sensor_n > 100.0, "pushed against its stop");
+    }
+}
