@@ -1,6 +1,6 @@
 //! GigE Vision cameras as flange cameras: a real one, and the simulated one over the loopback interface.
 
-use super::bayer::FORMAT;
+use super::simulated::FORMAT;
 use super::{CameraError, CameraRole, Conditions, FlangeCamera, FlangePicture, SimulatedFlangeCamera};
 use crate::gige::{
     self, ExposureMode, Frame, GigeCamera, GigeError, LinkMonitor, LoopbackCamera, LoopbackError, PixelFormat,

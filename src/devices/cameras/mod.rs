@@ -10,27 +10,23 @@
 //! - [`GigeFlangeCamera`]: a GigE Vision camera on the flange · [`LoopbackFlangeCamera`], [`BayerFlangeCamera`]: the
 //!   simulated camera behind a colour sensor's filters, with and without a network between
 
-mod bayer;
-mod boards;
 mod capture;
-mod error;
 #[cfg(feature = "gige")]
 mod gige;
 mod quality;
 mod recorded;
 mod simulated;
 
-pub use bayer::BayerFlangeCamera;
-pub use boards::{BoardView, SimulatedBoards};
-pub use capture::{Conditions, FlangeCamera, FlangePicture, Picture, Scanner, Shot};
-pub use error::{CameraError, CameraRole, FileError};
+pub use capture::{
+    CameraError, CameraRole, Conditions, FileError, FlangeCamera, FlangePicture, Picture, Scanner, Shot,
+};
 #[cfg(feature = "gige")]
 pub use gige::{GigeFlangeCamera, LoopbackFlangeCamera};
 pub use quality::{PictureQuality, ScanQuality};
 pub use recorded::{RecordedFlangeCamera, RecordedScanner};
-pub use simulated::{Arm, SimulatedFlangeCamera, SimulatedScanner, simulated_cameras};
+pub use simulated::{
+    Arm, BayerFlangeCamera, BoardView, SimulatedBoards, SimulatedFlangeCamera, SimulatedScanner, simulated_cameras,
+};
 
 #[cfg(test)]
 pub mod conform;
-#[cfg(test)]
-mod tests;
