@@ -7,8 +7,7 @@
 use super::camera::{ConnectedCamera, Frame, MAX_FIRST_PICTURES};
 use super::error::{GigeError, round_to_ms};
 use super::settings::{ExposureMode, Settings};
-use super::single_picture::MAX_ATTEMPTS;
-use super::statistics::Statistics;
+use super::single_picture::{MAX_ATTEMPTS, Statistics};
 use crate::UNKNOWN_PX;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};

@@ -6,7 +6,7 @@
 //! ```
 //!
 //! The code that decides is pure and does not use Aravis: `settings` (the settings of a camera), `acceptance` (which
-//! frames are accepted), `single_picture` (how often a picture is tried), `bayer` (from one colour per pixel to
+//! frames are accepted), `single_picture` (how often a picture is tried), `format` (from one colour per pixel to
 //! three). A picture that is passed on is complete, has the calibrated size, is newer than the previous one, and has
 //! the requested exposure; any doubt is an error.
 //!
@@ -16,46 +16,39 @@
 //! clock that PTP sets, or a flange cable.
 
 mod acceptance;
-mod bayer;
 #[cfg(feature = "gige")]
 mod camera;
-#[cfg(feature = "gige")]
-mod configure;
 mod error;
 mod format;
 #[cfg(feature = "gige")]
 mod link;
 #[cfg(feature = "gige")]
 mod loopback;
-mod search;
+mod network;
 mod settings;
 mod single_picture;
-mod sockets;
-mod statistics;
 #[cfg(feature = "gige")]
 mod streaming;
-mod subnet;
 
 pub use acceptance::{
     Acceptance, Delivery, FrameMetadata, FrameRefusal, FrameRequirements, GapPolicy, frames_ahead,
 };
-pub use bayer::{demosaic, mosaic};
 #[cfg(feature = "gige")]
 pub use camera::Frame;
 pub use error::GigeError;
 pub use format::PixelFormat;
+pub use format::{demosaic, mosaic};
 #[cfg(feature = "gige")]
 pub use link::{GigeCamera, LinkMonitor, LinkStatus};
 #[cfg(feature = "gige")]
 pub use loopback::{FillPixels, LOOPBACK_ADDRESS, LoopbackCamera, LoopbackError, Register};
-pub use search::{FoundCamera, search};
+pub use network::{
+    FoundCamera, Subnet, burst_bytes, parse_subnets, rmem_max, search, socket_buffer_bytes, unreachable_reason,
+};
 pub use settings::{
     CameraSelector, ExposureMode, MissingNode, PACKET_BYTES, PlanError, SettingStep, Settings, plan,
 };
-pub use single_picture::{MAX_ATTEMPTS, StillError, TriggeredCamera, capture};
-pub use sockets::{burst_bytes, rmem_max, socket_buffer_bytes};
-pub use statistics::Statistics;
-pub use subnet::{Subnet, parse_subnets, unreachable_reason};
+pub use single_picture::{MAX_ATTEMPTS, Statistics, StillError, TriggeredCamera, capture};
 
 #[cfg(all(test, feature = "gige"))]
 pub(super) mod tests;

@@ -2,9 +2,9 @@
 
 use super::acceptance::{Delivery, FrameMetadata};
 use super::error::GigeError;
+use super::network::socket_buffer_bytes;
 use super::settings::Settings;
 use super::single_picture::TriggeredCamera;
-use super::sockets::socket_buffer_bytes;
 use aravis::glib::object::Cast;
 use aravis::prelude::*;
 use aravis::{BufferPayloadType, BufferStatus, GvStream, GvStreamPacketResend, GvStreamSocketBuffer};
