@@ -1,6 +1,7 @@
-//! Makes the two TCP connections, with settings by which a dead controller is detected.
+//! The addresses on which a controller listens, and the two TCP connections to them, with settings by which a dead
+//! controller is detected.
 
-use super::address::Address;
+use panelprep_cell::cell;
 use panelprep_kuka::eki::{Channel, LinkLoss};
 use socket2::{SockRef, TcpKeepalive};
 use std::io::{Error as IoError, ErrorKind};
@@ -11,6 +12,27 @@ use tokio::net::TcpStream;
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 /// Time after which a connection ends if sent bytes are not acknowledged.
 const USER_TIMEOUT: Duration = Duration::from_secs(1);
+
+/// The addresses on which a controller listens.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Address {
+    /// Host name or address of the controller.
+    pub host: String,
+    /// Port of the command channel.
+    pub command_port: u16,
+    /// Port of the state channel.
+    pub state_port: u16,
+}
+
+impl From<&cell::Robot> for Address {
+    fn from(robot: &cell::Robot) -> Self {
+        Address {
+            host: robot.host().to_owned(),
+            command_port: robot.command_port(),
+            state_port: robot.state_port(),
+        }
+    }
+}
 
 /// Connects the command channel, then the state channel: so a controller that receives a state request has both
 /// channels.

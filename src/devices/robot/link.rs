@@ -1,8 +1,8 @@
-//! The link as the rest of the program uses it: commands go in, reports come out.
+//! The link as the rest of the program uses it: commands go in, reports come out. Callers without an async runtime,
+//! such as a command that performs one task, have a link that blocks.
 
-use super::address::Address;
-use super::order::LinkRequest;
-use super::queue::{self, ReportQueue};
+use super::connect::Address;
+use super::queue::{self, LinkRequest, ReportQueue};
 use super::run;
 use panelprep_base::supervision::{WatchedThread, supervise};
 use panelprep_cell::cell;
@@ -13,12 +13,16 @@ use panelprep_kuka::eki::{
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+use tokio::runtime::Runtime;
 use tokio::sync::{mpsc, oneshot};
 
 /// The longest time without a sign of life of the thread.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(4);
 /// Time within which the link's thread answers each request, and within which it ends.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// The priority of the link's thread over other threads of the machine (nice value).
+const NICE: i32 = -10;
 
 /// Returns the link's limits from the cell's file.
 pub fn link_limits(cell: &cell::Cell) -> LinkLimits {
@@ -255,13 +259,107 @@ impl Drop for RobotLink {
     }
 }
 
-/// The priority of the link's thread over other threads of the machine (nice value).
-const NICE: i32 = -10;
-
 /// Raises the priority of the calling thread only. If the system does not permit this (the unit's `LimitNICE` does),
 /// the link runs at the program's own priority. Computing threads have lowered their own priority below that.
 fn raise_priority() {
     if let Err(error) = rustix::process::setpriority_process(None, NICE) {
         tracing::info!("the priority of the robot link's thread cannot be raised: {error}");
+    }
+}
+
+/// A [`RobotLink`] with blocking calls.
+#[derive(Debug)]
+pub struct BlockingLink {
+    // This field is dropped first, so that the link's thread ends by itself.
+    link: RobotLink,
+    runtime: Runtime,
+}
+
+impl BlockingLink {
+    /// Starts the link as [`RobotLink::start`] does.
+    ///
+    /// # Errors
+    /// As for [`RobotLink::start`].
+    pub fn start(address: Address, limits: LinkLimits, pace: ClockMode) -> Result<Self, StartError> {
+        let link = RobotLink::start(address, limits, pace)?;
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
+        Ok(BlockingLink { link, runtime })
+    }
+
+    /// Queues one command as [`RobotLink::send`] does.
+    ///
+    /// # Errors
+    /// As for [`RobotLink::send`].
+    pub fn send(&self, command: Command) -> Result<CommandId, QueueError> {
+        self.runtime.block_on(self.link.send(command))
+    }
+
+    /// Queues a whole path as [`RobotLink::send_path`] does.
+    ///
+    /// # Errors
+    /// As for [`RobotLink::send_path`].
+    pub fn send_path(&self, points: Vec<MoveLin>) -> Result<CommandId, QueueError> {
+        self.runtime.block_on(self.link.send_path(points))
+    }
+
+    /// Queues a path of which only some points are permitted, as [`RobotLink::send_path_within`] does.
+    ///
+    /// # Errors
+    /// As for [`RobotLink::send_path_within`].
+    pub fn send_path_within(&self, points: Vec<MoveLin>, permitted: u32) -> Result<CommandId, QueueError> {
+        self.runtime.block_on(self.link.send_path_within(points, permitted))
+    }
+
+    /// Permits more commands, as [`RobotLink::permit_commands`] does.
+    ///
+    /// # Errors
+    /// As for [`RobotLink::permit_commands`].
+    pub fn permit_commands(&self, last: Option<CommandId>) -> Result<(), QueueError> {
+        self.runtime.block_on(self.link.permit_commands(last))
+    }
+
+    /// Opens an epoch as [`RobotLink::open_epoch`] does.
+    ///
+    /// # Errors
+    /// As for [`RobotLink::open_epoch`].
+    pub fn open_epoch(&self) -> Result<Epoch, QueueError> {
+        self.runtime.block_on(self.link.open_epoch())
+    }
+
+    /// Opens an epoch with a number above `above`, as [`RobotLink::open_epoch_above`] does.
+    ///
+    /// # Errors
+    /// As for [`RobotLink::open_epoch_above`].
+    pub fn open_epoch_above(&self, above: Epoch) -> Result<Epoch, QueueError> {
+        self.runtime.block_on(self.link.open_epoch_above(above))
+    }
+
+    /// Ends the epoch as [`RobotLink::abort`] does.
+    ///
+    /// # Errors
+    /// As for [`RobotLink::abort`].
+    pub fn abort(&self) -> Result<(), QueueError> {
+        self.runtime.block_on(self.link.abort())
+    }
+
+    /// As [`RobotLink::line`].
+    pub fn line(&self) -> LineOutputs {
+        self.link.line()
+    }
+
+    /// As [`RobotLink::stop_line`].
+    pub fn stop_line(&self) -> StopLine {
+        self.link.stop_line()
+    }
+
+    /// As [`RobotLink::watched`].
+    pub fn supervision_handle(&self) -> WatchedThread {
+        self.link.supervision_handle()
+    }
+
+    /// Returns the next report; `None` if none arrives within this time by the wall clock.
+    pub fn next(&mut self, patience: Duration) -> Option<Report> {
+        let BlockingLink { link, runtime } = self;
+        runtime.block_on(async { tokio::time::timeout(patience, link.next()).await.ok() })
     }
 }

@@ -11,17 +11,13 @@
 //!
 //! The link does not judge waypoints: see the gate in `path`. It reports events and decides nothing: see `cycle`.
 
-mod address;
-mod blocking;
 mod connect;
 mod link;
-mod order;
 mod queue;
 mod run;
 
 #[cfg(test)]
 mod tests;
 
-pub use address::Address;
-pub use blocking::BlockingLink;
-pub use link::{LineOutputs, RobotLink, StartError, StopLine, link_limits};
+pub use connect::Address;
+pub use link::{BlockingLink, LineOutputs, RobotLink, StartError, StopLine, link_limits};

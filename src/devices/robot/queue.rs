@@ -1,13 +1,13 @@
-//! The queue of reports from the link's thread to their reader.
+//! The requests to the link's thread, and the queue of reports from this thread to their reader.
 //!
 //! A reader that is busy for a long time finds only the newest state and the newest progress. The number of other
 //! reports grows only with commands and faults, which the reader itself has requested.
 
-use panelprep_kuka::eki::Report;
+use panelprep_kuka::eki::{Command, CommandId, Epoch, MoveLin, QueueError, Report};
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-use tokio::sync::Notify;
+use tokio::sync::{Notify, oneshot};
 
 #[derive(Debug, Default)]
 pub(super) struct ReportQueue {
@@ -90,6 +90,27 @@ impl ReportQueue {
     pub(super) async fn changed(&self) {
         self.changed.notified().await;
     }
+}
+
+type Reply<T> = oneshot::Sender<Result<T, QueueError>>;
+
+#[derive(Debug)]
+pub(super) enum LinkRequest {
+    Queue(Command, Reply<CommandId>),
+    QueuePath(Vec<MoveLin>, Reply<CommandId>),
+    /// A path of which only the first points are sent before more are permitted.
+    QueuePathWithin(Vec<MoveLin>, u32, Reply<CommandId>),
+    Permit(Option<CommandId>, Reply<()>),
+    OpenEpoch(Epoch, Reply<Epoch>),
+    Abort(Reply<()>),
+    /// Aborts the open epoch; there is no answer.
+    Stop,
+    /// The outputs to a line; no caller waits for them.
+    Line(u32),
+    /// Lets virtual time pass, if no report was added since this count of reports.
+    Grant {
+        told: u64,
+    },
 }
 
 #[cfg(test)]

@@ -1,9 +1,7 @@
 //! The link's thread: connects, moves bytes between sockets and session, performs requests, lets virtual time pass.
 
-use super::address::Address;
-use super::connect::{connect, system_loss};
-use super::order::LinkRequest;
-use super::queue::ReportQueue;
+use super::connect::{Address, connect, system_loss};
+use super::queue::{LinkRequest, ReportQueue};
 use panelprep_base::supervision::SupervisedThread;
 use panelprep_kuka::eki::{Channel, ClockMode, LinkLoss, Report, Session, StopCause, Time};
 use std::io::{Error as IoError, ErrorKind};
