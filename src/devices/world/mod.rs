@@ -5,9 +5,9 @@
 //! is gone when the panel is wetted again. Time is the controller's. The ground truth is known here and is used only
 //! for scores.
 //!
-//! - `simulated_world`: its contents and its cameras' views · `state`: the changing state · `signal`: effect and delay
-//!   of an output · `water`: the film's time · `touch`: the disc's positions · `line`: a line that brings parts, if
-//!   the cell's file names its signals
+//! - `simulated_world`: its contents and its cameras' views · `state`: the changing state, with effect and delay of an
+//!   output, the film's time, and a line that brings parts, if the cell's file names its signals · `touch`: the disc's
+//!   positions
 //! - `follow`: the same world around a controller in another process, by its messages
 //!
 //! The process light has no influence on the flange camera's pictures, since this camera has its own lamp, nor on 3D
@@ -15,12 +15,9 @@
 //! picture.
 
 mod follow;
-mod line;
-mod signal;
 mod simulated_world;
 mod state;
 mod touch;
-mod water;
 
 pub use follow::Follower;
 pub use simulated_world::{RobotMoment, SimulatedWorld, WorldError};

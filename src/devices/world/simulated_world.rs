@@ -1,15 +1,13 @@
 //! The world itself: its contents, its changes, and its cameras' views.
 
-use super::line::SimulatedLine;
-use super::signal::Signal;
-use super::state::{SandedArea, Violation, WorldState};
+use super::state::{SandedArea, Signal, SimulatedLine, Violation, WorldState, film_s, seconds};
 use super::touch::TouchedPoints;
-use super::water::{film_s, seconds};
 use crate::cameras::{CameraError, FlangePicture, Picture, Shot};
 use crate::mock::{self, ChannelFile, ContactSample, Controller, Setup};
 use panelprep_base::geometry::{Base, ColorPicture, Flange, Joints, Mask, OrganizedCloud, Rigid};
 use panelprep_cell::cell::{self, Feedback, Output};
-use panelprep_sim::{self as sim, CellTruth, Film, GreasySpot, SandingStrength, WET_FROM_S};
+use panelprep_sim as sim;
+use panelprep_sim::{CellTruth, Film, GreasySpot, SandingStrength, WET_FROM_S};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Fraction of a spot's area that must be covered for the grease to be removed.
