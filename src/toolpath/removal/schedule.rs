@@ -167,7 +167,7 @@ fn limit_feed_steps(feeds_mm_s: &[f64], moves: &[Move], acceleration_mm_s2: f64)
 
 /// A sparse matrix, stored by columns.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Columns {
+struct Columns {
     starts: Vec<usize>,
     rows: Vec<u32>,
     values: Vec<f32>,
@@ -209,7 +209,7 @@ impl Columns {
 
 /// Target of the descent.
 #[derive(Debug, Clone, Copy)]
-pub struct DescentTarget<'a> {
+struct DescentTarget<'a> {
     /// The target vector y.
     pub target: &'a [f64],
     /// Lowest and highest x.
@@ -221,7 +221,7 @@ pub struct DescentTarget<'a> {
 }
 
 /// Returns the x that minimises the sum, beginning with a start within the bounds.
-pub fn minimise_bounded(columns: &Columns, mut x: Vec<f64>, sought: &DescentTarget<'_>) -> Vec<f64> {
+fn minimise_bounded(columns: &Columns, mut x: Vec<f64>, sought: &DescentTarget<'_>) -> Vec<f64> {
     let count = columns.count().min(x.len()).min(sought.bounds.len());
     let mut over = columns.times(&x, sought.target.len());
     over.iter_mut().zip(sought.target).for_each(|(sum, wanted)| *sum -= wanted);
