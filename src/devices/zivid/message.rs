@@ -2,8 +2,9 @@
 //!
 //! The daemon sends requests; the worker answers each once, in order. Settings are sent as the text of their YAML
 //! file and named by its SHA-256 from then on, so that no shot uses other settings than those sent. Times are of
-//! `CLOCK_MONOTONIC`, which both processes read.
+//! `CLOCK_MONOTONIC` in nanoseconds, which both processes read.
 
+use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -287,4 +288,11 @@ pub enum Trouble {
     Settings,
     /// The request does not fit the present state: a picture without a clip, a shot without a camera.
     OutOfOrder,
+}
+
+/// Returns the present time, ns.
+pub fn now_ns() -> u64 {
+    let now = clock_gettime(ClockId::Monotonic);
+    // Neither number is negative on a clock that begins when the machine starts.
+    now.tv_sec.unsigned_abs() * 1_000_000_000 + now.tv_nsec.unsigned_abs()
 }

@@ -7,12 +7,12 @@
 //! The SDK is C++ on a graphics processor; its failures must not affect the process that holds the robot's link. The
 //! daemon loads no part of the SDK: one program serves cells with and without it.
 //!
-//! - [`wire`], `frame`: frames that are complete and unchanged, or refused · [`message`]: their messages
+//! - [`wire`]: frames that are complete and unchanged, or refused · [`message`]: their messages
 //! - [`budget`]: how often a worker is started again · [`accept`]: whether the received data is what was requested ·
 //!   [`fault`]: faults in words
 //! - [`warmth`]: whether the camera has reached its stable temperature
-//! - [`host`], [`link`], [`process`]: the daemon's side · [`ZividScanner`]: the camera as the cell has it
-//! - [`worker`], `camera`, `clip`, [`sensor`], [`library`]: the worker's side · `cpp/`: the C interface over the SDK,
+//! - [`host`], [`process`]: the daemon's side, with its end of the link · [`ZividScanner`]: the camera as the cell has it
+//! - [`worker`], [`sensor`], [`library`]: the worker's side · `cpp/`: the C interface over the SDK,
 //!   declarations to build it without the SDK, and a camera simulated by them
 //!
 //! A shot of 1944×1200 points is 44 MB. It is sent through the socket by plain large writes, which make two copies
@@ -21,14 +21,9 @@
 
 pub mod accept;
 pub mod budget;
-mod camera;
-mod clip;
-pub mod clock;
 pub mod fault;
-mod frame;
 pub mod host;
 pub mod library;
-pub mod link;
 pub mod message;
 pub mod process;
 mod scanner;

@@ -1,14 +1,12 @@
 //! The Zivid as the cell's fixed camera.
 
-use super::clock::now_ns;
 use super::fault::ZividFault;
 use super::host::{
     AnswerTimeouts, CameraAnswer, CameraRequest, CameraSetup, CameraStage, Host, MAX_ATTEMPTS, QueuedRequest,
     Shared,
 };
-use super::link::ShotDelivery;
-use super::message::{ClipEnd, Lens, Light, ShotInfo, Size, Temperatures};
-use super::process::WorkerLauncher;
+use super::message::{ClipEnd, Lens, Light, ShotInfo, Size, Temperatures, now_ns};
+use super::process::{ShotDelivery, WorkerLauncher};
 use super::warmth::{WarmUpState, judge_warm_up};
 use crate::cameras::{CameraError, Conditions, Picture, Scanner, Shot};
 use panelprep_base::geometry::{Camera, ColorPicture, OrganizedCloud};

@@ -1,7 +1,33 @@
-//! The interface of the worker to a camera: the camera is operated through the SDK, one call at a time.
+//! The camera in the worker: it is operated through the SDK, one call at a time.
+//!
+//! A sensor takes one shot or picture after the other, with the data about each. For a clip a thread takes pictures
+//! into a queue of three. If pictures are fetched too late, the oldest are lost, and counted.
 
-use super::message::{Identity, Lens, Light, Refusal, Size, Source, Temperatures, Use};
+use super::message::{
+    ClipEnd, Identity, Lens, Light, Refusal, SettingsHash, ShotInfo, Size, Source, Temperatures, Trouble, Use,
+    now_ns,
+};
+use std::collections::VecDeque;
 use std::path::Path;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// Largest number of a clip's pictures that wait to be fetched.
+const QUEUE_LENGTH: usize = 3;
+
+/// Time limit for the next picture of a clip; after this time, the worker reports to the daemon that there is none.
+const PICTURE_TIMEOUT: Duration = Duration::from_secs(4);
+
+/// A clip without a request for pictures ends by itself after this time: its client may have disappeared.
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// Number of consecutive pictures that the camera may fail to deliver; each is a gap in the clip's times. One more
+/// failure ends the clip.
+const MAX_MISSED: u32 = 2;
+
+/// A rate above that of any camera of this kind.
+const MAX_PICTURES_PER_SECOND: f64 = 1_000.0;
 
 /// The number that the sensor gave to settings that it has read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -86,4 +112,255 @@ pub trait Sensor: Send {
     /// # Errors
     /// As [`Sensor::connect`].
     fn measure_ambient_light(&mut self) -> Result<Light, Refusal>;
+}
+
+/// A camera and the number of its shots.
+pub(super) struct Camera {
+    pub(super) sensor: Box<dyn Sensor>,
+    pub(super) serial: Option<String>,
+    taken: u64,
+}
+
+impl Camera {
+    /// Creates a camera that was not opened yet.
+    pub(super) fn new(sensor: Box<dyn Sensor>) -> Self {
+        Camera { sensor, serial: None, taken: 0 }
+    }
+
+    /// Takes a shot or picture and returns the data about it.
+    pub(super) fn capture<T>(
+        &mut self,
+        settings: &SettingsHash,
+        shot: impl FnOnce(&mut dyn Sensor) -> Result<(ExposureMetadata, T), Refusal>,
+    ) -> Result<(ShotInfo, T), Refusal> {
+        let closed = || Refusal { trouble: Trouble::OutOfOrder, message: "no camera is open".to_owned() };
+        let serial = self.serial.clone().ok_or_else(closed)?;
+        let begun_ns = now_ns();
+        let (exposed, data) = shot(&mut *self.sensor)?;
+        self.taken += 1;
+        let ExposureMetadata { size, exposed_ns, throttled_ms, lens_c } = exposed;
+        let settings = settings.clone();
+        let taken = ShotInfo {
+            size,
+            settings,
+            serial,
+            number: self.taken,
+            begun_ns,
+            exposed_ns,
+            ready_ns: now_ns(),
+            throttled_ms,
+            lens_c,
+            dropped: 0,
+        };
+        Ok((taken, data))
+    }
+}
+
+pub(super) fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A picture with its metadata.
+type PictureWithMetadata = (ShotInfo, Vec<[u8; 3]>);
+
+/// The data that the clip's thread and the worker share.
+#[derive(Default)]
+struct ClipQueue {
+    waiting: VecDeque<PictureWithMetadata>,
+    taken: u64,
+    dropped: u64,
+    /// Pictures in a row that the camera did not give.
+    missed: u32,
+    /// Time of the last request for a picture.
+    asked_ns: u64,
+    /// The error that ended the clip, reported once.
+    failed: Option<Refusal>,
+    is_over: bool,
+}
+
+impl ClipQueue {
+    /// Processes the result of a capture at this time.
+    fn receive(&mut self, taken: Result<PictureWithMetadata, Refusal>, now_ns: u64) {
+        match taken {
+            Ok(photo) => self.push(photo),
+            Err(refusal) if refusal.trouble == Trouble::NoShot && self.missed < MAX_MISSED => self.missed += 1,
+            Err(refusal) => (self.failed, self.is_over) = (Some(refusal), true),
+        }
+        if now_ns.saturating_sub(self.asked_ns) > REQUEST_TIMEOUT.as_nanos() as u64 {
+            let message = format!(
+                "no picture of the clip was requested for {} s, so the clip was ended",
+                REQUEST_TIMEOUT.as_secs()
+            );
+            let ended = Refusal { trouble: Trouble::OutOfOrder, message };
+            (self.failed, self.is_over) = (Some(ended), true);
+            self.waiting.clear();
+        }
+    }
+
+    /// Adds a picture; if the queue is full, the oldest picture is dropped.
+    fn push(&mut self, photo: PictureWithMetadata) {
+        (self.taken, self.missed) = (self.taken + 1, 0);
+        self.waiting.push_back(photo);
+        if self.waiting.len() > QUEUE_LENGTH {
+            self.waiting.pop_front();
+            self.dropped += 1;
+        }
+    }
+
+    fn pop(&mut self) -> Option<PictureWithMetadata> {
+        let (mut taken, rgb) = self.waiting.pop_front()?;
+        taken.dropped = self.dropped;
+        Some((taken, rgb))
+    }
+}
+
+/// A clip that is being taken; dropping it ends it.
+pub(super) struct Clip {
+    shared: Arc<(Mutex<ClipQueue>, Condvar)>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Clip {
+    pub(super) fn begin_clip(
+        camera: Arc<Mutex<Camera>>,
+        (slot, settings): (SettingsSlot, SettingsHash),
+        pictures_per_second: f64,
+    ) -> Result<Self, Refusal> {
+        let refused = |message| Refusal { trouble: Trouble::OutOfOrder, message };
+        if !(pictures_per_second > 0.0 && pictures_per_second <= MAX_PICTURES_PER_SECOND) {
+            return Err(refused(format!(
+                "{pictures_per_second} pictures per second are requested; valid: more than 0 and at most \
+                 {MAX_PICTURES_PER_SECOND}"
+            )));
+        }
+        let period_ns = (1e9 / pictures_per_second) as u64;
+        let queue = ClipQueue { asked_ns: now_ns(), ..ClipQueue::default() };
+        let shared = Arc::new((Mutex::new(queue), Condvar::new()));
+        let theirs = shared.clone();
+        let run = move || {
+            let (queue, news) = &*theirs;
+            let mut due_ns = now_ns();
+            loop {
+                let taken = lock(&camera).capture(&settings, |sensor| sensor.picture(slot));
+                let mut queue = lock(queue);
+                queue.receive(taken, now_ns());
+                news.notify_all();
+                // If the camera is late, the schedule continues from the present time; missed pictures are not made up
+                // for.
+                due_ns = (due_ns + period_ns).max(now_ns());
+                while !queue.is_over && now_ns() < due_ns {
+                    let left = Duration::from_nanos(due_ns.saturating_sub(now_ns()));
+                    queue = news.wait_timeout(queue, left).unwrap_or_else(PoisonError::into_inner).0;
+                }
+                if queue.is_over {
+                    return;
+                }
+            }
+        };
+        let thread = std::thread::Builder::new()
+            .name("clip".to_owned())
+            .spawn(run)
+            .map_err(|error| refused(format!("the clip's thread cannot start: {error}")))?;
+        Ok(Clip { shared, thread: Some(thread) })
+    }
+
+    /// Returns the oldest waiting picture, or waits for the next one.
+    pub(super) fn next(&mut self) -> Result<PictureWithMetadata, Refusal> {
+        let (queue, news) = &*self.shared;
+        let idle = |queue: &mut ClipQueue| queue.waiting.is_empty() && !queue.is_over;
+        lock(queue).asked_ns = now_ns();
+        let waited = news.wait_timeout_while(lock(queue), PICTURE_TIMEOUT, idle);
+        let mut queue = waited.unwrap_or_else(PoisonError::into_inner).0;
+        queue.asked_ns = now_ns();
+        let late = || Refusal {
+            trouble: Trouble::NoShot,
+            message: format!("no picture of the clip within {} s", PICTURE_TIMEOUT.as_secs()),
+        };
+        queue.pop().ok_or_else(|| queue.failed.clone().unwrap_or_else(late))
+    }
+
+    /// Ends the clip after the picture in progress.
+    pub(super) fn end(&mut self) -> ClipEnd {
+        let (queue, news) = &*self.shared;
+        lock(queue).is_over = true;
+        news.notify_all();
+        if let Some(thread) = self.thread.take() {
+            #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
+            let _ = thread.join();
+        }
+        let queue = lock(queue);
+        ClipEnd { taken: queue.taken, dropped: queue.dropped }
+    }
+}
+
+impl Drop for Clip {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::message::Size;
+    use super::*;
+
+    fn photo(number: u64) -> PictureWithMetadata {
+        let size = Size { width: 1, height: 1 };
+        let taken = ShotInfo {
+            size,
+            settings: String::new(),
+            serial: String::new(),
+            number,
+            begun_ns: 0,
+            exposed_ns: 0,
+            ready_ns: 0,
+            throttled_ms: 0.0,
+            lens_c: None,
+            dropped: 0,
+        };
+        (taken, vec![[0; 3]])
+    }
+
+    /// By hand: of five pictures that are not fetched, the first two are lost.
+    #[test]
+    fn the_queue_keeps_the_newest_and_counts_the_others() {
+        let mut queue = ClipQueue::default();
+        (1..=5).for_each(|number| queue.push(photo(number)));
+        let taken = std::iter::from_fn(|| queue.pop()).map(|(taken, _)| (taken.number, taken.dropped));
+        assert_eq!(taken.collect::<Vec<_>>(), [(3, 2), (4, 2), (5, 2)]);
+        assert_eq!((queue.taken, queue.dropped), (5, 2));
+    }
+
+    fn no_shot() -> Refusal {
+        Refusal { trouble: Trouble::NoShot, message: "no exposure".to_owned() }
+    }
+
+    /// Two pictures in a row may be missing, which the times of the other pictures show; a third missing picture
+    /// ends the clip.
+    #[test]
+    fn a_missing_picture_is_a_gap_and_three_are_the_end() {
+        let mut queue = ClipQueue::default();
+        for taken in [Err(no_shot()), Err(no_shot()), Ok(photo(1)), Err(no_shot()), Err(no_shot())] {
+            queue.receive(taken, 0);
+            assert!(!queue.is_over);
+        }
+        queue.receive(Err(no_shot()), 0);
+        assert!(queue.is_over && queue.failed == Some(no_shot()));
+        let mut gone = ClipQueue::default();
+        gone.receive(Err(Refusal { trouble: Trouble::Gone, message: String::new() }), 0);
+        assert!(gone.is_over, "a camera that is gone ends it at once");
+    }
+
+    /// The clip of an abandoned film continues for ten seconds and no longer.
+    #[test]
+    fn a_clip_that_is_not_requested_ends() {
+        let mut queue = ClipQueue { asked_ns: 5_000_000_000, ..ClipQueue::default() };
+        queue.receive(Ok(photo(1)), 15_000_000_000);
+        assert!(!queue.is_over);
+        queue.receive(Ok(photo(2)), 15_000_000_001);
+        assert!(queue.is_over && queue.waiting.is_empty());
+        assert!(
+            queue.failed.is_some_and(|why| why.message.contains("no picture of the clip was requested for 10 s"))
+        );
+    }
 }

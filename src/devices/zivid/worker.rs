@@ -4,10 +4,8 @@
 //! worker. The worker decides nothing: it takes the requested shots and reports how they were taken. The worker ends
 //! when the daemon closes the connection, and also if the daemon ends without notice.
 
-use super::camera::{Camera, lock};
-use super::clip::Clip;
 use super::message::{Hello, Refusal, Reply, Request, SettingsHash, ShotInfo, Size, Source, Trouble, Use};
-use super::sensor::{Sensor, SettingsSlot, ShotPlanes};
+use super::sensor::{Camera, Clip, Sensor, SettingsSlot, ShotPlanes, lock};
 use super::wire::{self, FrameKind, WireError};
 use panelprep_cell::files::content_hash;
 use std::collections::HashMap;

@@ -1,12 +1,10 @@
 //! Sends one request to a ready camera and checks its answer.
 
-use super::outcome::{MAX_ATTEMPTS, RequestFailure, WorkerLoss, name};
-use super::{CameraAnswer, CameraRequest, Host};
+use super::{CameraAnswer, CameraRequest, Host, MAX_ATTEMPTS, RequestFailure, WorkerLoss, answer_name};
 use crate::zivid::accept::{self, ExpectedShot};
-use crate::zivid::clock::now_ns;
 use crate::zivid::fault::ZividFault;
-use crate::zivid::link::{Answer, ShotDelivery};
-use crate::zivid::message::{Refusal, Reply, Request, Source, Trouble};
+use crate::zivid::message::{Refusal, Reply, Request, Source, Trouble, now_ns};
+use crate::zivid::process::{Answer, ShotDelivery};
 use crate::zivid::wire::WireError;
 use std::time::{Duration, Instant};
 
@@ -122,7 +120,7 @@ impl Host {
                 Ok(CameraAnswer::State(temperatures))
             }
             (CameraRequest::Light, Answer::Words(Reply::Light(light))) => Ok(CameraAnswer::Light(light)),
-            (_, other) => Err(self.on_worker_lost(ask.describe(), WorkerLoss::Damaged(name(&other)))),
+            (_, other) => Err(self.on_worker_lost(ask.describe(), WorkerLoss::Damaged(answer_name(&other)))),
         }
     }
 

@@ -16,27 +16,26 @@
 
 mod exchange;
 mod opening;
-mod outcome;
 mod shared;
-mod worker_restart;
 
 use super::budget::{RestartBudget, RestartDecision};
-use super::clock::now_ns;
 use super::fault::ZividFault;
-use super::link::Link;
-use super::message::{Identity, SettingsHash};
-use super::process::{WorkerLauncher, WorkerPeer};
+use super::message::{Identity, Refusal, SettingsHash, now_ns};
+use super::process::{Answer, Link, WorkerLauncher, WorkerPeer};
+use super::wire::WireError;
 use super::worker::settings_hash;
-use outcome::WorkerLoss;
+use std::io::ErrorKind;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-pub(super) use outcome::MAX_ATTEMPTS;
 pub use shared::{
     AnswerTimeouts, CameraAnswer, CameraRequest, CameraSetup, CameraStage, QueuedRequest, Shared, Status,
 };
+
+/// Number of attempts for a shot that the camera did not deliver: once and two more.
+pub(super) const MAX_ATTEMPTS: u32 = 3;
 
 /// Interval of the checks of an idle worker.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
@@ -59,6 +58,53 @@ struct RunningWorker {
 struct LastShot {
     hash: SettingsHash,
     last_sum: Option<u32>,
+}
+
+/// The reason why the worker did not fulfil a request.
+enum RequestFailure {
+    /// The worker is lost.
+    Lost(WireError),
+    /// The worker states the reason.
+    Refused(Refusal),
+}
+
+impl From<WireError> for RequestFailure {
+    fn from(error: WireError) -> Self {
+        RequestFailure::Lost(error)
+    }
+}
+
+/// How a worker was lost.
+enum WorkerLoss {
+    /// The worker had already ended.
+    Ended(String),
+    /// The worker closed its end of the socket.
+    HungUp,
+    /// The worker does not answer.
+    Stalled(Duration),
+    /// Its data cannot be read.
+    Damaged(String),
+}
+
+impl WorkerLoss {
+    fn from_wire_error(error: WireError, waited: Duration) -> Self {
+        match error {
+            WireError::Ended | WireError::Cut { .. } => WorkerLoss::HungUp,
+            WireError::Io(error) if error.kind() == ErrorKind::BrokenPipe => WorkerLoss::HungUp,
+            WireError::Io(error) if error.kind() == ErrorKind::ConnectionReset => WorkerLoss::HungUp,
+            WireError::Io(error) if error.kind() == ErrorKind::TimedOut => WorkerLoss::Stalled(waited),
+            WireError::Stalled { .. } => WorkerLoss::Stalled(waited),
+            other => WorkerLoss::Damaged(other.to_string()),
+        }
+    }
+}
+
+fn answer_name(answer: &Answer) -> String {
+    match answer {
+        Answer::Words(_) => "the worker responded with another message".to_owned(),
+        Answer::Scan(..) => "the worker responded with a 3D shot".to_owned(),
+        Answer::Picture(..) => "the worker responded with a picture".to_owned(),
+    }
 }
 
 /// The state of the host's thread.

@@ -2,8 +2,8 @@
 
 use crate::zivid::budget::Restarts;
 use crate::zivid::fault::ZividFault;
-use crate::zivid::link::ShotDelivery;
 use crate::zivid::message::{ClipEnd, Identity, Lens, Light, Size, Source, Temperatures};
+use crate::zivid::process::ShotDelivery;
 use crate::zivid::sensor::ShotPlanes;
 use crate::zivid::warmth::{self, TemperatureReading};
 use std::collections::VecDeque;

@@ -2,7 +2,6 @@
 //! each byte in transit can be delayed, changed or left out.
 
 mod built;
-mod calls;
 mod hostile;
 mod library;
 mod played;
@@ -139,13 +138,13 @@ fn a_hot_camera_spoils_a_picture_and_not_a_shot() {
 #[test]
 fn settings_whose_text_is_not_what_was_announced_are_refused() {
     let (stream, _peer) = played(Plan::default())().expect("a worker");
-    let mut link = link::Link::new(stream, std::sync::Arc::default());
+    let mut link = process::Link::new(stream, std::sync::Arc::default());
     link.receive_hello(TIMEOUT).expect("its first words");
     let hash = worker::settings_hash("scan, before");
     let (usage, yaml) = (message::Use::Scan, "scan".to_owned());
     let answer =
         link.send_and_receive(&message::Request::Settings { usage, yaml, hash }, TIMEOUT).expect("an answer");
-    let link::Answer::Words(message::Reply::Refused(refusal)) = answer else { panic!("{answer:?}") };
+    let process::Answer::Words(message::Reply::Refused(refusal)) = answer else { panic!("{answer:?}") };
     assert!(refusal.message.contains("was announced"), "{refusal:?}");
 }
 

@@ -1,11 +1,9 @@
 //! A worker in a thread, with a sensor that follows a plan.
 
-use super::super::clock::now_ns;
-use super::super::message::{Flicker, Identity, Lens, Light, Refusal, Temperatures, Trouble, Use};
+use super::super::message::{Flicker, Identity, Lens, Light, Refusal, Temperatures, Trouble, Use, now_ns};
 use super::super::process::WorkerPeer;
 use super::super::sensor::{ExposureMetadata, Sensor, SettingsSlot, ShotPlanes};
-use super::super::worker;
-use super::super::{AnswerTimeouts, CameraSetup, Restarts, Size, Source, WorkerLauncher};
+use super::super::{AnswerTimeouts, CameraSetup, Restarts, Size, Source, WorkerLauncher, worker};
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::sync::Arc;
