@@ -1,9 +1,8 @@
 //! The link as the rest of the program uses it: commands go in, reports come out. Callers without an async runtime,
 //! such as a command that performs one task, have a link that blocks.
 
-use super::connect::Address;
 use super::queue::{self, LinkRequest, ReportQueue};
-use super::run;
+use super::run::{self, Address};
 use panelprep_base::supervision::{WatchedThread, supervise};
 use panelprep_cell::cell;
 use panelprep_kuka::eki::{

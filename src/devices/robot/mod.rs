@@ -11,7 +11,6 @@
 //!
 //! The link does not judge waypoints: see the gate in `path`. It reports events and decides nothing: see `cycle`.
 
-mod connect;
 mod link;
 mod queue;
 mod run;
@@ -19,5 +18,5 @@ mod run;
 #[cfg(test)]
 mod tests;
 
-pub use connect::Address;
 pub use link::{BlockingLink, LineOutputs, RobotLink, StartError, StopLine, link_limits};
+pub use run::Address;
