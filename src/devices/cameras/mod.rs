@@ -13,16 +13,15 @@
 mod capture;
 #[cfg(feature = "gige")]
 mod gige;
-mod quality;
 mod recorded;
 mod simulated;
 
 pub use capture::{
     CameraError, CameraRole, Conditions, FileError, FlangeCamera, FlangePicture, Picture, Scanner, Shot,
 };
+pub use capture::{PictureQuality, ScanQuality};
 #[cfg(feature = "gige")]
 pub use gige::{GigeFlangeCamera, LoopbackFlangeCamera};
-pub use quality::{PictureQuality, ScanQuality};
 pub use recorded::{RecordedFlangeCamera, RecordedScanner};
 pub use simulated::{
     Arm, BayerFlangeCamera, BoardView, SimulatedBoards, SimulatedFlangeCamera, SimulatedScanner, simulated_cameras,
