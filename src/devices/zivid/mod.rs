@@ -11,7 +11,8 @@
 //! - [`budget`]: how often a worker is started again · [`accept`]: whether the received data is what was requested ·
 //!   [`fault`]: faults in words
 //! - [`warmth`]: whether the camera has reached its stable temperature
-//! - [`host`], [`process`]: the daemon's side, with its end of the link · [`ZividScanner`]: the camera as the cell has it
+//! - [`host`], [`process`]: the daemon's side, with its end of the link · [`ZividScanner`]: the camera as the cell has
+//!   it
 //! - [`worker`], [`sensor`], [`library`]: the worker's side · `cpp/`: the C interface over the SDK,
 //!   declarations to build it without the SDK, and a camera simulated by them
 //!
