@@ -9,9 +9,9 @@
 //! - the programs: `model` (one tick, the epoch, the contact), `channels` (connected clients, messages sent), `submit`
 //!   (intake, watchdog, stop), `program` (advance run), `outputs` (automatic switch-off)
 //! - instead of these, the programs themselves: `interpreted` executes the shipped files
-//! - around the controller: `setup` (with the inputs' and outputs' world), `options` (with the safety controller),
-//!   `operator` (people, keys, the program's start, the present state), `fault` (the faults and their times), `log`
-//!   (past events), `server` (TCP)
+//! - around the controller: `setup` (with the executed programs, and the inputs' and outputs' world), `options` (with
+//!   the safety controller), `operator` (people, keys, the program's start, the present state), `fault` (the faults
+//!   and their times), `log` (past events), `server` (TCP)
 //!
 //! As in the programs, a `move_j` stops exactly: approximated PTP is refused. Not modelled: RAW channels and UDP,
 //! which a cell's files may have but this link does not use; error 23, since the programs open a channel in one place.
@@ -42,11 +42,11 @@ mod tests;
 
 pub use channel_file::{ChannelFile, EkiError, EkiFault, FileProblem, MockError};
 pub use fault::{ConnectionSide, Fault, FaultSpec, FaultSpecError, FaultTime, PlannedFault};
-pub use interpreted::{Programs, RobotState};
+pub use interpreted::RobotState;
 pub use kinematics::{Arm, Unreachable};
 pub use log::{ContactSample, ExecutedMotion, ProgramStop, StopCause};
 pub use model::Controller;
 pub use options::{Clock, Mode, Rule};
 pub use server::{MockHandle, MockServer, Ports};
-pub use setup::{Setup, UnconnectedWorld, World};
+pub use setup::{Programs, Setup, UnconnectedWorld, World};
 pub use wire::{Channel, Refusal};

@@ -5,8 +5,8 @@
 //! the two interpreters in turns of any length, and sometimes starves one of them: the programs must be correct with
 //! any order that a controller could choose.
 //!
-//! - `programs` (the executed programs), `running` (their state and the system variables' values), `variables` (system
-//!   variables and the other parts of the controller that a program uses), `ethernet` (the EKI functions)
+//! - `running` (the programs' state and the system variables' values), `variables` (system variables and the other
+//!   parts of the controller that a program uses), `ethernet` (the EKI functions)
 //! - `states` (selected, started, stopped, reset; values for tests), `schedule` (one tick, and what lets time pass in
 //!   lock step)
 //!
@@ -16,13 +16,11 @@
 //! [`Setup::programs`]: super::Setup
 
 mod ethernet;
-mod programs;
 mod running;
 mod schedule;
 mod states;
 mod variables;
 
-pub use programs::Programs;
 pub use running::RobotState;
 
 pub(super) use running::RunningPrograms;
