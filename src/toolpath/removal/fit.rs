@@ -3,15 +3,14 @@
 //!
 //!     yᵢ = ln hᵢ − ln Xᵢ = ln k₀ − b wᵢ + eᵢ                                                              (7)
 //! by least squares: every coupon counts by its relative error. With A's rows (1, −wᵢ), σ_r² = Σ eᵢ² / (n − 2) and
-//! the covariance is σ_r² (AᵀA)⁻¹; if the table names the discs, their scatter counts too (`disc_scatter`). Each
+//! the covariance is σ_r² (AᵀA)⁻¹; if the table names the discs, their scatter counts too (`power`). Each
 //! coupon is predicted from the others. A coupon is named if it is farther off than Student's distribution allows,
 //! with 95 %, for one of n. A third unknown tests whether depth follows X at all: the power of X, which is 1 if
 //! Preston holds. Source: Draper & Smith, Applied Regression Analysis, 1998, 8.1.
 
 use super::coupons::{Coupon, CouponTool};
-use super::disc_scatter::{DiscScatter, Line, line};
 use super::model::MM2_PER_M2;
-use super::power::{ForceExponents, Power};
+use super::power::{DiscScatter, ForceExponents, Line, Power, line};
 use nalgebra::{DMatrix, DVector, Matrix2};
 use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
 use panelprep_vision::calib::{student_95, student_quantile};

@@ -49,11 +49,10 @@
 //!
 //! Files: `speed`, `pad`, `model` the physics · `track` the segments of a path · `map` their removal, place by place ·
 //! `figures` its numbers · `schedule` the feeds that make it even · `ground` where there is panel · `coupons`, `table`
-//! measured depths · `fit`, `disc_scatter`, `power`, `gate` their result for k, and whether it may be used. No I/O and
+//! measured depths · `fit`, `power`, `gate` their result for k, and whether it may be used. No I/O and
 //! no clock. Lengths in mm and forces in N.
 
 pub mod coupons;
-mod disc_scatter;
 #[cfg(any(test, feature = "testing"))]
 #[cfg_attr(feature = "testing", allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 pub mod examples;

@@ -1,10 +1,18 @@
-//! The exponents with which the depth grows with force and with the number of passes; by Preston's law both are 1.
+//! What coupons show beyond k: the exponents with which the depth grows with force and with the number of passes, and
+//! the scatter between discs, a variance beside that of the coupons.
 //!
+//! By Preston's law both exponents are 1:
 //!     ln h − ln X = ln k₀ − b w + (a_F − 1) ln F + (a_N − 1) ln N                                           (10)
 //! An exponent is determined only by coupons that differ in this number, independently of the others.
+//!
+//! Coupons i that disc j treated differ from the model by a common part d_j and by their own parts:
+//!     yᵢ = aᵢᵀ x + d_j(i) + eᵢ,   var e = σ_r²,   var d = λ σ_r².                                           (8)
+//! For a known λ, the rows and values less θ_j times the mean of their disc, θ_j = 1 − 1/√(1 + λ n_j), have
+//! independent errors (Fuller & Battese, J. Am. Stat. Assoc. 68, 1973). λ is the one with the largest restricted
+//! likelihood (Patterson & Thompson, Biometrika 58, 1971):
+//!     (n − p) ln RSS(λ) + Σ ln(1 + λ n_j) + ln det(AᵀA)(λ)  is smallest.                                     (9)
 
 use super::coupons::Coupon;
-use super::disc_scatter::{DiscScatter, line};
 use nalgebra::{DMatrix, DVector};
 use panelprep_vision::calib::student_95;
 
@@ -14,6 +22,11 @@ pub const LEVELS: f64 = 1.5;
 const MAX_UNCERTAINTY: f64 = 0.3;
 /// Largest deviation of an exponent from 1 that needs no review.
 const MAX_DEVIATION: f64 = 0.15;
+
+/// Number of values of λ that are tried, in equal ratios between `MIN_LAMBDA` and `MAX_LAMBDA`, beside 0.
+const TRIED_VALUES: u32 = 120;
+const MIN_LAMBDA: f64 = 1e-3;
+const MAX_LAMBDA: f64 = 1e3;
 
 /// An exponent.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -92,12 +105,121 @@ fn column(coupons: &[Coupon], number: impl Fn(&Coupon) -> f64) -> Option<DVector
     is_wide.then(|| logarithms.map(|value| value - mean))
 }
 
+/// Result of a least-squares fit.
+pub(super) struct Line {
+    /// The estimated parameters.
+    pub solution: DVector<f64>,
+    /// (AᵀA)⁻¹.
+    pub inverse: DMatrix<f64>,
+    /// Standard deviation of one y from the model.
+    pub deviation: f64,
+}
+
+/// Returns the x that minimises |A x − y|², with these rows of A; `None` if they do not determine x.
+pub(super) fn line(rows: &DMatrix<f64>, y: &DVector<f64>) -> Option<Line> {
+    let inverse = (rows.transpose() * rows).try_inverse()?;
+    let solution = &inverse * rows.transpose() * y;
+    let left = y - rows * &solution;
+    let redundancy = rows.nrows().saturating_sub(rows.ncols()).max(1) as f64;
+    Some(Line { solution, inverse, deviation: (left.norm_squared() / redundancy).sqrt() })
+}
+
+/// The discs of the coupons and their scatter.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct DiscScatter {
+    /// For each coupon, the index of its disc.
+    disc_of: Vec<usize>,
+    /// For each disc, the number of its coupons.
+    counts: Vec<f64>,
+    /// Ratio of the variances, λ.
+    ratio: f64,
+}
+
+impl DiscScatter {
+    /// Estimates the scatter between these discs, one for each row; `None` if a coupon has no disc, if there is
+    /// only one disc, or if each disc has only one coupon.
+    pub fn estimate(discs: &[Option<&str>], (rows, y): (&DMatrix<f64>, &DVector<f64>)) -> Option<Self> {
+        let names: Vec<&str> = discs.iter().copied().collect::<Option<_>>()?;
+        let mut known: Vec<&str> = names.clone();
+        known.sort_unstable();
+        known.dedup();
+        if known.len() < 2 || known.len() == names.len() {
+            return None;
+        }
+        let disc_of: Vec<usize> = names.iter().filter_map(|name| known.binary_search(name).ok()).collect();
+        let count = |disc: usize| disc_of.iter().filter(|own| **own == disc).count() as f64;
+        let counts: Vec<f64> = (0..known.len()).map(count).collect();
+        let step = (MAX_LAMBDA / MIN_LAMBDA).powf(1.0 / f64::from(TRIED_VALUES - 1));
+        let ratios = (0..TRIED_VALUES).map(|index| MIN_LAMBDA * step.powf(f64::from(index)));
+        let tried = std::iter::once(0.0).chain(ratios);
+        let scatter = |ratio| DiscScatter { disc_of: disc_of.clone(), counts: counts.clone(), ratio };
+        let judged = tried.filter_map(|ratio| {
+            let scatter = scatter(ratio);
+            let unlikely = scatter.negative_log_likelihood(rows, y)?;
+            Some((unlikely, scatter))
+        });
+        judged.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, best)| best)
+    }
+
+    /// The number of discs that treated two coupons or more: a disc with one coupon shows no scatter of its own.
+    pub fn discs(&self) -> usize {
+        self.counts.iter().filter(|count| **count >= 2.0).count()
+    }
+
+    /// The standard deviation of a disc, from that of a coupon.
+    pub fn deviation(&self, coupon_deviation: f64) -> f64 {
+        self.ratio.sqrt() * coupon_deviation
+    }
+
+    /// Fits the rows with the discs' scatter taken into account; `deviation` is that of a coupon on its disc.
+    pub fn line(&self, rows: &DMatrix<f64>, y: &DVector<f64>) -> Option<Line> {
+        line(
+            &self.remove_disc_means(rows),
+            &self.remove_disc_means(&DMatrix::from_columns(&[y.clone_owned()])).column(0).into(),
+        )
+    }
+
+    /// Returns the effective degrees of freedom of the mean of all coupons: those of the discs if the discs differ,
+    /// those of the coupons if they do not (Satterthwaite).
+    pub fn redundancy(&self, unknowns: usize) -> f64 {
+        let (coupons, discs) = (self.disc_of.len() as f64, self.counts.len() as f64);
+        let of_mean = self.ratio * coupons / discs;
+        let share = of_mean / (1.0 + of_mean);
+        let own = (coupons - unknowns as f64 - discs + 1.0).max(1.0);
+        1.0 / (share.powi(2) / (discs - 1.0) + (1.0 - share).powi(2) / own)
+    }
+
+    /// The value (9).
+    fn negative_log_likelihood(&self, rows: &DMatrix<f64>, y: &DVector<f64>) -> Option<f64> {
+        let found = self.line(rows, y)?;
+        let redundancy = (rows.nrows() - rows.ncols()) as f64;
+        let square_sum = (found.deviation.powi(2) * redundancy).max(f64::MIN_POSITIVE);
+        let discs: f64 = self.counts.iter().map(|count| (self.ratio * count).ln_1p()).sum();
+        Some(redundancy * square_sum.ln() + discs - found.inverse.determinant().ln())
+    }
+
+    /// Subtracts from each column its disc's mean times θ.
+    fn remove_disc_means(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut means = DMatrix::<f64>::zeros(self.counts.len(), columns.ncols());
+        for (row, disc) in self.disc_of.iter().enumerate() {
+            means.row_mut(*disc).zip_apply(&columns.row(row), |mean, value| *mean += value / self.counts[*disc]);
+        }
+        DMatrix::from_fn(columns.nrows(), columns.ncols(), |row, column| {
+            let disc = self.disc_of[row];
+            let theta = 1.0 - 1.0 / (1.0 + self.ratio * self.counts[disc]).sqrt();
+            columns[(row, column)] - theta * means[(disc, column)]
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::coupons::tests::TOOL;
     use super::super::fit::fit;
     use super::super::fit::tests::coupons;
     use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
 
     /// Twelve coupons with forces of 10 and 20 N, and depths that grow with these powers of force and passes.
     fn powers(force: f64, passes: f64) -> ForceExponents {
@@ -139,5 +261,62 @@ mod tests {
         assert!(with(&|index| [20.0, 30.0][index % 2]).force.is_some());
         let goes_with_passes = with(&|index| [10.0, 20.0, 40.0][index % 3]);
         assert_eq!(goes_with_passes, ForceExponents::default());
+    }
+
+    const DISCS: [Option<&str>; 6] = [Some("D1"), Some("D1"), Some("D2"), Some("D2"), Some("D3"), Some("D3")];
+
+    fn found(y: [f64; 6]) -> (DiscScatter, Line) {
+        let (rows, y) = (DMatrix::from_element(6, 1, 1.0), DVector::from_row_slice(&y));
+        let scatter = DiscScatter::estimate(&DISCS, (&rows, &y)).expect("discs");
+        let line = scatter.line(&rows, &y).expect("a mean");
+        (scatter, line)
+    }
+
+    /// Calculated by hand, analysis of variance: pairs ±0.01 about −0.1, 0 and 0.1. Within the discs σ_r² =
+    /// 3 · 2 · 10⁻⁴ / 3 = 2·10⁻⁴, between them the means have the variance 0.01 = σ_d² + σ_r²/2: σ_d² = 0.0099. The
+    /// mean's variance is 0.01 / 3.
+    #[test]
+    fn the_variances_are_those_of_an_analysis_of_variance() {
+        let (scatter, line) = found([-0.11, -0.09, -0.01, 0.01, 0.09, 0.11]);
+        assert!((line.deviation.powi(2) / 2e-4 - 1.0).abs() < 0.02, "{}", line.deviation);
+        assert!((scatter.deviation(line.deviation).powi(2) / 0.0099 - 1.0).abs() < 0.1, "{scatter:?}");
+        let mean_variance = line.inverse[(0, 0)] * line.deviation.powi(2);
+        assert!((mean_variance / (0.01 / 3.0) - 1.0).abs() < 0.1, "{mean_variance}");
+        // Three discs that differ: two degrees of freedom.
+        assert!((scatter.redundancy(1) - 2.0).abs() < 0.1, "{}", scatter.redundancy(1));
+    }
+
+    #[test]
+    fn discs_that_are_alike_add_nothing() {
+        let (scatter, line) = found([-0.01, 0.01, -0.01, 0.01, -0.01, 0.01]);
+        assert_eq!(scatter.deviation(line.deviation), 0.0);
+        assert!((scatter.redundancy(1) - 3.0).abs() < 1e-9);
+        let (rows, y) = (DMatrix::from_element(6, 1, 1.0), DVector::zeros(6));
+        let mut one_without = DISCS;
+        one_without[2] = None;
+        assert_eq!(DiscScatter::estimate(&one_without, (&rows, &y)), None);
+        assert_eq!(DiscScatter::estimate(&[Some("D1"); 6], (&rows, &y)), None);
+    }
+
+    /// Sixty sets of eight discs with four coupons each, σ_d = 0.06 and σ_r = 0.03: the estimates scatter about the
+    /// truth.
+    #[test]
+    fn the_scatter_of_many_discs_is_found() {
+        let mut random = Pcg64Mcg::seed_from_u64(4);
+        let mut even = |deviation: f64| random.random_range(-1.0..1.0) * deviation * 3.0_f64.sqrt();
+        let names: Vec<String> = (0..32).map(|index| format!("D{}", index / 4)).collect();
+        let discs: Vec<Option<&str>> = names.iter().map(|name| Some(name.as_str())).collect();
+        let mut sums = [0.0; 2];
+        for _ in 0..60 {
+            let own: Vec<f64> = (0..8).map(|_| even(0.06)).collect();
+            let y = DVector::from_fn(32, |row, _| own[row / 4] + even(0.03));
+            let rows = DMatrix::from_element(32, 1, 1.0);
+            let scatter = DiscScatter::estimate(&discs, (&rows, &y)).expect("discs");
+            let deviation = scatter.line(&rows, &y).expect("a mean").deviation;
+            sums[0] += scatter.deviation(deviation).powi(2) / 60.0;
+            sums[1] += deviation.powi(2) / 60.0;
+        }
+        let [disc, coupon] = sums.map(f64::sqrt);
+        assert!((disc / 0.06 - 1.0).abs() < 0.1 && (coupon / 0.03 - 1.0).abs() < 0.1, "{disc} {coupon}");
     }
 }
