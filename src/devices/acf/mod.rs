@@ -58,6 +58,8 @@ pub fn session_limits(tool: &CompliantTool) -> SessionLimits {
 
 #[cfg(test)]
 mod tests {
+    //! The link over a real socket, with each fault; and the mock's actuator, calculated by hand.
+
     use super::*;
     use panelprep_cell::cell::CompliantTool;
     use panelprep_cell::cell::{Cell, ToolAddress};

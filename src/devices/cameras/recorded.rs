@@ -222,6 +222,8 @@ fn with_file_name<T, E: Into<FileError>>(file: &Path, result: Result<T, E>) -> R
 
 #[cfg(test)]
 mod tests {
+    //! Recorded cameras, from folders as a user has them.
+
     use crate::cameras::*;
     use panelprep_base::geometry::{ColorPicture, KukaPose, OrganizedCloud, PinholeCamera};
     use panelprep_cell::files;

@@ -17,6 +17,22 @@ use panelprep_base::geometry::{Panel, Point};
 use panelprep_cell::panel::{GridId, Region};
 use panelprep_cell::recipe;
 
+/// Largest number of times that lines are laid again because the disc reaches too far beyond the outline, or lines
+/// are too far apart.
+const MAX_RELAY_ROUNDS: usize = 16;
+/// Additional distance by which lines are moved inwards beyond the excess of the disc, mm: the excess that remains
+/// after a round is less than this.
+const OUTLINE_CLEAR_MM: f64 = 0.01;
+/// Additional factor by which lines are laid closer when they are too far apart.
+const SPACING_REDUCTION: f64 = 0.999;
+/// Number of places on each side of a patch at which its curvature is checked.
+const BEND_STEPS: usize = 6;
+/// If one place would be enough for a whole patch, the disc moves over it by this fraction of its radius, so that it
+/// does not come down and leave at the same place.
+const STROKE_RADII: f64 = 0.5;
+/// Number of times that this motion is halved if the disc would reach beyond the outline.
+const STROKE_HALVES: usize = 3;
+
 /// One patch of the surface with one path.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Area {
@@ -150,22 +166,6 @@ pub(super) struct Piece {
     pub step_overs_mm: Vec<f64>,
     pub overhangs_mm: Vec<f64>,
 }
-
-/// Largest number of times that lines are laid again because the disc reaches too far beyond the outline, or lines
-/// are too far apart.
-const MAX_RELAY_ROUNDS: usize = 16;
-/// Additional distance by which lines are moved inwards beyond the excess of the disc, mm: the excess that remains
-/// after a round is less than this.
-const OUTLINE_CLEAR_MM: f64 = 0.01;
-/// Additional factor by which lines are laid closer when they are too far apart.
-const SPACING_REDUCTION: f64 = 0.999;
-/// Number of places on each side of a patch at which its curvature is checked.
-const BEND_STEPS: usize = 6;
-/// If one place would be enough for a whole patch, the disc moves over it by this fraction of its radius, so that it
-/// does not come down and leave at the same place.
-const STROKE_RADII: f64 = 0.5;
-/// Number of times that this motion is halved if the disc would reach beyond the outline.
-const STROKE_HALVES: usize = 3;
 
 pub(super) fn first_grid(area: &Area) -> GridId {
     area.grids.first().copied().unwrap_or(GridId { row: 1, column: 1 })

@@ -25,6 +25,11 @@ use std::collections::BTreeSet;
 /// An area extends into a grid by at least this, mm: the grid's samples are 1 mm apart, and a part of a grid needs some.
 const LEAST_PART_MM: f64 = 2.0;
 
+/// Places on each side of a box at which the surface's scale is measured.
+const SCALE_STEPS: usize = 4;
+/// A narrower part of a box is rounding, in units of the region's sides.
+const NOTHING: f64 = 1e-9;
+
 /// The broken places of a film, and the grids that are to be treated because of them.
 #[derive(Debug, Clone, Copy)]
 pub struct Breaks<'a> {
@@ -262,11 +267,6 @@ fn without(region: &Region, area: ParameterPatch, spared: &[GridId]) -> Vec<Para
     }
     parts.into_iter().filter(|(id, _)| !spared.contains(id)).map(|(_, part)| part).collect()
 }
-
-/// Places on each side of a box at which the surface's scale is measured.
-const SCALE_STEPS: usize = 4;
-/// A narrower part of a box is rounding, in units of the region's sides.
-const NOTHING: f64 = 1e-9;
 
 /// The distances by which boxes are laid, on the surface, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -19,6 +19,9 @@ pub const MIN_COVERAGE: f64 = 0.995;
 /// Approximate distance between samples, mm.
 const SAMPLE_MM: f64 = 1.0;
 
+/// Outline points that share one bounding sphere.
+const BLOCK: usize = 32;
+
 /// The coverage of a grid, or of its part that is treated, by a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GridCoverage {
@@ -119,9 +122,6 @@ pub fn step_overs_mm(row: &[Point<Panel>], next: &[Point<Panel>]) -> Vec<f64> {
     };
     row.iter().filter_map(beside).collect()
 }
-
-/// Outline points that share one bounding sphere.
-const BLOCK: usize = 32;
 
 /// How far a disc reaches beyond the outline along a plan.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

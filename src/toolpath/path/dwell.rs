@@ -21,6 +21,16 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
+/// Largest factor by which the feed is lower than the recipe's feed.
+const MAX_SLOWDOWN: f64 = 3.0;
+/// Number of iterations towards an even time; more iterations change only the third digit.
+const STEPS: usize = 15;
+/// Fraction of the places whose time at a uniform feed is at most the target time.
+const TARGET_QUANTILE: f64 = 0.9;
+/// Largest ratio between a time and the target time that is used, in either direction: one place must not dominate a
+/// line.
+const MAX_WEIGHT: f64 = 3.0;
+
 /// Returns the plan as poses with their times.
 pub fn timed_poses(plan: &Plan) -> Vec<ExecutedPose> {
     let all: Vec<_> = plan.paths.iter().flat_map(|path| &path.waypoints).collect();
@@ -35,16 +45,6 @@ pub fn timed_poses(plan: &Plan) -> Vec<ExecutedPose> {
     }
     executed
 }
-
-/// Largest factor by which the feed is lower than the recipe's feed.
-const MAX_SLOWDOWN: f64 = 3.0;
-/// Number of iterations towards an even time; more iterations change only the third digit.
-const STEPS: usize = 15;
-/// Fraction of the places whose time at a uniform feed is at most the target time.
-const TARGET_QUANTILE: f64 = 0.9;
-/// Largest ratio between a time and the target time that is used, in either direction: one place must not dominate a
-/// line.
-const MAX_WEIGHT: f64 = 3.0;
 
 /// The feeds along the lines of each piece, and the resulting times.
 #[derive(Debug, Clone, PartialEq)]

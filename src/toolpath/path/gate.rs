@@ -29,6 +29,17 @@ const MAX_TURN: Degrees = Degrees(15.0);
 /// Waypoints may be farther apart than requested by this factor: rows are resampled along chords.
 const STEP_TOLERANCE: f64 = 1.02;
 
+/// Name of the check of a press-in.
+pub const TOOL_ERROR: &str = "error at the tool, against what the pad takes up";
+/// Beginning of the name of the check for a grid with too little coverage.
+pub const GRID_CHECK_PREFIX: &str = "coverage of grid ";
+
+/// Largest fraction of the pad's stroke that the error at the tool may use.
+const ERROR_OF_STROKE: f64 = 1.0 / 3.0;
+
+/// Largest absolute value of a commanded axis angle.
+const MAX_AXIS_DEG: f64 = 360.0;
+
 /// Accepts a plan, requests a person's decision, or rejects it, with reasons.
 pub fn judge(plan: &Plan, settings: &recipe::Path) -> Judgement {
     judge_plan(plan, settings).1
@@ -73,14 +84,6 @@ pub fn violated_in_base(plan: &Plan, panel: PanelPoses, limits: &WaypointLimits)
     let from = poses.first().copied().unwrap_or_else(|| Rigid::from_isometry_unchecked(Isometry3::identity()));
     violated_by_route(&Route { from, waypoints: &poses, taught_axis: taught_axis(plan, panel.nominal) }, limits)
 }
-
-/// Name of the check of a press-in.
-pub const TOOL_ERROR: &str = "error at the tool, against what the pad takes up";
-/// Beginning of the name of the check for a grid with too little coverage.
-pub const GRID_CHECK_PREFIX: &str = "coverage of grid ";
-
-/// Largest fraction of the pad's stroke that the error at the tool may use.
-const ERROR_OF_STROKE: f64 = 1.0 / 3.0;
 
 /// Accepts a press-in, or rejects it: the pad must be able to absorb three times the error at the tool (`[limits]
 /// tool_error_mm`).
@@ -333,9 +336,6 @@ pub fn judge_joints(joints: &Joints) -> Judgement {
     };
     Judgement::from_checks(&wrong.map(check))
 }
-
-/// Largest absolute value of a commanded axis angle.
-const MAX_AXIS_DEG: f64 = 360.0;
 
 fn is_finite_pose(pose: &Rigid<Base, Tool>) -> bool {
     pose.isometry().to_homogeneous().iter().all(|number| number.is_finite())

@@ -32,6 +32,21 @@ const WINDING: f64 = 0.85;
 const MIN_LINE_MM: f64 = 1.0;
 const MIN_SPACING_SHARE: f64 = 0.25;
 
+/// Distance between points of a row before resampling, mm.
+const COLUMN_MM: f64 = 4.0;
+/// Number of steps for a distance across the rows; the measure hardly changes over one row.
+const ACROSS_STEPS: usize = 2;
+
+/// Steps of the search for a ring's corner, the intersection of two borders; each gains about three digits.
+const CORNER_STEPS: usize = 4;
+/// Number of points along one side of a ring before resampling.
+const SIDE_STEPS: usize = 24;
+/// Smallest half of a ring's shorter side, mm; a smaller ring becomes a line.
+const MIN_HALF_MM: f64 = 0.5;
+
+/// A side of a ring: from the corner at lowest u and v along u, then along v, back along u, back along v.
+const SIDES: usize = 4;
+
 /// Lines over a patch.
 #[derive(Debug, Clone)]
 pub(super) struct Lines {
@@ -160,11 +175,6 @@ fn join_row_sets(surface: &BSplineSurface, first: Lines, second: Lines, spacing_
     track = join_lines(surface, &[track, across], spacing_mm);
     Lines { track, neighbours: [first.neighbours, second.neighbours].concat() }
 }
-
-/// Distance between points of a row before resampling, mm.
-const COLUMN_MM: f64 = 4.0;
-/// Number of steps for a distance across the rows; the measure hardly changes over one row.
-const ACROSS_STEPS: usize = 2;
 
 struct Chart {
     middle: Parameter,
@@ -319,13 +329,6 @@ fn clip_line(line: &[Parameter], corners: &[Parameter; 4]) -> Vec<Parameter> {
     kept
 }
 
-/// Steps of the search for a ring's corner, the intersection of two borders; each gains about three digits.
-const CORNER_STEPS: usize = 4;
-/// Number of points along one side of a ring before resampling.
-const SIDE_STEPS: usize = 24;
-/// Smallest half of a ring's shorter side, mm; a smaller ring becomes a line.
-const MIN_HALF_MM: f64 = 0.5;
-
 /// The rings of one patch.
 pub(super) struct PatchRings<'a> {
     surface: &'a BSplineSurface,
@@ -338,9 +341,6 @@ pub(super) struct PatchRings<'a> {
     /// Whether there is no room for a ring.
     is_line: bool,
 }
-
-/// A side of a ring: from the corner at lowest u and v along u, then along v, back along u, back along v.
-const SIDES: usize = 4;
 
 impl<'a> PatchRings<'a> {
     pub fn new(surface: &'a BSplineSurface, patch: &'a ParameterPatch, insets: Insets, step_over_mm: f64) -> Self {

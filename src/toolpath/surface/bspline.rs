@@ -17,6 +17,12 @@ use panelprep_base::geometry::basis::{Basis, KnotVector, SpanFunctions};
 use panelprep_base::geometry::{Panel, Point, Vector};
 use std::ops::RangeInclusive;
 
+/// Sine of the angle between S_u and S_v below which no normal is defined.
+const DEGENERATE_SINE: f64 = 1e-6;
+
+/// Coefficients along one parameter.
+const SIDE: usize = 4;
+
 /// A point of a surface, given by its parameters; no unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameter {
@@ -56,9 +62,6 @@ pub struct Derivatives {
     /// S_vv.
     pub s_vv: Vector<Panel>,
 }
-
-/// Sine of the angle between S_u and S_v below which no normal is defined.
-const DEGENERATE_SINE: f64 = 1e-6;
 
 /// The reason why control points do not form a surface.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -243,9 +246,6 @@ impl BSplineSurface {
         (i..=i + self.knots_u.degree()).map(move |i| &self.controls[i * stride + j..i * stride + j + width])
     }
 }
-
-/// Coefficients along one parameter.
-const SIDE: usize = 4;
 
 /// x, y, z, 0.
 type VectorLanes = [f64; 4];

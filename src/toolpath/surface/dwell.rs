@@ -23,6 +23,9 @@ const MAX_FOOT_STEPS: usize = 12;
 /// Accuracy at which the search for the surface point ends, mm.
 const FOOT_TOLERANCE_MM: f64 = 1e-4;
 
+/// Fractions of the treated area for the quantiles of the times.
+const SHARES: [f64; 2] = [0.05, 0.95];
+
 /// A pose of a path that was or will be executed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExecutedPose {
@@ -273,9 +276,6 @@ impl Dwell {
         self.sides_mm
     }
 }
-
-/// Fractions of the treated area for the quantiles of the times.
-const SHARES: [f64; 2] = [0.05, 0.95];
 
 /// Numbers in ascending order, each with the area to which it applies.
 #[derive(Debug, Clone, PartialEq)]

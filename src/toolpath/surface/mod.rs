@@ -31,6 +31,8 @@ pub use today::{TodayError, TodaysPoint, TodaysSurfaceFit, correct_taught_surfac
 
 #[cfg(test)]
 mod tests {
+    //! Tests of the fit on analytic panels, with and without defects of the scan.
+
     use super::scene::{SHAPES, ScanDefects, Shape, recipe, taught};
     use super::{Fit, FitError, MapPixel, Parameter, examine_fit, fit};
 

@@ -29,6 +29,10 @@ const MAX_STEP_TURN_DEG: f64 = 30.0;
 /// Shifts of the panel that are tried, mm, along each axis of the base.
 const SHIFTS_MM: [f64; 6] = [10.0, 20.0, 40.0, 60.0, 100.0, 150.0];
 
+/// Largest turn of an axis between two checked poses, degrees: at a radius of 1 m the tip moves by 7 mm, less than the
+/// smallest distance that is kept from a surface, 8 mm.
+const AXIS_STEP_DEG: f64 = 0.4;
+
 /// The result of following a path with the arm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ArmTravel {
@@ -246,10 +250,6 @@ pub fn check_retracts(
     }
     Ok(())
 }
-
-/// Largest turn of an axis between two checked poses, degrees: at a radius of 1 m the tip moves by 7 mm, less than the
-/// smallest distance that is kept from a surface, 8 mm.
-const AXIS_STEP_DEG: f64 = 0.4;
 
 /// Checks a motion with this tool in which all axes turn from the first angles to the second ones in proportion.
 ///

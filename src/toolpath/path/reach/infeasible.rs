@@ -11,6 +11,21 @@ use panelprep_base::geometry::{Base, Flange, Frame, Joints, Point, Rigid, Tool};
 use panelprep_base::number_text::{distinguishable_texts, shortest_text};
 use panelprep_cell::controller::RETRACT_MM;
 
+/// The part of the arm that may be near to the panel.
+const TOOL: &str = "tool";
+/// Distance between points on the arm that are compared with the keep-out boxes, mm.
+const SAMPLE_MM: f64 = 15.0;
+
+/// Largest distance of the tool from an obstacle that is required at the end of a checked path, mm. Elsewhere the
+/// configured distance is required; the arc of all axes from 40 mm over the demonstration's panel brings the rim of the
+/// disc down to 11.8 mm. The obstacles' points are thinned to 8 mm, which makes a distance of 8 mm appear as up to 10 mm.
+const DEPARTURE_MM: f64 = 10.0;
+/// Smallest distance of the tool that shows that it does not pass through a surface, mm: between points that are
+/// thinned to 8 mm, a line keeps smaller distances from all of them.
+const MESH_MM: f64 = 8.0;
+/// Distance that the arm's body may lose on such a motion, mm. Its configured distance contains half of its thickness.
+const BODY_SLACK_MM: f64 = 1.0;
+
 /// Kinds of singularities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Singularity {
@@ -152,11 +167,6 @@ pub struct ReachFault {
     /// Cause of the fault.
     pub cause: Infeasibility,
 }
-
-/// The part of the arm that may be near to the panel.
-const TOOL: &str = "tool";
-/// Distance between points on the arm that are compared with the keep-out boxes, mm.
-const SAMPLE_MM: f64 = 15.0;
 
 /// Returns the first axis that exceeds its limits, which are reduced by the margin.
 pub(super) fn first_exceeded_axis(arm: &Kinematics, at: &JointAngles) -> Option<Infeasibility> {
@@ -303,16 +313,6 @@ pub fn interpolate_pose<To: Frame>(from: Rigid<To, Tool>, to: Rigid<To, Tool>, s
     let turned = from.rotation.try_slerp(&to.rotation, share, 1e-9).unwrap_or(to.rotation);
     Rigid::from_isometry_unchecked(Isometry3::from_parts(place.into(), turned))
 }
-
-/// Largest distance of the tool from an obstacle that is required at the end of a checked path, mm. Elsewhere the
-/// configured distance is required; the arc of all axes from 40 mm over the demonstration's panel brings the rim of the
-/// disc down to 11.8 mm. The obstacles' points are thinned to 8 mm, which makes a distance of 8 mm appear as up to 10 mm.
-const DEPARTURE_MM: f64 = 10.0;
-/// Smallest distance of the tool that shows that it does not pass through a surface, mm: between points that are
-/// thinned to 8 mm, a line keeps smaller distances from all of them.
-const MESH_MM: f64 = 8.0;
-/// Distance that the arm's body may lose on such a motion, mm. Its configured distance contains half of its thickness.
-const BODY_SLACK_MM: f64 = 1.0;
 
 /// Checks that neither a part of the arm nor the tool with its tip at this point is too near to any obstacle point.
 pub(super) fn check_clearance(arm: &Kinematics, tip: Point<Base>, at: &JointAngles) -> Result<(), Infeasibility> {

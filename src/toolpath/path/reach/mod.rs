@@ -18,6 +18,8 @@ pub use infeasible::{Infeasibility, PathLine, ReachFault, Singularity, departing
 
 #[cfg(test)]
 mod tests {
+    //! Tests of paths that are refused, at poses calculated by hand.
+
     use super::infeasible::{CheckedPose, check_keep_out, first_exceeded_axis, too_fast};
     use super::*;
     use crate::path::kinematics::{JointAngles, Kinematics};
