@@ -38,7 +38,7 @@ const FOR_MACHINES: [(&str, &str); 29] = [
     ("daemon/films.rs", ""),
     ("daemon/abrasion.rs", "{plan:?}"),
     // Output of `Debug` itself.
-    ("devices/zivid/frame.rs", "{found:02x?}"),
+    ("devices/zivid/wire.rs", "{found:02x?}"),
     ("devices/zivid/scanner.rs", "?found"),
 ];
 

@@ -163,7 +163,7 @@ fn row(clip: &Path, inspected: &InspectedClip, labels: &Labels) -> Result<Row, F
         whole,
         within,
         grids,
-        breaks: inside.connected_pieces().iter().map(true_break).collect(),
+        breaks: inside.connected_components().iter().map(true_break).collect(),
     })
 }
 

@@ -65,7 +65,7 @@ const CALLS: [(&str, &str); 12] = [
     (".rs", " reason("),
     (".rs", "sight::reason("),
     (".rs", "refused("),
-    (".rs", ".rejects("),
+    (".rs", ".or_reject("),
     (".rs", ".or_review("),
     ("removal/gate.rs", " bounded("),
     ("removal/gate.rs", " power("),

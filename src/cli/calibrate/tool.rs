@@ -135,7 +135,7 @@ fn check_uncertainty(found: &ForceCalibration, tool: Option<&CompliantTool>) -> 
     let check = Check::new("force by payload and zero, 95 %, at the worst attitude", "N", known_n);
     let Some(tool) = tool else { return check };
     let allowed_n = MAX_BAND_ERROR_SHARE * tool.band_n;
-    check.with_max(allowed_n, LimitSource::cell("tool.band_n")).reviews("force_uncertain", || {
+    check.with_max(allowed_n, LimitSource::cell("tool.band_n")).or_review("force_uncertain", || {
         let [found, allowed] = distinguishable_texts(known_n, allowed_n, 1);
         format!(
             "the force has an uncertainty of {found} N (limit {allowed} N); take more readings, at attitudes \

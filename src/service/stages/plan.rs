@@ -280,9 +280,9 @@ mod tests {
     use panelprep_toolpath::surface::scene::{ScanDefects, Shape, recipe, taught};
 
     /// The scene's grids are 57 mm wide. By hand: the path stays 3 mm inside of an area of 45 mm, and the disc's radius
-    /// is 15 mm. So the disc covers (39 + 30)² mm² with round corners, 4761 − 193 = 4568 mm²; on the grid it covers (51
-    /// + 30)² − 193 = 6368 mm². An area of 70 mm costs more than the grid, so the grid is planned, and only the break
-    /// in the grid counts, not the other one.
+    /// is 15 mm. So the disc covers (39 + 30)² mm² with round corners, 4761 − 193 = 4568 mm²; on the grid it covers
+    /// (51 + 30)² − 193 = 6368 mm². An area of 70 mm costs more than the grid, so the grid is planned, and only the
+    /// break in the grid counts, not the other one.
     #[test]
     fn areas_with_higher_costs_than_whole_grids_are_not_planned() {
         let recipe = recipe(Shape::Plane, "[treat]\nby = \"break\"\n");

@@ -378,7 +378,7 @@ fn jump_violation(
     limits: &WaypointLimits,
 ) -> impl Iterator<Item = Check> {
     let before = if index == 1 { "the arm's present pose".to_owned() } else { format!("waypoint {}", index - 1) };
-    let (step_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * *to).turn());
+    let (step_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * *to).rotation_angle());
     let step = Check::new("step from a waypoint to the next", "mm", step_mm)
         .with_max(limits.max_step_mm, LimitSource::cell("limits.max_step_mm"))
         .or_reject("large_step", || {

@@ -68,7 +68,7 @@ pub(super) fn blobs(
         }
         piece.blob((width * height) as f64)
     };
-    Ok(imaging::connected_pieces(&mask, false)?.iter().filter_map(piece).collect())
+    Ok(imaging::connected_components(&mask, false)?.iter().filter_map(piece).collect())
 }
 
 /// An integral image: the sums over all pixels above and left of each pixel.

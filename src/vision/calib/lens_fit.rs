@@ -348,7 +348,7 @@ impl LensGram {
         for (q, found) in corners {
             let point = *camera_from_board * *q;
             let (pixel, slope) = camera.project_with_jacobian(point)?;
-            let by_lens = camera.lens_slope(point)?;
+            let by_lens = camera.lens_jacobian(point)?;
             let mut by_pose = SMatrix::<f64, 2, 6>::zeros();
             by_pose.fixed_columns_mut::<3>(0).copy_from(&(-slope * turn * q.mm.coords.cross_matrix()));
             by_pose.fixed_columns_mut::<3>(3).copy_from(&(slope * turn));

@@ -239,7 +239,7 @@ fn error(camera: &PinholeCamera, covariance: &LensCovariance) -> Option<f64> {
         let at = |index: usize, count: usize, size: usize| (index as f64 + 0.5) / count as f64 * size as f64;
         let pixel = Pixel::at(at(index % 8, 8, camera.width_px), at(index / 8, 6, camera.height_px));
         let ray: panelprep_base::geometry::Vector<Camera> = camera.unproject(pixel)?;
-        let slope = camera.lens_slope(Point::<Camera>::new(ray.mm.into()))?;
+        let slope = camera.lens_jacobian(Point::<Camera>::new(ray.mm.into()))?;
         sum += (slope * covariance * slope.transpose()).trace();
     }
     Some(sum)

@@ -86,7 +86,7 @@ pub(super) fn correlated_pose_count(poses: &[(Rigid<Base, Flange>, Twist)]) -> f
 }
 
 fn distance_mm(one: &Rigid<Base, Flange>, other: &Rigid<Base, Flange>) -> f64 {
-    one.origin().distance_mm(other.origin()).hypot(LEVER_MM * (one.inverse() * *other).turn().to_rad())
+    one.origin().distance_mm(other.origin()).hypot(LEVER_MM * (one.inverse() * *other).rotation_angle().to_rad())
 }
 
 /// The matrix (1).

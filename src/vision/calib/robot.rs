@@ -330,7 +330,7 @@ fn axis_angle_problem(data: &RobotData) -> Option<String> {
     let misfit = |mend: &dyn Fn(&Joints) -> Joints| -> (f64, f64) {
         poses().fold((0.0, 0.0), |(mm, deg), (pose, joints)| {
             let off = pose.base_from_flange.inverse() * drawn(&mend(joints));
-            (f64::max(mm, off.origin().mm.coords.norm()), f64::max(deg, off.turn().0))
+            (f64::max(mm, off.origin().mm.coords.norm()), f64::max(deg, off.rotation_angle().0))
         })
     };
     let screws = |mend: &dyn Fn(&Joints) -> Joints| screw_misfit(data, &|joints| drawn(&mend(joints)));
@@ -341,7 +341,7 @@ fn axis_angle_problem(data: &RobotData) -> Option<String> {
     };
     let is_stated = poses().any(|(pose, joints)| {
         let off = pose.base_from_flange.inverse() * drawn(joints);
-        off.origin().mm.coords.norm() > 1e-6 || off.turn().0 > 1e-6
+        off.origin().mm.coords.norm() > 1e-6 || off.rotation_angle().0 > 1e-6
     });
     let same = |joints: &Joints| *joints;
     let ((mm, deg), (turn_deg, shift_mm)) = (misfit(&same), screws(&same));

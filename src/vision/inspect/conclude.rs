@@ -263,7 +263,7 @@ pub fn breaks(
 ) -> Result<Vec<Break>, ImagingError> {
     let window = footprint.window();
     let inside = since_wet_s.iter().map(|&time| time < NOT_BROKEN).collect();
-    let pieces = imaging::connected_pieces(&Mask { width: window.width, height: window.height, inside }, true)?;
+    let pieces = imaging::connected_components(&Mask { width: window.width, height: window.height, inside }, true)?;
     let mut breaks = Vec::with_capacity(pieces.len());
     for piece in &pieces {
         let mut area_mm2 = vec![0.0; footprint.grids().len()];
@@ -335,7 +335,7 @@ pub fn initially_wet_pixels(window: &Window, known: &DrynessInputs<'_>) -> Vec<u
     };
     window
         .raster()
-        .connected_pieces(&ALL_NEIGHBOURS, known.is_suspect)
+        .connected_components(&ALL_NEIGHBOURS, known.is_suspect)
         .into_iter()
         .filter(was_wet)
         .flatten()

@@ -391,7 +391,7 @@ fn check_pose_uncertainty(fit: &Fit) -> Vec<Check> {
     vec![
         Check::new(name::LOCATION_ERROR, "mm", fit.uncertainty_mm)
             .with_max(MAX_UNCERTAINTY_MM, LimitSource::Program)
-            .reviews("uncertain", || {
+            .or_review("uncertain", || {
                 let [known, allowed] = distinguishable_texts(fit.uncertainty_mm, MAX_UNCERTAINTY_MM, 2);
                 format!(
                     "the uncertainty of the pose is {known} mm at the worst place of the panel (95 %; limit \
@@ -402,13 +402,13 @@ fn check_pose_uncertainty(fit: &Fit) -> Vec<Check> {
         Check::new("error along the weakest direction, 95 %", "mm", fit.weakest_mm),
         Check::new("fits from independent starts, apart", "mm", fit.agreement_mm)
             .with_max(MAX_DISAGREEMENT_MM, LimitSource::Program)
-            .reviews("starts_disagree", || {
+            .or_review("starts_disagree", || {
                 let [agreement, allowed] = distinguishable_texts(fit.agreement_mm, MAX_DISAGREEMENT_MM, 3);
                 format!("fits from independent starts end {agreement} mm apart (limit {allowed} mm); scan again")
             }),
         Check::new("for this placement against the next best, times", "", rival.map(CompetingPose::evidence_ratio))
             .with_min(MIN_MARGIN, LimitSource::Program)
-            .reviews("ambiguous", || rival.map_or(String::new(), ambiguous)),
+            .or_review("ambiguous", || rival.map_or(String::new(), ambiguous)),
     ]
 }
 

@@ -297,7 +297,7 @@ pub fn position_checks(seen: &RefinedPose, limits: &recipe::Corner) -> Vec<Check
         [
             Check::new(format!("{} from where the localization puts it", name(corner)), "mm", off_mm)
                 .with_max(allowed_mm, LimitSource::recipe("corner.verify_mm"))
-                .reviews("moved", words),
+                .or_review("moved", words),
             Check::new(format!("{} along the camera's x", name(corner)), "mm", x_mm),
             Check::new(format!("{} along the camera's y", name(corner)), "mm", y_mm),
         ]

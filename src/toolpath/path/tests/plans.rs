@@ -253,7 +253,7 @@ fn the_tool_is_on_the_normal_and_turns_gently() {
                 assert!(reference.norm() == 0.0 || (rotation * Vector3::x()).dot(&reference) > 0.5);
             }
             for pair in path.waypoints.windows(2) {
-                turn = turn.max((tool(&pair[0]).inverse() * tool(&pair[1])).turn().0);
+                turn = turn.max((tool(&pair[0]).inverse() * tool(&pair[1])).rotation_angle().0);
             }
         }
         println!("{shape:?}: normals {angle:.3}°, largest turn {turn:.2}°, step-over {:?}", plan.step_over_mm);
@@ -355,7 +355,7 @@ fn lead_and_tilt_lean_the_tool_about_its_point() {
     let leaning = panel_from_tool(&surface, at, 0.0, ToolOrientation::from_settings(&settings("lead_deg = 5")))
         .expect("a pose");
     assert!(leaning.origin().distance_mm(upright.origin()) < 1e-12);
-    assert!(((upright.inverse() * leaning).turn().0 - 5.0).abs() < 1e-9);
+    assert!(((upright.inverse() * leaning).rotation_angle().0 - 5.0).abs() < 1e-9);
     // Calculated by hand: Z = (0, 0, −1), X = (1, 0, 0); a lead of 5° rotates Z towards X.
     let z = leaning.rotation() * Vector3::z();
     assert!((z - Vector3::new(5.0f64.to_radians().sin(), 0.0, -5.0f64.to_radians().cos())).norm() < 1e-9, "{z}");

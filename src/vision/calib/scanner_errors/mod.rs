@@ -181,12 +181,12 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
         )
     };
     let smooth =
-        if is_bad { smooth.or_reject("scanner_smooth", words) } else { smooth.reviews("scanner_smooth", words) };
+        if is_bad { smooth.or_reject("scanner_smooth", words) } else { smooth.or_review("scanner_smooth", words) };
     vec![
         smooth,
         Check::new("share of the picture in which two scans have the board", "%", 100.0 * found.covered_share)
             .with_min(100.0 * MIN_COVERED_SHARE, LimitSource::Program)
-            .reviews("scanner_covered", || {
+            .or_review("scanner_covered", || {
                 let [is, least] = distinguishable_texts(100.0 * found.covered_share, 100.0 * MIN_COVERED_SHARE, 0);
                 format!(
                     "the board covers {is} % of the picture, at least {least} % are needed; hold the board in the \
@@ -195,7 +195,7 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
             }),
         Check::new("farthest over nearest place of the board", "", found.depths_mm[1] / found.depths_mm[0])
             .with_min(DEPTHS, LimitSource::Program)
-            .reviews("scanner_depths", || {
+            .or_review("scanner_depths", || {
                 let [is, least] = distinguishable_texts(found.depths_mm[1] / found.depths_mm[0], DEPTHS, 2);
                 format!(
                     "the farthest board is {is} times as far away as the nearest, at least {least} times is \
@@ -204,14 +204,14 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
             }),
         Check::new("the board's turns in its plane", "°", found.turned_deg)
             .with_min(MIN_BOARD_ROTATION_DEG, LimitSource::Program)
-            .reviews("scanner_turned", || {
+            .or_review("scanner_turned", || {
                 let [is, least] = distinguishable_texts(found.turned_deg, MIN_BOARD_ROTATION_DEG, 0);
                 format!(
                     "the board was turned by {is}° in its plane, at least {least}° are needed: otherwise its own \
                      bow counts as an error of the camera; turn the board upright in some scans"
                 )
             }),
-        Check::new("the board's bow", "mm", found.bow_mm).with_max(MAX_BOW_MM, LimitSource::Program).reviews(
+        Check::new("the board's bow", "mm", found.bow_mm).with_max(MAX_BOW_MM, LimitSource::Program).or_review(
             "scanner_board",
             || {
                 let [is, most] = distinguishable_texts(found.bow_mm, MAX_BOW_MM, 2);
@@ -220,7 +220,7 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
         ),
         Check::new("scale of distances", "%", found.scale_percent.abs())
             .with_max(SCALE_PERCENT, LimitSource::Program)
-            .reviews("scanner_scale", || {
+            .or_review("scanner_scale", || {
                 let [is, most] = distinguishable_texts(found.scale_percent.abs(), SCALE_PERCENT, 2);
                 format!(
                     "distances on the board are off by {is} % (limit {most} %); measure the board's squares, and \
@@ -229,7 +229,7 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
             }),
         Check::new("length over which the smooth error is alike", "mm", found.correlation_mm)
             .with_max(MAX_SHOWN_LENGTH_SHARE * found.board_mm, LimitSource::Program)
-            .reviews("scanner_board_small", || {
+            .or_review("scanner_board_small", || {
                 let [is, most] =
                     distinguishable_texts(found.correlation_mm, MAX_SHOWN_LENGTH_SHARE * found.board_mm, 0);
                 format!(
