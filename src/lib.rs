@@ -1,6 +1,6 @@
 //! Panelprep: finds a free-form panel, watches water run off it, abrades the places at which the film broke.
 //!
-//! The crates below `src/` contain the modules, each crate names only crates before it in this list. This crate adds the
+//! The crates below `src/` contain the modules; each crate uses only crates before it in this list. This crate adds the
 //! commands, and the names under which tests and benches reach all modules.
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 // Every result is handled, or an `expect` attribute next to it states why it is ignored.

@@ -41,7 +41,7 @@ fn settings(file: &Path) -> Result<ArchiveSettings, Fault> {
     ArchiveSettings::check(&file.display().to_string(), &text).map_err(Fault::stage)
 }
 
-/// Maximum time that the program waits at its end for host names that are still being resolved.
+/// Maximum time that the program waits at exit for host name lookups that are still in progress.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Runs this future until it ends.

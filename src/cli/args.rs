@@ -1,4 +1,4 @@
-//! The command line, as `interfaces` fixes it for scripts.
+//! The command line: commands, options and their help texts. Scripts use its names, so they must not change.
 
 mod files;
 mod robot;
@@ -41,19 +41,19 @@ pub struct Arguments {
 impl Arguments {
     /// Reads the command line. If it is wrong or requests help, prints a message and ends the program.
     pub fn parse_command_line() -> Self {
-        let matches = taking_negative_numbers(Self::command()).get_matches();
+        let matches = accept_negative_numbers(Self::command()).get_matches();
         Self::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
     }
 }
 
-/// Makes a negative number the value of its option, and not an option of its own; its option then reports which values
-/// are allowed.
-fn taking_negative_numbers(command: clap::Command) -> clap::Command {
+/// Lets the parser read a negative number as the value of an option and not as another option, so that the error
+/// message of this option states the valid values.
+fn accept_negative_numbers(command: clap::Command) -> clap::Command {
     let takes = |arg: clap::Arg| match arg.get_action().takes_values() {
         true => arg.allow_negative_numbers(true),
         false => arg,
     };
-    command.mut_args(takes).mut_subcommands(taking_negative_numbers)
+    command.mut_args(takes).mut_subcommands(accept_negative_numbers)
 }
 
 /// The options of every command.
@@ -99,7 +99,7 @@ pub enum Command {
         panelprep air-run --cell target/cell/cell.toml --recipe target/cell/recipe.toml --seed 1"
     )]
     AirRun(Cycle),
-    /// Execute one function of the robot at a time, through every gate: for commissioning.
+    /// Execute one function of the robot at a time, for commissioning; the gates check each command as in a cycle.
     #[command(
         after_help = "Examples, with the mock robot of config/cell.toml, which starts at its home pose each \
                       time:\n  panelprep robot state\n  panelprep robot move-j ready\n  panelprep robot move-lin \

@@ -1,5 +1,5 @@
-//! What answers: a program at an address, cameras and the controller of a cell. Nothing is sent to a program, nothing
-//! is set and nothing is moved.
+//! Finds what answers: a program at an address, the cameras and the controller of a cell. It sends no data to a
+//! program, sets nothing and moves nothing.
 
 use super::zivid::{LIBRARY, OWN_EXECUTABLE, ROLE};
 use panelprep_devices::gige;
@@ -64,7 +64,7 @@ pub(super) fn gige_cameras() -> FoundDevices {
     }
 }
 
-/// The connected Zivid camera, if it is the only one.
+/// Finds the connected Zivid camera, if it is the only one.
 pub(super) fn zivid_camera() -> FoundDevices {
     match single_zivid_serial() {
         Ok(serial) => {
@@ -74,11 +74,12 @@ pub(super) fn zivid_camera() -> FoundDevices {
     }
 }
 
-/// The serial number of the connected camera, if it is the only one; its worker releases it again.
+/// Returns the serial number of the connected camera, if it is the only one; the worker then releases the camera.
 fn single_zivid_serial() -> Result<String, String> {
     let setup = CameraSetup {
         source: Source::Only,
-        // No camera has this number: the camera that is found is reported, and nothing is set in it.
+        // No camera has an empty serial number: the worker reports the camera that it finds, and changes no setting of
+        // it.
         serial: Some(String::new()),
         size: Size { width: 0, height: 0 },
         scan_yaml: String::new(),

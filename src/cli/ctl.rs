@@ -30,7 +30,7 @@ use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How long a stop or an abort is repeated if the service is too busy to accept it.
+/// Time for which a stop or an abort is repeated if the service is too busy to accept it.
 const RETRY_TIMEOUT: Duration = Duration::from_secs(5);
 
 const RETRY_INTERVAL: Duration = Duration::from_millis(20);
@@ -130,7 +130,7 @@ pub(super) fn service_axes(socket: &Path) -> Option<Joints> {
     send_to_service(socket, &RequestKind::State).ok()?.axes_deg.map(Joints::from)
 }
 
-/// The service answers a start only after it has loaded the taught data.
+/// Time limit for an answer: the service answers a start only after it has loaded the taught data.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Sends the request and reports the answer.
@@ -200,7 +200,7 @@ fn decision_request(socket: &Path, request: cycle::Request, decision: Decision) 
     }
 }
 
-/// The service has its own working folder, so a file is passed to it by its full path.
+/// Returns where to record. The service has its own working folder, so a file is passed to it by its full path.
 fn record_in(file: Option<&Path>) -> Result<RecordIn, Fault> {
     let Some(file) = file else { return Ok(RecordIn::Store) };
     let whole = std::path::absolute(file).map_err(|error| Fault::file_fault(file, error))?;
@@ -215,7 +215,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(200);
 /// a moment.
 const SERVICE_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// A reset warms the cameras up, which may need minutes.
+/// Time limit of a reset, which warms the cameras up and may take minutes.
 const RESET_TIMEOUT: Duration = Duration::from_secs(600);
 
 /// Prints each change until the output has no reader or the service is gone.
@@ -288,7 +288,7 @@ fn to_idle(socket: &Path) -> Result<Outcome, Fault> {
     }
 }
 
-/// Whether the page is written: this happens after the cycle's end.
+/// Returns whether the page is written, which happens after the cycle's end.
 fn is_page_written(reply: &Reply) -> bool {
     reply.page.is_some()
 }
@@ -305,7 +305,7 @@ fn state(socket: &Path) -> Result<Reply, Fault> {
     }
 }
 
-/// The fields that are watched for changes, without the number of requests to the service.
+/// Returns the fields that are watched for changes, without the number of requests to the service.
 fn watched_fields(reply: &Reply) -> serde_json::Map<String, Value> {
     let mut object = object(reply);
     object.remove("answer");

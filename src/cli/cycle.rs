@@ -103,7 +103,7 @@ fn run_once(
     let taught_recipe = taught_recipe.on_foam(args.on_foam);
     // An air-run abrades nothing, so that the limit of passes does not apply.
     if matches!(request(&taught_recipe), cycle::Request::Start { .. }) {
-        // Foam is no part.
+        // Foam is not a part, so it has no names to check.
         if !args.on_foam {
             taught_recipe.check_part_names(&files)?;
         }
@@ -149,7 +149,7 @@ fn sign(files: &CellFiles, progress: &dyn Fn(&str)) {
     }
 }
 
-/// The outcome of a cycle that did not start.
+/// Returns the outcome of a cycle that did not start.
 pub fn unhealthy_outcome(health: &Judgement) -> Outcome {
     let mut outcome = Outcome::from_judgement(health);
     outcome.add_line("the cycle did not start; nothing moved");
@@ -177,7 +177,7 @@ pub fn run_one(
 
     let mut live = start(&files.cell, &calibrated.values, simulation)?;
     if let Some(line) = live.robot.stop_line() {
-        interrupts.stops_by(line);
+        interrupts.set_stop_line(line);
     }
     live.cameras.scanner.wait_warmed_up();
     if let Some(world) = &live.world {
@@ -241,14 +241,14 @@ pub fn run_one(
 }
 
 impl CycleRun {
-    /// The cycle's verdict with its reasons.
+    /// Returns the cycle's verdict with its reasons.
     pub fn judgement(&self) -> Judgement {
         let verdict = self.outcome.verdict.unwrap_or(Verdict::Aborted);
         let kept = self.stored.record.judgement.clone();
         kept.unwrap_or(Judgement { verdict, reasons: vec![] })
     }
 
-    /// The outcome of the cycle with this verdict.
+    /// Returns the outcome of the cycle with this verdict.
     pub fn outcome(&self, judgement: Judgement) -> Outcome {
         let (ended, cycle) = (&self.outcome, self.stored.record.id);
         let mut outcome = Outcome::from_judgement(&judgement);
@@ -291,7 +291,7 @@ impl CycleRun {
 struct SingleCycle<'a> {
     start: cycle::Request,
     request_count: u8,
-    /// The cycle's state table accepted the start: from then on it concludes the cycle.
+    /// Whether the cycle's state table has accepted the start: from then on the table concludes the cycle.
     is_begun: bool,
     refusal: Option<Reason>,
     /// The state that the loop last showed.
@@ -454,9 +454,9 @@ impl Interrupts {
         Ok(interrupts)
     }
 
-    /// Sets the line by which each signal stops the robot at once, also while the loop waits for its disk. Only the
-    /// first line that is set is used.
-    pub fn stops_by(&self, line: StopLine) {
+    /// Sets the stop line, by which each signal stops the robot immediately, also while the loop waits for its disk.
+    /// Only the first stop line that is set is used.
+    pub fn set_stop_line(&self, line: StopLine) {
         #[expect(clippy::let_underscore_must_use, reason = "a program has one robot")]
         let _ = self.stop_line.set(line);
     }
@@ -468,7 +468,7 @@ impl Interrupts {
 
     /// Counts one more interrupt.
     #[cfg(test)]
-    pub fn one_came(&self) {
+    pub fn count_one_signal(&self) {
         self.count.fetch_add(1, Ordering::SeqCst);
     }
 
@@ -489,7 +489,7 @@ mod tests {
     }
 
     fn signal(interrupts: &Interrupts) {
-        interrupts.one_came();
+        interrupts.count_one_signal();
     }
 
     /// Ctrl-C during the cycle stops it, a second one aborts it, a third one requests nothing. The command exits

@@ -128,7 +128,7 @@ impl TaughtRecipe {
         })
     }
 
-    /// States that foam lies in the cell instead of a panel: the cycle's record releases nothing.
+    /// States that foam lies in the cell instead of a panel: the cycle's record then releases no part.
     #[must_use]
     pub fn on_foam(self, on_foam: bool) -> Self {
         TaughtRecipe { on_foam, ..self }
@@ -203,7 +203,7 @@ impl TaughtRecipe {
         Ok(PreparedCycle { request, setup, start, recording: None, remarks: vec![] })
     }
 
-    /// The setup for the single cycle of a command.
+    /// Returns the setup for the single cycle of a command.
     ///
     /// # Errors
     /// If the cell does not name what a cycle needs, or its corners are not suitable.
@@ -215,7 +215,7 @@ impl TaughtRecipe {
         Ok(setup.with_earlier_removal(self.removed_before()).with_foam(self.on_foam))
     }
 
-    /// The first entries of the cycle's record.
+    /// Returns the first entries of the cycle's record.
     ///
     /// # Errors
     /// If the part cannot be written as text.
@@ -238,7 +238,7 @@ impl TaughtRecipe {
         })
     }
 
-    /// The request to the cycle's state table to begin a cycle.
+    /// Returns the request to the cycle's state table to begin a cycle.
     pub fn request(&self) -> Request {
         let process = self.recipe.process();
         let left = process.effective_passes_per_part().saturating_sub(self.earlier_pass_count());
@@ -249,7 +249,7 @@ impl TaughtRecipe {
         }
     }
 
-    /// The removal on the part by earlier cycles: the last of them states the total of all.
+    /// Returns the removal on the part by earlier cycles; the last of these cycles states the total.
     fn removed_before(&self) -> EarlierRemoval {
         let known = self.earlier.iter().filter_map(|cycle| cycle.removed_um);
         let unknown = self.earlier.iter().filter(|cycle| cycle.removed_um.is_none()).count()
@@ -271,7 +271,7 @@ impl TaughtRecipe {
         self.earlier.iter().map(|cycle| cycle.passes).sum::<usize>() + usize::from(self.lost_passes())
     }
 
-    /// The request to the cycle's state table to begin an air-run.
+    /// Returns the request to the cycle's state table to begin an air-run.
     pub fn air_request(&self) -> Request {
         Request::AirRun { max_moves: self.max_correction_moves() }
     }
@@ -288,7 +288,7 @@ fn count(number: usize) -> u8 {
     u8::try_from(number).unwrap_or(u8::MAX)
 }
 
-/// The verifications of the cameras that expire soon.
+/// Returns the verifications of the cameras that expire soon.
 ///
 /// # Errors
 /// If there is no store.

@@ -34,7 +34,7 @@ use strum::VariantArray;
 /// Addition to the rendered recipe if areas around breaks are abraded.
 const BY_BREAK: &str = "\n[treat]\nby = \"break\"\n";
 
-/// Renders, teaches, runs the cycle, writes pictures and page.
+/// Renders the cell, teaches the panel, runs the cycle, and writes the pictures and the page.
 ///
 /// # Errors
 /// If the folder cannot be written or a rendered file is rejected.
@@ -156,7 +156,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
 /// The password of the demo's accounts; each role has an account, so that everything can be tried.
 const DEMO_PASSWORD: &str = "panelprep demo";
 
-/// Serves the simulated cell with its page to viewers on this computer.
+/// Serves the simulated cell with its page to browsers on this computer.
 fn serve(
     address: SocketAddr,
     (files, common): (&CellFiles, &Common),
@@ -181,7 +181,7 @@ fn serve(
     super::run::run(&super::args::Run { simulation }, common)
 }
 
-/// Waypoints that were not executed as sent make the cycle a fault, whatever its film shows.
+/// Changes the verdict to aborted if waypoints were not executed as sent, whatever the film shows.
 fn check_all_executed(judgement: Judgement, score: Option<&Score>) -> Judgement {
     match score.and_then(|score| score.lost.clone()) {
         Some(lost) => Judgement {
@@ -252,7 +252,8 @@ fn calibrate_arm(args: &Demo, rendered: &RenderedFiles, progress: &dyn Fn(&str))
         let named = cell.replace(NAMED_FILE, &format!("{NAMED_FILE}robot_correction = \"{CORRECTION}\"\n"));
         disk::write(&common.cell, named)?;
     }
-    // The poses of the boards are learned as this cell sees them: no one measures a robot's base from outside.
+    // The poses of the boards are learned with this cell's own cameras and arm: in a real cell, the robot's base is not
+    // measured from outside either.
     for camera in [asked::CameraName::Scanner, asked::CameraName::FlangeCamera] {
         let look = asked::Verify { learn: true, ..rendered.verification(camera) };
         let target = look.target.clone().unwrap_or_default();
@@ -289,10 +290,10 @@ fn run_calibration(what: asked::CalibrationTask, common: &Common, out: &Path) ->
 
 const CALIBRATION: &str = "removal.toml";
 /// The assumed error of the simulated cell at the tool: the tool's stroke must have room for this error.
-const TOOL_ERROR: &str = "tool_error_mm = 1.0\n";
+const TOOL_ERROR_LINE: &str = "tool_error_mm = 1.0\n";
 /// The settings of the recipe. A step-over below the default and a high feed leave the feeds enough range to make the
 /// removal uniform.
-const ASKED: &str = "
+const RECIPE_SETTINGS: &str = "
 [path]
 force_n = 12.0
 feed_mm_s = 120.0
@@ -327,12 +328,12 @@ fn calibrate_tool(seed: u64, rendered: &RenderedFiles, progress: &dyn Fn(&str)) 
     let (payload_kg, zero_n) = (payload_kg.unwrap_or(f64::NAN), zero_n.unwrap_or(f64::NAN));
     let cell =
         disk::read_text(&common.cell)?.replace(NAMED_FILE, &format!("{NAMED_FILE}removal = \"{CALIBRATION}\"\n"));
-    let cell = cell.replace("verify_limit_mm", &format!("{TOOL_ERROR}verify_limit_mm"));
+    let cell = cell.replace("verify_limit_mm", &format!("{TOOL_ERROR_LINE}verify_limit_mm"));
     let tool = format!("\n[tool]\nkind = \"simulated\"\npayload_kg = {payload_kg:.3}\nzero_n = {zero_n:.3}\n");
     disk::write(&common.cell, format!("{cell}{tool}"))?;
     let recipe = rendered.file_path("recipe.toml");
     let text = disk::read_text(&recipe)?;
-    disk::write(&recipe, format!("{text}{ASKED}"))
+    disk::write(&recipe, format!("{text}{RECIPE_SETTINGS}"))
 }
 
 /// Verifies payload and zero with the same readings, as at the beginning of each day.

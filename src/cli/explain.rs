@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_code_is_explained_and_a_mistyped_one_is_answered_with_the_nearest() {
+    fn a_code_is_explained_and_the_nearest_is_suggested_for_a_mistyped_one() {
         let asked_in = |code: &str, language: &str| {
             run(&Explain { code: Some(code.to_owned()), language: language.to_owned() })
         };

@@ -1,4 +1,4 @@
-//! The faults that stop a command, as text. Only here do the errors of all modules come together.
+//! The faults that stop a command, as text. This is the only place where the errors of all modules come together.
 
 mod cell;
 mod data;
@@ -220,7 +220,7 @@ impl Fault {
         }
     }
 
-    /// The error of a stage.
+    /// Creates the fault of a stage from its error.
     pub fn stage(cause: impl Error + Send + Sync + 'static) -> Self {
         Fault::Stage(Box::new(cause))
     }

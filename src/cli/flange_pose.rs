@@ -15,18 +15,19 @@ use std::cell::{Cell as Counter, RefCell};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// The axes must stay within this tolerance from before a picture until after it, degrees.
+/// Maximum difference of an axis angle from before a picture until after it, degrees; with a larger one, the arm has
+/// moved.
 const STANDSTILL_TOLERANCE_DEG: f64 = 0.002;
 /// Time limit for a controller's answer.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(5);
-const MAX_SILENCES: u32 = 2;
+const MAX_MISSED_ANSWERS: u32 = 2;
 
-/// The knowledge of the flange's pose at a picture.
+/// What is known about the flange's pose at a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PoseKnowledge {
     /// The reported pose of the flange.
     At(ReportedFlange),
-    /// The arm moved meanwhile.
+    /// The arm moved during the picture.
     Moved,
     /// No pose was reported.
     Nothing,
@@ -39,12 +40,12 @@ pub struct FlangePoses<'c> {
     socket: PathBuf,
     /// Open from before a picture until after it, if no service runs.
     link: RefCell<Option<LinkedRobot>>,
-    /// Number of answers that the controller did not send; after too many it is not waited for again.
+    /// Number of answers that the controller did not send; after [`MAX_MISSED_ANSWERS`] of them it is not asked again.
     missed_answers: Counter<u32>,
 }
 
 impl<'c> FlangePoses<'c> {
-    /// Creates the poses for this cell.
+    /// Creates the sources of the flange pose for this cell.
     pub fn new(files: &'c CellFiles) -> Self {
         FlangePoses {
             cell: &files.cell,
@@ -55,8 +56,8 @@ impl<'c> FlangePoses<'c> {
         }
     }
 
-    /// The axis positions now, requested before a picture. They come from the running service if it knows them. If
-    /// no service runs, they come from the controller if it answers.
+    /// Returns the axis positions now, before a picture is taken. They come from the running service if it knows them.
+    /// If no service runs, they come from the controller if it answers.
     pub fn now(&self) -> Option<Joints> {
         match ctl::service_state(&self.socket) {
             Some(_) => ctl::service_axes(&self.socket),
@@ -66,7 +67,7 @@ impl<'c> FlangePoses<'c> {
 
     /// Reads the axes in the same way as `panelprep robot state`: nothing is set and nothing moves.
     fn ask_controller(&self) -> Option<Joints> {
-        if self.cell.robot().kind() != RobotKind::Eki || self.missed_answers.get() >= MAX_SILENCES {
+        if self.cell.robot().kind() != RobotKind::Eki || self.missed_answers.get() >= MAX_MISSED_ANSWERS {
             return None;
         }
         let mut kept = self.link.borrow_mut();
@@ -82,8 +83,8 @@ impl<'c> FlangePoses<'c> {
         report
     }
 
-    /// The axis positions after the picture. The link to the controller is released, so that other clients may use
-    /// it.
+    /// Returns the axis positions after the picture, and releases the link to the controller, so that other clients may
+    /// use it.
     fn axes_after_picture(&self) -> Option<Joints> {
         let report = self.now();
         self.link.borrow_mut().take();

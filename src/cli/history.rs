@@ -1,6 +1,5 @@
 //! `panelprep history`: searches the cycles of the store, compares two, shows trends of quantities, lists alarms. It
-//! prints the same data as a table for people, as JSON or as CSV. At a terminal these are columns of words, the newest
-//! first.
+//! prints the same data as a table for people, as JSON or as CSV. The table has columns, with the newest cycle first.
 
 use super::args::{Common, EndName, History, HistoryTask, SearchArguments};
 use super::fault::{Fault, RecordFault};
@@ -66,7 +65,7 @@ pub fn run(args: &History, common: &Common) -> Result<Outcome, Fault> {
     }
 }
 
-/// The results in the requested form; JSON is always one object with all of them.
+/// Returns the results in the requested form; JSON is always one object with all of them.
 fn results_outcome(
     args: &History,
     data: &impl Serialize,
@@ -158,7 +157,7 @@ fn trend(store: &Store, (panel, name): (&str, &str), limit: usize) -> Result<Tre
     Ok(trend)
 }
 
-/// The names of all checks of these cycles.
+/// Returns the names of all checks of these cycles.
 fn check_names(cycles: &[PastCycle]) -> std::collections::BTreeSet<String> {
     let findings = cycles.iter().flat_map(|past| &past.record.findings);
     findings.flat_map(|finding| &finding.checks).map(|check| check.name.clone()).collect()

@@ -3,7 +3,7 @@
 //!
 //! Each folder in DIR that holds a `clip.csv` is a clip. Its labels are in `truth` or, if a person made them, next to
 //! its pictures. The score answers two questions for each place that truly broke: was half of its area found, and how
-//! late were its first 10 mm² detected as broken? A place is a connected piece of the mask.
+//! late were its first 10 mm² detected as broken? A place is a connected component of the mask.
 
 use super::args::{Common, Inspect};
 use super::disk;
@@ -67,9 +67,9 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
 }
 
 /// Limits of the size classes, mm².
-const SIZES_MM2: [f64; 6] = [0.0, 5.0, 25.0, 50.0, 200.0, f64::INFINITY];
-/// The time at which a place breaks is the time at which its broken area first has this size, mm².
-const TIMED_MM2: f64 = 10.0;
+const SIZE_CLASSES_MM2: [f64; 6] = [0.0, 5.0, 25.0, 50.0, 200.0, f64::INFINITY];
+/// A place counts as broken from the time at which its broken area first has this size, mm².
+const MIN_TIMED_BREAK_MM2: f64 = 10.0;
 /// Limits of the classes of delay, s.
 const DELAY_CLASSES_S: [f64; 7] = [f64::NEG_INFINITY, -1.0, -0.5, 0.0, 0.5, 1.0, f64::INFINITY];
 
@@ -149,7 +149,7 @@ fn row(clip: &Path, inspected: &InspectedClip, labels: &Labels) -> Result<Row, F
         let found = found_s.len() * 2 >= piece.len();
         found_s.sort_by(f64::total_cmp);
         true_s.sort_by(f64::total_cmp);
-        let nth = (TIMED_MM2 / area_mm2 * piece.len() as f64).ceil() as usize;
+        let nth = (MIN_TIMED_BREAK_MM2 / area_mm2 * piece.len() as f64).ceil() as usize;
         let late_s = found_s.get(nth).zip(true_s.get(nth)).map(|(found_s, true_s)| found_s - true_s);
         TrueBreak { area_mm2, found, late_s }
     };
@@ -179,7 +179,7 @@ fn detection_by_size(rows: &[Row]) -> Vec<(String, usize, usize)> {
         let of = || breaks().filter(|one| (ends[0]..ends[1]).contains(&one.area_mm2));
         (format_range(ends, "mm²"), of().count(), of().filter(|one| !one.found).count())
     };
-    SIZES_MM2.windows(2).map(class).collect()
+    SIZE_CLASSES_MM2.windows(2).map(class).collect()
 }
 
 fn delays_by_class(rows: &[Row]) -> Vec<(String, usize)> {
@@ -244,7 +244,7 @@ fn build_outcome(rows: &[Row]) -> Outcome {
         outcome.add_line(format!("  breaks of {class:16} {places:4}, missed {missed:4}"));
     }
     outcome.add_line(format!(
-        "time to break, for breaks of {TIMED_MM2} mm² or more: {near} of {} within 0.5 s",
+        "time to break, for breaks of {MIN_TIMED_BREAK_MM2} mm² or more: {near} of {} within 0.5 s",
         late.len()
     ));
     let clips: Vec<Value> = rows

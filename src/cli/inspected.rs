@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Number of pictures that are decoded at once; it limits the memory for a long clip.
+/// Number of pictures that are decoded at the same time; it limits the memory for a long clip.
 const DECODE_BATCH: usize = 8;
 
 /// An inspected clip.
@@ -258,7 +258,7 @@ impl Labels {
         Ok(Labels { mask: Mask::from_gray(&gray), times })
     }
 
-    /// The time at which the film broke at a pixel, s; `None` also if the time is not known.
+    /// Returns the time at which the film broke at a pixel, s; `None` also if the time is not known.
     pub fn time_s(&self, index: usize) -> Option<f64> {
         decoded(*self.times.as_ref()?.rgb.get(index)?)
     }
@@ -284,7 +284,7 @@ pub fn read_clip(folder: &Path) -> Result<Clip, Fault> {
     files::read_clip(&disk::read(&list)?).map_err(|error| Fault::file_fault(&list, error))
 }
 
-/// The hash of a clip: the hash of the output of `sha256sum clip.csv FILE…`.
+/// Returns the hash of a clip: the hash of the output of `sha256sum clip.csv FILE…`.
 ///
 /// # Errors
 /// If one of its files cannot be read.

@@ -2,7 +2,7 @@
 //! with their shared parts; `plant` has the others.
 //!
 //! The operator's page shows and changes the set-up: recipes in a folder, and the calibrations with their age. It also
-//! shows the pages of cycles, and takes their signatures.
+//! shows the pages of cycles, and accepts signatures on them.
 
 use super::args::{Common, Doctor};
 use super::calibrate::now_unix_s;
@@ -39,13 +39,13 @@ pub struct SharedInterfaceParts {
 impl SharedInterfaceParts {
     /// Creates the shared parts for a cell with these files.
     pub fn new((files, common): (&Arc<CellFiles>, &Common), gateway: Gateway) -> Self {
-        let on_their_way = RecordTransfers::default();
+        let record_transfers = RecordTransfers::default();
         let people = Arc::new(AccountService::new(files.store_folder().to_owned()));
         let alarms = Arc::new(Alarms::new(people.clone()));
-        let setup = Arc::new(FolderSource::new(files, common, &on_their_way));
+        let setup = Arc::new(FolderSource::new(files, common, &record_transfers));
         SharedInterfaceParts {
             parts: InterfaceContext { gateway, people, alarms, setup },
-            record_transfers: on_their_way,
+            record_transfers: record_transfers,
         }
     }
 }
@@ -53,7 +53,7 @@ impl SharedInterfaceParts {
 /// Sends signed records to the quality system, if the cell's file names one.
 ///
 /// # Errors
-/// If the operating system refuses.
+/// If the sender cannot be started.
 pub fn push_sender(files: &Arc<CellFiles>, fronts: &SharedInterfaceParts) -> Result<Option<PushSender>, Fault> {
     let Some(push) = files.cell.push().cloned() else { return Ok(None) };
     tracing::info!("signed records are uploaded to URLs below {}", push.target_folder);
@@ -81,10 +81,19 @@ pub fn line_front(
     LineFront::serve(LineParts { line, inputs, last, outputs, gateway, people }).map(Some).map_err(Fault::stage)
 }
 
+/// Serves the cell by OPC UA, if its file names an address for it.
+///
+/// # Errors
+/// If the server cannot be started.
+pub fn opcua_server(files: &CellFiles, fronts: &SharedInterfaceParts) -> Result<Option<OpcUaServer>, Fault> {
+    let parts = OpcUaParts { settings: files.cell.opcua().clone(), front: fronts.parts.clone() };
+    OpcUaServer::serve(parts).map_err(Fault::stage)
+}
+
 /// Serves the operator's page, if the cell's file names an address for it.
 ///
 /// # Errors
-/// If the operating system refuses. If its certificate or its texts are missing, there is no page, which raises an
+/// If the server cannot be started. If its certificate or its texts are missing, there is no page, which raises an
 /// alarm.
 pub fn operator_page(
     files: &Arc<CellFiles>,
@@ -144,13 +153,13 @@ struct FolderSource {
 
 impl FolderSource {
     /// Creates the source with the recipes' folder that the cell's file names.
-    pub fn new(files: &Arc<CellFiles>, common: &Common, on_their_way: &RecordTransfers) -> Self {
+    pub fn new(files: &Arc<CellFiles>, common: &Common, record_transfers: &RecordTransfers) -> Self {
         let recipes = files.cell.page().recipes.clone();
         FolderSource {
             recipes,
             files: files.clone(),
             common: common.clone(),
-            record_transfers: on_their_way.clone(),
+            record_transfers: record_transfers.clone(),
         }
     }
 

@@ -64,8 +64,8 @@ pub fn run(args: &Label, common: &Common) -> Result<Outcome, Fault> {
     build_outcome(&keeping, &args.clip, saved)
 }
 
-/// The size of the clip's pictures, read from the first one. With a recipe, it must be the size of the calibrated
-/// camera.
+/// Returns the size of the clip's pictures, read from the first one. With a recipe, it must be the size of the
+/// calibrated camera.
 fn size_px(folder: &Path, shots: &[ClipEntry], camera: Option<&PinholeCamera>) -> Result<[usize; 2], Fault> {
     let Some(first) = shots.first() else { return Err(Fault::stage(files::ClipError::Empty)) };
     let file = folder.join(&first.file);
@@ -76,7 +76,7 @@ fn size_px(folder: &Path, shots: &[ClipEntry], camera: Option<&PinholeCamera>) -
     Ok([picture.width, picture.height])
 }
 
-/// The grids as the camera sees them, and the camera.
+/// Returns the grids as the camera sees them, and the camera.
 fn grids(recipe_file: &Path, args: &Label, common: &Common) -> Result<(Vec<GridOutline>, PinholeCamera), Fault> {
     let cell_files = CellFiles::read(common)?;
     let recipe = load::recipe(recipe_file)?;
@@ -133,7 +133,7 @@ impl LabelFolder {
         Ok(Some(found))
     }
 
-    /// The labels as they were saved last.
+    /// Returns the labels as they were saved last.
     ///
     /// # Errors
     /// If the file is invalid.
@@ -141,7 +141,7 @@ impl LabelFolder {
         self.read(LABELS)
     }
 
-    /// The present contents: the draft if there is one, else the labels.
+    /// Returns the current contents: the draft if there is one, else the labels.
     ///
     /// # Errors
     /// If a file is invalid.

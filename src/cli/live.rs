@@ -5,8 +5,8 @@
 //! process on this machine, `panelprep mock-robot`. The world around it is in this program and follows the controller's
 //! reports.
 //!
-//! Which controller answers now is decided by what it reports, never by its address, since a tunnel to a real
-//! controller ends at an address of this computer.
+//! The kind of the controller that answers is determined by what it reports, never by its address, since a tunnel to a
+//! real controller ends at an address of this computer.
 
 use super::args::{Simulation, real_arm};
 use super::fault::{DeviceFault, Fault};
@@ -72,7 +72,7 @@ pub struct SimulatedController {
 /// Width of the simulated scanner's picture at full size, px.
 pub const FULL_WIDTH_PX: usize = 1944;
 /// Time after which the simulated lamp has its full light, with a margin.
-const LAMP_MS: u64 = 500;
+const LAMP_RISE_TIME_MS: u64 = 500;
 /// Largest factor by which the renderer reduces its pictures.
 const MAX_REDUCTION: usize = 8;
 
@@ -80,8 +80,8 @@ impl CellDevices {
     /// Starts the devices that the cell's file names. The robot's link begins to connect; nothing moves.
     ///
     /// # Errors
-    /// If kinds do not fit together, this program has no such camera, a recording cannot be opened, or a thread or
-    /// port is not available.
+    /// If the kinds of the devices cannot be combined, this program has no such camera, a recording cannot be opened,
+    /// or a thread or port is not available.
     pub fn start(cell: &Cell, calibrations: &Calibrations, simulation: Simulation) -> Result<Self, Fault> {
         let fails_here = cell.robot().kind() == RobotKind::Mock
             && cell.tool().compliant().is_some_and(|it| it.address.is_none());
@@ -161,7 +161,7 @@ impl CellDevices {
 }
 
 impl FlangeLink {
-    /// The values for scripts.
+    /// Returns the kind of the transfer as JSON, for scripts.
     pub fn json(&self) -> Value {
         match self {
             #[cfg(feature = "gige")]
@@ -176,7 +176,7 @@ impl FlangeLink {
         }
     }
 
-    /// A line for a person.
+    /// Describes the transfer in a line for a person.
     pub fn describe_link(&self) -> String {
         match self {
             #[cfg(feature = "gige")]
@@ -257,7 +257,7 @@ fn link_robot(cell: &Cell, simulated: Option<&SimulatedController>) -> Result<Li
     Ok(LinkedRobot::new(link, pace))
 }
 
-/// The simulated cell with the calibrated scanner.
+/// Returns the simulated cell with the calibrated scanner.
 pub fn simulated_cell(found: &PinholeCamera, simulation: Simulation) -> Result<sim::Cell, Fault> {
     let reduction = (FULL_WIDTH_PX / found.width_px.max(1)).clamp(1, MAX_REDUCTION);
     let simulated_cell =
@@ -304,7 +304,7 @@ impl SimulatedController {
         if let Some(light) = cell.inputs_outputs().output(cell::Output::Light).filter(|_| with_light) {
             simulated.server.handle().with_controller(|controller| {
                 controller.switch_output(light, true);
-                controller.advance_ms(LAMP_MS);
+                controller.advance_ms(LAMP_RISE_TIME_MS);
             });
         }
         Ok(simulated)

@@ -56,7 +56,7 @@ pub fn located(file: Option<&PathBuf>, recipe: &Recipe) -> Result<Rigid<Base, Pa
     Ok(pose.to_rigid())
 }
 
-/// The uncertainty of the pose in this file, 95 %, mm; `None` if the file does not state it.
+/// Returns the uncertainty of the pose in this file, 95 %, mm; `None` if the file does not state it.
 ///
 /// # Errors
 /// If the file holds no pose.
@@ -76,7 +76,7 @@ pub struct CornerShot {
     pub base_from_flange: KukaPose,
 }
 
-/// The true pose of the flange, from this file.
+/// Returns the true pose of the flange, from this file.
 ///
 /// # Errors
 /// If it holds no pose, or it holds no axes although the arm has a correction.
@@ -140,7 +140,7 @@ pub fn teaching_of(
     let kept = files.store()?.taught(recipe.panel(), None).map_err(Fault::stage)?;
     let taught_recipe = Recipe::check("the taught recipe", &kept.teaching.recipe_text)?;
     let is_other_region = taught_recipe.region() != recipe.region();
-    // The drawing's place at teaching is part of the taught panel; another one needs another teaching.
+    // The drawing's pose at teaching is part of the taught panel; with another pose, the panel must be taught again.
     if is_other_region || taught_recipe.nominal() != recipe.nominal() {
         return Err(TeachingFault::TaughtOtherwise {
             recipe: recipe_file.to_owned(),

@@ -32,8 +32,8 @@ pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
     let base_from_camera = files.base_from_camera()?.value;
     let scan = load::scan(&args.scan, &camera)?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
-    // Data that depends on the taught panel alone is ready before a scan is taken; in a cycle it is made while the
-    // camera exposes.
+    // Data that depends only on the taught panel is computed before the scan is taken; in a cycle it is computed during
+    // the camera's exposure.
     let model = TaughtModel::from_panel(&taught.panel, errors.range);
     let begin = Instant::now();
     let scan = errors.correct_scan(scan);
@@ -50,7 +50,7 @@ pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// The outcome of a localization; its verdict came `elapsed_ms` after the scan was in memory.
+/// Returns the outcome of a localization; its verdict came `elapsed_ms` after the scan was in memory.
 fn outcome(located: &LocateOutcome<'_>, elapsed_ms: f64) -> Outcome {
     let mut outcome = Outcome::from_judgement(&located.judgement);
     outcome.add_checks(&located.checks);
@@ -141,8 +141,8 @@ pub fn run_refine(args: &Refine, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// The uncertainties stated by the localization and by both cameras' mounts, 95 %, mm; `None` if one of them states
-/// nothing.
+/// Returns the uncertainties that the localization and both cameras' mounts state, 95 %, mm; `None` if one of them
+/// states no uncertainty.
 fn claims_mm(args: &Refine, files: &CellFiles) -> Result<Option<[f64; 2]>, Fault> {
     let scanner = files.cell.calibration().base_from_camera.is_some().then(|| files.base_from_camera());
     let scanner_mm = scanner.transpose()?.and_then(|mount| mount.uncertainty_mm);

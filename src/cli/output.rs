@@ -47,7 +47,7 @@ pub fn read_answer_line() -> Result<Option<String>, Fault> {
 pub fn write_progress(line: &str) {
     #[expect(
         clippy::let_underscore_must_use,
-        reason = "the output has no reader: there is no other place to say it"
+        reason = "the output has no reader: there is no other place to report it"
     )]
     let _ = writeln!(io::stderr().lock(), "{line}");
 }
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn an_event_is_one_line_whatever_it_holds() {
+    fn an_event_is_always_one_line() {
         assert_eq!(written("INFO anna (uid 7) asks: stop; 25 µm\n"), "INFO anna (uid 7) asks: stop; 25 µm\n");
         let forged = "WARN refused: /tmp/a\n2026-11-22 INFO root (uid 0) asks: abort\r\x1b[2K\u{2028}\n";
         let told = "WARN refused: /tmp/a\\n2026-11-22 INFO root (uid 0) asks: abort\\r\\u{1b}[2K\\u{2028}\n";

@@ -84,7 +84,7 @@ pub fn history(earlier: &[PassesOfCycle]) -> String {
     earlier.iter().map(words).collect::<Vec<_>>().join("; ")
 }
 
-/// The section about the part on a cycle's page; `None` if no part was named.
+/// Returns the section about the part on a cycle's page; `None` if no part was named.
 pub fn section(store: &Store, record: &CycleRecord) -> Option<Section> {
     record.files.iter().find(|file| file.name == PartNames::FILE)?;
     let (text, part) = match store.stored_part(record) {
@@ -108,7 +108,7 @@ mod tests {
 
     /// Calculated by hand: 2 + 1 earlier passes leave one pass of a limit of 4, and none of a limit of 3.
     #[test]
-    fn a_part_that_had_its_passes_is_refused_with_its_history() {
+    fn a_part_at_its_pass_limit_is_refused_with_its_history() {
         let cycle = |id, passes| PassesOfCycle {
             cycle: CycleId(id),
             started_unix_s: 86_400 * id,
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_taken_unchanged_or_refused() {
+    fn names_are_accepted_unchanged_or_refused() {
         let part = |serial: &str| PartNames { serial: Some(serial.to_owned()), ..PartNames::default() };
         assert_eq!(parse_part_names(PartNames::default()).expect("no name"), None);
         let good = part("SN 0017/ä \"7\"");

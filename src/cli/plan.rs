@@ -66,7 +66,7 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let tool =
         ToolState { error_mm: files.cell.limits().tool_error_mm(), worn_mm2, removal, stroke_mm, in_air: false };
     let plan = plan::lay_lesser_paths(on, (&treated, &grids), (&recipe, tool)).map_err(Fault::stage)?;
-    let is_looked_at = !matches!(reach, ReachStart::Unknown);
+    let is_reach_checked = !matches!(reach, ReachStart::Unknown);
     let mut stage = plan::judge(plan, on, reach, (&recipe, tool), (None, EarlierRemoval::default()));
     stage = stage.with_breaks(located_mm(args)?, &recipe);
     if files.cell.limits().workspace().is_some() || program.is_some() {
@@ -78,7 +78,7 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
             "the arm can follow the path, {from}; remaining axis range beyond the margins {:.0}°, tool rotated by {:.0}°",
             reached.arm_travel.room_deg, reached.spin.0
         ),
-        None if is_looked_at => "the arm cannot follow the path".to_owned(),
+        None if is_reach_checked => "the arm cannot follow the path".to_owned(),
         None => "reach of the arm not checked: the cell's file names no flange_from_tool".to_owned(),
     };
     let planned = PlannedPath { stage, fit, base: KukaPose::from_rigid(&base_from_panel) };
@@ -134,7 +134,7 @@ fn program_name(file: &Path) -> Result<ProgramName, Fault> {
     name.parse().map_err(|error| Fault::file_fault(file, error))
 }
 
-/// The pose from which the arm starts to follow the plan, with a remark about it.
+/// Returns the pose from which the arm starts to follow the plan, with a remark about it.
 fn reach<'a>(
     kinematics: &'a Kinematics,
     (files, common): (&CellFiles, &Common),
@@ -198,7 +198,7 @@ impl PlannedPath {
         Ok((true, format!("KRL program written to {shown}; {words}")))
     }
 
-    /// The removal of the plan in numbers; `None` if it is not requested or not known.
+    /// Returns the removal of the plan in numbers; `None` if it is not requested or not known.
     fn removal(&self) -> Option<Value> {
         let found = self.stage.removed.as_ref()?.figures?;
         Some(json!({
@@ -365,8 +365,8 @@ struct OtherSize {
     camera_px: [usize; 2],
 }
 
-/// Returns the grids of a plan, and what it treats of them; also a remark, if areas around breaks are wanted and the
-/// breaks are not known.
+/// Returns the grids of a plan, and the areas of these grids that it treats. Also returns a remark if areas around
+/// breaks are requested and the breaks are not known.
 ///
 /// # Errors
 /// If a file is invalid, or a word is not a grid's name.
@@ -392,7 +392,7 @@ fn places(
     Ok((grids, treated, None))
 }
 
-/// Reads the mask of a film and determines the broken places on the panel, at the pose that the film showed.
+/// Reads the mask of a film and determines the water breaks on the panel, at the panel's pose in the film.
 fn broken(
     mask: &Path,
     args: &Plan,

@@ -42,7 +42,8 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     if args.sign {
         return page::sign(args, files);
     }
-    // The store is free while a person is asked: that person uses other commands of this program meanwhile.
+    // The store is released while a person is asked, because that person uses other commands of this program in the
+    // meantime.
     drop(files.settled_store()?);
     let begin = identify(&files.cell)?;
     let stage = stage_to_prove(args, files, &begin)?;
@@ -89,7 +90,7 @@ fn is_mode_of(stage: ProofStage, mode: Mode) -> bool {
     }
 }
 
-/// The rows of a stage while they are gone through.
+/// The rows of a stage during the proofs.
 struct ProofRun<'r> {
     args: &'r Prove,
     files: &'r CellFiles,
@@ -172,7 +173,7 @@ impl<'r> ProofRun<'r> {
     /// Writes the final page, and stores it if each row was proven. The rows hold only for the controller that also
     /// answers at the end, with the programs of the beginning.
     fn end(self) -> Result<Outcome, Fault> {
-        // After a day's work, a link that cannot be started costs the signature, and not the page.
+        // If the link cannot be started after a day's work, the page is still written, but it cannot be signed.
         let end = identify(&self.files.cell).unwrap_or(ReportedController::UNKNOWN);
         let page = self.page(Some(end));
         let text = page.render();
@@ -244,7 +245,7 @@ fn ask_observation(
     Proof { assumption, finding, evidence, tried: false }
 }
 
-/// The shortest text that can name a trace, a film or a figure.
+/// Minimum length of the evidence: the shortest text that can name a trace, a film or a figure.
 const MIN_EVIDENCE_CHARS: usize = 3;
 
 fn parse_observation(line: &str) -> (Finding, String) {
@@ -307,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn each_stage_has_its_mode() {
+    fn each_stage_is_proven_in_its_mode() {
         let modes = [Mode::T1, Mode::T2, Mode::Automatic, Mode::External];
         for (stage, expected) in [
             (ProofStage::A, [true, false, false, false]),

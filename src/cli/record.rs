@@ -43,7 +43,7 @@ pub fn run(args: &RecordCommand, common: &Common) -> Result<Outcome, Fault> {
     }
 }
 
-/// The key with which this cell signs: the file that the cell's file names, else a credential, else one in the
+/// Returns the key with which this cell signs: the file that the cell's file names, else a credential, else one in the
 /// store.
 ///
 /// # Errors

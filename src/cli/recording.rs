@@ -30,7 +30,7 @@ use std::io::BufReader;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
-/// The first content of a recording of this cycle.
+/// Returns the first content of a recording of this cycle.
 ///
 /// # Errors
 /// If the teaching cannot be read.
@@ -97,16 +97,17 @@ fn is_inside_store(folder: &Path, store: &Path) -> Result<bool, Fault> {
 }
 
 fn refused_name(file: &Path, words: &'static str) -> Fault {
-    let shown: String = file.to_string_lossy().chars().flat_map(char::escape_debug).take(MAX_SHOWN).collect();
+    let shown: String =
+        file.to_string_lossy().chars().flat_map(char::escape_debug).take(MAX_SHOWN_CHARACTERS).collect();
     Fault::RecordName { file: shown, words }
 }
 
 const STORE_PATH_REFUSAL: &str = "the file is inside the store, where only the service names files; name a file outside of \
                             the store, or give --record without a name to record to the store's recordings/";
 
-/// Returns the path of a recording that a client of the service names. It must be a full, plain path outside the
-/// store; all links in it are resolved. A client may have the service write only what the client has the right to
-/// request.
+/// Returns the path of a recording that a client of the service names. It must be an absolute path of a new file
+/// outside the store; all links in it are resolved. So a client cannot make the service write into its store or over an
+/// existing file.
 ///
 /// # Errors
 /// If the name does not meet these conditions, or its folder does not exist.
@@ -141,10 +142,10 @@ pub fn check_client_file(file: &Path, store: &Path) -> Result<PathBuf, Fault> {
     }
 }
 
-/// Number of characters of a refused name that are shown.
-const MAX_SHOWN: usize = 200;
+/// Maximum number of characters of a refused name that are shown.
+const MAX_SHOWN_CHARACTERS: usize = 200;
 
-/// The fault to report if the disk refuses a recording in a new file.
+/// Returns the fault to report if the disk refuses a recording in a new file.
 pub fn refused(file: &Path, error: std::io::Error) -> Fault {
     match error.kind() {
         std::io::ErrorKind::AlreadyExists => file_exists_fault(file),
@@ -162,7 +163,7 @@ fn file_exists_fault(file: &Path) -> Fault {
     Fault::file_fault(file, "already exists; remove it, or record to another file")
 }
 
-/// The section about the recording on a cycle's page.
+/// Returns the section about the recording on a cycle's page.
 pub fn section(recorded: &RecordingResult) -> Section {
     let whole = recorded.is == RecordingStatus::Whole;
     let rows = vec![
@@ -283,7 +284,7 @@ impl Parts<'_> {
         toml::from_str(self.text(&name)?).map_err(|error| Fault::file_fault(self.file, error))
     }
 
-    /// The removal model of the disc, if the cell had one.
+    /// Returns the removal model of the disc, if the cell had one.
     fn removal(&self) -> Result<Option<Model>, Fault> {
         if !self.checked.files.contains_key(REMOVAL) {
             return Ok(None);

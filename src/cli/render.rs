@@ -25,16 +25,17 @@ use std::path::Path;
 
 /// A file that marks a folder as written by this command; only such a folder may be written again.
 const FOLDER_MARK_FILE: &str = ".rendered-by-panelprep";
-/// Duration of the observation of the wet panel, s (the default of the cell's file); the next constant is the number
-/// of pictures per second (the recipe's default).
+/// Duration of the observation of the wet panel, s: the default of the cell's file.
 const OBSERVATION_S: u32 = 60;
+/// Number of pictures per second: the recipe's default.
 const FRAMES_PER_SECOND: f64 = 5.0;
 
-/// The uncertainties that the rendered calibrations state, mm: 0.1 mm and 0.01° at 0.79 m and at 0.45 m, and of a
-/// tool's tip.
-const SCANNER_MM: f64 = 0.24;
-const FLANGE_MM: f64 = 0.18;
-const TOOL_MM: f64 = 0.05;
+/// Uncertainty of the scanner's mount that its rendered calibration states, mm: 0.1 mm and 0.01° at 0.79 m.
+const SCANNER_UNCERTAINTY_MM: f64 = 0.24;
+/// The same for the flange camera, mm: 0.1 mm and 0.01° at 0.45 m.
+const FLANGE_CAMERA_UNCERTAINTY_MM: f64 = 0.18;
+/// The same for the tool's tip, mm.
+const TOOL_TIP_UNCERTAINTY_MM: f64 = 0.05;
 
 impl FilmName {
     /// Returns the specification of the film for this seed.
@@ -203,19 +204,20 @@ fn write_configuration(
         MountedPose::<ScannerMount>::from_pose(KukaPose::from_rigid(&cell.calibrated_base_from_camera()));
     let mut flange_from_camera =
         MountedPose::<FlangeCameraMount>::from_pose(KukaPose::from_rigid(&cell.calibrated_flange_from_camera()));
-    (base_from_camera.uncertainty_mm, flange_from_camera.uncertainty_mm) = (Some(SCANNER_MM), Some(FLANGE_MM));
+    (base_from_camera.uncertainty_mm, flange_from_camera.uncertainty_mm) =
+        (Some(SCANNER_UNCERTAINTY_MM), Some(FLANGE_CAMERA_UNCERTAINTY_MM));
     let flange_from_tool: Rigid<Flange, Tool> =
         KukaPose { z_mm: sim::TOOL_LENGTH_MM, ..KukaPose::default() }.to_rigid();
     let mut tool =
         MountedPose::<panelprep_cell::cell::ToolMount>::from_pose(KukaPose::from_rigid(&flange_from_tool));
-    (tool.axis_measured, tool.uncertainty_mm) = (Some(true), Some(TOOL_MM));
+    (tool.axis_measured, tool.uncertainty_mm) = (Some(true), Some(TOOL_TIP_UNCERTAINTY_MM));
     let texts = [
         ("scanner.toml", Intrinsics::from_camera(*cell.scanner()).to_toml()),
         ("flange_camera.toml", Intrinsics::from_camera(*cell.flange_camera()).to_toml()),
         ("base_from_camera.toml", base_from_camera.to_toml()),
         ("flange_from_camera.toml", flange_from_camera.to_toml()),
         ("flange_from_tool.toml", tool.to_toml()),
-        ("cell.toml", format!("{CELL}verify_limit_mm = {:?}\n", verify_limit_mm(cell))),
+        ("cell.toml", format!("{CELL_TEXT}verify_limit_mm = {:?}\n", verify_limit_mm(cell))),
         ("recipe.toml", recipe(cell, taught_scan, rendered.seconds)?),
     ];
     texts.iter().try_for_each(|(name, text)| disk::write(&rendered.file_path(name), text))
@@ -228,7 +230,7 @@ fn verify_limit_mm(cell: &sim::Cell) -> f64 {
     0.5 + (smaller - 1.0).round() / 10.0
 }
 
-const CELL: &str = r#"# A simulated cell, as files. Written by `panelprep render`.
+const CELL_TEXT: &str = r#"# A simulated cell, as files. Written by `panelprep render`.
 store = "store"
 
 [scanner]
@@ -286,19 +288,20 @@ box_min_mm = [100.0, -450.0, 50.0]
 box_max_mm = [700.0, 450.0, 900.0]
 "#;
 
-/// Factor by which a displaced panel may appear coarser than at its taught pose.
-const DISPLACED: f64 = 1.2;
+/// Maximum factor by which the pixels of a displaced panel are larger than at its taught pose.
+const MAX_DISPLACED_PIXEL_FACTOR: f64 = 1.2;
 
 /// Returns the recipe. If the cell's own limit is smaller than the cell's pixels can show, the recipe states the
 /// smallest break that the pixels certainly show.
 fn recipe(cell: &sim::Cell, taught_scan: &OrganizedCloud<Camera>, seconds: u32) -> Result<String, Fault> {
     let text = plain_recipe(cell, seconds);
     let plain = Recipe::check("recipe.toml", &text)?;
-    let demanded_mm2 = Demands::from_recipe(&plain, cell::Cell::check("cell.toml", CELL)?.limits()).min_break_mm2;
+    let demanded_mm2 =
+        Demands::from_recipe(&plain, cell::Cell::check("cell.toml", CELL_TEXT)?.limits()).min_break_mm2;
     let panel = TaughtPanel::learn(taught_scan, *cell.scanner(), cell.calibrated_base_from_camera(), &plain);
     let panel = panel.map_err(Fault::stage)?;
     let limit_mm2 = Footprint::taught_detection_limit_mm2(&panel, plain.inspect()).map_err(Fault::stage)?;
-    let sure_mm2 = DISPLACED * limit_mm2;
+    let sure_mm2 = MAX_DISPLACED_PIXEL_FACTOR * limit_mm2;
     if sure_mm2 <= demanded_mm2 {
         return Ok(text);
     }

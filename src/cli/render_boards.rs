@@ -30,8 +30,8 @@ const POSES: usize = 15;
 const ARM_POSES: usize = 20;
 const LENS_PICTURES: usize = 25;
 /// A simulated robot's own errors.
-pub(super) const ROBOT: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.005 };
-const TOUCH_MM: f64 = 0.1;
+pub(super) const ROBOT_NOISE: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.005 };
+const TOUCH_NOISE_MM: f64 = 0.1;
 
 /// The folder's files by their role.
 #[derive(Debug, Clone)]
@@ -148,7 +148,7 @@ pub fn write(
     reduction: usize,
     (arm, rendered): (Option<&RealArm>, &RenderedFiles),
 ) -> Result<(), Fault> {
-    let cell = BoardCell::new(seed, BoardPrint::chessboard(9, 6, 25.0), ROBOT).with_reduction(reduction);
+    let cell = BoardCell::new(seed, BoardPrint::chessboard(9, 6, 25.0), ROBOT_NOISE).with_reduction(reduction);
     let board = Board::parse("9x6", 25.0).map_err(Fault::stage)?;
     let lens: Vec<BoardShot<panelprep_base::geometry::FlangeCamera>> =
         cell.lens_shots(&cell.flange_camera(), LENS_PICTURES);
@@ -171,7 +171,7 @@ pub fn write(
     if let Some(shot) = shot_to_touch {
         save(rendered, "boards/touched.png", &cell.picture(&cell.scanner(), shot))?;
         let base_from_board = cell.base_from_camera() * shot.camera_from_board;
-        let touched = |places: &[Point<_>]| cell.touch_points(&base_from_board, places, TOUCH_MM);
+        let touched = |places: &[Point<_>]| cell.touch_points(&base_from_board, places, TOUCH_NOISE_MM);
         disk::write(&rendered.file_path("boards/touched.toml"), points_text(&board, arm, touched)?)?;
     }
     if let Some(arm) = arm {
@@ -180,8 +180,9 @@ pub fn write(
         let mut text = touches_text(Some(arm))?;
         for (image, base_from_board) in boards {
             let Some(base_from_board) = base_from_board else { continue };
-            text +=
-                &corners_text(arm, &board, image, |places| cell.touch_points(&base_from_board, places, TOUCH_MM));
+            text += &corners_text(arm, &board, image, |places| {
+                cell.touch_points(&base_from_board, places, TOUCH_NOISE_MM)
+            });
         }
         disk::write(&rendered.file_path("boards/touches.toml"), text)?;
     }
@@ -199,7 +200,7 @@ pub fn write_scans(
     rendered: &RenderedFiles,
 ) -> Result<(), Fault> {
     let print = BoardPrint::chessboard(8, 6, 30.0);
-    let cell = BoardCell::new(args.seed, print, ROBOT).with_reduction(args.reduction as usize);
+    let cell = BoardCell::new(args.seed, print, ROBOT_NOISE).with_reduction(args.reduction as usize);
     let distortion = distortion.unwrap_or_else(|| ScannerDistortion::new(args.seed, 0.0));
     let shots = cell.scanner_shots(args.board_scans as usize);
     shots.par_iter().enumerate().try_for_each(|(index, shot)| {
@@ -249,7 +250,7 @@ fn pictures<C: Frame>(
     })
 }
 
-/// The pose as text for a file, with the axes if the arm differs from its nominal geometry.
+/// Returns the pose as text for a file, with the axes if the arm differs from its nominal geometry.
 fn reported_text(ReportedFlangePose { base_from_flange, joints }: &ReportedFlangePose) -> String {
     pose_keys(&ReportedFlange { base_from_flange: KukaPose::from_rigid(base_from_flange), joints: *joints })
 }
@@ -262,7 +263,7 @@ fn poses_text<C: Frame>(arm: Option<&RealArm>, shots: &[BoardShot<C>]) -> Result
     shots.iter().enumerate().map(pose).collect()
 }
 
-/// A points file with the corners that the program asks the person to touch.
+/// Returns a points file with the corners that the program asks the person to touch.
 #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
 fn points_text(
     board: &Board,
@@ -290,7 +291,7 @@ fn points_text(
     Ok(text)
 }
 
-/// Whether the arm can reach every corner that is to be touched.
+/// Returns whether the arm can reach every corner that is to be touched.
 fn can_reach_corners(
     arm: &RealArm,
     board: &Board,
@@ -303,7 +304,7 @@ fn can_reach_corners(
     })
 }
 
-/// Returns the flange's pose when the tip of a tool of length `out_mm` is at `place`. The tool's axis is turned by
+/// Returns the flange's pose when the tip of a tool of length `out_mm` is at `place`. The tool's axis is rotated by
 /// `turn_deg` from straight down.
 fn flange_pose_for_tip(place: Point<Base>, turn_deg: [f64; 3], out_mm: f64) -> Rigid<Base, Flange> {
     let down = UnitQuaternion::from_scaled_axis(Vector3::new(std::f64::consts::PI, 0.0, 0.0));
@@ -315,8 +316,8 @@ fn flange_pose_for_tip(place: Point<Base>, turn_deg: [f64; 3], out_mm: f64) -> R
     tip * flange_from_tool.inverse()
 }
 
-/// Poses that hold the tip at corners of a fixed board; without `image`, the board is the one in front of the
-/// camera on the flange. Corners that the arm cannot reach are left out.
+/// Returns the text of poses that hold the tip at corners of a fixed board; without `image`, the board is the one in
+/// front of the camera on the flange. Corners that the arm cannot reach are left out.
 #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
 fn corners_text(
     arm: &RealArm,
@@ -328,7 +329,7 @@ fn corners_text(
     let places: Vec<_> = corners.iter().filter_map(|&(column, row)| board.corner(column, row)).collect();
     let mut text = String::new();
     for (place, (column, row)) in touched(&places).iter().zip(corners) {
-        for turn_deg in &TURNS_DEG[..2] {
+        for turn_deg in &TOOL_ROTATIONS_DEG[..2] {
             let Some(flange) = arm.reported_pose(&flange_pose_for_tip(*place, *turn_deg, sim::TOOL_LENGTH_MM))
             else {
                 continue;
@@ -340,12 +341,12 @@ fn corners_text(
     text
 }
 
-/// Writes poses with the tip at each of two spots.
+/// Returns the text of poses with the tip at each of two spots.
 #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
 fn touches_text(arm: Option<&RealArm>) -> Result<String, Fault> {
     let mut text = String::new();
     for (spot, place) in [Point::at(520.0, 30.0, 250.0), Point::at(450.0, -120.0, 300.0)].into_iter().enumerate() {
-        for turn_deg in TURNS_DEG {
+        for turn_deg in TOOL_ROTATIONS_DEG {
             let flange = controller_report(arm, &flange_pose_for_tip(place, turn_deg, sim::TOOL_LENGTH_MM))?;
             let _ = writeln!(text, "[[touches]]\nspot = {spot}\n{}", reported_text(&flange));
         }
@@ -353,7 +354,7 @@ fn touches_text(arm: Option<&RealArm>) -> Result<String, Fault> {
     Ok(text)
 }
 
-const TURNS_DEG: [[f64; 3]; 5] =
+const TOOL_ROTATIONS_DEG: [[f64; 3]; 5] =
     [[0.0, 0.0, 0.0], [30.0, 0.0, 20.0], [-30.0, 10.0, 0.0], [0.0, 35.0, -40.0], [10.0, -35.0, 60.0]];
 
 /// Readings of a compliant tool without contact, pointing down, halfway, level and up: a payload of 1.5 kg and a
@@ -376,8 +377,8 @@ base_from_flange = { x_mm = 520.0, y_mm = 30.0, z_mm = 450.0, a_deg = 0.0, b_deg
 force_n = 10.80
 ";
 
-/// Writes poses with the simulated tool's tip at one spot, and two poses with a point 60 mm behind the tip at this
-/// spot. The numbers have two decimals, as on a teach pendant.
+/// Returns the text of poses with the simulated tool's tip at one spot, and of two poses with a point 60 mm behind the
+/// tip at this spot. The numbers have two decimals, as on a teach pendant.
 fn tip_text(arm: Option<&RealArm>) -> Result<String, Fault> {
     let held = |turn_deg: [f64; 3], out_mm: f64| -> Result<String, Fault> {
         let ReportedFlangePose { base_from_flange, joints } =
@@ -398,8 +399,8 @@ fn tip_text(arm: Option<&RealArm>) -> Result<String, Fault> {
         Ok(format!("[[{name}]]\n{}\n", held(*turn_deg, out_mm)?))
     };
     let behind_mm = sim::TOOL_LENGTH_MM - 60.0;
-    let tip = TURNS_DEG.iter().map(|turn_deg| table("poses", turn_deg, sim::TOOL_LENGTH_MM));
-    let axis = TURNS_DEG[..2].iter().map(|turn_deg| table("axis", turn_deg, behind_mm));
+    let tip = TOOL_ROTATIONS_DEG.iter().map(|turn_deg| table("poses", turn_deg, sim::TOOL_LENGTH_MM));
+    let axis = TOOL_ROTATIONS_DEG[..2].iter().map(|turn_deg| table("axis", turn_deg, behind_mm));
     tip.chain(axis).collect()
 }
 
@@ -415,8 +416,8 @@ const PRESTON_MM2_PER_N: f64 = 4e-4;
 const DECAY_PER_MM2: f64 = 0.8e-6;
 /// Maximum relative difference of a coupon's removal from the mean of its disc, in both directions.
 const MAX_RELATIVE_DIFFERENCE: f64 = 0.05;
-/// The same for a disc's from the mean of all discs.
-const DISCS_DIFFER: f64 = 0.03;
+/// Maximum relative difference of a disc's removal from the mean of all discs, in both directions.
+const MAX_DISC_DIFFERENCE: f64 = 0.03;
 /// Measured places on each coupon.
 const MEASURED_PLACES: [&str; 3] = ["left", "middle", "right"];
 /// For each coupon its force, N, and the area that its disc had swept, mm²; two coupons for each disc.
@@ -440,8 +441,9 @@ pub fn write_coupons(seed: u64, rendered: &RenderedFiles) -> Result<(), Fault> {
     let mut text = "# two forces, single lines, measured in their middle; worn_mm2 as `panelprep plan` reports \
                     it\ncoupon,place,disc,force_n,feed_mm_s,passes,worn_mm2,before_um,after_um\n"
         .to_owned();
-    let discs: Vec<f64> =
-        (0..COUPONS.len() / 2).map(|_| 1.0 + random.random_range(-DISCS_DIFFER..DISCS_DIFFER)).collect();
+    let discs: Vec<f64> = (0..COUPONS.len() / 2)
+        .map(|_| 1.0 + random.random_range(-MAX_DISC_DIFFERENCE..MAX_DISC_DIFFERENCE))
+        .collect();
     for index in 0..MEASURED_PLACES.len() * COUPONS.len() {
         let number = index / MEASURED_PLACES.len();
         // The forces are below and above those in the recipes of the simulated cell.

@@ -156,7 +156,7 @@ fn describe_page_version() -> String {
     format!("This page was made on {made} by panelprep {} from the store.", env!("CARGO_PKG_VERSION"))
 }
 
-/// The state of a cycle's recording, read from its file; `None` if the cycle was not recorded.
+/// Returns the state of a cycle's recording, read from its file; `None` if the cycle was not recorded.
 pub fn recording_status(store: &Path, record: &CycleRecord) -> Option<RecordingResult> {
     let file = match record.recording.as_ref()? {
         RecordingFile::InStore => daemon::recording_file(store, record.id),
@@ -208,7 +208,7 @@ fn is_page_complete(page: &Path) -> bool {
 /// The last line of a page.
 const PAGE_END: &[u8] = b"</html>\n";
 
-/// The path of a cycle's page in its store.
+/// Returns the path of a cycle's page in its store.
 pub fn page_file(store: &Path, cycle: CycleId) -> PathBuf {
     store.join("reports").join(format!("cycle-{:06}.html", cycle.0))
 }
@@ -284,7 +284,7 @@ fn read_sheet(store: &Store, record: &CycleRecord) -> Result<RecordSheet, Fault>
     }))
 }
 
-/// The page with its annex as PDF/A-3, with the signed record inside.
+/// Returns the page with its annex as PDF/A-3, with the signed record inside.
 ///
 /// # Errors
 /// If the store no longer has the signed record complete, or the PDF cannot be written.
@@ -343,7 +343,7 @@ fn collect_equipment(
     recipe: Option<&Recipe>,
 ) -> Result<Vec<Equipment>, Fault> {
     let mut all = Vec::new();
-    // The coupons measured nothing for a cycle whose recipe asks for no removal.
+    // If the recipe requests no removal, the cycle did not use the removal model that was measured on coupons.
     let is_used = |name: &str| name != "removal" || recipe.is_none_or(|recipe| recipe.removal().is_some());
     for (name, what, subject) in EQUIPMENT.into_iter().filter(|(name, ..)| is_used(name)) {
         let Some(KeptFile { hash, .. }) = record.files.iter().find(|file| file.name == name) else { continue };
@@ -364,8 +364,7 @@ fn collect_equipment(
     Ok(all)
 }
 
-/// The force of a compliant tool, if the cycle pressed with one: it has no file, but its payload and zero are
-/// verified.
+/// Returns the force of a compliant tool, if the cycle used one: it has no file, but its payload and zero are verified.
 fn force(store: &Store, record: &CycleRecord) -> Result<Option<Equipment>, Fault> {
     let mut findings = record.findings.iter().filter(|finding| finding.number(name::FORCE_MEAN).is_some());
     let Some(one) = findings.next().and(verification_before(store, record, TOOL_FORCE)?) else { return Ok(None) };
@@ -378,7 +377,7 @@ fn force(store: &Store, record: &CycleRecord) -> Result<Option<Equipment>, Fault
     }))
 }
 
-/// A value of a calibration file, in any of its tables.
+/// Returns a value of a calibration file, in any of its tables.
 fn find_value(read: &toml::Table, key: &str) -> Option<String> {
     let tables = std::iter::once(read).chain(read.values().filter_map(toml::Value::as_table));
     tables.filter_map(|table| table.get(key)).find_map(|value| match value {
@@ -388,7 +387,7 @@ fn find_value(read: &toml::Table, key: &str) -> Option<String> {
     })
 }
 
-/// The last verification before the cycle that was not struck out.
+/// Returns the last verification before the cycle that was not struck out.
 fn verification_before(store: &Store, record: &CycleRecord, subject: &str) -> Result<Option<Verification>, Fault> {
     let all = store.verifications(subject).map_err(Fault::stage)?;
     Ok(all.into_iter().rev().find(|one| one.struck.is_none() && one.at_unix_s <= record.started_unix_s))

@@ -56,8 +56,8 @@ pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// The reason why no controller answers: it serves one client, and if the cell's service runs, the service is that
-/// client.
+/// Replaces the reason if the cell's service runs: no controller answers, because it serves one client and the service
+/// is that client.
 fn no_answer_reason(judgement: Judgement, files: &CellFiles) -> Judgement {
     let is_served = files.cell.robot().kind() == RobotKind::Eki && UnixStream::connect(files.socket()).is_ok();
     if !is_served {
@@ -212,7 +212,7 @@ fn pose(text: &str) -> Result<KukaPose, Fault> {
 /// Reads a pose that a person wrote: X,Y,Z,A,B,C in mm and degrees.
 ///
 /// # Errors
-/// Reads a pose from an argument. The error names the problem and the valid text.
+/// If the text is not six numbers; the error states the problem and the valid form.
 pub(super) fn parse_pose_argument(text: &str) -> Result<KukaPose, String> {
     let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] =
         parse_six_numbers(text).map_err(|problem| format!("{problem}; valid: X,Y,Z,A,B,C in mm and degrees"))?;

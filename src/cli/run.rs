@@ -1,7 +1,7 @@
 //! `panelprep run`: the service of a configured cell.
 //!
-//! At a simulated cell there is a person who dries the panel before confirming that it is dry. `start` and `unhold
-//! --dried` confirm it; no one else could dry it there.
+//! In a simulated cell, a simulated person dries the panel before a person confirms that it is dry, with `start` or
+//! `unhold --dried`.
 
 use super::args::{Common, CountArguments, Run};
 use super::cycle_files::{self, Calibrated, TaughtRecipe};
@@ -99,7 +99,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         let found: Vec<Reason> = found.into_iter().map(|words| Reason::new("store_changed", words)).collect();
         handler.on_loop_event(LoopEvent::Noted(found));
     }
-    let mut person = Person { requester: handler, world };
+    let mut person = SimulatedPerson { requester: handler, world };
     let (again, whole) = (files.clone(), common.clone());
     let keep = daemon::picture_store(&store).map_err(Fault::stage)?;
     let mut record = StoreRecord::new(&mut store, left_open);
@@ -374,16 +374,15 @@ fn outcome(state: &State) -> Outcome {
     outcome
 }
 
-/// Passes requests on, and first dries the panel if the request confirms that it is dry. At a real cell it does
-/// nothing more.
-struct Person<R> {
+/// Passes requests on. In a simulated cell, first dries the panel if the request confirms that it is dry.
+struct SimulatedPerson<R> {
     /// The source of the requests.
     pub requester: R,
     /// The simulated world.
     pub world: Option<SimulatedWorld>,
 }
 
-impl<R: Port<RequestCommand>> Port<RequestCommand> for Person<R> {
+impl<R: Port<RequestCommand>> Port<RequestCommand> for SimulatedPerson<R> {
     fn perform(&mut self, command: RequestCommand) -> RequestAnswer {
         let is_held = matches!(command, RequestCommand::Next(state) if matches!(state.at, At::Held(_)));
         let begins = matches!(command, RequestCommand::Publish(LoopEvent::Begun(..)));
@@ -408,7 +407,7 @@ mod tests {
     /// A recipe of the folder is recognised by its name and its whole text; another text under the same name is not
     /// this recipe.
     #[test]
-    fn a_recipe_of_the_folder_is_known_by_name_and_text() {
+    fn a_recipe_of_the_folder_is_recognised_by_name_and_text() {
         let folder = tempfile::tempdir().expect("a folder");
         std::fs::write(folder.path().join("door.toml"), "min_break_mm2 = 25\n").expect("written");
         let foreign = |name: &str, text: &str| foreign_recipe(folder.path(), (name, text));

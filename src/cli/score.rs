@@ -25,7 +25,7 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 use std::sync::Arc;
 
-/// Distance between points of a grid at which coverage is counted, mm.
+/// Distance between the points of the grid on which coverage is counted, mm.
 const LATTICE_MM: f64 = 1.0;
 
 /// The comparison of a cycle with the ground truth.
@@ -267,7 +267,7 @@ fn pose_from_finding(finding: &Finding) -> Option<Rigid<Base, Panel>> {
     Some(serde_json::from_value::<KukaPose>(pose.clone()).ok()?.to_rigid())
 }
 
-/// The grids that an abrasion touched.
+/// Returns the grids that an abrasion touched.
 fn grids<'a>(finding: &Finding, panel: &'a TaughtPanel) -> Vec<&'a Grid> {
     let named = ["grids", "grids_in_part"].into_iter().filter_map(|name| finding.details.get(name)?.as_array());
     let names: Vec<&str> = named.flatten().filter_map(Value::as_str).collect();
@@ -305,9 +305,10 @@ fn contact(motions: &[MotionRecord]) -> impl Iterator<Item = &MotionRecord> {
     motions.iter().filter(|record| record.motion.path == Path::Contact && record.done > 0)
 }
 
-/// The contact paths as the controller executed them, one for each in the store, in order.
+/// Returns the contact paths as the controller executed them, one for each in the store, in order.
 ///
-/// A path is a run of commands with consecutive ids: a speed is set before each and an output is switched after it.
+/// A path is a run of commands with consecutive ids: a speed is set before each path and an output is switched after
+/// it.
 ///
 /// # Errors
 /// If a command was executed twice, or a path has more or fewer waypoints than were sent and acknowledged.
@@ -334,7 +335,7 @@ fn contact_runs<'a>(
     for (run, motion) in runs.iter().zip(contact) {
         let (sent, done) = (motion.motion.waypoints, motion.done);
         let is_whole = motion.outcome == Some(Ended::Done);
-        let max_done = if is_whole { done } else { done + ON_THEIR_WAY };
+        let max_done = if is_whole { done } else { done + MAX_ACKS_IN_TRANSIT };
         if !(done as usize..=max_done as usize).contains(&run.len())
             || (is_whole && done != sent)
             || run.first().map(|one| one.epoch) != Some(motion.motion.epoch as i32)
@@ -350,8 +351,8 @@ fn contact_runs<'a>(
     Ok(runs)
 }
 
-/// Largest number of acknowledgements of a path that were in transit when its epoch ended early.
-const ON_THEIR_WAY: u32 = 2;
+/// Maximum number of acknowledgements of a path that were in transit when its epoch ended early.
+const MAX_ACKS_IN_TRANSIT: u32 = 2;
 
 /// The reaction to the fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -377,7 +378,7 @@ impl AfterToolFault {
         // A later path of the same cycle begins after a gap in the samples.
         let mut before_ms = after.peek()?.time_ms;
         let path: Vec<&ContactSample> = after
-            .take_while(|sample| sample.time_ms - std::mem::replace(&mut before_ms, sample.time_ms) < GAP_MS)
+            .take_while(|sample| sample.time_ms - std::mem::replace(&mut before_ms, sample.time_ms) < MAX_GAP_MS)
             .collect();
         let off = path.iter().find(|sample| !sample.tool_on);
         Some(AfterToolFault {
@@ -400,8 +401,8 @@ impl AfterToolFault {
     }
 }
 
-/// Samples with a longer gap between them belong to two contacts, ms.
-const GAP_MS: u64 = 1_000;
+/// Maximum gap between two samples of the same contact, ms.
+const MAX_GAP_MS: u64 = 1_000;
 
 #[cfg(test)]
 mod tests {

@@ -55,14 +55,17 @@ pub fn run(args: &Shoot, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
     Ok(outcome)
 }
 
-/// Returns the file names of one shot, one for each ending, with the first number that no file of the folder has.
-pub(super) fn free_names(folder: &Path, name: &str, endings: &[&str]) -> Vec<PathBuf> {
-    let of = |number: u32| endings.iter().map(move |ending| folder.join(format!("{name}_{number:04}.{ending}")));
+/// Returns the file names of one shot, one for each file extension, with the first number that no file of the folder
+/// has.
+pub(super) fn free_names(folder: &Path, name: &str, extensions: &[&str]) -> Vec<PathBuf> {
+    let of = |number: u32| {
+        extensions.iter().map(move |extension| folder.join(format!("{name}_{number:04}.{extension}")))
+    };
     let free = (1..=u32::MAX).find(|number| of(*number).all(|file| !file.exists()));
     of(free.unwrap_or(u32::MAX)).collect()
 }
 
-/// Scans need no calibration; if the cell has the camera's calibration, they are checked against it.
+/// Takes scans. They need no calibration; if the cell has the camera's calibration, they are checked against it.
 fn take_scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let mut opened = opening::scanner(files, &args.requested_shot(), progress)?;
     let lens = files.scanner().ok().map(|camera| camera.value);
@@ -217,7 +220,7 @@ fn describe_quality(quality: &PictureQuality) -> String {
 
 /// Maximum number of pictures that wait to be written. If the disk is too slow for a longer time, the camera drops
 /// pictures, which are counted.
-const WAITING: usize = 64;
+const MAX_WAITING_PICTURES: usize = 64;
 const WRITERS: usize = 2;
 /// Step by which a simulated cell's time advances while the next picture is awaited, ms.
 const STEP_MS: u64 = 12;
@@ -246,7 +249,7 @@ fn capture_film(
     check_phases(args.seconds, args.spray_from_s, args.wet_from_s)?;
     let mut opened = opening::scanner(files, &args.requested_shot(), progress)?;
     progress(&format!("taking pictures for {} s", args.seconds));
-    let (pictures, to_write) = sync_channel::<(ClipEntry, Picture)>(WAITING);
+    let (pictures, to_write) = sync_channel::<(ClipEntry, Picture)>(MAX_WAITING_PICTURES);
     let to_write = Arc::new(Mutex::new(to_write));
     let taken = thread::scope(|scope| {
         let writer = |to_write: Arc<_>| scope.spawn(move || write(args, &to_write));

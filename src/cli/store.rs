@@ -168,9 +168,9 @@ fn configuration(files: &CellFiles, cell: &Path) -> Result<Configuration, Fault>
 }
 
 /// Depth of the folders, below the folder of the cell's file, in which recipes are searched.
-const DEPTH: usize = 2;
+const RECIPE_SEARCH_DEPTH: usize = 2;
 
-/// Finds the recipes in a folder and those below; the content of a file decides its kind.
+/// Finds the recipes in a folder and in the folders below it; the content of a file decides its kind.
 fn find_recipes(folder: &Path, below: &Path, found: &mut Vec<(String, PathBuf)>) -> Result<(), Fault> {
     let entries = std::fs::read_dir(folder).and_then(Iterator::collect::<Result<Vec<_>, _>>);
     for entry in entries.map_err(|error| Fault::file_fault(folder, error))? {
@@ -181,7 +181,7 @@ fn find_recipes(folder: &Path, below: &Path, found: &mut Vec<(String, PathBuf)>)
         if is_hidden {
             continue;
         }
-        if kind.is_dir() && relative.components().count() <= DEPTH {
+        if kind.is_dir() && relative.components().count() <= RECIPE_SEARCH_DEPTH {
             find_recipes(&path, &relative, found)?;
         } else if kind.is_file() && name.ends_with(".toml") {
             let is_recipe = |text: String| check_file(name, &text).kind == Some("recipe");

@@ -111,8 +111,9 @@ pub fn region_parts_off_panel(panel: &TaughtPanel, recipe: &Recipe) -> Vec<OffPa
     panel.region_off_panel(recipe.surface().max_hole_mm(), &recipe.inspect().masked_px())
 }
 
-/// Returns the given files in the form in which the store keeps them: the bytes of the scan, and the corner pictures
-/// that the command names, or those that the flange camera sees of the drawing, which are moved out of it.
+/// Returns the given files in the form in which the store keeps them: the bytes of the scan, and the corner pictures.
+/// These are the pictures that the command names, or those that were computed from the drawing, which are moved out of
+/// `drawn`.
 fn read_given_files(
     (args, scan): (&Teach, Vec<u8>),
     drawn: &mut Option<ViewedDrawing>,
@@ -217,8 +218,8 @@ impl PoseConstraint {
     }
 }
 
-/// Reports how well the panel's shape constrains its pose, and how well its corners show a move along the normal.
-/// Returns the warnings.
+/// Reports how well the panel's shape constrains its pose, and how well its corners show a displacement along the
+/// normal. Returns the warnings.
 fn report_constraint(
     taught: &LoadedPanel,
     held: &PoseConstraint,
@@ -258,7 +259,7 @@ fn report_constraint(
     let verify_mm = recipe.corner().verify_mm();
     for (index, corner) in taught.corners.iter().enumerate() {
         let seen = corner.visible_normal_share();
-        // Below one hundredth, the effect of the lens's own errors is as large as the effect of the move.
+        // Below one hundredth, the effect of the lens's own errors is as large as the effect of the displacement.
         let detection =
             if seen > 0.01 { format!("of {:.1} mm or more is", verify_mm / seen) } else { "is not".to_owned() };
         outcome.add_line(format!(

@@ -35,7 +35,7 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     let picture = |shot: &ClipEntry| load::picture(&args.clip.join(&shot.file), &placed.camera);
     let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
     let demands = Demands::from_recipe(&recipe, files.cell.limits());
-    // The view is needed for its region, and for the checks of the pictures that are pushed.
+    // The view is needed for its region, and for the checks of the pictures that are added to the test.
     let view = FilmView { taught: &taught.panel, camera: &placed.camera, camera_from_panel, sanded: None };
     let mut watch = FilmWatch::new(&view, recipe.inspect(), demands).map_err(Fault::stage)?;
     if placed.is_assumed {

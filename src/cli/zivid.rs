@@ -36,7 +36,7 @@ pub fn scanner(cell: &Cell, zivid: &ZividCamera, camera: &PinholeCamera) -> Resu
     };
     let setup = CameraSetup {
         source,
-        // A camera that is played from a file may have another serial number.
+        // A file camera, which reads its shots from a file, may have another serial number.
         serial: calibrated_serial(cell.calibration().scanner.as_deref())?.filter(|_| zivid.file_camera.is_none()),
         size: Size { width: camera.width_px, height: camera.height_px },
         scan_yaml,
@@ -49,8 +49,8 @@ pub fn scanner(cell: &Cell, zivid: &ZividCamera, camera: &PinholeCamera) -> Resu
     ZividScanner::start(setup, command_launcher(OWN_EXECUTABLE.into(), arguments.into())).map_err(Fault::stage)
 }
 
-/// The camera's settings in the form that a cycle stores: the purpose of each and its text. Empty for another camera,
-/// or if the cell's file names none.
+/// Returns the camera's settings in the form that a cycle stores: the purpose of each and its text. Empty for another
+/// camera, or if the cell's file names none.
 ///
 /// # Errors
 /// As [`checked_settings`].

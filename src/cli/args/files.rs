@@ -13,11 +13,11 @@ pub struct Doctor {
     #[arg(long, value_name = "FOLDER")]
     pub kuka: Option<PathBuf>,
     /// Accept the controller's programs: if the files of --kuka agree with the cell's file and the controller reports
-    /// their sum, print the line programs_sum for the cell's file. Nothing is written.
+    /// their checksum, print the line programs_sum for the cell's file. Nothing is written.
     #[arg(long, requires = "kuka")]
     pub accept: bool,
-    /// Take 3D shots with a Zivid for ten minutes and observe its temperature: only after this is it certain that
-    /// the camera is warm.
+    /// Take 3D shots with a Zivid camera for ten minutes and observe its temperature, which confirms that the camera is
+    /// warm.
     #[arg(long)]
     pub warm_up: bool,
 }
@@ -32,8 +32,8 @@ pub struct Check {
     /// function that this version lacks is an error.
     #[arg(long, value_name = "VERSION")]
     pub kss: Option<panelprep_kuka::krl::Kss>,
-    /// The purpose for which a cell's file must be complete, with the files that it names; without this option, a
-    /// cycle whose calibration files may still be missing.
+    /// The purpose for which a cell's file must be complete, with the files that it names. Without this option, the
+    /// file must be complete for a cycle, but its calibration files may still be missing.
     #[arg(long = "for", value_name = "PURPOSE", value_enum)]
     pub purpose: Option<PurposeName>,
 }
@@ -68,8 +68,8 @@ pub struct Teach {
     /// The part of the drawing that is the panel, if it has several.
     #[arg(long, value_name = "NAME", requires = "nominal")]
     pub part: Option<String>,
-    /// Take the scan and the corner pictures now, with the cell's cameras, and keep them in this folder; the region
-    /// is drawn in a browser between them.
+    /// Take the scan and the corner pictures now, with the cell's cameras, and keep them in this folder. After the
+    /// scan, a person draws the region in a browser.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["scan", "corner", "flange"])]
     pub live: Option<PathBuf>,
     /// Draw the region, its grids and the masked areas on the scan's picture, in a browser on this computer. They
@@ -192,7 +192,7 @@ pub struct Tune {
     /// pose; if the dry picture shows the panel elsewhere, the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
-    /// Folder with the true mask of the clip's end; a clip that was labelled contains its own truth.
+    /// Folder with the true mask at the end of the clip; a clip that was labelled contains its own truth.
     #[arg(long, value_name = "DIR")]
     pub truth: Option<PathBuf>,
 }
@@ -227,9 +227,9 @@ pub struct Plan {
     /// The grids to abrade, for example `r1c1,r1c2`; without this option all grids.
     #[arg(long, value_name = "ID,…", value_delimiter = ',')]
     pub grids: Vec<String>,
-    /// Broken places of a film, as `inspect --pictures` writes them (`mask.png`), with the pose of the panel in this
-    /// film as `--located`: the grids that failed are planned, and with `by = "break"` in the recipe's `[treat]` only
-    /// areas around their breaks.
+    /// Mask of the water breaks of a film, as `inspect --pictures` writes it (`mask.png`), with the pose of the panel
+    /// in this film as `--located`: the grids that failed are planned, and with `by = "break"` in the recipe's
+    /// `[treat]` only areas around their breaks.
     #[arg(long, value_name = "MASK.png")]
     pub broken: Option<PathBuf>,
     /// File for the plan as JSON.
@@ -262,8 +262,8 @@ pub struct New {
 /// The kinds of files that can be created.
 #[derive(Debug, Clone, Subcommand)]
 pub enum NewFile {
-    /// A cell's file: cameras, robot, store, park pose of the arm. Tables with numbers of the sample are marked "TO
-    /// CHECK" in the file.
+    /// A cell's file: cameras, robot, store, park pose of the arm. Tables with numbers from the sample file are marked
+    /// "TO CHECK" in the file.
     #[command(after_help = "Examples, a simulated cell and a real one, without questions:\n  \
         panelprep new cell --yes --no-search --scanner simulated --flange-camera simulated --robot mock --out target/new/cell.toml\n  \
         panelprep new cell --yes --no-search --scanner zivid --flange-camera gige --flange-camera-serial 221600123 --robot eki \
@@ -303,7 +303,8 @@ pub struct NewCell {
     /// Serial number of the GigE Vision camera.
     #[arg(long, value_name = "SERIAL", conflicts_with = "flange_camera_address")]
     pub flange_camera_serial: Option<String>,
-    /// Address of the GigE Vision camera, in place of the serial number: then no camera is searched for.
+    /// Address of the GigE Vision camera instead of its serial number. With an address, the command does not search for
+    /// this camera.
     #[arg(long, value_name = "ADDRESS")]
     pub flange_camera_address: Option<String>,
     /// The robot's controller.

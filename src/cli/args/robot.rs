@@ -94,9 +94,9 @@ pub enum RobotFunction {
         /// The index of the subroutine in that list.
         index: u16,
     },
-    /// None of the nine functions: goes through everything that the installation page requires to be proven on the
-    /// controller in a stage, and writes a page to sign. It tests what a client can test and asks the person for the rest; it
-    /// causes no motion.
+    /// Not one of the nine functions: goes through the proofs that the installation page requires on the controller for
+    /// a stage, and writes a page to sign. It tests what a client can test and asks the person for the rest; it causes
+    /// no motion.
     Prove(Prove),
 }
 
@@ -111,8 +111,8 @@ pub struct Prove {
     /// that was written, which is not changed.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Stores the signature of a page of which each row was proven, with the person and the date. Nothing is proven, and
-    /// no controller is needed. Only then `[robot] signed_stage` counts.
+    /// Store the signature of a page on which every row is proven, with the person and the date. No test is run, and no
+    /// controller is needed. `[robot] signed_stage` is valid only after this.
     #[arg(long)]
     pub sign: bool,
     /// The person at the controller; with --sign the person who signed the page.
@@ -155,12 +155,12 @@ pub enum Shot {
 }
 
 impl Shot {
-    /// Whether the shot is taken under the cell's own light.
+    /// Returns whether the shot is taken under the cell's own light.
     pub fn needs_light(self) -> bool {
         matches!(self, Shot::Picture | Shot::Film)
     }
 
-    /// Whether the shot is a 3D scan.
+    /// Returns whether the shot is a 3D scan.
     pub fn is_scan(self) -> bool {
         self == Shot::Scan
     }
@@ -184,11 +184,12 @@ pub struct Shoot {
     /// Maximum number of pictures per second that are requested for a film.
     #[arg(long, value_name = "N", default_value_t = 5.0, value_parser = film_rate)]
     pub pictures_per_second: f64,
-    /// From this second on, the film's pictures are marked as taken under the spray, earlier pictures as dry.
+    /// Time at which the spray begins, s: pictures from this time on are marked as taken under the spray, earlier
+    /// pictures as dry.
     #[arg(long, value_name = "S")]
     pub spray_from_s: Option<f64>,
-    /// From this second on, the film's pictures are marked as wet; without this option, a film without spray is marked
-    /// as wet from its beginning.
+    /// Time from which the panel is wet, s: pictures from this time on are marked as wet. Without this option, a film
+    /// without spray is marked as wet from its beginning.
     #[arg(long, value_name = "S")]
     pub wet_from_s: Option<f64>,
     /// Settings of the simulated cell.

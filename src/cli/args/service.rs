@@ -22,7 +22,7 @@ pub struct Cycle {
     /// The part in the cell: kept with the cycle and shown on its page.
     #[command(flatten)]
     pub part: PartArguments,
-    /// Statements about the part's abrasions.
+    /// What the operator states about earlier abrasions of the part.
     #[command(flatten)]
     pub count: CountArguments,
     /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film needs a gigabyte at
@@ -74,7 +74,7 @@ pub enum CtlAsk {
         /// The part in the cell: kept with the cycle and shown on its page.
         #[command(flatten)]
         part: PartArguments,
-        /// Statements about the part's abrasions.
+        /// What the operator states about earlier abrasions of the part.
         #[command(flatten)]
         count: CountArguments,
         /// Wait for the cycle's end, report each change, and end with the cycle's exit code. While a cycle is held,
@@ -95,7 +95,7 @@ pub enum CtlAsk {
     },
     /// End the cycle.
     Stop,
-    /// End everything at once.
+    /// Abort immediately: the arm stops, tool and water are switched off, and the cycle ends.
     Abort,
     /// After an abort: confirm that the cause is removed and the pad is off the panel.
     Clear {
@@ -103,7 +103,7 @@ pub enum CtlAsk {
         #[command(flatten)]
         decision: Decision,
     },
-    /// From stopped or complete to idle: everything is switched off and tested, without motion.
+    /// Change from stopped or complete to idle: all outputs are switched off and checked, without motion.
     Reset {
         /// Wait until the cell is idle, and end with exit code 3 if the cell does not become idle.
         #[arg(long)]
@@ -137,7 +137,7 @@ pub struct Decision {
 /// Statements of a person about the abrasions of the part, given at a start.
 #[derive(Debug, Clone, Copy, Default, Args)]
 pub struct CountArguments {
-    /// Another part than in the cycles before is in the fixture: the abrasions in cycles without a serial number do not
+    /// The part in the fixture is not the part of the cycles before: abrasions in cycles without a serial number do not
     /// count for it. Abrasions of the same serial number always count. This statement is stored with the cycle.
     #[arg(long)]
     pub another_part: bool,
@@ -156,7 +156,7 @@ impl PartArguments {
     }
 }
 
-/// The part of a cycle, as far as it is stated.
+/// The names of a cycle's part, as far as they are stated.
 #[derive(Debug, Clone, Args)]
 pub struct PartArguments {
     /// The part's serial number.

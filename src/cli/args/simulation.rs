@@ -20,7 +20,7 @@ pub enum SceneName {
     WrongPanel,
 }
 
-/// The content of a simulated cell; without effect on devices of another kind.
+/// The content of a simulated cell; it has no effect on devices that are not simulated.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Simulation {
     /// Seed for all random values in the simulated cell.
@@ -76,7 +76,7 @@ pub enum ToolName {
     /// A tool with its own force, calibrated on coupons: the recipe requests a removal in µm.
     #[default]
     Compliant,
-    /// A spring on the flange: the path gives an even time under the disc, and the removal is not known.
+    /// A spring on the flange: the path gives an even dwell time of the disc, and the removal is not known.
     Spring,
 }
 
@@ -200,12 +200,12 @@ pub struct MockRobot {
     pub host: std::net::IpAddr,
 }
 
-/// The simulated 3D camera's own error; `None` if it is well calibrated.
+/// Returns the simulated 3D camera's own error; `None` if it is well calibrated.
 pub fn scanner_distortion(seed: u64, error_mm: f64) -> Option<ScannerDistortion> {
     (error_mm > 0.0).then(|| ScannerDistortion::new(seed, error_mm))
 }
 
-/// The simulated arm of this seed; `None` if it has its nominal geometry.
+/// Returns the simulated arm of this seed; `None` if it has its nominal geometry.
 pub fn real_arm(seed: u64, error_mm: f64) -> Option<RealArm> {
     (error_mm > 0.0).then(|| RealArm::new(seed, error_mm))
 }

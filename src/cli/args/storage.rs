@@ -51,7 +51,7 @@ pub struct RenewStore {
 /// Options of `store verify`.
 #[derive(Debug, Clone, Args)]
 pub struct VerifyStore {
-    /// Do not check the files (scans, pictures), which needs most of the time.
+    /// Do not check the files (scans, pictures), because this check takes most of the time.
     #[arg(long)]
     pub rows_only: bool,
 }
@@ -271,7 +271,7 @@ pub enum EndName {
     Running,
 }
 
-/// Questions to the history.
+/// The tasks of the history command.
 #[derive(Debug, Clone, Subcommand)]
 pub enum HistoryTask {
     /// Summary of one cycle: part, verdict, grids, residuals and errors, times, disc.
@@ -286,8 +286,8 @@ pub enum HistoryTask {
         /// The number of the other cycle.
         second: i64,
     },
-    /// The trend of a quantity of a panel over its cycles, with its limits, and with hints by the rules of Western
-    /// Electric.
+    /// The trend of a quantity of a panel over its cycles, with its limits, and with hints by the Western Electric
+    /// rules.
     #[command(after_help = format!("NAME is one of these words:\n  {}\nor, in quotes, the name of a check on the page of a cycle.",
         panelprep_store::history::KnownQuantity::keywords().join("\n  ")))]
     Trend {
@@ -301,7 +301,7 @@ pub enum HistoryTask {
         /// The panel, by its name in the recipe.
         panel: String,
     },
-    /// The alarms of the newest cycles, or of one cycle: when raised, when gone, cause and remedy.
+    /// The alarms of the newest cycles, or of one cycle: when each was raised and cleared, its cause and remedy.
     Alarms {
         /// The number of the cycle.
         cycle: Option<i64>,
@@ -349,7 +349,8 @@ pub struct Restore {
     pub last_cycle: Option<i64>,
 }
 
-/// The largest number that a person may state. A typing error beyond it would use up the numbers of the cell.
+/// Maximum number of the last cycle that a person may state; a larger number by a typing error would use up the numbers
+/// of the cell.
 const MAX_LAST_CYCLE: i64 = 999_999_999;
 
 fn last_cycle(text: &str) -> Result<i64, String> {
@@ -460,7 +461,7 @@ pub struct CheckArchive {
     pub settings: PathBuf,
 }
 
-/// Accepts a stage of the list of proofs.
+/// Parses a stage of the list of proofs.
 ///
 /// # Errors
 /// If there is no such stage.
@@ -468,7 +469,7 @@ pub fn parse_stage(text: &str) -> Result<ProofStage, String> {
     text.parse().map_err(|_| "valid: A, B or C".to_owned())
 }
 
-/// Accepts a text from a person, without the blanks around it.
+/// Parses a text from a person and removes the blanks around it.
 ///
 /// # Errors
 /// If it is empty.

@@ -143,19 +143,20 @@ pub enum CalibrationTask {
 #[derive(Debug, Clone, Args)]
 pub struct BoardArgs {
     /// Inner corners of a chessboard, 9x6; squares of a ChArUco board, charuco:8x6:15:4X4_50[:legacy]; circles,
-    /// circles:7x11:40 (7 in each of 11 rows, 40 mm apart in both directions), acircles:4x11:20 (4 in each of 11 rows, rows 20 mm
-    /// apart, circles of a row 40 mm, each second row shifted by 20 mm).
+    /// circles:7x11:40 (11 rows of 7 circles, 40 mm apart in both directions), acircles:4x11:20 (11 rows of 4 circles,
+    /// rows 20 mm apart, circles of a row 40 mm apart, each second row shifted by 20 mm).
     #[arg(long)]
     pub board: String,
     /// Side of a square, mm; measure it over many squares. Not needed for circles.
     #[arg(long, value_name = "MM")]
     pub square_mm: Option<f64>,
-    /// Half the side of the window that refines a corner, px; if not given, calculated from the distance of corners.
+    /// Half the side of the window that refines a corner, px; if it is not given, it is calculated from the distance
+    /// between corners.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
     pub subpix: Option<u32>,
 }
 
-/// The board, if a file also states it.
+/// The board; optional if a file states the board.
 #[derive(Debug, Clone, Default, Args)]
 pub struct NamedBoard {
     /// Inner corners of a chessboard, 9x6; squares of a ChArUco board, charuco:8x6:15:4X4_50[:legacy]; circles,
@@ -172,7 +173,7 @@ pub struct NamedBoard {
 }
 
 impl NamedBoard {
-    /// The board that the command names; `None` if it names none.
+    /// Returns the board that the command names; `None` if it names none.
     pub fn board(&self) -> Option<BoardArgs> {
         Some(BoardArgs { board: self.board.clone()?, square_mm: self.square_mm, subpix: self.subpix })
     }
@@ -241,12 +242,12 @@ pub struct Intrinsics {
     /// The board.
     #[command(flatten)]
     pub board: NamedBoard,
-    /// Read the lens from a scan of the 3D camera itself: each point of the scan lies on the ray of its pixel. No
+    /// Compute the lens from a scan of the 3D camera itself: each point of the scan lies on the ray of its pixel. No
     /// board is needed.
     #[arg(long, value_name = "SCAN", conflicts_with_all = ["live", "images", "board", "model", "keep_all", "subpix"], required_unless_present = "board")]
     pub from_scan: Option<PathBuf>,
-    /// The lens model; by default auto, and k1k2p1p2k3 if --keep-all and --subpix request what OpenCV does. With
-    /// any model, the lens has one ray for each pixel.
+    /// The lens model; by default auto, and k1k2p1p2k3 if --keep-all and --subpix request the behaviour of OpenCV. In
+    /// every model, each pixel has exactly one ray.
     #[arg(long, value_enum)]
     pub model: Option<ModelName>,
     /// Do not exclude pictures because of their residuals.
@@ -399,7 +400,7 @@ pub struct Tcp {
     pub out: Option<PathBuf>,
 }
 
-/// Options of the force of a compliant tool.
+/// Options of `calibrate force`.
 #[derive(Debug, Clone, Args)]
 pub struct Force {
     /// Readings without contact, each with the flange's pose.

@@ -1,5 +1,5 @@
-//! What a calibration knows of the cell before it: a camera's mount, the correction of the arm, and the true position
-//! of the tool's tip.
+//! The inputs that a calibration takes from the cell: a camera's rough mount, the correction of the arm, and the true
+//! position of the tool's tip.
 //!
 //! The arm is corrected with the correction that `--robot` names, otherwise with the cell's. The true position of the
 //! tip at a touch is computed from the axes and the cell's own tool, not from the pendant's display:
@@ -63,7 +63,7 @@ impl Mounted for FlangeCameraMount {
     }
 }
 
-/// Reads the cell's file, if it exists: it is only used to limit the result.
+/// Reads the cell's file, if it exists; it only limits the result.
 pub fn cell_if_present(common: &Common) -> Result<Option<Cell>, Fault> {
     if !common.cell.is_file() {
         return Ok(None);
@@ -76,7 +76,7 @@ pub fn read_intrinsics(file: &Path) -> Result<Intrinsics, Fault> {
     Ok(Intrinsics::check(&file.display().to_string(), &disk::read_text(file)?)?)
 }
 
-/// The correction in use.
+/// The correction of the arm that a command applies.
 pub struct CorrectionInUse {
     arm: Kinematics,
     /// The hash of the correction's file.
@@ -84,7 +84,8 @@ pub struct CorrectionInUse {
 }
 
 impl CorrectionInUse {
-    /// Loads the correction of this file, else the one of the cell's file; `None` if neither is named.
+    /// Loads the correction from this file or, if none is given, from the file that the cell names; `None` if neither
+    /// is named.
     ///
     /// # Errors
     /// If a file cannot be read or is invalid.
@@ -105,12 +106,12 @@ impl CorrectionInUse {
         CorrectionInUse { arm: Kinematics::new(cell.with_arm_correction(numbers).arm()), hash }
     }
 
-    /// The correction of a cell that was already read; `None` if it has none.
+    /// Returns the correction of a cell that was already read; `None` if the cell has none.
     pub fn from_cell(files: &CellFiles) -> Option<Self> {
         files.correction_hash().map(|hash| CorrectionInUse { arm: Kinematics::new(files.cell.arm()), hash })
     }
 
-    /// The true pose of the flange; `name` is the name of the pose in messages.
+    /// Returns the true pose of the flange; `name` is the name of the pose in messages.
     ///
     /// # Errors
     /// If the pose has no axes.

@@ -18,7 +18,8 @@ pub(super) fn parse_board(args: &BoardArgs) -> Result<Board, Fault> {
     Board::parse(&args.board, args.square_mm).map_err(Fault::stage)
 }
 
-/// Returns the board of an option that another option may replace; the command line itself requires one of both.
+/// Returns the board that the options name. The command line itself requires either these options or one that replaces
+/// them.
 pub(super) fn board_from_option(args: &NamedBoard) -> Result<BoardArgs, Fault> {
     let missing = || {
         let message = "is missing: give the inner corners of the board, for example 9x6".to_owned();
@@ -31,7 +32,7 @@ pub(super) fn window(args: &BoardArgs) -> Option<usize> {
     args.subpix.map(|half_window_px| half_window_px as usize)
 }
 
-/// The picture of a file, and its points if it has them.
+/// A picture from a file, and its 3D points if the file has them.
 pub struct BoardImage {
     /// The file's name in messages.
     pub name: String,
@@ -70,12 +71,12 @@ impl BoardImage {
         detect::detect(&self.name, &self.gray, board, half_window_px)
     }
 
-    /// Finds the board's corners, but reports first that it searches: a large picture without the board needs a
-    /// second.
+    /// Reports that the search begins, then finds the board's corners: in a large picture without the board, the search
+    /// takes a second.
     ///
     /// # Errors
     /// As [`BoardImage::detect`].
-    pub fn detect_telling(
+    pub fn detect_and_report(
         &self,
         board: &Board,
         half_window_px: Option<usize>,

@@ -98,8 +98,8 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let judgement = gate::judge_hand_eye((&found, board.square_mm()), second.as_ref(), rough.as_ref(), poses);
     let mut outcome = Outcome::from_judgement(&judgement);
     report_result(&mut outcome, (&found, &board), &aside);
-    // The 3D camera is used through its points. So its mount is computed from them if there are any, and the
-    // pictures are the check.
+    // A cycle uses the points of the 3D camera. So its mount is computed from its points if there are any, and the
+    // mount from the pictures only checks the result.
     let kept = second.as_ref().unwrap_or(&found);
     outcome.add_value(A::TABLE, json!(to_kuka_pose(kept)));
     outcome.add_value("uncertainty_mm", json!(kept.uncertainty_mm));
@@ -160,7 +160,7 @@ fn refused(error: &CalibError, out: &Path) -> Outcome {
     outcome
 }
 
-/// The corners as the 3D camera measured them, if it measured most of them.
+/// Returns the corners as the 3D camera measured them, if it measured most of them.
 fn measured_corners<A: Mounted>(
     look: &BoardPicture,
     camera: (&PinholeCamera, &ScanErrors),
@@ -181,7 +181,7 @@ fn make_station<C: Frame>(look: &BoardPicture, seen: BoardObservation<C>) -> Sta
     Station { name: look.board_image.name.clone(), base_from_flange: look.base_from_flange, observation: seen }
 }
 
-/// Returns the pictures that show the board, and for each other picture why it does not count.
+/// Returns the pictures that show the board, and for each other picture the reason why it is not used.
 fn collect_board_pictures(
     args: &Args,
     (board, arm): (&Board, Option<&CorrectionInUse>),
@@ -304,7 +304,7 @@ fn report_result<A: Arrangement>(
 /// Writes the picture of the corners to touch; with `--points`, calibrates and writes the file.
 ///
 /// # Errors
-/// If a file is invalid, the picture shows no board, or the points give no frame.
+/// If a file is invalid, the picture shows no board, or the points do not determine a frame.
 pub fn run_with_three_points(
     args: &Args,
     common: &Common,
@@ -330,7 +330,7 @@ fn stage_of_three_points<A: Mounted>(
     };
     let board_image = BoardImage::read(image, &camera)?;
     let detected =
-        board_image.detect_telling(&board, boards::window(&args.board), progress).map_err(Fault::stage)?;
+        board_image.detect_and_report(&board, boards::window(&args.board), progress).map_err(Fault::stage)?;
     let read = |file: &PathBuf| -> Result<files::Points, Fault> {
         Ok(files::points(&file.display().to_string(), &disk::read_text(file)?)?)
     };

@@ -27,7 +27,7 @@ struct Picture {
     gray: GrayPicture,
 }
 
-/// Calibrates and writes the file. The outcome is a verdict for any content of the pictures.
+/// Calibrates and writes the file. Whatever the pictures show, the outcome is a verdict and not an error.
 ///
 /// # Errors
 /// If a picture cannot be read, or sizes differ.
@@ -322,11 +322,11 @@ fn report_images(
 
 /// Limits of the median distance between the points and the rays of the written lens, px. Above the first limit a
 /// person must look; above the second one the cloud is not from a camera.
-const MEDIAN_PX: (f64, f64) = (0.1, 1.0);
+const MEDIAN_LIMITS_PX: (f64, f64) = (0.1, 1.0);
 
-/// Minimum difference of the depths, as a share of the distance. A flat scan lies on the rays of some lens for
-/// every position of its frame.
-const MIN_RELIEF: f64 = 0.05;
+/// Minimum difference of the depths, as a share of the distance: the points of a flat scan fit the rays of some lens
+/// even if they are in a wrong frame.
+const MIN_DEPTH_VARIATION: f64 = 0.05;
 
 /// Computes the lens from the scan and writes the file.
 ///
@@ -346,13 +346,13 @@ pub fn run_from_scan(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
     };
     let (mut reject, mut review) = (Vec::new(), Vec::new());
     let beyond = |limit_px: f64| found.median_px.is_nan() || found.median_px > limit_px;
-    if beyond(MEDIAN_PX.0) {
-        let beyond = beyond(MEDIAN_PX.1);
+    if beyond(MEDIAN_LIMITS_PX.0) {
+        let beyond = beyond(MEDIAN_LIMITS_PX.1);
         let [off, allowed] =
-            distinguishable_texts(found.median_px, if beyond { MEDIAN_PX.1 } else { MEDIAN_PX.0 }, 3);
+            distinguishable_texts(found.median_px, if beyond { MEDIAN_LIMITS_PX.1 } else { MEDIAN_LIMITS_PX.0 }, 3);
         let message = format!(
             "half of the points are {off} px or more from the rays of the best-fitting lens (limit {allowed} px): \
-             was the scan smoothed or moved after it was taken?"
+             name a scan that was neither smoothed nor moved after it was taken"
         );
         let reason = Reason::new("off_rays", message);
         if beyond { reject.push(reason) } else { review.push(reason) }
@@ -361,8 +361,8 @@ pub fn run_from_scan(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
     depths_mm.sort_by(f64::total_cmp);
     let depth = |share: f64| depths_mm[((depths_mm.len() - 1) as f64 * share) as usize];
     let relief = (depth(0.95) - depth(0.05)) / depth(0.5);
-    if relief.is_nan() || relief < MIN_RELIEF {
-        let [found, wanted] = distinguishable_texts(100.0 * relief, 100.0 * MIN_RELIEF, 1);
+    if relief.is_nan() || relief < MIN_DEPTH_VARIATION {
+        let [found, wanted] = distinguishable_texts(100.0 * relief, 100.0 * MIN_DEPTH_VARIATION, 1);
         review.push(Reason::new(
             "flat",
             format!(

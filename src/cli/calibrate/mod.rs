@@ -1,6 +1,6 @@
 //! `panelprep calibrate`: reads pictures and poses, writes calibration files with their evidence.
 //!
-//! A rejected calibration is not written; one under review is written, and its doubts are reported.
+//! A rejected calibration is not written; one under review is written, and the reasons for the review are reported.
 
 pub mod args;
 mod arm_correction;

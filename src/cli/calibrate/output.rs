@@ -1,7 +1,7 @@
 //! The results of a calibration: its file with date and evidence, and the verifications in the store.
 //!
-//! A verification is judged and stored. `panelprep calibrate history` lists those by pictures and touches, and `strike`
-//! states which of them do not count.
+//! A verification is judged and stored. `panelprep calibrate history` lists the verifications by pictures and touches,
+//! and `strike` marks one that no longer counts.
 
 use super::super::args::Common;
 use super::super::disk;
@@ -34,7 +34,7 @@ pub(super) fn provenance(pictures: Vec<String>, residuals: Vec<f64>) -> Provenan
     Provenance { program, pictures, residuals }
 }
 
-/// Writes a calibration unless it was rejected, and reports this.
+/// Writes a calibration unless it was rejected, and reports whether it was written.
 pub(super) fn write_calibration(
     outcome: &mut Outcome,
     judgement: &Judgement,

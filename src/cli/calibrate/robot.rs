@@ -104,7 +104,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
     Ok(outcome)
 }
 
-/// Returns the verdict for data that do not determine the arm.
+/// Returns the verdict for data that do not determine the errors of the arm.
 fn refused(code: &'static str, message: String, args: &Args) -> Outcome {
     let reason = panelprep_base::verdict::Reason::new(code, message);
     let mut outcome = Outcome::from_judgement(&panelprep_base::verdict::Judgement::new(vec![reason], vec![]));
@@ -114,7 +114,8 @@ fn refused(code: &'static str, message: String, args: &Args) -> Outcome {
     outcome
 }
 
-/// Reads the touches; a touched corner belongs to the rig with the fixed board, or to a picture of the fixed camera.
+/// Reads the touches; a touched corner belongs to the arrangement with the fixed board, or to a picture of the fixed
+/// camera.
 fn touches(args: &Args, file: &Path, data: &RobotData, cameras: &[PinholeCamera]) -> Result<Vec<ArmTouch>, Fault> {
     let board = boards::parse_board(&args.board)?;
     let folder = file.parent().unwrap_or(Path::new("."));
@@ -197,8 +198,8 @@ fn collect_board_views(
     Ok(all.into_iter().filter_map(|found| found.map_err(|reason| aside.push(reason)).ok()).collect())
 }
 
-/// Returns start values for mount and board, from the controller's poses; every board is numbered in the same
-/// direction.
+/// Returns start values for mount and board, from the controller's poses; the corners of every board are numbered in
+/// the same direction.
 fn start<A: Arrangement>(
     args: &Args,
     kind: RigKind,
@@ -370,7 +371,7 @@ fn tip(found: &RobotFound) -> Point<Flange> {
     Point::new(found.tip_mm.unwrap_or(Vector3::zeros()).into())
 }
 
-/// Returns poses from which a camera sees a board, within the gates.
+/// Returns poses that pass the gates and from which a camera sees a board.
 fn candidates(
     cell: &Cell,
     found: &RobotFound,
@@ -388,7 +389,7 @@ fn candidates(
     all
 }
 
-/// The possible postures of the arm at a pose, with its tip in the cell's box.
+/// Returns the possible configurations of the arm at a pose, with its tip in the cell's box.
 fn reachable_postures(
     cell: &Cell,
     arm: &Kinematics,
@@ -404,8 +405,8 @@ fn reachable_postures(
     ways.into_iter().map(drawn).collect()
 }
 
-/// Poses all over the working volume: the cell's box or, without one, the region of the measured poses. The tool's
-/// orientation at each position is that of the nearest measured pose.
+/// Returns poses all over the working volume: the cell's box or, without one, the region of the measured poses. The
+/// tool's orientation at each position is that of the nearest measured pose.
 fn volume(cell: &Cell, found: &RobotFound, data: &RobotData) -> Vec<ArmPose> {
     let arm = Kinematics::new(cell.arm());
     let measured: Vec<Rigid<Base, Flange>> = data.views.iter().map(|view| view.pose.base_from_flange).collect();

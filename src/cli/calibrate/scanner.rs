@@ -88,7 +88,7 @@ fn read(file: &Path, (board, window): (&Board, Option<usize>), camera: &PinholeC
     Ok((board_image.name.clone(), board_image.hash.clone(), view))
 }
 
-/// The verdict for scans that do not determine the errors.
+/// Returns the verdict for scans that do not determine the errors.
 fn refused(message: String, all: &[ScanRead], args: &Args) -> Outcome {
     let judgement = Judgement::new(vec![Reason::new("scanner_places", message)], vec![]);
     let mut outcome = Outcome::from_judgement(&judgement);

@@ -35,7 +35,7 @@ use panelprep_vision::calib::{gate, readings};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// Calibrates; writes the file if `--out` names one.
+/// Calibrates the tool's point and axis, and writes the file if `--out` names one.
 ///
 /// # Errors
 /// If the poses file has problems, or its poses do not determine a tool.
@@ -76,7 +76,8 @@ pub fn run_tcp(args: &Tcp, common: &Common) -> Result<Outcome, Fault> {
         mounted.axis_measured = Some(axis.is_some());
         mounted.provenance = provenance(vec![content_hash(text.as_bytes())], point.residuals_mm.clone());
         let text = mounted.to_toml();
-        // A rejected tool may have numbers that no file allows: its reasons state what is wrong.
+        // The numbers of a rejected tool may be outside of the limits of its file, so they are not checked here: the
+        // reasons of the verdict state what is wrong.
         if judgement.verdict != Verdict::Reject {
             MountedPose::<ToolMount>::check(&out.display().to_string(), &text)?;
         }
@@ -85,7 +86,7 @@ pub fn run_tcp(args: &Tcp, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Maximum error of a reading without contact, as a share of the tool's band.
+/// Maximum error of a reading without contact, as a share of the tool's force band (`band_n`).
 const MAX_BAND_ERROR_SHARE: f64 = 0.5;
 
 /// Determines payload and zero, or with `--verify` compares them with the cell's file and stores the result.
@@ -187,7 +188,7 @@ pub fn force_hash(tool: &CompliantTool) -> String {
 /// Fits the model, reports how well it predicts left-out coupons, and writes it.
 ///
 /// # Errors
-/// If the table has problems, each with its line and column, or writing to the disk fails.
+/// If the file of the coupons has problems, each with its line and column, or writing to the disk fails.
 pub fn run_removal(args: &Removal) -> Result<Outcome, Fault> {
     let bytes = disk::read(&args.coupons)?;
     let coupons = read_coupons(&bytes).map_err(|error| Fault::file_fault(&args.coupons, error))?;

@@ -45,8 +45,9 @@ struct BoardCheck {
 }
 
 impl BoardCheck {
-    /// If the board is not found in a scan's points, the scan gives no evidence about how panels are located.
-    fn discard_points(&self) -> Option<Reason> {
+    /// Returns a reason if the board is not found in a scan's points: such a scan gives no evidence about how panels
+    /// are located.
+    fn no_points_reason(&self) -> Option<Reason> {
         let message = "too few 3D points on the board, so the scan does not verify how panels are located: light the board \
                        evenly, clean the board, or move the board nearer, then scan again";
         (self.has_cloud && self.pose_from_points.is_none()).then(|| Reason::new("no_points", message))
@@ -77,7 +78,7 @@ fn measure_board(
         )));
     };
     let board_image = BoardImage::read(image, &camera.value)?;
-    let detected = board_image.detect_telling(board, window, progress).map_err(Fault::stage)?;
+    let detected = board_image.detect_and_report(board, window, progress).map_err(Fault::stage)?;
     let measured = board_image.measured((&camera.value, &camera.scan_errors), &detected);
     let measured_square_mm = measured.as_ref().and_then(|seen| seen.square_mm(board));
     let seen = detected.corners;
@@ -146,13 +147,13 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
     }
     let seen = measure_board(args, &files, (&target.board, window), progress)?;
     let off_mm = |found| health::distance_mm(&target.base_from_board, found, &target.board.corners());
-    // The panel is located with points: the points of the board must be right as well.
+    // The panel is located with points, so the points of the board must be right as well.
     let points_mm = seen.pose_from_points.as_ref().map(|(by_points, _)| off_mm(by_points));
     let by_picture_mm = off_mm(&seen.measurement.base_from_board);
     let error_mm =
         points_mm.map_or(by_picture_mm, |mm| if mm > by_picture_mm || mm.is_nan() { mm } else { by_picture_mm });
     let implausible = health::uninformative_measurement(&target.base_from_board, &seen.measurement, &target.board);
-    let implausible = seen.outside_lens.clone().or(implausible).or_else(|| seen.discard_points());
+    let implausible = seen.outside_lens.clone().or(implausible).or_else(|| seen.no_points_reason());
     let mut outcome = match implausible {
         Some(reason) => refused(reason, error_mm, files.cell.limits().verify_limit_mm()),
         None => {
@@ -197,7 +198,7 @@ fn write_target(
     let apart =
         seen.pose_from_points.as_ref().and_then(|(_, farther_mm)| health::depth_differs(*farther_mm, limit_mm));
     let refused = seen.outside_lens.clone().or_else(|| health::board_mismatch(&seen.measurement, board)).or(apart);
-    let refused = refused.or_else(|| seen.discard_points());
+    let refused = refused.or_else(|| seen.no_points_reason());
     if let Some(reason) = refused {
         return Ok(Outcome::from_judgement(&Judgement::new(vec![reason], vec![])));
     }
@@ -407,7 +408,9 @@ fn run_on_taught_corner(args: &Verify, files: &CellFiles, recipe_file: &Path) ->
     let panel_from_camera = taught.panel.nominal_pose.inverse() * base_from_flange * mount.value;
     let in_camera = panel_from_camera.inverse() * corner.point;
     let Some(expected) = camera.value.project(in_camera) else {
-        return Err(wrong("the taught corner lies behind the camera; is this the flange's pose at the picture?"));
+        return Err(wrong(
+            "the taught corner lies behind the camera; name the flange's pose at this picture with --flange",
+        ));
     };
     let found = find_taught(&shot.picture.to_gray(), (recipe.corner(), 0), &camera.value, in_camera);
     let found = found.map_err(Fault::stage)?.corner_px;

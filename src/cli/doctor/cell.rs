@@ -18,7 +18,7 @@ use panelprep_vision::calib::health::{VerificationLimits, health};
 use std::net::{IpAddr, ToSocketAddrs};
 use std::path::Path;
 
-/// Keys with files that have their own check, [`calibrations`] and the scanner's check.
+/// Keys of files that have their own check: [`calibrations`] and the scanner's check.
 const SEPARATELY_CHECKED_KEYS: [&str; 7] = [
     "calibration.scanner",
     "calibration.base_from_camera",
@@ -184,7 +184,7 @@ pub(super) struct Programs {
     pub checks: Vec<Check>,
     /// The checksum that a controller with these files reports.
     pub sum: Option<i32>,
-    /// Whether all files are there and agree with each other and with the cell's file.
+    /// Whether all files exist and agree with each other and with the cell's file.
     pub agree: bool,
 }
 
@@ -312,11 +312,11 @@ pub(super) fn proofs(cell: &Cell) -> Check {
     }
 }
 
-/// The acceptance of the controller's programs: the files must agree with the cell's file, and a real controller must
-/// report their sum. Then the line for the cell's file is printed; nothing is written.
+/// Judges whether the controller's programs can be accepted: the files must agree with the cell's file, and a real
+/// controller must report their checksum. The result then contains the line for the cell's file; nothing is written.
 pub(super) fn acceptance(programs: &Programs, reported: Option<i32>, cell_file: &Path) -> Check {
     let name = "acceptance";
-    let advice = "correct what is named above, then run this again with --accept";
+    let advice = "correct the checks that failed above, then run this again with --accept";
     match (programs.sum.filter(|_| programs.agree), reported) {
         (None, _) => Check::failed(
             name,
@@ -325,18 +325,18 @@ pub(super) fn acceptance(programs: &Programs, reported: Option<i32>, cell_file: 
         ),
         (Some(sum), None) => Check::failed(
             name,
-            format!("refused: the files have the sum {sum}, and no real controller reports its own"),
+            format!("refused: the files have the checksum {sum}, and no real controller reports a checksum"),
             "connect the controller; end the service while this runs, since a controller serves one client",
         ),
         (Some(sum), Some(reported)) if sum != reported => Check::failed(
             name,
-            format!("refused: the files have the sum {sum}, and the controller reports {reported}"),
-            "cold-start the controller with these files, or copy its files anew",
+            format!("refused: the files have the checksum {sum}, and the controller reports {reported}"),
+            "cold-start the controller with these files, or copy its files again",
         ),
         (Some(sum), Some(_)) => Check::passed(
             name,
             format!(
-                "the files agree, and the controller reports their sum; add to [robot] of {}: programs_sum = {sum}",
+                "the files agree, and the controller reports their checksum; add to [robot] of {}: programs_sum = {sum}",
                 cell_file.display()
             ),
         ),
@@ -360,7 +360,9 @@ fn check_program_checksum(sum: i32, kept: Option<i32>) -> Check {
         ),
         None => Check::failed(
             name,
-            format!("sum {sum}, but the cell's file states none: other programs would not be noticed"),
+            format!(
+                "checksum {sum}, but the cell's file states none: a change of the programs would not be detected"
+            ),
             "accept these files: run this again with --accept and add the line that it prints",
         ),
     }
@@ -392,16 +394,16 @@ mod tests {
     }
 
     #[test]
-    fn the_doctor_names_each_planted_mistake() {
+    fn doctor_reports_each_inserted_error() {
         let [none] = &wrong(&texts())[..] else { panic!("only the sum is not kept") };
         assert!(none.contains("the cell's file states none"), "{none}");
         let missed = missed(wrong);
         assert!(missed.is_empty(), "{} of {}:\n{}", missed.len(), MISTAKES.len(), missed.join("\n"));
     }
 
-    /// The sum is accepted only if the files agree and a real controller reports the same sum.
+    /// The checksum is accepted only if the files agree and a real controller reports the same checksum.
     #[test]
-    fn programs_are_accepted_only_with_the_controllers_own_word() {
+    fn programs_are_accepted_only_with_the_same_checksum() {
         let programs = checked(&texts());
         let sum = programs.sum.expect("a sum");
         let file = Path::new("cell.toml");

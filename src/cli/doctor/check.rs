@@ -39,7 +39,7 @@ pub(in crate::cli) struct Check {
 }
 
 impl Check {
-    /// Whether the item was checked and nothing is wrong with it.
+    /// Returns whether the item was checked and nothing is wrong with it.
     pub fn is_passed(&self) -> bool {
         self.status == Status::Right
     }
@@ -57,10 +57,10 @@ impl Check {
     }
 }
 
-/// Below this free space there is room for a few cycles only, MB.
+/// Minimum free space, MB: with less, there is room for only a few cycles.
 const MIN_FREE_MB: u64 = 10_000;
-/// Allowed difference of the clock, s: times that are written and read in the same minute may differ by this value.
-const CLOCK_TOLERANCE_S: i64 = 60;
+/// Maximum time by which the store's last entry may be ahead of the clock, s.
+const MAX_CLOCK_LEAD_S: i64 = 60;
 
 /// Judges the room for the data that a cycle writes.
 fn judge_disk(folder: &str, free_mb: u64) -> Check {
@@ -105,7 +105,7 @@ fn judge_time_sync(kept: Option<bool>) -> Check {
 /// Checks that the last time written in the store is not ahead of the clock.
 fn judge_clock_order(written_unix_s: i64, now_unix_s: i64) -> Check {
     let ahead_s = written_unix_s - now_unix_s;
-    if ahead_s > CLOCK_TOLERANCE_S {
+    if ahead_s > MAX_CLOCK_LEAD_S {
         let found =
             format!("the store's last entry is {:.1} h ahead of the computer's clock", ahead_s as f64 / 3600.0);
         return Check::failed("clock beside the store", found, "set the computer's clock: `timedatectl`");
@@ -223,18 +223,18 @@ pub(super) fn unknown_light(why: &str) -> Check {
 }
 
 /// Checks whether the 3D camera has reached its steady temperature. A doubt is reported; a cycle may still begin.
-pub(super) fn judge_warmth(warmth: WarmUpState) -> Check {
+pub(super) fn check_warm_up(state: WarmUpState) -> Check {
     let name = "scanner's warmth";
-    match warmth {
+    match state {
         WarmUpState::Changing { .. } => {
             let advice =
                 "let the camera take shots for ten minutes: run `panelprep doctor --warm-up`, or run cycles";
-            Check::failed(name, warmth.to_string(), advice)
+            Check::failed(name, state.to_string(), advice)
         }
         WarmUpState::NoReadings { .. } => {
-            Check::passed(name, format!("{warmth}; `--warm-up` takes shots for that long"))
+            Check::passed(name, format!("{state}; `--warm-up` takes shots for that long"))
         }
-        WarmUpState::Warm { .. } | WarmUpState::Unclear { .. } => Check::passed(name, warmth.to_string()),
+        WarmUpState::Warm { .. } | WarmUpState::Unclear { .. } => Check::passed(name, state.to_string()),
     }
 }
 
@@ -288,7 +288,7 @@ pub(super) fn disk(store: &Path) -> Check {
     }
 }
 
-/// Recordings in the store, which are not removed automatically; `None` if there are none.
+/// Reports the recordings in the store, which are not removed automatically; `None` if there are none.
 pub(super) fn recordings(store: &Path) -> Option<Check> {
     let folder = daemon::recordings(store);
     let bytes = |entry: std::io::Result<fs::DirEntry>| Some(entry.ok()?.metadata().ok()?.len());
@@ -299,7 +299,7 @@ pub(super) fn recordings(store: &Path) -> Option<Check> {
     (count > 0).then(|| Check::passed("recordings", found))
 }
 
-/// Finds the drivers of graphics processors that the kernel has.
+/// Finds the drivers of graphics processors that the kernel has loaded.
 pub(super) fn graphics_processor() -> Check {
     let devices = fs::read_to_string("/proc/devices").ok();
     judge_graphics_processor(devices.as_deref(), Path::new("/dev/nvidia-uvm").exists())
@@ -318,7 +318,7 @@ mod tests {
 
     /// The driver names of version 550 and later, and those of older versions.
     #[test]
-    fn a_graphics_processor_is_found_by_its_drivers_names() {
+    fn a_graphics_processor_is_found_by_its_driver_name() {
         let listed = |names: &str| {
             let lines: String = names.split(' ').map(|name| format!("195 {name}\n")).collect();
             let text = format!("Character devices:\n  1 mem\n{lines}\nBlock devices:\n  8 sd\n253 nvidia\n");
@@ -360,9 +360,9 @@ mod tests {
             "{other:?}"
         );
         assert!(!told(Flicker::Unknown, "").is_passed());
-        let doubt = judge_warmth(WarmUpState::NoReadings { followed_s: 61.0 });
+        let doubt = check_warm_up(WarmUpState::NoReadings { followed_s: 61.0 });
         assert!(doubt.is_passed() && doubt.found.contains("recorded for 1 of 10 min"), "{doubt:?}");
-        assert!(!judge_warmth(WarmUpState::Changing { rise_c_per_min: 0.8 }).is_passed());
+        assert!(!check_warm_up(WarmUpState::Changing { rise_c_per_min: 0.8 }).is_passed());
     }
 
     #[test]
@@ -384,9 +384,9 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: written at 10:02 and read at 10:00 is two minutes ahead, more than the allowed one.
+    /// Calculated by hand: written at 10:02 and read at 10:00 is two minutes ahead, more than the limit of one minute.
     #[test]
-    fn a_clock_that_was_set_back_is_noticed() {
+    fn a_clock_that_was_set_back_is_reported() {
         assert!(
             judge_clock_order(36_060, 36_000).is_passed()
                 && judge_clock_order(0, 36_000).found.contains("10.0 h ago")

@@ -2,7 +2,7 @@
 //!
 //! For a Zivid they state whether it delivers, whether the light is suitable for its exposures, whether it is warm, and
 //! on which device its SDK computes. A camera that the service uses is judged by the service's reply. For the tool they
-//! state whether it answers and reports no fault; it is held back, and nothing is pressed.
+//! state whether it answers and reports no fault; it stays retracted, and nothing is pressed.
 
 use super::check::{self, Check};
 use crate::cli::fault::Fault;
@@ -115,10 +115,10 @@ fn recorded_check(
     }
 }
 
-/// Checks whether the service runs and whether the robot answers. If the service holds the robot's ports, the
-/// service is queried.
+/// Checks whether the service runs and whether the robot answers. If the service holds the robot's ports, the service
+/// is queried.
 ///
-/// Also returns the sum of the programs that a real controller reports.
+/// Also returns the checksum of the programs that a real controller reports.
 pub(super) fn robot_and_service(files: &CellFiles, sum: Option<i32>) -> (Vec<Check>, Option<i32>) {
     match ctl::service_state(&files.socket()) {
         Some(state) => {
@@ -262,21 +262,21 @@ fn zivid_checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> Vec<C
         own.matrix_px[0]
     );
     let followed = if warm_up { warm_up_camera(&mut scanner, WARM_UP_TIME_AND_INTERVAL) } else { Ok(()) };
-    let warmth = match followed {
-        Ok(()) => check::judge_warmth(scanner.temperature_state()),
+    let warm_up = match followed {
+        Ok(()) => check::check_warm_up(scanner.temperature_state()),
         Err(fault) => Check::failed(
             "scanner's warmth",
             fault.to_string(),
             "repair the 3D camera, then run `panelprep doctor --warm-up` again",
         ),
     };
-    vec![graphics, Check::passed("scanner", reported), light, warmth]
+    vec![graphics, Check::passed("scanner", reported), light, warm_up]
 }
 
-/// Duration of the warm-up of a camera, which is the maker's ten minutes, and interval between two shots.
+/// Duration of a camera's warm-up, the ten minutes that its manufacturer states, and interval between two shots.
 const WARM_UP_TIME_AND_INTERVAL: [Duration; 2] = [Duration::from_secs(605), Duration::from_secs(10)];
 
-/// Takes 3D shots, which warm the camera and from which its temperature is followed.
+/// Takes 3D shots, which warm the camera up, and reports its temperature at each shot.
 fn warm_up_camera(scanner: &mut ZividScanner, [long, every]: [Duration; 2]) -> Result<(), ZividFault> {
     let begun = Instant::now();
     while begun.elapsed() < long {
@@ -372,7 +372,7 @@ mod tests {
     /// A spring is not checked. A tool that answers passes; one that is broken or missing is reported with
     /// advice.
     #[test]
-    fn the_tool_is_looked_at() {
+    fn doctor_checks_the_compliant_tool() {
         let spring = Cell::check("f", "").unwrap_or_else(|problems| panic!("{problems}"));
         assert_eq!(check_tool(&spring, false), None);
         let tool = cell(1);

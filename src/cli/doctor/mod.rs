@@ -27,7 +27,7 @@ pub fn run(args: &Doctor, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome(&run_checks(args, common)))
 }
 
-/// Returns all checks, in order from the basis upwards.
+/// Returns all checks in order: the computer, the cell's files, the devices, and the systems outside the cell.
 pub(in crate::cli) fn run_checks(args: &Doctor, common: &Common) -> Vec<Check> {
     let mut checks = vec![check::program(), check::check_time_sync()];
     match CellFiles::read(common) {
@@ -88,8 +88,8 @@ fn outcome(checks: &[Check]) -> Outcome {
     }
     let (all, right) = (checks.len(), checks.len() - wrong.len());
     outcome.add_line(match wrong.len() {
-        0 => format!("all {all} checks are right"),
-        _ => format!("{right} of {all} checks are right; correct the first wrong check first"),
+        0 => format!("all {all} checks passed"),
+        _ => format!("{right} of {all} checks passed; correct the first failed check first"),
     });
     let of_check = |check: &Check| {
         let advice = Some(&check.advice).filter(|advice| !advice.is_empty());

@@ -1,5 +1,5 @@
-//! The systems outside the cell: the line, the office, the quality system and the MQTT broker. Files that they need
-//! are read and servers are connected to, but without a login, and nothing is sent.
+//! The systems outside the cell: the line, the office, the quality system and the MQTT broker. The checks read the
+//! files that these systems need and connect to their servers, but without a login, and send nothing.
 
 use super::check::Check;
 use crate::cli::connecting::connected;
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn servers_and_files_are_looked_at() {
+    fn doctor_checks_servers_and_their_files() {
         let folder = tempfile::tempdir().expect("a folder");
         let folder = folder.path();
         assert_eq!(found(folder, ""), []);

@@ -87,7 +87,7 @@ pub enum DeviceFault {
         /// The nearest size that is delivered, px.
         nearest_px: [usize; 2],
     },
-    /// What must be proven before this is not signed.
+    /// The stage of proofs that the command needs is not signed.
     #[error(transparent)]
     Unsigned(#[from] Unsigned),
     /// A stage is to be proven before the one on which it depends is signed.
@@ -102,7 +102,8 @@ pub enum DeviceFault {
         /// The stage that must be proven first.
         before: ProofStage,
     },
-    /// The controller executes other programs than the accepted ones, so that its proofs would not hold for them.
+    /// The controller executes other programs than the accepted ones, so proofs on it would not be valid for the
+    /// accepted programs.
     #[error(
         "the proofs are of programs with the checksum {reported}, but [robot] programs_sum is {}: accept the programs first with \
          `panelprep doctor --kuka DIR --accept`, and add the line that it prints to the cell's file",
@@ -125,7 +126,7 @@ pub enum DeviceFault {
         /// The name of the reported mode.
         mode: &'static str,
     },
-    /// No controller answers that could be proven.
+    /// No controller answers, so nothing can be proven.
     #[error(
         "no controller answers, so nothing can be proven: connect it, and end the service while this runs, since a \
          controller serves one client; `panelprep doctor` reports what is missing"
@@ -189,7 +190,7 @@ pub enum CalibrationFault {
     },
     /// The cell's file names a calibration that does not exist.
     #[error(
-        "{}: [calibration] {key} names {}, which is not there; {}", cell.display(), file.display(), CALIBRATION_ADVICE
+        "{}: [calibration] {key} names {}, which does not exist; {}", cell.display(), file.display(), CALIBRATION_ADVICE
     )]
     CalibrationAway {
         /// The cell's file.

@@ -53,7 +53,7 @@ pub struct LoadedCalibration<T> {
     pub text: String,
 }
 
-/// The serial number of the camera to which this calibration file belongs, if the file exists and names one.
+/// Returns the serial number of the camera to which this calibration file belongs, if the file exists and names one.
 ///
 /// # Errors
 /// If it cannot be read or has problems.
@@ -99,7 +99,7 @@ impl CellFiles {
         Ok(Some((text, numbers)))
     }
 
-    /// The text of the arm's correction that is applied.
+    /// Returns the text of the arm's correction that is applied.
     ///
     /// # Errors
     /// If its file has changed since it was read: started work continues with one correction.
@@ -116,14 +116,14 @@ impl CellFiles {
         self.correction_text.as_ref().map(|text| content_hash(text.as_bytes()))
     }
 
-    /// The hash of these calibrations and of the arm's correction, if there is one. A verification that involves
-    /// the robot is valid for this hash.
+    /// Returns the hash of these calibrations and of the arm's correction, if there is one. A verification that
+    /// involves the robot is valid for this hash.
     pub fn hash_with_arm(&self, texts: &[&str]) -> String {
         let all: Vec<&str> = texts.iter().copied().chain(self.correction_text.as_deref()).collect();
         calibration_hash(&all)
     }
 
-    /// The true pose of the flange for the controller's report in this file.
+    /// Returns the true pose of the flange for the controller's report in this file.
     ///
     /// # Errors
     /// If the arm has a correction and the file has no axes.
@@ -136,7 +136,7 @@ impl CellFiles {
         Ok(KukaPose::from_rigid(&arm.true_flange(reported.base_from_flange.to_rigid(), joints)))
     }
 
-    /// The store's folder.
+    /// Returns the store's folder.
     pub fn store_folder(&self) -> &Path {
         &self.store
     }
@@ -158,8 +158,8 @@ impl CellFiles {
         Store::create(&self.store).map_err(Fault::stage)
     }
 
-    /// Opens the store for writing, concludes what an earlier program left unfinished, and refuses while something is
-    /// open that a person must check.
+    /// Opens the store for writing and concludes what an earlier program left unfinished. Refuses if a person must
+    /// first check what is still open.
     ///
     /// # Errors
     /// As [`CellFiles::store_for_writing`], and if a motion is open or the last cycle was aborted.
@@ -178,12 +178,12 @@ impl CellFiles {
         Ok(store)
     }
 
-    /// The service's socket: the one that the cell's file names, else one in the store.
+    /// Returns the service's socket: the one that the cell's file names, else one in the store.
     pub fn socket(&self) -> PathBuf {
         self.cell.socket().map_or_else(|| self.store.join("panelprep.sock"), Path::to_owned)
     }
 
-    /// The last touch check of this tool's calibration; `None` if it was not touched, or there is no store yet.
+    /// Returns the last touch check of this tool's calibration; `None` if it was not touched, or there is no store yet.
     pub fn last_touch_check(&self, tool_text: &str) -> Option<Verification> {
         last_touch_check(&self.store().ok()?, &self.hash_with_arm(&[tool_text]))
     }
@@ -251,7 +251,7 @@ impl CellFiles {
         Ok(load_calibration(&mount, text))
     }
 
-    /// The intrinsics of the fixed 3D camera.
+    /// Returns the intrinsics of the fixed 3D camera.
     ///
     /// # Errors
     /// If the cell names no such file, or it has problems; likewise for the other calibrations.
@@ -275,7 +275,7 @@ impl CellFiles {
         self.intrinsics("flange_camera", self.cell.calibration().flange_camera.as_ref())
     }
 
-    /// The pose of the fixed camera.
+    /// Returns the pose of the fixed camera.
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].
@@ -291,7 +291,7 @@ impl CellFiles {
         self.mount::<FlangeCameraMount>(self.cell.calibration().flange_from_camera.as_ref())
     }
 
-    /// The pose of the tool's tip; its axis may not have been measured.
+    /// Returns the pose of the tool's tip; its axis may not have been measured.
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].
@@ -299,8 +299,8 @@ impl CellFiles {
         self.mount::<ToolMount>(self.cell.calibration().flange_from_tool.as_ref())
     }
 
-    /// The calibrated poses of the devices that are mounted on the flange. A calibration that was not made yet is left
-    /// out; an existing file must be right.
+    /// Returns the calibrated poses of the devices that are mounted on the flange. A calibration that was not made yet
+    /// is left out; an existing file must be right.
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].
@@ -319,7 +319,7 @@ impl CellFiles {
         Ok(mounted)
     }
 
-    /// The removal model of the disc, with the text of its file; `None` if the cell names none.
+    /// Returns the removal model of the disc, with the text of its file; `None` if the cell names none.
     ///
     /// # Errors
     /// If the file is missing or has problems.
@@ -329,7 +329,7 @@ impl CellFiles {
         Ok(Some((Model::from(&RemovalCalibration::check(&name, &text)?.numbers), text)))
     }
 
-    /// The pose of the sanding tool's contact.
+    /// Returns the pose of the sanding tool's contact.
     ///
     /// # Errors
     /// As [`CellFiles::scanner`]; also if the file does not state that the tool's axis was measured.
@@ -354,7 +354,7 @@ fn load_calibration<M: Mount>(mount: &MountedPose<M>, text: String) -> LoadedCal
     }
 }
 
-/// The last touch check of this tool's calibration in a store; `None` if it was not touched, or that touch was
+/// Returns the last touch check of this tool's calibration in a store; `None` if it was not touched, or that touch was
 /// struck out.
 pub fn last_touch_check(store: &Store, hash: &str) -> Option<Verification> {
     let last = store.newest_verification("tool").ok()??;

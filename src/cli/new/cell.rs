@@ -1,4 +1,4 @@
-//! `panelprep new cell`: the samples' tables for the connected devices, with the answers.
+//! `panelprep new cell`: writes the tables of the sample files for the connected devices, with the answers in them.
 //!
 //! For a real cell, only its own people know the poses, the box, the inputs and outputs. What was not answered comes
 //! from the sample and is marked as such in the file and in the result. What a file does not need (the arm's
@@ -24,10 +24,10 @@ const REAL_CELL_TEMPLATE: &str = include_str!("../../../config/cell-example.toml
 /// The paths at which the service of an installed package has its store and its socket.
 const SERVICE_STORE: &str = "/var/lib/panelprep";
 const SERVICE_SOCKET: &str = "/run/panelprep/panelprep.sock";
-/// Tables of a real cell with numbers of its own.
+/// Tables whose numbers each real cell must state itself.
 const CELL_SPECIFIC_TABLES: [&str; 5] = ["poses.park", "io.outputs", "io.off_after_s", "io.feedbacks", "limits"];
 /// The tables of a real cell that are optional.
-const OPTIONAL: [&str; 7] = [
+const OPTIONAL_TABLES: [&str; 7] = [
     "poses.ready",
     "poses.verify",
     "poses.service",
@@ -73,13 +73,13 @@ struct Motion {
 }
 
 /// The motion limits of the sample file.
-const MOTION: Motion = Motion {
+const SAMPLE_MOTION: Motion = Motion {
     park_deg: [-90.0, -120.0, 120.0, 0.0, 60.0, 0.0],
     box_mm: [[250.0, -450.0, 50.0], [750.0, 450.0, 900.0]],
 };
 
 /// The file in which the networks of the cell are listed for the service's unit.
-const NETWORKS: &str = "/etc/systemd/system/panelprep.service.d/network.conf";
+const NETWORKS_FILE: &str = "/etc/systemd/system/panelprep.service.d/network.conf";
 
 /// Asks the questions and writes the cell's file.
 pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
@@ -112,7 +112,7 @@ pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
              calibration of a camera's mount ends in review",
         );
         outcome.add_line(format!(
-            "the service can reach only the networks in {NETWORKS}: see the page network of the manual"
+            "the service can reach only the networks in {NETWORKS_FILE}: see the page network of the manual"
         ));
     }
     outcome.add_value("file", json!(args.out));
@@ -185,7 +185,7 @@ impl Answers {
         refusal(problems("", &text).list, keys)
     }
 
-    /// Whether the robot's controller is another machine; in this case no camera may be simulated.
+    /// Returns whether the robot's controller is another machine; in this case no camera may be simulated.
     fn is_robot_remote(&self) -> bool {
         Answers { scanner: ScannerKind::Simulated, ..self.clone() }.check_file("scanner.kind").is_err()
     }
@@ -306,7 +306,7 @@ fn robot(args: &NewCell, asker: &mut Asker<'_>, answers: Answers) -> Result<Answ
         refuse_options("--robot eki", "--robot mock", &of_eki)?;
         return Ok(answers);
     }
-    let answers = Answers { robot, motion: Some(MOTION), ..answers };
+    let answers = Answers { robot, motion: Some(SAMPLE_MOTION), ..answers };
     let question = Question::new("the controller's address on its KLI network", "--host", args.host.as_deref());
     let host = asker
         .ask_text(&question, |host| Answers { host: Some(host.clone()), ..answers.clone() }.check_file("robot"))?;
@@ -320,15 +320,17 @@ fn motion(args: &NewCell, asker: &mut Asker<'_>, answers: &Answers) -> Result<Mo
     let words =
         "axis angles at which the arm is clear of the panel and of both cameras' view, degrees: a1,a2,a3,a4,a5,a6";
     let question = Question::new(words, "--park-deg", args.park_deg.as_deref());
-    let park_deg =
-        asker.numbers(&question.with_proposal(format_numbers(&MOTION.park_deg)), |park_deg: &[f64; 6]| {
+    let park_deg = asker.numbers(
+        &question.with_proposal(format_numbers(&SAMPLE_MOTION.park_deg)),
+        |park_deg: &[f64; 6]| {
             if park_deg.iter().all(|angle| *angle == 0.0) {
                 return Err("all axes at 0 is not a park pose: state angles at which the arm is clear".to_owned());
             }
-            let motion = Motion { park_deg: *park_deg, ..MOTION };
+            let motion = Motion { park_deg: *park_deg, ..SAMPLE_MOTION };
             Answers { motion: Some(motion), ..answers.clone() }.check_file("poses")
-        })?;
-    let [least, greatest] = MOTION.box_mm.map(|corner| format_numbers(&corner));
+        },
+    )?;
+    let [least, greatest] = SAMPLE_MOTION.box_mm.map(|corner| format_numbers(&corner));
     let words = "minimum corner of the box in which the tool's tip must stay, mm in the robot's base: x,y,z";
     let corners = [
         Question::new(words, "--box-min-mm", args.box_min_mm.as_deref()).with_proposal(least),
@@ -370,7 +372,7 @@ fn block<'t>(text: &'t str, name: &str) -> &'t str {
     split_tables(text).into_iter().find(|block| block.name == name).map_or("", |block| block.text)
 }
 
-/// The lines of a table as comments.
+/// Returns the lines of a table as comments.
 fn as_comments(text: &str) -> String {
     let line = |line: &str| match line.trim().is_empty() || line.starts_with('#') {
         true => format!("{line}\n"),
@@ -379,7 +381,7 @@ fn as_comments(text: &str) -> String {
     text.lines().map(line).collect()
 }
 
-/// A table with numbers that must be checked against the cell.
+/// Returns a table with a comment that its numbers must be checked against the cell.
 fn to_check(text: &str) -> String {
     let line = |line: &str| match line.starts_with(STATED_NUMBER_KEY) {
         true => format!("# {line}\n"),
@@ -393,7 +395,7 @@ fn to_check(text: &str) -> String {
 const CHECK_COMMENT: &str = "# TO CHECK before anything moves: numbers in this table that you did not state are from the sample, not \
      from your cell.";
 
-/// The file's text.
+/// Returns the file's text.
 fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
     let is_real = answers.robot == RobotKindName::Eki;
     let scanner = if answers.scanner == ScannerKind::Zivid { REAL_CELL_TEMPLATE } else { SIMULATED };
@@ -407,7 +409,7 @@ fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
             "scanner" => block(scanner, name).to_owned(),
             "flange_camera" => block(flange_camera, name).to_owned(),
             "calibration" => block(REAL_CELL_TEMPLATE, name).to_owned(),
-            name if is_real && OPTIONAL.contains(&name) => as_comments(own),
+            name if is_real && OPTIONAL_TABLES.contains(&name) => as_comments(own),
             name if is_real && CELL_SPECIFIC_TABLES.contains(&name) => to_check(own),
             _ => own.to_owned(),
         };
@@ -441,7 +443,7 @@ fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
     Ok(cell.to_string())
 }
 
-/// The text before the first table.
+/// Returns the text before the first table.
 fn head(answers: &Answers) -> String {
     let socket = match answers.store == SERVICE_STORE {
         true => format!("socket = \"{SERVICE_SOCKET}\" # as in panelprep.service: members of the service's group may send requests\n"),

@@ -13,7 +13,7 @@ use super::args::{Common, New, NewFile};
 use super::fault::Fault;
 use super::output::Outcome;
 
-/// Asks, and writes the file.
+/// Asks the questions and writes the file.
 ///
 /// # Errors
 /// If a question has no answer, an answer is not accepted, or the file exists already.

@@ -27,7 +27,7 @@ pub(super) struct Question<'q> {
 }
 
 impl<'q> Question<'q> {
-    /// A question with the option that answers it and the value of that option.
+    /// Creates a question with the option that answers it and the value of that option.
     pub fn new(words: &'q str, option: &'static str, given: Option<&str>) -> Self {
         Question { text: words, option, given_answer: given.map(str::to_owned), proposal: None }
     }
@@ -125,8 +125,8 @@ impl Asker<'_> {
         self.ask(question, |answer| check_answer(numbers(answer)?, &check))
     }
 
-    /// Both corners of a box that `check` accepts. The reason for a refusal may be in either corner, so both are
-    /// asked again.
+    /// Asks for both corners of a box that `check` accepts. The reason for a refusal may be in either corner, so both
+    /// are asked again.
     pub fn box_mm(
         &mut self,
         [least, greatest]: [Question<'_>; 2],
@@ -220,8 +220,8 @@ mod tests {
         }
     }
 
-    /// The option counts first, then the typed text. An empty line accepts the proposal, and after a wrong answer
-    /// the question is asked again.
+    /// The value of the option has priority over the typed text. An empty line accepts the proposal, and after a wrong
+    /// answer the question is asked again.
     #[test]
     fn an_answer_comes_from_the_option_the_terminal_or_the_proposal() {
         let of = |mut asker: Asker<'_>, question: &Question<'_>| {
@@ -256,9 +256,10 @@ mod tests {
         }
     }
 
-    /// A box may be wrong in either corner; a value that was not asked for is refused by its option.
+    /// If a box is refused, both corners are asked again. A corner that an option states is not asked again: if its box
+    /// is refused, the error names the option.
     #[test]
-    fn a_box_that_is_refused_is_asked_again_whole() {
+    fn both_corners_of_a_refused_box_are_asked_again() {
         let corners = |given: [Option<&str>; 2]| {
             let least = Question::new("least", "--min", given[0]).with_proposal("0,0,0");
             [least, Question::new("greatest", "--max", given[1]).with_proposal("9,9,9")]
@@ -282,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_as_many_as_asked_for() {
+    fn only_the_requested_number_of_values_is_accepted() {
         assert_eq!(numbers::<3>("1, -2.5 3"), Ok([1.0, -2.5, 3.0]));
         for wrong in ["1,2", "1,2,3,4", "1,2,NaN", "1,2,x"] {
             assert_eq!(numbers::<3>(wrong), Err("valid: 3 numbers, separated by commas or spaces".to_owned()));

@@ -17,12 +17,12 @@ use toml_edit::{Array, DocumentMut, Value};
 const SAMPLE: &str = include_str!("../../../config/panels/example.toml");
 /// The corners of the region in the sample recipe, px, followed by its search box.
 const CORNERS_PX: [f64; 8] = [700.0, 350.0, 1250.0, 350.0, 1250.0, 850.0, 700.0, 850.0];
-const BOX_MM: BoxMm = [[300.0, -400.0, 100.0], [700.0, 400.0, 800.0]];
+const SAMPLE_BOX_MM: BoxMm = [[300.0, -400.0, 100.0], [700.0, 400.0, 800.0]];
 /// The sample's force, which is a comment there: only a recipe for a compliant tool has one.
 const FORCE_COMMENT: [&str; 2] = ["# force_n = 20.0                #", "force_n = 20.0                  #"];
 
-/// Allowed number of rows, and of columns, in a recipe.
-const GRIDS: std::ops::RangeInclusive<u32> = 1..=50;
+/// Limits of the number of rows, and of columns, in a recipe.
+const GRID_COUNT_LIMITS: std::ops::RangeInclusive<u32> = 1..=50;
 
 /// Asks the questions and writes the recipe.
 pub(super) fn run(args: &NewRecipe, common: &Common) -> Result<Outcome, Fault> {
@@ -104,7 +104,7 @@ impl Answers {
             corners_px: CORNERS_PX,
             rows: 4.0,
             columns: 6.0,
-            box_mm: cell.and_then(cells_box).unwrap_or(BOX_MM),
+            box_mm: cell.and_then(cells_box).unwrap_or(SAMPLE_BOX_MM),
             disc_mm: 30.0,
             force_n: is_compliant.then_some(20.0),
         }
@@ -118,9 +118,10 @@ impl Answers {
             held.check_recipe("panel", &Answers { panel: panel.clone(), ..answers.clone() })
         })?;
         let question = Question::new("rows of grids in the region", "--rows", args.rows.as_deref());
-        answers.rows = asker.count(&question.with_proposal(shortest_text(answers.rows)), GRIDS)?;
+        answers.rows = asker.count(&question.with_proposal(shortest_text(answers.rows)), GRID_COUNT_LIMITS)?;
         let question = Question::new("columns of grids in the region", "--columns", args.columns.as_deref());
-        answers.columns = asker.count(&question.with_proposal(shortest_text(answers.columns)), GRIDS)?;
+        answers.columns =
+            asker.count(&question.with_proposal(shortest_text(answers.columns)), GRID_COUNT_LIMITS)?;
         let words =
             "the region's four corners in the scan's picture, px, as `panelprep look` shows them: u,v u,v u,v u,v";
         let question = Question::new(words, "--corners-px", args.corners_px.as_deref());

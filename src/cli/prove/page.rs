@@ -22,7 +22,7 @@ const STYLE: &str = "body{font:14px/1.4 sans-serif;max-width:1100px;margin:2em a
 td,th{border:1px solid #999;padding:4px 6px;text-align:left;vertical-align:top}\
 .wrong{border-left:.6em solid #d55e00}.open{border-left:.6em solid #e69f00}.proven{border-left:.6em solid #009e73}.sign{margin-top:3em}";
 
-/// For which controller the rows of a page hold.
+/// The controller for which the rows of a page are valid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum PageBasis {
     /// One real controller with the same programs, from the first row to the last.
@@ -295,7 +295,7 @@ mod tests {
         ] {
             assert!(!is_signable(&all, wrong), "{wrong:?}");
         }
-        // A stage that was signed before does not hold any more: the page says so.
+        // A stage that was signed before is no longer valid: the page states this.
         let mut wrong = all.clone();
         wrong[0].finding = Finding::Wrong;
         let words = |proofs: &[Proof]| with_page(proofs, end, |page| page.describe_unproven());

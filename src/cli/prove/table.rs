@@ -32,7 +32,7 @@ impl Finding {
     }
 }
 
-/// Why a row is open that was not reached.
+/// The reason why a row that was not reached is open.
 const NOT_DONE: &str = "not done";
 
 impl Proof {
@@ -60,7 +60,7 @@ pub(super) struct Proof {
 /// The installation page with the table of assumptions to go through.
 pub(super) const INSTALLATION: &str = include_str!("../../../config/kuka/README.md");
 
-/// The rows of the table "To be proven", stage by stage.
+/// Returns the rows of the table "To be proven", stage by stage.
 pub(super) fn assumptions(page: &str) -> Vec<Assumption> {
     let table = page.split("\n## To be proven\n").nth(1).and_then(|rest| rest.split("\n## ").next());
     let mut stage = None::<ProofStage>;
@@ -74,7 +74,7 @@ pub(super) fn assumptions(page: &str) -> Vec<Assumption> {
     rows
 }
 
-/// Number, assumption, what to do, what to see, what breaks otherwise; the last column is for the person.
+/// Parses a row: number, assumption, what to do, what to see, what breaks otherwise; the last column is for the person.
 fn row(stage: ProofStage, line: &str) -> Option<Assumption> {
     let mut cells = line.strip_prefix('|')?.split(" | ").map(str::trim);
     let number = cells.next()?.parse().ok()?;
@@ -146,7 +146,7 @@ mod tests {
             assert_ne!(page, INSTALLATION, "{from}");
             wrong(&page)
         };
-        // Planted mistakes: stages exchanged, a row that is gone, a row by hand, a row without its last column.
+        // Inserted errors: exchanged stages, a wrong row number, a row by hand, a row without its last column.
         assert!(!changed("### Stage A:", "### Stage C:").is_empty());
         assert!(changed("\n| 9 | `RESUME`", "\n| 57 | `RESUME`").iter().any(|words| words.contains("1 to 56")));
         let row = assumptions(INSTALLATION).into_iter().find(|row| row.number == 16).expect("a row");

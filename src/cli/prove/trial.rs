@@ -13,7 +13,7 @@ const RECONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Time limit for a state; states come every 100 ms.
 pub(super) const STATE_TIMEOUT: Duration = Duration::from_millis(1_500);
 /// Interval between two heartbeats: a controller stops what is queued after 400 ms of silence.
-const HEARTBEAT: Duration = Duration::from_millis(100);
+const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(100);
 /// Longest wait for one read.
 const READ_TIMEOUT: Duration = Duration::from_millis(20);
 /// The operations of the state channel.
@@ -62,14 +62,14 @@ impl RawChannel {
 
 /// What a client has received: the newest state and acknowledgement, and which channels were closed.
 #[derive(Debug, Default)]
-pub(super) struct Heard {
+pub(super) struct ReceivedData {
     pub(super) state: Option<String>,
     pub(super) ack: Option<String>,
     pub(super) is_command_closed: bool,
     pub(super) is_state_closed: bool,
 }
 
-impl Heard {
+impl ReceivedData {
     /// Returns a number of the newest state.
     pub(super) fn state_value(&self, name: &str) -> Option<i64> {
         attribute(self.state.as_deref()?, name)?.parse().ok()
@@ -96,17 +96,17 @@ pub(super) struct RawClient {
 }
 
 impl RawClient {
-    /// Connects again and again until the controller reports a state; `None` if it does not report one in time.
-    pub(super) fn patient(cell: &Cell) -> Option<(RawClient, Heard)> {
+    /// Connects repeatedly until the controller reports a state; `None` if it does not report one in time.
+    pub(super) fn connect_with_retries(cell: &Cell) -> Option<(RawClient, ReceivedData)> {
         let begun = Instant::now();
         while begun.elapsed() < RECONNECT_TIMEOUT {
             let both = (connect(cell, cell.robot().command_port()), connect(cell, cell.robot().state_port()));
             if let (Ok(command), Ok(state)) = both {
                 let [command, state] = [command, state].map(RawChannel::new);
                 let mut client = RawClient { command, state, asked: 0 };
-                let heard = client.listen(STATE_TIMEOUT, |heard| heard.state.is_some());
-                if heard.state.is_some() {
-                    return Some((client, heard));
+                let received = client.listen(STATE_TIMEOUT, |received| received.state.is_some());
+                if received.state.is_some() {
+                    return Some((client, received));
                 }
             }
             std::thread::sleep(Duration::from_millis(200));
@@ -115,26 +115,26 @@ impl RawClient {
     }
 
     /// Returns the id of the last request: a controller that has read it states it in `Re`.
-    pub(super) fn last_asked(&self) -> i32 {
+    pub(super) fn last_request_id(&self) -> i32 {
         self.asked
     }
 
-    /// Listens for a time, or until it has heard enough, and sends heartbeats meanwhile.
-    pub(super) fn listen(&mut self, timeout: Duration, is_enough: impl Fn(&Heard) -> bool) -> Heard {
+    /// Listens for a time, or until it has received enough, and sends heartbeats meanwhile.
+    pub(super) fn listen(&mut self, timeout: Duration, is_enough: impl Fn(&ReceivedData) -> bool) -> ReceivedData {
         let (begun, mut beat) = (Instant::now(), None::<Instant>);
-        let mut heard = Heard::default();
-        while begun.elapsed() < timeout && !is_enough(&heard) && !heard.is_state_closed {
-            if beat.is_none_or(|at| at.elapsed() >= HEARTBEAT) {
+        let mut received = ReceivedData::default();
+        while begun.elapsed() < timeout && !is_enough(&received) && !received.is_state_closed {
+            if beat.is_none_or(|at| at.elapsed() >= HEARTBEAT_INTERVAL) {
                 beat = Some(Instant::now());
                 #[expect(clippy::let_underscore_must_use, reason = "a closed channel is reported by the next read")]
                 let _ = self.ask(OP_HEARTBEAT, 0);
             }
-            heard.state = self.state.read("St").or(heard.state);
-            heard.ack = self.command.read("Ack").or(heard.ack);
-            heard.is_state_closed = self.state.is_closed;
-            heard.is_command_closed = self.command.is_closed;
+            received.state = self.state.read("St").or(received.state);
+            received.ack = self.command.read("Ack").or(received.ack);
+            received.is_state_closed = self.state.is_closed;
+            received.is_command_closed = self.command.is_closed;
         }
-        heard
+        received
     }
 
     /// Sends a request on the state channel.
@@ -179,34 +179,34 @@ pub(super) const NO_PROGRAM_MESSAGE: &str =
     "the robot program does not run: select cell_motion, in T1 hold Start, and prove again";
 
 /// The bit of `Flags` that states that a motion is possible.
-const MOTION_POSSIBLE: i64 = 16;
+const MOTION_POSSIBLE_BIT: i64 = 16;
 /// The bit of `Flags` that states that the program has stopped the epoch.
-const STOPPED: i64 = 128;
-/// Time in which an epoch that was requested is open, and the program has taken its frames back.
+const STOPPED_BIT: i64 = 128;
+/// Time limit within which a requested epoch is open and the program has reset its base and tool.
 const EPOCH_TIMEOUT: Duration = Duration::from_millis(500);
 
 pub(super) fn make_finding(right: bool, evidence: String) -> TestResult {
     Ok((if right { Finding::Proven } else { Finding::Wrong }, evidence))
 }
 
-/// The result of a trial that showed no effect, neither the expected one nor another one.
+/// Returns an open result: the trial showed no effect, neither the expected one nor another one.
 pub(super) fn open(evidence: impl Into<String>) -> TestResult {
     Ok((Finding::Open, evidence.into()))
 }
 
-/// The result of a trial that needs the robot program, if it does not run.
+/// Returns the result of a trial that needs the robot program, if it does not run.
 pub(super) fn no_program() -> TestResult {
     open(NO_PROGRAM_MESSAGE)
 }
 
 /// Returns whether the robot program runs, which executes the commands.
-pub(super) fn program_runs(heard: &Heard) -> bool {
-    heard.state_value("Flags").is_some_and(|flags| flags & MOTION_POSSIBLE != 0)
+pub(super) fn program_runs(received: &ReceivedData) -> bool {
+    received.state_value("Flags").is_some_and(|flags| flags & MOTION_POSSIBLE_BIT != 0)
 }
 
 /// Returns whether the controller reports that it has stopped the epoch; `None` without a state.
-pub(super) fn is_stopped(heard: &Heard) -> Option<bool> {
-    heard.state_value("Flags").map(|flags| flags & STOPPED != 0)
+pub(super) fn is_stopped(received: &ReceivedData) -> Option<bool> {
+    received.state_value("Flags").map(|flags| flags & STOPPED_BIT != 0)
 }
 
 /// Returns a number as evidence.
@@ -238,14 +238,14 @@ pub(super) struct InEpoch {
     pub(super) client: RawClient,
     pub(super) epoch: i64,
     /// The newest state in it.
-    pub(super) heard: Heard,
+    pub(super) received: ReceivedData,
 }
 
 /// Connects and opens the epoch after the next one; `None` if the controller does not report it in time.
-pub(super) fn in_a_new_epoch(cell: &Cell) -> Option<InEpoch> {
-    let (mut client, heard) = RawClient::patient(cell)?;
-    let epoch = heard.state_value("Ep")? + 2;
+pub(super) fn open_new_epoch(cell: &Cell) -> Option<InEpoch> {
+    let (mut client, received) = RawClient::connect_with_retries(cell)?;
+    let epoch = received.state_value("Ep")? + 2;
     client.ask(OP_RESET, i32::try_from(epoch).ok()?).ok()?;
-    let heard = client.listen(EPOCH_TIMEOUT, |_| false);
-    (heard.state_value("Ep") == Some(epoch)).then_some(InEpoch { client, epoch, heard })
+    let received = client.listen(EPOCH_TIMEOUT, |_| false);
+    (received.state_value("Ep") == Some(epoch)).then_some(InEpoch { client, epoch, received })
 }

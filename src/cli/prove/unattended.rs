@@ -7,7 +7,7 @@ use super::super::live;
 use super::table::Finding;
 use super::trial::{
     InEpoch, NO_PROGRAM_MESSAGE, NO_STATE_MESSAGE, OP_ABORT, OP_RESET, RawClient, STATE_TIMEOUT, TestResult,
-    attribute, command, connect, in_a_new_epoch, is_stopped, make_finding, no_program, open, pose, program_runs,
+    attribute, command, connect, is_stopped, make_finding, no_program, open, open_new_epoch, pose, program_runs,
     set_base, shown,
 };
 use panelprep_base::geometry::KukaPose;
@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 /// A test of a row.
 pub(super) type Attempt = fn(&Cell) -> TestResult;
 
-/// The test for a row of the installation page; `None` if a person must look.
+/// Returns the test for a row of the installation page; `None` if only a person can observe the result.
 pub(super) fn for_row(number: u32) -> Option<Attempt> {
     match number {
         1 => Some(a_frame_comes_in_any_order),
@@ -43,7 +43,7 @@ pub(super) fn for_row(number: u32) -> Option<Attempt> {
 /// than the link's own.
 fn check_base_echo(cell: &Cell, x_mm: f64, most_mm: f64) -> TestResult {
     // The connections of earlier tests may still be closing.
-    if RawClient::patient(cell).is_none() {
+    if RawClient::connect_with_retries(cell).is_none() {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
     }
     std::thread::sleep(Duration::from_millis(500));
@@ -58,9 +58,9 @@ fn check_base_echo(cell: &Cell, x_mm: f64, most_mm: f64) -> TestResult {
     let base = KukaPose { x_mm, ..KukaPose::default() };
     match single.set(Command::SetBase(base), cell) {
         Ok(()) => {
-            let told_mm = single.state().active_base.x_mm;
-            let evidence = format!("base X {x_mm} mm was sent, {told_mm} mm was reported back");
-            make_finding((told_mm - x_mm).abs() <= most_mm, evidence)
+            let reported_mm = single.state().active_base.x_mm;
+            let evidence = format!("base X {x_mm} mm was sent, {reported_mm} mm was reported back");
+            make_finding((reported_mm - x_mm).abs() <= most_mm, evidence)
         }
         Err(error) => make_finding(false, format!("base X {x_mm} mm: {error}")),
     }
@@ -70,15 +70,16 @@ fn check_decimals(cell: &Cell) -> TestResult {
     check_base_echo(cell, 1.2345, 0.000_01)
 }
 
-/// The six attributes in reverse: each must still reach its own coordinate.
+/// Checks that a frame may state its six attributes in any order: they are sent in reverse, and each must reach its own
+/// coordinate.
 fn a_frame_comes_in_any_order(cell: &Cell) -> TestResult {
     const SENT: &str = "<P C=\"6.0\" B=\"5.0\" A=\"4.0\" Z=\"3.0\" Y=\"2.0\" X=\"1.0\"></P>";
     const EXPECTED: [f64; 6] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
     const MAX_DIFFERENCE: f64 = 0.001;
-    let Some(InEpoch { mut client, epoch, heard }) = in_a_new_epoch(cell) else {
+    let Some(InEpoch { mut client, epoch, received }) = open_new_epoch(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
     };
-    if !program_runs(&heard) {
+    if !program_runs(&received) {
         return no_program();
     }
     let head = format!("<Cmd Id=\"1\" Ep=\"{epoch}\" Op=\"3\" N1=\"0\" N2=\"0\" R1=\"0.0\" R2=\"0.0\">");
@@ -92,31 +93,32 @@ fn a_frame_comes_in_any_order(cell: &Cell) -> TestResult {
     });
     make_finding(
         is_right,
-        format!("sent as C 6, B 5, A 4, Z 3, Y 2, X 1; the state has X to C {}", base.join(", ")),
+        format!("sent as C 6, B 5, A 4, Z 3, Y 2, X 1; the state contains X to C: {}", base.join(", ")),
     )
 }
 
-/// Thirty commands are written at once and the link is cut, so that entries stay unread. They belong to the epoch that
-/// is opened next: an old entry would be read with the next command, and would be refused or executed in its place.
+/// Checks that no old command is left after the link was cut. Thirty commands are written at once and the link is cut,
+/// so that entries stay unread. They belong to the epoch that is opened next: an old entry would be read with the next
+/// command, and would be refused or executed in its place.
 fn no_old_command_is_left(cell: &Cell) -> TestResult {
     const COMMANDS: i32 = 30;
-    let Some((mut first, heard)) = RawClient::patient(cell) else {
+    let Some((mut first, received)) = RawClient::connect_with_retries(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
     };
-    let epoch = heard.state_value("Ep").unwrap_or_default() + 2;
+    let epoch = received.state_value("Ep").unwrap_or_default() + 2;
     let old: String = (1..=COMMANDS).map(|id| set_base(id, epoch, &format!("{id}.0"))).collect();
     if first.send_on_command(old.as_bytes()).is_err() {
         return make_finding(false, "the command channel closed".to_owned());
     }
     drop(first);
-    let Some(InEpoch { mut client, epoch: opened, heard }) = in_a_new_epoch(cell) else {
+    let Some(InEpoch { mut client, epoch: opened, received }) = open_new_epoch(cell) else {
         return make_finding(false, "no epoch was opened after the link was cut".to_owned());
     };
     // A command that is queued and not executed would end the epoch.
-    if !program_runs(&heard) {
+    if !program_runs(&received) {
         return no_program();
     }
-    let before = heard.ack_value("Rx");
+    let before = received.ack_value("Rx");
     if client.send_on_command(set_base(1, opened, "100.0").as_bytes()).is_err() {
         return make_finding(false, "the command channel closed".to_owned());
     }
@@ -133,22 +135,22 @@ fn no_old_command_is_left(cell: &Cell) -> TestResult {
     )
 }
 
-/// The program takes a command only if all its elements have the same counter.
+/// Checks that a command is read whole: the program executes a command only if all its elements have the same counter.
 fn a_command_is_read_whole(cell: &Cell) -> TestResult {
     check_base_echo(cell, 1.0, 0.000_01)
 }
 
 fn time_is_in_ms(cell: &Cell) -> TestResult {
-    const WATCHED: Duration = Duration::from_secs(5);
-    /// A state comes every 100 ms.
+    const WATCH_TIME: Duration = Duration::from_secs(5);
+    /// Maximum difference between the two clocks; a state comes every 100 ms.
     const MAX_DIFFERENCE_MS: i64 = 500;
-    /// Half of the states that are due.
+    /// Minimum number of states: half of those that are due.
     const MIN_STATES: i64 = 25;
-    let Some((mut client, first)) = RawClient::patient(cell) else {
+    let Some((mut client, first)) = RawClient::connect_with_retries(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
     };
     let begun = Instant::now();
-    let last = client.listen(WATCHED, |_| false);
+    let last = client.listen(WATCH_TIME, |_| false);
     let passed = begun.elapsed();
     let (Some(from), Some(to)) = (first.state_value("T"), last.state_value("T")) else {
         return make_finding(false, "no state at the end of 5 s".to_owned());
@@ -160,8 +162,8 @@ fn time_is_in_ms(cell: &Cell) -> TestResult {
          {MIN_STATES})",
         to - from
     );
-    // A link that ended early compares two states of nearly the same moment.
-    if passed < WATCHED || states < MIN_STATES {
+    // If the link ended early, the two states are of nearly the same time and prove nothing.
+    if passed < WATCH_TIME || states < MIN_STATES {
         return open(evidence);
     }
     make_finding((to - from - passed_ms).abs() <= MAX_DIFFERENCE_MS, evidence)
@@ -170,10 +172,10 @@ fn time_is_in_ms(cell: &Cell) -> TestResult {
 fn large_numbers_are_decimal(cell: &Cell) -> TestResult {
     const SENT: &str = "2000000.0";
     const EXPECTED: &str = "2000000.000000";
-    let Some(InEpoch { mut client, epoch, heard }) = in_a_new_epoch(cell) else {
+    let Some(InEpoch { mut client, epoch, received }) = open_new_epoch(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
     };
-    if !program_runs(&heard) {
+    if !program_runs(&received) {
         return no_program();
     }
     if client.send_on_command(set_base(1, epoch, SENT).as_bytes()).is_err() {
@@ -184,37 +186,39 @@ fn large_numbers_are_decimal(cell: &Cell) -> TestResult {
     make_finding(written == EXPECTED, format!("base X {SENT} mm was sent, the state contains {written}"))
 }
 
-/// The line goes to the pose at which the arm is, at 1 mm/s: a controller that executes it moves nothing.
+/// Checks that a line without base and tool is refused. The line ends at the arm's present pose, at 1 mm/s: a
+/// controller that executes it moves nothing.
 fn a_line_without_frames_is_refused(cell: &Cell) -> TestResult {
     const NO_FRAMES: i64 = 6;
     const SPEED_M_S: &str = "0.001";
-    let Some(InEpoch { mut client, epoch, heard }) = in_a_new_epoch(cell) else {
+    let Some(InEpoch { mut client, epoch, received }) = open_new_epoch(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
     };
-    let tip = heard.state.as_deref().and_then(|state| pose(state, "Tcp"));
-    let (true, Some(tip)) = (program_runs(&heard), tip) else {
+    let tip = received.state.as_deref().and_then(|state| pose(state, "Tcp"));
+    let (true, Some(tip)) = (program_runs(&received), tip) else {
         return no_program();
     };
     if client.send_on_command(command(1, epoch, 2, SPEED_M_S, tip).as_bytes()).is_err() {
         return make_finding(false, "the command channel closed".to_owned());
     }
-    let after = client.listen(STATE_TIMEOUT, |heard| heard.ack_value("Err").is_some_and(|refusal| refusal != 0));
+    let after =
+        client.listen(STATE_TIMEOUT, |received| received.ack_value("Err").is_some_and(|refusal| refusal != 0));
     let refusal = after.ack_value("Err").unwrap_or_default();
     make_finding(
         refusal == NO_FRAMES && after.ack_value("ErrId") == Some(1),
         format!(
-            "a line without base and tool: Err {refusal} (expected {NO_FRAMES}), and it led to where the arm was"
+            "a line without base and tool: Err {refusal} (expected {NO_FRAMES}), and the line ended at the arm's own pose"
         ),
     )
 }
 
-/// Both channels are open if each has sent a document of its own.
+/// Checks that both channels are open: each must have sent a document of its own.
 fn check_names_read(cell: &Cell) -> TestResult {
-    let Some((mut client, _)) = RawClient::patient(cell) else {
+    let Some((mut client, _)) = RawClient::connect_with_retries(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
     };
-    let heard = client.listen(STATE_TIMEOUT, |heard| heard.state.is_some() && heard.ack.is_some());
-    let (Some(state), Some(_)) = (&heard.state, &heard.ack) else {
+    let received = client.listen(STATE_TIMEOUT, |received| received.state.is_some() && received.ack.is_some());
+    let (Some(state), Some(_)) = (&received.state, &received.ack) else {
         return make_finding(
             false,
             "a state was received, but no acknowledgement on the command channel".to_owned(),
@@ -225,7 +229,7 @@ fn check_names_read(cell: &Cell) -> TestResult {
     make_finding(true, format!("a state and an acknowledgement; boot id {boot}, checksum of the programs {sum}"))
 }
 
-/// What bytes that are no document did on a channel.
+/// The effect on a channel of bytes that are no document.
 enum ByteEffect {
     /// The channel was closed, and nothing else changed.
     Closed,
@@ -237,7 +241,7 @@ enum ByteEffect {
     NotTried(Finding, &'static str),
 }
 
-/// Sends the bytes on each channel by itself: what the one channel does with them shows nothing about the other one.
+/// Sends the bytes on each channel separately: their effect on one channel shows nothing about the other one.
 fn what_is_no_document_does_nothing(cell: &Cell) -> TestResult {
     let mut all = Vec::new();
     for (name, bytes) in
@@ -259,13 +263,13 @@ fn what_is_no_document_does_nothing(cell: &Cell) -> TestResult {
     make_finding(true, all.join(", "))
 }
 
-/// The requests that follow these bytes are answered, or the channel is closed.
+/// Returns the effect of these bytes on the state channel: it must answer the requests that follow them, or be closed.
 fn effect_on_state(cell: &Cell, bytes: &[u8]) -> ByteEffect {
-    let Some(InEpoch { mut client, epoch, .. }) = in_a_new_epoch(cell) else {
+    let Some(InEpoch { mut client, epoch, .. }) = open_new_epoch(cell) else {
         return ByteEffect::NotTried(Finding::Wrong, NO_STATE_MESSAGE);
     };
     let is_sent = client.send_on_state(bytes).is_ok();
-    let asked = client.last_asked();
+    let asked = client.last_request_id();
     let after = client.listen(STATE_TIMEOUT, |_| false);
     if after.is_state_closed || !is_sent {
         drop(client);
@@ -281,13 +285,14 @@ fn effect_on_state(cell: &Cell, bytes: &[u8]) -> ByteEffect {
     ))
 }
 
-/// The command that follows these bytes is executed, or the channel is closed.
+/// Returns the effect of these bytes on the command channel: the command that follows them must be executed, or the
+/// channel be closed.
 fn effect_on_command(cell: &Cell, bytes: &[u8]) -> ByteEffect {
     const BASE_X_MM: f64 = 7.0;
-    let Some(InEpoch { mut client, epoch, heard }) = in_a_new_epoch(cell) else {
+    let Some(InEpoch { mut client, epoch, received }) = open_new_epoch(cell) else {
         return ByteEffect::NotTried(Finding::Wrong, NO_STATE_MESSAGE);
     };
-    if !program_runs(&heard) {
+    if !program_runs(&received) {
         return ByteEffect::NotTried(Finding::Open, NO_PROGRAM_MESSAGE);
     }
     let is_sent = client.send_on_command(bytes).is_ok()
@@ -305,16 +310,17 @@ fn effect_on_command(cell: &Cell, bytes: &[u8]) -> ByteEffect {
     }
     let (ep, rx, err) = (shown(found.0), shown(found.1), shown(found.2));
     ByteEffect::Other(format!(
-        "not closed; a base was sent behind it: Rx {rx} (expected 1), Err {err}, epoch {ep} (expected {epoch})"
+        "not closed; a base was sent after it: Rx {rx} (expected 1), Err {err}, epoch {ep} (expected {epoch})"
     ))
 }
 
-/// A channel was closed: the next client finds the same epoch, in which nothing was executed.
+/// Returns the effect after a channel was closed: the next client must find the same epoch, in which nothing was
+/// executed.
 fn effect_of_closing(cell: &Cell, epoch: i64) -> ByteEffect {
-    let Some((_, heard)) = RawClient::patient(cell) else {
+    let Some((_, received)) = RawClient::connect_with_retries(cell) else {
         return ByteEffect::Other(format!("it was closed, and then {NO_STATE_MESSAGE}"));
     };
-    let (found, done) = (heard.state_value("Ep"), heard.state_value("Done"));
+    let (found, done) = (received.state_value("Ep"), received.state_value("Done"));
     if (found, done) == (Some(epoch), Some(0)) {
         return ByteEffect::Closed;
     }
@@ -365,23 +371,24 @@ impl SecondClient {
     }
 }
 
-/// The second client requests another epoch and sends a command of the first one's epoch: a controller that obeys it
-/// would change the epoch, or count the command.
+/// Checks that a second client is refused. It requests another epoch and sends a command of the first client's epoch: a
+/// controller that obeys it would change the epoch, or count the command.
 fn check_second_client_refused(cell: &Cell) -> TestResult {
-    const WATCHED: Duration = Duration::from_secs(6);
-    let Some(InEpoch { client: mut first, epoch, .. }) = in_a_new_epoch(cell) else {
+    const WATCH_TIME: Duration = Duration::from_secs(6);
+    let Some(InEpoch { client: mut first, epoch, .. }) = open_new_epoch(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
     };
     let request = format!("<Req Id=\"1\" Ep=\"0\" Op=\"{OP_RESET}\" N1=\"{}\"></Req>", epoch + 2);
     let ports = [(cell.robot().state_port(), request), (cell.robot().command_port(), set_base(1, epoch, "9.0"))];
-    // The first client continues meanwhile: a silent one would lose its epoch by its own fault.
+    // The first client continues meanwhile: a client that sends nothing loses its epoch without any influence of the
+    // second one.
     let second = std::thread::scope(|scope| {
         let others =
             ports.map(|(port, document)| scope.spawn(move || SecondClient::observe(cell, port, &document)));
-        first.listen(WATCHED, |_| others.iter().all(std::thread::ScopedJoinHandle::is_finished));
+        first.listen(WATCH_TIME, |_| others.iter().all(std::thread::ScopedJoinHandle::is_finished));
         others.map(|other| other.join().unwrap_or(SecondClient::NotTried))
     });
-    let asked = first.last_asked();
+    let asked = first.last_request_id();
     let after = first.listen(STATE_TIMEOUT, |_| false);
     let (found, rx) = (after.state_value("Ep"), after.ack_value("Rx"));
     let [on_state, on_command]: [&str; 2] = second.map(Into::into);
@@ -401,15 +408,16 @@ fn check_second_client_refused(cell: &Cell) -> TestResult {
     make_finding(is_undisturbed && !second.contains(&SecondClient::Served), evidence)
 }
 
-/// Both requests are answered, the epoch stays, and only the abort stops it.
+/// Checks the range of epoch numbers: both requests with the largest number are answered, the epoch stays, and only the
+/// abort stops it.
 fn check_epoch_range(cell: &Cell) -> TestResult {
-    let Some(InEpoch { mut client, epoch, .. }) = in_a_new_epoch(cell) else {
+    let Some(InEpoch { mut client, epoch, .. }) = open_new_epoch(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
     };
     let mut all = Vec::new();
     for (name, operation, stops) in [("a reset", OP_RESET, false), ("an abort", OP_ABORT, true)] {
         // The answer to this request must be later than the one to the last heartbeat.
-        let before = client.last_asked();
+        let before = client.last_request_id();
         if client.ask(operation, i32::MAX).is_err() {
             return make_finding(false, format!("the state channel closed at {name}"));
         }
@@ -433,7 +441,8 @@ fn check_epoch_range(cell: &Cell) -> TestResult {
     make_finding(true, all.join("; "))
 }
 
-/// Each client that counts was connected: a refused connection shows nothing about a client that vanishes.
+/// Checks that clients that vanish block no port. Only connected clients count: a refused connection shows nothing
+/// about a client that vanishes.
 fn check_vanished_client(cell: &Cell) -> TestResult {
     const GROUPS: usize = 10;
     const CLIENTS_IN_GROUP: usize = 10;
@@ -448,7 +457,7 @@ fn check_vanished_client(cell: &Cell) -> TestResult {
             ));
         }
         let begun = Instant::now();
-        if RawClient::patient(cell).is_none() {
+        if RawClient::connect_with_retries(cell).is_none() {
             return make_finding(
                 false,
                 format!("after {vanished} clients that vanished at once: {NO_STATE_MESSAGE}"),

@@ -42,7 +42,7 @@ pub struct RequestedShot {
     pub simulation: Simulation,
 }
 
-/// The lens's calibration; `None` if there is none yet.
+/// Returns the lens's calibration; `None` if there is none yet.
 ///
 /// # Errors
 /// If its file cannot be read or has problems.
@@ -56,17 +56,17 @@ pub fn lens(found: Result<LoadedCalibration<PinholeCamera>, Fault>) -> Result<Op
     }
 }
 
-/// A camera of this size: all that a driver needs from a calibration.
+/// Returns a camera of this size, which is all that a driver needs from a calibration.
 pub fn camera_of_size([width_px, height_px]: [usize; 2]) -> PinholeCamera {
     let (fx_px, fy_px) = (width_px as f64, width_px as f64);
     let (cx_px, cy_px) = (width_px as f64 / 2.0, height_px as f64 / 2.0);
     PinholeCamera { width_px, height_px, fx_px, fy_px, cx_px, cy_px, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0 }
 }
 
-/// Waits until a Zivid is ready.
+/// Waits until a Zivid camera is ready.
 ///
 /// # Errors
-/// If it does not become ready, and with its size if none was known.
+/// If it does not become ready; if no size was known, the error states the camera's size.
 pub fn zivid_ready(scanner: &mut ZividScanner) -> Result<(), CameraError> {
     scanner.wait_ready(AnswerTimeouts::default().start()).map_err(|fault| match fault {
         ZividFault::WrongSize { found_px, expected_px: UNKNOWN_PX, .. } => {
@@ -114,7 +114,8 @@ fn start_simulated_world(
     SimulatedController::start_parked(&files.cell, cell, wanted.shot.needs_light())
 }
 
-/// The socket of the service, if it runs and has this camera. A recording is played by the program that opens it.
+/// Returns the socket of the service, if it runs and has this camera. A recording is not used through the service: each
+/// program reads it itself.
 fn service_socket(files: &CellFiles, is_recorded: bool, progress: &dyn Fn(&str)) -> Option<PathBuf> {
     let socket = files.socket();
     let state = if is_recorded { None } else { ctl::service_state(&socket) }?;

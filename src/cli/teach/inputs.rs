@@ -1,8 +1,8 @@
 //! The inputs of `teach`: taken now, or from the panel's drawing.
 //!
-//! Taken now are the scan, the region drawn on its picture in a browser, and the corner pictures. For a teaching
-//! without a panel, scan and corner pictures show the panel's drawing as the cell's cameras see it at the nominal
-//! place.
+//! The scan, the region drawn on its picture in a browser, and the corner pictures are taken now. If the panel is
+//! taught from its drawing, scan and corner pictures show the drawing as the cell's cameras would see it at the nominal
+//! pose.
 
 use super::super::args::{Shot, Teach};
 use super::super::fault::{DeviceFault, Fault, TeachingFault};
@@ -27,14 +27,16 @@ use panelprep_vision::nominal::{NominalError, Part, PartEdges, PartRays, PartVie
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-/// A larger deviation of the facets is a tenth of what a scan measures, mm: the operator is warned.
-const FINE_FACETS_MM: f64 = 0.01;
-/// Beyond this deviation of the facets a person must look: it is that of the contact that a good localization allows.
+/// Deviation of the facets above which the operator is warned, mm: a tenth of the smallest deviation that a scan
+/// measures.
+const FACETS_WARNING_MM: f64 = 0.01;
+/// Maximum deviation of the facets, mm; above it a person must decide. It is the error of the contact after a good
+/// localization.
 const MAX_FACETS_MM: f64 = 0.15;
-/// Largest distance of a corner of the region from the drawing's surface, along the camera's ray, mm.
+/// Maximum distance of a corner of the region from the drawing's surface, along the camera's ray, mm.
 const MAX_REGION_DISTANCE_MM: f64 = 1.0;
-/// If a larger share of the surface lies outside of the picture, a person must look.
-const MAX_OUTSIDE: f64 = 0.001;
+/// Maximum share of the surface that lies outside of the picture; above it a person must decide.
+const MAX_OUTSIDE_SHARE: f64 = 0.001;
 
 /// A drawing as the cameras see it.
 pub struct ViewedDrawing {
@@ -65,10 +67,11 @@ struct FlangeView {
 }
 
 impl ViewedDrawing {
-    /// Looks at the drawing that the command names; `None` if it names none.
+    /// Renders the drawing that the command names, as the cameras see it; `None` if it names none.
     ///
     /// # Errors
-    /// If the recipe does not state the drawing's place, the file is not a clear surface, or a camera does not see it.
+    /// If the recipe does not state the drawing's pose, the file does not describe one clear surface, or a camera does
+    /// not see it.
     pub fn view_drawing(args: &Teach, cell: &CellFiles) -> Result<Option<ViewedDrawing>, Fault> {
         let recipe = load::recipe(&args.recipe)?;
         let (file, nominal) = match (&args.nominal, recipe.nominal()) {
@@ -126,12 +129,12 @@ impl ViewedDrawing {
         }))
     }
 
-    /// The reason why a person must look at a panel that was taught from this drawing.
+    /// Returns the reasons why a person must decide about a panel that was taught from this drawing.
     pub fn reasons(&self) -> Vec<Reason> {
         let outside = self.not_seen.outside;
         let message = || {
             // Large triangles are counted whole, so the share alone does not show that the picture cuts the panel.
-            let found = match outside > MAX_OUTSIDE {
+            let found = match outside > MAX_OUTSIDE_SHARE {
                 true => format!(
                     "{} % of the drawing's surface lies outside of the 3D camera's picture",
                     fixed_decimals(100.0 * outside, 1)
@@ -150,7 +153,7 @@ impl ViewedDrawing {
                  has an edge of less than 31° there"
             )
         };
-        let is_cut = outside > MAX_OUTSIDE || self.reaches_rim;
+        let is_cut = outside > MAX_OUTSIDE_SHARE || self.reaches_rim;
         let cut = is_cut.then(|| Reason::new("drawing_outside", message()));
         let coarse = (self.facet_error_mm > MAX_FACETS_MM).then(|| Reason::new("drawing_coarse", coarse()));
         cut.into_iter().chain(coarse).collect()
@@ -185,9 +188,9 @@ impl ViewedDrawing {
 
     /// Returns the warnings for the operator.
     pub fn warnings(&self) -> Option<String> {
-        (self.facet_error_mm > FINE_FACETS_MM).then(|| {
+        (self.facet_error_mm > FACETS_WARNING_MM).then(|| {
             format!(
-                "on curved surfaces, the drawing's triangles deviate from the surface by about {} mm (better: {FINE_FACETS_MM} mm or \
+                "on curved surfaces, the drawing's triangles deviate from the surface by about {} mm (better: {FACETS_WARNING_MM} mm or \
                  less); export the drawing with a smaller deviation",
                 fixed_decimals(self.facet_error_mm, 3)
             )
@@ -209,14 +212,14 @@ fn region_px(
             Some((pixel, scan.point(column, row)?))
         });
         let (pixel, point) = seen.ok_or(TeachingFault::RegionOffDrawing { number })?;
-        // Along the ray alone: beside it lies half a pixel.
+        // Only the distance along the ray counts: across the ray, the point of the pixel is up to half a pixel away.
         let away_mm = (point.mm.coords.norm() - corner.mm.coords.norm()).abs();
         if away_mm > MAX_REGION_DISTANCE_MM {
             return Err(
                 TeachingFault::RegionBesideDrawing { number, away_mm, limit_mm: MAX_REGION_DISTANCE_MM }.into()
             );
         }
-        // As many digits as the page writes.
+        // Rounded to as many digits as the page writes.
         *px = [pixel.u, pixel.v].map(|px| (px * 10.0).round() / 10.0);
     }
     Ok(corners_px)
@@ -245,7 +248,7 @@ fn corners(
     (part, base_from_drawing): (&Part, &Rigid<Base, Drawing>),
     recipe: &Recipe,
 ) -> Result<Vec<TaughtCorner>, Fault> {
-    // The recipe's limits are those of a byte.
+    // The recipe's limits lie within 0 and 255, so their mean fits into a byte.
     let gray = ((recipe.corner().panel_gray_min() + recipe.corner().panel_gray_max()) / 2) as u8;
     let view = FlangeView {
         camera: cell.flange_camera()?.value,
@@ -265,8 +268,8 @@ fn corners(
     args.flange.iter().map(corner).collect()
 }
 
-/// The same command with existing files: those that it names, or those that were taken. The region is drawn on the
-/// picture of the scan, or of the drawing.
+/// Returns the same command with existing files: those that it names, or those that were taken. The region is drawn on
+/// the picture of the scan, or of the drawing.
 ///
 /// # Errors
 /// If a camera does not deliver, there is no answer, the page cannot be served, or writing to the disk fails.
@@ -293,7 +296,8 @@ pub fn with_files(args: &Teach, cell: &CellFiles, drawn: Option<&OrganizedCloud<
     Ok(ready)
 }
 
-/// The simulated cell, if it is used and its cameras are free: a simulated person puts the panel at its nominal pose.
+/// Returns the simulated cell, if it is used and its cameras are free: a simulated person puts the panel at its nominal
+/// pose.
 fn simulated_cell(args: &Teach, cell: &CellFiles) -> Result<Option<sim::Cell>, Fault> {
     let is_simulated =
         [cell.cell.scanner().is_simulated(), cell.cell.flange_camera().is_simulated()].contains(&true);
@@ -389,7 +393,7 @@ fn take_corners(
     Ok((pictures, flanges))
 }
 
-/// The simulated camera's view of a corner, from the pose to which the simulated person has brought it.
+/// Returns the simulated camera's view of a corner, from the pose to which the simulated person has brought it.
 fn simulated_corner_view(
     world: &sim::Cell,
     index: usize,

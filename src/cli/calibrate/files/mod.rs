@@ -6,7 +6,7 @@
 
 mod pose;
 
-use self::pose::{AXIS_DEG, CORNER, POSITION_RANGE_MM, like_radians, parse_pose_table, pose};
+use self::pose::{AXIS_RANGE_DEG, CORNER, POSITION_RANGE_MM, like_radians, parse_pose_table, pose};
 use panelprep_base::config::{self, Problems, Section};
 use panelprep_base::geometry::{Base, Flange, Joints, Point, Rigid};
 use panelprep_vision::calib::three_points::TouchedCorner;
@@ -44,7 +44,7 @@ pub fn points(file: &str, text: &str) -> Result<Points, Problems> {
         let check_place = top.parse::<Option<[f64; 3]>>(KEYS[3].0, POSITION_RANGE_MM, Some(None));
         let check_corner = top.parse::<Option<[usize; 2]>>(KEYS[3].1, CORNER, Some(None));
         const AXES: [&str; 4] = ["p1_axes_deg", "p2_axes_deg", "p3_axes_deg", "p4_axes_deg"];
-        let axes = |key| top.parse::<Option<[f64; 6]>>(key, AXIS_DEG, Some(None));
+        let axes = |key| top.parse::<Option<[f64; 6]>>(key, AXIS_RANGE_DEG, Some(None));
         let joints: Option<Vec<Option<[f64; 6]>>> = AXES.into_iter().map(axes).collect();
         let flange_joints = axes("axes_deg");
         let flange = top.has_key("base_from_flange").then(|| parse_pose_table(top, "base_from_flange"));
@@ -106,7 +106,7 @@ pub fn picture_poses(
         for section in top.sections("poses") {
             let image = section.parse::<String>("image", (), None);
             let base_from_flange = parse_pose_table(&section, "base_from_flange");
-            let axes_deg = section.parse::<Option<[f64; 6]>>("axes_deg", AXIS_DEG, Some(None));
+            let axes_deg = section.parse::<Option<[f64; 6]>>("axes_deg", AXIS_RANGE_DEG, Some(None));
             section.finish();
             let (Some(image), Some(base_from_flange), Some(axes_deg)) = (image, base_from_flange, axes_deg) else {
                 whole = false;
@@ -151,7 +151,7 @@ pub struct NamedPose {
 fn stated_pose(section: &Section<'_, '_>) -> Option<StatedPose> {
     let flange = section.section("base_from_flange");
     let base_from_flange = if flange.is_present() { Some(pose(&flange)?.to_rigid()) } else { None };
-    let axes_deg = section.parse::<Option<[f64; 6]>>("axes_deg", AXIS_DEG, Some(None))?;
+    let axes_deg = section.parse::<Option<[f64; 6]>>("axes_deg", AXIS_RANGE_DEG, Some(None))?;
     section.finish();
     match (base_from_flange, axes_deg.map(Joints::from)) {
         (Some(flange), None) => Some(StatedPose::Flange(flange)),
@@ -242,7 +242,7 @@ pub fn arm_touches(
     })
 }
 
-const FORCE_N: std::ops::RangeInclusive<f64> = -2_000.0..=2_000.0;
+const FORCE_RANGE_N: std::ops::RangeInclusive<f64> = -2_000.0..=2_000.0;
 
 /// Checks the text of a file with readings of a compliant tool: the flange and the force, N, of each.
 ///
@@ -252,7 +252,7 @@ pub fn force_readings(file: &str, text: &str) -> Result<Vec<(Rigid<Base, Flange>
     config::parse_file(file, text, |top| {
         let read = |section: Section<'_, '_>| {
             let flange = pose(&section.section("base_from_flange"));
-            let force_n = section.parse("force_n", FORCE_N, None);
+            let force_n = section.parse("force_n", FORCE_RANGE_N, None);
             section.finish();
             Some((flange?.to_rigid(), force_n?))
         };
@@ -272,7 +272,8 @@ pub struct ToolPoses {
     pub axis: Option<AxisTouch>,
 }
 
-/// Gives the true pose of the flange for this report of the robot, or a problem as text if that is not possible.
+/// Returns the true pose of the flange for the pose that the robot reported; the error describes why that is not
+/// possible.
 pub type TrueFlange<'a> = &'a dyn Fn(Rigid<Base, Flange>, Option<&Joints>) -> Result<Rigid<Base, Flange>, String>;
 
 /// Checks the text of a poses file for a tool: `[[poses]]`, and `[[axis]]` or `[[plate]]` with `[[flat]]`.
@@ -285,7 +286,7 @@ pub fn tool_poses(file: &str, text: &str, true_flange: TrueFlange<'_>) -> Result
             let read = |section: Section<'_, '_>| {
                 let _ = section.parse::<Option<String>>("image", (), Some(None));
                 let read = pose(&section.section("base_from_flange"));
-                let axes_deg = section.parse::<Option<[f64; 6]>>("axes_deg", AXIS_DEG, Some(None));
+                let axes_deg = section.parse::<Option<[f64; 6]>>("axes_deg", AXIS_RANGE_DEG, Some(None));
                 section.finish();
                 match true_flange(read?.to_rigid(), axes_deg?.map(Joints::from).as_ref()) {
                     Ok(flange) => Some(flange),
@@ -387,7 +388,7 @@ mod tests {
         }
     }
 
-    /// A pose in the form of Zivid's hand-eye calibration. Calculated by hand: a quarter turn about Z is A 90.
+    /// A pose in the form of Zivid's hand-eye calibration. Calculated by hand: a rotation by 90° about Z is A = 90°.
     #[test]
     fn a_matrix_is_read() {
         let read = |rows: &str| {
@@ -401,7 +402,7 @@ mod tests {
         for (rows, words) in [
             ("[0, -1, 0, 400.5], [1, 0, 0, -2], [0, 0, 1, 600]", "four rows of four"),
             ("[0, 1, 0, 400.5], [1, 0, 0, -2], [0, 0, 1, 600], [0, 0, 0, 1]", "right-handed"),
-            ("[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [400.5, -2, 600, 1]", "transposed"),
+            ("[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [400.5, -2, 600, 1]", "row by row"),
             ("[0, -2, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]", "orthonormal"),
         ] {
             let found = problems(read(rows));
@@ -410,7 +411,7 @@ mod tests {
     }
 
     #[test]
-    fn points_name_their_corners_and_radians_are_noticed() {
+    fn points_name_their_corners_and_radians_are_reported() {
         let text = "p1_mm = [0, 0, 0]\np1_corner = [0, 0]\np2_mm = [200, 0, 0]\np2_corner = [8, 0]\n\
                     p3_mm = [200, 125, 0]\np3_corner = [8, 5]\n";
         let read = points("f", text).expect("right");
@@ -425,7 +426,7 @@ mod tests {
     /// A touch names a spot, a corner, or a corner in a picture; a touch that names two of them, or none, is a problem
     /// with its line.
     #[test]
-    fn a_touch_is_of_one_thing() {
+    fn a_touch_states_exactly_one_target() {
         let read = |touch: &str| arm_touches("t.toml", &format!("[[touches]]\n{touch}\n{POSE}"), &|_| true);
         let first = |touch: &str| read(touch).expect(touch)[0].0.clone();
         assert_eq!(first("spot = 3"), StatedTouch::Spot(3));
@@ -444,7 +445,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tool_has_one_way_to_its_axis() {
+    fn a_tool_axis_is_determined_by_one_method_only() {
         let tip = format!("[[poses]]\n{POSE}");
         assert_eq!(tool_poses("f", &tip, &as_reported).expect("right").axis, None);
         let behind = tool_poses("f", &format!("{tip}[[axis]]\n{POSE}"), &as_reported).expect("right").axis;

@@ -8,21 +8,22 @@ use toml::de::DeValue;
 
 pub(super) const POSITION_RANGE_MM: std::ops::RangeInclusive<f64> = -20_000.0..=20_000.0;
 
-const ANGLE_DEG: std::ops::RangeInclusive<f64> = -360.0..=360.0;
+const ANGLE_RANGE_DEG: std::ops::RangeInclusive<f64> = -360.0..=360.0;
 
-pub(super) const AXIS_DEG: std::ops::RangeInclusive<f64> = -720.0..=720.0;
+pub(super) const AXIS_RANGE_DEG: std::ops::RangeInclusive<f64> = -720.0..=720.0;
 
 pub(super) const CORNER: std::ops::RangeInclusive<usize> = 0..=60;
 
-/// A pose as the controller shows it, `{X 400.5, Y 0, Z 600, A 90, B 0, C 180}`, also with its type and further
-/// values, `{E6POS: …, S 2, T 35}`. Or a pose as other programs write it (`Data` of Zivid's YAML): four rows of
-/// four numbers, a rotation and a translation in mm.
+/// A pose as the controller shows it, `{X 400.5, Y 0, Z 600, A 90, B 0, C 180}`, also with its type, status and turn,
+/// `{E6POS: …, S 2, T 35}`. Or a pose as other programs write it (`Data` of Zivid's YAML): four rows of four numbers, a
+/// rotation and a translation in mm.
 struct WrittenPose(KukaPose);
 
-/// Maximum deviation of a rotation's columns from unit length and from right angles: files state seven digits.
-const ORTHONORMAL: f64 = 1e-3;
+/// Maximum deviation of a rotation's columns from unit length and from right angles: larger than the rounding of files
+/// with seven digits.
+const MAX_ROTATION_DEVIATION: f64 = 1e-3;
 
-fn describe_allowed() -> String {
+fn describe_valid_pose() -> String {
     "valid: a table {x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}, a pose as the controller writes it, \"{X 400.5, Y 0, \
      Z 600, A 90, B 0, C 180}\", or a matrix of four rows of four numbers with the translation in mm"
         .to_owned()
@@ -31,9 +32,9 @@ fn describe_allowed() -> String {
 /// Reads the pose from a 4 × 4 matrix.
 fn parse_matrix(rows: &[toml::Spanned<DeValue<'_>>]) -> Result<KukaPose, String> {
     let mut matrix = nalgebra::Matrix4::<f64>::zeros();
-    let [_, _, _, _] = rows else { return Err(describe_allowed()) };
+    let [_, _, _, _] = rows else { return Err(describe_valid_pose()) };
     for (i, row) in rows.iter().enumerate() {
-        let row = row.get_ref().as_array().filter(|row| row.len() == 4).ok_or_else(describe_allowed)?;
+        let row = row.get_ref().as_array().filter(|row| row.len() == 4).ok_or_else(describe_valid_pose)?;
         for (j, number) in row.iter().enumerate() {
             matrix[(i, j)] = f64::parse(number.get_ref(), &(-20_000.0..=20_000.0))?;
         }
@@ -42,10 +43,12 @@ fn parse_matrix(rows: &[toml::Spanned<DeValue<'_>>]) -> Result<KukaPose, String>
     let off = (rotation.transpose() * rotation - nalgebra::Matrix3::identity()).abs().max();
     let last = matrix.row(3).into_owned() - nalgebra::RowVector4::new(0.0, 0.0, 0.0, 1.0);
     if last.abs().max() > 1e-9 {
-        return Err("the last row of the matrix is not 0, 0, 0, 1; is it transposed?".to_owned());
+        let message = "the last row of the matrix is not 0, 0, 0, 1; write the matrix row by row, with the translation in \
+                       its last column";
+        return Err(message.to_owned());
     }
-    if off > ORTHONORMAL {
-        let [off, limit] = distinguishable_texts(off, ORTHONORMAL, 4);
+    if off > MAX_ROTATION_DEVIATION {
+        let [off, limit] = distinguishable_texts(off, MAX_ROTATION_DEVIATION, 4);
         return Err(format!(
             "the matrix is not a pose: its rotation deviates from an orthonormal matrix by {off} (limit {limit})"
         ));
@@ -66,16 +69,17 @@ impl Setting for WrittenPose {
         if let Some(rows) = value.as_array() {
             return parse_matrix(rows).map(WrittenPose);
         }
-        let text = value.as_str().ok_or_else(describe_allowed)?.trim();
-        let inside = text.strip_prefix('{').and_then(|text| text.strip_suffix('}')).ok_or_else(describe_allowed)?;
+        let text = value.as_str().ok_or_else(describe_valid_pose)?.trim();
+        let inside =
+            text.strip_prefix('{').and_then(|text| text.strip_suffix('}')).ok_or_else(describe_valid_pose)?;
         let inside = inside.split_once(':').map_or(inside, |(_, numbers)| numbers);
         let mut numbers = [None; 6];
         for part in inside.split(',') {
-            let (name, number) = part.trim().split_once(char::is_whitespace).ok_or_else(describe_allowed)?;
+            let (name, number) = part.trim().split_once(char::is_whitespace).ok_or_else(describe_valid_pose)?;
             let place = ["X", "Y", "Z", "A", "B", "C"].iter().position(|key| key.eq_ignore_ascii_case(name));
             let Some(place) = place else { continue };
-            let number: f64 = number.trim().parse().map_err(|_| describe_allowed())?;
-            let limits = if place < 3 { POSITION_RANGE_MM } else { ANGLE_DEG };
+            let number: f64 = number.trim().parse().map_err(|_| describe_valid_pose())?;
+            let limits = if place < 3 { POSITION_RANGE_MM } else { ANGLE_RANGE_DEG };
             if numbers[place].is_some() || !limits.contains(&number) {
                 return Err(format!(
                     "{name} {number}; valid: each of X, Y, Z, A, B, C once, from {} to {}",
@@ -86,7 +90,7 @@ impl Setting for WrittenPose {
             numbers[place] = Some(number);
         }
         let [Some(x_mm), Some(y_mm), Some(z_mm), Some(a_deg), Some(b_deg), Some(c_deg)] = numbers else {
-            return Err(describe_allowed());
+            return Err(describe_valid_pose());
         };
         Ok(WrittenPose(KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }))
     }
@@ -103,7 +107,7 @@ pub(super) fn parse_pose_table(section: &Section<'_, '_>, key: &'static str) -> 
 /// Reads the six keys of a pose in mm and degrees; all of them are required.
 pub(super) fn pose(section: &Section<'_, '_>) -> Option<KukaPose> {
     let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| section.parse(key, POSITION_RANGE_MM, None));
-    let [a_deg, b_deg, c_deg] = ["a_deg", "b_deg", "c_deg"].map(|key| section.parse(key, ANGLE_DEG, None));
+    let [a_deg, b_deg, c_deg] = ["a_deg", "b_deg", "c_deg"].map(|key| section.parse(key, ANGLE_RANGE_DEG, None));
     section.finish();
     Some(KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? })
 }
@@ -117,7 +121,8 @@ pub(super) fn like_radians(pose: &KukaPose) -> bool {
         && angles.iter().any(|angle| circle.iter().any(|turn| (angle.abs() - turn).abs() < 0.05))
 }
 
-/// The keys of a pose in the form of a poses file, with the axes if they are known: the input of `picture_poses`.
+/// Returns the keys of a pose in the form of a poses file, with the axes if they are known: the input of
+/// `picture_poses`.
 pub fn pose_keys(flange: &ReportedFlange) -> String {
     let KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg } = flange.base_from_flange;
     let axes = flange.joints.map(|joints| format!("axes_deg = {:?}\n", joints.degrees()));

@@ -1,6 +1,6 @@
-//! `panelprep calibrate … --live`: takes the pictures itself. For each it reports whether it shows the board, the
-//! result from all pictures so far, and which one to take next. At the end it calibrates with them as the same
-//! command does on files.
+//! `panelprep calibrate … --live`: takes the pictures itself. For each picture it reports whether it shows the board,
+//! the result from all pictures so far, and which picture to take next. At the end it calibrates with these pictures,
+//! as the same command does with files.
 //!
 //! Pictures stay in the folder of `--live`, poses in its `poses.toml`; an interrupted session continues at its end.
 //! For the mount of the 3D camera they are 3D shots: its mount is computed from its own points.

@@ -1,6 +1,6 @@
 //! Poses to which the arm moves automatically.
 //!
-//! A person brings the arm to a pose from which the camera sees the board. From there the flange is turned and shifted
+//! A person brings the arm to a pose from which the camera sees the board. From there the flange is rotated and shifted
 //! about a point at the board's distance, until enough pictures show the board for a first mount. From then on, each
 //! pose is the one that minimizes the mount's stated error, until a further pose would improve the mount too little.
 //! Each move passes the gate of `panelprep robot move-j`; a pose that the gate refuses is left out.
@@ -24,12 +24,12 @@ use panelprep_toolpath::path::{Kinematics, reach};
 use panelprep_vision::calib::{Board, BoardObservation, board_pose, detect};
 
 /// Share of the axes' full speed at which the arm moves, %.
-const AXIS_PERCENT: u8 = 10;
+const AXIS_SPEED_PERCENT: u8 = 10;
 /// Maximum number of pictures of one session.
 const MAX_PICTURES: usize = 30;
 /// Number of pictures with the board, before a mount is computed for the first time.
 const MIN_FIRST_PICTURES: usize = 8;
-/// The poses around the first pose: turns about X, Y and Z of the flange, degrees, and shifts, mm.
+/// The poses around the first pose: rotations about X, Y and Z of the flange, degrees, and shifts, mm.
 const POSE_VARIATIONS: [([f64; 3], [f64; 3]); 14] = [
     ([18.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
     ([-18.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
@@ -74,7 +74,7 @@ pub fn run(
     single.check_proofs(&cell.cell).map_err(Fault::stage)?;
     let mut single = single.with_mounted(cell.flange_devices()?);
     tell(&format!(
-        "The arm will move by itself, at {AXIS_PERCENT} % of its axes' speed, to up to {} poses around its present \
+        "The arm will move by itself, at {AXIS_SPEED_PERCENT} % of its axes' speed, to up to {} poses around its present \
          pose. Make sure that the path is clear, and keep a hand on the enabling switch or the emergency stop.",
         session.max_pictures(MAX_PICTURES)
     ));
@@ -120,7 +120,7 @@ struct PoseTour<'t, 's> {
 }
 
 impl PoseTour<'_, '_> {
-    /// The arm's pose, as the controller computes it.
+    /// Returns the arm's pose, as the controller computes it.
     fn flange_pose(&self) -> Result<ReportedFlange, Fault> {
         controller_pose(&self.arm, &self.single.state().joints).ok_or(CalibrationFault::NoAxes.into())
     }
@@ -132,11 +132,11 @@ impl PoseTour<'_, '_> {
         let far_deg = |joints: &Joints| joints.max_difference_deg(&now);
         let mut ways = reach::postures(&self.arm, base_from_flange, Point::at(0.0, 0.0, 0.0));
         ways.sort_by(|a, b| far_deg(a).total_cmp(&far_deg(b)));
-        let Some(joints) = ways.first().filter(|joints| far_deg(joints) < MAX_TURN_DEG) else {
+        let Some(joints) = ways.first().filter(|joints| far_deg(joints) < MAX_AXIS_ROTATION_DEG) else {
             tell("this pose is skipped: the arm cannot reach the pose, or only in another configuration");
             return Ok(false);
         };
-        match self.single.move_joints(*joints, AXIS_PERCENT, &self.cell.cell) {
+        match self.single.move_joints(*joints, AXIS_SPEED_PERCENT, &self.cell.cell) {
             Ok(()) => Ok(true),
             Err(SingleError::Gate(judgement)) => {
                 let why = judgement.reasons.first().map_or(String::new(), |reason| reason.message.to_string());
@@ -148,9 +148,9 @@ impl PoseTour<'_, '_> {
     }
 }
 
-/// Maximum turn of an axis to the next pose. A pose with a larger turn is another posture of the arm, and the
-/// motion to it goes far through the cell.
-const MAX_TURN_DEG: f64 = 90.0;
+/// Maximum rotation of an axis to the next pose, degrees. With a larger rotation the arm would change its
+/// configuration, and the motion would lead far through the cell.
+const MAX_AXIS_ROTATION_DEG: f64 = 90.0;
 
 fn take_board_picture(
     view: &mut CalibrationCamera,
@@ -161,8 +161,8 @@ fn take_board_picture(
     session.store_picture(&taken, Some(&tour.flange_pose()?))
 }
 
-/// The distance of the board along the flange's Z axis. If the camera is on the flange, it is the distance of the
-/// board from the camera in the first picture. A board on the flange is turned about the flange itself.
+/// Returns the distance of the board along the flange's Z axis. If the camera is on the flange, it is the distance of
+/// the board from the camera in the first picture. A board on the flange is rotated about the flange itself.
 fn distance_mm(
     pictures: &[std::path::PathBuf],
     kind: BoardView,
@@ -181,7 +181,7 @@ fn distance_mm(
     Ok((posed.camera_from_board * board.centre()).mm.z)
 }
 
-/// Returns the flange's pose, turned about a point at the distance `about_mm` in front of it, and shifted.
+/// Returns the flange's pose, rotated about a point at the distance `about_mm` in front of it, and shifted.
 fn vary_pose(
     base_from_flange: &Rigid<Base, Flange>,
     about_mm: f64,
@@ -196,7 +196,7 @@ fn vary_pose(
 /// Maximum number of random poses that see the board; the first one within the simulated arm's reach is used.
 const MAX_DRAWS: usize = 20;
 
-/// The simulated arm's first pose, as if a person had moved it there: it sees the board.
+/// Returns the simulated arm's first pose, from which it sees the board, as if a person had moved it there.
 fn first_pose(
     (args, cell, kind): (&HandEye, &CellFiles, BoardView),
     board: &Board,
@@ -217,10 +217,10 @@ fn first_pose(
 mod tests {
     use super::*;
 
-    /// A quarter turn about Z, with the point at 100 mm, leaves the flange at its position; a quarter turn about X
-    /// moves it to the side of that point.
+    /// A rotation by 90° about Z, with the point at 100 mm, leaves the flange at its position; a rotation by 90° about
+    /// X moves it to the side of that point.
     #[test]
-    fn the_flange_is_turned_about_the_board() {
+    fn the_flange_is_rotated_about_the_board() {
         let start: Rigid<Base, Flange> = Rigid::from_isometry_unchecked(Isometry3::translation(500.0, 0.0, 300.0));
         let at = |turn_deg, shift_mm| {
             let moved = vary_pose(&start, 100.0, &(turn_deg, shift_mm));

@@ -1,8 +1,8 @@
 //! One session: its camera, its pictures in a folder, and the report about them.
 //!
 //! The camera is the cell's own one, or in a simulated cell a camera that looks at a board. Each picture is stored with
-//! its pose if it has one, and with what was seen in it. The report states the result from the pictures so far, and the
-//! next picture to take.
+//! its pose if it has one, and with what was detected in it. The report states the result from the pictures so far, and
+//! the next picture to take.
 
 use super::super::args::LiveArgs;
 use super::super::boards::BoardImage;
@@ -12,7 +12,7 @@ use crate::cli::disk;
 use crate::cli::fault::{CalibrationFault, Fault};
 use crate::cli::load::CellFiles;
 use crate::cli::output::{Outcome, read_answer_line, write_progress as tell};
-use crate::cli::render_boards::ROBOT;
+use crate::cli::render_boards::ROBOT_NOISE;
 use crate::cli::shoot::opening::{self, RequestedShot};
 use panelprep_base::geometry::{
     Base, Camera, ColorPicture, Flange, KukaPose, OrganizedCloud, PinholeCamera, Rigid,
@@ -30,10 +30,10 @@ use std::time::Duration;
 /// The file of the poses in the session's folder.
 pub const POSES: &str = "poses.toml";
 
-/// A picture with a mean grey level below this is too dark to show anything.
-const DARK: f64 = 20.0;
+/// Minimum mean grey level of a picture; a darker picture shows nothing.
+const MIN_MEAN_GRAY: f64 = 20.0;
 
-/// File endings of pictures and of 3D shots.
+/// File extensions of pictures and of 3D shots.
 const FILE_EXTENSIONS: [&str; 2] = ["png", "pcd"];
 
 /// A capture that a camera delivered.
@@ -66,7 +66,7 @@ pub struct Session<'a> {
 }
 
 impl<'a> Session<'a> {
-    /// Continues with the contents of the folder. 3D shots are read with their camera's lens.
+    /// Creates a session that continues with the contents of the folder. 3D shots are read with their camera's lens.
     ///
     /// # Errors
     /// If a file in it cannot be read.
@@ -82,7 +82,7 @@ impl<'a> Session<'a> {
         let mut session = Session { folder, unasked, board, window, pictures: Vec::new(), found: 0, poses };
         let earlier = |number| {
             let named = |ending: &&str| session.numbered_path(number, ending);
-            // Without a lens there is no reading of a 3D shot: it belongs to a session of another command.
+            // A 3D shot cannot be read without a lens: such a file belongs to a session of another command.
             FILE_EXTENSIONS[..if camera.is_some() { 2 } else { 1 }]
                 .iter()
                 .map(named)
@@ -111,7 +111,7 @@ impl<'a> Session<'a> {
         self.folder.join(format!("board_{number:04}.{ending}"))
     }
 
-    /// The largest number of pictures to take.
+    /// Returns the maximum number of pictures to take.
     pub fn max_pictures(&self, usual: usize) -> usize {
         self.unasked.map_or(usual, |(count, _)| count)
     }
@@ -126,7 +126,7 @@ impl<'a> Session<'a> {
         self.found
     }
 
-    /// The pictures.
+    /// Returns the files of the pictures.
     pub fn pictures(&self) -> Vec<PathBuf> {
         self.pictures.clone()
     }
@@ -191,7 +191,7 @@ impl<'a> Session<'a> {
             Err(error) => {
                 tell(&format!("{name}: no board found: {error}"));
                 let gray = PictureQuality::compute(picture).mean_gray;
-                if gray < DARK {
+                if gray < MIN_MEAN_GRAY {
                     tell(&format!(
                         "  the picture is dark, mean grey level {gray:.0} of 255: switch on the light, or increase the exposure time"
                     ));
@@ -239,7 +239,8 @@ pub(super) fn report_mount(outcome: &Outcome) -> bool {
         tell("enough poses: no further pose reduces the mount's uncertainty");
         return verdict != Verdict::Accept.keyword();
     };
-    // The next pose is chosen for the pictures: its error is compared with theirs, not with that of the points.
+    // The next pose is chosen to improve the mount from the pictures. So its expected error is compared with the error
+    // of that mount, not with that of the mount from the points.
     let by_pictures_mm = number("picture_uncertainty_mm").unwrap_or(uncertainty_mm);
     let is_worth = next_mm < MAX_REMAINING_SHARE * by_pictures_mm && by_pictures_mm > SUFFICIENT_ERROR_MM;
     let worth = if is_worth { "next" } else { "enough poses; the most useful further pose" };
@@ -255,7 +256,7 @@ pub(super) fn suggest_next_pose(outcome: &Outcome) -> Option<KukaPose> {
 /// Another pose is only useful if less than this share of the error remains after it.
 const MAX_REMAINING_SHARE: f64 = 0.95;
 
-/// If the error is below this value, no further pose is useful: the arm returns to a pose only with about 0.03 mm
+/// If the error is below this value, no further pose is useful: the pose repeatability of the arm is about 0.03 mm
 /// (data sheet of the KR 6 R700).
 const SUFFICIENT_ERROR_MM: f64 = 0.02;
 
@@ -269,7 +270,7 @@ pub enum CalibrationCamera {
     Flange(Box<dyn FlangeCamera>),
     /// A simulated camera.
     Boards(SimulatedBoards),
-    /// A simulated one, with its 3D shot.
+    /// A simulated camera in front of a board, with its 3D shot.
     BoardScans(SimulatedBoards),
 }
 
@@ -301,10 +302,10 @@ impl CalibrationCamera {
         })
     }
 
-    /// The simulated cell's camera, in front of a board.
+    /// Creates the simulated cell's camera, in front of a board.
     ///
     /// # Errors
-    /// If the board is not a chessboard: no other one is simulated here.
+    /// If the board is not a chessboard: no other kind of board is simulated here.
     pub fn simulated(
         (view, board): (BoardView, &Board),
         (args, lens): (&LiveArgs, Option<PinholeCamera>),
@@ -346,7 +347,7 @@ impl CalibrationCamera {
     }
 }
 
-/// Whether the camera of this view is simulated.
+/// Returns whether the camera of this view is simulated.
 pub fn is_simulated(cell: &CellFiles, view: BoardView) -> bool {
     match view.is_fixed() {
         true => cell.cell.scanner().is_simulated(),
@@ -366,7 +367,7 @@ pub fn board_cell(
         return Err(CalibrationFault::NoSimulatedBoard.into());
     }
     let print = BoardPrint::chessboard(board.columns(), board.rows(), board.square_mm());
-    let cell = BoardCell::new(args.simulation.seed, print, ROBOT);
+    let cell = BoardCell::new(args.simulation.seed, print, ROBOT_NOISE);
     let full = if view.is_fixed() { cell.scanner() } else { cell.flange_camera() };
     let reduction = lens.map_or(1, |lens| full.width_px.checked_div(lens.width_px).unwrap_or(1).max(1));
     Ok(cell.with_reduction(reduction))
