@@ -68,8 +68,8 @@ pub fn outer_contours(mask: &Mask) -> Result<Vec<Vec<Pixel>>, ImagingError> {
     Ok(contours.into_iter().map(|(_, pixels)| pixels).collect())
 }
 
-/// Returns the connected pieces of a mask, each as its pixels row by row. If `by_corners` is set, pixels that touch
-/// only at a corner belong to one piece.
+/// Returns the connected components of a mask, each as its pixels row by row. If `by_corners` is set, pixels that touch
+/// only at a corner belong to one component.
 ///
 /// # Errors
 /// If OpenCV refuses the mask, for example an empty one.
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bilateral_filter_keeps_an_edge_and_takes_noise() {
+    fn the_bilateral_filter_keeps_an_edge_and_removes_noise() {
         let gray = (0..40 * 40).map(|i| if i % 40 < 20 { 50 + (i / 40 % 2) as u8 * 4 } else { 200 }).collect();
         let filtered = bilateral_filter(&GrayPicture { width: 40, height: 40, gray }, 9, 40.0).expect("a picture");
         let at = |column: usize, row: usize| i32::from(filtered.gray[row * 40 + column]);
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_an_error_in_words() {
+    fn an_empty_input_is_an_error_with_a_text() {
         assert!(min_area_box(&[]).is_err() || outer_contours(&Mask::all_outside(0, 0)).is_err());
     }
 }

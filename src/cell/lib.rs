@@ -1,4 +1,4 @@
-//! What describes a cell and its work: cell, recipe, panel, cycle, record and the files that hold them.
+//! The data that describe a cell and its work: cell, recipe, panel, cycle, record and the files that hold them.
 //!
 //! Each paragraph of `pub mod` lines is a layer; a module may name only modules of earlier paragraphs.
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]

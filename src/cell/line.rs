@@ -135,7 +135,7 @@ impl Handshake {
         self.refused = Some(request);
     }
 
-    /// The signals that the line receives now.
+    /// Returns the signals that the line receives now.
     pub fn output_signals(&mut self, look: &LineObservation) -> LineSignals {
         let is_over = match self.refused {
             Some(LineRequest::Start) => look.inputs.is_some_and(|inputs| !inputs.start_request),
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn an_edge_asks_once_and_the_part_that_is_taken_resets() {
+    fn an_edge_requests_one_start_and_the_removed_part_a_reset() {
         let mut handshake = Handshake::default();
         let cycle = [
             look("idle", false, false),
@@ -237,7 +237,7 @@ mod tests {
     /// High when the program begins, when the cell becomes idle, and when the link comes back: none of these makes a
     /// request.
     #[test]
-    fn a_level_asks_for_nothing() {
+    fn a_level_makes_no_request() {
         let high = look("idle", true, true);
         let gone = LineObservation { inputs: None, ..high.clone() };
         let silent = LineObservation { cell: None, ..high.clone() };
@@ -255,14 +255,14 @@ mod tests {
     }
 
     #[test]
-    fn without_a_part_nothing_begins_even_where_one_comes_later() {
+    fn without_a_part_no_start_is_requested_even_if_one_comes_later() {
         let mut handshake = Handshake::default();
         let looks = [look("idle", false, false), look("idle", false, true), look("idle", true, true)];
         assert_eq!(asked(&mut handshake, &looks), []);
     }
 
     #[test]
-    fn a_contact_that_bounces_asks_for_nothing() {
+    fn a_bouncing_contact_makes_no_request() {
         let mut handshake = Handshake::default();
         asked(&mut handshake, &[look("idle", true, false)]);
         for _ in 0..20 {
@@ -275,7 +275,7 @@ mod tests {
     /// Before the cell is reset for the next cycle, the part must have been seen after the cycle, and the request must
     /// be low.
     #[test]
-    fn a_reset_needs_a_part_that_went() {
+    fn a_reset_needs_a_part_that_was_removed() {
         let mut handshake = Handshake::default();
         assert_eq!(asked(&mut handshake, &[look("complete", false, false)]), [], "it never saw the part");
         let kept = [look("complete", true, true), look("complete", false, true)];
@@ -319,7 +319,7 @@ mod tests {
     /// Every state with every verdict: at most one of ready, cycle done, review and fault is on. Pass and fail are on
     /// only together with cycle done, and pass with no other verdict than pass.
     #[test]
-    fn what_is_reported_is_never_two_things() {
+    fn at_most_one_state_signal_is_on() {
         use LineSignal::{CycleDone, Fail, Fault, Pass, Ready, Review};
         let verdicts =
             [None, Some(Verdict::Pass), Some(Verdict::Fail), Some(Verdict::Invalid), Some(Verdict::Reject)];
@@ -348,7 +348,7 @@ mod tests {
         /// the link; a part is present, and each start has an edge of its own. Before each reset, a part was seen and then
         /// removed, in the same complete state after a cycle.
         #[test]
-        fn what_is_asked_for_was_earned(
+        fn each_request_has_its_preconditions(
             walk in proptest::collection::vec((0..3_usize, any::<bool>(), any::<bool>(), 0..12_u8, 1..4_usize), 1..80),
         ) {
             let mut handshake = Handshake::default();

@@ -120,7 +120,7 @@ pub struct CycleRecord {
     pub program_version: String,
     /// How the cycle ended; `None` while it runs.
     pub judgement: Option<Judgement>,
-    /// The error at the tool; `None` if the cycle did not come so far.
+    /// The error at the tool; `None` if the cycle ended before it was known.
     pub budget: Option<Budget>,
     /// Findings of the phases, in order.
     pub findings: Vec<Finding>,
@@ -414,7 +414,7 @@ mod tests {
         }
     }
 
-    /// One person releases a part only if the record shows a film that passed over a part.
+    /// One person releases a part only if the record shows a part, and a film on it with the verdict pass.
     #[test]
     fn one_person_releases_only_a_part_that_passed() {
         let judged = |verdict, codes: &[&'static str]| Judgement {
@@ -439,7 +439,7 @@ mod tests {
 
     /// Calculated by hand: 3-4-12 is a Pythagorean box with diagonal 13; 13² + 84² = 85².
     #[test]
-    fn the_budget_is_whole_only_when_every_part_is() {
+    fn the_budget_has_a_total_only_if_every_part_is_measured() {
         let part = |mm: f64| Some(mm);
         let mut budget = Budget {
             hand_eye_mm: part(3.0),

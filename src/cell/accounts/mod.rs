@@ -45,7 +45,8 @@ impl Account {
         former: Option<&Account>,
     ) -> Result<Self, String> {
         checked_name(name).map_err(|error| error.to_string())?;
-        printable(printed_name, MAX_PRINTED).map_err(|problem| format!("the printed name: {problem}"))?;
+        printable(printed_name, MAX_PRINTED_CHARACTERS)
+            .map_err(|problem| format!("the printed name: {problem}"))?;
         let password_hash = match (password, former) {
             (None, Some(former)) => former.password_hash.clone(),
             (password, _) => {
@@ -66,7 +67,7 @@ impl Account {
     }
 }
 
-/// The name of a recipe's change in the audit trail: a person approved the text after it.
+/// The action of the audit trail for a changed recipe: a person approved the text that the entry contains.
 pub const RECIPE_CHANGE: &str = "change recipe";
 
 /// A line of the audit trail: who did what, when and from which address. Refused attempts are recorded too.
@@ -114,7 +115,7 @@ impl AuditEntry {
 const MAX_CHARACTERS: usize = 40;
 
 /// The longest printed name, in characters.
-pub const MAX_PRINTED: usize = 80;
+pub const MAX_PRINTED_CHARACTERS: usize = 80;
 
 /// The reason why a text is not a valid account name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -159,7 +160,7 @@ pub fn checked_name(name: &str) -> Result<&str, NameError> {
 #[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
 pub enum Role {
-    /// A screen on the wall: it looks, and its session does not end by itself.
+    /// A screen on the wall: it only shows the pages, and its session does not end by itself.
     Display,
     /// May read everything and change nothing.
     Viewer,
@@ -200,7 +201,7 @@ impl Role {
         Role::VARIANTS.iter().copied().filter(move |role| role.has_permission(permission))
     }
 
-    /// The role's keyword, as it is stored.
+    /// Returns the role's keyword, as it is stored.
     pub fn keyword(self) -> &'static str {
         self.into()
     }
@@ -232,7 +233,7 @@ impl Choice for Role {
 
 const MINUTE_MS: u64 = 60_000;
 
-/// Maximum numbers of lines in a minute.
+/// Maximum numbers of lines of the audit trail in a minute.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MaxLinesPerMinute {
     /// Maximum number of lines about completed actions.
@@ -241,7 +242,7 @@ pub struct MaxLinesPerMinute {
     pub refused: u32,
 }
 
-/// The numbers of lines that were written and not written in this minute. Times are ms of any clock that does not
+/// Counts the lines that were written and that were left out in this minute. Times are ms of any clock that does not
 /// jump.
 #[derive(Debug, Clone, Copy)]
 pub struct LineLimit {
@@ -258,7 +259,7 @@ impl LineLimit {
         LineLimit { limits: most, since_ms: now_ms, done: 0, refused: 0, left_out: 0 }
     }
 
-    /// Returns whether this line is written; otherwise it is counted.
+    /// Returns whether this line is written; a line that is not written is counted.
     pub fn admit_line(&mut self, is_refused: bool) -> bool {
         let (count, most) =
             if is_refused { (&mut self.refused, self.limits.refused) } else { (&mut self.done, self.limits.done) };
@@ -271,12 +272,12 @@ impl LineLimit {
         is_allowed
     }
 
-    /// Whether the minute is over.
+    /// Returns whether the minute is over.
     pub fn has_minute_elapsed(&self, now_ms: u64) -> bool {
         now_ms.saturating_sub(self.since_ms) >= MINUTE_MS
     }
 
-    /// The number of lines that were left out in this minute.
+    /// Returns the number of lines that were left out in this minute.
     pub fn left_out(&self) -> u64 {
         self.left_out
     }
@@ -302,7 +303,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_name_is_plain() {
+    fn an_account_name_has_only_plain_characters() {
         for name in ["a", "anna", "anna.b-2_c", &"x".repeat(40)] {
             assert_eq!(checked_name(name), Ok(name));
         }
@@ -331,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn words_read_back() {
+    fn role_keywords_are_read_back() {
         for role in Role::VARIANTS {
             assert_eq!(role.keyword().parse(), Ok(*role));
             assert!(Role::KEYWORDS.contains(&(role.keyword(), *role)), "{role:?}");
@@ -339,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flood_is_a_few_lines_and_a_number() {
+    fn lines_beyond_the_limit_are_only_counted() {
         let mut limit = LineLimit::new(MaxLinesPerMinute { done: 3, refused: 2 }, 500);
         assert_eq!((0..10).filter(|_| limit.admit_line(true)).count(), 2);
         assert_eq!((0..10).filter(|_| limit.admit_line(false)).count(), 3);

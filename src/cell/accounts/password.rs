@@ -14,7 +14,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 pub const MIN_CHARACTERS: usize = 10;
 /// The maximum length, so that no one can keep the computer busy with one password.
 const MAX_CHARACTERS: usize = 200;
-/// Memory in KiB, and the number of passes.
+/// Memory of argon2id, KiB, and its number of passes.
 const MEMORY_KIB: u32 = 19 * 1_024;
 const PASSES: u32 = 2;
 
@@ -27,7 +27,7 @@ pub enum PasswordError {
         /// Number of characters found.
         found: usize,
     },
-    /// A password that anyone would try.
+    /// An obvious password: the account's name, or one repeated character.
     #[error(
         "the password is the account's name, or one repeated character; choose a password that is hard to guess"
     )]
@@ -85,7 +85,7 @@ pub const MAX_ATTEMPTS: u32 = 5;
 pub const PAUSE_S: f64 = 60.0;
 const MAX_PAUSE_S: f64 = 3_600.0;
 /// Names without an account are not stored: they share a fixed number of counters, selected by a hash of the name. So
-/// invented names pause as accounts do, need no additional memory, and cannot end the pause of an account.
+/// invented names pause like accounts, need no additional memory, and cannot end the pause of an account.
 const BUCKETS: u64 = 256;
 
 /// The names with recent wrong passwords. Times are seconds of any clock that does not jump.
@@ -143,7 +143,7 @@ impl Lockout {
         until_s.is_some()
     }
 
-    /// The right password.
+    /// Forgets the wrong passwords of this name, after the right one.
     pub fn record_success(&mut self, name: &str) {
         self.0.remove(&LockoutKey::new(name, true));
     }
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn weak_ones_are_refused() {
+    fn weak_passwords_are_refused() {
         let of = |password: &str| hash_password(password, "anna", [7; 16]).map(drop);
         assert_eq!(of("short"), Err(PasswordError::Length { found: 5 }));
         assert_eq!(of(&"x1".repeat(101)), Err(PasswordError::Length { found: 202 }));
@@ -213,7 +213,7 @@ mod tests {
     /// An account's pause grows from row to row, independent of the number of invented names that are tried meanwhile.
     /// These names need no additional memory.
     #[test]
-    fn made_up_names_end_no_pause_and_take_no_room() {
+    fn invented_names_end_no_pause_and_need_no_memory() {
         let mut lockout = Lockout::default();
         let engineer = ("engineer", true);
         for _ in 0..5 {

@@ -38,23 +38,23 @@ settings! {
     pub struct ArmTable {
         /// Model of the robot arm.
         model: ArmModel, (), default ArmModel::Named(&PRESETS[0]);
-        /// From axis 1 forward to axis 2, mm.
+        /// Distance from axis 1 to axis 2, forward, mm.
         a1_mm: Option<f64>, -5_000.0..=5_000.0, default None;
-        /// From axis 3 to the forearm's axis, mm; negative if the forearm runs above axis 3.
+        /// Distance from axis 3 to the forearm's axis, mm; negative if the forearm is above axis 3.
         a2_mm: Option<f64>, -5_000.0..=5_000.0, default None;
-        /// From axis 1 sideways to axis 2, mm.
+        /// Distance from axis 1 to axis 2, sideways, mm.
         b_mm: Option<f64>, -5_000.0..=5_000.0, default None;
         /// Height of axis 2, mm.
         c1_mm: Option<f64>, -5_000.0..=5_000.0, default None;
-        /// The upper arm, mm.
+        /// Length of the upper arm, mm.
         c2_mm: Option<f64>, 1.0..=5_000.0, default None;
-        /// The forearm up to the wrist's centre, mm.
+        /// Length of the forearm up to the wrist's centre, mm.
         c3_mm: Option<f64>, 1.0..=5_000.0, default None;
-        /// From the wrist's centre to the flange, mm.
+        /// Distance from the wrist's centre to the flange, mm.
         c4_mm: Option<f64>, 0.0..=2_000.0, default None;
         /// The angle of each axis at which the model's arm points straight up, degrees.
         offsets_deg: Option<[f64; 6]>, -360.0..=360.0, default None;
-        /// 1 if an axis turns as the model's does, −1 if it turns the other way.
+        /// 1 if an axis rotates in the same direction as in the model, −1 if it rotates in the opposite direction.
         signs: Option<[f64; 6]>, -1.0..=1.0, default None;
         /// Lowest angle of each axis, degrees.
         min_deg: Option<[f64; 6]>, -720.0..=720.0, default None;
@@ -103,29 +103,29 @@ pub struct Arm {
 }
 
 impl Arm {
-    /// The arm's lengths, offsets and signs.
+    /// Returns the arm's lengths, offsets and signs.
     pub fn geometry(&self) -> &ArmGeometry {
         &self.geometry
     }
 
-    /// Limits of the axes.
+    /// Returns the limits of the axes.
     pub fn axes(&self) -> &ArmAxes {
         &self.axes
     }
 
-    /// Returns the named arm with the nearest lengths, and the largest difference, mm, if every number is in the
-    /// file.
+    /// If the file states every number of the arm: returns the named arm with the nearest lengths, and the largest
+    /// difference, mm.
     pub fn nearest_preset(&self) -> Option<(&'static Preset, f64)> {
         let nearest = Preset::nearest(&self.geometry);
         (self.table.model == ArmModel::Custom).then(|| (nearest, nearest.max_length_difference_mm(&self.geometry)))
     }
 
-    /// The margins, as in the file.
+    /// Returns the margins, as the file states them.
     pub fn margins(&self) -> &ArmTable {
         &self.table
     }
 
-    /// Boxes that no part of the arm may enter.
+    /// Returns the boxes that no part of the arm may enter.
     pub fn keep_out(&self) -> &[KeepOut] {
         &self.keep_out
     }
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn another_arm_is_stated_whole() {
+    fn another_arm_needs_all_of_its_numbers() {
         let wrong = problems("[arm]\nmodel = 'custom'\na1_mm = 150\n");
         assert!(wrong.len() == 11 && wrong.iter().all(|line| line.contains("needs all values")), "{wrong:?}");
         let other = "[arm]\nmodel = 'custom'\na1_mm = 150\na2_mm = -20\nb_mm = 0\nc1_mm = 450\nc2_mm = 610\n\
@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cell_may_be_stricter_never_laxer() {
+    fn a_cell_may_only_narrow_the_limits_of_the_arm() {
         assert_eq!(problems("[arm]\nmax_deg = [90, 45, 156, 185, 120, 350]\n"), [""; 0]);
         let wrong = problems("[arm]\nmax_deg = [171, 45, 156, 185, 120, 350]\nc2_mm = 400\n");
         assert_eq!(wrong.len(), 2, "{wrong:?}");

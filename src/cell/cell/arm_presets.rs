@@ -1,8 +1,9 @@
 //! An arm's lengths, offsets and axes, and the arms of KUKA that a cell's file may name: lengths, limits and speeds
 //! from public models, each with its source.
 //!
-//! All of them have an ortho-parallel basis and a spherical wrist; their axes turn the same way and have the same
-//! zero: at A = 0 upper arm and forearm point forward, level. Accelerations are in no public model.
+//! All of them have an ortho-parallel basis and a spherical wrist. Their axes rotate in the same directions and have
+//! the same zero positions: with all axes at 0°, upper arm and forearm point forward, horizontally. No public model
+//! states accelerations.
 
 /// A number for each axis, axis 1 first.
 pub type PerAxis = [f64; 6];
@@ -14,23 +15,23 @@ pub(super) const AXIS_ACCELERATION_TIME_S: f64 = 0.3;
 /// The arm's geometry; lengths as Brandstötter, Angerer and Hofbaur (2014) name them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmGeometry {
-    /// Axis 1 to axis 2, forward, mm.
+    /// Distance from axis 1 to axis 2, forward, mm.
     pub a1_mm: f64,
-    /// Axis 3 to the forearm, mm.
+    /// Distance from axis 3 to the forearm's axis, mm.
     pub a2_mm: f64,
-    /// Axis 1 to axis 2, sideways, mm.
+    /// Distance from axis 1 to axis 2, sideways, mm.
     pub b_mm: f64,
     /// Height of axis 2, mm.
     pub c1_mm: f64,
-    /// The upper arm, mm.
+    /// Length of the upper arm, mm.
     pub c2_mm: f64,
     /// The forearm, mm.
     pub c3_mm: f64,
-    /// Wrist to flange, mm.
+    /// Distance from the wrist's centre to the flange, mm.
     pub c4_mm: f64,
     /// The angle of each axis at which the model's arm points straight up, degrees.
     pub offsets_deg: PerAxis,
-    /// 1 or −1 for each axis.
+    /// Direction of rotation of each axis: 1 as in the model, −1 opposite.
     pub signs: [i8; 6],
 }
 
@@ -64,7 +65,7 @@ pub struct Preset {
     pub max_speed_deg_s: PerAxis,
 }
 
-/// The arm's geometry from a₁ and a₂, and from c₁ to c₄, mm.
+/// Returns the arm's geometry from a₁ and a₂, and from c₁ to c₄, mm.
 const fn lengths([a1_mm, a2_mm]: [f64; 2], [c1_mm, c2_mm, c3_mm, c4_mm]: [f64; 4]) -> ArmGeometry {
     let (offsets_deg, signs) = ([0.0, -90.0, 0.0, 0.0, 0.0, 0.0], [-1, 1, 1, -1, 1, -1]);
     ArmGeometry { a1_mm, a2_mm, b_mm: 0.0, c1_mm, c2_mm, c3_mm, c4_mm, offsets_deg, signs }

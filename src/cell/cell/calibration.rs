@@ -59,7 +59,8 @@ pub struct Intrinsics {
     pub date: Option<Date>,
     /// Root mean square of the reprojection residuals, px.
     pub rms_px: Option<f64>,
-    /// The coefficients of the lens model, why it has no others, and the part of the picture in which it is known.
+    /// The model's coefficients, the reasons for those that were left out, and the part of the picture in which the
+    /// lens is known.
     pub extent: LensExtent,
     /// Program, pictures and their residuals.
     pub provenance: Provenance,
@@ -74,7 +75,7 @@ const COEFFICIENT: RangeInclusive<f64> = -1_000.0..=1_000.0;
 const RESIDUAL: RangeInclusive<f64> = 0.0..=100.0;
 
 impl Intrinsics {
-    /// Creates intrinsics with only a camera.
+    /// Creates intrinsics from a camera model, without any other data.
     pub fn from_camera(camera: PinholeCamera) -> Self {
         Intrinsics {
             camera,
@@ -88,12 +89,12 @@ impl Intrinsics {
         }
     }
 
-    /// Returns whether this text is a lens as OpenCV, ROS or a Zivid writes it.
+    /// Returns whether this text is a lens file in the format of OpenCV, ROS or Zivid.
     pub fn is_foreign_format(text: &str) -> bool {
         lens::is_foreign_lens(text)
     }
 
-    /// Reads a lens of another program; its file states no covariance.
+    /// Reads a lens file of another program; such a file states no covariance.
     fn read_foreign(file: &str, text: &str) -> Result<Self, Problems> {
         let wrong = |message: String| {
             let list = vec![Problem { line: 1, key: String::new(), message }];
@@ -125,7 +126,7 @@ impl Intrinsics {
         Ok(Intrinsics::from_camera(camera))
     }
 
-    /// Checks the text of an intrinsics file: one of this program, or one as OpenCV, ROS or a Zivid writes it.
+    /// Checks the text of an intrinsics file: one of this program, or one in the format of OpenCV, ROS or Zivid.
     ///
     /// # Errors
     /// Every problem of the file with its line and key; also a distortion that has no inverse inside the picture.
@@ -232,7 +233,7 @@ pub trait Mount {
     type From: Frame;
     /// The table of the mount's file.
     const TABLE: &'static str;
-    /// Whether this mount has an axis that a calibration may or may not have measured.
+    /// Whether the mounted device has an axis; its file then states whether the calibration measured the axis.
     const HAS_AXIS: bool = false;
     /// Whether the mounted object is a board; its file then states the board's size.
     const IS_BOARD: bool = false;
@@ -324,7 +325,7 @@ impl<M: Mount> MountedPose<M> {
         }
     }
 
-    /// The transform.
+    /// Returns the pose as a rigid transform.
     pub fn rigid(&self) -> Rigid<M::To, M::From> {
         self.pose.to_rigid()
     }
@@ -402,7 +403,7 @@ pub(super) fn parse_rough(section: &Section<'_, '_>) -> Option<RoughMounts> {
     Some(rough)
 }
 
-/// Returns `Some(None)` if the table is absent.
+/// Parses a pose; returns `Some(None)` if the table is absent.
 fn parse_pose(section: &Section<'_, '_>) -> Option<Option<KukaPose>> {
     if !section.is_present() {
         return Some(None);

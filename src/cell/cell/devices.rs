@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 pub enum Camera<Device> {
     /// `kind = "simulated"`: the renderer.
     Simulated,
-    /// `kind = "recorded"`: a folder of files that is played in file order.
+    /// `kind = "recorded"`: the files of a folder are replayed in the order of their names.
     Recorded {
         /// The folder.
         folder: PathBuf,
@@ -120,22 +120,22 @@ impl Robot {
         self.kind
     }
 
-    /// The implementation of the mock controller.
+    /// Returns the implementation of the mock controller.
     pub fn controller(&self) -> MockController {
         self.controller
     }
 
-    /// Name or address of the controller; for the mock, this machine.
+    /// Returns the name or address of the controller; for the mock, this machine.
     pub fn host(&self) -> &str {
         &self.host
     }
 
-    /// Port of the command channel.
+    /// Returns the port of the command channel.
     pub fn command_port(&self) -> u16 {
         self.command_port
     }
 
-    /// Port of the state channel.
+    /// Returns the port of the state channel.
     pub fn state_port(&self) -> u16 {
         self.state_port
     }
@@ -215,7 +215,7 @@ pub(super) fn is_valid_host(host: &str) -> bool {
             && !label.starts_with('-')
             && !label.ends_with('-')
     };
-    // A text that ends in a number is meant as an address.
+    // A text whose last part is a number is meant as an address.
     let is_number = |label: &str| label.chars().all(|c| c.is_ascii_digit());
     let is_name = || {
         host.len() <= 253 && host.split('.').all(is_label) && !host.split('.').next_back().is_some_and(is_number)
@@ -329,7 +329,7 @@ fn parse_gige(section: &Section<'_, '_>) -> Option<Gige> {
     let (serial, address) = (text("serial"), text("address"));
     let user_set = section.parse::<String>("user_set", (), Some("Default".to_owned()));
     let pixel_format = section.parse::<&str>("pixel_format", PIXEL_FORMATS.to_vec(), Some(PIXEL_FORMATS[0]));
-    // A missing value is reported by the code that knows the kind.
+    // A missing value is reported by the code that knows the kind of camera.
     let exposure_us = section.parse::<Option<f64>>("exposure_us", 1.0..=10e6, Some(None));
     let gain_db = section.parse::<Option<f64>>("gain_db", 0.0..=60.0, Some(None));
     // From the minimum of GigE Vision to the largest usual jumbo frame.
@@ -355,7 +355,7 @@ fn parse_gige(section: &Section<'_, '_>) -> Option<Gige> {
 pub struct ZividCamera {
     /// The camera's serial number; without a serial number and a file camera, the only camera that is found is used.
     pub serial: Option<String>,
-    /// A file camera, `.zfc`, instead of a real one: the SDK plays raw pictures that were recorded before.
+    /// A file camera, `.zfc`, instead of a real one: the SDK replays raw pictures that were recorded before.
     pub file_camera: Option<PathBuf>,
     /// The settings of 3D shots with colour, as Zivid Studio saves them; needed for such a shot.
     pub settings: Option<PathBuf>,
@@ -402,7 +402,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_zivids_files_start_at_the_cells_folder() {
+    fn paths_of_a_zivids_files_are_relative_to_the_cells_folder() {
         let text =
             "[scanner]\nkind = 'zivid'\nserial = '2127A0F3'\nsettings = 'scan.yml'\nsettings_2d = '/etc/film.yml'";
         let cell = Cell::check("cells/cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
@@ -416,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_go_together_is_reported() {
+    fn keys_that_cannot_be_combined_are_reported() {
         let says = |text: &str| Cell::check("f", text).expect_err("refused").to_string();
         let told = says("[scanner]\nsettings = 'scan.yml'\nlibrary = 'x.so'");
         assert!(told.contains(

@@ -101,7 +101,7 @@ impl Setting for Outline {
 const IDENTIFYING_KEYS: [&str; 6] =
     ["CameraIntrinsics:", "camera_matrix:", "cameraMatrix:", "Camera_Matrix:", "distortion_coefficients:", "K:"];
 
-/// Returns whether this text is a lens in the format of another program.
+/// Returns whether this text is a lens file in the format of another program.
 pub(super) fn is_foreign_lens(text: &str) -> bool {
     let mut lines = text.lines().map(str::trim_start);
     lines.any(|line| IDENTIFYING_KEYS.iter().any(|key| line.starts_with(key)))

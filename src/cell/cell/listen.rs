@@ -94,13 +94,16 @@ pub struct OpcUa {
 }
 
 /// The name of the certificates' folder in the store.
-const IN_STORE: &str = "opcua";
+const CERTIFICATES_FOLDER: &str = "opcua";
 
 impl OpcUa {
     /// Returns the settings with the certificates in this store, if the file names no folder for them.
     pub(super) fn with_store_certificates(self, store: &Path) -> Self {
-        let certificates =
-            if self.certificates.as_os_str().is_empty() { store.join(IN_STORE) } else { self.certificates };
+        let certificates = if self.certificates.as_os_str().is_empty() {
+            store.join(CERTIFICATES_FOLDER)
+        } else {
+            self.certificates
+        };
         OpcUa { certificates, ..self }
     }
 }

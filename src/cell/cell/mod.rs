@@ -76,7 +76,7 @@ pub struct CalibrationFiles {
 }
 
 impl CalibrationFiles {
-    /// The files that are stated, each with its key.
+    /// Returns the files that are stated, each with its key.
     pub fn named_files(&self) -> Vec<(&'static str, &Path)> {
         let all = [
             ("scanner", &self.scanner),
@@ -222,12 +222,12 @@ impl Cell {
         })
     }
 
-    /// The folder of the store.
+    /// Returns the folder of the store.
     pub fn store(&self) -> &Path {
         &self.store
     }
 
-    /// How long clips and scans are kept in the store.
+    /// Returns how long clips and scans are kept in the store.
     pub fn retention(&self) -> &Retention {
         &self.retention
     }
@@ -243,28 +243,28 @@ impl Cell {
         self.socket.as_deref()
     }
 
-    /// Returns the role of the clients that the socket's group lets in; without it they may request everything that
-    /// the socket offers.
+    /// Returns the role of the clients that may open the socket as members of its group; without a role they may
+    /// request everything that the socket offers.
     pub fn socket_role(&self) -> Option<Role> {
         self.socket_role
     }
 
-    /// The fixed 3D camera.
+    /// Returns the fixed 3D camera.
     pub fn scanner(&self) -> &Camera<ZividCamera> {
         &self.scanner
     }
 
-    /// The camera on the flange; a device is a GigE Vision camera.
+    /// Returns the camera on the flange; a device is a GigE Vision camera.
     pub fn flange_camera(&self) -> &Camera<Gige> {
         &self.flange_camera
     }
 
-    /// The robot.
+    /// Returns the robot.
     pub fn robot(&self) -> &Robot {
         &self.robot
     }
 
-    /// The device that presses the disc onto the panel.
+    /// Returns the device that presses the disc onto the panel.
     pub fn tool(&self) -> &Tool {
         &self.tool
     }
@@ -275,22 +275,22 @@ impl Cell {
         self.pose("park")
     }
 
-    /// A named pose.
+    /// Returns a named pose.
     pub fn pose(&self, name: &str) -> Option<Joints> {
         self.poses.get(name).copied()
     }
 
-    /// All named poses.
+    /// Returns all named poses.
     pub fn poses(&self) -> &BTreeMap<String, Joints> {
         &self.poses
     }
 
-    /// The names of the controller's outputs and inputs.
+    /// Returns the names of the controller's outputs and inputs.
     pub fn inputs_outputs(&self) -> &InputsOutputs {
         &self.inputs_outputs
     }
 
-    /// The calibration files.
+    /// Returns the calibration files.
     pub fn calibration(&self) -> &CalibrationFiles {
         &self.calibration
     }
@@ -300,12 +300,12 @@ impl Cell {
         &self.rough_mounts
     }
 
-    /// The limits that apply to every panel.
+    /// Returns the limits that apply to every panel.
     pub fn limits(&self) -> &Limits {
         &self.limits
     }
 
-    /// The arm and its keep-out boxes.
+    /// Returns the arm and its keep-out boxes.
     pub fn arm(&self) -> &Arm {
         &self.arm
     }
@@ -320,7 +320,7 @@ impl Cell {
         self.push.as_ref()
     }
 
-    /// The operator's page.
+    /// Returns the operator's page.
     pub fn page(&self) -> &Page {
         &self.page
     }
@@ -330,7 +330,7 @@ impl Cell {
         self.sparkplug.as_ref()
     }
 
-    /// The OPC UA server.
+    /// Returns the OPC UA server.
     pub fn opcua(&self) -> &OpcUa {
         &self.opcua
     }
@@ -369,7 +369,7 @@ impl Cell {
 }
 
 settings! {
-    /// `[limits]`. The upper limits are the program's own: a cell may be stricter, never less strict.
+    /// `[limits]`. The program sets the bounds of these limits: a cell may be stricter, never less strict.
     pub struct Limits {
         /// Maximum duration of motion that is sent and not yet executed, s: the motion that the arm can still make
         /// when the link fails.
@@ -380,7 +380,7 @@ settings! {
         min_points: usize, 2..=50, default 5;
         /// Time between heartbeats of the application, in both directions, ms.
         heartbeat_ms: usize, 10..=100, default 100;
-        /// Silence after which either end stops if anything is queued, ms.
+        /// Time without a message after which PC and controller each stop if commands are queued, ms.
         watchdog_ms: usize, 40..=400, default 400;
         /// How long a localization may be used before Verify must renew it, s.
         token_s: f64, 10.0..=600.0, default 600.0;
@@ -397,7 +397,7 @@ settings! {
         tool_error_mm: Option<f64>, 0.01..=20.0, default None;
         /// Largest error of the last verification of a calibration with which a cycle may start, mm.
         verify_limit_mm: f64, 0.05..=10.0, default 0.5;
-        /// Largest age of the last verification with which a cycle may start, h.
+        /// Maximum age of the last verification of a calibration with which a cycle may start, h.
         verify_max_age_h: f64, 0.1..=8_760.0, default 24.0;
         /// Lower corner of the box that the tool's tip must not leave, in the base frame, mm.
         box_min_mm: Option<[f64; 3]>, -5_000.0..=5_000.0, default None;
@@ -405,11 +405,11 @@ settings! {
         box_max_mm: Option<[f64; 3]>, -5_000.0..=5_000.0, default None;
         /// Longest distance from one waypoint to the next, mm.
         max_step_mm: f64, 1.0..=1_000.0, default 100.0;
-        /// Largest turn of the tool from one waypoint to the next, degrees.
+        /// Largest rotation of the tool from one waypoint to the next, degrees.
         max_turn_deg: f64, 0.1..=180.0, default 15.0;
         /// Largest angle between the tool's axis and the direction in which it was taught, degrees.
         max_tilt_deg: f64, 1.0..=90.0, default 45.0;
-        /// Fastest speed of the tool's tip, mm/s.
+        /// Highest speed of the tool's tip, mm/s.
         max_speed_mm_s: f64, 1.0..=2_000.0, default 250.0;
     }
 }

@@ -12,7 +12,10 @@ use strum::VariantArray;
 pub(super) fn parse_poses(section: &Section<'_, '_>) -> Option<BTreeMap<String, Joints>> {
     let named = section.named_sections();
     if section.is_present() && !named.iter().any(|(name, _)| name == "park") {
-        section.problem("park", "is missing; every cycle begins by parking the arm clear of the panel");
+        section.problem(
+            "park",
+            "is missing; state the axis angles at which the arm is clear of the panel: every cycle begins there",
+        );
         return None;
     }
     named.into_iter().map(|(name, pose)| Some((name, parse_joints(&pose)?))).collect()
@@ -54,7 +57,7 @@ impl Output {
     /// All of them.
     pub const ALL: &'static [Output] = <Self as VariantArray>::VARIANTS;
 
-    /// The name in the cell's file.
+    /// Returns the name in the cell's file.
     pub fn name(self) -> &'static str {
         self.into()
     }
@@ -92,7 +95,7 @@ pub enum Feedback {
 }
 
 impl Feedback {
-    /// The name in the cell's file.
+    /// Returns the name in the cell's file.
     pub fn name(self) -> &'static str {
         self.into()
     }
@@ -118,29 +121,30 @@ pub struct InputsOutputs {
 }
 
 impl InputsOutputs {
-    /// The number n of `$OUT[n]` for each name.
+    /// Returns the number n of `$OUT[n]` for each name.
     pub fn outputs(&self) -> &BTreeMap<String, u16> {
         &self.outputs
     }
 
-    /// The number n of `$IN[n]` for each name.
+    /// Returns the number n of `$IN[n]` for each name.
     pub fn feedbacks(&self) -> &BTreeMap<String, u16> {
         &self.feedbacks
     }
 
-    /// Numbers that `set_digin` may name: the controller maps each to a flag, since `$IN[n]` itself cannot be written.
+    /// Returns the number n of `$IN[n]` for each input that `set_digin` may set: the controller maps each to a flag,
+    /// since `$IN[n]` itself cannot be written.
     pub fn mapped_inputs(&self) -> &BTreeMap<String, u16> {
         &self.mapped_inputs
     }
 
-    /// The outputs that the controller switches off automatically, and the delay after the end of an epoch, s; tool
-    /// and water at once. An output without an entry does not change, for example the lens shutter.
+    /// Returns the outputs that the controller switches off automatically, each with its delay after the end of an
+    /// epoch, s; 0 for tool and water. An output without an entry does not change, for example the lens shutter.
     pub fn off_delays_s(&self) -> &BTreeMap<String, u16> {
         &self.off_delays_s
     }
 
-    /// Returns the outputs of which the cell's file states neither when the end of an epoch switches them off nor that
-    /// they may stay on. The lens shutter always stays.
+    /// Returns the outputs for which the cell's file states neither when they are switched off after the end of an
+    /// epoch, nor that they may stay on. The lens shutter may always stay on.
     pub fn undecided(&self) -> Vec<&str> {
         let is_decided = |name: &str| {
             name == Output::LensShutter.name()
@@ -225,7 +229,7 @@ fn signals(names: &BTreeMap<String, u16>, bits: u32) -> Vec<(&str, bool)> {
 
 /// The state message carries the mapped inputs as the bits of one INT (`eki.md` 9).
 const MAX_FEEDBACKS: usize = 31;
-/// Outputs that do harm while no one supervises them: the tool, and all that let water run.
+/// Outputs that can do harm while the PC does not supervise them: the tool, and all outputs that let water run.
 const IMMEDIATE_OFF_OUTPUTS: [&str; 3] = ["rinse", "spray", "tool"];
 /// Maximum delay after which an output is switched off, s.
 const MAX_OFF_DELAY_S: u16 = 600;
@@ -256,7 +260,10 @@ pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
     };
     let constant: Vec<_> = io.feedbacks.iter().filter(|(_, number)| [1025, 1026].contains(*number)).collect();
     for (name, number) in &constant {
-        feedbacks.problem(name, format!("found {number}; $IN[1025] is always true and $IN[1026] always false"));
+        feedbacks.problem(
+            name,
+            format!("found {number}; $IN[1025] is always true and $IN[1026] is always false; state another input"),
+        );
     }
     // The inputs that prove that water or tool is off are never set by this program.
     let proves = |number: &u16| io.feedbacks.values().any(|feedback| feedback == number);
@@ -317,13 +324,13 @@ fn parse_staying(
     let mut right = true;
     for name in &stated {
         let wrong = if IMMEDIATE_OFF_OUTPUTS.contains(&name.as_str()) {
-            "tool and water go off at once; remove it".to_owned()
+            "tool and water are switched off at once; remove it".to_owned()
         } else if !outputs.contains_key(name) {
             let names = outputs.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
-            format!("it is no output of [io.outputs]; valid: {names}")
+            format!("it is not an output of [io.outputs]; valid: {names}")
         } else if let Some(after_s) = off_after_s.and_then(|all| all.get(name)) {
             format!(
-                "it goes off {after_s} s after the end of an epoch ([io.off_after_s], or its usual time); remove one"
+                "it is switched off {after_s} s after the end of an epoch ([io.off_after_s], or its default time); remove it from may_stay_on"
             )
         } else {
             continue;
@@ -369,12 +376,12 @@ pub enum LineSignal {
 }
 
 impl LineSignal {
-    /// The name in the cell's file.
+    /// Returns the name in the cell's file.
     pub fn name(self) -> &'static str {
         self.into()
     }
 
-    /// The signal's bit in the word that is sent to the controller.
+    /// Returns the signal's bit in the word that is sent to the controller.
     pub fn bit(self) -> u32 {
         1 << (self as u32)
     }
@@ -460,7 +467,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_off_until_the_table_is_there() {
+    fn it_is_off_without_its_table() {
         assert_eq!(read(IO), Ok(None));
         let line =
             read(&format!("{IO}[line]\nrecipe = 'door.toml'\norder = 'WO 7'")).expect("right").expect("a line");

@@ -48,7 +48,7 @@ pub enum PartNameError {
         /// Its key in `[part]`.
         key: &'static str,
     },
-    /// A name has another form.
+    /// A name does not have the required form.
     #[error(
         "the {what} \"{found}\" does not have the form \"{pattern}\" of [part] {key}_pattern (# is a digit, ? one \
          character, * any characters); read it again, then start again"
@@ -94,8 +94,8 @@ impl PartRules {
     }
 }
 
-/// Returns whether a name has the form of a pattern. The states are the places in the pattern that the name so far can
-/// have reached, so that a name of any length needs linear time.
+/// Returns whether a name has the form of a pattern. The states are the positions in the pattern that the characters
+/// read so far can reach; so the time is linear in the length of the name.
 fn has_form(name: &str, pattern: &str) -> bool {
     let pattern: Vec<char> = pattern.chars().collect();
     let with_skipped = |places: Vec<bool>| {

@@ -2,8 +2,8 @@
 
 use panelprep_base::config::Choice;
 
-/// A stage of the list "To be proven" on the installation page of the controller. A stage is proven with what the
-/// stage before it has proven, and its part of the page is signed before the next stage begins.
+/// A stage of the list "To be proven" on the installation page of the controller. Each stage relies on what the
+/// previous stage has proven; its part of the page is signed before the next stage begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, strum::IntoStaticStr, strum::EnumString)]
 pub enum ProofStage {
     /// In T1, the sanding tool without power and the panel out of reach.
@@ -23,12 +23,12 @@ impl ProofStage {
         self.into()
     }
 
-    /// The stage that must be signed before this one begins.
+    /// Returns the stage that must be signed before this one begins.
     pub fn before(self) -> Option<ProofStage> {
         ProofStage::ALL.into_iter().rfind(|stage| *stage < self)
     }
 
-    /// The stage that follows this one.
+    /// Returns the stage that follows this one.
     pub fn next(self) -> Option<ProofStage> {
         ProofStage::ALL.into_iter().find(|stage| *stage > self)
     }
@@ -38,18 +38,18 @@ impl ProofStage {
         signed.map_or(ProofStage::A, |signed| signed.next().unwrap_or(ProofStage::C))
     }
 
-    /// The conditions under which it is proven.
+    /// Returns the conditions under which this stage is proven.
     pub fn conditions(self) -> &'static str {
         match self {
             ProofStage::A => {
-                "in T1, the tool without power, the panel out of reach; hold Start while this program tries"
+                "in T1, the tool without power, the panel out of reach; hold the Start key while this program tests"
             }
             ProofStage::B => "in AUT, in the air: the tool without power, the hand valve of the water closed",
             ProofStage::C => "in AUT, the pad on foam, the tool's motor unplugged",
         }
     }
 
-    /// What a person is permitted to do once this stage is signed.
+    /// Returns what a person is permitted to do once this stage is signed.
     pub fn permits(self) -> &'static str {
         match self {
             ProofStage::A => "a motion in automatic mode, in the air",
@@ -170,17 +170,13 @@ mod tests {
             ("signed_stage = 'A'", page(A), 1),
             ("signed_stage = 'B'", page(B), 2),
             ("signed_stage = 'C'", page(C), 3),
-            // Written by hand, beyond the signed page.
+            // The cell's file states a higher stage than the signed page proves.
             ("signed_stage = 'C'", page(A), 1),
             ("signed_stage = 'C'", None, 0),
-            // The file states less than the page.
+            // The file states a lower stage than the page proves.
             ("signed_stage = 'A'", page(C), 1),
-            // The programs were changed since.
-            ("signed_stage = 'C'", Some(SignedPage { stage: C, programs_sum: 8, wrong_since: None }), 0),
-            // A later run found a row wrong.
-            ("signed_stage = 'C'", wrong(A), 0),
-            ("signed_stage = 'C'", wrong(B), 1),
-            ("signed_stage = 'C'", wrong(C), 2),
+            // The programs were changed after the proofs.
+            ("signed_stage = 'C'", Some(SignedPage { stage: C, programs_sum: 8 }), 0),
         ] {
             let robot = format!("{REAL}{stated}");
             let counted =
@@ -215,7 +211,7 @@ mod tests {
         }
     }
 
-    /// The address states nothing about the controller: it may be the end of a tunnel.
+    /// The address does not show whether the controller is a real one: it may be the end of a tunnel.
     #[test]
     fn a_controller_at_an_address_of_this_computer_needs_its_proofs() {
         assert_eq!(refused("", None, C), None, "a mock inside this program");

@@ -14,7 +14,7 @@ use toml::de::DeValue;
 pub struct Date(String);
 
 impl Date {
-    /// Returns the day that a text names, year first; `None` if it names none.
+    /// Returns the date that a text states as year-month-day; `None` if it states none.
     pub fn parse(text: &str) -> Option<Self> {
         let day: toml::value::Datetime = text.parse().ok()?;
         (day.date.is_some() && day.time.is_none()).then(|| Date(day.to_string()))
@@ -143,7 +143,7 @@ mod tests {
 
     /// Expected values from `date -u -d @…`.
     #[test]
-    fn days_have_their_dates() {
+    fn seconds_since_1970_are_converted_to_dates() {
         for (unix_s, expected) in [
             (-1, "1969-12-31"),
             (0, "1970-01-01"),

@@ -1,7 +1,7 @@
-//! What was measured at the arm and at the disc. This module contains both reader and writer.
+//! Results of two calibrations, of the arm and of the disc. This module contains both reader and writer.
 //!
 //! `[robot_correction]`: how the arm differs from its nominal geometry, as measured by `panelprep calibrate robot`.
-//! `[removal]`: how much the disc removes, as `panelprep calibrate removal` found it on coupons.
+//! `[removal]`: the removal of the disc, as measured on coupons by `panelprep calibrate removal`.
 
 use super::provenance::{Date, Provenance, line};
 use panelprep_base::config::{self, Problems, Section, Setting, settings};
@@ -18,7 +18,7 @@ pub const SMOOTH_NUMBERS: usize = 24;
 pub enum CorrectionNumbers {
     /// Errors of the arm's geometry: the axis angles are needed to apply them.
     Geometry([f64; GEOMETRY_NUMBERS]),
-    /// A motion that changes smoothly with the flange's position.
+    /// A rigid motion that changes smoothly with the flange's position.
     Smooth {
         /// The middle of the measured volume, mm.
         middle_mm: [f64; 3],
@@ -211,9 +211,9 @@ impl RemovalCalibration {
         Some(RemovalCalibration { numbers: numbers?, date: date?, provenance: provenance? })
     }
 
-    /// Returns the file that [`RemovalCalibration::check`] reads back to the last bit, from the numbers in the
-    /// order of [`RemovalNumbers`] and the numbers of coupons and discs. It is made by a calibration, which has checked none
-    /// of their ranges.
+    /// Returns the file that [`RemovalCalibration::check`] reads back to the last bit, from the numbers in the order of
+    /// [`RemovalNumbers`] and the numbers of coupons and discs. The numbers come from a calibration, which has not
+    /// checked their ranges.
     pub fn to_text(
         numbers: &[(&'static str, f64)],
         (coupons, discs): (usize, usize),

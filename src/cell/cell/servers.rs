@@ -1,4 +1,4 @@
-//! Servers of other people that receive the cell's records: their addresses (a scheme, a host, a port and, for some, a
+//! Servers outside of the cell that receive its records: their addresses (a scheme, a host, a port and, for some, a
 //! path), a NATS broker, `[office]` and `[push]`.
 //!
 //! A broker has the same keys in a cell's file and in that of the archive. `[office]`, the destination of the cell's
@@ -22,7 +22,7 @@ struct Address {
     pub path: String,
 }
 
-/// Reads an address of one of these schemes, each with its usual port. A user, a query or a parent folder (`..`) is
+/// Reads an address with one of these schemes, each with its default port. A user, a query or a parent folder (`..`) is
 /// refused.
 fn read_address(text: &str, schemes: [(&'static str, u16); 2]) -> Option<Address> {
     let uri: Uri = text.parse().ok()?;
@@ -78,7 +78,7 @@ pub enum BrokerLogin {
     },
 }
 
-/// The scheme without encryption; `SCHEMES` contains both schemes with their usual port, which is the same.
+/// The scheme without encryption; `SCHEMES` contains both schemes with their default port, which is the same.
 const PLAIN_SCHEME: &str = "nats";
 const SCHEMES: [(&str, u16); 2] = [(PLAIN_SCHEME, 4_222), ("tls", 4_222)];
 
@@ -164,7 +164,7 @@ impl CellName {
         ))
     }
 
-    /// The name as it is written.
+    /// Returns the name as it is written.
     pub fn as_str(&self) -> &str {
         &self.0
     }
@@ -204,7 +204,7 @@ pub(super) fn parse_office(folder: &Path, section: &Section<'_, '_>) -> Option<O
     Some(Some(Office { broker, cell, alarm_delay_min: behind_min }))
 }
 
-/// The schemes of a quality system, with their usual ports.
+/// The schemes of a quality system, with their default ports.
 const PUSH_SCHEMES: [(&str, u16); 2] = [("https", 443), ("http", 80)];
 
 /// The destination of signed records.
@@ -313,7 +313,7 @@ mod tests {
     /// A password is refused if it would go to another computer without encryption, since anyone on the network could
     /// read it.
     #[test]
-    fn a_password_goes_encrypted() {
+    fn a_password_is_only_sent_encrypted() {
         let found = |keys: &str| {
             let text = format!("[office]\ncell = 'a'\n{keys}");
             Cell::check("cell.toml", &text).map(drop).map_err(|problems| problems.to_string())
@@ -349,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_is_read_whole_or_not_at_all() {
+    fn an_address_is_accepted_only_as_a_whole() {
         let of = |text| {
             let read = read_address(text, [("nats", 4_222), ("tls", 4_222)])?;
             Some((read.scheme, read.host, read.port, read.path))
@@ -396,7 +396,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_off_until_an_address_is_there() {
+    fn push_is_off_until_an_address_is_stated() {
         assert_eq!(found(""), Ok(None));
         let push = found(
             "[push]\nto = 'https://quality.example/cells/1/'\nca_certificate = 'ca.pem'\ntoken_file = 'token'\n",

@@ -53,7 +53,7 @@ pub struct BrokerTls {
 
 /// Valid port numbers.
 const PORTS: std::ops::RangeInclusive<u16> = 1..=u16::MAX;
-/// The usual ports of MQTT over TLS and without it.
+/// The default ports of MQTT over TLS and without it.
 const DEFAULT_PORTS: [u16; 2] = [8_883, 1_883];
 /// The longest part of a topic, in bytes; the whole topic must stay below MQTT's 65 535.
 const MAX_BYTES: usize = 200;
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_off_until_the_table_is_there() {
+    fn it_is_off_without_its_table() {
         assert_eq!(read(""), Ok(None));
         let here = read(&format!("[sparkplug]\nbroker = '127.0.0.1'\n{NAMES}"));
         let here = here.expect("right").expect("a node");

@@ -1,6 +1,6 @@
-//! Cells as a user writes them and what is read from them; the files that a cell names, lenses and mounts: they are
-//! read, refused, and written as they were read; and the messages for a cell's file that is wrong: each mistake with its
-//! line, its key and what is allowed.
+//! Tests of the cell's file and of the files that it names, lenses and mounts: what is read from them, what is refused,
+//! and that a written file is read back. The messages about a wrong cell file name each mistake with its line, its key
+//! and what is allowed.
 
 use super::*;
 use panelprep_base::geometry::{KukaPose, PinholeCamera, Pixel, Point};
@@ -29,7 +29,7 @@ fn an_empty_file_is_the_simulated_cell() {
 
 /// `design.md`, "Limits, once".
 #[test]
-fn the_default_limits_are_the_designs() {
+fn the_default_limits_are_those_of_the_design() {
     let cell = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}"));
     let limits = cell.limits();
     assert_eq!((limits.window_s(), limits.window_commands(), limits.min_points()), (1.0, 50, 5));
@@ -38,7 +38,7 @@ fn the_default_limits_are_the_designs() {
 }
 
 #[test]
-fn names_of_files_start_at_the_cells_folder() {
+fn file_names_are_relative_to_the_cells_folder() {
     let text = "scanner = {kind = 'recorded', folder = 'shots'}\n[calibration]\nscanner = 'lens.toml'\nflange_from_tool = '/etc/tool.toml'";
     let cell = Cell::check("cells/a/cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
     assert_eq!(cell.scanner(), &Camera::Recorded { folder: "cells/a/shots".into() });
@@ -85,10 +85,10 @@ fn signals_are_the_bits_in_the_order_of_their_numbers() {
     assert_eq!(found, [("light", true), ("spray", false), ("tool", true)], "3 is bit 0, 5 bit 1, 9 bit 2");
 }
 
-/// Tool and all water are switched off at once, extraction and light after their usual time or the stated time. The
-/// shutter and the user's other outputs do not change.
+/// Tool and all water are switched off at once, extraction and light after their default or stated delay. The shutter
+/// and the user's other outputs do not change.
 #[test]
-fn what_switches_off_automatically_has_its_time() {
+fn each_automatic_switch_off_has_its_delay() {
     let outputs = "outputs = { light = 9, tool = 3, spray = 5, rinse = 6, extraction = 4, lens_shutter = 7, horn = 8, fan = 2 }";
     let text = format!("[io]\n{outputs}\noff_after_s = {{ light = 20, fan = 3 }}");
     let cell = Cell::check("cell.toml", &text).unwrap_or_else(|problems| panic!("{problems}"));
@@ -149,13 +149,13 @@ fn a_host_is_an_address_or_a_name() {
 
 proptest! {
     #[test]
-    fn any_text_gives_a_result_without_a_panic(text in "(?s).{0,200}") {
+    fn no_text_causes_a_panic(text in "(?s).{0,200}") {
         let _ = (Cell::check("f", &text), Intrinsics::check("f", &text), MountedPose::<ToolMount>::check("f", &text));
     }
 }
 
 #[test]
-fn the_opcua_server_is_off_until_it_is_asked_for_and_its_certificates_lie_in_the_store() {
+fn the_opcua_server_is_off_by_default_and_its_certificates_are_in_the_store() {
     let cell = Cell::check("/cell/cell.toml", "store = 'kept'").expect("right");
     let OpcUa { listen, anonymous, is_unencrypted_allowed, certificates, .. } = cell.opcua().clone();
     assert_eq!((listen, anonymous, is_unencrypted_allowed), (None, AnonymousAccess::Nothing, false));
@@ -192,7 +192,7 @@ const LENS: &str =
 k1 = -0.1\nk2 = 0.12\np1 = 0.0006\np2 = -0.0004\nk3 = -0.02\n";
 
 #[test]
-fn intrinsics_are_read_with_where_they_come_from() {
+fn intrinsics_are_read_with_their_provenance() {
     let text = format!("{LENS}serial = \"Z-2\"\ndate = 2026-05-31\nrms_px = 0.21\n");
     let lens = Intrinsics::check("f", &text).unwrap_or_else(|problems| panic!("{problems}"));
     assert_eq!((lens.camera.width_px, lens.camera.fx_px, lens.camera.k3), (1944, 1785.0, -0.02));
@@ -211,7 +211,7 @@ fn intrinsics_that_cannot_be_a_cameras_are_refused() {
     );
     assert_eq!(wrong("k2 = 0.12", "k2 = nan"), ["9: camera.k2: found nan, valid: a number from -1000 to 1000"]);
     assert_eq!(wrong("p1 = 0.0006\n", ""), ["1: camera.p1: is missing; this key has no default"]);
-    // By hand: k1 = −10 folds where 1 − 30 r² = 0, r = 0.18, and the corner lies at 0.64.
+    // Calculated by hand: k1 = −10 folds at 1 − 30 r² = 0, so at r = 0.18, and the corner lies at 0.64.
     assert_eq!(
         wrong("k1 = -0.1", "k1 = -10.0"),
         [
@@ -284,7 +284,7 @@ fn date() -> impl Strategy<Value = Option<Date>> {
 proptest! {
     /// A written calibration is read back with identical bits.
     #[test]
-    fn intrinsics_come_back_as_written(
+    fn written_intrinsics_are_read_back(
         (width_px, height_px) in (16..4000usize, 16..4000usize),
         focal_px in 4_000.0..9_000.0f64,
         centre_px in prop::array::uniform2(0.0..4000.0f64),
@@ -314,7 +314,7 @@ proptest! {
     }
 
     #[test]
-    fn mounts_come_back_as_written(
+    fn written_mounts_are_read_back(
         place_mm in prop::array::uniform3(-2e4..2e4f64),
         angles_deg in prop::array::uniform3(-360.0..360.0f64),
         date in date(),
@@ -433,7 +433,7 @@ fn each_mistake_is_named() {
         ),
         (
             &format!("[poses]\nprak = {axes}"),
-            "1: poses.park: is missing; every cycle begins by parking the arm clear of the panel",
+            "1: poses.park: is missing; state the axis angles at which the arm is clear of the panel: every cycle begins there",
         ),
         (
             &format!("[poses]\npark = {}", axes.replace("a6_deg", "a6_rad")),
@@ -447,12 +447,12 @@ fn each_mistake_is_named() {
         ("[io.outputs]\ntool = 3\nlight = 3", "2: io.outputs.tool: found 3, which is already the number of light"),
         (
             "[io.feedbacks]\nflow = 1025",
-            "2: io.feedbacks.flow: found 1025; $IN[1025] is always true and $IN[1026] always false",
+            "2: io.feedbacks.flow: found 1025; $IN[1025] is always true and $IN[1026] is always false; state another input",
         ),
         (&format!("[io.feedbacks]\n{}", inputs.join("\n")), "1: io.feedbacks: found 32 names (limit 31)"),
         (
             "[io.feedbacks]\nflow = 1026",
-            "2: io.feedbacks.flow: found 1026; $IN[1025] is always true and $IN[1026] always false",
+            "2: io.feedbacks.flow: found 1026; $IN[1025] is always true and $IN[1026] is always false; state another input",
         ),
         (
             "[io]\ntool = 3",
@@ -476,15 +476,15 @@ fn each_mistake_is_named() {
         ),
         (
             "[io]\noutputs = { tool = 1, fan = 2 }\nmay_stay_on = [\"fan\", \"tool\"]",
-            "3: io.may_stay_on: found \"tool\"; tool and water go off at once; remove it",
+            "3: io.may_stay_on: found \"tool\"; tool and water are switched off at once; remove it",
         ),
         (
             "[io]\noutputs = { tool = 1, light = 2 }\nmay_stay_on = [\"light\"]",
-            "3: io.may_stay_on: found \"light\"; it goes off 60 s after the end of an epoch ([io.off_after_s], or its usual time); remove one",
+            "3: io.may_stay_on: found \"light\"; it is switched off 60 s after the end of an epoch ([io.off_after_s], or its default time); remove it from may_stay_on",
         ),
         (
             "[io]\noutputs = { tool = 1 }\nmay_stay_on = [\"pump\"]",
-            "3: io.may_stay_on: found \"pump\"; it is no output of [io.outputs]; valid: tool",
+            "3: io.may_stay_on: found \"pump\"; it is not an output of [io.outputs]; valid: tool",
         ),
         (
             "[io]\noutputs = { lens_shutter = 1 }\noff_after_s = { lens_shutter = 5 }",

@@ -203,7 +203,7 @@ mod tests {
                        payload_kg = 2.1\n";
 
     #[test]
-    fn a_spring_is_the_default_and_a_compliant_tool_is_whole() {
+    fn a_spring_is_the_default_and_a_compliant_tool_needs_all_values() {
         assert_eq!((tool(""), tool("[tool]\nkind = 'spring'")), (Tool::Spring, Tool::Spring));
         let acf = tool(ACF);
         let acf = acf.compliant().expect("compliant");

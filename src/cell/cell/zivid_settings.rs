@@ -32,7 +32,7 @@ impl MainsFrequency {
         self.into()
     }
 
-    /// Time from one brightest instant of a lamp to the next, µs: half of the mains' period.
+    /// Returns the time from one brightest instant of a lamp to the next, µs: half of the mains' period.
     pub fn flicker_period_us(self) -> f64 {
         match self {
             MainsFrequency::Hz50 => 1e6 / 100.0,
@@ -87,12 +87,12 @@ impl ZividSettings {
         found.filter(|_| list.is_empty()).ok_or(Problems { file: file.to_owned(), list })
     }
 
-    /// The purpose of the settings.
+    /// Returns the purpose of the settings.
     pub fn usage(&self) -> ZividUse {
         self.usage
     }
 
-    /// Exposure of each acquisition with a stated exposure, µs.
+    /// Returns the exposure of each acquisition with a stated exposure, µs.
     pub fn exposures_us(&self) -> &[f64] {
         &self.exposures_us
     }
@@ -131,7 +131,7 @@ impl ZividSettings {
     }
 }
 
-/// A YAML node, and its path in words.
+/// A YAML node, and its path as text.
 struct Node<'y> {
     yaml: &'y MarkedYaml<'y>,
     key: String,
@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn the_samples_are_right_and_fit_mains_of_50_hz() {
+    fn the_samples_are_valid_and_fit_mains_of_50_hz() {
         let scan = ZividSettings::check("scan.yml", SCAN_FILE, ZividUse::Scan).unwrap_or_else(|p| panic!("{p}"));
         let film = ZividSettings::check("film.yml", FILM_FILE, ZividUse::Film).unwrap_or_else(|p| panic!("{p}"));
         assert_eq!((scan.exposure_us(), film.exposure_us()), (Some(10_000.0), Some(20_000.0)));
@@ -297,7 +297,7 @@ mod tests {
 
     /// Calculated by hand: 8 ms are 0.8 periods of 10 ms and 0.96 of 8.33 ms; 50 ms are 5 and 6 periods.
     #[test]
-    fn an_exposure_fits_mains_whose_flicker_it_is_a_multiple_of() {
+    fn an_exposure_fits_mains_if_it_is_a_multiple_of_the_flicker_period() {
         let fits =
             |us: f64| [MainsFrequency::Hz50, MainsFrequency::Hz60].map(|mains| mains.is_flicker_multiple(us));
         assert_eq!(fits(8_000.0), [false, false]);
@@ -308,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn a_film_by_the_projectors_light_is_refused_at_its_line() {
+    fn a_film_lit_by_the_projector_is_refused_with_its_line() {
         let line = FILM_FILE.lines().position(|line| line.contains("Brightness: 0")).expect("it has one") + 1;
         let lit = problem_text(&FILM_FILE.replace("Brightness: 0", "Brightness: 1.8"), ZividUse::Film);
         let words =
@@ -323,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_such_file_is_reported() {
+    fn other_files_are_refused_with_the_problem() {
         let cases = [
             (SCAN_FILE, ZividUse::Film, "found Settings, expected settings for pictures, with Settings2D"),
             (FILM_FILE, ZividUse::Scan, "found Settings2D, expected settings for 3D shots"),

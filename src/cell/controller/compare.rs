@@ -1,9 +1,9 @@
-//! Finds contradictions between the controller's files and the cell's file, and between the controller's files. Each
-//! is named with the file, the line and the key at which a person corrects it; untouched files of a correct cell give
+//! Finds contradictions between the controller's files and the cell's file, and between the controller's files. Each is
+//! reported with the file, the line and the key at which a person corrects it; unchanged files of a correct cell have
 //! none.
 //!
-//! At the end, what the controller's programs call is compared with what is there: the cell's own subroutines, and the
-//! calls in KUKA's program of the submit interpreter.
+//! At the end, the calls in the controller's programs are compared with the routines that exist: with the cell's own
+//! subroutines, and with the calls in KUKA's program of the submit interpreter.
 
 use super::data::DataComparison;
 use super::data_list::{DataList, Number, declarations};
@@ -34,7 +34,7 @@ pub struct ControllerFiles<'a> {
 }
 
 impl<'a> ControllerFiles<'a> {
-    /// Finds the files among others, each given by its name and its text.
+    /// Selects the controller's files among these files, each given by its name and its text.
     pub fn among(files: &[(&str, &'a str)]) -> Self {
         let text = |name: &str| files.iter().find(|(file, _)| is_named(file, name)).map(|(_, text)| *text);
         ControllerFiles {
@@ -103,7 +103,7 @@ pub fn compare(files: &ControllerFiles<'_>, cell: &Cell) -> Comparison {
 }
 
 impl Differences {
-    /// Compares the programs that call with those that are called.
+    /// Compares the calls in the controller's programs with the routines that they call.
     fn calls(&mut self, files: &ControllerFiles<'_>, config: Option<&DataList>) {
         if let Some(text) = files.user {
             subroutines(text, config, self);
@@ -144,7 +144,12 @@ impl Differences {
             self.note(file, 1, "CONFIGURATION/INTERNAL/ENVIRONMENT", message);
         }
         if theirs.protocol != ours.protocol {
-            self.note(file, 1, "CONFIGURATION/INTERNAL/PROTOCOL", "is not TCP, the protocol that the PC uses");
+            self.note(
+                file,
+                1,
+                "CONFIGURATION/INTERNAL/PROTOCOL",
+                "is not TCP, the protocol that the PC uses; write TCP",
+            );
         }
         if theirs.memory != ours.memory {
             let message = format!(
@@ -242,7 +247,7 @@ impl Differences {
         let key = "CONFIGURATION/INTERNAL/IP";
         let Some(stated) = &theirs.address else {
             let message = format!(
-                "is missing: on which address the controller listens is not stated; write <IP> with its address, as \
+                "is missing: the file does not state the address on which the controller listens; write <IP> with its address, as \
                  [robot] host of the cell's file ({host})"
             );
             self.note(file, find_line(text, "<INTERNAL>"), key, message);
@@ -250,7 +255,7 @@ impl Differences {
         };
         let Some(listens) = parse_ipv4(stated) else {
             let message = format!(
-                "is \"{stated}\", which is no address: the controller cannot listen there; write four numbers, as \
+                "is \"{stated}\", which is not an address: the controller cannot listen there; write four numbers, as \
                  [robot] host of the cell's file ({host})"
             );
             self.note(file, find_line(text, "<IP>"), key, message);
@@ -267,7 +272,7 @@ impl Differences {
         if !addresses.contains(&listens) {
             let message = format!(
                 "is {stated}, and [robot] host of the cell's file is {host}{}: the controller listens at the first, \
-                 the PC connects to the second",
+                 the PC connects to the second; make both the same",
                 resolved(host, &addresses)
             );
             self.note(file, find_line(text, "<IP>"), key, message);
@@ -289,7 +294,7 @@ impl Differences {
         self.note(file, find_line(text, "<PORT>"), "CONFIGURATION/INTERNAL/PORT", message);
     }
 
-    /// The numbers in the INTERRUPT DECL lines, in which KRL accepts no names.
+    /// Compares the numbers in the INTERRUPT DECL lines, in which KRL accepts no names, with those of the data list.
     fn interrupts(&mut self, text: &str, config: &DataList) {
         for (number, variable, name) in
             [(20, "$FLAG", "CELL_F_HALT"), (21, "$FLAG", "CELL_F_STOP"), (22, "$TIMER_FLAG", "CELL_T_SUBMIT")]
@@ -333,7 +338,7 @@ fn parse_ipv4(text: &str) -> Option<[u8; 4]> {
     numbers.try_into().ok()
 }
 
-/// States the addresses of a name, and nothing for an address.
+/// Returns the addresses of a host name as text; an empty text if the host is an address.
 fn resolved(host: &str, addresses: &[[u8; 4]]) -> String {
     if parse_ipv4(host).is_some() {
         return String::new();
@@ -344,9 +349,9 @@ fn resolved(host: &str, addresses: &[[u8; 4]]) -> String {
 
 /// The routine by which `cell_motion.src` calls a subroutine.
 const DISPATCHER: &str = "CELL_USER_CALL";
-/// The name of the number of subroutines.
+/// The name of the value that states the number of subroutines.
 const COUNT: &str = "CELL_USER_N";
-/// The name of the value that states the sum of the text.
+/// The name of the value that states the checksum of the subroutines' text.
 const REVISION: &str = "CELL_USER_REVISION";
 /// Maximum number of cases that one message lists.
 const MAX_LISTED: usize = 8;
@@ -355,7 +360,7 @@ const MAX_LISTED: usize = 8;
 pub(super) fn subroutines(text: &str, config: Option<&DataList>, found: &mut Differences) {
     match parse(USER, text).stated_routine(DISPATCHER) {
         None => {
-            let message = "is not there: cell_motion calls each subroutine by this routine, and the controller would \
+            let message = "is missing: cell_motion calls each subroutine by this routine, and the controller would \
                            not select the program; write `GLOBAL DEF CELL_USER_CALL(N:IN)`, as in this program's own file";
             found.note(USER, 1, DISPATCHER, message);
         }
@@ -384,11 +389,11 @@ fn dispatcher(routine: &StatedRoutine, found: &mut Differences) {
         found.note(USER, routine.line, DISPATCHER, message);
     }
     if routine.parameters != 1 {
-        let message = format!("has {} arguments, and cell_motion gives it one: N:IN", routine.parameters);
+        let message = format!("has {} parameters, but cell_motion passes one: N:IN", routine.parameters);
         found.note(USER, routine.line, DISPATCHER, message);
     }
     for switch in routine.switches.iter().filter(|switch| !switch.is_on_first_parameter) {
-        let message = "does not decide by the first parameter of CELL_USER_CALL, which is the index that the PC calls: \
+        let message = "does not branch by the first parameter of CELL_USER_CALL, which is the index that the PC calls: \
                        another subroutine, or none, would be executed and reported; write SWITCH with that parameter";
         found.note(USER, switch.line, "SWITCH", message);
     }
@@ -427,11 +432,11 @@ fn cases(routine: &StatedRoutine, count: Number, found: &mut Differences) {
     }
 }
 
-/// Names each further call: both routines are called once, in the main routine.
+/// Notes each additional call: both routines must be called exactly once, in the main routine.
 fn further_calls(main: &[StatedCall], others: &[StatedCall], found: &mut Differences) {
     for (name, effect) in [
         ("CELL_INIT", "each call ends the epoch and closes the channels"),
-        ("CELL_CYCLE", "the link would have two cycles in one of the loop"),
+        ("CELL_CYCLE", "the cycle of the link would run twice in each pass of the loop"),
     ] {
         for call in main.iter().filter(|call| call.name == name).skip(1) {
             found.note(SUBMIT, call.line, name, format!("is called a second time: {effect}; remove this call"));
@@ -443,7 +448,7 @@ fn further_calls(main: &[StatedCall], others: &[StatedCall], found: &mut Differe
     }
 }
 
-/// Checks that the program of the submit interpreter calls the programs' beginning once, and their cycle in its loop.
+/// Checks that the program of the submit interpreter calls CELL_INIT once before its loop, and CELL_CYCLE in its loop.
 pub(super) fn submit(text: &str, found: &mut Differences) {
     let file = parse(SUBMIT, text);
     let calls = file.main_calls();
@@ -457,7 +462,7 @@ pub(super) fn submit(text: &str, found: &mut Differences) {
             found.note(SUBMIT, 1, "CELL_INIT", message);
         }
         Some(call) if call.in_loop || cycles.is_some_and(|cycle| cycle.line < call.line) => {
-            let message = "is called in the loop or behind CELL_CYCLE( ): each call ends the epoch and closes the \
+            let message = "is called in the loop or after CELL_CYCLE( ): each call ends the epoch and closes the \
                            channels; write it into the fold USER INIT, before LOOP";
             found.note(SUBMIT, call.line, "CELL_INIT", message);
         }
@@ -470,7 +475,7 @@ pub(super) fn submit(text: &str, found: &mut Differences) {
             found.note(SUBMIT, 1, "CELL_CYCLE", message);
         }
         Some(call) if !call.in_loop => {
-            let message = "is called outside of the loop, so once only: after that no stop is received; write it into the \
+            let message = "is called outside of the loop, so only once, and no later stop is received; write it into the \
                            fold USER PLC, between LOOP and ENDLOOP";
             found.note(SUBMIT, call.line, "CELL_CYCLE", message);
         }

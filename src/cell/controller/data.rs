@@ -50,10 +50,10 @@ impl DataComparison<'_> {
         }
         for stated in self.config.duplicates() {
             let key = stated_key(&stated.name, stated.index);
-            self.note(stated.line, key, "is set twice; the controller uses the last value");
+            self.note(stated.line, key, "is set twice, and the controller uses the last value; remove one");
         }
         for (key, line) in self.config.unread() {
-            let message = "is no plain number, so it was not compared, and the controller uses the last value; write the \
+            let message = "is not a plain number, so it was not compared, and the controller uses the last value; write the \
                            number";
             self.note(line, key, message);
         }
@@ -213,7 +213,7 @@ impl DataComparison<'_> {
             .collect()
     }
 
-    /// Checks that each output that must go off does so in its time, and that no other output goes off.
+    /// Checks that each output that must be switched off is switched off within its time, and that no other output is.
     fn check_off_outputs(&mut self, outputs: &[(i32, usize)], off: &[(i32, usize, Option<Number>)]) {
         let io = self.cell.inputs_outputs();
         let names = Self::names(io.outputs());

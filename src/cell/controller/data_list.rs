@@ -67,12 +67,12 @@ impl DataList {
         list
     }
 
-    /// A single number.
+    /// Returns a single number.
     pub fn get(&self, name: &str) -> Option<Number> {
         self.numbers.get(&(name.to_owned(), None)).copied()
     }
 
-    /// Returns an element of an array, from 1.
+    /// Returns an element of an array; the first index is 1.
     pub fn element(&self, name: &str, index: i32) -> Option<Number> {
         self.numbers.get(&(name.to_owned(), Some(index))).copied()
     }
@@ -89,8 +89,8 @@ impl DataList {
         of_name.map(|(_, number)| number.line).min()
     }
 
-    /// Returns the values that are no plain numbers, each by its key, with its line. Another number of the same name does
-    /// not hold: the controller uses the last value.
+    /// Returns the values that are not plain numbers, each with its key and line. Another number that is stated for the
+    /// same name must not be used instead: the controller uses the last value.
     pub fn unread(&self) -> Vec<(String, usize)> {
         self.unread.iter().map(|value| (stated_key(&value.name, value.index), value.line)).collect()
     }
@@ -120,7 +120,7 @@ pub(super) fn declarations(config: &DataList, found: &mut Differences) -> BTreeS
         match config.declared.iter().find(|declared| declared.name == expected.name) {
             Some(declared) if !is_same(declared, expected) => {
                 let message = format!(
-                    "is declared as `{declared}`, and must be `{expected}`: the controller's programs need it so; only \
+                    "is declared as `{declared}`, and must be `{expected}`: the controller's programs need this declaration; only \
                      numbers may be changed"
                 );
                 found.note(CONFIG, declared.line, &*expected.name, message);
@@ -129,7 +129,7 @@ pub(super) fn declarations(config: &DataList, found: &mut Differences) -> BTreeS
             None => match config.first_line_of(&expected.name) {
                 Some(line) => {
                     let message = format!(
-                        "has a value and no declaration: the controller refuses the list; write `{expected}` above it"
+                        "has a value but no declaration: the controller refuses the list; write `{expected}` above it"
                     );
                     found.note(CONFIG, line, &*expected.name, message);
                 }
@@ -147,7 +147,7 @@ fn note_missing(missing: &[&DeclaredVariable], found: &mut Differences) {
         [] => {}
         [only] => {
             let message =
-                format!("is not declared, and the programs need it: `{only}`, as in this program's own file");
+                format!("is not declared, and the programs need it; write `{only}`, as in this program's own file");
             found.note(CONFIG, 1, &*only.name, message);
         }
         several => {
@@ -157,7 +157,7 @@ fn note_missing(missing: &[&DeclaredVariable], found: &mut Differences) {
                 names.push(&more);
             }
             let message = format!(
-                "of an earlier release: {} are not there, and the programs of this release need them; copy {CONFIG} \
+                "of an earlier release: {} are missing, but the programs of this release need them; copy {CONFIG} \
                  of this program's config/kuka and enter the numbers of this cell there",
                 names.join(", ")
             );

@@ -43,8 +43,8 @@ pub const SUBMIT: &str = "sps.sub";
 pub const PROGRAMS: [&str; 6] =
     [DATA, "cell_judge.src", "cell_link.src", MOTION, "cell_submit.src", "cell_tell.src"];
 
-/// Returns whether a file, given with or without its folder, has this name. The controller distinguishes no upper and
-/// lower case.
+/// Returns whether a file, given with or without its folder, has this name. Upper and lower case are the same, as on
+/// the controller.
 pub fn is_named(file: &str, name: &str) -> bool {
     file.rsplit(['/', '\\']).next().unwrap_or(file).eq_ignore_ascii_case(name)
 }
@@ -53,8 +53,8 @@ pub fn is_named(file: &str, name: &str) -> bool {
 pub const RETRACT_MM: f64 = 50.0;
 /// The speed of this retract, mm/s: CELL_RETRACT_VEL. In a cell whose own limit is lower, the retract may be slower.
 pub const RETRACT_MM_S: f64 = 200.0;
-/// The lowest acceleration of this retract, m/s²: CELL_RETRACT_ACC. The worst case of Abort in the safety concept counts
-/// with it: 0.2 m/s are reached and lost in 0.2 / 2 = 0.1 s.
+/// The lowest acceleration of this retract, m/s²: CELL_RETRACT_ACC. The worst case of Abort in the safety concept is
+/// calculated with it: the arm needs 0.2 / 2 = 0.1 s to reach 0.2 m/s, and the same time to stop again.
 pub const RETRACT_M_S2: f64 = 2.0;
 /// The acceleration of each motion in the air, m/s²: CELL_ACC_MAX must allow it.
 pub const AIR_ACCELERATION_M_S2: f64 = 1.0;

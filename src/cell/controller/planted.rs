@@ -32,7 +32,7 @@ pub fn texts() -> Vec<(&'static str, String)> {
 pub fn edited(file: &str, from: &str, to: &str) -> Vec<(&'static str, String)> {
     let mut all = texts();
     let text = &mut all.iter_mut().find(|(name, _)| *name == file).expect("a file").1;
-    assert_eq!(text.matches(from).count(), 1, "{file}: \"{from}\" must stand there once");
+    assert_eq!(text.matches(from).count(), 1, "{file}: \"{from}\" must occur there exactly once");
     *text = text.replace(from, to);
     all
 }
@@ -217,10 +217,10 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
         "CELL_USER_CALL: has no CASE 1, 2, 3, 4, and CELL_USER_N of cell_config.dat",
     ),
     (CONFIG, "CELL_USER_N=1", "CELL_USER_N=0", "CASE 0: is never called: CELL_USER_N"),
-    (USER, "GLOBAL DEF CELL_USER_CALL(N:IN)", "GLOBAL DEF CELL_USER_DO(N:IN)", "CELL_USER_CALL: is not there"),
+    (USER, "GLOBAL DEF CELL_USER_CALL(N:IN)", "GLOBAL DEF CELL_USER_DO(N:IN)", "CELL_USER_CALL: is missing"),
     (USER, "GLOBAL DEF CELL_USER_CALL(N:IN)", "DEF CELL_USER_CALL(N:IN)", "CELL_USER_CALL: is not GLOBAL"),
     (USER, "    CASE 0\n", "    CASE 1\n", "CELL_USER_CALL: has no CASE 0"),
-    (USER, "  SWITCH N\n", "  SWITCH CELL_USER_N\n", "SWITCH: does not decide by the first parameter"),
+    (USER, "  SWITCH N\n", "  SWITCH CELL_USER_N\n", "SWITCH: does not branch by the first parameter"),
     (USER, "      CELL_USER_0( )\n", "", "CASE 0: does nothing"),
     (
         USER,
@@ -244,7 +244,7 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
         "GLOBAL INT CELL_OUT[8]",
         "CELL_OUT: is declared as `DECL GLOBAL INT CELL_OUT[8]`",
     ),
-    (CONFIG, "DECL GLOBAL INT CELL_OFF_MS[31]\n", "", "CELL_OFF_MS: has a value and no declaration"),
+    (CONFIG, "DECL GLOBAL INT CELL_OFF_MS[31]\n", "", "CELL_OFF_MS: has a value but no declaration"),
     (
         CONFIG,
         "DECL GLOBAL INT CELL_OFF[31]",
@@ -255,7 +255,7 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
     (CONFIG, "DECL GLOBAL CONST INT CELL_T_OFF=25\n", "", "CELL_T_OFF: is not declared, and the programs need it"),
     // Addresses.
     (COMMANDS, "<IP>172.31.1.147</IP>", "", "INTERNAL/IP: is missing"),
-    (STATES, "<IP>172.31.1.147</IP>", "<IP>krc</IP>", "INTERNAL/IP: is \"krc\", which is no address"),
+    (STATES, "<IP>172.31.1.147</IP>", "<IP>krc</IP>", "INTERNAL/IP: is \"krc\", which is not an address"),
     (
         "cell",
         "host = \"172.31.1.147\"",
@@ -284,18 +284,18 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
         "CELL_CYCLE: is called a second time",
     ),
     (SUBMIT, "  $OUT[40]=FALSE\n", "  CELL_INIT( )\n", "CELL_INIT: is called outside of the main routine"),
-    // A value that is no number, behind one that is.
-    (CONFIG, "CELL_OUT[3]=19", "CELL_OUT[3]=19\nCELL_OUT[3]=CELL_OUT_N", "CELL_OUT[3]: is no plain number"),
+    // A value that is not a number, after one that is.
+    (CONFIG, "CELL_OUT[3]=19", "CELL_OUT[3]=19\nCELL_OUT[3]=CELL_OUT_N", "CELL_OUT[3]: is not a plain number"),
     (
         CONFIG,
         "CELL_BOX_MAX[1]=760.0",
         "CELL_BOX_MAX[1]=760.0\nCELL_BOX_MAX[1]=CELL_STEP_MM",
-        "CELL_BOX_MAX[1]: is no plain",
+        "CELL_BOX_MAX[1]: is not a plain",
     ),
 ];
 
-/// Returns the mistakes of which no text of `said` returns the expected words; `said` returns all messages about texts
-/// with one edit.
+/// Returns the mistakes that are not reported: `said` returns all messages about texts with one edit, and none of these
+/// messages contains the expected words.
 pub fn missed(said: impl Fn(&[(&'static str, String)]) -> Vec<String>) -> Vec<String> {
     let mut missed = Vec::new();
     for (file, from, to, words) in MISTAKES {

@@ -1,11 +1,11 @@
-//! Computes the checksum with which the controller's programs identify themselves: over the text of the programs,
-//! then over every value in use.
+//! Computes the checksum with which the controller's programs identify themselves: over the text of the programs, then
+//! over every value in use.
 //!
-//! `CELL_CHECKSUM` of `cell_tell.src` computes the same sum on the controller. There, the sum of the programs' text
-//! is a constant. Therefore an edit of a program at the pendant does not change the sum that the controller
-//! reports; it changes the sum that is computed here from the edited files. The sum reveals a mix-up of files. It
-//! gives no protection against intended deception: this is the task of the controller's own checksums of its
-//! project and of its safety configuration.
+//! `CELL_CHECKSUM` of `cell_tell.src` computes the same sum on the controller. There, the sum of the programs' text is
+//! a constant. Therefore an edit of a program at the pendant does not change the sum that the controller reports; it
+//! changes the sum that is computed here from the edited files. The sum reveals a mix-up of files. It does not protect
+//! against intentional manipulation: this is the task of the controller's own checksums of its project and of its
+//! safety configuration.
 
 use super::data_list::DataList;
 use super::{CONFIG, DATA, PROGRAMS, USER, is_named};
@@ -85,7 +85,7 @@ const REAL_ARRAYS: [(i32, [&str; 2]); 2] =
 const LIMITS: [&str; 6] =
     ["CELL_STEP_MM", "CELL_VEL_MAX", "CELL_ACC_MAX", "CELL_RETRACT_MM", "CELL_RETRACT_VEL", "CELL_RETRACT_ACC"];
 /// Numbers of the cell's own subroutines; the second is the sum of their text.
-const OWN: [&str; 2] = ["CELL_USER_N", "CELL_USER_REVISION"];
+const SUBROUTINE_VALUES: [&str; 2] = ["CELL_USER_N", "CELL_USER_REVISION"];
 
 /// Computes the sum that a controller with these files reports as `St/@Sum`. Each file is given by its name without
 /// folder, in upper or lower case.
@@ -107,7 +107,7 @@ pub fn program_sum(files: &[(&str, &str)]) -> Result<i32, SumError> {
     }
     let config = DataList::parse(CONFIG, find(CONFIG)?);
     let user = text_sum(find(USER)?);
-    match config.get(OWN[1]) {
+    match config.get(SUBROUTINE_VALUES[1]) {
         Some(stated) if stated.value != user as f64 => {
             Err(SumError::UserEdited { line: stated.line, stated: stated.value as i64, computed: user })
         }
@@ -161,7 +161,7 @@ fn checksum_of_values(programs: i64, config: &DataList) -> Result<i32, SumError>
     for name in LIMITS {
         sum.add_real(single(name)?.value);
     }
-    for name in OWN {
+    for name in SUBROUTINE_VALUES {
         sum.add_integer(whole(name)?);
     }
     i32::try_from(sum.0).map_err(|_| lacks("CELL_SUM"))
@@ -188,5 +188,5 @@ impl ChecksumMixer {
 pub(super) fn mixed_names() -> std::collections::BTreeSet<&'static str> {
     let lists = LISTS.iter().flat_map(|(count, arrays)| std::iter::once(*count).chain(arrays.iter().copied()));
     let reals = REAL_ARRAYS.iter().flat_map(|(_, arrays)| arrays.iter().copied());
-    FLAGS_AND_TIMERS.into_iter().chain(lists).chain(reals).chain(LIMITS).chain(OWN).collect()
+    FLAGS_AND_TIMERS.into_iter().chain(lists).chain(reals).chain(LIMITS).chain(SUBROUTINE_VALUES).collect()
 }

@@ -1,5 +1,5 @@
-//! The comparison of the controller's files with the cell's file, and their sum. The planted mistakes also go through
-//! the commands `check` and `doctor`.
+//! Tests of the comparison of the controller's files with the cell's file, and of their checksum. The commands `check`
+//! and `doctor` are tested with the same planted mistakes.
 
 use super::planted::{FILES, MISTAKES, edited, missed, texts};
 use super::sum::mixed_names;
@@ -40,9 +40,10 @@ fn each_planted_mistake_is_named() {
     assert!(missed.is_empty(), "{} of {}:\n{}", missed.len(), MISTAKES.len(), missed.join("\n"));
 }
 
-/// The data list of the release before the box and the longest step: one line names what it is.
+/// The data list of the release that had neither the box nor the longest step: one message states that the file is of
+/// an earlier release.
 #[test]
-fn a_file_of_an_earlier_release_is_named_by_one_line() {
+fn a_file_of_an_earlier_release_gives_one_message() {
     let is_later = |line: &&str| ["CELL_BOX_M", "CELL_STEP_MM"].iter().any(|name| line.contains(name));
     let mut all = texts();
     let config = &mut all.iter_mut().find(|(name, _)| *name == CONFIG).expect("it").1;
@@ -51,12 +52,12 @@ fn a_file_of_an_earlier_release_is_named_by_one_line() {
     *config = lines.join("\n");
     let said: Vec<String> = found(&all).into_iter().map(words).collect();
     let [one] = said.as_slice() else { panic!("{said:#?}") };
-    assert!(one.contains("of an earlier release: CELL_BOX_MIN, CELL_BOX_MAX, CELL_STEP_MM are not there"), "{one}");
+    assert!(one.contains("of an earlier release: CELL_BOX_MIN, CELL_BOX_MAX, CELL_STEP_MM are missing"), "{one}");
 }
 
 /// An output that both files name and no stop switches off: each is an error until the cell's file decides.
 #[test]
-fn an_output_of_the_cells_own_is_switched_off_or_named() {
+fn an_additional_output_is_an_error_until_the_cells_file_decides() {
     let mut all = edited("cell", "spray = 18\n", "spray = 18\npump = 22\n");
     edit(&mut all, CONFIG, "CELL_OUT_N=5", "CELL_OUT_N=6");
     edit(&mut all, CONFIG, "CELL_OUT[5]=21", "CELL_OUT[5]=21\nCELL_OUT[6]=22");
@@ -75,7 +76,7 @@ fn an_output_of_the_cells_own_is_switched_off_or_named() {
 /// The address of a host that is given by its name: compared if the name was resolved, and otherwise reported as not
 /// compared.
 #[test]
-fn a_host_by_its_name_is_resolved_or_said_to_be_not_compared() {
+fn a_host_name_is_resolved_or_reported_as_not_compared() {
     let all = edited("cell", "host = \"172.31.1.147\"", "host = \"krc\"");
     let Comparison { differences, not_compared } = compared(&all);
     assert_eq!((differences, not_compared.len()), (vec![], 2), "{not_compared:?}");
@@ -97,9 +98,9 @@ fn a_host_by_its_name_is_resolved_or_said_to_be_not_compared() {
     );
 }
 
-/// A subroutine that was added as the file states is right: its case, the number, and the sum of the text.
+/// A subroutine that was added as the file describes is accepted: with its case, the number, and the sum of the text.
 #[test]
-fn a_subroutine_that_was_added_in_all_places_is_right() {
+fn a_subroutine_that_was_added_in_all_places_is_accepted() {
     let mut all = edited(USER, "    CASE 0\n", "    CASE 1\n      CELL_USER_0( )\n    CASE 0\n");
     edit(&mut all, CONFIG, "CELL_USER_N=1", "CELL_USER_N=2");
     let [said] = &found(&all)[..] else { panic!("only the sum is missing") };
@@ -125,9 +126,9 @@ fn a_difference_names_its_line() {
     assert_eq!((one.file, one.problem.line, one.problem.key.as_str()), (CONFIG, line, "CELL_OFF_MS"));
 }
 
-/// A flag that was changed in the XML file and in the data list, as the installation page allows, is right.
+/// A flag that was changed in the XML file and in the data list, as the installation page allows, is accepted.
 #[test]
-fn a_flag_that_was_changed_in_both_places_is_right() {
+fn a_flag_that_was_changed_in_both_files_is_accepted() {
     let mut all = edited(CONFIG, "CELL_F_CMD_ALIVE=850", "CELL_F_CMD_ALIVE=860");
     let commands = &mut all.iter_mut().find(|(name, _)| *name == COMMANDS).expect("it").1;
     *commands = commands.replace("Set_Flag=\"850\"", "Set_Flag=\"860\"");
@@ -166,7 +167,7 @@ fn the_sum_follows_each_value_and_refuses_an_edited_program() {
 
 /// Every value of the data list is part of the sum.
 #[test]
-fn nothing_of_the_data_list_is_left_out_of_the_sum() {
+fn every_value_of_the_data_list_is_in_the_sum() {
     let stated = panelprep_kuka::krl::parse(CONFIG, FILES[0].1).stated_values();
     let mixed = mixed_names();
     for value in stated {

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 /// An output and its commanded state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[expect(missing_docs, reason = "the names say it")]
+#[expect(missing_docs, reason = "the names are self-explanatory")]
 pub enum Switch {
     ToolOn,
     ToolOff,
@@ -82,7 +82,7 @@ pub enum Request {
 }
 
 impl Request {
-    /// Whether the request is a decision of a person that is based on the state shown. Such a decision is valid
+    /// Returns whether the request is a decision of a person that is based on the state shown. Such a decision is valid
     /// only for this step.
     pub fn is_operator_decision(self) -> bool {
         matches!(self, Request::Unhold { .. } | Request::Accept | Request::Clear)
@@ -275,7 +275,7 @@ pub enum Trouble {
     Starved,
     /// The robot is far behind its plan (R5).
     Slow,
-    /// The gate refused a path that was planned so that it should pass (P13–P15).
+    /// The gate refused a path although the planner keeps the gate's limits (P13–P15).
     Gate,
     /// The robot refused a command (R20).
     Refused,
@@ -312,7 +312,8 @@ impl Trouble {
 #[serde(rename_all = "snake_case")]
 pub enum Effect {
     /// Perform the action and report its answer under this id. An action that is no longer [`State::due`](super::State)
-    /// is abandoned: a computation or a capture may be dropped; switches have happened and stay in order.
+    /// is abandoned: a computation or a capture may be dropped; switching commands are already performed, and their
+    /// order is kept.
     Do {
         /// The id that the answer must contain.
         id: Id,
@@ -365,8 +366,8 @@ pub enum Action {
         /// The last epoch that this table knows.
         above: u32,
     },
-    /// The abort frame: tool and water off, brake, discard, retract if in contact. Answered by `Standstill` when the
-    /// robot is at standstill, and tool and water are proven off.
+    /// The abort frame: switch tool and water off, brake, discard the queued commands, retract if in contact. Answered
+    /// by `Standstill` when the robot is at standstill, and tool and water are proven off.
     EndEpoch {
         /// The epoch that ends.
         epoch: u32,
@@ -443,7 +444,7 @@ pub enum Path {
     Contact,
     /// The contact path lifted off the panel, with the tool off.
     Air,
-    /// From the air point after the last contact, clear of the panel.
+    /// From the air point after the last contact to a pose clear of the panel.
     Retract,
 }
 

@@ -50,7 +50,7 @@ impl TransitionStep {
         }
     }
 
-    /// Returns the needs that a hold or a stop brings about now. Water may be commanded to run while the arm moves,
+    /// Returns the needs that a hold or a stop must satisfy now. Water may be commanded to run while the arm moves,
     /// contrary to what was proven.
     fn needs_on_leave(&self) -> &'static [Row] {
         let is_moving = self.state.intent.is_some() && self.state.facts.epoch != Epoch::Closed;
@@ -68,7 +68,7 @@ impl TransitionStep {
         use Answer as R;
         match (act, answer) {
             (Action::EndEpoch { .. }, R::Standstill { done }) => self.epoch_ended(done),
-            // Must precede the general arm for trouble: that one would abort again, and for ever.
+            // Must precede the general match arm for trouble, which would abort again and again.
             (Action::EndEpoch { .. }, _) if matches!(self.state.at, At::Aborting { .. }) => self.abort_failed(),
             (_, R::Failed(trouble)) => self.leave_for_trouble(trouble),
             (Action::CheckStandstill, R::Standstill { done }) => {
@@ -146,7 +146,7 @@ impl TransitionStep {
         self.facts().water = Water::Draining { until: self.arm(Deadline::Drain) };
     }
 
-    /// Whether no corner pose follows this one.
+    /// Returns whether no corner pose follows this one.
     fn is_last_corner(&self, view: u8) -> bool {
         view >= self.state.job.max_moves && self.rules.is_active(Rule::MoveLimit)
     }
@@ -189,7 +189,7 @@ impl TransitionStep {
             At::Aborting { cause } => (Outcome::Aborted, Some(cause)),
             _ => (Outcome::Stopped, None),
         };
-        // Asked before the facts change: only water that may have run needs a new time to drain.
+        // Evaluated before the facts change: only water that may have run needs a new time to drain.
         let ran = !self.facts().water_off();
         let facts = self.facts();
         facts.end_epoch(Epoch::Closed);

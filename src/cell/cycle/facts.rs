@@ -22,7 +22,7 @@ pub struct Facts {
     pub epoch: Epoch,
     /// Base and tool as the controller echoed them in this epoch.
     pub frames: Option<Frames>,
-    /// The path at the end of which the arm is.
+    /// The path at whose end the arm is.
     pub arm: Option<Path>,
     /// Whether the pad may be touching the panel.
     pub touching: bool,
@@ -50,7 +50,7 @@ pub struct Facts {
 /// Whether the controller accepts commands of the cycle's epoch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[expect(missing_docs, reason = "the names say it")]
+#[expect(missing_docs, reason = "the names are self-explanatory")]
 pub enum Epoch {
     Closed,
     /// Opening or ending is requested and not answered.
@@ -61,7 +61,7 @@ pub enum Epoch {
 /// The sanding tool.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[expect(missing_docs, reason = "the names say it")]
+#[expect(missing_docs, reason = "the names are self-explanatory")]
 pub enum Tool {
     Unknown,
     Off,
@@ -71,7 +71,7 @@ pub enum Tool {
 /// Rinse and spray.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[expect(missing_docs, reason = "the names say it")]
+#[expect(missing_docs, reason = "the names are self-explanatory")]
 pub enum Water {
     Unknown,
     Rinsing { until: Id },
@@ -83,7 +83,7 @@ pub enum Water {
 /// The light for the film.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[expect(missing_docs, reason = "the names say it")]
+#[expect(missing_docs, reason = "the names are self-explanatory")]
 pub enum Light {
     Unknown,
     Off,
@@ -94,7 +94,7 @@ pub enum Light {
 /// The cameras' lenses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[expect(missing_docs, reason = "the names say it")]
+#[expect(missing_docs, reason = "the names are self-explanatory")]
 pub enum Lens {
     Unknown,
     Clear,
@@ -105,7 +105,7 @@ pub enum Lens {
 /// Dust extraction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[expect(missing_docs, reason = "the names say it")]
+#[expect(missing_docs, reason = "the names are self-explanatory")]
 pub enum Extraction {
     Unknown,
     Off,
@@ -133,7 +133,7 @@ impl Facts {
         token: None,
     };
 
-    /// Whether neither rinse nor spray runs.
+    /// Returns whether neither rinse nor spray runs.
     pub fn water_off(&self) -> bool {
         matches!(self.water, Water::Draining { .. } | Water::Drained)
     }
@@ -173,12 +173,12 @@ impl Facts {
     pub(super) fn mark_unknown(&mut self, act: Action) {
         match act {
             Action::Move(motion) => {
-                // Between two poses the arm is nowhere that an interlock knows, so that no scan or water can begin.
+                // Between two poses the arm is at no place that an interlock knows, so that no scan or water can begin.
                 self.arm = None;
                 self.touching |= motion.path == Path::Contact;
             }
             Action::OpenEpoch { .. } => self.epoch = Epoch::Changing,
-            // The outputs of the epoch go off before the action is answered.
+            // The outputs of the epoch are switched off before the action is answered.
             Action::EndEpoch { .. } => self.end_epoch(Epoch::Changing),
             Action::SetFrames(_) => self.frames = None,
             Action::Switch(switch) => match switch {
@@ -225,13 +225,14 @@ impl Facts {
 
     /// Returns the facts that stay valid after a loss of the robot's link and after the end of the program.
     pub(super) fn facts_after_loss(&self) -> Facts {
-        // Only what makes the cell more careful may outlive the link; what permits something is proven again.
+        // Only facts that restrict the cell stay valid after the link is lost; facts that permit an action are proven
+        // again.
         let Facts { touching, tool_may_run, water_may_run, .. } = *self;
         Facts { touching, tool_may_run, water_may_run, ..Facts::UNKNOWN }
     }
 
-    /// Discards facts when the robot is not ready: arm and outputs may be moved by hand, and the localization is
-    /// void.
+    /// Discards facts when the robot is not ready: a person may move the arm and switch the outputs, and the
+    /// localization is void.
     pub(super) fn forget(&mut self) {
         let lost = matches!(self.robot, Robot::Unknown | Robot::LinkLost | Robot::Restarted);
         // Without a link the controller has ended the epoch by its own watchdog. With an open guard it is still

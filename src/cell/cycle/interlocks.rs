@@ -1,6 +1,5 @@
-//! The rules of the table by name, so that a test can disable each one and see that the random walks then fail; and
-//! the interlocks: the needs of each action, in the order in which they are brought about, and the actions that bring
-//! them about.
+//! The rules of the table by name, so that a test can disable each one and see that the random walks then fail; and the
+//! interlocks: the needs of each action, in the order in which they are satisfied, and the actions that satisfy them.
 
 use super::{Action, Epoch, Extraction, Facts, Frames, Lens, Light, Motion, Path, State, Switch, Tool, Water};
 
@@ -121,7 +120,7 @@ impl Rules {
     /// Every rule.
     pub const ALL: Rules = Rules { without: None };
 
-    /// Whether this rule is active.
+    /// Returns whether this rule is active.
     pub fn is_active(self, rule: Rule) -> bool {
         self.without != Some(rule)
     }
@@ -204,15 +203,15 @@ pub(super) fn action_needs(act: Action) -> Vec<Row> {
                 vec![full_override, epoch, drained, extraction, token, at_approach, pad, running]
             }
             Path::Air => vec![epoch, dry_air, tool_off, token, at_approach, pad],
-            // No localization is needed: to leave the panel along the tool's axis must be possible after it became too
-            // old.
+            // No localization is needed: the tool must be able to leave the panel along its axis after the localization
+            // became too old.
             Path::Retract => vec![epoch, dry_air, tool_off, pad],
         },
     }
 }
 
-/// The needs of an action that are not satisfied, each as text; empty if the action may begin. For actions that a
-/// person requests one at a time: they keep the interlocks of a cycle.
+/// Returns the needs of an action that are not satisfied, each as text; empty if the action may begin. It is used for
+/// actions that a person requests one at a time: the interlocks of a cycle apply to them as well.
 pub fn open_interlocks(act: Action, facts: &Facts) -> Vec<&'static str> {
     action_needs(act)
         .into_iter()
@@ -221,23 +220,23 @@ pub fn open_interlocks(act: Action, facts: &Facts) -> Vec<&'static str> {
         .collect()
 }
 
-/// The needs that Stopping and Holding bring about while a motion is in progress: its end comes first and switches
-/// off tool and water.
+/// The needs that Stopping and Holding satisfy while a motion is in progress: its end comes first and switches off tool
+/// and water.
 pub(super) const LEAVING_MOTION: [Row; 1] = [(Rule::StandsFirst, Need::EpochEnded)];
 
-/// What Stopping and Holding bring about if the tool is commanded to run and no epoch is open. The end of an open
+/// The needs that Stopping and Holding satisfy if the tool is commanded to run and no epoch is open. The end of an open
 /// epoch would switch the tool off.
 pub(super) const LEAVING_TOOL: [Row; 3] =
     [(Rule::ToolOff, Need::ToolOff), (Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
 
-/// What Stopping and Holding bring about. Water is shut while the epoch still accepts commands.
+/// The needs that Stopping and Holding satisfy otherwise. Water is shut while the epoch still accepts commands.
 pub(super) const LEAVE_NEEDS: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
 
-/// The needs that Clearing brings about.
+/// The needs that Clearing satisfies.
 pub(super) const CLEARING: [Row; 3] =
     [(Rule::StandsFirst, Need::Standing), (Rule::ToolOff, Need::ToolOff), (Rule::WaterOff, Need::WaterOff)];
 
-/// The needs that Resetting brings about.
+/// The needs that Resetting satisfies.
 pub(super) const RESETTING: [Row; 6] = [
     (Rule::StandsFirst, Need::Standing),
     (Rule::ToolOff, Need::ToolOff),
@@ -247,18 +246,18 @@ pub(super) const RESETTING: [Row; 6] = [
     (Rule::SelfTest, Need::Tested),
 ];
 
-/// The needs that Starting brings about.
+/// The needs that Starting satisfies.
 pub(super) const STARTING: [Row; 3] =
     [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff), (Rule::ArmOutOfView, Need::At(Path::Park))];
 
-/// The needs that Unholding brings about.
+/// The needs that Unholding satisfies.
 pub(super) const UNHOLDING: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff)];
 
-/// What Unholding brings about if the panel had been located.
+/// The needs that Unholding satisfies if the panel had been located.
 pub(super) const UNHOLDING_LOCATED: [Row; 3] =
     [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff), (Rule::UnholdVerifies, Need::Token)];
 
-/// The needs that Completing brings about.
+/// The needs that Completing satisfies.
 pub(super) const COMPLETING: [Row; 5] = [
     (Rule::WaterOff, Need::WaterOff),
     (Rule::ToolOff, Need::ToolOff),

@@ -1,9 +1,10 @@
 //! The cycle as a pure table: `step(State, Event) -> (State, Vec<Effect>)`.
 //!
 //! An [`Event`] is a person's request or a report of the cell; an [`Effect`] is what the loop then does. `interlocks`
-//! states what each action needs and which action achieves that, `step` what each event means in each state, `execute`
-//! what follows each phase; `turn` joins them. The sequence of actions that leads to a phase is not written down
-//! anywhere: the table performs the first action that is still needed, receives its answer, and checks again.
+//! states what each action needs and which action satisfies that need, `step` the meaning of each event in each state,
+//! `execute` the successor of each phase; `turn` joins them. The sequence of actions that leads to a phase is not
+//! written down anywhere: the table performs the first action that is still needed, receives its answer, and checks
+//! again.
 //!
 //! The outer states have their PackML names. Inside Execute, the phases form a loop:
 //!
@@ -20,14 +21,14 @@
 //! and an interrupted path is planned again.
 //!
 //! The table also guarantees the following, which the random walks and the search check:
-//! - A stop in every state reaches the arm within its bound: a stop and an abort wait for nothing but the water,
-//!   and the abort for nothing at all. The link (`eki`) guarantees the bound itself: a stop is obeyed within the
-//!   watchdog, or the link is disconnected.
-//! - After any end no output but the lens shutter stays on for longer than its time: the end of an epoch makes
-//!   unknown what the controller then switches off; tool and water count as on until they are proven off, beyond
-//!   the program's end.
+//! - A stop in every state reaches the arm within its time limit: a stop waits only for the water, and an abort for
+//!   nothing. The link (`eki`) guarantees the limit itself: a stop is obeyed within the watchdog, or the link is
+//!   disconnected.
+//! - After any end, no output except the lens shutter stays on for longer than its delay. The end of an epoch makes the
+//!   state of the outputs unknown that the controller then switches off; tool and water count as on until they are
+//!   proven off, also after the program's end.
 //! - The facts equal the link's: [`Report::EpochOver`] closes the epoch here in every state.
-//! - After the last fault `clear`, `reset` and `start` lead to a cycle within a bounded number of steps.
+//! - After the last fault `clear`, `reset` and `start` lead to a cycle within a limited number of steps.
 //!
 //! Sources: `ANSI/ISA-TR88.00.02` for the names of the outer states; thesis Fig. 4.30 for the order.
 

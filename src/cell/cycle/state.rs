@@ -95,7 +95,8 @@ pub enum At {
         /// The deadline of the whole stop.
         until: Id,
     },
-    /// On the way to Aborted, whatever the answer is. The abort frame is sent at once; it also shuts the water.
+    /// On the way to Aborted, whatever the answer to the abort frame is. The frame is sent at once; it also shuts the
+    /// water.
     Aborting {
         /// Cause of the abort.
         cause: Cause,
@@ -118,7 +119,7 @@ impl At {
         self.into()
     }
 
-    /// Whether nothing is in progress, so that the process may end.
+    /// Returns whether nothing is in progress, so that the process may end.
     pub fn is_at_rest(self) -> bool {
         matches!(self, At::Stopped | At::Idle | At::Held(_) | At::Complete { .. } | At::Aborted { .. })
     }
@@ -165,7 +166,7 @@ impl Phase {
         self.into()
     }
 
-    /// The phase in which the cycle continues after a person has accepted the result of this phase.
+    /// Returns the phase in which the cycle continues after a person has accepted the result of this phase.
     pub(super) fn phase_after_accept(self) -> Phase {
         match self {
             Phase::Assess { left: true } => Phase::Plan,
@@ -185,7 +186,7 @@ pub struct Hold {
 }
 
 impl Hold {
-    /// Whether the result of a contact path waits for a person. No new measurement of the panel replaces this
+    /// Returns whether the result of a contact path waits for a person. No new measurement of the panel replaces this
     /// result.
     pub fn is_for_contact(self) -> bool {
         matches!(self, Hold { why: Why::Review, resume: Phase::Assess { .. } })

@@ -107,7 +107,8 @@ impl TransitionStep {
             Report::StoreRestored => self.on_store_changed(Cause::StoreRestored),
             Report::EpochOver { trouble } => self.on_epoch_over(trouble),
             Report::OutputsOff => {
-                // A suspicion that has survived a lost link ends by evidence alone: here by the feedbacks of both.
+                // That tool or water may run stays set after a lost link, and only evidence clears it: here the
+                // feedbacks of both.
                 (self.state.facts.tool_may_run, self.state.facts.water_may_run) = (false, false);
             }
             Report::Progress { id, done } => self.on_progress(id, done),
@@ -310,8 +311,8 @@ impl TransitionStep {
     }
 }
 
-/// No motion continues. An open motion, tool or water that was on, or an abort that was not cleared leads to
-/// Aborted; everything else leads to Stopped.
+/// Returns the state after a restart: no motion continues. An open motion, tool or water that was on, or an abort that
+/// was not cleared leads to Aborted; everything else leads to Stopped.
 fn state_after_restart(before: State) -> State {
     let at = match (before.intent, before.at) {
         // A restart is not an acknowledgement: what a person has not cleared stays to be cleared.
@@ -323,7 +324,7 @@ fn state_after_restart(before: State) -> State {
         }
         (None, _) => At::Stopped,
     };
-    // The outputs were not watched while no process ran; only suspicions survive.
+    // The outputs were not watched while no process ran; only facts that restrict the cell stay valid.
     let facts = before.facts.facts_after_loss();
     State { at, facts, due: None, job: Job { running: false, ..before.job }, ..before }
 }

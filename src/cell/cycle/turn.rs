@@ -83,8 +83,8 @@ impl TransitionStep {
         }
     }
 
-    /// Whether the cycle touches the panel, or is about to, with another override than the one for which contact is
-    /// planned. Neither time nor an action can correct this: a person must.
+    /// Returns whether the cycle touches the panel, or is about to, with another override than the one for which
+    /// contact is planned. Neither time nor an action can correct this: a person must.
     pub fn lacks_override(&self) -> bool {
         let touches = self.state.at == At::Execute(Phase::Abrade) && !self.is_air();
         touches && !self.state.facts.full_override && self.rules.is_active(Rule::FullOverride)
@@ -95,8 +95,8 @@ impl TransitionStep {
     fn perform_required_action(&mut self, mut act: Action) {
         loop {
             match self.first_unmet_need(&action_needs(act)) {
-                // An action that brings about a need has needs of its own (the tool starts only with extraction and
-                // drained water), so the search goes down until an action is free to begin.
+                // An action that satisfies a need has needs itself (the tool starts only with extraction and drained
+                // water), so the search continues until an action may begin.
                 Some(Some(before)) => act = before,
                 Some(None) => return,
                 None => return self.perform(act),
@@ -120,13 +120,13 @@ impl TransitionStep {
         }
         if let Action::Move(motion) = act {
             self.state.intent = Some(Intent { id, motion, done: 0 });
-            // The intent is committed before the motion is sent: after a power cut the store must not deny a contact
-            // that took place.
+            // The intent is committed before the motion is sent: after a power cut, a contact that took place must be
+            // in the store.
             if self.rules.is_active(Rule::IntentFirst) {
                 self.effects.push(Effect::OpenIntent(motion));
             }
         }
-        // Armed before the action is performed, so that an action that never returns is still found late.
+        // Armed before the action is performed, so that an action that never returns is still detected as late.
         self.effects.push(Effect::Arm { id, deadline: Deadline::Answer });
         self.effects.push(Effect::Do { id, act });
         self.state.due = Some(Due { id, act });
@@ -139,7 +139,7 @@ impl TransitionStep {
         }
     }
 
-    /// Returns the facts of the cell, which may be changed.
+    /// Returns the facts of the cell, so that they can be changed.
     pub fn facts(&mut self) -> &mut Facts {
         &mut self.state.facts
     }

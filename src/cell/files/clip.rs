@@ -89,7 +89,7 @@ impl Clip {
         check_lines(lines.zip(shots).collect())
     }
 
-    /// The pictures in the order of their times.
+    /// Returns the pictures in the order of their times.
     pub fn entries(&self) -> &[ClipEntry] {
         &self.shots
     }

@@ -253,7 +253,7 @@ pub enum MeshFileError {
     StlSize {
         /// Number of triangles stated.
         triangles: u64,
-        /// Bytes of a file with as many.
+        /// Number of bytes that this number of triangles needs.
         needed: u64,
         /// Number of bytes in the file.
         found: u64,
@@ -386,7 +386,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn other_kinds_are_named_with_what_to_do() {
+    fn other_kinds_of_files_are_named_with_a_remedy() {
         let words = |bytes: &[u8]| check_kind(bytes).expect_err("refused").to_string();
         assert!(words(b"\x89HDF\r\n\x1a\n    ").contains("Zivid"));
         let mut stl = vec![0; 80];

@@ -1,8 +1,9 @@
 //! Meshes of drawings: STL (binary and text), PLY and OBJ, distinguished by their content.
 //!
 //! The readers are our own. `mesh-loader` (0.1.13) does not compare the count of a binary STL file with its length, so
-//! that a truncated file is read as a smaller part. STEP is refused by name: `truck-stepio` (0.3.0), the only kept-up
-//! reader, reads neither the unit, nor names and places of the parts in an assembly, nor offset surfaces.
+//! that a truncated file is read as a smaller part. A STEP file is recognised and refused: `truck-stepio` (0.3.0), the
+//! only maintained reader, reads neither the unit, nor names and places of the parts in an assembly, nor offset
+//! surfaces.
 //!
 //! STL (3D Systems, "StereoLithography Interface Specification", 1989): its normals are not used, since they follow
 //! from the vertices. It has no unit of its own; a comment may state one.
@@ -92,7 +93,7 @@ fn is_binary_stl(bytes: &[u8]) -> bool {
         .is_some_and(|count| bytes.len() as u64 == START_BYTES as u64 + TRIANGLE_BYTES as u64 * count)
 }
 
-/// Refuses bytes that are not text of any kind as a binary STL file of the wrong length, if they can be one.
+/// Refuses bytes that can only be a binary STL file of the wrong length, because they are not text of any kind.
 fn check_stl_size(bytes: &[u8]) -> Result<(), MeshFileError> {
     let Some(triangles) = stated_triangle_count(bytes).filter(|&count| count <= MAX_TRIANGLES as u64) else {
         return Ok(());
@@ -294,7 +295,7 @@ mod tests {
     use super::*;
     use panelprep_base::geometry::LengthUnit;
 
-    /// Two triangles of a square of 2 × 1.
+    /// The two triangles of a rectangle of 2 × 1.
     const TEXT: &str = "solid skin made by hand, unit: mm\n\
         facet normal 0 0 1\n outer loop\n  vertex 0 0 0\n  vertex 2 0 0\n  vertex 2 1 0\n endloop\nendfacet\n\
         facet normal 0 0 1\n outer loop\n  vertex 0 0 0\n  vertex 2 1 0\n  vertex 0 1 -0\n endloop\nendfacet\nendsolid skin\n";
@@ -308,7 +309,8 @@ mod tests {
         mesh.triangles.iter().map(|&[a, b, c]| (at(b) - at(a)).cross(&(at(c) - at(a))).norm() / 2.0).sum()
     }
 
-    /// The same square in every form: four vertices, two triangles, an area of 2, and the unit that a comment states.
+    /// The same rectangle in every form: four vertices, two triangles, an area of 2, and the unit that a comment
+    /// states.
     #[test]
     fn every_form_gives_the_same_mesh() {
         let text = read_mesh(TEXT.as_bytes()).expect("text STL");

@@ -113,13 +113,13 @@ mod tests {
 
     /// The example of FIPS 180-2, appendix B.1.
     #[test]
-    fn the_standard_s_own_example() {
+    fn the_example_of_the_standard_is_reproduced() {
         let expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
         assert_eq!(content_hash(b"abc"), expected);
     }
 
     #[test]
-    fn digits_read_back_and_nothing_else_is_read() {
+    fn hex_digits_are_read_back_and_other_text_is_refused() {
         assert_eq!((hex(&[0, 0x9f, 255]), parse_hex("009fff")), ("009fff".to_owned(), Some(vec![0, 0x9f, 255])));
         for wrong in ["0", "0g", "0G", "9F", "+1", "é"] {
             assert_eq!(parse_hex(wrong), None, "{wrong}");

@@ -78,7 +78,7 @@ pub fn write_pcd(cloud: &OrganizedCloud<Camera>) -> Vec<u8> {
     write_pcd_from(cloud, "")
 }
 
-/// The same with a comment that states the cloud's origin, in one line.
+/// Returns the file of [`write_pcd`] with a comment that states the cloud's origin, in one line.
 pub fn write_pcd_from(cloud: &OrganizedCloud<Camera>, origin: &str) -> Vec<u8> {
     let (width, height) = (cloud.width(), cloud.height());
     let one_line: String = origin.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();

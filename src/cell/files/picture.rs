@@ -23,7 +23,8 @@ use panelprep_base::geometry::{ColorPicture, GrayPicture, PinholeCamera};
 use std::io::Cursor;
 
 const JPEG_QUALITY: u8 = 95;
-/// The largest picture that is unpacked if no calibration states its size: above any camera for such a cell.
+/// The largest picture that is unpacked if no calibration states its size: more pixels than any camera of such a cell
+/// has.
 const MAX_PIXELS: u64 = 32 << 20;
 /// Memory limit for a decoder in addition to the pixels that it returns.
 const MAX_DECODER_BYTES: u64 = 128 << 20;
@@ -159,7 +160,7 @@ fn to_gray(picture: DynamicImage) -> GrayPicture {
     }
 }
 
-/// Returns a colour picture as PNG, packed for speed.
+/// Returns a colour picture as PNG, compressed for speed.
 ///
 /// # Errors
 /// If the picture is empty or its pixels are not `width`·`height`.
@@ -274,8 +275,8 @@ fn check_size((width, height): (u32, u32), camera: Option<&PinholeCamera>) -> Re
     }
 }
 
-/// Returns whether a JPEG has its end. The decoder fills missing data with grey and reports nothing. So the end is
-/// searched here: an end marker after the start of the last scan (one before it belongs to the thumbnail).
+/// Returns whether a JPEG file has its end marker. The decoder fills missing data with grey and reports nothing. So the
+/// end is searched here: an end marker after the start of the last scan (one before it belongs to the thumbnail).
 fn has_jpeg_end(bytes: &[u8]) -> bool {
     let last = |marker: [u8; 2]| bytes.windows(2).rposition(|pair| pair == marker);
     matches!((last([0xff, 0xda]), last([0xff, 0xd9])), (Some(scan), Some(end)) if end > scan)

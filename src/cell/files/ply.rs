@@ -279,7 +279,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn spoilt_files_never_panic_and_never_change_their_size(
+        fn damaged_files_cause_no_panic_and_keep_their_size(
             text in any::<bool>(), cut in 0.0..1.2_f64, spoilt in prop::collection::vec((any::<u16>(), any::<u8>()), 0..4),
         ) {
             let mut bytes = if text { good().into_bytes() } else { write_ply(&small_cloud()) };

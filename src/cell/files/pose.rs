@@ -19,7 +19,7 @@ pub enum PoseError {
         problem: String,
     },
     /// The file is the output of a command that found no pose.
-    #[error("{key} is null: the command that printed this file found no pose")]
+    #[error("{key} is null: the command that printed this file found no pose; run it again until it finds one")]
     NotFound {
         /// The key.
         key: &'static str,
@@ -133,7 +133,8 @@ struct FlangeFile {
     axes_deg: Option<[f64; 6]>,
 }
 
-/// Reads the object that contains the key, `None` if the key is absent. Read twice, so that errors keep their line.
+/// Returns the object that contains the key, `None` if the key is absent. The text is read twice, so that errors keep
+/// their line.
 fn parse_if_present<'b, T: Deserialize<'b>>(bytes: &'b [u8], key: &'static str) -> Result<Option<T>, PoseError> {
     let text = |error: serde_json::Error| PoseError::Text { key, problem: error.to_string() };
     let value: serde_json::Value = serde_json::from_slice(bytes).map_err(text)?;

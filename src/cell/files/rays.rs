@@ -1,9 +1,9 @@
 //! Checks whether the points of a cloud lie on the rays of their pixels.
 //!
-//! A 3D camera measures each point on the ray of its pixel. If half of the points project elsewhere by the camera's
-//! own model, cloud and lens do not belong together: another camera's lens, another frame or unit, rows upside
-//! down. The error names what fits. If most points do fit, a point that does not was changed on its way: by a disk,
-//! a cable or a program. Distances along the ray are not checked, except for their unit.
+//! A 3D camera measures each point on the ray of its pixel. If half of the points project elsewhere by the camera's own
+//! model, cloud and lens do not belong together: another camera's lens, another frame or unit, rows upside down. The
+//! error names the lens or order that fits. If most points do fit, a point that does not was changed after the shot: by
+//! a disk, a cable or a program. Distances along the ray are not checked, except for their unit.
 
 use super::error::CloudFileError;
 use panelprep_base::geometry::{
@@ -14,19 +14,19 @@ use rayon::prelude::*;
 
 /// A lens fits if half of the points project within this distance of their pixels, px in a picture of [`REFERENCE_WIDTH_PX`]
 /// columns: manufacturers' figures are approximations.
-const DESCRIBED_PX: f64 = 2.0;
+const MAX_MEDIAN_ERROR_PX: f64 = 2.0;
 const REFERENCE_WIDTH_PX: f64 = 1_944.0;
 /// Lower bound of this limit for small pictures, px: a scan may be reduced with a different centre of its pixels.
-const MIN_DESCRIBED_PX: f64 = 1.0;
+const MIN_ERROR_LIMIT_PX: f64 = 1.0;
 /// A point that projects farther away than this was not measured at its pixel, px. The value is ten times
-/// [`DESCRIBED_PX`], to allow filters that smooth a scan.
+/// [`MAX_MEDIAN_ERROR_PX`], to allow filters that smooth a scan.
 const MAX_PROJECTION_ERROR_PX: f64 = 20.0;
 /// Fewer points show nothing about lens, frame or unit.
 const MIN_POINTS: usize = 60;
 /// A 3D camera measures nothing nearer than this, mm: such numbers are metres.
 const MIN_DISTANCE_MM: f64 = 20.0;
 /// A 3D camera measures parts between these distances, mm: other numbers are in another unit.
-const MEASURES_MM: std::ops::Range<f64> = 150.0..5_000.0;
+const MEASURING_RANGE_MM: std::ops::Range<f64> = 150.0..5_000.0;
 /// If a lens fits a cloud, the residual is below this, px.
 const MAX_FIT_RESIDUAL_PX: f64 = 0.5;
 
@@ -56,7 +56,7 @@ pub fn check_frame(cloud: &OrganizedCloud<Camera>) -> Result<(), CloudFileError>
 }
 
 fn allowed_px(width: usize) -> f64 {
-    (DESCRIBED_PX * width as f64 / REFERENCE_WIDTH_PX).max(MIN_DESCRIBED_PX)
+    (MAX_MEDIAN_ERROR_PX * width as f64 / REFERENCE_WIDTH_PX).max(MIN_ERROR_LIMIT_PX)
 }
 
 fn unit_and_side(sample: &RaySample) -> Result<(), CloudFileError> {
@@ -70,7 +70,7 @@ fn unit_and_side(sample: &RaySample) -> Result<(), CloudFileError> {
     if middle < 0.0 {
         return Err(CloudFileError::Behind { from, to });
     }
-    if !MEASURES_MM.contains(&middle) {
+    if !MEASURING_RANGE_MM.contains(&middle) {
         return Err(CloudFileError::OtherUnit { from, to });
     }
     Ok(())
@@ -195,7 +195,8 @@ mod tests {
         OrganizedCloud::new(100, 80, points, vec![[0; 3]; 8_000]).expect("counts agree")
     }
 
-    /// Calculated by hand: x = 700 mm · 19/90 = 147.8 mm more is seen 19 px to the right; 163.3 mm are 21 px.
+    /// Calculated by hand: a point that is moved by 700 mm · 19/90 = 147.8 mm in x is seen 19 px to the right; 163.3 mm
+    /// are 21 px.
     #[test]
     fn a_point_of_another_pixel_is_refused_with_its_place() {
         let [x, y, z] = [(10.0 - 50.0) / 90.0 * 700.0, (30.0 - 40.0) / 90.0 * 700.0, 700.0_f32];
@@ -211,7 +212,7 @@ mod tests {
 
     /// By hand: 5 px away from their pixels, the points are those of a lens with its centre at 55 px.
     #[test]
-    fn a_cloud_of_another_lens_is_refused_with_its_own() {
+    fn a_cloud_of_another_lens_is_refused_and_its_lens_is_stated() {
         let other = check_rays(&cloud(-5.0, None), &CAMERA).expect_err("another lens").to_string();
         assert!(
             other.contains("cx 55.00") && other.contains("cx 50.00") && other.contains("--from-scan"),

@@ -10,14 +10,14 @@
 //!
 //! with e_tool the error at the tool, 95 %, e_surface the distance of the fitted surface from the scan, 95 %, and
 //! e_chord the largest distance of a straight line between two waypoints from the surface. All of (1) must be within
-//! the middle two thirds of the stroke. The errors are added, not squared: a systematic error would not average out
-//! along a path.
+//! the middle two thirds of the stroke. The errors are added linearly, not as a root sum of squares: a systematic error
+//! would not average out along a path.
 //!
 //! Waypoints are those of the plan, the first one in air. The robot reports how many of the others it has reached, and
-//! is then on the leg from that waypoint to the next. Through the air and over a hole the tool is held back. On the
-//! way down and up, with one end of the leg on the panel, it presses with the landing force. It also does so on the
-//! last leg before it leaves, so that the force is reduced when the disc lifts off. Between these legs, it presses
-//! with the recipe's force.
+//! is then on the leg from that waypoint to the next. Through the air and over a hole the tool is held back. On the way
+//! down and up, with one end of the leg on the panel, it presses with the landing force. It also does so on the last
+//! leg before it leaves, so that the force is reduced when the disc lifts off. Between these legs, it presses with the
+//! recipe's force.
 
 use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
 use panelprep_base::verdict::{Check, LimitSource, Severity};
@@ -25,7 +25,7 @@ use panelprep_kuka::eki::Time;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// A set-point: forces of the actuator, already without gravity.
+/// A set-point: forces of the actuator, already compensated for gravity.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ForceSetPoint {
@@ -104,8 +104,8 @@ pub fn middle_mm(stroke_mm: f64) -> [f64; 2] {
 /// refused.
 pub fn check_stroke(stroke_mm: f64, press_in_mm: f64, errors_mm: [Option<f64>; 3]) -> Check {
     let allowed_mm = MIDDLE_SHARE / 2.0 * stroke_mm;
-    // Added and not squared: the errors of tool, surface and lines may all lie in the same direction along a whole
-    // path.
+    // A linear sum, not a root sum of squares: the errors of tool, surface and lines may all lie in the same direction
+    // along a whole path.
     let sum_mm = errors_mm.into_iter().try_fold(press_in_mm.abs(), |sum_mm, error_mm| Some(sum_mm + error_mm?));
     let check = Check::new(TOOL_STROKE, "mm", sum_mm).with_max(allowed_mm, LimitSource::cell("tool.stroke_mm"));
     let is_within = sum_mm.is_some() && check.is_met();
@@ -184,9 +184,9 @@ mod tests {
         assert!(unknown.reason().is_some_and(|reason| reason.message.contains("tool_error_mm")));
     }
 
-    /// Calculated by hand: air, low, four on the panel, low, air. The tool is held back to the low point, lands on
-    /// the way down and presses on two legs. It has the landing force on the last leg on the panel and on the way
-    /// up, and is held back again.
+    /// Calculated by hand, for waypoints in air, low, four on the panel, low, in air: the tool is held back to the low
+    /// point, lands on the way down and presses on two legs. It has the landing force on the last leg on the panel and
+    /// on the way up, and is held back again.
     #[test]
     fn forces_follow_the_path() {
         let contact = [false, false, true, true, true, true, false, false];
@@ -197,7 +197,7 @@ mod tests {
     }
 
     proptest! {
-        /// Never the recipe's force if either end of the leg, or the next leg's end, is off the panel.
+        /// The recipe's force never applies if either end of the leg, or the next leg's end, is off the panel.
         #[test]
         fn nothing_presses_beside_the_panel(contact in prop::collection::vec(any::<bool>(), 0..20), at in 0_usize..25) {
             let on = |index: usize| contact.get(index) == Some(&true);

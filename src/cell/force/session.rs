@@ -66,7 +66,7 @@ pub enum LinkLossCause {
     /// Another tool answered.
     #[error("{problem}; compare [tool] id with the tool's settings")]
     OtherId {
-        /// The number in the reply.
+        /// The problem: the number in the reply is another one.
         problem: String,
     },
     /// It sent data without a request.
@@ -166,7 +166,7 @@ impl Session {
 
     fn command(&self, now: Time) -> Command {
         let ForceSetPoint { no_contact_n, .. } = self.ramp.target();
-        // The force is already without gravity, and the ramp is made here: the tool must do neither a second time.
+        // The force is already compensated for gravity, and the ramp is computed here: the tool must do neither again.
         Command {
             id: self.limits.id,
             force_n: self.ramp.force_n(now),
@@ -226,7 +226,7 @@ impl Session {
         }
     }
 
-    /// Ends the session with a cause.
+    /// Ends the session for this cause.
     pub fn end_session(&mut self, why: LinkLossCause) {
         // The first cause stays: what follows a loss is its consequence.
         if !matches!(self.state, State::Lost(_)) {
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn each_fault_ends_it_by_its_name() {
+    fn each_fault_ends_the_session_with_its_cause() {
         let ends = |act: &dyn Fn(&mut Session)| {
             let mut session = live();
             session.tick(Time::from_ms(3));
@@ -326,7 +326,7 @@ mod tests {
     proptest! {
         /// Any bytes, in any pieces, never cause a panic, and the result does not depend on where they are cut.
         #[test]
-        fn bytes_mean_the_same_however_they_are_cut(
+        fn the_result_does_not_depend_on_how_the_bytes_are_split(
             bytes in prop::collection::vec(prop_oneof![Just(b'k'), Just(b' '), b'0'..=b'9', any::<u8>()], 0..150),
             cut in 0_usize..150,
         ) {

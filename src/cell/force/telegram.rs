@@ -52,7 +52,7 @@ pub struct Command {
 }
 
 impl Command {
-    /// The telegram.
+    /// Returns the telegram.
     pub fn bytes(&self) -> Vec<u8> {
         let Command { id, force_n, free_force_n: no_contact_n, ramp_s, payload_kg } = self;
         // Removes a negative sign of zero, which would be written as a different text.
@@ -84,12 +84,12 @@ pub struct ErrorBits(pub u8);
 const MEANINGS: [&str; 8] = [
     "its valve has an error",
     "its sensor has an error",
-    "its head and its controller do not fit each other",
+    "its head and its controller do not match",
     "its commanded force cannot be reached",
     "the force before contact was set to 0",
     "a commanded value is out of range",
     "its head does not answer its controller",
-    "its head's parameters were not read whole",
+    "its head's parameters were not read completely",
 ];
 
 impl ErrorBits {
@@ -98,7 +98,7 @@ impl ErrorBits {
         self.0 == 0
     }
 
-    /// Returns the errors in words.
+    /// Returns the errors as text.
     pub fn describe(self) -> String {
         let set = |(bit, meaning): (usize, &&'static str)| (self.0 >> bit & 1 == 1).then_some(*meaning);
         MEANINGS.iter().enumerate().filter_map(set).collect::<Vec<_>>().join(", ")
@@ -194,7 +194,7 @@ mod tests {
 
     /// Calculated by hand from the driver's format.
     #[test]
-    fn telegrams_are_the_drivers() {
+    fn telegrams_are_those_of_the_driver() {
         assert_eq!(login("ferba"), b"ferbak");
         assert_eq!(COMMAND.bytes(), b"1040 20.00 -5.00 0.250 1.300 0k");
         assert_eq!(Command { force_n: -0.0, ..COMMAND }.bytes(), b"1040 0.00 -5.00 0.250 1.300 0k");
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_reply_is_refused_with_what_it_is() {
+    fn an_invalid_reply_is_refused_with_its_problem() {
         let says = |bytes: &[u8]| parse_reply(bytes, 7).expect_err("refused").to_string();
         assert_eq!(
             says(b"7 1.0 2.0 1"),
@@ -236,10 +236,10 @@ mod tests {
             }
         }
 
-        /// One byte of a reply is changed: the reply is refused, or contains another number, but never more than
-        /// its format allows.
+        /// One byte of a reply is changed: the reply is refused, or it is still one of the same tool, with finite
+        /// numbers.
         #[test]
-        fn a_changed_byte_is_no_other_tools_reply(at in 0_usize..19, to in any::<u8>()) {
+        fn a_changed_byte_gives_no_reply_of_another_tool(at in 0_usize..19, to in any::<u8>()) {
             let mut bytes = b"1040 19.7 17.25 1 0".to_vec();
             bytes[at] = to;
             if let Ok(reading) = parse_reply(&bytes, 1040) {

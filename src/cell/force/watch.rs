@@ -1,11 +1,11 @@
 //! Compares the readings with their expected values while the arm is on a contact path, and computes the effect of the
 //! weight of the parts on the tool.
 //!
-//! Each deviation counts from the reading that first shows it, and is reported once it has lasted longer than the
-//! limit of the cell's file; a tool that does not go back has a limit of its own, `RETRACT_TIMEOUT`. Deviations are: a
-//! force out of its band around the set-point; no contact although the tool presses; a position outside of the
-//! middle two thirds of the stroke; a tool that does not go back. Error bits and a lost link count at once. While
-//! the set-point ramps, the band includes its values of the last moment, by which the tool may follow later.
+//! Each deviation counts from the reading that first shows it, and is reported once it has lasted longer than the limit
+//! of the cell's file; a tool that does not retract has its own limit, `RETRACT_TIMEOUT`. Deviations are: a force out
+//! of its band around the set-point; no contact although the tool presses; a position outside of the middle two thirds
+//! of the stroke; a tool that does not retract. Error bits and a lost link count at once. While the set-point ramps,
+//! the band also includes the set-point's values of the last moment, because the tool may follow with a delay.
 //!
 //! The weight of the parts on the tool acts as a function of the tool's orientation:
 //!
@@ -16,9 +16,9 @@
 //! ```
 //!
 //! `a` is the direction in which the tool presses, its own +Z, and `d` the direction of gravity, −Z of the robot's
-//! base, both of length 1: the base must be level. If the tool points down (`a · d` = 1), the weight adds to the
-//! force; if it points up, the weight reduces the force. The payload that is sent to the tool is 0 kg, so that nothing
-//! is compensated twice.
+//! base, both of length 1: the base must be level. If the tool points down (`a · d` = 1), the weight adds to the force;
+//! if it points up, the weight reduces the force. The payload that is sent to the tool is 0 kg, so that nothing is
+//! compensated twice.
 
 use super::press::{ForcePhase, middle_mm};
 use super::telegram::ToolReading;
@@ -101,7 +101,7 @@ impl ForceWatch {
         let no_contact = lasts(&mut self.no_contact_since, presses && !reading.contact, limits.contact_within);
         let out = lasts(&mut self.out_of_band_since, out, limits.band_within);
         let outside = lasts(&mut self.out_of_stroke_since, outside, limits.band_within);
-        // Before the force: a pad in the air also has a wrong force, but the panel that is missing is the cause.
+        // Checked before the force: a pad in the air also has a wrong force, but the missing panel is the cause.
         if no_contact {
             let ms = limits.contact_within.as_millis();
             let words = format!(
@@ -131,7 +131,7 @@ impl ForceWatch {
     }
 }
 
-/// Returns why a path may not begin with this reading of a tool that is held back; none if it may.
+/// Returns why a path may not begin with this reading of a tool that is held back; `None` if it may.
 pub fn not_ready_reason(reading: &ToolReading, stroke_mm: f64) -> Option<Reason> {
     if !reading.errors.is_empty() {
         return Some(error_reason(reading));
@@ -226,10 +226,10 @@ mod tests {
         down_cosine(&KukaPose { b_deg, ..KukaPose::default() }.to_rigid())
     }
 
-    /// By hand: 2 kg weigh 19.6133 N. Down: 20 N of contact need 0.3867 N from the actuator. Up: 39.6133 N. Level:
-    /// 20 N. At 60° from down, half of the weight presses: 10.19335 N.
+    /// Calculated by hand: 2 kg weigh 19.6133 N. Down: 20 N of contact need 0.3867 N from the actuator. Up: 39.6133 N.
+    /// Horizontal: 20 N. At 60° from down, half of the weight presses: 10.19335 N.
     #[test]
-    fn weight_presses_by_the_attitude() {
+    fn the_weight_acts_as_a_function_of_the_orientation() {
         let weight = SensorLoad { payload_kg: 2.0, zero_n: 0.0 };
         for (b_deg, actuator_n) in [(180.0, 0.3867), (0.0, 39.6133), (90.0, 20.0), (120.0, 10.193_35)] {
             let found = weight.actuator_n(20.0, turned(b_deg));
@@ -330,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_begins_with_a_tool_that_is_back() {
+    fn a_path_begins_with_a_retracted_tool() {
         let back = ToolReading { force_n: -30.0, position_mm: 0.2, contact: false, errors: ErrorBits(0) };
         assert_eq!(not_ready_reason(&back, 30.0), None);
         let code = |reading: ToolReading| not_ready_reason(&reading, 30.0).map(|reason| reason.code.to_string());

@@ -88,7 +88,7 @@ pub fn time_to_color(since_wet_s: Option<f64>) -> [u8; 3] {
     })
 }
 
-/// The time that a colour encodes; `None` if the pixel did not break.
+/// Returns the time that a colour encodes; `None` if the pixel did not break.
 pub fn decoded([red, green, blue]: [u8; 3]) -> Option<f64> {
     (blue == 255).then(|| f64::from(u16::from_be_bytes([red, green])) / 100.0)
 }
@@ -98,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_survive_their_colour() {
+    fn times_are_read_back_from_their_colours() {
         for time_s in [None, Some(0.0), Some(0.25), Some(59.99), Some(600.0)] {
             assert_eq!(decoded(time_to_color(time_s)), time_s);
         }

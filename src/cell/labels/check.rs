@@ -56,7 +56,7 @@ pub enum Problem {
         found: usize,
     },
     /// A break without an outline.
-    #[error("break {number} has no shape")]
+    #[error("break {number} has no shape: draw its outline, or remove the break")]
     NoShape {
         /// Number of the break.
         number: usize,
@@ -113,7 +113,7 @@ pub enum Problem {
     BeforeWet {
         /// Number of the break.
         number: usize,
-        /// Begin of the break, s.
+        /// Beginning of the break, s.
         from_s: f64,
         /// Time from which the film is whole.
         wet_from_s: f64,
@@ -123,7 +123,7 @@ pub enum Problem {
     AfterEnd {
         /// Number of the break.
         number: usize,
-        /// The part of the break: its begin, a later shape or its end.
+        /// The part of the break: its beginning, a later shape or its end.
         what: &'static str,
         /// Time of this part, s.
         time_s: f64,

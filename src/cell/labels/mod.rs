@@ -139,7 +139,7 @@ pub enum FormError {
 }
 
 impl LabelFile {
-    /// The person's statement.
+    /// Returns the person's statement.
     pub fn statement(self) -> Statement {
         Statement { author: self.author, clean: self.clean, breaks: self.breaks }
     }

@@ -16,7 +16,7 @@ fn statement(breaks: Vec<Break>) -> Statement {
     Statement { author: "A. Meier".to_owned(), clean: breaks.is_empty(), breaks }
 }
 
-/// A clip of 10 × 6 px; wet from 3 s to 8 s, with a picture each second.
+/// Returns a clip of 10 × 6 px; wet from 3 s to 8 s, with a picture each second.
 fn frame() -> ClipFrame {
     ClipFrame { size_px: [10, 6], wet_times_s: (3..=8).map(f64::from).collect() }
 }
@@ -49,7 +49,7 @@ fn pixels_break_when_a_growing_shape_reaches_them() {
 /// that has closed is still in the mask. The other break covers column 0 from 5 s on. If two breaks overlap, the
 /// earlier one counts, so the other break adds only rows 2 to 5.
 #[test]
-fn a_shape_holds_until_another_one_and_what_closed_did_break() {
+fn a_shape_applies_until_the_next_one_and_a_closed_break_stays_in_the_mask() {
     let one = Break {
         closes_s: Some(7.0),
         shapes: vec![
@@ -68,7 +68,7 @@ fn a_shape_holds_until_another_one_and_what_closed_did_break() {
 }
 
 #[test]
-fn what_cannot_be_is_named_with_its_break() {
+fn an_impossible_statement_is_reported_with_its_break() {
     let of = |shapes: Vec<Shape>, closes_s: Option<f64>| statement(vec![Break { closes_s, shapes }]);
     let good = || rectangle(4.0, [1.0, 1.0], [4.0, 4.0]);
     let cases = [
@@ -79,7 +79,7 @@ fn what_cannot_be_is_named_with_its_break() {
         (Statement { author: "A\nB".to_owned(), ..of(vec![good()], None) }, "control characters are not permitted"),
         (Statement { clean: false, ..statement(vec![]) }, "no break is drawn"),
         (Statement { clean: true, ..of(vec![good()], None) }, "as clean, but breaks are drawn (1)"),
-        (of(vec![], None), "break 1 has no shape"),
+        (of(vec![], None), "break 1 has no shape: draw its outline, or remove the break"),
         (of(vec![shape(4.0, &[[1.0, 1.0], [2.0, 2.0]])], None), "shape from 4 s: found 2 corners, at least 3"),
         (
             of(vec![rectangle(4.0, [1.0, 1.0], [9.6, 4.0])], None),

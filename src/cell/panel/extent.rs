@@ -1,8 +1,8 @@
 //! Finds which pixels of the taught scan belong to the panel, and where its outline runs.
 //!
-//! Without an outline in the recipe, the panel is the connected piece of the scan in the search box under the
-//! region's centre. With an outline, the panel is everything inside that polygon and on the panel's surface, even
-//! if many points are missing. At places that a holder or clamp touches, neither surface nor outline is used.
+//! Without an outline in the recipe, the panel is the connected component of the scan in the search box under the
+//! region's centre. With an outline, the panel is everything inside that polygon and on the panel's surface, even if
+//! many points are missing. At places that a holder or clamp touches, neither surface nor outline is used.
 
 use super::region::Region;
 use super::{LearnError, WrongCorner, nominal_pose, segment};
@@ -175,8 +175,8 @@ impl SearchArea<'_> {
     }
 }
 
-/// Returns whether a pixel or one of its neighbours is in the mask. A single missing point must not push a corner
-/// off the panel.
+/// Returns whether a pixel or one of its neighbours is in the mask: a corner at a single missing point still counts as
+/// on the panel.
 fn is_near_mask(mask: &Mask, pixel: Pixel) -> bool {
     let Some((column, row)) = pixel.nearest_whole(mask.width, mask.height) else { return false };
     let columns = column.saturating_sub(1)..=(column + 1).min(mask.width - 1);

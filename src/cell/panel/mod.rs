@@ -99,7 +99,7 @@ pub enum LearnError {
         v: f64,
     },
     /// The region's corners enclose no area.
-    #[error("the region's four corners enclose no area")]
+    #[error("the region's four corners enclose no area; draw the region again")]
     EmptyRegion,
     /// No panel lies in the view of a corner picture.
     #[error(

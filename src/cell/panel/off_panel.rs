@@ -1,5 +1,5 @@
-//! Finds where the region or the search box ends beside the panel: the region extends over the panel's edge or over a
-//! hole, or the search box cuts the panel.
+//! Finds the parts of the region that are not on the panel, because the region extends over the panel's edge or over a
+//! hole; and finds the face of the search box that cuts the panel.
 //!
 //! Outside of the panel there is no surface to test or to sand, and the surfaces that the camera sees there lie far
 //! behind. Such a part of the region is measured on the taught scan, in mm on the extrapolated surface of the panel,
@@ -325,7 +325,7 @@ mod tests {
 
     /// A region inside the panel, with noise and some missing points, does not extend beyond the panel.
     #[test]
-    fn a_region_on_the_panel_is_on_it() {
+    fn a_region_on_the_panel_has_no_overhang() {
         assert_eq!(found(FlatPanelOptions::default()), []);
         assert_eq!(found(FlatPanelOptions { dropouts: true, ..FlatPanelOptions::default() }), []);
         // A panel edge that coincides with the region's edge is not an overhang: here both end at column 250.
@@ -363,7 +363,7 @@ mod tests {
     /// Calculated by hand: the same notch, from column 219 on, ends one pixel before the region's corner 2. The corner
     /// itself is on the panel.
     #[test]
-    fn a_corner_beside_which_the_region_hangs_over_is_named() {
+    fn the_corner_near_an_overhang_is_named() {
         let off = found(FlatPanelOptions { notch: Some(219), ..FlatPanelOptions::default() });
         let [OffPanel { gap_kind: GapKind::Edge, corner: Some(2), grid, .. }] = &off[..] else { panic!("{off:?}") };
         assert_eq!(grid.to_string(), "r1c6");
@@ -374,9 +374,9 @@ mod tests {
         );
     }
 
-    /// By hand: a hole of 17 × 17 px, through which the background is seen 160 mm behind, so 17 mm. Its middle is (188,
-    /// 98), in the fifth column and second row. A hole of 9 mm is smaller than the limit for a hole, and a masked hole is
-    /// already known to the person.
+    /// Calculated by hand: a hole of 17 × 17 px is 17 mm wide; through it the background is seen, 160 mm behind. Its
+    /// middle is (188, 98), in the fifth column and second row. A hole of 9 mm is smaller than the limit for a hole,
+    /// and a masked hole is already known to the person.
     #[test]
     fn a_hole_is_measured_and_named() {
         let off = found(FlatPanelOptions { hole_px: 17, ..FlatPanelOptions::default() });
@@ -406,7 +406,7 @@ mod tests {
 
     /// Inside a person's outline, missing points are not a hole; a place at which the background is seen is a hole.
     #[test]
-    fn a_drawn_outline_states_what_is_panel() {
+    fn missing_points_inside_a_drawn_outline_are_no_hole() {
         let drawn = |sees_through: bool| {
             found(FlatPanelOptions {
                 hole_px: 17,

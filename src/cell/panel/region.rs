@@ -1,7 +1,7 @@
 //! The region of interest: a quadrilateral of the taught picture, divided into grids (thesis 4.4, Fig. 4.18).
 //!
-//! A homography H maps the unit square to the four corners (0,0), (1,0), (1,1), (0,1) → corners 1 to 4, so that
-//! grids of a plane panel come out equally large under perspective. s runs along the columns, t along the rows.
+//! A homography H maps the unit square to the four corners (0,0), (1,0), (1,1), (0,1) → corners 1 to 4, so that the
+//! grids of a plane panel have the same size despite the perspective. s runs along the columns, t along the rows.
 
 use crate::recipe;
 use nalgebra::{Matrix3, Point2, Vector3};
@@ -89,7 +89,7 @@ impl Region {
         (1..=self.rows).flat_map(move |row| (1..=columns).map(move |column| GridId { row, column }))
     }
 
-    /// Returns the grid's part of the unit square, `[s, t]` lowest and highest.
+    /// Returns the grid's part of the unit square: its lowest and its highest `[s, t]`.
     pub fn unit_box(&self, id: GridId) -> [Point2<f64>; 2] {
         let corner = |row: usize, column: usize| {
             Point2::new(column as f64 / self.columns as f64, row as f64 / self.rows as f64)
@@ -110,7 +110,8 @@ impl Region {
     }
 }
 
-// Heckbert 1989, "Fundamentals of texture mapping and image warping", section 2.2.3
+// The homography from the unit square to a quadrilateral: Heckbert 1989, "Fundamentals of texture mapping and image
+// warping", section 2.2.3.
 fn unit_square_to_quad(corners_px: [[f64; 2]; 4]) -> Matrix3<f64> {
     let [[x0, y0], [x1, y1], [x2, y2], [x3, y3]] = corners_px;
     let (dx1, dx2, sx) = (x1 - x2, x3 - x2, x0 - x1 + x2 - x3);

@@ -1,13 +1,13 @@
-//! Segmentation of a scan into smooth objects (the connected piece around a seed, or the largest piece), and which of
-//! these pieces belong to one sheet.
+//! Divides a scan into smooth objects (connected components: the one around a seed, or the largest one), and finds
+//! which of these pieces belong to one sheet.
 //!
 //! Two neighbouring pixels belong to one object if the step in depth between them is smaller than any smooth panel
 //! causes from one pixel to the next. No shape is assumed.
 //!
 //! Missing points can divide a panel into pieces; objects in front of or behind the panel do not belong to it. The
 //! heights over the plane of least scatter are modelled as a polynomial of second order in the two directions of that
-//! plane: h(s, t) = a + b s + c t + d s² + e st + f t². The polynomial is fitted to the pieces that are known to
-//! belong to the sheet. A piece belongs to the sheet if its median height differs from this model by at most
+//! plane: h(s, t) = a + b s + c t + d s² + e st + f t². The polynomial is fitted to the pieces that are known to belong
+//! to the sheet. A piece belongs to the sheet if its median height differs from this model by at most
 //! `MAX_SHEET_DISTANCE_MM`.
 
 use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
@@ -17,7 +17,7 @@ use panelprep_base::geometry::{
 
 /// Neighbouring points belong to two objects if their distance exceeds the usual distance by this factor. The
 /// factor is larger than a steep panel causes, and far smaller than the gap between a panel and its fixture.
-const MAX_STEPS: f64 = 6.0;
+const MAX_STEP_RATIO: f64 = 6.0;
 
 /// Returns the usual distance between neighbouring points, mm: the median along the rows.
 fn usual_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> Option<f64> {
@@ -32,10 +32,10 @@ fn usual_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> Option<f
 
 /// Returns the distance below which neighbouring points belong to one object, mm.
 pub(super) fn max_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> f64 {
-    MAX_STEPS * usual_step_mm(cloud, free).unwrap_or_default()
+    MAX_STEP_RATIO * usual_step_mm(cloud, free).unwrap_or_default()
 }
 
-/// Finds the connected pieces of a scan, each as its pixel indices, largest first.
+/// Finds the pieces of a scan, its connected components, each as its pixel indices, largest first.
 pub fn find_pieces<F: Frame>(cloud: &OrganizedCloud<F>, inside: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
     let raster = RasterSize { width: cloud.width(), height: cloud.height() };
     let free: Vec<bool> =
@@ -63,7 +63,7 @@ pub fn piece_to_mask<F: Frame>(cloud: &OrganizedCloud<F>, piece: &[usize]) -> Ma
 /// at the ends of a gap, a real panel deviates from the model by less.
 const MAX_SHEET_DISTANCE_MM: f64 = 4.0;
 /// Largest number of points that a fit, and the height of a piece, use.
-const FIT_POINTS: usize = 4_000;
+const MAX_FIT_POINTS: usize = 4_000;
 const PIECE_POINTS: usize = 200;
 
 /// Returns the pixels of all pieces that lie on the same sheet as the largest piece.
@@ -100,11 +100,11 @@ pub(super) struct QuadraticSheet {
     pub(super) rms_mm: f64,
 }
 
-/// A place is no farther from the points than their own rim if tᵀ (Σ t tᵀ / n)⁻¹ t at this place is at most this
-/// value. Its mean over the points is 6, and at the corners of an evenly filled square it is 1 + 3 + 3 + 5 + 5 + 9 =
-/// 26.
-const RIM: f64 = 26.0;
-/// Steps to the intersection of a ray with the sheet, and the largest length of the last step, mm.
+/// A place is no farther from the points than their own rim if its leverage tᵀ (Σ t tᵀ / n)⁻¹ t is at most this value.
+/// The mean of the leverage over the points is 6, and at the corners of an evenly filled square it is 1 + 3 + 3 + 5 + 5
+/// + 9 = 26.
+const MAX_RIM_LEVERAGE: f64 = 26.0;
+/// Maximum number of steps to the intersection of a ray with the sheet, and maximum length of the last step, mm.
 const MAX_INTERSECTION_STEPS: usize = 20;
 const INTERSECTION_TOLERANCE_MM: f64 = 1e-6;
 
@@ -120,7 +120,7 @@ impl QuadraticSheet {
             let step = (self.height.dot(&terms) - height) / slope;
             distance += step;
             if step.abs() * ray.mm.norm() <= INTERSECTION_TOLERANCE_MM {
-                let is_near = terms.dot(&(self.spread * terms)) <= RIM;
+                let is_near = terms.dot(&(self.spread * terms)) <= MAX_RIM_LEVERAGE;
                 return (is_near && distance > 0.0).then_some(point);
             }
         }
@@ -130,7 +130,7 @@ impl QuadraticSheet {
     /// Fits a sheet through the points at these pixels; `None` if there are too few or if they lie on a line.
     pub(super) fn fit(scan: &OrganizedCloud<Panel>, pixels: &[usize]) -> Option<QuadraticSheet> {
         let points: Vec<Point3<f64>> =
-            subsample(pixels, FIT_POINTS).filter_map(|i| scan.point_at(i)).map(|p| p.mm).collect();
+            subsample(pixels, MAX_FIT_POINTS).filter_map(|i| scan.point_at(i)).map(|p| p.mm).collect();
         let centre =
             Point3::from(points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len().max(1) as f64);
         let scatter: Matrix3<f64> = points.iter().map(|p| (p - centre) * (p - centre).transpose()).sum();
@@ -188,7 +188,7 @@ mod tests {
 
     /// A near block of 4 × 4 pixels in front of a wall 60 mm behind: two pieces, the wall first.
     #[test]
-    fn a_gap_in_depth_parts_two_objects() {
+    fn a_gap_in_depth_separates_two_objects() {
         let point = |i: usize| {
             let (column, row) = (i % 10, i / 10);
             let near = (3..7).contains(&column) && (3..7).contains(&row);
@@ -201,10 +201,10 @@ mod tests {
         assert!(piece_to_mask(&cloud, &pieces[1]).contains(4, 4));
     }
 
-    /// By hand: h = 500 + x²/1000 over 0…99 × 0…49 mm without a hole of 40 × 20 mm. Seen along z through the middle
-    /// of the hole, (50, 25), the sheet is at 502.5; far outside, at (400, 25), there is no result.
+    /// Calculated by hand: h = 500 + x²/1000 over 0…99 × 0…49 mm without a hole of 40 × 20 mm. Seen along z through the
+    /// middle of the hole, (50, 25), the sheet is at 502.5; far outside, at (400, 25), there is no result.
     #[test]
-    fn a_hole_is_bridged_and_nothing_is_reported_far_off() {
+    fn a_hole_is_bridged_and_far_points_have_no_intersection() {
         let point = |i: usize| {
             let (x, y) = ((i % 100) as f32, (i / 100) as f32);
             let is_hole = (30..70).contains(&(i % 100)) && (15..35).contains(&(i / 100));

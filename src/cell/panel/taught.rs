@@ -40,7 +40,7 @@ impl TaughtSource {
         recipe.nominal().map_or(TaughtSource::Scan, |_| TaughtSource::Drawing)
     }
 
-    /// The panel with which today's panel is compared, for sentences.
+    /// Returns what today's panel is compared with, as part of a sentence.
     pub fn describe(self) -> &'static str {
         match self {
             TaughtSource::Scan => "the taught surface",
@@ -139,8 +139,8 @@ impl TaughtPanel {
         Ok(Grid { id, edge, corners })
     }
 
-    /// Returns the surface point at a pixel of the taught picture, from the plane through its neighbourhood; `None`
-    /// off the panel.
+    /// Returns the surface point at a pixel of the taught picture, from the plane through its neighbourhood; `None` off
+    /// the panel.
     pub fn surface_point_at(&self, pixel: Pixel) -> Option<Point<Panel>> {
         let at = pixel.nearest_whole(self.scan.width(), self.scan.height())?;
         let viewer = self.panel_from_camera.origin();
@@ -148,7 +148,7 @@ impl TaughtPanel {
         plane.intersect_ray(viewer, self.panel_from_camera * self.camera.unproject(pixel)?)
     }
 
-    /// Returns the same surface point if points are missing around the pixel, from a neighbourhood that is as wide as
+    /// Returns the surface point at a pixel around which points are missing, from a neighbourhood that is as wide as
     /// necessary.
     fn surface_point_around(&self, pixel: Pixel) -> Option<Point<Panel>> {
         let at = pixel.nearest_whole(self.scan.width(), self.scan.height())?;
@@ -173,8 +173,8 @@ impl TaughtPanel {
             .filter(|&index| self.mask.inside[index] && self.scan.point_at(index).is_some())
     }
 
-    /// Returns the same surface point for an even wider hole: on the second-order surface through the points around
-    /// the hole, no farther from these points than their own rim.
+    /// Returns the surface point over an even wider hole: on the second-order surface through the points around the
+    /// hole, no farther from these points than their own rim.
     fn surface_point_over_hole(&self, pixel: Pixel) -> Option<Point<Panel>> {
         let at = pixel.nearest_whole(self.scan.width(), self.scan.height())?;
         let ray = self.panel_from_camera * self.camera.unproject(pixel)?;
@@ -194,8 +194,7 @@ impl TaughtPanel {
         }
     }
 
-    /// Returns the fraction of the panel inside a drawn outline that has points, 0…1; 1 if the points themselves are
-    /// the outline.
+    /// Returns the fraction of the panel inside a drawn outline that has points, 0…1; 1 if no outline was drawn.
     pub fn measured_share(&self) -> f64 {
         if self.outline_from == OutlineFrom::Scan {
             return 1.0;
@@ -253,7 +252,7 @@ pub struct CornerTeaching {
 /// A corner with its position on the panel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TaughtCorner {
-    /// The taught picture and outline of the corner.
+    /// The corner's pixel and the camera's pose in the taught picture.
     pub teaching_data: CornerTeaching,
     /// The corner: the intersection of its two edges, on the surface.
     pub point: Point<Panel>,

@@ -119,7 +119,7 @@ mod tests {
     };
 
     #[test]
-    fn what_was_drawn_is_put_in_and_comments_stay() {
+    fn drawn_shapes_are_written_and_comments_stay() {
         let text = "# the door\npanel = \"door\"\n\n[locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [900, 900, 900]\n\n\
                     [region] # by hand\ncorners_px = [[1, 2], [3, 2], [3, 4], [1, 4]] # from the ruler\nrows = 4\ncolumns = 6 # wide\n";
         let edited = with_shapes(text, &DRAWN).expect("a recipe");
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn masks_come_into_a_table_of_their_own_and_go_again() {
+    fn masks_are_written_into_their_own_table_and_removed_again() {
         let text = "region = { corners_px = [[1, 2], [3, 2], [3, 4], [1, 4]], rows = 1, columns = 1 }\n";
         let masked_px = vec![[[1.0, 1.0], [2.0, 1.0], [2.0, 2.0], [1.0, 2.5]]];
         let with = with_shapes(text, &DrawnShapes { masked_px, ..DRAWN }).expect("a recipe");
@@ -145,7 +145,7 @@ mod tests {
 
     /// The short form of the panel's name becomes a table at the same place.
     #[test]
-    fn an_outline_and_held_edges_come_beside_the_panels_name() {
+    fn an_outline_and_held_edges_are_written_beside_the_panels_name() {
         let text = "# the door\npanel = \"door\" # the left one\nregion = { corners_px = [[1, 2], [3, 2], [3, 4], [1, 4]], rows = 1, columns = 1 }\n";
         let outline_px = vec![[600.0, 300.0], [1300.0, 300.0], [950.25, 900.0]];
         let held_px = vec![[[900.0, 290.0], [1000.0, 290.0], [1000.0, 310.0], [900.0, 310.0]]];
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_recipe_is_left_alone() {
+    fn a_text_that_is_no_recipe_is_refused() {
         assert!(with_shapes("panel = ", &DRAWN).is_err());
         let error = with_shapes("region = 3\n", &DRAWN).expect_err("no table").to_string();
         assert_eq!(error, "region must be a table");

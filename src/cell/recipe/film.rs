@@ -36,8 +36,8 @@ settings! {
 }
 
 impl Process {
-    /// Number of passes in which one part may be abraded, over all cycles that name its serial number; if the
-    /// recipe does not state it, twice `max_passes_per_grid`.
+    /// Returns the largest number of passes in which one part may be abraded, over all cycles that name its serial
+    /// number; if the recipe does not state it, twice `max_passes_per_grid`.
     pub fn effective_passes_per_part(&self) -> usize {
         self.max_passes_per_part().unwrap_or(2 * self.max_passes_per_grid())
     }
@@ -127,8 +127,8 @@ settings! {
         /// Time for which a place must appear dry before it counts as broken, s. The time of the break is the first
         /// moment at which it appeared dry.
         persist_s: f64, 0.1..=10.0, default 1.2;
-        /// Smallest fraction of its dry brightness that a place regains when its film has broken; the rest is damp.
-        /// The smallest break that is surely found is stated for this fraction.
+        /// Smallest fraction of its dry brightness to which a place returns when its film has broken; it does not
+        /// return completely, because it is damp. The smallest break that is surely found is stated for this fraction.
         damp: f64, 0.5..=1.0, default 0.8;
         /// Largest area of a reflection that counts as a glint, mm².
         glint_mm2: f64, 0.0..=500.0, default 40.0;

@@ -76,7 +76,7 @@ impl Recipe {
         })
     }
 
-    /// The panel's name, under which the store has the taught data.
+    /// Returns the panel's name, under which the store has the taught data.
     pub fn panel(&self) -> &str {
         self.panel.name_text()
     }
@@ -86,7 +86,7 @@ impl Recipe {
         &self.panel
     }
 
-    /// The water-break test and the abrasion as a process.
+    /// Returns the water-break test and the abrasion as a process.
     pub fn process(&self) -> &Process {
         &self.process
     }
@@ -96,42 +96,42 @@ impl Recipe {
         &self.locate
     }
 
-    /// The settings for reading the corner picture.
+    /// Returns the settings for reading the corner picture.
     pub fn corner(&self) -> &Corner {
         &self.corner
     }
 
-    /// The region to inspect and abrade.
+    /// Returns the region to inspect and abrade.
     pub fn region(&self) -> &Region {
         &self.region
     }
 
-    /// The settings for finding a broken film.
+    /// Returns the settings for finding a broken film.
     pub fn inspect(&self) -> &Inspect {
         &self.inspect
     }
 
-    /// The settings for fitting the surface.
+    /// Returns the settings for fitting the surface.
     pub fn surface(&self) -> &Surface {
         &self.surface
     }
 
-    /// The settings for the tool's path.
+    /// Returns the settings for the tool's path.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// What is abraded after a grid failed.
+    /// Returns the places that are abraded after a grid failed.
     pub fn treat(&self) -> &Treat {
         &self.treat
     }
 
-    /// The required removal, if the recipe states one.
+    /// Returns the required removal, if the recipe states one.
     pub fn removal(&self) -> Option<&Removal> {
         self.removal.as_ref()
     }
 
-    /// Where the panel's drawing lies, if the panel is taught from it.
+    /// Returns where the panel's drawing lies, if the panel is taught from it.
     pub fn nominal(&self) -> Option<&DrawingPlacement> {
         self.nominal.as_ref()
     }

@@ -108,7 +108,7 @@ settings! {
         landing_height_mm: f64, 0.5..=50.0, default 3.0;
         /// The tool is lifted over a hole that contains a square of this side, mm; it passes over smaller holes.
         lift_hole_mm: f64, 1.0..=200.0, default 10.0;
-        /// Depth to which the tool's tip goes into the panel along the normal, mm: the compression of its pad.
+        /// Depth of the commanded tool tip below the panel's surface, along the normal, mm: the compression of its pad.
         press_in_mm: f64, 0.0..=50.0, default 0.0;
         /// Largest compression of the pad, mm; required if `press_in_mm` is used.
         pad_stroke_mm: Option<f64>, 0.5..=100.0, default None;

@@ -247,25 +247,25 @@ pub struct DrawingPlacement {
 }
 
 impl DrawingPlacement {
-    /// The drawing's frame in the robot's base, with the panel at its nominal place.
+    /// Returns the drawing's frame in the robot's base, with the panel at its nominal place.
     pub fn base_from_drawing(&self) -> Rigid<Base, Drawing> {
         self.base_from_drawing
     }
 
-    /// The four corners of the region in the drawing's frame, mm; `None` if the region is drawn on a picture.
+    /// Returns the four corners of the region in the drawing's frame, mm; `None` if the region is drawn on a picture.
     /// Teaching sets `[region] corners_px` from them.
     pub fn region_mm(&self) -> Option<[Point<Drawing>; 4]> {
         self.region_mm.map(|corners| corners.map(|corner| Point::new(corner.into())))
     }
 
-    /// The largest distance of a datum point from its place in the drawing, mm; `None` if the recipe states the
+    /// Returns the largest distance of a datum point from its place in the drawing, mm; `None` if the recipe states the
     /// pose.
     pub fn residual_mm(&self) -> Option<f64> {
         self.residual_mm
     }
 }
 
-/// Returns `Some(None)` if the table is absent.
+/// Parses the table; returns `Some(None)` if it is absent.
 pub(in crate::recipe) fn parse_nominal(section: &Section<'_, '_>) -> Option<Option<DrawingPlacement>> {
     if !section.is_present() {
         return Some(None);
@@ -427,7 +427,8 @@ fn alternative_order(drawn: &[[f64; 3]], measured: &[[f64; 3]]) -> Option<Vec<us
     orders.into_iter().find(|order| *order != own && fits(order))
 }
 
-/// Returns all orders of this number of points: the last one is put at each position of the orders of the others.
+/// Returns all orders of this number of points: the last point is inserted at each position of each order of the
+/// others.
 fn permutations(count: usize) -> Vec<Vec<usize>> {
     let Some(last) = count.checked_sub(1) else { return vec![vec![]] };
     let with_last = |order: Vec<usize>| {

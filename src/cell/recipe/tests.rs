@@ -1,4 +1,4 @@
-//! A recipe as a user writes it, and the messages for wrong ones.
+//! Tests of recipes as a user writes them, and of the messages for wrong ones.
 
 use super::*;
 use proptest::prelude::*;
@@ -15,7 +15,7 @@ fn recipe_problems(text: &str) -> Vec<String> {
 }
 
 #[test]
-fn the_least_recipe_names_panel_box_and_region() {
+fn the_smallest_recipe_states_panel_box_and_region() {
     let recipe = Recipe::check("f", MINIMAL).unwrap_or_else(|problems| panic!("{problems}"));
     assert_eq!((recipe.panel(), recipe.region().rows(), recipe.region().columns()), ("door", 4, 6));
     assert_eq!((recipe.process().observation_s(), recipe.inspect().min_break_mm2()), (None, None));
@@ -184,7 +184,7 @@ fn each_mistake_is_named() {
 }
 
 #[test]
-fn a_region_goes_round() {
+fn the_corners_of_a_region_are_in_order() {
     let with_corners = |corners: &str| {
         recipe_problems(&MINIMAL.replace("[[700, 350], [1250, 350], [1250, 850], [700, 850]]", corners))
     };
@@ -209,14 +209,14 @@ fn a_search_box_has_a_size() {
 
 proptest! {
     #[test]
-    fn any_text_gives_a_result_without_a_panic(text in "(?s).{0,200}") {
+    fn no_text_causes_a_panic(text in "(?s).{0,200}") {
         let _ = Recipe::check("f", &text);
         let _ = Recipe::check("f", &format!("{MINIMAL}{text}"));
     }
 }
 
-/// Without the table whole grids are abraded. By hand: the default margin is half of the disc's 30 mm and the 2 mm of
-/// uncertainty; with a disc of 50 mm it is 27 mm.
+/// Without the table whole grids are abraded. Calculated by hand: the default margin is half of the disc's 30 mm and
+/// the 2 mm of uncertainty; with a disc of 50 mm it is 27 mm.
 #[test]
 fn breaks_are_widened_by_the_disc_and_their_uncertainty() {
     let recipe = |more: &str| Recipe::check("f", &format!("{MINIMAL}{more}")).unwrap_or_else(|e| panic!("{e}"));
@@ -233,7 +233,7 @@ fn breaks_are_widened_by_the_disc_and_their_uncertainty() {
 
 /// Without the table no removal is stated, and nothing changes.
 #[test]
-fn removal_is_stated_or_not() {
+fn the_removal_table_is_optional() {
     let recipe = |text: &str| Recipe::check("f", text).unwrap_or_else(|problems| panic!("{problems}"));
     assert_eq!(recipe(MINIMAL).removal(), None);
     let stated = recipe(&format!("{MINIMAL}removal = {{target_um = 30, max_um = 60, force_n = 20}}\n"));

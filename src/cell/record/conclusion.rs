@@ -1,15 +1,13 @@
 //! A cycle's verdict: the verdict with which its state table ended, compared with the findings of its phases.
 //!
-//! The verdict is never better than the worst finding that counts, and names the reasons of all that count. These
-//! count:
+//! The verdict is never better than the worst finding that counts, and contains the reasons of all findings that count.
+//! These count:
 //!
 //! - `reject` and `invalid` count always.
 //! - `review` counts until a person decides: by an accept after the finding, or by an unhold after which the cycle
-//!   measures
-//!   again or continues. A fault of the cell (camera, link, feedback, tool) is stored as such a review.
+//!   measures again or continues. A fault of the cell (camera, link, feedback, tool) is stored as such a review.
 //! - `fail` counts until the panel was abraded and a later film judged it, as in a cycle that ends with `pass`. It is
-//!   the
-//!   reason for the abrasion, and a reason for the verdict only if the verdict is `fail`.
+//!   the reason for the abrasion, and a reason for the verdict only if the verdict is `fail`.
 //!
 //! A request states the number of findings on which it was decided ([`RequestRecord::findings`]), so that the order is
 //! recorded.
@@ -24,7 +22,7 @@ use panelprep_base::verdict::{Judgement, Reason, Verdict};
 pub enum Disposition<'a> {
     /// The finding is good: accept or pass.
     Good,
-    /// The cycle counts.
+    /// The finding counts.
     Counts,
     /// A review on which a person decided by this request.
     Decided(&'a RequestRecord),
@@ -95,7 +93,7 @@ pub fn conclude(ended: Verdict, findings: &[Finding], asked: &[RequestRecord], b
         all.filter(|(_, disposition)| *disposition == Disposition::Counts).map(|(finding, _)| &finding.judgement)
     };
     let found = counting().map(|judgement| judgement.verdict);
-    // Of two equally bad verdicts, the first is used, so the verdict of the cycle's table stays.
+    // Of two equally bad verdicts, the first is used, so the verdict of the cycle's state table stays.
     let verdict = found.fold(ended, |worst, found| if found.severity() > worst.severity() { found } else { worst });
     let mut reasons: Vec<Reason> = Vec::new();
     let of_verdict = |judgement: &&Judgement| judgement.verdict != Verdict::Fail || verdict == Verdict::Fail;
@@ -118,13 +116,13 @@ pub const NO_PART: &str = "no_part";
 
 /// Codes of a localization that saw another extent or outline than that of the taught panel.
 const OTHER_EXTENT_CODES: [&str; 3] = ["outline_differs", "low_overlap", "seen_through"];
-/// Codes of a scan that says nothing about what lies in the cell.
+/// Codes of a scan that does not show what lies in the cell.
 const UNUSABLE_SCAN_CODES: [&str; 2] = ["camera_moved", "other_scan"];
 
-/// Returns whether nothing, or another object than the taught panel, lay in the cell: the last localization was
-/// rejected, because the search box is empty, or because the object differs from the taught panel in its surface and in
-/// its extent, and each of both is rejected. One of both alone may be a damaged part, and so is a nonconformance. A
-/// cycle with a film or an abrasion had a part.
+/// Returns whether nothing, or another object than the taught panel, lay in the cell. The last localization was then
+/// rejected, because the search box is empty, or because both the surface and the extent of the object differ from
+/// those of the taught panel, and both are rejected. An object that differs in only one of the two may be a damaged
+/// part, which is a nonconformance. A cycle with a film or an abrasion had a part.
 fn found_no_part(findings: &[Finding]) -> bool {
     if findings.iter().any(|finding| matches!(finding.kind, Kind::Inspect | Kind::Abrade)) {
         return false;
@@ -132,7 +130,7 @@ fn found_no_part(findings: &[Finding]) -> bool {
     let located = findings.iter().rfind(|finding| finding.kind == Kind::Locate);
     located.filter(|located| located.judgement.verdict == Verdict::Reject).is_some_and(|located| {
         let has = |code: &&str| located.judgement.reasons.iter().any(|reason| reason.code == *code);
-        // The reasons of a rejection also list what was only doubtful.
+        // The reasons of a rejection also include those that alone lead to a review.
         let is_rejected_by = |code: &str| {
             let breaks = |check: &Check| check.severity == Severity::Reject && !check.is_met();
             located.checks.iter().any(|check| check.code.as_deref() == Some(code) && breaks(check))

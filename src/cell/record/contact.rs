@@ -225,8 +225,8 @@ mod tests {
         touched.into_iter().map(|touched| (touched.grid, touched.is_sure)).collect()
     }
 
-    /// By hand: reported 4 and permitted 16, so r1c1 (2) was touched, r1c2 (10) may have been, and r1c3 (30) was
-    /// not.
+    /// Calculated by hand: 4 waypoints were reported and 16 permitted, so r1c1 (2) was touched, r1c2 (10) may have
+    /// been, and r1c3 (30) was not.
     #[test]
     fn an_unknown_end_lies_between_what_was_reported_and_what_was_permitted() {
         for outcome in [None, Some(Outcome::Cleared)] {

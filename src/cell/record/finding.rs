@@ -85,11 +85,12 @@ impl Kind {
 pub mod name {
     /// Largest distance of today's panel from the taught panel.
     pub const DEVIATION: &str = "deviation from the taught panel, largest";
-    /// The same for a panel that was taught from its drawing, mm.
+    /// Largest distance of today's panel from its drawing, if the panel was taught from the drawing, mm.
     pub const DEVIATION_FROM_DRAWING: &str = "deviation from the drawing, largest";
     /// Profile of the surface over the region, twice the largest deviation from the taught panel, mm.
     pub const PROFILE: &str = "profile of the surface, from the taught panel";
-    /// The same for a panel that was taught from its drawing, mm: from the nominal surface.
+    /// Profile of the surface over the region, twice the largest deviation from the nominal surface, if the panel was
+    /// taught from its drawing, mm.
     pub const PROFILE_FROM_DRAWING: &str = "profile of the surface, from the drawing (nominal)";
     /// Uncertainty of the profile, 95 %, mm.
     pub const PROFILE_UNCERTAINTY: &str = "profile of the surface, uncertainty, 95 %";
@@ -154,13 +155,13 @@ pub mod name {
     pub const SMALLEST_BREAK: &str = "smallest break that is surely found";
     /// Covered fraction of the worst grid of a plan.
     pub const COVERAGE: &str = "coverage of the worst of them";
-    /// Fraction of the broken places that the disc reaches, if areas around breaks are planned.
+    /// Fraction of the water breaks that the disc reaches, if areas around breaks are planned.
     pub const BREAKS_REACHED: &str = "share of the broken places that the disc reaches";
-    /// Uncertainty of the panel's pose against that in the margin around breaks, mm.
+    /// Uncertainty of the panel's pose, compared with the uncertainty in the margin around breaks, mm.
     pub const BREAKS_UNCERTAIN: &str = "uncertainty of the panel's pose, in the margin around breaks";
-    /// Area on the surface that areas around breaks have together, mm².
+    /// Total area of the areas around breaks, on the surface, mm².
     pub const AROUND_BREAKS: &str = "area around the breaks";
-    /// Ratio of the longest to the shortest dwell of a plan, over all grids or in the worst grid.
+    /// Ratio of the longest to the shortest dwell of a plan: over all grids together, or the worst grid's.
     pub const DWELL_RATIO: &str = "their ratio, all together or the worst grid's";
     /// Largest ratio of a grid's time under the disc to the planned time, in an abrasion.
     pub const DWELL_RATIO_NAME: &str = "time under the disc beside its plan, the worst grid's ratio";
@@ -277,7 +278,7 @@ mod tests {
 
     /// A plan has not removed anything, and without `[removal]` in the recipe the removal of a path is not known.
     #[test]
-    fn what_each_path_removed() {
+    fn the_removal_of_each_path_is_listed() {
         let told = |kind: Kind, numbers: [Option<f64>; 2]| {
             let [mean_um, bound_um] = numbers;
             let mean = Check::new(name::REMOVED_MEAN, "µm", mean_um);
@@ -291,7 +292,7 @@ mod tests {
 
     /// Two passes reported their removal; for a third one only its plan is known.
     #[test]
-    fn what_was_planned_counts_without_a_report_of_what_was_executed() {
+    fn the_plan_counts_if_no_removal_was_reported() {
         let told = |kind: Kind, pass: u8, um: Option<f64>| {
             let judgement = panelprep_base::verdict::Judgement::new(vec![], vec![]);
             Finding::new(kind, pass, judgement).with_checks([panelprep_base::verdict::Check::new(

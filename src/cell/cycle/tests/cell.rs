@@ -156,7 +156,7 @@ impl Cell {
                 }
             }
             Report::Deadline { id, which } => self.elapsed(id, which),
-            Report::Contrary(switch) => self.is_contrary(switch),
+            Report::Contrary(switch) => self.reverse_switch(switch),
             Report::FullOverride(is_full) => self.full_override = Some(is_full),
             Report::Progress { .. } | Report::Trouble(_) | Report::OutputsOff => {}
             Report::StoreChanged | Report::StoreRestored => {}
@@ -199,7 +199,7 @@ impl Cell {
     }
 
     /// Reverses the effect of this switch.
-    fn is_contrary(&mut self, switch: Switch) {
+    fn reverse_switch(&mut self, switch: Switch) {
         match switch {
             Switch::ToolOn => (self.tool_on, self.tool_proven) = (false, false),
             Switch::ToolOff => self.tool_on = true,

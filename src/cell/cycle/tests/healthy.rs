@@ -101,8 +101,8 @@ impl Cell {
         Report::Answered { id: due.id, answer }
     }
 
-    /// Any other possible event.
-    pub fn surprise(&mut self, random: &mut Pcg64) -> Event {
+    /// Returns any other possible event.
+    pub fn unexpected_event(&mut self, random: &mut Pcg64) -> Event {
         let due = self.state.due;
         let reported = match random.random_range(0..23) {
             20 => {
@@ -193,7 +193,7 @@ pub const ROBOTS: [Robot; 8] = [
     Robot::OtherPrograms,
 ];
 
-/// All possible answers to an action, fitting or not, except failures.
+/// Returns all possible answers to an action, fitting or not, except failures.
 pub fn answers(act: Action, id: Id) -> Vec<Report> {
     let stands = |done| Answer::Standstill { done };
     let graded = [Grade::Accept, Grade::Review, Grade::Reject].map(Answer::Graded);
@@ -294,7 +294,7 @@ impl Story {
     }
 
     /// Reports the next good answer, or the next deadline that is awaited.
-    pub fn good_news(&mut self) {
+    pub fn next_healthy_report(&mut self) {
         let waits = [Deadline::Rinse, Deadline::Spray, Deadline::Settle, Deadline::Drain];
         match self.cell.state.due {
             Some(Due { act: Action::Film, .. }) => {
@@ -316,7 +316,7 @@ impl Story {
             if self.cell.state.due.is_some_and(|due| word(due.act) == act) {
                 return std::mem::take(&mut self.acts).join(" ");
             }
-            self.good_news();
+            self.next_healthy_report();
         }
         panic!("{act} never comes: {:?}", self.cell.state);
     }
@@ -327,7 +327,7 @@ impl Story {
             if self.at().is_at_rest() {
                 return std::mem::take(&mut self.acts).join(" ");
             }
-            self.good_news();
+            self.next_healthy_report();
         }
         panic!("no rest: {:?}", self.cell.state);
     }

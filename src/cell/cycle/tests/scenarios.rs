@@ -27,7 +27,8 @@ fn a_dirty_panel_is_abraded_once_and_passes() {
     assert_eq!(story.cell.state.job.pass, 1);
 }
 
-/// Each contact follows a picture of both corners; a picture of one corner more does not count as a verification.
+/// Before each contact there are pictures of both corners. If every picture only shows that another view is needed, the
+/// pose is not verified.
 #[test]
 fn both_corners_are_verified_before_contact() {
     let mut story = Story::started(&[Film::Broken, Film::Broken, Film::Whole]);
@@ -65,7 +66,7 @@ fn a_clean_panel_passes_without_contact() {
 
 /// The path of a cycle to the panel, without water, tool and contact.
 #[test]
-fn an_air_run_flies_the_path_and_passes() {
+fn an_air_run_follows_the_path_in_the_air_and_passes() {
     let mut story = Story::idle(&[]);
     story.asked(Request::AirRun { max_moves: 3 });
     assert_eq!(story.until("corner-0"), "to-park lensclear locate frames-camera to-corner-0 corner-0");
@@ -241,7 +242,7 @@ fn a_held_air_run_is_planned_again() {
 
 /// A person who opened the guard of a held cell may stop it: nothing is requested from a robot that is not ready.
 #[test]
-fn a_stop_of_a_held_cell_with_an_open_guard_is_at_once() {
+fn a_stop_of_a_held_cell_with_an_open_guard_is_immediate() {
     let mut story = Story::started(&[Film::Broken]);
     story.until("film");
     story.asked(Request::Hold);
@@ -253,7 +254,7 @@ fn a_stop_of_a_held_cell_with_an_open_guard_is_at_once() {
 
 /// Reported waypoints were executed and are recorded, even if a later answer does not contain them.
 #[test]
-fn waypoints_that_were_reported_are_not_forgotten_at_the_end_of_the_epoch() {
+fn reported_waypoints_are_kept_at_the_end_of_the_epoch() {
     let mut story = Story::in_contact();
     story.asked(Request::Abort);
     let motion = story.cell.state.intent.expect("it is not answered").motion;
@@ -266,7 +267,7 @@ fn waypoints_that_were_reported_are_not_forgotten_at_the_end_of_the_epoch() {
 /// same applies to a guard that opens and to drives that go off. An abort that a person requested stays one, unless
 /// the emergency stop is pressed.
 #[test]
-fn an_emergency_stop_outranks_what_it_brought_about() {
+fn an_emergency_stop_outranks_its_consequences() {
     use Robot::{DrivesOff, EmergencyStop, GuardOpen, LinkLost};
     let refused = Report::EpochOver { trouble: Some(Trouble::Refused) };
     let after = |first: Event, robots: &[Robot]| {
@@ -295,9 +296,9 @@ fn an_emergency_stop_outranks_what_it_brought_about() {
 }
 
 /// The end of the epoch switches the tool off before the robot reports standstill: until then no output counts as
-/// proven that a feedback could contradict.
+/// proven, so no feedback can contradict it.
 #[test]
-fn an_epoch_that_is_ended_leaves_no_output_to_contradict() {
+fn an_ended_epoch_leaves_no_proven_output() {
     for (request, station) in
         [(Request::Hold, "to-contact"), (Request::Stop, "to-contact"), (Request::Hold, "drypicture")]
     {
@@ -375,7 +376,7 @@ fn a_hold_after_contact_does_not_lose_the_grade() {
 }
 
 #[test]
-fn where_verify_fails_the_panel_is_dried_and_located_again() {
+fn if_verify_fails_the_panel_is_dried_and_located_again() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
     story.until("verify");
     story.answer(Answer::Graded(Grade::Reject));
@@ -398,7 +399,7 @@ fn where_verify_fails_the_panel_is_dried_and_located_again() {
 
 /// In this hold no result waits to be accepted, even if the robot is ready.
 #[test]
-fn accept_is_not_possible_where_no_result_waits() {
+fn accept_is_refused_if_no_result_waits() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
     story.until("verify");
     story.answer(Answer::Graded(Grade::Reject));

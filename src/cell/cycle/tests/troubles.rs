@@ -1,4 +1,4 @@
-//! Scenarios of trouble with the link, the robot, or the program itself, at every station of a cycle.
+//! Scenarios of trouble with the link, the robot, or the program itself, in every phase of a cycle.
 
 use super::super::*;
 use super::healthy::Story;
@@ -88,7 +88,7 @@ fn outputs_that_were_on_outlive_the_program_and_the_link() {
 }
 
 /// The phases of a cycle, each represented by one action.
-const STATIONS: [&str; 15] = [
+const PHASE_ACTIONS: [&str; 15] = [
     "to-park",
     "locate",
     "to-corner-0",
@@ -108,7 +108,7 @@ const STATIONS: [&str; 15] = [
 
 #[test]
 fn a_link_that_is_lost_aborts_every_phase() {
-    for station in STATIONS {
+    for station in PHASE_ACTIONS {
         let mut story = Story::started(&[Film::Broken]);
         story.until(station);
         story.report(Report::Robot(Robot::LinkLost));
@@ -129,7 +129,7 @@ fn a_link_that_is_lost_aborts_every_phase() {
 
 #[test]
 fn an_emergency_stop_voids_the_localization_and_its_release_moves_nothing() {
-    for station in STATIONS {
+    for station in PHASE_ACTIONS {
         let mut story = Story::started(&[Film::Broken]);
         story.until(station);
         story.report(Report::Robot(Robot::EmergencyStop));
@@ -152,8 +152,8 @@ fn an_emergency_stop_voids_the_localization_and_its_release_moves_nothing() {
 }
 
 #[test]
-fn a_new_program_is_aborted_where_a_motion_was_open_and_stopped_elsewhere() {
-    for station in STATIONS {
+fn a_restart_leads_to_aborted_after_an_open_motion_and_else_to_stopped() {
+    for station in PHASE_ACTIONS {
         let mut story = Story::started(&[Film::Broken]);
         story.until(station);
         let recovered = recover(story.cell.journal.iter().copied());
@@ -183,7 +183,7 @@ fn a_link_that_is_lost_while_aborting_leaves_no_client_waiting() {
 }
 
 #[test]
-fn a_slow_robot_is_left_alone_in_air_and_held_in_contact() {
+fn a_slow_robot_is_ignored_in_air_and_held_in_contact() {
     let mut story = Story::started(&[Film::Broken]);
     story.until("to-approach");
     story.report(Report::Trouble(Trouble::Slow));

@@ -1,5 +1,6 @@
-//! Thousands of seeded random walks: nine of ten steps are the next event of a healthy cell. And a search of every
-//! state that the table can reach with small bounds, and from each state a sequence of events that leads to rest.
+//! Tests the table with thousands of seeded random walks, in which nine of ten steps are the next event of a healthy
+//! cell. Also searches every state that the table can reach with small bounds, and finds a sequence of events from each
+//! state to rest.
 
 use super::super::interlocks::{Rule, Rules};
 use super::super::*;
@@ -59,13 +60,13 @@ fn note(coverage: &mut Coverage, cell: &Cell, before: State) {
     }
 }
 
-/// Maximum number of events from the last fault to the begin of a cycle.
-const RECOVERY: usize = 120;
+/// Maximum number of events from the last fault to the beginning of a cycle.
+const MAX_RECOVERY_EVENTS: usize = 120;
 
 /// Checks that clear, reset and start succeed after the last fault, whatever happened before.
 fn recovers(cell: &mut Cell, random: &mut Pcg64) -> Result<(), String> {
     let mut asked = [0; 2];
-    for _ in 0..RECOVERY {
+    for _ in 0..MAX_RECOVERY_EVENTS {
         let begun = matches!(cell.state.at, At::Execute(Phase::Locate)) && asked[1] > 0;
         if begun {
             return Ok(());
@@ -80,19 +81,20 @@ fn recovers(cell: &mut Cell, random: &mut Pcg64) -> Result<(), String> {
         }
         cell.feed(event).and_then(|()| cell.pump())?;
     }
-    Err(format!("no cycle begins within {RECOVERY} steps of the last fault"))
+    Err(format!("no cycle begins within {MAX_RECOVERY_EVENTS} steps of the last fault"))
 }
 
 /// Performs one random walk; the error states what was wrong, with the last events.
 fn walk(rules: Rules, seed: u64, coverage: &mut Coverage) -> Result<(), String> {
     let mut random = Pcg64::seed_from_u64(seed);
     let mut cell = Cell::new(rules);
-    // Ten percent on average: walks with few surprises get far, walks with many reach every situation.
+    // Ten percent on average: walks with few unexpected events reach late phases, walks with many reach every
+    // situation.
     let surprises = random.random_range(0.01..0.19);
     for index in 0..STEPS {
         let before = cell.state;
         let said = if random.random_bool(surprises) {
-            Some(cell.surprise(&mut random))
+            Some(cell.unexpected_event(&mut random))
         } else {
             cell.healthy(&mut random)
         };
@@ -115,7 +117,7 @@ fn walk(rules: Rules, seed: u64, coverage: &mut Coverage) -> Result<(), String> 
 }
 
 #[test]
-fn no_walk_finds_what_must_never_be_and_the_walks_see_everything() {
+fn no_walk_finds_a_forbidden_state_and_the_walks_reach_every_situation() {
     let mut coverage = Coverage::new();
     for seed in 0..WALKS {
         walk(Rules::ALL, seed, &mut coverage).unwrap_or_else(|wrong| panic!("{wrong}"));
@@ -168,7 +170,7 @@ fn no_walk_finds_what_must_never_be_and_the_walks_see_everything() {
 /// Proves that the walks are effective: each rule is removed in turn, and the walks must then find the situation
 /// that it prevented.
 #[test]
-fn without_any_one_rule_the_walks_find_what_it_kept_away() {
+fn without_any_single_rule_the_walks_find_what_it_prevents() {
     let mut missed = Vec::new();
     for rule in Rule::iter() {
         let found = (0..WALKS).find_map(|seed| walk(Rules::without(rule), seed, &mut Coverage::new()).err());
@@ -241,7 +243,7 @@ fn timers(state: &State) -> Vec<(Deadline, Id)> {
     light.into_iter().chain(water).collect()
 }
 
-/// All possible events in this state, one of each kind that the table distinguishes.
+/// Returns all possible events in this state, one of each kind that the table distinguishes.
 fn events(state: &State) -> Vec<Event> {
     let mut reported = vec![
         Report::Boot,
@@ -272,15 +274,15 @@ fn events(state: &State) -> Vec<Event> {
     asked.map(|request| Event::Asked(*request)).chain(reported.into_iter().map(Event::Reported)).collect()
 }
 
-/// The next report of a healthy cell without a request.
-fn good_news(state: &State) -> Option<Event> {
+/// Returns the next report of a healthy cell without a request.
+fn next_healthy_report(state: &State) -> Option<Event> {
     let answer = state.due.map(|due| answers(due.act, due.id)[0]);
     let timer = || timers(state).first().map(|&(which, id)| Report::Deadline { id, which });
     answer.or_else(timer).map(Event::Reported)
 }
 
 #[test]
-fn every_state_comes_to_rest_and_every_rest_to_a_cycle() {
+fn every_state_leads_to_rest_and_from_rest_to_a_cycle() {
     let start = canonical(State::INITIAL);
     let mut seen = HashSet::from([start]);
     let mut to_visit = VecDeque::from([start]);
@@ -304,7 +306,7 @@ fn every_state_comes_to_rest_and_every_rest_to_a_cycle() {
         while !comes_to_rest.contains(&now) {
             way.push(now);
             assert!(way.len() < 300, "{state:?} never rests");
-            let event = good_news(&now).unwrap_or_else(|| panic!("a dead end: {now:?}"));
+            let event = next_healthy_report(&now).unwrap_or_else(|| panic!("a dead end: {now:?}"));
             now = canonical(step(now, event).0);
         }
         comes_to_rest.extend(way);
@@ -319,7 +321,11 @@ fn every_state_comes_to_rest_and_every_rest_to_a_cycle() {
                 At::Held(_) => Request::Stop,
                 _ => Request::Reset,
             };
-            now = step(now, good_news(&now).filter(|_| !now.at.is_at_rest()).unwrap_or(Event::Asked(request))).0;
+            now = step(
+                now,
+                next_healthy_report(&now).filter(|_| !now.at.is_at_rest()).unwrap_or(Event::Asked(request)),
+            )
+            .0;
         }
         assert_eq!(now.at, At::Execute(Phase::Locate), "no way to a cycle from {state:?}");
     }

@@ -44,9 +44,9 @@ fn small_cloud() -> OrganizedCloud<Camera> {
     OrganizedCloud::new(3, 2, points_mm, (0..6).map(|i| [i, 200, 255 - i]).collect()).expect("counts agree")
 }
 
-/// The fixtures' truth, from fixtures/README.md: depth 700 + u + 2v mm, colour (6u, 8v, 200), two holes.
+/// The true values of the fixtures, from fixtures/README.md: depth 700 + u + 2v mm, colour (6u, 8v, 200), two holes.
 #[test]
-fn what_pcl_wrote_reads_as_it_was_made_in_all_three_encodings() {
+fn files_of_pcl_are_read_exactly_in_all_three_encodings() {
     for bytes in BY_PCL {
         let cloud = read_pcd(bytes).expect("a PCL file");
         assert_eq!((cloud.width(), cloud.height(), cloud.valid_points().count()), (40, 30, 36 * 30 - 4 * 3));
@@ -186,7 +186,7 @@ proptest! {
 
     /// A file is cut, or damaged in some bytes; if it can still be read, it is a cloud of the size in its header.
     #[test]
-    fn spoilt_files_never_panic_and_never_change_their_size(
+    fn damaged_files_cause_no_panic_and_keep_their_size(
         which in 0_usize..4, cut in 0.0..1.2_f64, spoilt in prop::collection::vec((any::<u32>(), any::<u8>(), any::<bool>()), 0..4),
     ) {
         let own = write_pcd(&small_cloud());

@@ -40,7 +40,7 @@ fn jpeg_keeps_a_smooth_picture_nearly() {
     assert!(steps.max().expect("pixels") <= 6);
 }
 
-/// A truncated file must be refused for all three formats; the JPEG decoder itself would not notice.
+/// A truncated file must be refused for all three formats; the JPEG decoder itself would not report it.
 #[test]
 fn a_truncated_picture_is_refused_at_any_cut() {
     let color = picture(64, 48);
@@ -56,7 +56,7 @@ fn a_truncated_picture_is_refused_at_any_cut() {
 }
 
 #[test]
-fn what_is_not_a_picture_states_what_it_is() {
+fn other_files_are_refused_with_their_kind() {
     let refusal = |bytes: &[u8]| read_color(bytes).expect_err("no picture").to_string();
     assert!(refusal(b"").contains("it is empty"));
     assert!(refusal(b"VERSION .7\n").contains("it begins with 'VERSION '"));
@@ -86,7 +86,7 @@ fn sizes_that_do_not_fit_are_refused() {
 
 proptest! {
     #[test]
-    fn spoilt_pictures_never_panic(
+    fn damaged_pictures_cause_no_panic(
         which in 0_usize..2, cut in 0.0..1.2_f64, spoilt in prop::collection::vec((any::<u16>(), any::<u8>()), 0..4),
     ) {
         let color = picture(24, 16);
@@ -135,7 +135,7 @@ fn no_changed_bit_changes_a_measured_picture() {
 
 /// In JPEG and TIFF a changed byte gives other pixels and no error: this is why they are not used for measurements.
 #[test]
-fn jpeg_and_tiff_measure_nothing() {
+fn jpeg_and_tiff_are_refused_for_measurements() {
     let (color, camera) = (picture(24, 16), camera(24, 16));
     let pixels = image::RgbImage::from_raw(24, 16, color.rgb.as_flattened().to_vec()).expect("counts agree");
     let tiff = as_file(pixels.into(), ImageFormat::Tiff);

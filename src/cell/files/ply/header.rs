@@ -80,7 +80,7 @@ pub(super) struct LaterElement {
     pub properties: Vec<Vec<String>>,
 }
 
-/// A header as found; its own counts are checked by the code that uses them.
+/// A header as the file states it; its counts are checked by the code that uses them.
 #[derive(Default)]
 pub(super) struct Header {
     pub is_text: bool,
@@ -203,7 +203,7 @@ impl Header {
         Ok(places)
     }
 
-    /// The places of x, y and z alone, for a file without colours.
+    /// Returns the positions of x, y and z alone, for a file without colours.
     pub fn point_offsets(&self) -> Result<[PropertyOffset; 3], CloudFileError> {
         let is_right = |number| matches!(number, NumberType::Float | NumberType::Double);
         let place = |name| self.property_offset(name, "float or double", is_right);

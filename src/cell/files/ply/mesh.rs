@@ -6,16 +6,16 @@ use super::header::{Header, LaterElement, NumberType};
 use nalgebra::{Point3, Vector3};
 use panelprep_base::geometry::{LengthUnit, TriangleMesh};
 
-/// A face with more corners is not a face of a mesh.
+/// Maximum number of corners of a face.
 const MAX_CORNERS: usize = 64;
 /// The smallest cosine between the normals of a face's triangles: beyond it the face is not convex.
-const MIN_COS: f64 = 0.9;
+const MIN_NORMAL_COSINE: f64 = 0.9;
 /// Largest distance of a corner from the face's plane, as a share of the face's size: two divisions of a face differ by
 /// no more than twice this, 0.2 mm on a face of 200 mm.
-const MAX_OFF_PLANE: f64 = 5e-4;
+const MAX_OFF_PLANE_SHARE: f64 = 5e-4;
 
-/// Divides a face into triangles from its first corner; `None` if it has too few or too many corners, or is not
-/// plane and convex, so that another division would be another surface.
+/// Divides a face into triangles from its first corner; `None` if it has too few or too many corners, or is not planar
+/// and convex, so that another division would be another surface.
 pub(in crate::files) fn triangulate(vertices: &[[f64; 3]], corners: &[u32]) -> Option<Vec<[u32; 3]>> {
     if !(3..=MAX_CORNERS).contains(&corners.len()) {
         return None;
@@ -29,12 +29,12 @@ pub(in crate::files) fn triangulate(vertices: &[[f64; 3]], corners: &[u32]) -> O
             .filter(|normal| normal.norm() > 0.0)
             .collect();
         let sum: Vector3<f64> = normals.iter().sum();
-        if normals.iter().any(|normal| normal.dot(&sum) < MIN_COS * normal.norm() * sum.norm()) {
+        if normals.iter().any(|normal| normal.dot(&sum) < MIN_NORMAL_COSINE * normal.norm() * sum.norm()) {
             return None;
         }
         let size = corners.iter().map(|&corner| (at(corner) - at(corners[0])).norm()).fold(0.0, f64::max);
         let off_plane = |corner: &u32| (at(*corner) - at(corners[0])).dot(&sum).abs() / sum.norm();
-        if sum.norm() > 0.0 && corners.iter().map(off_plane).fold(0.0, f64::max) > MAX_OFF_PLANE * size {
+        if sum.norm() > 0.0 && corners.iter().map(off_plane).fold(0.0, f64::max) > MAX_OFF_PLANE_SHARE * size {
             return None;
         }
     }

@@ -19,7 +19,7 @@ fn codes(judgement: &Judgement) -> Vec<&str> {
     judgement.reasons.iter().map(|reason| &*reason.code).collect()
 }
 
-/// The normal sequence that leads to a pass: grease, an abrasion, a film without a break.
+/// Returns the normal sequence that leads to a pass: grease, an abrasion, a film without a break.
 fn passed() -> Vec<Finding> {
     let fail = finding(Kind::Inspect, Verdict::Fail, "broke");
     let good = |kind| finding(kind, Verdict::Accept, "");
@@ -44,8 +44,8 @@ fn a_film_that_failed_is_superseded_by_an_abrasion_and_a_later_film() {
     assert_eq!(conclude(Verdict::Pass, &exchanged, &[], &[]).verdict, Verdict::Fail);
 }
 
-/// An empty cell, or another object, is no nonconformance of a part. A part that differs in one respect alone is one, and
-/// so is a part that was tested or touched before.
+/// An empty cell, or another object, is no nonconformance of a part. A part that differs in only one respect is a
+/// nonconformance, and so is a part that was tested or touched before.
 #[test]
 fn a_cycle_that_found_nothing_or_another_object_examined_no_part() {
     let doubtful = |code: &str| ["points_missing", "blurred", "marks_differ"].contains(&code);
@@ -75,7 +75,7 @@ fn a_cycle_that_found_nothing_or_another_object_examined_no_part() {
         let expected: Vec<&str> = is_no_part.then_some(NO_PART).into_iter().chain(given.iter().copied()).collect();
         assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Reject, expected), "{given:?}");
     }
-    // An overlap that is only for a person to decide is not another extent.
+    // An overlap that only leads to a review is not another extent.
     let nearly = located_with(&["poor_fit", "low_overlap"], &|code| code == "low_overlap");
     assert_eq!(codes(&concluded(&[nearly])), ["poor_fit", "low_overlap"]);
     let after_film = [finding(Kind::Inspect, Verdict::Fail, "broke"), located(&["no_panel"])];
@@ -88,7 +88,7 @@ fn a_cycle_that_found_nothing_or_another_object_examined_no_part() {
     assert!(!codes(&concluded(&found_again)).contains(&NO_PART));
 }
 
-/// A part that was sanded too deep does not pass by a later film.
+/// A part that was sanded too deeply does not pass because of a later film.
 #[test]
 fn a_rejected_abrasion_outweighs_a_film_that_passes() {
     let mut all = passed();
@@ -166,7 +166,7 @@ fn requests() -> impl Strategy<Value = Vec<RequestRecord>> {
     prop::collection::vec(one.prop_map(|(request, answer, findings)| asked(request, answer, findings)), 0..5)
 }
 
-/// A second, independent form of the rule: the conditions for a pass.
+/// Returns whether the conditions for a pass are satisfied: a second, independent form of the rule.
 fn may_pass(findings: &[Finding], requests: &[RequestRecord]) -> bool {
     let is = |finding: &Finding, verdict| finding.judgement.verdict == verdict;
     let none_is_bad = findings.iter().all(|one| !is(one, Verdict::Reject) && !is(one, Verdict::Invalid));
@@ -214,8 +214,8 @@ proptest! {
         prop_assert_eq!(is_pass, ended == Verdict::Pass && may_pass(&findings, &requests), "{:?}", judgement);
     }
 
-    /// A record with its concluded verdict is earned; the same record with the verdict pass is earned only if pass
-    /// is its concluded verdict.
+    /// A record with its concluded verdict has no contradiction; the same record with the verdict pass has none only if
+    /// pass is its concluded verdict.
     #[test]
     fn a_pass_that_was_not_concluded_is_named(findings in findings(), requests in requests()) {
         let judgement = conclude(Verdict::Pass, &findings, &requests, &[]);
