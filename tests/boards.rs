@@ -151,7 +151,7 @@ pub fn error<A: Side>(cell: &BoardCell, found: &HandEye<A>) -> Error {
         mm: off.mm.norm(),
         deg: (truth.inverse() * pose).rotation_angle().0,
         stated_mm: found.uncertainty_mm,
-        held: found.region_holds(off),
+        held: found.region_contains(off),
         suspects: found.suspects.len(),
     }
 }
@@ -172,7 +172,7 @@ pub fn calibrated<A: Side>(lens: &Lens, stations: &[Station<A::From>]) -> HandEy
 }
 
 /// The faults of a calibration, as its messages name them.
-pub const FAULTS: [&str; 3] = ["upside down", "exchange them", "according to the picture"];
+pub const FAULTS: [&str; 3] = ["upside down", "exchange their poses", "according to the picture"];
 
 /// Calibrates with a flipped board, two swapped pictures or a mistyped number in station `seed`. Returns the
 /// messages, and their expected first words.

@@ -9,7 +9,7 @@ mod goal;
 use boards::{GOOD_ROBOT, POSES, Side};
 use goal::Figure;
 use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
-use panelprep::calib::gate::PosesFrom;
+use panelprep::calib::gate::PoseSource;
 use panelprep::calib::hand_eye::hand_eye;
 use panelprep::calib::{Board, BoardObservation, Station, gate};
 use panelprep::cell::{FlangeCameraMount, ScannerMount};
@@ -183,7 +183,7 @@ fn judged<A: Side>(seed: u64, mistake: &Mistake) -> (Verdict, String) {
         Err(error) => (Verdict::Reject, error.to_string()),
         Ok(found) => {
             let judgement =
-                gate::judge_hand_eye((&found, board.square_mm()), None, rough.as_ref(), PosesFrom::File);
+                gate::judge_hand_eye((&found, board.square_mm()), None, rough.as_ref(), PoseSource::File);
             let words = judgement.reasons.iter().map(|reason| format!("{}: {}; ", reason.code, reason.message));
             (judgement.verdict, words.collect())
         }

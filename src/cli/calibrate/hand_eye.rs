@@ -16,7 +16,7 @@ use panelprep_cell::cell::{FlangeCameraMount, MountedPose, ScannerMount};
 use panelprep_service::report;
 use panelprep_vision::calib::board_orientation::resolve_symmetry;
 use panelprep_vision::calib::detect::DetectedCorners;
-use panelprep_vision::calib::gate::{self, PosesFrom};
+use panelprep_vision::calib::gate::PoseSource;
 use panelprep_vision::calib::hand_eye::{MIN_STATIONS, hand_eye};
 use panelprep_vision::calib::three_points::{ThreePoints, three_points};
 use panelprep_vision::calib::{
@@ -94,7 +94,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let rough = cell.as_ref().and_then(A::rough_pose);
     // A pose that a person typed has no axes, also in a live session.
     let is_reported = args.live.live.is_some() && looks.iter().all(|look| look.has_axes);
-    let poses = if is_reported { PosesFrom::Controller } else { PosesFrom::File };
+    let poses = if is_reported { PoseSource::Controller } else { PoseSource::File };
     let judgement = gate::judge_hand_eye((&found, board.square_mm()), second.as_ref(), rough.as_ref(), poses);
     let mut outcome = Outcome::from_judgement(&judgement);
     report_result(&mut outcome, (&found, &board), &aside);

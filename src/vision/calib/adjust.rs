@@ -21,10 +21,10 @@
 //!
 //! The influence of one station, or of a lens error, is known to first order from the normal equations. A station adds
 //! its information Λᵢ to Λ = Σ Λᵢ and its gradient gᵢ. Without this station the result moves by −(Λ − Λᵢ)⁻¹ gᵢ; a
-//! station that was not part of the adjustment is compared with the result. A lens error δ moves the result by Λ⁻¹ B
-//! δ, with B the derivatives of the corners with respect to the lens. A lens of covariance C therefore adds Λ⁻¹ B C Bᵀ
-//! Λ⁻¹. This is the largest part if the robot is good: an error of 0.1 px of the principal point rotates the mount by
-//! the view angle of 0.1 px.
+//! station that was not part of the adjustment is compared with the result. A lens error δ moves the result by Λ⁻¹ B δ,
+//! with B the derivatives of the corners with respect to the lens. A lens of covariance C therefore adds Λ⁻¹ B C Bᵀ
+//! Λ⁻¹. This is the largest part if the robot is accurate: if the principal point is wrong by 0.1 px, the mount is
+//! rotated by the angle that 0.1 px subtends.
 
 use super::chain::{Arrangement, Chain, MountBoardMatrix, Station, StationGram, Twist, exp_map, log};
 use super::error::CalibError;
@@ -48,8 +48,8 @@ pub struct Noise {
 const NOISE_FLOOR: Noise = Noise { corner: 1e-4, turn_rad: 2e-7, shift_mm: 1e-4 };
 const NOISE_START: Noise = Noise { corner: 0.2, turn_rad: 3e-4, shift_mm: 0.1 };
 const MAX_STEPS: usize = 200;
-/// After this number of steps the iteration may end although the noise estimate still changes slowly, if camera and
-/// board no longer move.
+/// After this number of steps the iteration may end if camera and board no longer move, although the noise estimate
+/// still changes slowly.
 const SUFFICIENT_STEPS: usize = 60;
 /// The iteration ends when camera and board move by less than this, mm and mrad.
 const CONVERGENCE_TOLERANCE: f64 = 1e-7;
@@ -75,7 +75,7 @@ impl<A: Arrangement> MountAdjustment<A> {
         covariance_at(&self.to_from_camera, &self.covariance, point)
     }
 
-    /// Returns a copy with mount and board moved by a small motion, and with another covariance.
+    /// Returns a copy in which mount and board are moved by a small motion, with another covariance.
     pub(super) fn perturbed(&self, both: &SVector<f64, 12>, covariance: MountBoardMatrix) -> Self {
         let [mount, board] = [0, 6].map(|row| exp_map(&Twist::from(both.fixed_rows::<6>(row))));
         MountAdjustment {
@@ -111,7 +111,7 @@ pub(super) fn prior_weights(noise: &Noise) -> Matrix6<f64> {
     Matrix6::from_diagonal(&Twist::new(turn, turn, turn, shift, shift, shift))
 }
 
-const WHAT: &str = "camera mount and board";
+const ADJUSTED: &str = "the adjustment of camera mount and board";
 
 /// Adjusts camera mount and board from a start value; a given noise is not estimated again.
 ///
@@ -123,7 +123,7 @@ pub(super) fn adjust<A: Arrangement>(
     start: (&Rigid<A::To, A::From>, &Rigid<A::Holder, Board>),
     given: Option<Noise>,
 ) -> Result<MountAdjustment<A>, CalibError> {
-    let unsettled = CalibError::NotSettled { what: WHAT };
+    let unsettled = CalibError::NotSettled { what: ADJUSTED };
     let mut state = State {
         mount: *start.0.isometry(),
         board: *start.1.isometry(),
@@ -145,8 +145,8 @@ pub(super) fn adjust<A: Arrangement>(
         let is_steady = steady(noise.corner, estimated.corner)
             && steady(noise.turn_rad, estimated.turn_rad)
             && steady(noise.shift_mm, estimated.shift_mm);
-        // A few poses hardly determine a small noise of the robot: it still changes slowly while camera and board
-        // no longer move.
+        // A few poses hardly determine a small noise of the robot: its estimate still changes slowly when camera and
+        // board no longer move.
         let settled = moved < CONVERGENCE_TOLERANCE && (is_steady || index >= SUFFICIENT_STEPS);
         noise = estimated;
         if settled {
@@ -168,7 +168,7 @@ struct Step {
     /// Inverse of the reduced normal matrix, in units of the corners' variance.
     covariance: MountBoardMatrix,
     /// Sum of the variances of the flange's deviations in rotation (about ω), in the units of `covariance`;
-    /// `shift_variance` is the same for translation (along v).
+    /// `shift_variance` is the same sum for translation (along v).
     turn_variance: f64,
     shift_variance: f64,
     stations: usize,
@@ -184,8 +184,8 @@ impl Step {
         for (gram, deviation) in grams.iter().zip(deviations) {
             let inverse = (gram.flange() + prior).cholesky()?.inverse();
             let pull = gram.gradient.fixed_rows::<6>(12) - prior * log(deviation);
-            // The flange's deviation of each pose is eliminated at once: with it as an unknown the matrix would grow by
-            // six for each picture.
+            // The deviation of each flange pose is eliminated immediately: as an unknown it would enlarge the matrix by
+            // six rows for each picture.
             normal += gram.mount_and_board() - gram.cross() * inverse * gram.cross().transpose();
             gradient += gram.gradient.fixed_rows::<12>(0) - gram.cross() * inverse * pull;
             flange_inverse.push(inverse);
@@ -229,7 +229,7 @@ impl Step {
         [of(self.turn_variance, noise.turn_rad), of(self.shift_variance, noise.shift_mm)]
     }
 
-    /// Returns the smaller of the redundancies that count: a noise component at its floor does not count.
+    /// Returns the smaller redundancy of the noise components that are above their minimum.
     fn redundancy(&self, noise: &Noise) -> f64 {
         let [turn, shift] = self.redundancies(noise);
         let counts =
@@ -250,8 +250,7 @@ impl Step {
         let rows: usize = grams.iter().map(|gram| gram.rows).sum();
         let corners = (rows as f64 - 12.0 - turn - shift).max(1.0);
         let square: f64 = grams.iter().map(|gram| gram.square).sum();
-        // A step is limited, so that one bad start does not move a component to a value from which it cannot
-        // return.
+        // The change is limited: otherwise one bad start moves a component to a value from which it cannot return.
         let bounded = |new: f64, old: f64, floor: f64| new.sqrt().clamp(0.2 * old, 5.0 * old).max(floor);
         Noise {
             corner: bounded(square / corners, noise.corner, NOISE_FLOOR.corner),
@@ -261,13 +260,15 @@ impl Step {
     }
 }
 
-/// Returns the inverse of a normal matrix of unknowns with different units, scaled to ones on its diagonal first.
+/// Returns the inverse of a normal matrix of unknowns with different units. The matrix is first scaled to ones on its
+/// diagonal.
 pub(super) fn scaled_inverse<D: Dim>(normal: &OMatrix<f64, D, D>) -> Option<OMatrix<f64, D, D>>
 where
     DefaultAllocator: Allocator<D, D> + Allocator<D>,
 {
     let (rows, columns) = normal.shape_generic();
-    // Radians and millimetres differ by a thousand; unscaled, the decomposition loses the digits of the smaller ones.
+    // Values in radians and in millimetres differ by a factor of a thousand: without the scaling, the decomposition
+    // loses the digits of the smaller ones.
     let scale = normal.diagonal().map(|entry| if entry > 0.0 { entry.sqrt().recip() } else { f64::NAN });
     let scaled =
         OMatrix::from_fn_generic(rows, columns, |row, column| normal[(row, column)] * scale[row] * scale[column]);
@@ -275,25 +276,25 @@ where
     Some(OMatrix::from_fn_generic(rows, columns, |row, column| inverse[(row, column)] * scale[row] * scale[column]))
 }
 
-/// Maximum number of triples that are tried; if there are more, they are sampled at equal steps.
+/// Maximum number of triples of stations that are tried; if there are more, they are sampled at equal steps.
 const MAX_TRIPLES: usize = 800;
-/// Minimum rotation between three stations that can give a start, rad.
-pub(super) const MIN_TURN_RAD: f64 = 0.05;
-/// Maximum median distance of a consensus, mm.
-const MAX_MEDIAN_MM: f64 = 15.0;
-/// Minimum spread of the rotations about the second axis that determines a mount, degrees.
-pub(super) const MIN_SPREAD_DEG: f64 = 4.0;
+/// Minimum rotation between the three stations of a start value, rad.
+pub(super) const MIN_START_ROTATION_RAD: f64 = 0.05;
+/// Maximum median distance of the boards in a consensus, mm.
+const MAX_CONSENSUS_MEDIAN_MM: f64 = 15.0;
+/// Minimum spread of the rotations about their second principal axis that determines a mount, degrees.
+pub(super) const MIN_ROTATION_SPREAD_DEG: f64 = 4.0;
 
 pub(super) struct Start<A: Arrangement> {
     pub to_from_camera: Rigid<A::To, A::From>,
     pub holder_from_board: Rigid<A::Holder, Board>,
-    /// Distance of each station's board from the best station's board, mm.
+    /// Distance of each station's board from the board of the best station, mm.
     pub distances_mm: Vec<f64>,
     pub median_mm: f64,
 }
 
-/// Returns the spread of the rotations between stations about the second of their axes, degrees (root mean square
-/// over all pairs).
+/// Returns the spread of the rotations between stations about the second of their principal axes, degrees (root mean
+/// square over all pairs).
 pub(super) fn second_axis_deg(turns: &[Isometry3<f64>]) -> f64 {
     let (mut spread, mut pairs) = (Matrix3::zeros(), 0.0);
     for (index, first) in turns.iter().enumerate() {
@@ -318,7 +319,7 @@ pub(super) fn start_by_consensus<A: Arrangement>(
     let mut best: Option<Start<A>> = None;
     for triple in index_triples(seen.len()) {
         let pick = |poses: &[Isometry3<f64>]| triple.map(|index| poses[index]);
-        if second_axis_deg(&pick(&moved)).to_radians() < MIN_TURN_RAD {
+        if second_axis_deg(&pick(&moved)).to_radians() < MIN_START_ROTATION_RAD {
             continue;
         }
         let Some(mount) = foreign::solve_hand_eye_park(&pick(&moved), &pick(&seen)) else { continue };
@@ -335,16 +336,16 @@ pub(super) fn start_by_consensus<A: Arrangement>(
     }
     let none = CalibError::TooLittleRotation {
         about_second_axis_deg: second_axis_deg(&moved),
-        needed_deg: MIN_SPREAD_DEG,
+        needed_deg: MIN_ROTATION_SPREAD_DEG,
     };
     let best = best.ok_or(none)?;
-    if best.median_mm > MAX_MEDIAN_MM {
+    if best.median_mm > MAX_CONSENSUS_MEDIAN_MM {
         return Err(CalibError::NoConsensus { poses: seen.len(), median_mm: best.median_mm, readings: vec![] });
     }
     Ok(best)
 }
 
-/// Returns the station with the board pose that agrees best with the others'.
+/// Returns the station whose board pose agrees best with those of the other stations.
 fn medoid<A: Arrangement>(
     to_from_camera: Rigid<A::To, A::From>,
     boards: &[Rigid<A::Holder, Board>],
@@ -357,7 +358,7 @@ fn medoid<A: Arrangement>(
         let distances: Vec<f64> = boards.iter().map(apart).collect();
         let mut sorted = distances.clone();
         sorted.sort_by(f64::total_cmp);
-        // The first value is the station's own distance of zero: the median is that of the others.
+        // The first value is the station's distance from itself, zero: this index gives the median of the others.
         (sorted[(sorted.len()) / 2], distances)
     };
     let mut all = boards.iter().map(|board| (*board, distances(board)));
@@ -376,8 +377,8 @@ pub(super) fn index_triples(count: usize) -> impl Iterator<Item = [usize; 3]> {
         .step_by(stride)
 }
 
-/// Returns the inverse covariance that a station adds, and its gradient for mount and board, in rad and mm: used to
-/// leave a station out, and to choose the next one.
+/// Returns the information (inverse covariance) that a station adds, and its gradient for mount and board, in rad and
+/// mm. It is used to leave a station out, and to choose the next station.
 pub(super) fn information<A: Arrangement>(
     camera: &PinholeCamera,
     adjusted: &MountAdjustment<A>,
@@ -393,14 +394,14 @@ pub(super) fn information<A: Arrangement>(
     Some((reduced * weight, pull * weight))
 }
 
-/// The scatter of an arm itself, as standard deviations: a third of the pose repeatability of a KR 6 R700, ±0.03 mm
-/// (data sheet). The rotation, `ARM_TURN_RAD`, causes this shift at 350 mm, half of the arm's reach. Because of this
-/// minimum, a few poses that fit better by chance do not make another pose appear wrong.
-const ARM_SHIFT_MM: f64 = 0.01;
-const ARM_TURN_RAD: f64 = 3e-5;
+/// The minimum scatter of an arm, as standard deviations: a third of the pose repeatability of a KR 6 R700, ±0.03 mm
+/// (data sheet). The rotation, `MIN_ARM_ROTATION_RAD`, causes this shift at 350 mm, half of the arm's reach. Because of
+/// this minimum, a few poses that fit better by chance do not make another pose appear wrong.
+const MIN_ARM_SHIFT_MM: f64 = 0.01;
+const MIN_ARM_ROTATION_RAD: f64 = 3e-5;
 
-/// Returns how improbable a station is, compared with an adjustment without it: the squared length of the twist by
-/// which the flange would have to be moved, in standard deviations; 6 is usual.
+/// Returns how improbable a station is, compared with an adjustment without it: the squared length, in standard
+/// deviations, of the twist by which the flange would have to be moved. Its expected value is 6.
 pub(super) fn outlier_statistic<A: Arrangement>(
     camera: &PinholeCamera,
     adjusted: &MountAdjustment<A>,
@@ -415,7 +416,8 @@ pub(super) fn outlier_statistic<A: Arrangement>(
         let inverse = gram.flange().cholesky()?.inverse();
         let through = inverse * gram.cross().transpose();
         let noise = &adjusted.noise;
-        let [turn, shift] = [noise.turn_rad.max(ARM_TURN_RAD).powi(2), noise.shift_mm.max(ARM_SHIFT_MM).powi(2)];
+        let [turn, shift] =
+            [noise.turn_rad.max(MIN_ARM_ROTATION_RAD).powi(2), noise.shift_mm.max(MIN_ARM_SHIFT_MM).powi(2)];
         let robot = Matrix6::from_diagonal(&Twist::new(turn, turn, turn, shift, shift, shift));
         let spread = inverse * noise.corner.powi(2) + robot + through * adjusted.covariance * through.transpose();
         let twist = log(&deviation);
@@ -434,7 +436,7 @@ pub(super) fn needed_flange<A: Arrangement>(
     Rigid::from_isometry_unchecked(if A::EYE_IN_HAND { bare.inverse() } else { bare })
 }
 
-/// Returns the covariance that a lens of this covariance adds to mount and board; `None` if a corner is behind the
+/// Returns the covariance that the uncertainty of a lens adds to mount and board; `None` if a corner is behind the
 /// camera.
 pub(super) fn lens_covariance_effect<A: Arrangement>(
     camera: &PinholeCamera,

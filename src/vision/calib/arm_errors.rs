@@ -8,8 +8,8 @@
 //!
 //! The true pose of the flange differs from the controller's by the arm's geometry, or by a motion that varies
 //! smoothly over the volume. With the pose N that the controller reports, the flange is truly at T:
-//!     geometry, by the axis angles q:  T = N F₀(q)⁻¹ F(q),   F₀ the drawing's forward kinematics, F that with the errors    (1)
-//!     smooth, by the position p of N:  T = (exp r(p) R, p + t(p)),   r and t linear in p, held constant outside of the volume  (2)
+//!     geometry, by the axis angles q:  T = N F₀(q)⁻¹ F(q),   F₀ nominal forward kinematics, F with the errors      (1)
+//!     smooth, by the position p of N:  T = (exp r(p) R, p + t(p)), r and t linear in p, constant outside the volume (2)
 //! To bring the flange to T, the controller is sent the N for which (1) or (2) gives T.
 
 use super::chain::{Twist, exp_map};
@@ -25,36 +25,38 @@ pub const ARM_NUMBERS: usize = panelprep_cell::cell::GEOMETRY_NUMBERS;
 /// rad for each mm of lever.
 pub fn prior_std() -> [f64; ARM_NUMBERS] {
     std::array::from_fn(|index| match index {
-        30 | 31 => SAG,
+        30 | 31 => SAG_PRIOR_RAD_PER_MM,
         index if index % 6 < 3 => ANGLE_PRIOR_RAD,
-        _ => LENGTH_MM,
+        _ => LENGTH_PRIOR_MM,
     })
 }
 
 /// 0.05°.
 const ANGLE_PRIOR_RAD: f64 = 8.7e-4;
-const LENGTH_MM: f64 = 0.4;
+const LENGTH_PRIOR_MM: f64 = 0.4;
 /// This sag is 0.3 mm at the end of a lever of 600 mm.
-const SAG: f64 = 8e-7;
+const SAG_PRIOR_RAD_PER_MM: f64 = 8e-7;
 
 /// Returns the name of an error parameter with the unit in which it is reported, and the factor from the
 /// parameter's own unit to that unit.
 pub fn name(index: usize) -> (String, f64) {
-    const ALONG: [char; 3] = ['x', 'y', 'z'];
-    // The first axis turns about z, axes 2, 3 and 5 about y, axis 4 about z.
-    const AXIS: [usize; 5] = [2, 1, 1, 2, 1];
+    const AXIS_NAMES: [char; 3] = ['x', 'y', 'z'];
+    // Axis 1 rotates about z, axes 2, 3 and 5 about y, axis 4 about z.
+    const ROTATION_AXES: [usize; 5] = [2, 1, 1, 2, 1];
     if index >= 30 {
         return (format!("sag of axis {}, µrad for each mm", index - 28), 1e6);
     }
     let (axis, part) = (index / 6, index % 6);
     match part {
-        part if part == AXIS[axis] => (format!("zero of axis {}, °", axis + 1), 1f64.to_degrees()),
-        part if part < 3 => (format!("twist about {} after axis {}, °", ALONG[part], axis + 1), 1f64.to_degrees()),
-        part => (format!("length along {} after axis {}, mm", ALONG[part - 3], axis + 1), 1.0),
+        part if part == ROTATION_AXES[axis] => (format!("zero of axis {}, °", axis + 1), 1f64.to_degrees()),
+        part if part < 3 => {
+            (format!("twist about {} after axis {}, °", AXIS_NAMES[part], axis + 1), 1f64.to_degrees())
+        }
+        part => (format!("length along {} after axis {}, mm", AXIS_NAMES[part - 3], axis + 1), 1.0),
     }
 }
 
-/// Returns the joint angles in the model's own convention, rad.
+/// Returns the joint angles in the convention of the kinematic model, rad.
 fn model_angles_rad(geometry: &ArmGeometry, joints: &Joints) -> [f64; 6] {
     let all = joints.degrees();
     std::array::from_fn(|axis| {
@@ -96,7 +98,7 @@ pub fn base_from_flange(
     Rigid::from_isometry_unchecked(pose)
 }
 
-/// Faults of the axes in a file: two axes exchanged, or one with the opposite sign.
+/// A fault of the axis angles in a file: two axes are exchanged, or one has the opposite sign.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AxisFault {
     /// Two exchanged axes, numbered from 1.
@@ -115,7 +117,7 @@ impl std::fmt::Display for AxisFault {
 }
 
 impl AxisFault {
-    /// Returns every possible fault.
+    /// Returns all possible faults.
     pub fn all() -> Vec<AxisFault> {
         let exchanged = (1..=6).flat_map(|one| (one + 1..=6).map(move |two| AxisFault::Exchanged(one, two)));
         exchanged.chain((1..=6).map(AxisFault::Sign)).collect()
@@ -141,7 +143,7 @@ pub struct ArmPose {
     pub base_from_flange: Rigid<Base, Flange>,
 }
 
-/// How the flange's true pose differs from the controller's.
+/// The correction: how the flange's true pose differs from the controller's.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Correction {
     /// Corrects with errors of the arm's geometry.
@@ -157,7 +159,7 @@ pub enum Correction {
         middle_mm: [f64; 3],
         /// Half the size of the measured volume, mm.
         half_mm: [f64; 3],
-        /// Rotations (rad) and shifts (mm) at the middle, and their changes along x, y, z from the middle to the
+        /// Rotations (rad) and shifts (mm) in the middle, and their changes along x, y and z from the middle to the
         /// side of the volume.
         numbers: [f64; SMOOTH_NUMBERS],
     },
@@ -165,8 +167,8 @@ pub enum Correction {
 
 /// Steps of the fixed-point iteration that inverts (2); each reduces the error to about a thousandth.
 const INVERSE_STEPS: usize = 8;
-/// Maximum distance from the measured volume at which anything is measured or touched, as a fraction of the volume's
-/// half size.
+/// Maximum distance outside of the measured volume at which the corrected arm may measure or touch, as a fraction of
+/// half the volume's size.
 const MAX_EXTRAPOLATION: f64 = 0.1;
 
 impl Correction {
@@ -240,7 +242,7 @@ impl Correction {
         }
     }
 
-    /// Returns rotation and shift of a smooth correction at a position, mm.
+    /// Returns the rotation, and the shift in mm, of a smooth correction at a position.
     fn motion_at(&self, place: Point<Base>) -> (UnitQuaternion<f64>, nalgebra::Vector3<f64>) {
         let Correction::Smooth { middle_mm, half_mm, numbers } = self else {
             return (UnitQuaternion::identity(), nalgebra::Vector3::zeros());
@@ -286,7 +288,7 @@ impl Correction {
                 let change = ["in the middle", "along x", "along y", "along z"][index / 6];
                 let about = ['x', 'y', 'z'][index % 3];
                 match index % 6 < 3 {
-                    true => (format!("turn about {about} {change}, °"), 1f64.to_degrees()),
+                    true => (format!("rotation about {about} {change}, °"), 1f64.to_degrees()),
                     false => (format!("shift along {about} {change}, mm"), 1.0),
                 }
             }

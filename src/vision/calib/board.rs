@@ -2,15 +2,15 @@
 //! centres) as points of frame `Board`.
 //!
 //! Corner (column, row) lies at (column · square, row · square, 0) mm; x runs along a row, y down, z away from the
-//! viewer. A chessboard is named by its inner corners, ChArUco by its squares, as in OpenCV. A chessboard with one
-//! odd and one even side has a unique first corner, the one with a black outer square; others look the same upside
-//! down. Circles are arranged in COLUMNS×ROWS. In an asymmetric grid every second row is shifted by the distance of
-//! rows, and circles of a row are twice that distance apart, as OpenCV counts them.
+//! viewer. The size of a chessboard is stated in inner corners, that of a ChArUco board in squares, as in OpenCV. A
+//! chessboard with one odd and one even side has a unique first corner, the one with a black outer square; others look
+//! the same upside down. Circles are arranged in COLUMNS×ROWS. In an asymmetric grid every second row is shifted by the
+//! distance between rows, and the circles of a row are twice that distance apart, as OpenCV counts them.
 
 use super::error::CalibError;
 use panelprep_base::geometry::{Board as BoardFrame, Pixel, Point};
 
-/// Corners of the board with their pixels.
+/// The corners of a board on the board, with their pixels.
 pub type Corners = Vec<(Point<BoardFrame>, Pixel)>;
 
 /// The markers of a ChArUco board: their size, dictionary and layout.
@@ -20,8 +20,8 @@ pub struct Charuco {
     pub marker_mm: f64,
     /// OpenCV's name of the dictionary, `4X4_50`.
     pub dictionary: String,
-    /// Printed by an OpenCV earlier than 4.6: with an even number of rows the first square is white and contains a
-    /// marker.
+    /// Whether an OpenCV earlier than 4.6 printed the board: with an even number of rows, its first square is white and
+    /// contains a marker.
     pub legacy: bool,
 }
 
@@ -30,7 +30,7 @@ pub struct Charuco {
 enum Pattern {
     Chessboard,
     Charuco(Charuco),
-    /// Circles in rows; in an asymmetric grid each second row is shifted.
+    /// Circles in rows; in an asymmetric grid, every second row is shifted.
     Circles {
         asymmetric: bool,
     },
@@ -45,15 +45,14 @@ pub struct Board {
     pattern: Pattern,
 }
 
-const INNER: std::ops::RangeInclusive<usize> = 3..=60;
+const INNER_CORNER_LIMITS: std::ops::RangeInclusive<usize> = 3..=60;
 
 impl Board {
-    /// Parses the board that `--board` and `--square-mm` name: `9x6`,
-    /// `charuco:COLUMNSxROWS:MARKER_MM:DICTIONARY[:legacy]`, or `circles:COLUMNSxROWS:MM` and
-    /// `acircles:COLUMNSxROWS:MM`, which need no `--square-mm`.
+    /// Parses the texts of `--board` and `--square-mm`: `9x6`, `charuco:COLUMNSxROWS:MARKER_MM:DICTIONARY[:legacy]`, or
+    /// `circles:COLUMNSxROWS:MM` and `acircles:COLUMNSxROWS:MM`, which need no `--square-mm`.
     ///
     /// # Errors
-    /// If the text names no board, a number is out of range, or a marker is as large as its square.
+    /// If the text describes no board, a number is out of range, or a marker is as large as its square.
     pub fn parse(text: &str, square_mm: impl Into<Option<f64>>) -> Result<Self, CalibError> {
         let wrong = |message: String| CalibError::Board { text: text.to_owned(), message };
         let parts: Vec<&str> = text.split(':').collect();
@@ -62,7 +61,7 @@ impl Board {
             (["circles" | "acircles", _, distance], named_mm) => {
                 let circles_mm = distance
                     .parse::<f64>()
-                    .map_err(|_| wrong(format!("the distance of circles '{distance}' is not a number")))?;
+                    .map_err(|_| wrong(format!("the distance between circles '{distance}' is not a number")))?;
                 if named_mm.is_some_and(|named_mm| named_mm != circles_mm) {
                     return Err(wrong(format!(
                         "the circles are {circles_mm} mm apart, but --square-mm states another distance; omit \
@@ -132,23 +131,23 @@ impl Board {
     }
 
     fn new(columns: usize, rows: usize, square_mm: f64, pattern: Pattern) -> Result<Self, String> {
-        if !INNER.contains(&columns) || !INNER.contains(&rows) {
+        if !INNER_CORNER_LIMITS.contains(&columns) || !INNER_CORNER_LIMITS.contains(&rows) {
             return Err(format!("the board has {columns}×{rows} inner corners (limits 3 to 60 in each direction)"));
         }
         Ok(Board { columns, rows, square_mm, pattern })
     }
 
-    /// Inner corners in a row.
+    /// Returns the number of inner corners in a row.
     pub fn columns(&self) -> usize {
         self.columns
     }
 
-    /// Rows of inner corners.
+    /// Returns the number of rows of inner corners.
     pub fn rows(&self) -> usize {
         self.rows
     }
 
-    /// Side of a square, or the distance between rows of circles, mm.
+    /// Returns the side of a square, or the distance between rows of circles, mm.
     pub fn square_mm(&self) -> f64 {
         self.square_mm
     }
@@ -158,7 +157,7 @@ impl Board {
         self.markers().is_none() && self.circles().is_none()
     }
 
-    /// The board's markers; `None` for a board without markers.
+    /// Returns the board's markers; `None` for a board without markers.
     pub fn markers(&self) -> Option<&Charuco> {
         match &self.pattern {
             Pattern::Charuco(charuco) => Some(charuco),
@@ -166,7 +165,7 @@ impl Board {
         }
     }
 
-    /// Returns whether each second row of circles is shifted; `None` for a board without circles.
+    /// Returns whether every second row of circles is shifted; `None` for a board without circles.
     pub fn circles(&self) -> Option<bool> {
         match self.pattern {
             Pattern::Circles { asymmetric } => Some(asymmetric),
@@ -174,7 +173,7 @@ impl Board {
         }
     }
 
-    /// Number of inner corners.
+    /// Returns the number of inner corners.
     pub fn count(&self) -> usize {
         self.columns * self.rows
     }
@@ -198,7 +197,7 @@ impl Board {
             .then(|| Point::at(across as f64 * self.square_mm, row as f64 * self.square_mm, 0.0))
     }
 
-    /// All inner corners, row by row.
+    /// Returns all inner corners, row by row.
     pub fn corners(&self) -> Vec<Point<BoardFrame>> {
         (0..self.rows)
             .flat_map(|row| (0..self.columns).filter_map(move |column| self.corner(column, row)))
@@ -212,15 +211,15 @@ impl Board {
         Point::at(half(across), half(self.rows), 0.0)
     }
 
-    /// The four outer corners, as (column, row), around the board.
+    /// Returns the four outer corners, as (column, row), around the board.
     pub fn outer_corners(&self) -> [(usize, usize); 4] {
         let (right, low) = (self.columns - 1, self.rows - 1);
         [(0, 0), (right, 0), (right, low), (0, low)]
     }
 
-    /// Returns the corners to touch in three-point calibration, as (column, row): the origin, the end of the first
-    /// row, and the far end of the last row. The fourth one is the check: it breaks the board's symmetry, which the
-    /// outer corners cannot.
+    /// Returns the corners to touch in three-point calibration, as (column, row): the origin, the end of the first row,
+    /// and the far end of the last row. The fourth one is the check: it is not an outer corner, so that it breaks the
+    /// board's symmetry.
     pub fn corners_to_touch(&self) -> [(usize, usize); 4] {
         let [first, second, third, fourth] = self.outer_corners();
         let wanted = (self.columns / 3, self.rows / 3);
@@ -230,8 +229,8 @@ impl Board {
         [first, second, third, all.filter(breaks).min_by_key(|&corner| away(corner)).unwrap_or(fourth)]
     }
 
-    /// Returns whether these corners coincide with each other if the board is rotated or mirrored. If so, corners that
-    /// are touched from the other end of the board have the same distances.
+    /// Returns whether these corners coincide with each other if the board is rotated or mirrored. If so, the distances
+    /// between them are the same if they are touched from the other end of the board.
     pub fn is_symmetric(&self, corners: &[(usize, usize)]) -> bool {
         let (right, low) = (self.columns - 1, self.rows - 1);
         let mut ways: Vec<fn(usize, usize, usize, usize) -> (usize, usize)> =
@@ -253,7 +252,7 @@ impl Board {
                 .any(|way| corners.iter().all(|&(column, row)| corners.contains(&way(column, row, right, low))))
     }
 
-    /// Returns the same ChArUco board in other layouts of its markers, each with a text about the difference.
+    /// Returns the same ChArUco board with its markers in other layouts, each with a text that states the difference.
     pub(super) fn alternative_layouts(&self) -> Vec<(Board, &'static str)> {
         let Some(charuco) = self.markers() else { return Vec::new() };
         let with = |columns: usize, rows: usize, legacy: bool| Board {
@@ -276,7 +275,7 @@ impl Board {
         ]
     }
 
-    /// The board as `--board` names it.
+    /// Returns the board in the form of `--board`.
     pub(super) fn text(&self) -> String {
         let (columns, rows) = (self.columns, self.rows);
         match &self.pattern {
@@ -307,7 +306,7 @@ impl Board {
     }
 }
 
-/// The number of markers in OpenCV's dictionary of this name.
+/// Returns the number of markers in OpenCV's dictionary of this name.
 fn dictionary_marker_count(dictionary: &str) -> Option<usize> {
     match dictionary {
         "ARUCO_ORIGINAL" => Some(1_024),
@@ -341,7 +340,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_chessboard_is_named_by_its_inner_corners() {
+    fn the_size_of_a_chessboard_is_its_inner_corners() {
         let board = Board::parse("9x6", 25.0).expect("a board");
         assert_eq!((board.columns(), board.rows(), board.count()), (9, 6, 54));
         assert_eq!(board.corner(8, 5), Some(Point::at(200.0, 125.0, 0.0)));
@@ -391,7 +390,8 @@ mod tests {
         assert!(!square.is_symmetric(&square.corners_to_touch()));
     }
 
-    /// OpenCV's own names, including AprilTags; another name is refused once, before any picture is examined.
+    /// The names of the dictionaries are OpenCV's, including AprilTags. Another name is refused once, before any
+    /// picture is examined.
     #[test]
     fn dictionaries_are_named_as_opencv_names_them() {
         let name = |text: &str| {
@@ -416,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_board_is_refused_in_words() {
+    fn texts_without_a_board_are_refused_with_the_reason() {
         for (text, square_mm, words) in [
             ("9 x 6", 25.0, "valid: a chessboard"),
             ("9x2", 25.0, "9×2 inner corners"),

@@ -1,14 +1,14 @@
-//! Determines by the robot's poses in which rotation a symmetric board was detected.
+//! Determines from the robot's poses in which rotation a symmetric board was detected.
 //!
 //! A grid of circles looks the same rotated by 180°, a square one by 90°; a detector then starts with the uppermost
 //! corner, which is not always the same one. Between two stations i, j the flange and the board rotate by the same
 //! angle,
 //!     ∠(Aᵢ⁻¹ Aⱼ) = ∠((Bᵢ Tᵢ⁻¹)(Bⱼ Tⱼ⁻¹)⁻¹),                                                                       (1)
 //! with flange poses A, board poses B and rotations T of the board. The rotations of three stations that fulfil (1)
-//! give a mount in closed form. With it each other station gets the rotation that brings its board nearest to theirs.
-//! The best solution has the least median of the distances, as in `adjust`.
+//! give a mount in closed form. With this mount, each other station gets the rotation that brings its board nearest to
+//! the boards of the three. The best solution has the least median of the distances, as in `adjust`.
 //!
-//! Nothing is judged here: stations that fit in no rotation stay as they are and are named by the adjustment.
+//! Nothing is judged here: stations that fit in no rotation are not changed, and the adjustment reports them.
 
 use super::adjust::index_triples;
 use super::board::Board;
@@ -19,8 +19,8 @@ use super::foreign;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use panelprep_base::geometry::{Base, Board as BoardFrame, Flange, PinholeCamera, Point, Rigid, median};
 
-/// Maximum difference between the angles of (1), rad: for an arm that differs from its nominal geometry, and
-/// corners in a small picture.
+/// Maximum difference between the angles of (1), rad. It allows for an arm that differs from its nominal geometry, and
+/// for corners in a small picture.
 const MAX_ANGLE_DIFFERENCE_RAD: f64 = 0.05;
 
 /// Returns the rotations after which a board looks as before; the first one is the identity.
@@ -78,7 +78,7 @@ pub fn resolve_symmetry<A: Arrangement>(
     Ok(())
 }
 
-/// The median distance of the boards from the first one's, mm, and the rotation of each station.
+/// The median distance of the boards from the board of the first station, mm, and the rotation of each station.
 type OrientationSolution = (f64, Vec<usize>);
 
 fn closer_solution(best: Option<OrientationSolution>, next: OrientationSolution) -> Option<OrientationSolution> {
@@ -96,8 +96,8 @@ struct Stations {
 }
 
 impl Stations {
-    /// Returns the solutions for all stations that follow from three stations, one for each combination of their
-    /// rotations that fulfils (1); the first of the three is not rotated.
+    /// Returns the solutions for all stations that follow from three stations: one for each combination of their
+    /// rotations that fulfils (1). The first of the three is not rotated.
     fn solve_triple(&self, [a, b, c]: [usize; 3]) -> Vec<OrientationSolution> {
         let mut all = Vec::new();
         for way_b in (0..self.rotated_poses[b].len()).filter(|way| self.have_equal_rotations((a, 0), (b, *way))) {
@@ -129,8 +129,8 @@ impl Stations {
         let held = |index: usize, way: usize| self.holder_from_to[index] * mount * self.rotated_poses[index][way];
         let first = held(three[0].0, 0);
         let apart_mm = |index: usize, way: usize| {
-            // A rotation moves corners about the middle: a second point beside the middle distinguishes the
-            // rotations.
+            // The rotations leave the middle of the board where it is: a second point beside the middle distinguishes
+            // them.
             let beside = self.centre + Vector3::x() * self.centre.coords.norm();
             let board = held(index, way);
             (first * self.centre - board * self.centre).norm() + (first * beside - board * beside).norm()
@@ -152,10 +152,10 @@ mod tests {
     use panelprep_cell::cell::ScannerMount;
     use panelprep_sim::{BoardCell, BoardPrint, RobotNoise};
 
-    /// In each picture the numbering starts at a different one of the corners that look like the first corner. The
-    /// mount is as accurate as if it always started at the first corner.
+    /// In each picture the numbering starts at another one of the corners that look like the first corner. The mount is
+    /// as accurate as if it always started at the first corner.
     #[test]
-    fn boards_that_look_alike_from_several_sides_give_a_mount() {
+    fn symmetric_boards_give_a_mount() {
         for (columns, rows, ways) in [(7, 7, 4), (8, 6, 2), (9, 6, 1)] {
             let board = Board::parse(&format!("{columns}x{rows}"), 20.0).expect("a board");
             let all = symmetry_rotations(&board);

@@ -1,4 +1,5 @@
-//! The parts of the error at the tool that calibrations determine, each as the radius that contains 95 % of the errors, mm.
+//! The parts of the error at the tool that calibrations determine, mm, each as the radius that contains 95 % of the
+//! errors.
 //!
 //! The complete budget is part of the cycle's record; the panel's pose and the surface's fit are not known here.
 
@@ -7,7 +8,7 @@ use super::health::Verification;
 /// Two parts of the budget; `None` while not measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parts {
-    /// The uncertainty of the mounts of both cameras, at the panel, as their calibrations state it.
+    /// The uncertainty of the mounts of both cameras at the panel, as stated by their calibrations.
     pub hand_eye_mm: Option<f64>,
     /// The robot and its tool: the uncertainty that the tool's calibration states, and the error of the last touch
     /// of known points.
@@ -27,9 +28,10 @@ pub fn parts(mounts_mm: [Option<f64>; 2], tool_mm: Option<f64>, last_touch: Opti
 mod tests {
     use super::*;
 
-    /// Calculated by hand: 0.3 mm of the tool and an error of 0.4 mm at the touch are 0.5 mm together.
+    /// Calculated by hand: an uncertainty of the tool of 0.3 mm and an error of the touch of 0.4 mm give √(0.3² + 0.4²)
+    /// = 0.5 mm.
     #[test]
-    fn tool_and_touch_and_both_mounts_add_as_squares() {
+    fn tool_and_touch_errors_are_added_as_root_sum_of_squares() {
         let touch = Verification {
             struck: None,
             subject: "tool".to_owned(),

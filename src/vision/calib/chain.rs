@@ -65,7 +65,8 @@ pub enum BoardObservation<C: Frame> {
 }
 
 impl<C: Frame> BoardObservation<C> {
-    /// Mean side of the board's squares as a 3D camera measured them, mm; `None` for a picture, or without neighbours.
+    /// Returns the mean side of the board's squares as the 3D camera measured them, mm; `None` for a picture, or
+    /// without neighbouring corners.
     pub fn square_mm(&self, board: &super::board::Board) -> Option<f64> {
         let BoardObservation::Points(points) = self else { return None };
         let is_neighbour = |a: &Point<Board>, b: &Point<Board>| {
@@ -90,7 +91,7 @@ pub struct Station<C: Frame> {
     pub observation: BoardObservation<C>,
 }
 
-/// A matrix over mount and board, in this order, each (ω, v).
+/// A matrix over mount and board, in this order, each with the six components (ω, v).
 pub(super) type MountBoardMatrix = SMatrix<f64, 12, 12>;
 type NormalMatrix = SMatrix<f64, 18, 18>;
 
@@ -129,7 +130,7 @@ impl StationGram {
     }
 }
 
-/// A stated length that may be wrong by a factor.
+/// A stated length that may be wrong by a scale factor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum LengthFactor {
     /// The side of the board's squares.
@@ -138,7 +139,7 @@ pub(super) enum LengthFactor {
     Focal,
 }
 
-/// One station's part of the normal equations of a factor.
+/// One station's part of the normal equations of a scale factor.
 pub(super) struct ScaleGram {
     /// The factor's cross terms with X, Y and e.
     pub cross_terms: SVector<f64, 18>,
@@ -206,7 +207,8 @@ impl Chain {
         let seen = (camera_from_board * q.mm).coords;
         let board_turn = camera_from_board.rotation.to_rotation_matrix().into_inner();
         let in_holder = self.holder_from_board * q.mm;
-        // exp(e) acts directly on the point in the flange's frame; for a camera on the flange its inverse does.
+        // exp(e) acts directly on the point in the flange's frame; if the camera is on the flange, its inverse acts on
+        // it.
         let (in_flange, flange_turn) = if self.eye_in_hand {
             let turn = -self.camera_from_to.rotation.to_rotation_matrix().into_inner();
             ((self.flange_from_base * in_holder).coords, turn)
@@ -221,7 +223,7 @@ impl Chain {
         (seen, corner)
     }
 
-    /// Returns this station's part; `None` if a corner would be behind the camera.
+    /// Returns this station's part of the normal equations; `None` if a corner would be behind the camera.
     pub fn gram<C: Frame>(&self, camera: &PinholeCamera, seen: &BoardObservation<C>) -> Option<StationGram> {
         let (mut gram, camera_from_holder) = (StationGram::empty(), self.camera_from_holder());
         match seen {
@@ -242,9 +244,9 @@ impl Chain {
         Some(gram)
     }
 
-    /// Returns the part of the normal equations for a factor 1 + s beside mount, board and flange. The factor scales
-    /// either the board's squares, so that every corner lies at (1 + s) · q, or the focal lengths, on which points of
-    /// a 3D camera do not depend.
+    /// Returns the part of the normal equations for a factor 1 + s as an unknown beside mount, board and flange. The
+    /// factor scales either the board's squares, so that every corner lies at (1 + s) · q, or the focal lengths. The
+    /// points of a 3D camera do not depend on the focal lengths.
     pub fn factor_gram<C: Frame>(
         &self,
         camera: &PinholeCamera,
@@ -287,8 +289,8 @@ impl Chain {
         Some(gram)
     }
 
-    /// Returns the cross terms of the lens with mount, board and flange in the normal equations: how an error of
-    /// the lens changes them. Points of a 3D camera have none.
+    /// Returns the cross terms of the lens with mount, board and flange in the normal equations: they state how an
+    /// error of the lens changes mount, board and flange. The points of a 3D camera have no cross terms.
     pub fn lens_cross<C: Frame>(
         &self,
         camera: &PinholeCamera,
@@ -341,7 +343,10 @@ pub fn board_pose<C: Frame>(
 /// Returns the pose that maps the board's points best onto the measured ones.
 fn kabsch<C: Frame>(corners: &[(Point<Board>, Point<C>)]) -> Result<BoardPose<C>, CalibError> {
     if corners.len() < 4 {
-        let words = format!("{} points of the board were measured; at least 4 are needed", corners.len());
+        let words = format!(
+            "{} points of the board were measured; at least 4 are needed, show more of the board",
+            corners.len()
+        );
         return Err(CalibError::Points(words));
     }
     let on_a_line =
@@ -356,7 +361,7 @@ mod tests {
     use super::*;
     use panelprep_base::geometry::Camera;
 
-    /// Calculated by hand: a quarter turn about Z, then a shift of 100 mm along Z. The mirror image of the plane is
+    /// Calculated by hand: a rotation by 90° about Z, then a shift of 100 mm along Z. The mirror image of the plane is
     /// not a solution.
     #[test]
     fn measured_points_give_the_pose() {

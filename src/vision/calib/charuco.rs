@@ -16,8 +16,8 @@ use super::chessboard::Grid;
 use super::crossings::{SmoothedPicture, noise};
 use super::error::CalibError;
 use super::placing::{
-    BLUR_CORNERS, DetectedCorners, PRINT_PX, PRINT_SQUARES, homography_pixel, refine_subpix, refine_with_model,
-    shortest_px,
+    BLUR_CORNER_COUNT, DetectedCorners, MAX_PRINT_REACH_PX, PRINT_REACH_SQUARES, homography_pixel, refine_subpix,
+    refine_with_model, shortest_px,
 };
 use super::print::{MatchWindow, Print};
 use super::{chessboard, foreign};
@@ -28,13 +28,13 @@ use std::collections::BTreeMap;
 
 /// Minimum number of corners that determine the board's position well.
 const MIN_CORNERS: usize = 8;
-/// Maximum distance of a marker's corner from the common plane of all, as a share of the marker's side: a lens
-/// bends far less.
+/// Maximum distance of a marker's corner from the common plane of all markers, as a share of the marker's side. The
+/// distortion of a lens causes a much smaller distance.
 const MAX_PLANE_DISTANCE_SHARE: f64 = 0.6;
-/// If the markers lead to at least this fraction of the corners, the others are regarded as hidden, and no lattice is
-/// searched.
+/// If the markers lead to at least this fraction of the corners, the other corners count as hidden, and the search for
+/// a lattice is omitted.
 const MIN_CORNER_SHARE: f64 = 0.6;
-/// Maximum number of lattices of one search pass that are compared with the board.
+/// Maximum number of lattices that are compared with the board in one search pass.
 const MAX_LATTICES: usize = 6;
 
 /// Finds the board, or reports which other board the picture shows.
@@ -52,7 +52,7 @@ pub(super) fn detect(
     let shows = |picture: &GrayPicture, board: &Board| {
         let markers = board.markers()?;
         let corners = detect_board(name, picture, board, markers, None).ok()?.corners.len();
-        // A few markers of another layout may lie as in this one. Only the layout that the picture really shows is
+        // A few markers of another layout may agree with this layout. Only the layout that the picture really shows is
         // found completely.
         (corners as f64 >= MIN_CORNER_SHARE * board.count() as f64).then_some(corners)
     };
@@ -92,11 +92,11 @@ pub(super) fn detect(
     Err(missing)
 }
 
-/// At least this number of markers shows a board; fewer may be chance.
+/// Minimum number of markers that show a board; fewer may be found by chance.
 const MIN_BOARD_MARKERS: usize = 4;
-/// At least this number of markers shows a board of a dictionary that the user did not name.
+/// Minimum number of markers that show a board of a dictionary that the user did not name.
 const MIN_OTHER_BOARD_MARKERS: usize = 6;
-/// The largest dictionary of each family, which begins with the markers of the smaller ones.
+/// The largest dictionary of each family; it begins with the markers of the smaller ones.
 const DICTIONARIES: [&str; 9] = [
     "4X4_1000",
     "5X5_1000",
@@ -108,12 +108,12 @@ const DICTIONARIES: [&str; 9] = [
     "APRILTAG_36H10",
     "APRILTAG_36H11",
 ];
-/// A picture of this width is enough to read markers, px.
-const REDUCED_WIDTH_PX: usize = 1_200;
+/// Maximum longer side of a reduced picture, px: this is enough to read markers.
+const MAX_REDUCED_SIDE_PX: usize = 1_200;
 
-/// Returns the markers of a dictionary in a picture of moderate size.
+/// Returns the markers of a dictionary in a picture that is reduced to at most `MAX_REDUCED_SIDE_PX`.
 fn detect_in_reduced(picture: &GrayPicture, dictionary: i32) -> Result<Vec<(usize, [Pixel; 4])>, ImagingError> {
-    let times = picture.width.max(picture.height).div_ceil(REDUCED_WIDTH_PX).max(1);
+    let times = picture.width.max(picture.height).div_ceil(MAX_REDUCED_SIDE_PX).max(1);
     let small = if times == 1 { None } else { Some(foreign::reduce_picture(picture, times)?) };
     foreign::detect_markers(small.as_ref().unwrap_or(picture), dictionary)
 }
@@ -180,7 +180,7 @@ fn detect_board(
     if found.corners.len() < MIN_CORNERS { Err(none()) } else { Ok(found) }
 }
 
-/// Returns the markers that fit one common plane, without those of other objects or wrongly read ones.
+/// Returns the markers that fit one common plane. Markers of other objects and wrongly read markers are removed.
 fn filter_coplanar(mut markers: Vec<GridSquare>, board: &Board, charuco: &Charuco) -> Vec<GridSquare> {
     while markers.len() >= 3 {
         let (places, pixels) = match_markers(board, charuco, &markers);
@@ -213,9 +213,9 @@ fn match_markers(board: &Board, charuco: &Charuco, markers: &[GridSquare]) -> (V
     markers.iter().flat_map(place).unzip()
 }
 
-/// Returns the markers with their numbers, from search passes at growing picture sizes: a large board is found
-/// completely in a small picture, and the last pass is limited like the one for a chessboard. The corners are those
-/// of the largest picture in which the marker was found.
+/// Returns the markers with their numbers, from search passes at increasing picture sizes: a large board is found
+/// completely in a small picture, and the last pass is limited like that for a chessboard. The corners are those of the
+/// largest picture in which the marker was found.
 fn markers(
     picture: &GrayPicture,
     dictionary: i32,
@@ -241,7 +241,7 @@ fn markers(
 
 type GridSquare = ((usize, usize), [Pixel; 4]);
 
-/// Returns the largest part of the board that is found from lattices of corners.
+/// Returns the largest part of the board that the lattices of corners show.
 fn detect_from_lattices(search: &Search, cells: &Cells) -> Result<CornerMap, ImagingError> {
     let (side, mut best) = (search.board.square_mm(), CornerMap::new());
     for times in chessboard::reduction_factors(search.picture) {
@@ -263,7 +263,7 @@ fn detect_from_lattices(search: &Search, cells: &Cells) -> Result<CornerMap, Ima
     Ok(best)
 }
 
-/// Returns the cells of a board's markers with their rims, in the order of [`Board::marker_squares`]: for printing
+/// Returns the cells of a board's markers with their black rims, in the order of [`Board::marker_squares`], to print
 /// the board.
 ///
 /// # Errors
@@ -279,14 +279,15 @@ pub fn marker_cells(board: &Board) -> Result<Vec<Vec<bool>>, CalibError> {
     Ok(cells.collect::<Result<_, _>>()?)
 }
 
-/// A corner is predicted from the known corners within `PREDICTION_RADIUS_SQUARES` squares, at most `MAX_NEIGHBOURS` of them.
+/// A corner is predicted from the known corners within `PREDICTION_RADIUS_SQUARES` squares, at most `MAX_NEIGHBOURS` of
+/// them.
 const PREDICTION_RADIUS_SQUARES: f64 = 2.6;
 const MAX_NEIGHBOURS: usize = 20;
-/// Limits of the search: its rounds, the standard deviation of a corner, px, and the distance of a corner from its
-/// prediction, as a share of a square's side.
+/// Limits of the search: the number of its rounds; the standard deviation of a corner, px; and the distance of a corner
+/// from its prediction, as a share of a square's side.
 const MAX_ROUNDS: usize = 12;
-const KNOWN_PX: f64 = 0.6;
-const MOVED: f64 = 0.2;
+const MAX_CORNER_STD_PX: f64 = 0.6;
+const MAX_PREDICTION_ERROR_SHARE: f64 = 0.2;
 
 /// Positions on the board, mm, and their pixels.
 pub(super) type PointPairs = Vec<([f64; 2], Pixel)>;
@@ -303,7 +304,8 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Returns all corners that are found from the known ones, each from the corners near it.
+    /// Finds further corners from the known ones until no more are found, each from the corners near it, and returns
+    /// all.
     pub fn grow(&self, mut known: PointPairs) -> CornerMap {
         let mut all = CornerMap::new();
         let mut blur_px = None;
@@ -314,14 +316,16 @@ impl Search<'_> {
                 views.extend(columns.filter_map(|column| Some(((column, row), self.view(&known, column, row)?))));
             }
             let blur_px = *blur_px.get_or_insert_with(|| {
-                let step = (views.len() / BLUR_CORNERS).max(1);
+                let step = (views.len() / BLUR_CORNER_COUNT).max(1);
                 let some: Vec<MatchWindow> = views.iter().step_by(step).map(|(_, view)| *view).collect();
                 self.print.blur_px(self.picture, &some, self.noise)
             });
             let found = views.into_iter().filter_map(|(at, view)| {
                 let found = self.print.match_near(self.picture, &MatchWindow { blur_px, ..view }, self.noise)?;
-                let is_near = found.pixel.distance_px(view.start) < MOVED * self.square_px(&view);
-                (found.contrast > 0.0 && found.deviation_px < KNOWN_PX && is_near).then_some((at, found.pixel))
+                let is_near =
+                    found.pixel.distance_px(view.start) < MAX_PREDICTION_ERROR_SHARE * self.square_px(&view);
+                (found.contrast > 0.0 && found.deviation_px < MAX_CORNER_STD_PX && is_near)
+                    .then_some((at, found.pixel))
             });
             let found: Vec<((usize, usize), Pixel)> = found.collect();
             if found.is_empty() {
@@ -351,9 +355,9 @@ impl Search<'_> {
         foretold.collect()
     }
 
-    /// Returns whether the picture shows the markers at the positions that the corners predict, both in the odd rows
-    /// of squares and in the even ones. In a board's other pattern (`legacy`) every second row has the same markers at
-    /// the same positions.
+    /// Returns whether the picture shows the markers at the positions that the corners predict, in the odd rows of
+    /// squares as well as in the even ones. In a board's other pattern (`legacy`), every second row has the same
+    /// markers at the same positions.
     pub fn shows_markers(&self, all: &CornerMap, cells: &Cells) -> bool {
         let Some(markers) = self.board.markers() else { return false };
         let (known, side) = (known_positions(all), self.board.square_mm());
@@ -372,14 +376,14 @@ impl Search<'_> {
             && rows.iter().any(|all| !all.is_empty())
     }
 
-    /// Returns a corner's view as its neighbours predict it.
+    /// Returns the view of a corner as its neighbours predict it.
     fn view(&self, known: &PointPairs, column: usize, row: usize) -> Option<MatchWindow> {
         let q = self.board.corner(column, row)?;
         let place = [q.mm.x, q.mm.y];
         let plane = self.plane(known, place)?;
         let start = homography_pixel(&plane, place);
-        let reach_mm = PRINT_SQUARES * self.board.square_mm();
-        Some(MatchWindow { plane, place, start, reach_mm, most_px: PRINT_PX, blur_px: 1.0 })
+        let reach_mm = PRINT_REACH_SQUARES * self.board.square_mm();
+        Some(MatchWindow { plane, place, start, reach_mm, most_px: MAX_PRINT_REACH_PX, blur_px: 1.0 })
     }
 
     /// Returns the homography from the board, mm, to the picture near a position, from the known corners there.
@@ -423,12 +427,12 @@ fn square_corners((column, row): (usize, usize)) -> Vec<(usize, usize)> {
     before(row).flat_map(|row| before(column).map(move |column| (column, row))).collect()
 }
 
-/// Minimum correlation of the grey levels with the print, over all squares with markers. It must exceed the
-/// second-best one by at least `ABOVE`.
+/// Minimum correlation of the grey levels with the print, over all squares with markers. It must exceed the second-best
+/// correlation by at least `MIN_CORRELATION_MARGIN`.
 const MIN_PRINT_CORRELATION: f64 = 0.4;
-const ABOVE: f64 = 0.15;
+const MIN_CORRELATION_MARGIN: f64 = 0.15;
 /// Minimum number of squares with markers that are compared.
-const MIN_SQUARES: usize = 4;
+const MIN_COMPARED_SQUARES: usize = 4;
 
 /// Corners by column and row of the board.
 type LatticeCorners = Vec<((i32, i32), Pixel)>;
@@ -436,14 +440,14 @@ type LatticeCorners = Vec<((i32, i32), Pixel)>;
 /// The cells of each marker of a board, with the column and row of its square.
 pub(super) type Cells = Vec<((usize, usize), Vec<bool>)>;
 
-/// Assigns the seen corners of a lattice to those of the board; `None` if no position is clearly the right one.
+/// Assigns the seen corners of a lattice to the corners of the board; `None` if no position is clearly the best.
 fn assign_lattice(smooth: &SmoothedPicture, grid: &Grid, board: &Board, cells: &Cells) -> Option<LatticeCorners> {
     let share = board.markers()?.marker_mm / board.square_mm();
     let mut seen: LatticeCorners = Vec::new();
     for (index, node) in grid.nodes.iter().enumerate().filter(|(_, node)| node.is_seen) {
         seen.push((((index % grid.columns) as i32, (index / grid.columns) as i32), node.pixel));
     }
-    // A woven texture has more corners than a board, and would be compared at thousands of positions.
+    // A woven texture has more corners than a board: the comparison would try thousands of positions.
     if 3 * seen.len() > 4 * board.count() {
         return None;
     }
@@ -466,14 +470,14 @@ fn assign_lattice(smooth: &SmoothedPicture, grid: &Grid, board: &Board, cells: &
                 }
             }
         }
-        // Rotates by a quarter turn: (column, row) becomes (row, −column).
+        // Rotates by 90°: (column, row) becomes (row, −column).
         seen.iter_mut().for_each(|(at, _)| *at = (at.1, wide - 1 - at.0));
         (wide, high) = (high, wide);
     }
     scores.sort_by(|a, b| b.0.total_cmp(&a.0));
     let second = scores.get(1).map_or(0.0, |(score, _)| *score);
     let (best, corners) = scores.into_iter().next()?;
-    (best > MIN_PRINT_CORRELATION && best > second + ABOVE).then_some(corners)
+    (best > MIN_PRINT_CORRELATION && best > second + MIN_CORRELATION_MARGIN).then_some(corners)
 }
 
 fn is_mirrored(grid: &Grid) -> bool {
@@ -496,7 +500,7 @@ fn print_correlation(smooth: &SmoothedPicture, corners: &LatticeCorners, cells: 
     let squares = cells.iter().filter(|(square, _)| is_beside(*square));
     let all: Vec<f64> =
         squares.map(|(square, cells)| correlation(smooth, &plane, *square, (cells, share, 0))).collect();
-    (all.len() >= MIN_SQUARES).then(|| all.iter().sum::<f64>() / all.len() as f64)
+    (all.len() >= MIN_COMPARED_SQUARES).then(|| all.iter().sum::<f64>() / all.len() as f64)
 }
 
 /// Returns the correlation of the grey levels with a square's print, without `rim` cells at its border: the outermost

@@ -2,11 +2,12 @@
 //! content.
 //!
 //! The picture is examined several times, at a small size first: a large board is found there, and the last pass
-//! examines at most [`MAX_PX`] pixels. Each pass joins crossings of edges to lattices (`crossings`). A lattice with
-//! the board's columns and rows is the board, even if a glare hides some of its corners. No further line of corners
-//! may follow an outer line, since a part of a larger board is not the board. Neither a white rim nor light around the
-//! board is needed. (`findChessboardCorners` combines contours: fine texture, or a glare, can occupy it for minutes.
-//! `findChessboardCornersSB` misses boards in the dark, and with a glare; it does the last pass, at a small size.)
+//! examines at most [`MAX_SEARCHED_PX`] pixels. Each pass joins crossings of edges to lattices (`crossings`). A lattice
+//! with the board's columns and rows is the board, even if a glare hides some of its corners. No further line of
+//! corners may follow an outer line, since a part of a larger board is not the board. Neither a white rim nor light
+//! around the board is needed. (`findChessboardCorners` combines contours: fine texture, or a glare, can occupy it for
+//! minutes. `findChessboardCornersSB` misses boards in the dark, and with a glare; it is used for the last pass, at a
+//! small size.)
 
 use super::board::Board;
 use super::crossings::{Crossing, Lattice, SmoothedPicture, crossings, extent, lattices, noise, trim_sparse_lines};
@@ -15,26 +16,26 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 use panelprep_base::geometry::{GrayPicture, Pixel};
 use panelprep_cell::imaging::ImagingError;
 
-/// Maximum number of pixels of a picture that is searched: a larger picture is reduced to half its size, or less.
-const MAX_PX: usize = 3_400_000;
-/// A picture is not reduced below this length of its longer side, px.
+/// Maximum number of pixels of a picture that is searched. A larger picture is reduced by a power of two.
+const MAX_SEARCHED_PX: usize = 3_400_000;
+/// Minimum length of the longer side of a reduced picture, px.
 const MIN_SIDE_PX: usize = 480;
-/// The largest number of pixels that the last pass examines.
-const SECTOR_BASED_PX: usize = 850_000;
-/// Minimum fraction of an outer line's corners that must be seen; otherwise the line is removed. The three values are
-/// for a board with a glare near its rim, with a glare elsewhere, and with an object beside it that looks like
-/// corners.
-const LINE_SHARES: [f64; 3] = [0.2, 0.45, 0.65];
-/// The smallest size of a chessboard, inner corners.
+/// Maximum number of pixels that the last pass, `findChessboardCornersSB`, examines.
+const MAX_SECTOR_BASED_PX: usize = 850_000;
+/// Minimum fraction of an outer line's corners that must be seen; otherwise the line is removed. The three values apply
+/// to a board with a glare near its rim, a board with a glare elsewhere, and a board with an object beside it that
+/// looks like corners.
+const MIN_OUTER_LINE_SHARES: [f64; 3] = [0.2, 0.45, 0.65];
+/// Minimum number of inner corners along a side of a chessboard.
 const MIN_BOARD_CORNERS: usize = 3;
-/// The share of the board's corners that must be seen.
+/// Minimum share of the board's corners that must be seen.
 const MIN_SEEN_SHARE: f64 = 0.5;
-/// The share of the corners of another board that must be seen before it is reported.
+/// Minimum share of the corners of another board that must be seen before that board is reported.
 const MIN_OTHER_BOARD_SHARE: f64 = 0.8;
-/// If this share of a line beyond the board consists of corners, the line belongs to a larger board.
-const MIN_LINE_SHARE: f64 = 0.4;
-/// Minimum ratio of a corner's contrast to that of its neighbour.
-const HALF_CONTRAST: f64 = 0.7;
+/// If at least this share of a line beyond the board consists of corners, the line belongs to a larger board.
+const MIN_NEXT_LINE_SHARE: f64 = 0.4;
+/// Minimum ratio of the contrast of a corner beyond an outer line to that of the corner on this line.
+const MIN_NEXT_CONTRAST_RATIO: f64 = 0.7;
 /// A predicted corner is searched for within this fraction of the distance to its neighbour.
 const WINDOW_SHARE: f64 = 0.3;
 
@@ -88,10 +89,10 @@ pub(super) fn find(picture: &GrayPicture, board: &Board) -> Result<Search, Imagi
     })
 }
 
-/// Searches a last time with `findChessboardCornersSB`, at a size at which its time is short: it joins corners that
-/// are distorted or dirty.
+/// Searches a last time, with `findChessboardCornersSB`, which joins corners that are distorted or dirty. The picture
+/// is reduced to a size at which this takes a short time.
 fn sector_based(picture: &GrayPicture, board: &Board) -> Result<Option<Vec<Node>>, ImagingError> {
-    let small_enough = |times: &usize| picture.gray.len() / (times * times) <= SECTOR_BASED_PX;
+    let small_enough = |times: &usize| picture.gray.len() / (times * times) <= MAX_SECTOR_BASED_PX;
     let Some(times) = reduction_factors(picture).into_iter().rfind(small_enough) else { return Ok(None) };
     let small = if times == 1 { None } else { Some(foreign::reduce_picture(picture, times)?) };
     let small = small.as_ref().unwrap_or(picture);
@@ -104,13 +105,13 @@ fn sector_based(picture: &GrayPicture, board: &Board) -> Result<Option<Vec<Node>
     Ok((!extends_beyond(picture, &grid)).then(|| orient_corners(grid, picture, board)))
 }
 
-/// Returns the factors by which the picture is reduced for each pass, the smallest picture first.
+/// Returns the factors by which the picture is reduced for each pass; the first factor gives the smallest picture.
 pub(super) fn reduction_factors(picture: &GrayPicture) -> Vec<usize> {
     let long = picture.width.max(picture.height);
     let times = (0..16).map(|power| 1usize << power);
     let mut all: Vec<usize> = times
         .take_while(|times| *times == 1 || long / times >= MIN_SIDE_PX)
-        .filter(|times| picture.gray.len() / (times * times) <= MAX_PX)
+        .filter(|times| picture.gray.len() / (times * times) <= MAX_SEARCHED_PX)
         .collect();
     all.reverse();
     all
@@ -125,9 +126,10 @@ pub(super) fn detect_lattices(picture: &GrayPicture, times: usize) -> Result<Vec
     let smooth = SmoothedPicture::from_picture(small);
     let all = crossings(&smooth);
     let found = lattices(&smooth, &all);
-    // An outer line with half of its corners missing may be partly hidden, or may be something beside the board.
+    // An outer line of which half of the corners are missing may be partly hidden, or may be an object beside the
+    // board.
     let grids = found.into_iter().flat_map(|lattice| {
-        let mut all = LINE_SHARES.map(|share| trim_sparse_lines(lattice.clone(), share)).to_vec();
+        let mut all = MIN_OUTER_LINE_SHARES.map(|share| trim_sparse_lines(lattice.clone(), share)).to_vec();
         all.dedup_by_key(|lattice| lattice.len());
         all
     });
@@ -197,7 +199,7 @@ impl Grid {
             && line(columns - 1, columns, rows)
     }
 
-    /// Returns the inner corners of both sides, the longer first.
+    /// Returns the numbers of inner corners along both sides, the longer side first.
     fn sides(&self) -> [usize; 2] {
         [self.columns.max(self.rows), self.columns.min(self.rows)]
     }
@@ -213,8 +215,8 @@ impl Grid {
     }
 }
 
-/// Predicts the pixel of a position by a homography, and corrects it by the deviations of the nearest corners, which a
-/// lens displaces.
+/// Predicts the pixel of a position by a homography, and corrects it by the deviations of the nearest corners, because
+/// a lens displaces them.
 fn predict_pixel(
     plane: &Matrix3<f64>,
     place: [f64; 2],
@@ -245,7 +247,7 @@ fn extends_beyond(picture: &GrayPicture, grid: &Grid) -> bool {
     };
     let (columns, rows) = (grid.columns, grid.rows);
     let noise = noise(picture);
-    // Three corners of each line across, from the outer one inwards; and the neighbour along the outer line.
+    // Three corners of each line that runs across, from the outer one inwards, and the neighbour along the outer line.
     let inwards = |column: usize, row: usize, side: usize| match side {
         0 => [at(0, row), at(1, row), at(2, row)],
         1 => [at(columns - 1, row), at(columns - 2, row), at(columns - 3, row)],
@@ -266,21 +268,23 @@ fn extends_beyond(picture: &GrayPicture, grid: &Grid) -> bool {
         let fit = |at: Vector2<f64>| {
             saddle::refine(picture, Pixel::at(at.x, at.y), edges, window.clamp(3.0, 11.0) as usize, noise)
         };
-        // If only one black square ends there, the contrast is half that of a corner.
+        // If only one black square ends at this position, the contrast is half that of a corner.
         match (fit(outer), fit(beyond)) {
-            (Some(own), Some(next)) => next.contrast * own.contrast < -HALF_CONTRAST * own.contrast.powi(2),
+            (Some(own), Some(next)) => {
+                next.contrast * own.contrast < -MIN_NEXT_CONTRAST_RATIO * own.contrast.powi(2)
+            }
             _ => false,
         }
     };
     (0..4).any(|side| {
         let count = if side < 2 { rows } else { columns };
         let corners = (0..count).filter(|index| is_corner(side, *index)).count();
-        corners as f64 >= MIN_LINE_SHARE * count as f64
+        corners as f64 >= MIN_NEXT_LINE_SHARE * count as f64
     })
 }
 
 /// Returns the corners in the board's own order, never mirrored. A board with a unique first corner begins with the
-/// black outer square, a square board in the upper left, any other board with its upper end.
+/// black outer square. A square board begins in the upper left, any other board with its upper end.
 fn orient_corners(grid: Grid, picture: &GrayPicture, board: &Board) -> Vec<Node> {
     let (columns, rows, mut corners) = (grid.columns, grid.rows, grid.nodes);
     let [first, right, below] = [0, columns - 1, (rows - 1) * columns].map(|index| corners[index].pixel);
@@ -301,8 +305,8 @@ fn orient_corners(grid: Grid, picture: &GrayPicture, board: &Board) -> Vec<Node>
     corners
 }
 
-/// Returns the one of the four rotations of a square grid with its first corner nearest to the picture's upper
-/// left.
+/// Returns the corners of a square grid in that one of four rotations in which the first corner is nearest to the
+/// picture's upper left.
 fn upper_left_first(corners: Vec<Node>, side: usize) -> Vec<Node> {
     let turned = |corners: &Vec<Node>| -> Vec<Node> {
         let at = |index: usize| corners[(side - 1 - index % side) * side + index / side];
@@ -314,7 +318,8 @@ fn upper_left_first(corners: Vec<Node>, side: usize) -> Vec<Node> {
     all.into_iter().min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or_default()
 }
 
-/// Returns whether the outer square at the first corner is white, by all squares between corners that were seen.
+/// Returns whether the outer square at the first corner is white, determined from all squares between corners that were
+/// seen.
 fn is_first_square_white(corners: &[Node], columns: usize, picture: &GrayPicture) -> bool {
     // Sum and count of the squares with the outer square's colour, and of the others.
     let mut sums = [(0.0, 0.0); 2];
@@ -344,10 +349,10 @@ fn gray_at(picture: &GrayPicture, at: Pixel) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// Calculated by hand: 2592 px halve to 1296 and 648 px; 5.0 megapixels are more than one pass may examine. A
-    /// small picture is examined as it is.
+    /// Calculated by hand: 2592 px are halved to 1296 px and 648 px; 5.0 megapixels are more than one pass may examine.
+    /// A small picture is examined at its full size.
     #[test]
-    fn the_last_look_is_bounded_and_the_first_one_is_small() {
+    fn the_last_search_pass_is_limited_and_the_first_one_is_small() {
         let all = |width: usize, height: usize| reduction_factors(&GrayPicture::uniform(width, height, 0));
         assert_eq!(all(1944, 1200), [4, 2, 1]);
         assert_eq!(all(2592, 1944), [4, 2]);
@@ -355,10 +360,10 @@ mod tests {
         assert_eq!(all(300, 200), [1]);
     }
 
-    /// Calculated by hand, a grid of 2 columns and 3 rows, seen mirrored, transposed and upside down: pixel (u, v)
-    /// of its corner in column c and row r is (c, r).
+    /// Calculated by hand for a grid of 2 columns and 3 rows, seen mirrored, transposed and upside down: the corner in
+    /// column c and row r has the pixel (u, v) = (c, r).
     #[test]
-    fn any_order_of_the_corners_becomes_the_board_s() {
+    fn corners_in_any_order_are_put_into_the_board_s_order() {
         let node = |(u, v): (usize, usize)| Node { pixel: Pixel::at(u as f64, v as f64), is_seen: true };
         let grid = |columns: usize, rows: usize, corners: &[(usize, usize)]| Grid {
             columns,

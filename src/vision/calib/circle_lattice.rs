@@ -1,15 +1,15 @@
 //! Finds filled ellipses in a picture and joins them to the grid of a board of circles.
 //!
 //! Candidates for circles are darker or lighter than their surroundings. A pixel counts if it differs from the mean of
-//! its surroundings. Pixels that touch form a piece. A piece of area A with the covariance C of its pixels is an
-//! ellipse if A = 4π √det C, which neither letters nor wood grain fulfil. The work grows only with the number of
-//! pixels.
+//! its surroundings. Adjacent pixels form a connected component. A component of area A with the covariance C of its
+//! pixels is an ellipse if A = 4π √det C, which neither letters nor wood grain fulfil. The computing time grows only
+//! with the number of pixels.
 //!
-//! A lattice grows from a blob and two of its neighbours. Each step is predicted from the previous one, so that a
-//! lens and a tilt may bend the lattice. Its two directions are not always those of the board's rows: with a tilt a
+//! A lattice grows from a blob and two of its neighbours. Each step is predicted from the previous one, so that a lens
+//! and a tilt may deform the lattice. Its two directions are not always those of the board's rows: with a tilt a
 //! diagonal may be nearer, and the rows of an asymmetric board are diagonals of its lattice. So the coordinates are
-//! rotated and sheared by small whole numbers until they are the board's. The number of blobs that are examined
-//! from each position is limited, and so is the computing time.
+//! rotated and sheared by small integers until they are those of the board. The number of blobs that are examined from
+//! each position is limited, and so is the computing time.
 
 use super::board::Board;
 use nalgebra::{Matrix2, Vector2};
@@ -18,30 +18,31 @@ use panelprep_cell::imaging;
 use panelprep_cell::imaging::ImagingError;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-/// A connected piece that looks like an ellipse.
+/// A connected component with the shape of an ellipse.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Blob {
     pub centre: Pixel,
     pub area_px: f64,
 }
 
-/// Minimum area of a piece with a recognizable shape, px.
-const MIN_PX: f64 = 12.0;
-/// Maximum area of a circle, as a share of the picture: a larger piece is not one circle among many.
-const MAX_SHARE: f64 = 0.03;
+/// Minimum area of a component with a recognizable shape, px.
+const MIN_AREA_PX: f64 = 12.0;
+/// Maximum area of a circle, as a share of the picture: a larger component is not one circle among many.
+const MAX_AREA_SHARE: f64 = 0.03;
 /// Maximum difference of A / (4π √det C) from 1.
 const MAX_ROUNDNESS_ERROR: f64 = 0.12;
-/// Maximum ratio of the longest axis to the shortest: a circle seen at 70° has 2.9.
+/// Maximum ratio of the longest axis to the shortest: for a circle seen at 70° it is 2.9.
 const MAX_AXIS_RATIO: f64 = 3.5;
 /// Minimum difference of a pixel from its surroundings, grey levels.
 const MIN_CONTRAST: f64 = 6.0;
-/// From this grey level on a pixel may belong to a glare, which would raise the mean of the surroundings.
-const GLARE: u8 = 225;
-/// Pixels around a pixel of a glare may belong to the glare too: those within the picture's longer side divided by
-/// this number.
-const RIM_PARTS: usize = 40;
-/// The amount that each pixel adds to a sum to count the pixels: more than the sum of all grey levels of a picture.
-const COUNT: u64 = 1 << 36;
+/// Minimum grey level of a pixel that may belong to a glare, which would raise the mean of the surroundings.
+const MIN_GLARE_GRAY: u8 = 225;
+/// Pixels around a glare may belong to it, too. Their maximum distance is the picture's longer side divided by this
+/// number.
+const GLARE_RIM_DIVISOR: usize = 40;
+/// The amount that each pixel adds to a sum so that the sum also counts the pixels: more than the sum of all grey
+/// levels of a picture.
+const PIXEL_COUNT_UNIT: u64 = 1 << 36;
 
 /// Finds the blobs that are darker, or lighter, than the mean of ± `reach_px` around them; `sums` are the
 /// picture's.
@@ -61,7 +62,7 @@ pub(super) fn blobs(
     };
     let mask = Mask { width, height, inside: (0..width * height).map(is_marked).collect() };
     let piece = |pixels: &Vec<usize>| {
-        let mut piece = Piece::default();
+        let mut piece = ConnectedComponent::default();
         for (column, row) in pixels.iter().map(|index| (index % width, index / width)) {
             piece.add(column as f64, row as f64);
             piece.touches_rim |= column == 0 || row == 0 || column + 1 == width || row + 1 == height;
@@ -103,8 +104,8 @@ impl Integral {
 
 /// Sums of the grey levels around each pixel, for a window of any size.
 pub(super) struct Sums {
-    /// Sums over the pixels that cannot belong to a glare: each pixel adds [`COUNT`], so that a sum also contains
-    /// the number of pixels.
+    /// Sums over the pixels that cannot belong to a glare: each pixel adds [`PIXEL_COUNT_UNIT`], so that a sum also
+    /// contains the number of pixels.
     without_glare: Integral,
     total: Integral,
 }
@@ -113,36 +114,36 @@ impl Sums {
     pub fn from_picture(picture: &GrayPicture) -> Self {
         let (width, height) = (picture.width, picture.height);
         let gray = |index: usize| u64::from(picture.gray[index]);
-        let glare = Integral::new(width, height, |index| u64::from(picture.gray[index] >= GLARE));
-        let rim_px = width.max(height) / RIM_PARTS;
+        let glare = Integral::new(width, height, |index| u64::from(picture.gray[index] >= MIN_GLARE_GRAY));
+        let rim_px = width.max(height) / GLARE_RIM_DIVISOR;
         let without = Integral::new(width, height, |index| {
             let (near, _) = glare.window_sum(index % width, index / width, rim_px);
-            if near == 0 { gray(index) + COUNT } else { 0 }
+            if near == 0 { gray(index) + PIXEL_COUNT_UNIT } else { 0 }
         });
         Sums { without_glare: without, total: Integral::new(width, height, gray) }
     }
 
     fn mean(&self, column: usize, row: usize, reach: usize) -> f64 {
         let (without, area) = self.without_glare.window_sum(column, row, reach);
-        let count = without / COUNT;
-        // If most pixels around seem to be a glare, they may be white paper, which can be as bright: all pixels are
-        // used.
+        let count = without / PIXEL_COUNT_UNIT;
+        // If most of the surrounding pixels seem to be a glare, they may be white paper, which can be as bright: all
+        // pixels are used.
         if 4 * count < area {
             return self.total.window_sum(column, row, reach).0 as f64 / area as f64;
         }
-        (without % COUNT) as f64 / count as f64
+        (without % PIXEL_COUNT_UNIT) as f64 / count as f64
     }
 }
 
 #[derive(Default)]
-struct Piece {
+struct ConnectedComponent {
     count: f64,
     sum: [f64; 2],
     square: [f64; 3],
     touches_rim: bool,
 }
 
-impl Piece {
+impl ConnectedComponent {
     fn add(&mut self, u: f64, v: f64) {
         self.count += 1.0;
         self.sum = [self.sum[0] + u, self.sum[1] + v];
@@ -150,7 +151,7 @@ impl Piece {
     }
 
     fn blob(&self, picture_px: f64) -> Option<Blob> {
-        if self.touches_rim || self.count < MIN_PX || self.count > MAX_SHARE * picture_px {
+        if self.touches_rim || self.count < MIN_AREA_PX || self.count > MAX_AREA_SHARE * picture_px {
             return None;
         }
         let [u, v] = self.sum.map(|sum| sum / self.count);
@@ -167,25 +168,25 @@ impl Piece {
 
 /// Maximum difference between a step and its prediction from the previous step, as a fraction of the step's length.
 const PREDICTION_TOLERANCE: f64 = 0.27;
-/// Maximum ratio of the areas of neighbours; one circle of a board may be larger, as a mark.
-const AREAS: f64 = 5.5;
-/// Maximum number of neighbours that are tried for the first steps. `PAIRS` is the maximum number of their pairs, and
-/// `SEEDS` that of the blobs from which a lattice begins.
+/// Maximum ratio of the areas of neighbouring circles; one circle of a board may be larger, as a mark.
+const MAX_NEIGHBOUR_AREA_RATIO: f64 = 5.5;
+/// Maximum number of neighbours that are tried for the first steps. `MAX_STEP_PAIRS` is the maximum number of their
+/// pairs, `MAX_SEEDS` that of the blobs at which a lattice begins.
 const MAX_FIRST_NEIGHBOURS: usize = 6;
-const PAIRS: usize = 4;
-const SEEDS: usize = 25;
-/// The share of the board's circles that must be seen.
+const MAX_STEP_PAIRS: usize = 4;
+const MAX_SEEDS: usize = 25;
+/// Minimum share of the board's circles that must be seen.
 const MIN_SEEN_SHARE: f64 = 0.5;
 
 /// Circles by their index in the board's list.
 pub(super) type LatticePositions = BTreeMap<usize, Blob>;
 
-/// Finds the board among the blobs, which are sorted with the likeliest first; `None` if it is not there.
+/// Finds the board among the blobs, which are sorted with the most likely first; `None` if it is not found.
 pub(super) fn grid(blobs: &[Blob], board: &Board) -> Option<LatticePositions> {
     let needed = (MIN_SEEN_SHARE * board.count() as f64).ceil() as usize;
     let mut used: BTreeSet<usize> = BTreeSet::new();
     let mut best: Option<LatticePositions> = None;
-    for seed in 0..blobs.len().min(SEEDS) {
+    for seed in 0..blobs.len().min(MAX_SEEDS) {
         if used.contains(&seed) {
             continue;
         }
@@ -215,10 +216,10 @@ fn offset_between(blobs: &[Blob], from: usize, to: usize) -> Vector2<f64> {
 }
 
 fn are_similar(one: &Blob, two: &Blob) -> bool {
-    (1.0 / AREAS..=AREAS).contains(&(one.area_px / two.area_px))
+    (1.0 / MAX_NEIGHBOUR_AREA_RATIO..=MAX_NEIGHBOUR_AREA_RATIO).contains(&(one.area_px / two.area_px))
 }
 
-/// Returns pairs of steps to neighbours, the shortest first, never mirrored.
+/// Returns pairs of steps to neighbours, never mirrored; the shortest steps are first.
 fn candidate_steps(blobs: &[Blob], seed: usize) -> Vec<(Vector2<f64>, Vector2<f64>)> {
     let mut near: Vec<Vector2<f64>> = (0..blobs.len())
         .filter(|other| *other != seed && are_similar(&blobs[*other], &blobs[seed]))
@@ -235,7 +236,7 @@ fn candidate_steps(blobs: &[Blob], seed: usize) -> Vec<(Vector2<f64>, Vector2<f6
             }
         }
     }
-    pairs.truncate(PAIRS);
+    pairs.truncate(MAX_STEP_PAIRS);
     pairs
 }
 
@@ -277,7 +278,7 @@ fn grow_lattice(
     lattice
 }
 
-/// Assigns the lattice to the board's circles; if several assignments fit, the one with the first circle at the top is
+/// Assigns the lattice to the board's circles. If several assignments fit, the one with the first circle at the top is
 /// used.
 fn assign_to_board(
     blobs: &[Blob],
@@ -298,7 +299,7 @@ fn assign_to_board(
     for [a, b, c, d] in lattice_transforms(is_asymmetric) {
         let moved: Vec<((i32, i32), usize)> =
             lattice.iter().map(|((x, y), index)| ((a * x + b * y, c * x + d * y), *index)).collect();
-        // An outer line with very few circles belongs to something beside the board.
+        // An outer line with very few circles belongs to an object beside the board.
         let Some(low) = find_origin(&moved, (wide, high)) else { continue };
         let placed: LatticePositions = moved
             .iter()
@@ -317,14 +318,14 @@ fn assign_to_board(
     ways.into_iter().filter(|way| way.len() == max_count).min_by(|a, b| upper(a).total_cmp(&upper(b)))
 }
 
-/// Finds the coordinates of the board's first column and row, at the position at which the board would contain most of
-/// the blobs.
+/// Finds the coordinates of the board's first column and row: the position at which the board contains most of the
+/// blobs.
 fn find_origin(moved: &[((i32, i32), usize)], (wide, high): (i32, i32)) -> Option<(i32, i32)> {
     let start = |of: fn(&(i32, i32)) -> i32, length: i32| {
         let (low, top) =
             moved.iter().map(|(at, _)| of(at)).fold((i32::MAX, i32::MIN), |(l, h), n| (l.min(n), h.max(n)));
         let inside = |start: i32| moved.iter().filter(|(at, _)| (start..=start + length).contains(&of(at))).count();
-        // At most two extra lines are skipped, and no line may be missing.
+        // At most two extra lines are omitted, and no line may be missing.
         let excess = top - low - length;
         (0..=2).contains(&excess).then(|| (low..=low + excess).max_by_key(|s| (inside(*s), -s)).unwrap_or(low))
     };
@@ -358,7 +359,7 @@ mod tests {
     /// A tilted asymmetric board and a symmetric one, each with a few blobs beside it: all circles are found, in
     /// the board's order.
     #[test]
-    fn tilted_grids_are_put_in_order() {
+    fn circles_of_tilted_grids_are_put_in_order() {
         for text in ["circles:7x5:10", "acircles:4x9:10"] {
             let board = Board::parse(text, None).expect("a board");
             let seen = |x: f64, y: f64| {

@@ -1,11 +1,11 @@
 //! Grids of circles: found as ellipses, ordered as a grid, each centre located by its grey levels.
 //!
-//! Candidates are ordered by `circle_lattice`, which receives at most [`MAX_CANDIDATES`]. A centre is the middle
-//! of the pixels that differ from the plane of grey levels around the circle, so that blur and falling light do not
-//! move it. The centre of the ellipse that a tilted circle shows is not the image of the circle's centre (Heikkilä,
-//! IEEE T-PAMI 22, 2000). The board's homography and the circles' size give this difference, and it is subtracted.
-//! If one of the four outer circles is larger than all others, it is the first: it shows the rotation of a board
-//! that looks the same from several sides.
+//! Candidates are ordered by `circle_lattice`, which receives at most [`MAX_CANDIDATES`]. A centre is the middle of the
+//! pixels that differ from the plane of grey levels around the circle, so that blur and uneven light do not move it.
+//! The centre of the ellipse that a tilted circle shows is not the image of the circle's centre (Heikkilä, IEEE T-PAMI
+//! 22, 2000). The board's homography and the circles' size give this difference, and it is subtracted. If one of the
+//! four outer circles is larger than all others, it is the first: it shows the rotation of a board that looks the same
+//! from several sides.
 //!
 //! In poor pictures the circles are located by their print (`print`) and the smooth surface through all of them
 //! (`placing`).
@@ -15,37 +15,40 @@ use super::circle_lattice::{Blob, Sums, blobs};
 use super::crossings::{SmoothedPicture, noise};
 use super::error::CalibError;
 use super::placing::{
-    BLUR_CORNERS, CornerEstimate, DetectedCorners, MAX_SURFACE_STD_PX, PRINT_PX, START_PX, Surface, fit_surface,
-    homography_pixel, inflate_uncertainty, remove_outliers,
+    BLUR_CORNER_COUNT, CornerEstimate, DetectedCorners, MAX_PRINT_REACH_PX, MAX_SURFACE_STD_PX, START_TOLERANCE_PX,
+    Surface, fit_surface, homography_pixel, inflate_uncertainty, remove_outliers,
 };
 use super::print::{MatchWindow, Print, best_candidate};
 use super::{circle_lattice, foreign};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use panelprep_base::geometry::{GrayPicture, Pixel, median};
 
-/// At most this multiple of the board's number of circles is examined as candidates.
+/// Maximum number of candidates that are examined, as a multiple of the board's number of circles.
 const MAX_CANDIDATE_RATIO: usize = 3;
 const MAX_CANDIDATES: usize = 450;
-/// Maximum number of blobs that the windows of all sizes find together: a woven texture has more, and each is compared
+/// Maximum number of blobs from the windows of all sizes together: a woven texture has more, and each blob is compared
 /// with all others.
 const MAX_BLOBS: usize = 2_000;
 /// Sizes of the surroundings for a blob's threshold: the picture's longer side divided by these numbers.
 const THRESHOLD_WINDOW_DIVISORS: [usize; 3] = [12, 32, 80];
 /// Maximum number of grids in which the circles are located.
 const MAX_GRIDS: usize = 3;
-/// The extent of the window, as a share of the distance to the neighbours' centres. From `GROUND` outwards the
-/// window shows only background.
-const WINDOW: f64 = 0.48;
-const GROUND: f64 = 0.40;
-/// Circles with larger windows are located in a reduced picture, px.
-const REACH_PX: f64 = 13.0;
+/// The extent of the window, as a share of the distance to the neighbours' centres. From `BACKGROUND_START_SHARE`
+/// outwards the window shows only background.
+const WINDOW_EXTENT_SHARE: f64 = 0.48;
+const BACKGROUND_START_SHARE: f64 = 0.40;
+/// Maximum extent of the window in the full-size picture, px. Circles with larger windows are located in a reduced
+/// picture.
+const MAX_WINDOW_EXTENT_PX: f64 = 13.0;
 /// Maximum distance of a circle from its predicted position in the grid, as a fraction of the distance to its
 /// neighbour; a circle that is farther away is rejected.
 const MAX_GRID_DEVIATION: f64 = 0.2;
 
-/// A circle with a radius that differs from the others' by this share is not completely visible.
+/// Maximum relative difference of a circle's radius from that of the others; a circle with a larger difference is not
+/// completely visible.
 const MAX_RADIUS_DEVIATION: f64 = 0.12;
-/// A corner circle that is larger by this factor than all others marks the first circle.
+/// Minimum ratio of the radius of the mark to that of all other circles. The mark is an outer circle and the first of
+/// the board.
 const MIN_MARK_RATIO: f64 = 1.3;
 
 /// A circle's number on the board, and its pixel.
@@ -76,7 +79,7 @@ pub(super) fn detect(
                         add_new_blobs(&mut together, &found);
                         grid(&found, board)
                     }
-                    // A window size that misses circles beside a glare is supplemented by another one. Therefore the
+                    // A window size that misses circles beside a glare needs the blobs of another size. Therefore the
                     // blobs of all sizes together are tried last.
                     None => grid(&together, board),
                 };
@@ -90,7 +93,7 @@ pub(super) fn detect(
             }
         }
     }
-    // The largest grid is the likeliest; the next ones are tried if it is not a grid of the board.
+    // The largest grid is the most likely one; the next ones are tried if it is not a grid of the board.
     all.sort_by_key(|(rough, _)| std::cmp::Reverse(rough.len()));
     let best = all.iter().take(MAX_GRIDS).find_map(|(rough, lighter)| {
         let (first, radii_mm) = refine_centres(picture, board, rough, *lighter)?;
@@ -126,8 +129,8 @@ fn grid(found: &[Blob], board: &Board) -> Option<NumberedPixel> {
     }
     let mut areas: Vec<f64> = found.iter().map(|blob| blob.area_px).collect();
     areas.sort_by(f64::total_cmp);
-    // All circles have one size. Therefore the most similar sizes are selected: the narrowest range with as many
-    // blobs as the board has circles.
+    // All circles have one size. Therefore the blobs of the most similar sizes are selected: the narrowest range of
+    // sizes that contains as many blobs as the board has circles.
     let most = (MAX_CANDIDATE_RATIO * board.count()).min(MAX_CANDIDATES).max(board.count());
     let narrowest = areas.windows(count).min_by(|a, b| (a[count - 1] / a[0]).total_cmp(&(b[count - 1] / b[0])));
     let middle = narrowest.map_or(1.0, |window| (window[0] * window[count - 1]).sqrt());
@@ -139,7 +142,8 @@ fn grid(found: &[Blob], board: &Board) -> Option<NumberedPixel> {
     Some(placed.into_iter().map(|(index, blob)| (index, blob.centre)).collect())
 }
 
-/// Numbers the circles so that the marked one is the first; `None` if none is marked, or it is the first already.
+/// Numbers the circles so that the marked circle is the first; `None` if none is marked, or the marked circle is
+/// already the first.
 fn number_from_mark(rough: &NumberedPixel, radii_mm: &[f64], board: &Board) -> Option<NumberedPixel> {
     let usual = median(&mut radii_mm.to_vec())?;
     let (columns, rows, last) = (board.columns(), board.rows(), board.count() - 1);
@@ -168,7 +172,7 @@ fn number_from_mark(rough: &NumberedPixel, radii_mm: &[f64], board: &Board) -> O
     Some(all)
 }
 
-/// Returns all centres with sub-pixel accuracy, and the circles' radii; `None` if the candidates form no plane grid.
+/// Returns all centres with sub-pixel accuracy, and the circles' radii; `None` if the candidates form no flat grid.
 /// Circles without a centre, and those far from their positions in the grid, are left out.
 fn refine_centres(
     picture: &GrayPicture,
@@ -226,8 +230,8 @@ fn refine_centres(
     Some((DetectedCorners { modelled_count: corners.len(), corners, half_window_px }, radii_mm))
 }
 
-/// Returns the circles that lie at their predicted places on one plane. The others are removed: the middle of a
-/// circle that a glare covers in part is displaced. `None` if more than a few are removed.
+/// Returns the circles that lie at their predicted positions on one plane; `None` if more than a few do not. The others
+/// are removed: if a glare covers a part of a circle, the middle of the rest is displaced.
 fn filter_coplanar(board: &Board, rough: &NumberedPixel, neighbour_mm: f64) -> Option<NumberedPixel> {
     let places = board.corners();
     let mut kept = rough.clone();
@@ -251,7 +255,7 @@ fn filter_coplanar(board: &Board, rough: &NumberedPixel, neighbour_mm: f64) -> O
     }
 }
 
-/// Finds all circles by their print, including those that were not found before; `None` if there are too few to
+/// Locates all circles by their print, including those that were not found before; `None` if there are too few to
 /// compare.
 fn locate_by_print(
     picture: &GrayPicture,
@@ -261,12 +265,12 @@ fn locate_by_print(
     lighter: bool,
 ) -> Option<Corners> {
     let places = board.corners();
-    let reach_mm = WINDOW * neighbour_mm;
+    let reach_mm = WINDOW_EXTENT_SHARE * neighbour_mm;
     let middle = pixel_jacobian(plane, [places[places.len() / 2].mm.x, places[places.len() / 2].mm.y]);
     // Large circles are located equally well in a reduced picture.
     let reach_px = reach_mm * middle.column(0).norm().max(middle.column(1).norm());
-    let times = (reach_px / REACH_PX).max(1.0) as usize;
-    // A circle that is cut by a glare has another size, and its middle is shifted.
+    let times = (reach_px / MAX_WINDOW_EXTENT_PX).max(1.0) as usize;
+    // A circle that a glare covers in part has another size, and its middle is shifted.
     let whole = |radius: f64| {
         (radius / radius_mm - 1.0).abs() < MAX_RADIUS_DEVIATION || radius > MIN_MARK_RATIO * radius_mm
     };
@@ -288,7 +292,7 @@ fn project_centre(plane: &Matrix3<f64>, place: [f64; 2], middle: Pixel, radius_m
     Some(Pixel::at(middle.u + seen.u - ellipse.u, middle.v + seen.v - ellipse.v))
 }
 
-/// Returns the derivative of the pixel by the position on the board, px per mm.
+/// Returns the derivative of the pixel with respect to the position on the board, px per mm.
 fn pixel_jacobian(plane: &Matrix3<f64>, [x, y]: [f64; 2]) -> Matrix2<f64> {
     let p = plane * Vector3::new(x, y, 1.0);
     let by =
@@ -312,7 +316,9 @@ fn centre(picture: &GrayPicture, start: Pixel, neighbour: &Matrix2<f64>) -> Opti
     let inverse = neighbour.try_inverse()?;
     let (mut middle, mut area_px) = (start, 0.0);
     for _ in 0..4 {
-        let reach = WINDOW * neighbour.column(0).norm().max(neighbour.column(1).norm()) * std::f64::consts::SQRT_2;
+        let reach = WINDOW_EXTENT_SHARE
+            * neighbour.column(0).norm().max(neighbour.column(1).norm())
+            * std::f64::consts::SQRT_2;
         let low = |at: f64| (at - reach).floor().max(0.0) as usize;
         let columns = low(middle.u)..=((middle.u + reach).ceil() as usize).min(picture.width.checked_sub(1)?);
         let rows = low(middle.v)..=((middle.v + reach).ceil() as usize).min(picture.height.checked_sub(1)?);
@@ -321,11 +327,11 @@ fn centre(picture: &GrayPicture, start: Pixel, neighbour: &Matrix2<f64>) -> Opti
         for (row, column) in rows.flat_map(|row| columns.clone().map(move |column| (row, column))) {
             let away = Vector2::new(column as f64 - middle.u, row as f64 - middle.v);
             let part = (inverse * away).norm();
-            if part > WINDOW {
+            if part > WINDOW_EXTENT_SHARE {
                 continue;
             }
             let gray = f64::from(picture.gray[row * picture.width + column]);
-            if part > GROUND {
+            if part > BACKGROUND_START_SHARE {
                 let by = Vector3::new(1.0, away.x, away.y);
                 normal += by * by.transpose();
                 pull += by * gray;
@@ -340,7 +346,7 @@ fn centre(picture: &GrayPicture, start: Pixel, neighbour: &Matrix2<f64>) -> Opti
             sum += weight;
             moment += away * weight;
         }
-        // The full difference is the one near the middle.
+        // The full difference from the background is the one near the middle.
         let mut near: Vec<f64> = inside
             .iter()
             .filter(|(away, _)| (inverse * away).norm() < 0.12)
@@ -361,7 +367,7 @@ fn centre(picture: &GrayPicture, start: Pixel, neighbour: &Matrix2<f64>) -> Opti
 /// absent.
 const MAX_CENTRE_STD_PX: f64 = 3.0;
 /// The factors by which a circle's radius may differ from its first estimate.
-const RADII: [f64; 5] = [0.9, 0.95, 1.0, 1.05, 1.1];
+const RADIUS_FACTORS: [f64; 5] = [0.9, 0.95, 1.0, 1.05, 1.1];
 
 /// The input for circles that are located only by their print.
 struct PrintLocator<'a> {
@@ -383,12 +389,12 @@ impl PrintLocator<'_> {
         let noise = noise(small);
         let known = vec![MAX_SURFACE_STD_PX; rough.len()];
         let mut surface = Surface::fit(rough, &known, self.picture.width as f64)?;
-        let step = (rough.len() / BLUR_CORNERS).max(1);
+        let step = (rough.len() / BLUR_CORNER_COUNT).max(1);
         let view =
             |surface: &Surface, q, blur_px| self.reduced_view(surface.view(q, self.reach_mm, blur_px), small);
         let views: Vec<MatchWindow> = rough.iter().step_by(step).map(|(q, _)| view(&surface, *q, 1.0)).collect();
         let blur_px = Print::from_circles(board, radius_mm).blur_px(small, &views, noise);
-        let tried = RADII.map(|by| {
+        let tried = RADIUS_FACTORS.map(|by| {
             (by, Print::from_circles(board, by * radius_mm).match_statistics(small, &views, (blur_px, noise)))
         });
         let print = Print::from_circles(board, best_candidate(tried)? * radius_mm);
@@ -402,8 +408,9 @@ impl PrintLocator<'_> {
                 let own = CornerEstimate::from_match(&found, noise);
                 let deviation_px = own.deviation_px * self.times as f64;
                 let own = CornerEstimate { pixel: self.full_size_pixel(own.pixel, small), deviation_px, ..own };
-                // The first surface is only as good as the middles of the circles, and a glare shifts some of them.
-                let start_px = START_PX * self.times as f64;
+                // The first surface is only as accurate as the middles of the circles, some of which a glare has
+                // shifted.
+                let start_px = START_TOLERANCE_PX * self.times as f64;
                 let is_near =
                     own.pixel.distance_px(surface.pixel_at(*q)) <= surface.limit_px(*q, &own).max(start_px);
                 *placed = (own.deviation_px < MAX_CENTRE_STD_PX && is_near).then_some(own);
@@ -433,7 +440,7 @@ impl PrintLocator<'_> {
         let [across, down] = self.scale_to(small);
         let scale = Matrix3::new(across, 0.0, (across - 1.0) / 2.0, 0.0, down, (down - 1.0) / 2.0, 0.0, 0.0, 1.0);
         let start = Pixel::at((view.start.u + 0.5) * across - 0.5, (view.start.v + 0.5) * down - 0.5);
-        MatchWindow { plane: scale * view.plane, start, most_px: 3.0 * PRINT_PX, ..view }
+        MatchWindow { plane: scale * view.plane, start, most_px: 3.0 * MAX_PRINT_REACH_PX, ..view }
     }
 
     fn full_size_pixel(&self, pixel: Pixel, small: &GrayPicture) -> Pixel {

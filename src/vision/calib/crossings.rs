@@ -4,7 +4,8 @@
 //! The positions are approximate, and each point is judged independently of the others. In a smoothed picture such a
 //! point is a saddle: its Hessian has a negative determinant. On a ring around it the grey levels change between dark
 //! and bright four times, and opposite points of the ring are similar. At the end of an edge, on a line or in noise
-//! they are not. The four changes give the directions of both edges. The work grows only with the number of pixels.
+//! they are not. The four changes give the directions of both edges. The computing time grows only with the number of
+//! pixels.
 //!
 //! The lattice grows from corner to corner along its edges. One edge runs between two neighbouring corners, with one
 //! colour to its left and the other to its right over its whole length. The lattice begins at a first corner. Each
@@ -38,9 +39,9 @@ pub(super) struct SmoothedPicture {
 }
 
 /// The ring's radius, px.
-const RING_PX: f64 = 4.0;
-const RING: usize = 32;
-/// The minimum correlation between opposite places of the ring.
+const RING_RADIUS_PX: f64 = 4.0;
+const RING_SAMPLES: usize = 32;
+/// Minimum correlation between opposite positions of the ring.
 const MIN_RING_CORRELATION: f64 = 0.55;
 /// Minimum half contrast of a corner, grey levels. `MIN_CONTRAST_TO_NOISE` is its minimum ratio to the noise that
 /// remains after the smoothing.
@@ -48,13 +49,14 @@ const MIN_CONTRAST: f64 = 3.0;
 const MIN_CONTRAST_TO_NOISE: f64 = 3.0;
 /// The share of white noise that remains after the smoothing.
 const SMOOTHED_NOISE_SHARE: f64 = 0.27;
-/// Maximum deviation of two opposite changes of the ring from a straight line, rad.
+/// Maximum bend of an edge, rad: the difference of the directions to two opposite changes of the ring from a straight
+/// line.
 const MAX_BEND_RAD: f64 = 0.6;
 /// Minimum angle between two edges that cross, rad.
 const MIN_ANGLE_RAD: f64 = 0.3;
-/// Maximum number of crossings: hardly any board has more corners. The crossings with the most contrast are kept.
+/// Maximum number of crossings: hardly any board has more corners. The crossings with the highest contrast are kept.
 const MAX_CROSSINGS: usize = 6000;
-/// Minimum distance between saddles: one saddle is found in a window of this half width, px.
+/// Minimum distance between saddles, px: each window of this half width contains one saddle.
 const MIN_SADDLE_DISTANCE_PX: usize = 3;
 
 impl SmoothedPicture {
@@ -91,7 +93,7 @@ impl SmoothedPicture {
         GrayPicture { width: self.width, height: self.height, gray }
     }
 
-    /// Returns the interpolated grey level between pixels; outside of the picture, that of its border.
+    /// Returns the grey level interpolated between pixels; outside of the picture, the grey level at its border.
     pub fn interpolate(&self, at: Vector2<f64>) -> f64 {
         let (u, v) = (at.x.clamp(0.0, self.width as f64 - 1.001), at.y.clamp(0.0, self.height as f64 - 1.001));
         let (column, row) = (u as usize, v as usize);
@@ -105,8 +107,8 @@ impl SmoothedPicture {
     }
 }
 
-/// Returns the rms of white noise in a picture: the median residual of a plane through a pixel's neighbours
-/// (Immerkær, Computer Vision and Image Understanding 64, 1996), from a sample of the pixels.
+/// Returns the rms of white noise in a picture: it is computed from the median residual of a plane through a pixel's
+/// neighbours (Immerkær, Computer Vision and Image Understanding 64, 1996), over a sample of the pixels.
 pub(super) fn noise(picture: &GrayPicture) -> f64 {
     let (width, height) = (picture.width, picture.height);
     if width < 3 || height < 3 {
@@ -134,7 +136,7 @@ pub(super) fn noise(picture: &GrayPicture) -> f64 {
 
 /// All crossings.
 pub(super) fn crossings(picture: &SmoothedPicture) -> Vec<Crossing> {
-    let rim = RING_PX as usize + 3;
+    let rim = RING_RADIUS_PX as usize + 3;
     if picture.width <= 2 * rim || picture.height <= 2 * rim {
         return Vec::new();
     }
@@ -154,8 +156,7 @@ pub(super) fn crossings(picture: &SmoothedPicture) -> Vec<Crossing> {
         (3..width - 3).for_each(|column| line[column] = saddle(row * width + column));
     });
     let least_contrast = MIN_CONTRAST.max(MIN_CONTRAST_TO_NOISE * SMOOTHED_NOISE_SHARE * picture.noise);
-    // The determinant is about the square of the half contrast for a sharp corner, and a fifth of that for a
-    // blurred one.
+    // The determinant is about the square of the half contrast at a sharp corner, and a fifth of that at a blurred one.
     let min_response = (0.15 * least_contrast * least_contrast) as f32;
     let rows: Vec<Vec<Crossing>> = (rim..picture.height - rim)
         .into_par_iter()
@@ -211,26 +212,27 @@ fn refine_saddle(picture: &SmoothedPicture, column: usize, row: usize) -> Vector
 /// Returns the saddle as a crossing; `None` if its ring is not that of a crossing.
 fn classify_saddle(picture: &SmoothedPicture, column: usize, row: usize, least_contrast: f64) -> Option<Crossing> {
     let at = refine_saddle(picture, column, row);
-    let angle = |index: f64| std::f64::consts::TAU * index / RING as f64;
-    let ring: [f64; RING] = std::array::from_fn(|index| {
+    let angle = |index: f64| std::f64::consts::TAU * index / RING_SAMPLES as f64;
+    let ring: [f64; RING_SAMPLES] = std::array::from_fn(|index| {
         let (sin, cos) = angle(index as f64).sin_cos();
-        picture.interpolate(at + Vector2::new(cos, sin) * RING_PX)
+        picture.interpolate(at + Vector2::new(cos, sin) * RING_RADIUS_PX)
     });
     let (low, high) = ring.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), g| (l.min(*g), h.max(*g)));
     let contrast = (high - low) / 2.0;
     if contrast < least_contrast {
         return None;
     }
-    let mean = ring.iter().sum::<f64>() / RING as f64;
+    let mean = ring.iter().sum::<f64>() / RING_SAMPLES as f64;
     let square: f64 = ring.iter().map(|gray| (gray - mean).powi(2)).sum();
-    let product: f64 = (0..RING).map(|i| (ring[i] - mean) * (ring[(i + RING / 2) % RING] - mean)).sum();
+    let product: f64 =
+        (0..RING_SAMPLES).map(|i| (ring[i] - mean) * (ring[(i + RING_SAMPLES / 2) % RING_SAMPLES] - mean)).sum();
     if product < MIN_RING_CORRELATION * square {
         return None;
     }
     let middle = (low + high) / 2.0;
-    let changes: Vec<f64> = (0..RING)
+    let changes: Vec<f64> = (0..RING_SAMPLES)
         .filter_map(|index| {
-            let (here, next) = (ring[index] - middle, ring[(index + 1) % RING] - middle);
+            let (here, next) = (ring[index] - middle, ring[(index + 1) % RING_SAMPLES] - middle);
             ((here > 0.0) != (next > 0.0)).then(|| angle(index as f64 + here / (here - next)))
         })
         .collect();
@@ -257,31 +259,31 @@ impl Crossing {
 pub(super) type Lattice = BTreeMap<(i32, i32), usize>;
 
 /// Minimum distance of neighbours, px.
-const MIN_PX: f64 = 6.0;
+const MIN_NEIGHBOUR_DISTANCE_PX: f64 = 6.0;
 /// Maximum distance of neighbours, px: a larger board is found in a smaller picture.
-const MAX_PX: f64 = 170.0;
-/// If there are enough candidates within this distance, none is searched farther away, px.
+const MAX_NEIGHBOUR_DISTANCE_PX: f64 = 170.0;
+/// If there are enough candidates within this distance, the search does not extend farther, px.
 const FIRST_SEARCH_RADIUS_PX: f64 = 60.0;
-/// The largest angle between a first step and an edge's direction, as a cosine.
+/// Cosine of the maximum angle between a first step and the direction of an edge.
 const MIN_STEP_COSINE: f64 = 0.966;
-/// A neighbour must have an edge along the line from the corner: the largest angle, as a cosine.
+/// Cosine of the maximum angle between an edge of the neighbour and the line from the corner to the neighbour.
 const MIN_EDGE_COSINE: f64 = 0.90;
 /// Maximum difference between a step and its prediction from the previous step, as a fraction of the step's length.
 const PREDICTION_TOLERANCE: f64 = 0.28;
-/// The number of crossings that are examined along a first edge.
+/// Maximum number of crossings that are examined along a first edge.
 const MAX_NEIGHBOURS: usize = 10;
 /// Minimum ratio of the contrast across the edge to that of the corners.
-const EDGE_SHARE: f64 = 0.3;
-/// Contrasts of neighbours differ by at most this factor.
-const CONTRASTS: f64 = 3.5;
-/// Maximum number of edge checks in one picture.
+const MIN_EDGE_CONTRAST_RATIO: f64 = 0.3;
+/// Maximum ratio of the contrasts of neighbours.
+const MAX_NEIGHBOUR_CONTRAST_RATIO: f64 = 3.5;
+/// Maximum number of edge checks for one picture.
 const MAX_EDGE_CHECKS: usize = 250_000;
 /// Minimum number of corners of a lattice.
 const MIN_CORNERS: usize = 6;
 
 /// Returns all lattices of a picture, the largest first.
 pub(super) fn lattices(picture: &SmoothedPicture, crossings: &[Crossing]) -> Vec<Lattice> {
-    let mut field = Field::new(picture, crossings);
+    let mut field = CrossingGrid::new(picture, crossings);
     let mut used = vec![false; crossings.len()];
     let mut all: Vec<Lattice> = Vec::new();
     for seed in 0..crossings.len() {
@@ -307,7 +309,7 @@ pub(super) fn extent(lattice: &Lattice) -> [(i32, i32); 2] {
     [range(|at| at.0), range(|at| at.1)]
 }
 
-/// Returns the lattice without outer lines of which less than this share is present.
+/// Returns the lattice without those outer lines of which less than this share is present.
 pub(super) fn trim_sparse_lines(mut lattice: Lattice, share: f64) -> Lattice {
     loop {
         let [columns, rows] = extent(&lattice);
@@ -328,8 +330,8 @@ pub(super) fn trim_sparse_lines(mut lattice: Lattice, share: f64) -> Lattice {
     }
 }
 
-/// The crossings of a picture, sorted by their position.
-struct Field<'a> {
+/// The crossings of a picture, sorted into cells by their position.
+struct CrossingGrid<'a> {
     picture: &'a SmoothedPicture,
     crossings: &'a [Crossing],
     cells: Vec<Vec<usize>>,
@@ -342,7 +344,7 @@ const CELL_PX: f64 = 24.0;
 /// Unit vectors along the directions of columns and rows, at a corner of a growing lattice.
 type Axes = [Vector2<f64>; 2];
 
-impl<'a> Field<'a> {
+impl<'a> CrossingGrid<'a> {
     fn new(picture: &'a SmoothedPicture, crossings: &'a [Crossing]) -> Self {
         let across = (picture.width as f64 / CELL_PX) as usize + 1;
         let down = (picture.height as f64 / CELL_PX) as usize + 1;
@@ -353,10 +355,10 @@ impl<'a> Field<'a> {
                 cell.push(index);
             }
         }
-        Field { picture, crossings, cells, across, looks: 0 }
+        CrossingGrid { picture, crossings, cells, across, looks: 0 }
     }
 
-    /// Returns the crossings within a distance that satisfy `is_one`, the nearest first.
+    /// Returns the crossings within a distance that satisfy `is_one`; the nearest is first.
     fn crossings_within(
         &self,
         at: Vector2<f64>,
@@ -396,8 +398,8 @@ impl<'a> Field<'a> {
                 if lattice.contains_key(&there) {
                     continue;
                 }
-                let found =
-                    self.next(&lattice, &axes[&at], at, step, &|index| used[index] || taken.contains(&index));
+                let found = self
+                    .find_neighbour(&lattice, &axes[&at], at, step, &|index| used[index] || taken.contains(&index));
                 let Some((index, turned)) = found else { continue };
                 let beside = [(1, 0), (-1, 0), (0, 1), (0, -1)]
                     .map(|s| (there.0 + s.0, there.1 + s.1))
@@ -417,8 +419,8 @@ impl<'a> Field<'a> {
         lattice
     }
 
-    /// Returns the neighbour of a corner, with the neighbour's own axes.
-    fn next(
+    /// Returns the neighbour of a corner, and the axes at the neighbour.
+    fn find_neighbour(
         &mut self,
         lattice: &Lattice,
         axes: &Axes,
@@ -445,11 +447,11 @@ impl<'a> Field<'a> {
             }
             None => {
                 let is_ahead = |away: f64, between: Vector2<f64>| {
-                    away > MIN_PX && between.dot(&along) > MIN_STEP_COSINE * away
+                    away > MIN_NEIGHBOUR_DISTANCE_PX && between.dot(&along) > MIN_STEP_COSINE * away
                 };
                 let mut all = self.crossings_within(here, FIRST_SEARCH_RADIUS_PX, &is_ahead);
                 if all.len() < MAX_NEIGHBOURS {
-                    all = self.crossings_within(here, MAX_PX, &is_ahead);
+                    all = self.crossings_within(here, MAX_NEIGHBOUR_DISTANCE_PX, &is_ahead);
                 }
                 all.into_iter().map(|(_, index)| index).take(MAX_NEIGHBOURS).collect()
             }
@@ -479,7 +481,9 @@ impl<'a> Field<'a> {
         let between = b.position - a.position;
         let length = between.norm();
         let factor = a.contrast / b.contrast;
-        if length < MIN_PX || !(1.0 / CONTRASTS..=CONTRASTS).contains(&factor) {
+        if length < MIN_NEIGHBOUR_DISTANCE_PX
+            || !(1.0 / MAX_NEIGHBOUR_CONTRAST_RATIO..=MAX_NEIGHBOUR_CONTRAST_RATIO).contains(&factor)
+        {
             return false;
         }
         let along = between / length;
@@ -494,7 +498,7 @@ impl<'a> Field<'a> {
         };
         let steps = [0.25, 0.38, 0.5, 0.62, 0.75].map(step);
         let mean = steps.iter().sum::<f64>() / 5.0;
-        let min_contrast = EDGE_SHARE * a.contrast.min(b.contrast);
+        let min_contrast = MIN_EDGE_CONTRAST_RATIO * a.contrast.min(b.contrast);
         let beyond = (2.5 / length).max(0.2);
         mean.abs() > min_contrast
             && steps.iter().all(|step| step * mean.signum() > 0.25 * mean.abs())
@@ -507,9 +511,10 @@ impl<'a> Field<'a> {
 mod tests {
     use super::*;
 
-    /// Two edges along 10° and 70° that cross at (40.3, 30.6), an edge, and nothing else.
+    /// The picture shows two edges along 10° and 70° that cross at (40.3, 30.6). Left of u = 70 px only the crossing is
+    /// found, and no other point of the edges.
     #[test]
-    fn a_crossing_is_found_and_an_edge_is_none() {
+    fn a_crossing_is_found_and_points_of_edges_are_not() {
         let mut picture = GrayPicture::uniform(120, 60, 0);
         for (index, gray) in picture.gray.iter_mut().enumerate() {
             let (u, v) = ((index % 120) as f64, (index / 120) as f64);

@@ -15,7 +15,7 @@ pub use super::placing::DetectedCorners;
 use super::print::Print;
 use panelprep_base::geometry::{Frame, GrayPicture, OrganizedCloud, Pixel, Point, Vector, local_plane};
 
-/// Finds the board's corners. `half_window_px` overrides the window; `name` is the picture's name in messages.
+/// Finds the board's corners. `half_window_px` replaces the default window; `name` is the picture's name in messages.
 ///
 /// # Errors
 /// If the picture shows no such board, another one, or too little of a ChArUco board.
@@ -46,7 +46,7 @@ pub fn detect(
     let found = placing::refine_subpix(picture, &corners, board.square_mm(), None)?;
     let is_seen: Vec<bool> = rough.iter().map(|node| node.is_seen).collect();
     let found = placing::refine_with_model(picture, board, found, &is_seen, &Print::from_board(board, &[]));
-    // If most corners of a board cannot be located, the board is in the picture but cannot be used.
+    // If most corners cannot be located, the board is in the picture but cannot be used.
     if 2 * found.corners.len() < board.count() {
         return Err(CalibError::NoBoard { picture: picture_name, columns, rows });
     }
@@ -54,9 +54,9 @@ pub fn detect(
 }
 
 /// Half the side of the neighbourhood from which a corner's 3D point is computed, px.
-const PLANE_PX: usize = 8;
+const PLANE_WINDOW_HALF_PX: usize = 8;
 
-/// Returns the corners as the 3D camera measured them: the ray at each corner meets the plane of the points around
+/// Returns the corners as the 3D camera measured them: the ray at each corner meets the plane through the points around
 /// it. Corners with too few points are left out.
 pub fn measured<C: Frame>(
     cloud: &OrganizedCloud<C>,
@@ -67,7 +67,7 @@ pub fn measured<C: Frame>(
     let point = |pixel: Pixel| {
         let at = pixel.nearest_whole(cloud.width(), cloud.height())?;
         let ray: Vector<C> = camera.unproject(pixel)?;
-        local_plane(cloud, at, PLANE_PX, origin)?.intersect_ray(origin, ray)
+        local_plane(cloud, at, PLANE_WINDOW_HALF_PX, origin)?.intersect_ray(origin, ray)
     };
     BoardObservation::Points(corners.iter().filter_map(|(q, pixel)| Some((*q, point(*pixel)?))).collect())
 }

@@ -1,16 +1,16 @@
 //! The reason why data cannot become a calibration: what was found, what is needed, and how to correct it. For poses
-//! that fit no mount, this includes what they were probably meant to be.
+//! that fit no mount, this includes their probable intended meaning.
 
 use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
 use panelprep_cell::imaging::ImagingError;
 
-/// Errors of a calibration.
+/// An error of a calibration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalibError {
     /// `--board` or `--square-mm` does not describe a board.
     #[error("--board {text}: {message}")]
     Board {
-        /// The text as written.
+        /// The text of the option.
         text: String,
         /// The problem, and the valid values.
         message: String,
@@ -94,44 +94,46 @@ pub enum CalibError {
     /// Touched points that do not define a frame.
     #[error("{0}")]
     Points(String),
-    /// Robot poses that turn too little.
+    /// Robot poses that rotate too little.
     #[error(
-        "the poses turn the board too little: {}° about the second axis, at least {}° are needed; these data do \
+        "the poses rotate the board too little: {}° about the second axis, at least {}° are needed; these data do \
          not determine a camera mount: tilt the flange about two axes, by 20° and more", distinguishable_texts(*about_second_axis_deg, *needed_deg, 1)[0],
         distinguishable_texts(*about_second_axis_deg, *needed_deg, 1)[1]
     )]
     TooLittleRotation {
-        /// Spread of the turns about the second of their axes, degrees.
+        /// Spread of the rotations about the second of their principal axes, degrees.
         about_second_axis_deg: f64,
-        /// The minimum spread that is needed, degrees.
+        /// Minimum spread, degrees.
         needed_deg: f64,
     },
     /// Most poses contradict each other.
     #[error(
-        "no camera mount fits half of the {poses} poses: the best leaves {median_mm:.1} mm; {}",
+        "no camera mount fits half of the {poses} poses: the median residual of the best is {median_mm:.1} mm; {}",
         describe_readings(readings)
     )]
     NoConsensus {
         /// Number of poses.
         poses: usize,
-        /// Median distance from the best consensus, mm.
+        /// Median distance of the boards in the best consensus, mm.
         median_mm: f64,
-        /// The readings in which the poses fit.
+        /// The interpretations with which the poses fit.
         readings: Vec<PoseReading>,
     },
     /// Angles in radians.
     #[error(
-        "every angle of the poses lies within ±3.15 although the pictures turn by {seen_deg:.0}°: these look like \
-         radians; A, B, C are written in degrees"
+        "every angle of the poses lies within ±3.15 although the board rotates by {seen_deg:.0}° between pictures: \
+         these look like radians; write A, B, C in degrees"
     )]
     Radians {
-        /// The largest turn between two pictures, degrees.
+        /// The largest rotation between two pictures, degrees.
         seen_deg: f64,
     },
     /// The iteration did not converge.
-    #[error("the adjustment of {what} did not converge; the data contradict each other")]
+    #[error(
+        "{what} did not converge, because the data contradict each other; check the input, or take the pictures again"
+    )]
     NotSettled {
-        /// The quantities that were adjusted.
+        /// The computation that did not converge.
         what: &'static str,
     },
     /// Poses that do not determine a tool.
@@ -153,12 +155,12 @@ fn describe_readings(readings: &[PoseReading]) -> String {
     readings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; or ")
 }
 
-/// A possible intended meaning of poses that fit no mount.
+/// A possible intended meaning of poses that do not fit a mount.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PoseInterpretation {
     /// The poses are `flange_from_base`, or the camera has the other mount.
     Inverted {
-        /// Whether the other mount is more probable: the nearer one of camera and board is on the flange.
+        /// Whether the other mount is more probable: of camera and board, the one on the flange is the nearer one.
         other_mount: bool,
     },
     /// Three angles in another order or about other axes; the text names them.
@@ -192,10 +194,10 @@ pub enum PoseInterpretation {
     },
 }
 
-/// An interpretation of the poses in which they fit.
+/// An interpretation with which the poses fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PoseReading {
-    /// Interpretation of the numbers.
+    /// The interpretation of the numbers.
     pub interpretation: PoseInterpretation,
     /// The median distance of the boards, mm.
     pub median_mm: f64,
@@ -203,7 +205,7 @@ pub struct PoseReading {
     pub runner_up_mm: f64,
 }
 
-/// The unit of length that a scale factor indicates.
+/// Returns the unit of length that a scale factor indicates.
 fn unit_from_scale(ratio: f64) -> Option<&'static str> {
     let units = [("metres", 1e-3), ("centimetres", 0.1), ("inches", 1.0 / 25.4), ("micrometres", 1e3)];
     units.into_iter().find(|(_, unit)| (ratio / unit - 1.0).abs() < 0.02).map(|(name, _)| name)
@@ -241,7 +243,11 @@ impl std::fmt::Display for PoseInterpretation {
             PoseInterpretation::Radians => write!(f, "the angles are in radians; write A, B, C in degrees"),
             PoseInterpretation::Shifted { late } => {
                 let where_to = if *late { "before" } else { "after" };
-                write!(f, "each picture matches the pose {where_to} its own: the list is shifted by one picture")
+                write!(
+                    f,
+                    "each picture matches the pose {where_to} its own: the list of poses is shifted by one picture; \
+                     correct the list"
+                )
             }
             PoseInterpretation::Mirrored => {
                 write!(
@@ -270,8 +276,8 @@ impl std::fmt::Display for PoseReading {
         let (left, next) = (fixed_decimals(self.median_mm, 3), fixed_decimals(self.runner_up_mm, 1));
         write!(
             f,
-            "{}. With this interpretation, the poses fit to {left} mm; the next best interpretation leaves {next} \
-             mm",
+            "{}. With this interpretation, the residual of the poses is {left} mm; with the next best one it is \
+             {next} mm",
             self.interpretation
         )
     }

@@ -19,11 +19,11 @@ use panelprep_cell::force::SensorLoad;
 
 /// Minimum number of readings.
 const MIN_READINGS: usize = 3;
-/// The values of x of the attitudes must differ by at least this: 60° about the horizontal.
-const MIN_SPREAD: f64 = 0.5;
-/// The best possible resolution of a sensor, 95 %, N: 1.96 · 0.05.
-const RESOLVED_95_N: f64 = 0.098;
-/// A reading that is farther than this from the line was not taken without contact, N.
+/// Minimum range of x over the readings: 60° about the horizontal.
+const MIN_DOWNWARD_RANGE: f64 = 0.5;
+/// The uncertainty due to the best resolution of a sensor, 95 %, N: 1.96 · 0.05.
+const MIN_RESOLUTION_95_N: f64 = 0.098;
+/// Maximum distance of a reading from the line, N; a reading farther away was not taken without contact.
 const MAX_RESIDUAL_N: f64 = 3.0;
 
 /// A reading of the force without contact.
@@ -68,8 +68,8 @@ pub enum CalibrationError {
     /// The readings are too similar.
     #[error(
         "the downward component of the tool's direction is {least:.2} to {most:.2} over all readings, but must \
-         vary by at least {MIN_SPREAD}: take one reading pointing down, one level and one pointing up, as far as \
-         the arm allows"
+         vary by at least {MIN_DOWNWARD_RANGE}: take one reading pointing down, one level and one pointing up, as \
+         far as the arm allows"
     )]
     TooSimilar {
         /// Smallest downward component.
@@ -115,7 +115,7 @@ pub fn calibrate(readings: &[AttitudeReading]) -> Result<ForceCalibration, Calib
     }
     let all = || readings.iter().map(|reading| reading.downwards);
     let (lowest, highest) = (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
-    if highest - lowest < MIN_SPREAD {
+    if highest - lowest < MIN_DOWNWARD_RANGE {
         return Err(CalibrationError::TooSimilar { least: lowest, most: highest });
     }
     let (mean_x, mean_n) =
@@ -134,7 +134,7 @@ pub fn calibrate(readings: &[AttitudeReading]) -> Result<ForceCalibration, Calib
         return Err(CalibrationError::Negative { payload_kg });
     }
     let squares: f64 = readings.iter().map(|read| off_n(read).powi(2)).sum();
-    let half_n = (student_95(n - 2.0) * (squares / (n - 2.0)).sqrt()).max(RESOLVED_95_N);
+    let half_n = (student_95(n - 2.0) * (squares / (n - 2.0)).sqrt()).max(MIN_RESOLUTION_95_N);
     Ok(ForceCalibration {
         weight: SensorLoad { payload_kg, zero_n },
         payload_95_kg: half_n / spread.sqrt() / STANDARD_GRAVITY_M_S2,
@@ -153,8 +153,9 @@ mod tests {
         AttitudeReading { downwards, force_n }
     }
 
-    /// Calculated by hand: 1 kg and a zero of 2 N read −7.80665 N down, 2 N level, 11.80665 N up. Their spread is
-    /// 2. A scatter of 0.05 N is then 1.96 · 0.05 / √2 / 9.80665 = 0.00707 kg and 1.96 · 0.05 / √3 = 0.0566 N.
+    /// Calculated by hand: 1 kg and a zero of 2 N give readings of −7.80665 N down, 2 N level and 11.80665 N up, and
+    /// Σ(x − x̄)² = 2. With a scatter of 0.05 N the uncertainties are 1.96 · 0.05 / √2 / 9.80665 = 0.00707 kg and 1.96
+    /// · 0.05 / √3 = 0.0566 N.
     #[test]
     fn payload_and_zero_are_found() {
         let found = calibrate(&[read(1.0, -7.806_65), read(0.0, 2.0), read(-1.0, 11.806_65)]).expect("a result");
@@ -163,17 +164,17 @@ mod tests {
         assert!((found.zero_95_n - 0.056_6).abs() < 1e-4, "{found:?}");
     }
 
-    /// Calculated by hand: with an error of 0.3 N in the middle one, the three readings lie −0.1, 0.2 and −0.1 N
-    /// off their line, s² = 0.06 / 1. Student's quantile for 1 degree of freedom is 12.706, so the uncertainty of
-    /// the zero is 12.706 · 0.24495 / √3 = 1.797 N.
+    /// Calculated by hand: if the middle reading has an error of 0.3 N, the three readings deviate from their line by
+    /// −0.1, 0.2 and −0.1 N, so s² = 0.06 / 1. Student's quantile for 1 degree of freedom is 12.706, so the uncertainty
+    /// of the zero is 12.706 · 0.24495 / √3 = 1.797 N.
     #[test]
-    fn three_readings_that_scatter_determine_little() {
+    fn three_scattered_readings_have_a_large_uncertainty() {
         let found = calibrate(&[read(1.0, -7.806_65), read(0.0, 2.3), read(-1.0, 11.806_65)]).expect("a result");
         assert!((found.zero_95_n - 1.797).abs() < 1e-3, "{found:?}");
     }
 
     #[test]
-    fn what_holds_no_result_is_refused() {
+    fn readings_that_determine_no_result_are_refused() {
         let says = |readings: &[AttitudeReading]| calibrate(readings).expect_err("refused").to_string();
         assert!(says(&[read(1.0, 1.0), read(0.0, 2.0)]).starts_with("2 readings"));
         assert!(says(&[read(1.0, 1.0), read(0.9, 2.0), read(0.8, 2.0)]).contains("0.80 to 1.00"));
@@ -184,9 +185,13 @@ mod tests {
     }
 
     proptest! {
-        /// With noise the true value lies within three times the stated uncertainty.
+        /// With noise, the error of the result is less than three times the stated uncertainty.
         #[test]
-        fn the_truth_is_near(payload_kg in 0.2..8.0_f64, zero_n in -5.0..5.0_f64, noise in prop::collection::vec(-0.05..0.05_f64, 7)) {
+        fn the_true_value_is_near_the_result(
+            payload_kg in 0.2..8.0_f64,
+            zero_n in -5.0..5.0_f64,
+            noise in prop::collection::vec(-0.05..0.05_f64, 7),
+        ) {
             let truth = SensorLoad { payload_kg, zero_n };
             let at = |(index, noise_n): (usize, &f64)| {
                 let downwards = 1.0 - index as f64 / 3.0;

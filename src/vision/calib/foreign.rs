@@ -1,4 +1,4 @@
-//! OpenCV's solvers and detectors with our own types: the only file of this module that names OpenCV.
+//! OpenCV's solvers and detectors with our own types: no other file of this module calls OpenCV.
 
 use super::error::CalibError;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -20,13 +20,16 @@ fn isometry_from_vectors(turn: &[f64], shift: &[f64]) -> Isometry3<f64> {
     Isometry3::new(Vector3::from_column_slice(shift), Vector3::from_column_slice(turn))
 }
 
-/// Perspective-n-point: Levenberg–Marquardt on the reprojection error, from a homography.
+/// Solves perspective-n-point: Levenberg–Marquardt on the reprojection error, from a homography.
 pub(super) fn solve_pnp(
     camera: &PinholeCamera,
     corners: &[(Point<Board>, Pixel)],
 ) -> Result<Isometry3<f64>, CalibError> {
     if corners.len() < 4 {
-        return Err(CalibError::Points(format!("{} corners were seen; at least 4 are needed", corners.len())));
+        return Err(CalibError::Points(format!(
+            "{} corners were seen; at least 4 are needed, show more of the board",
+            corners.len()
+        )));
     }
     const OPERATION: &str = "the board's pose";
     let objects: Vector<Point3d> = corners.iter().map(|(q, _)| Point3d::new(q.mm.x, q.mm.y, q.mm.z)).collect();
@@ -47,12 +50,12 @@ pub(super) fn solve_pnp(
     if with_operation(OPERATION, solved)? && turn.len() == 3 && shift.len() == 3 {
         Ok(isometry_from_vectors(turn.as_slice(), shift.as_slice()))
     } else {
-        Err(CalibError::NotSettled { what: OPERATION })
+        Err(CalibError::NotSettled { what: "the computation of the board's pose" })
     }
 }
 
-/// Computes the camera's mount from moved parts of the chain and board poses (Park & Martin, IEEE T-RA 10, 1994);
-/// `None` if the rotations do not determine it.
+/// Computes the camera's mount from the moved part of the chain and the board pose of each station (Park & Martin, IEEE
+/// T-RA 10, 1994); `None` if the rotations do not determine it.
 pub(super) fn solve_hand_eye_park(
     holder_from_to: &[Isometry3<f64>],
     camera_from_board: &[Isometry3<f64>],
@@ -115,7 +118,7 @@ pub(super) fn chessboard(
     Ok((seen && found.len() == columns * rows).then(|| to_pixels(&found)))
 }
 
-/// The picture reduced by this factor; each pixel is the mean of those that it replaces.
+/// Returns the picture reduced by this factor; each pixel is the mean of those that it replaces.
 pub(super) fn reduce_picture(picture: &GrayPicture, times: usize) -> Result<GrayPicture, ImagingError> {
     const OPERATION: &str = "a smaller picture";
     let source = to_mat(picture)?;
@@ -125,7 +128,7 @@ pub(super) fn reduce_picture(picture: &GrayPicture, times: usize) -> Result<Gray
     Ok(GrayPicture { width, height, gray: with_operation(OPERATION, small.data_bytes())?.to_vec() })
 }
 
-/// `cornerSubPix` with a window of ± `half_window_px`: at most 30 iterations, until 1e-3 px.
+/// Runs `cornerSubPix` with a window of ± `half_window_px`: at most 30 iterations, until the change is below 1e-3 px.
 pub(super) fn refine_corners(
     picture: &GrayPicture,
     corners: &[Pixel],
@@ -140,7 +143,7 @@ pub(super) fn refine_corners(
     Ok(to_pixels(&points))
 }
 
-/// The number of OpenCV's dictionary of this name.
+/// Returns the number of OpenCV's dictionary of this name.
 pub(super) fn dictionary_number(name: &str) -> Option<i32> {
     const FAMILIES: [(&str, i32); 4] = [("4X4", 0), ("5X5", 4), ("6X6", 8), ("7X7", 12)];
     const SIZES: [&str; 4] = ["50", "100", "250", "1000"];
@@ -167,8 +170,8 @@ pub(super) fn detect_markers(
     let dictionary = with_operation(OPERATION, aruco::get_predefined_dictionary_i32(dictionary))?;
     let (mut corners, mut numbers): (Vector<Vector<Point2f>>, Vector<i32>) = (Vector::new(), Vector::new());
     let mut parameters = with_operation(OPERATION, aruco::DetectorParameters::create())?;
-    // Only two windows and no marker below 14 px: every candidate is compared with every other, and fine texture
-    // has thousands.
+    // Only two window sizes and no marker below 14 px: every candidate is compared with every other, and a fine texture
+    // has thousands of candidates.
     parameters.set_adaptive_thresh_win_size_min(5);
     parameters.set_adaptive_thresh_win_size_max(21);
     parameters.set_adaptive_thresh_win_size_step(16);
@@ -183,8 +186,8 @@ pub(super) fn detect_markers(
     Ok(found.collect())
 }
 
-/// Returns the cells of a marker with its black rim, row by row, true for white; its side in cells is the square
-/// root of their number.
+/// Returns the cells of a marker with its black rim, row by row; true is white. The side in cells is the square root of
+/// their number.
 pub(super) fn marker_cells(dictionary: i32, number: usize) -> Result<Vec<bool>, ImagingError> {
     const OPERATION: &str = "a marker";
     let dictionary = with_operation(OPERATION, aruco::get_predefined_dictionary_i32(dictionary))?;
@@ -208,7 +211,7 @@ pub(super) struct CameraFound {
     pub camera_from_board: Vec<Isometry3<f64>>,
 }
 
-/// Runs `calibrateCamera` with only k1, for a start value.
+/// Runs `calibrateCamera` with k1 as the only distortion coefficient, for a start value.
 pub(super) fn calibrate_camera(
     (width_px, height_px): (usize, usize),
     views: &[&[(Point<Board>, Pixel)]],

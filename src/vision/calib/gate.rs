@@ -1,11 +1,11 @@
-//! The gate: turns evidence into a verdict, namely which calibration may be used, which a person must look at, and
-//! which is refused.
+//! The gate of calibrations: computes a verdict from the evidence. A calibration may be used, must be checked by a
+//! person, or is refused.
 
 use super::chain::Arrangement;
 use super::error::PoseReading;
 use super::hand_eye::HandEye;
 use super::intrinsics::Calibrated;
-use super::lens_support::SUPPORT_PX;
+use super::lens_support::MAX_LENS_ERROR_PX;
 use super::robot::RobotFound;
 use super::three_points::ThreePoints;
 use super::tool::{ToolAxis, ToolPoint};
@@ -20,30 +20,30 @@ const HAND_EYE_UNCERTAINTY_MM: Bounds = (0.6, 2.0);
 const HAND_EYE_RMS_MM: Bounds = (1.0, 3.0);
 /// Limits of the panel's shift if the squares had the size that the robot's motions show: beyond the first a person
 /// must look, beyond the second the mount is rejected.
-const SQUARE_MOVES_MM: Bounds = (0.1, 0.5);
+const SQUARE_EFFECT_MM: Bounds = (0.1, 0.5);
 /// Maximum relative uncertainty of the squares' size; with a larger one, a wrong size would not be detected: 2 mm at
 /// 700 mm.
-const SQUARE_SHARE: f64 = 0.003;
-const SPREAD_DEG: f64 = 8.0;
+const MAX_SQUARE_UNCERTAINTY_SHARE: f64 = 0.003;
+const REVIEW_SPREAD_DEG: f64 = 8.0;
 const REVIEW_POSE_COUNT: usize = 10;
 const DISTANCE_ERROR_MM: Bounds = (0.5, 1.5);
 const PNP_RMS_PX: Bounds = (0.5, 2.0);
-const CHECK_MM: Bounds = (0.5, 1.5);
+const FOURTH_POINT_ERROR_MM: Bounds = (0.5, 1.5);
 const MAX_ROUGH_DISTANCE_MM: f64 = 150.0;
 const MAX_ROUGH_ANGLE_DEG: f64 = 20.0;
 const TOOL_RMS_MM: Bounds = (0.4, 1.5);
-const AXIS_DEG: Bounds = (0.5, 2.0);
+const AXIS_SCATTER_DEG: Bounds = (0.5, 2.0);
 const INTRINSICS_RMS_PX: Bounds = (0.7, 2.0);
-const COVERAGE: f64 = 0.6;
+const MIN_COVERAGE_SHARE: f64 = 0.6;
 const MIN_TILT_DEG: f64 = 20.0;
 const REVIEW_VIEW_COUNT: usize = 8;
-/// Share of the picture in which a lens must be calibrated: below the first limit a person must look, below the
-/// second it is rejected.
-const SUPPORT: Bounds = (0.95, 0.1);
-/// Standard deviation of the focal length, as a share of the focal length: 0.1 % is 0.8 mm at 800 mm.
-const FOCAL_SHARE: f64 = 0.001;
-/// Standard deviation of the principal point, as a share of the focal length: 0.2 mm of lateral shift at 1 m.
-const CENTRE_SHARE: f64 = 0.000_2;
+/// Share of the picture in which the lens must be calibrated: below the first limit a person must look, below the
+/// second the lens is rejected.
+const SUPPORTED_SHARE: Bounds = (0.95, 0.1);
+/// Maximum standard deviation of the focal length, as a share of the focal length: 0.1 % is 0.8 mm at 800 mm.
+const MAX_FOCAL_STD_SHARE: f64 = 0.001;
+/// Maximum standard deviation of the principal point, as a share of the focal length: 0.2 mm of lateral shift at 1 m.
+const MAX_CENTRE_STD_SHARE: f64 = 0.000_2;
 
 /// The share of the error that remains with a correction: beyond the first limit a person must look, beyond the
 /// second the correction does not help.
@@ -58,7 +58,7 @@ struct ReasonCollector {
 }
 
 impl ReasonCollector {
-    /// Adds a reason if the value is beyond one of its bounds; a NaN is beyond every bound.
+    /// Adds a reason if the value is beyond one of its limits; a NaN is beyond every limit.
     fn check_bounds(&mut self, code: &'static str, value: f64, (review, reject): Bounds, words: &str) {
         let message = |allowed: f64| {
             let [value, allowed] = distinguishable_texts(value, allowed, 3);
@@ -77,19 +77,19 @@ impl ReasonCollector {
         }
     }
 
-    /// Rejects a mount that is far from its hand-measured pose: then it is another mount.
+    /// Rejects a mount that is far from its hand-measured pose: it is then not the mount that was measured.
     fn check_rough_pose<A: Arrangement>(
         &mut self,
         rough: Option<&Rigid<A::To, A::From>>,
         found: &Rigid<A::To, A::From>,
         question: &str,
     ) {
-        // A mount that was not measured by hand is not a contradiction; `no_rough` asks for it.
+        // A mount that was not measured by hand contradicts nothing; the reason `no_rough` requests a measurement.
         let Some(rough) = rough else { return };
         let mm = rough.distance_at_mm(*found, Point::at(0.0, 0.0, 0.0));
-        let deg = (rough.inverse() * *found).rotation_angle().0;
-        // Wide limits: a tape measures to some 100 mm, and what this must find, a tool or a base in the poses, moves
-        // the mount by more.
+        let deg = (rough.inverse() * *found).turn().0;
+        // The limits are wide: a tape measures to some 100 mm. The mistake to be found, a tool or a base in the poses,
+        // moves the mount by more.
         if mm > MAX_ROUGH_DISTANCE_MM || deg > MAX_ROUGH_ANGLE_DEG {
             let ([mm, allowed_mm], [deg, allowed_deg]) = (
                 distinguishable_texts(mm, MAX_ROUGH_DISTANCE_MM, 0),
@@ -104,7 +104,7 @@ impl ReasonCollector {
     }
 
     /// Compares the size of the board's squares that the robot's motions show with the stated one.
-    fn square<A: Arrangement>(&mut self, found: &HandEye<A>, square_mm: f64) {
+    fn check_square<A: Arrangement>(&mut self, found: &HandEye<A>, square_mm: f64) {
         let (Some(size), Some(moves_mm)) = (&found.square, found.square_moves_mm()) else {
             return self.add_review("square_unproven", true, || {
                 "the poses do not determine the size of the board's squares: a wrong --square-mm would not be \
@@ -112,7 +112,7 @@ impl ReasonCollector {
                     .to_owned()
             });
         };
-        if size.contradicts_stated() && (moves_mm > SQUARE_MOVES_MM.0 || moves_mm.is_nan()) {
+        if size.contradicts_stated() && (moves_mm > SQUARE_EFFECT_MM.0 || moves_mm.is_nan()) {
             let (mm, known_mm) =
                 (fixed_decimals(size.ratio * square_mm, 3), fixed_decimals(size.ratio_95() * square_mm, 3));
             let message = format!(
@@ -123,11 +123,12 @@ impl ReasonCollector {
                 fixed_decimals(moves_mm, 2)
             );
             let reason = Reason::new("square_size", message);
-            if moves_mm > SQUARE_MOVES_MM.1 { self.rejections.push(reason) } else { self.reviews.push(reason) }
+            if moves_mm > SQUARE_EFFECT_MM.1 { self.rejections.push(reason) } else { self.reviews.push(reason) }
         }
         let known = size.ratio_95();
-        self.add_review("square_unproven", !size.contradicts_stated() && (known.is_nan() || known > SQUARE_SHARE), || {
-            let [known, wanted] = distinguishable_percents(known, SQUARE_SHARE, 2);
+        let is_uncertain = known.is_nan() || known > MAX_SQUARE_UNCERTAINTY_SHARE;
+        self.add_review("square_unproven", !size.contradicts_stated() && is_uncertain, || {
+            let [known, wanted] = distinguishable_percents(known, MAX_SQUARE_UNCERTAINTY_SHARE, 2);
             format!(
                 "the poses determine the size of the board's squares only to {known} % (limit {wanted} %): a wrong \
                  --square-mm would not be detected; take more poses that move the board by several hundred mm"
@@ -136,9 +137,9 @@ impl ReasonCollector {
     }
 
     /// Compares the focal length that the robot's motions show with that of the lens.
-    fn focal<A: Arrangement>(&mut self, found: &HandEye<A>) {
+    fn check_focal<A: Arrangement>(&mut self, found: &HandEye<A>) {
         let (Some(focal), Some(moves_mm)) = (&found.focal, found.focal_moves_mm()) else { return };
-        if !focal.contradicts_stated() || moves_mm <= SQUARE_MOVES_MM.0 {
+        if !focal.contradicts_stated() || moves_mm <= SQUARE_EFFECT_MM.0 {
             return;
         }
         let (share, known) =
@@ -150,7 +151,7 @@ impl ReasonCollector {
             fixed_decimals(moves_mm, 2)
         );
         let reason = Reason::new("focal_length_differs", message);
-        let much = moves_mm.is_nan() || moves_mm > SQUARE_MOVES_MM.1;
+        let much = moves_mm.is_nan() || moves_mm > SQUARE_EFFECT_MM.1;
         if much { self.rejections.push(reason) } else { self.reviews.push(reason) }
     }
 
@@ -185,8 +186,8 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
     reasons.add_review("few_pictures", used < REVIEW_VIEW_COUNT, || {
         format!("{used} pictures were used; take {REVIEW_VIEW_COUNT} or more")
     });
-    reasons.add_review("coverage", found.coverage < COVERAGE, || {
-        let [covered, needed] = distinguishable_percents(found.coverage, COVERAGE, 0);
+    reasons.add_review("coverage", found.coverage < MIN_COVERAGE_SHARE, || {
+        let [covered, needed] = distinguishable_percents(found.coverage, MIN_COVERAGE_SHARE, 0);
         format!(
             "corners cover {covered} % of the picture, at least {needed} % are needed; take pictures with the \
              board in the picture's corners, too"
@@ -195,17 +196,17 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
     let (share, error_px) = (found.support.share, found.support.error_px);
     let supported = |needed: f64| {
         let [share, needed] = distinguishable_percents(share, needed, 0);
-        let [error, wanted] = distinguishable_texts(error_px, SUPPORT_PX, 2);
+        let [error, wanted] = distinguishable_texts(error_px, MAX_LENS_ERROR_PX, 2);
         let message = format!(
             "the lens is known to {error} px in {share} % of the picture, at least {needed} % with {wanted} px are \
              needed; measurements outside of that part are refused: take pictures with the board there"
         );
         Reason::new("support", message)
     };
-    if share.is_nan() || share < SUPPORT.1 {
-        reasons.rejections.push(supported(SUPPORT.1));
-    } else if share < SUPPORT.0 || error_px > SUPPORT_PX {
-        reasons.reviews.push(supported(SUPPORT.0));
+    if share.is_nan() || share < SUPPORTED_SHARE.1 {
+        reasons.rejections.push(supported(SUPPORTED_SHARE.1));
+    } else if share < SUPPORTED_SHARE.0 || error_px > MAX_LENS_ERROR_PX {
+        reasons.reviews.push(supported(SUPPORTED_SHARE.0));
     }
     let [low, high] = found.tilt_deg;
     reasons.add_review("tilt", high < MIN_TILT_DEG, || {
@@ -217,16 +218,16 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
         )
     });
     let focal = (found.deviations[0] / found.camera.fx_px).max(found.deviations[1] / found.camera.fy_px);
-    reasons.add_review("focal_length", focal.is_nan() || focal > FOCAL_SHARE, || {
-        let [known, wanted] = distinguishable_percents(focal, FOCAL_SHARE, 2);
+    reasons.add_review("focal_length", focal.is_nan() || focal > MAX_FOCAL_STD_SHARE, || {
+        let [known, wanted] = distinguishable_percents(focal, MAX_FOCAL_STD_SHARE, 2);
         format!(
             "the focal length is known only to {known} % (limit {wanted} %); take more pictures with the board \
                  tilted"
         )
     });
     let centre = (found.deviations[2] / found.camera.fx_px).max(found.deviations[3] / found.camera.fy_px);
-    reasons.add_review("principal_point", centre.is_nan() || centre > CENTRE_SHARE, || {
-        let [known, wanted] = distinguishable_texts(centre * 1e3, CENTRE_SHARE * 1e3, 2);
+    reasons.add_review("principal_point", centre.is_nan() || centre > MAX_CENTRE_STD_SHARE, || {
+        let [known, wanted] = distinguishable_texts(centre * 1e3, MAX_CENTRE_STD_SHARE * 1e3, 2);
         format!(
             "the principal point is known only to {known} mm at 1 m (limit {wanted} mm), and a mount calibrated \
              with it has the same error; take more pictures in which the board fills the picture, tilted in both \
@@ -238,18 +239,18 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
 
 /// The source of the poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum PosesFrom {
+pub enum PoseSource {
     /// A file: the tool and base to which the poses refer are not known.
     File,
     /// This program, from the controller's reports of the flange in the robot's base.
     Controller,
 }
 
-/// One picture of this number may be left out.
+/// One of this number of pictures may be left out.
 const PICTURES_PER_OUTLIER: usize = 10;
 
-/// Returns whether the outliers may stay left out. A few outliers among many pictures that agree change nothing;
-/// with more of them the cause must be corrected and not outvoted.
+/// Returns whether the outliers may be left out. A few outliers among many consistent pictures change nothing. If there
+/// are more, a person must correct the cause; the majority does not decide.
 pub fn are_outliers_acceptable<A: Arrangement>(found: &HandEye<A>) -> bool {
     let left_out = found.residuals.iter().filter(|residual| !residual.used).count().max(found.suspects.len());
     let used = found.residuals.iter().filter(|residual| residual.used).count();
@@ -263,10 +264,10 @@ pub fn judge_hand_eye<A: Arrangement>(
     (found, square_mm): (&HandEye<A>, f64),
     second: Option<&HandEye<A>>,
     rough: Option<&Rigid<A::To, A::From>>,
-    poses: PosesFrom,
+    poses: PoseSource,
 ) -> Judgement {
     let mut reasons = ReasonCollector::default();
-    reasons.add_review("no_rough", rough.is_none() && poses == PosesFrom::File, || {
+    reasons.add_review("no_rough", rough.is_none() && poses == PoseSource::File, || {
         "poses that include a tool or a base frame fit as well as poses without them, and only a rough mount \
          reveals this error: measure the camera's position with a tape, to 100 mm, and state it in the cell's file \
          ([rough])"
@@ -277,8 +278,8 @@ pub fn judge_hand_eye<A: Arrangement>(
     for reading in &found.readings {
         reasons.rejections.push(Reason::new("other_reading", reading.to_string()));
     }
-    reasons.square(found, square_mm);
-    reasons.focal(found);
+    reasons.check_square(found, square_mm);
+    reasons.check_focal(found);
     for (result, of_which) in [(Some(found), ""), (second, "from the 3D camera's own points: ")] {
         let Some(result) = result else { continue };
         reasons.check_fit(result);
@@ -286,7 +287,7 @@ pub fn judge_hand_eye<A: Arrangement>(
     }
     if let Some(second) = second {
         let away = position_difference_mm(found, second);
-        // Squares add up, because pictures and 3D points have independent errors.
+        // The root sum of squares, because the errors of pictures and 3D points are independent.
         let allowed = found.uncertainty_mm.hypot(second.uncertainty_mm);
         if away.is_nan() || away > 2.0 * allowed {
             let [away_words, allowed_words] = distinguishable_texts(away, 2.0 * allowed, 3);
@@ -304,8 +305,8 @@ pub fn judge_hand_eye<A: Arrangement>(
 }
 
 impl ReasonCollector {
-    /// Rejects pictures that do not fit, except for a few among many. If squares or focal length are rejected, they
-    /// are the reason that pictures were left out.
+    /// Rejects pictures that do not fit, except for a few among many. If the squares or the focal length are rejected,
+    /// they are the cause of the pictures that were left out.
     fn check_fit<A: Arrangement>(&mut self, found: &HandEye<A>) {
         if are_outliers_acceptable(found) {
             return;
@@ -330,7 +331,7 @@ impl ReasonCollector {
         }
     }
 
-    /// Checks the uncertainty of a mount; `of_which` is put before each reason.
+    /// Checks the uncertainty of a mount; each reason begins with `of_which`.
     fn check_uncertainty<A: Arrangement>(&mut self, found: &HandEye<A>, of_which: &str) {
         let words = |what: &str| format!("{of_which}{what}");
         self.check_bounds(
@@ -346,9 +347,12 @@ impl ReasonCollector {
             &words("difference between picture and robot, rms, mm"),
         );
         let spread = found.second_axis_deg;
-        self.add_review("rotation", spread.is_nan() || spread < SPREAD_DEG, || {
-            let [spread, needed] = distinguishable_texts(spread, SPREAD_DEG, 1);
-            words(&format!("the poses turn by {spread}° about the second axis, at least {needed}° are needed"))
+        self.add_review("rotation", spread.is_nan() || spread < REVIEW_SPREAD_DEG, || {
+            let [spread, needed] = distinguishable_texts(spread, REVIEW_SPREAD_DEG, 1);
+            words(&format!(
+                "the poses rotate by {spread}° about the second axis, at least {needed}° are needed: take \
+                            more poses that tilt the flange about another axis"
+            ))
         });
         let used = found.residuals.iter().filter(|residual| residual.used).count();
         self.add_review("few_poses", used < REVIEW_POSE_COUNT, || {
@@ -367,8 +371,8 @@ impl ReasonCollector {
 /// Maximum error of an arm's own lengths, as a share of the length.
 const MAX_LENGTH_ERROR_SHARE: f64 = 0.003;
 
-/// States why poses cannot be the start of an arm's calibration: they have another meaning, or the board's squares
-/// have another size, which an arm's lengths would absorb.
+/// States why poses cannot be the start of an arm's calibration: they have another meaning, or the squares of the board
+/// have another size, which would cause wrong lengths of the arm.
 pub fn starting_pose_problem<A: Arrangement>(found: &HandEye<A>, square_mm: f64) -> Option<String> {
     if let Some(reading) = found.readings.first() {
         return Some(reading.to_string());
@@ -395,8 +399,7 @@ pub fn position_difference_mm<A: Arrangement>(first: &HandEye<A>, second: &HandE
 pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid<A::To, A::From>>) -> Judgement {
     let mut reasons = ReasonCollector::default();
     for (error, between) in found.distance_errors_mm.iter().zip(["1 and 2", "2 and 3", "1 and 3"]) {
-        let words =
-            format!("difference between the touched distance of points {between} and that on the board, mm");
+        let words = format!("difference between the touched and the nominal distance of points {between}, mm");
         reasons.check_bounds("distance", error.abs(), DISTANCE_ERROR_MM, &words);
     }
     reasons.check_bounds(
@@ -406,40 +409,41 @@ pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid
         "difference between the board's corners and its pose, rms, px",
     );
     if let Some(check) = found.check_mm {
-        reasons.check_bounds("check_point", check, CHECK_MM, "error of the fourth point, mm");
+        reasons.check_bounds("check_point", check, FOURTH_POINT_ERROR_MM, "error of the fourth point, mm");
     }
     let unseen = found.check_mm.is_none() || found.is_symmetric;
     reasons.add_review("no_check_point", unseen && rough.is_none(), || match found.check_mm {
         None => "three touched points have no residual, so a board that was touched from another corner would not \
-                 be detected; touch a fourth corner (p4) that the picture numbers, or state a rough mount in the \
-                 cell's file ([rough])"
+                 be detected; touch a fourth corner (p4) that is numbered in the picture, or state a rough mount in \
+                 the cell's file ([rough])"
             .to_owned(),
         Some(_) => "the four touched corners are symmetric, so a board that was touched from its other end would \
-                    not be detected; touch as the fourth corner (p4) one that breaks the symmetry, with the number \
-                    that the picture shows, or state a rough mount in the cell's file ([rough])"
+                    not be detected; touch as the fourth corner (p4) one that breaks the symmetry and is numbered \
+                    in the picture, or state a rough mount in the cell's file ([rough])"
             .to_owned(),
     });
     reasons.check_rough_pose::<A>(
         rough,
         &found.to_from_camera,
-        "check that the touched corners are those that the picture numbers",
+        "check that the touched corners are those that are numbered in the picture",
     );
     reasons.judgement()
 }
 
-/// An arm with a smaller error in left-out pictures needs no correction, mm.
-const GOOD_ARM_MM: f64 = 0.08;
-/// An arm with an error below this needs no correction either, if no correction removes any of the error, mm.
-const NEGLIGIBLE_ARM_ERROR_MM: f64 = 0.15;
+/// Maximum error in left-out pictures of an arm that needs no correction, mm.
+const MAX_GOOD_ARM_ERROR_MM: f64 = 0.08;
+/// Maximum error of an arm that needs no correction if no correction reduces the error, mm.
+const MAX_NEGLIGIBLE_ARM_ERROR_MM: f64 = 0.15;
 
 /// Returns whether the arm needs no correction: its nominal geometry is good, or it is nearly good and a correction
-/// does not reduce the error. The error is then the scatter of the pictures.
+/// does not reduce the error. The remaining error is then the scatter of the pictures.
 pub fn needs_no_correction(found: &RobotFound) -> bool {
     let (before, after) = (found.uncorrected_left_out_mm, found.corrected_left_out_mm);
-    before < GOOD_ARM_MM || (before < NEGLIGIBLE_ARM_ERROR_MM && after > REMAINING_ERROR_SHARE.1 * before)
+    before < MAX_GOOD_ARM_ERROR_MM
+        || (before < MAX_NEGLIGIBLE_ARM_ERROR_MM && after > REMAINING_ERROR_SHARE.1 * before)
 }
 
-/// Judges whether the arm's correction is worth using. `views` is the number of pictures.
+/// Judges whether the arm's correction reduces the error enough to be used. `views` is the number of pictures.
 pub fn robot(found: &RobotFound, views: usize) -> Judgement {
     let mut reasons = ReasonCollector::default();
     let (before, after) = (found.uncorrected_left_out_mm, found.corrected_left_out_mm);
@@ -474,7 +478,7 @@ pub fn robot(found: &RobotFound, views: usize) -> Judgement {
     reasons.judgement()
 }
 
-/// Judges whether the tool is good enough. Without an axis the tool may be used to point, but not to sand.
+/// Judges whether the tool is good enough. Without an axis the tool may be used to touch points, but not to sand.
 pub fn tool(point: &ToolPoint, axis: Option<&ToolAxis>, readings: &[PoseReading]) -> Judgement {
     let mut reasons = ReasonCollector::default();
     let fitting: Vec<String> = readings.iter().map(|reading| format!(" ({reading})")).collect();
@@ -491,7 +495,7 @@ pub fn tool(point: &ToolPoint, axis: Option<&ToolAxis>, readings: &[PoseReading]
             reasons.check_bounds(
                 "axis",
                 worst,
-                AXIS_DEG,
+                AXIS_SCATTER_DEG,
                 "difference between the touches in the direction of the axis, \
                                                     degrees",
             );

@@ -2,15 +2,15 @@
 //!
 //! Pose of the board in each picture → closed-form start by consensus → joint adjustment (`adjust`) over the stations
 //! that agree → test of every station against the adjustment without it → report of those that fail
-//! (`station_diagnosis`). The result states how far off it may be, in mm at a point of the panel, from the noise that
-//! the residuals show. If the residuals of neighbouring poses are alike, several poses count as one (`quantile`).
-//! `gate` judges whether that is good enough.
+//! (`station_diagnosis`). The result states its uncertainty, in mm at a point of the panel, computed from the noise
+//! that the residuals show. If the residuals of neighbouring poses are similar, several poses count as one
+//! (`quantile`). `gate` judges whether that is good enough.
 //!
-//! For the next pose, every station so far is tilted and rotated about the board's centre, and moved nearer and
-//! farther. Of those that keep the whole board in the picture, the best is the one after which the uncertainty at the
-//! panel is least, as the information of (2) in `adjust` predicts it.
+//! To suggest the next pose, each present pose is tilted and rotated about the board's centre, and moved nearer and
+//! farther. Only poses that keep the whole board in the picture are considered. For each, the information of (2) in
+//! `adjust` predicts the uncertainty at the panel; the best pose has the smallest.
 
-use super::adjust::{MIN_SPREAD_DEG, MountAdjustment, covariance_at};
+use super::adjust::{MIN_ROTATION_SPREAD_DEG, MountAdjustment, covariance_at};
 use super::board::Board;
 use super::chain::{Arrangement, BoardObservation, BoardPose, LengthFactor, Station, Twist, board_pose, log};
 use super::error::{CalibError, PoseReading};
@@ -26,17 +26,17 @@ use panelprep_cell::cell::LensCovariance;
 
 /// Minimum number of stations: with fewer, the result cannot be checked.
 pub const MIN_STATIONS: usize = 5;
-/// The probability with which a calibration sets aside a correct station.
+/// The probability that a calibration sets aside a correct station.
 const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
-/// Stations that are farther than this multiple of the median are not used in the first adjustment.
+/// Maximum distance of a station that is used in the first adjustment, as a multiple of the median distance.
 const MAX_START_MEDIANS: f64 = 3.0;
 const MAX_ROUNDS: usize = 10;
-/// A size error of the squares above this share makes correct poses look wrong.
+/// Maximum relative error of the squares' size at which correct poses do not yet look wrong.
 const MAX_SQUARE_SIZE_ERROR: f64 = 0.001;
-/// If the poses leave a larger residual than this, other readings of the poses are tried too, mm.
-const DOUBTFUL_RMS_MM: f64 = 0.5;
+/// If the residual of the poses is larger than this, other interpretations of the poses are tried, too, mm.
+const MAX_PLAUSIBLE_RMS_MM: f64 = 0.5;
 
-/// The difference between the board's poses by picture and by robot.
+/// The difference between the board's pose from the picture and its pose from the robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Residual {
     /// The picture.
@@ -45,9 +45,9 @@ pub struct Residual {
     pub distance_mm: f64,
     /// Turn, degrees.
     pub angle_deg: f64,
-    /// Whether it was used for the result.
+    /// Whether the picture was used for the result.
     pub used: bool,
-    /// Root mean square of the picture's own corners about the board's pose: px, or mm among 3D points.
+    /// Root mean square of the residuals of the picture's own corners in the board's pose: px, or mm for 3D points.
     pub corners_rms: f64,
 }
 
@@ -66,24 +66,25 @@ pub struct HandEye<A: Arrangement> {
     pub stated_point: Point<A::From>,
     /// Radius that contains the error at that point with 95 % probability, mm.
     pub uncertainty_mm: f64,
-    /// The number of poses that count as one, because the errors of the arm are alike in neighbouring poses; 1 if
+    /// The number of poses that count as one, because the errors of the arm are similar in neighbouring poses; 1 if
     /// they are independent.
     pub correlated_pose_count: f64,
     /// The lens's part of the stated point's covariance, mm²; zero if the lens is regarded as exact.
     pub lens_mm2: Matrix3<f64>,
-    /// How far the point moves when the worst single picture is left out, mm, and its name.
+    /// The distance by which the point moves if the picture with the largest influence is left out, mm, and the name of
+    /// that picture.
     pub worst_leave_one_out: (f64, String),
-    /// Spread of the turns about the second axis, degrees.
+    /// Spread of the rotations about the second of their principal axes, degrees.
     pub second_axis_deg: f64,
-    /// The stations that do not fit, with their probable explanation; judged with squares of the size that the motions
+    /// The stations that do not fit, with the probable cause. They are judged with squares of the size that the motions
     /// show.
     pub suspects: Vec<SuspectStation>,
     /// The size of the board's squares that the robot's motions show; `None` if the poses do not determine it.
     pub square: Option<SquareSize<A>>,
-    /// The focal length that the robot's motions show; not determined if the squares have another size, which has
-    /// nearly the same effect.
+    /// The focal length that the robot's motions show. It is not determined if the squares have another size, since
+    /// both have nearly the same effect.
     pub focal: Option<SquareSize<A>>,
-    /// Other readings of the poses that fit far better than the poses as they are written.
+    /// Other interpretations of the poses that fit far better than the poses as they are written.
     pub readings: Vec<PoseReading>,
 }
 
@@ -93,14 +94,14 @@ impl<A: Arrangement> HandEye<A> {
         self.adjustment.covariance_at(self.stated_point) * self.correlated_pose_count + self.lens_mm2
     }
 
-    /// Returns the degrees of freedom with which the covariance is known.
+    /// Returns the number of degrees of freedom from which the covariance was estimated.
     pub fn redundancy(&self) -> f64 {
         redundancy(&self.adjustment, self.correlated_pose_count)
     }
 
-    /// Returns this result for a lens that is known only to this covariance: the lens adds to the stated uncertainty.
-    /// The pose does not change; it is valid for this lens. Points of a 3D camera hardly depend on the lens, and
-    /// nothing is added for them.
+    /// Returns this result for a lens that is known only to this covariance: the lens increases the stated uncertainty.
+    /// The pose does not change; it is valid for this lens. Points of a 3D camera hardly depend on the lens, so their
+    /// uncertainty does not change.
     ///
     /// # Errors
     /// If a corner would be behind the camera.
@@ -112,7 +113,7 @@ impl<A: Arrangement> HandEye<A> {
     ) -> Result<Self, CalibError> {
         let used = stations.iter().zip(&self.residuals).filter(|(_, residual)| residual.used);
         let used: Vec<&Station<A::From>> = used.map(|(station, _)| station).collect();
-        let unsettled = CalibError::NotSettled { what: "the lens's share of the uncertainty" };
+        let unsettled = CalibError::NotSettled { what: "the computation of the lens's share of the uncertainty" };
         let added = adjust::lens_covariance_effect(camera, &self.adjustment, &used, lens).ok_or(unsettled)?;
         let lens_mm2 = adjust::covariance_at(&self.adjustment.to_from_camera, &added, self.stated_point);
         let covariance_mm2 =
@@ -146,7 +147,7 @@ impl<A: Arrangement> HandEye<A> {
 
     /// Returns whether the stated 95 % region, an ellipsoid about the stated point, contains an error of this size
     /// and direction.
-    pub fn region_holds(&self, error: Vector<A::To>) -> bool {
+    pub fn region_contains(&self, error: Vector<A::To>) -> bool {
         let reach = 3.0 * f_quantile(3.0, self.redundancy(), 0.95);
         let inverse = self.covariance_mm2().try_inverse();
         inverse.is_some_and(|inverse| error.mm.dot(&(inverse * error.mm)) <= reach)
@@ -154,10 +155,10 @@ impl<A: Arrangement> HandEye<A> {
 }
 
 /// Calibrates a mount. `at` is the point at which the uncertainty is stated, in the camera's frame; without it, the
-/// middle of the positions at which the board was seen.
+/// point is the middle of the positions at which the board was seen.
 ///
 /// # Errors
-/// If there are too few stations, or they rotate too little, their angles look like radians, or they contradict each
+/// If there are too few stations, they rotate too little, their angles look like radians, or they contradict each
 /// other.
 pub fn hand_eye<A: Arrangement>(
     camera: &PinholeCamera,
@@ -174,8 +175,8 @@ pub fn hand_eye<A: Arrangement>(
     let [origin, right, far, low] = board.outer_corners();
     let rim: Vec<_> =
         [origin, right, far, low].iter().filter_map(|&(column, row)| board.corner(column, row)).collect();
-    // Other readings are tried only after the poses as written fit nothing: a wrong reading can fit a few poses by
-    // chance.
+    // Other interpretations are tried only if the poses as written do not fit: a wrong interpretation can fit a few
+    // poses by chance.
     let start = adjust::start_by_consensus::<A>(&moved, &seen, &rim).map_err(|error| match error {
         CalibError::NoConsensus { poses: count, median_mm, .. } => {
             let readings = readings::fitting_readings::<A>(camera, board, stations, &poses);
@@ -183,8 +184,8 @@ pub fn hand_eye<A: Arrangement>(
         }
         error => error,
     })?;
-    // If the poses are few and scatter, they are too few but not wrong. Therefore at least the necessary number of
-    // stations is used at first.
+    // If the poses are few and scatter, they are too few but not wrong. Therefore the first adjustment uses at least
+    // the necessary number of stations.
     let mut sorted = start.distances_mm.clone();
     sorted.sort_by(f64::total_cmp);
     let needed = MIN_STATIONS.max(stations.len().div_ceil(2)).min(sorted.len());
@@ -192,14 +193,14 @@ pub fn hand_eye<A: Arrangement>(
     let begin: Vec<bool> = start.distances_mm.iter().map(|distance| *distance <= reach_mm).collect();
     let all = StationSet { camera, stations, poses: &poses };
     let (adjusted, used) = all.reject_outliers((start.to_from_camera, start.holder_from_board), begin)?;
-    let size = all.square(&adjusted, &used);
-    // Below this share the size changes no pose noticeably, and another size would only excuse wrong poses.
+    let size = all.determine_square_size(&adjusted, &used);
+    // Below this share, the size changes no pose noticeably; with another size, wrong poses could appear correct.
     let true_size =
         size.as_ref().filter(|size| size.contradicts_stated() && (size.ratio - 1.0).abs() > MAX_SQUARE_SIZE_ERROR);
 
     let focal = match &size {
-        // The two factors look nearly the same in the pictures, so the focal length is measured only if the squares
-        // agree.
+        // The two scale factors have nearly the same effect in the pictures, so the focal length is measured only if
+        // the squares agree.
         Some(size) if !size.contradicts_stated() => {
             let chosen: Vec<_> =
                 stations.iter().zip(&used).filter(|(_, used)| **used).map(|(one, _)| one).collect();
@@ -219,7 +220,7 @@ pub fn hand_eye<A: Arrangement>(
         (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
     };
     let suspects = match true_size {
-        // Poses are correct if only the stated size of the squares contradicts them.
+        // The poses are correct if only the stated size of the squares contradicts them.
         Some(_) => vec![],
         None => station_diagnosis::name(
             camera,
@@ -228,13 +229,13 @@ pub fn hand_eye<A: Arrangement>(
             stations,
             &poses,
             &used,
-            limit(&adjusted, stations.len()),
+            outlier_limit(&adjusted, stations.len()),
         ),
     };
     let turns: Vec<_> =
         moved.iter().zip(&used).filter(|(_, used)| **used).map(|(m, _)| m.isometry().inverse()).collect();
     let rms_mm = over_used(|residual| residual.distance_mm);
-    let doubtful = !suspects.is_empty() || rms_mm > DOUBTFUL_RMS_MM;
+    let doubtful = !suspects.is_empty() || rms_mm > MAX_PLAUSIBLE_RMS_MM;
     let readings = if doubtful { readings::fitting_readings::<A>(camera, board, stations, &poses) } else { vec![] };
     Ok(HandEye {
         rms_mm,
@@ -254,7 +255,7 @@ pub fn hand_eye<A: Arrangement>(
     })
 }
 
-/// The degrees of freedom if several poses count as one.
+/// Returns the degrees of freedom if several poses count as one.
 fn redundancy<A: Arrangement>(adjusted: &MountAdjustment<A>, poses_each: f64) -> f64 {
     (adjusted.redundancy / poses_each).max(1.0)
 }
@@ -268,7 +269,7 @@ fn with_size_uncertainty<A: Arrangement>(
 ) -> f64 {
     let contradicting = sizes.into_iter().flatten().filter(|size| size.contradicts_stated());
     // The contradiction is not resolved here: the error of the mount may be as large as the difference between the two
-    // answers.
+    // results.
     contradicting.fold(radius_mm, |radius_mm, size| radius_mm.hypot(size.moves_mm(adjusted, at)))
 }
 
@@ -289,8 +290,8 @@ fn check_rotation_spread<C: Frame>(stations: &[Station<C>], poses: &[BoardPose<C
         Degrees::from_rad(pairs.map(|(a, b)| a.rotation.angle_to(&b.rotation)).fold(0.0, f64::max)).0
     };
     let (seen_deg, said_deg) = (largest(&seen), largest(&said));
-    // If angles in radians are written as degrees, the flange turns by a fifty-seventh of the turn that the
-    // pictures show.
+    // If angles in radians are read as degrees, the rotation of the flange is 1/57 of the rotation that the pictures
+    // show.
     let small = stations.iter().all(|station| {
         let pose = KukaPose::from_rigid(&station.base_from_flange);
         [pose.a_deg, pose.b_deg, pose.c_deg].iter().all(|angle| angle.abs() < 3.15)
@@ -299,15 +300,17 @@ fn check_rotation_spread<C: Frame>(stations: &[Station<C>], poses: &[BoardPose<C
         return Err(CalibError::Radians { seen_deg });
     }
     let spread = adjust::second_axis_deg(&said).min(adjust::second_axis_deg(&seen));
-    if spread < MIN_SPREAD_DEG {
-        return Err(CalibError::TooLittleRotation { about_second_axis_deg: spread, needed_deg: MIN_SPREAD_DEG });
+    if spread < MIN_ROTATION_SPREAD_DEG {
+        return Err(CalibError::TooLittleRotation {
+            about_second_axis_deg: spread,
+            needed_deg: MIN_ROTATION_SPREAD_DEG,
+        });
     }
     Ok(())
 }
 
-/// Returns the maximum surprise (see [`adjust::outlier_statistic`]): a station with a larger one does not belong to the
-/// others.
-fn limit<A: Arrangement>(adjusted: &MountAdjustment<A>, stations: usize) -> f64 {
+/// Returns the limit of [`adjust::outlier_statistic`]: a station with a larger value does not fit the others.
+fn outlier_limit<A: Arrangement>(adjusted: &MountAdjustment<A>, stations: usize) -> f64 {
     6.0 * f_quantile(6.0, adjusted.redundancy, 1.0 - FALSE_ALARM_PROBABILITY / stations as f64)
 }
 
@@ -328,7 +331,8 @@ struct StationSet<'a, C: Frame> {
 }
 
 impl<C: Frame> StationSet<'_, C> {
-    /// Adjusts the stations that agree, until a test of each station against the result changes nothing.
+    /// Adjusts the stations that agree. Repeats this until the test of each station against the result changes no
+    /// selection.
     fn reject_outliers<A: Arrangement<From = C>>(
         &self,
         start: (Rigid<A::To, C>, Rigid<A::Holder, BoardFrame>),
@@ -354,7 +358,7 @@ impl<C: Frame> StationSet<'_, C> {
                 });
             }
             let adjusted = adjust::adjust::<A>(self.camera, &chosen, (&from.0, &from.1), None)?;
-            let limit = limit(&adjusted, self.stations.len());
+            let limit = outlier_limit(&adjusted, self.stations.len());
             let next: Vec<bool> = (0..self.stations.len())
                 .map(|index| self.outlier_statistic(&adjusted, index, used[index]) <= limit)
                 .collect();
@@ -367,12 +371,13 @@ impl<C: Frame> StationSet<'_, C> {
         }
         // Two stations at the limit may alternate: the last result is used. Each of the two is then either used or
         // reported.
-        last.map(|adjusted| (adjusted, used)).ok_or(CalibError::NotSettled { what: "the choice of poses" })
+        last.map(|adjusted| (adjusted, used)).ok_or(CalibError::NotSettled { what: "the selection of poses" })
     }
 
-    /// Determines the squares' size from the stations that agree. If it differs from the stated size, correct stations
-    /// may have been set aside for this reason: the stations are chosen again with squares of the measured size.
-    fn square<A: Arrangement<From = C>>(
+    /// Determines the size of the squares from the stations that agree. If it differs from the stated size, correct
+    /// stations may have been set aside for this reason: the stations are then selected again with squares of the
+    /// measured size.
+    fn determine_square_size<A: Arrangement<From = C>>(
         &self,
         adjusted: &MountAdjustment<A>,
         used: &[bool],
@@ -395,7 +400,7 @@ impl<C: Frame> StationSet<'_, C> {
         square::measure(self.camera, &chosen(&used), &first.adjustment, LengthFactor::Square).or(Some(first))
     }
 
-    /// Returns the surprise of a station, compared with the adjustment without it.
+    /// Returns the outlier statistic of a station, compared with the adjustment without it.
     fn outlier_statistic<A: Arrangement<From = C>>(
         &self,
         adjusted: &MountAdjustment<A>,
@@ -407,8 +412,8 @@ impl<C: Frame> StationSet<'_, C> {
         without.map_or(0.0, |without| adjust::outlier_statistic(self.camera, &without, station, seen))
     }
 
-    /// Returns the adjustment without one used station, approximated to first order. `None` if the other stations
-    /// determine nothing.
+    /// Returns the adjustment without one used station, approximated to first order; `None` if the other stations do
+    /// not determine it.
     fn leave_out<A: Arrangement<From = C>>(
         &self,
         adjusted: &MountAdjustment<A>,
@@ -476,15 +481,15 @@ impl<C: Frame> StationSet<'_, C> {
 /// A recommended pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Suggestion {
-    /// The pose to which the flange is to go.
+    /// The pose to which the flange must move.
     pub base_from_flange: KukaPose,
     /// The uncertainty after this pose, mm.
     pub uncertainty_mm: f64,
 }
 
 const TILT_DEG: f64 = 25.0;
-const NEARER: f64 = 0.8;
-/// If the board is tilted by more than this, its corners are detected poorly, degrees.
+const NEARER_FACTOR: f64 = 0.8;
+/// Maximum tilt of the board, degrees: at a larger tilt its corners are detected poorly.
 const MAX_TILT_DEG: f64 = 50.0;
 
 /// Returns the next pose, if one was found that reduces the uncertainty.
@@ -521,7 +526,7 @@ pub fn suggest_next_pose<A: Arrangement>(
     best.filter(|best| best.uncertainty_mm < found.uncertainty_mm)
 }
 
-/// A turn about the board's middle, and a factor on its distance.
+/// A rotation about the board's middle, and a factor for its distance.
 struct PoseChange {
     turn: UnitQuaternion<f64>,
     factor: f64,
@@ -530,7 +535,7 @@ struct PoseChange {
 fn changes() -> Vec<PoseChange> {
     let axes = [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y(), Vector3::z(), -Vector3::z()];
     let turn = |axis: &Vector3<f64>| UnitQuaternion::from_scaled_axis(axis * Degrees(TILT_DEG).to_rad());
-    [NEARER, 1.0, 1.0 / NEARER]
+    [NEARER_FACTOR, 1.0, 1.0 / NEARER_FACTOR]
         .into_iter()
         .flat_map(|factor| axes.iter().map(move |axis| PoseChange { turn: turn(axis), factor }).collect::<Vec<_>>())
         .collect()
@@ -549,7 +554,7 @@ fn rotated_pose<C: panelprep_base::geometry::Frame>(
     Rigid::from_isometry_unchecked(moved)
 }
 
-/// Returns the station that a picture would give, or `None` if the board leaves the picture or is tilted too far.
+/// Returns the station that a picture would give; `None` if the board leaves the picture or is tilted too far.
 fn simulate_station<A: Arrangement>(
     camera: &PinholeCamera,
     board: &Board,

@@ -7,7 +7,7 @@ use panelprep_base::number_text::{distinguishable_percents, distinguishable_text
 use panelprep_base::verdict::{Judgement, Reason};
 use panelprep_cell::cell::{LensExtent, Limits};
 
-/// The subject of a verification of a compliant tool's force without contact: its error and its limit are in N.
+/// The subject of a verification of the force of a compliant tool without contact: its error and its limit are in N.
 pub const TOOL_FORCE: &str = "tool_force";
 
 /// Returns the unit of a subject's error and limit.
@@ -21,9 +21,9 @@ pub struct Verification {
     /// Subject of the verification: `scanner`, `flange_camera`, `tool`, or the force of a compliant tool,
     /// [`TOOL_FORCE`], with numbers in N.
     pub subject: String,
-    /// Largest distance between the known and the measured position of the target, mm; for a force its error, N.
+    /// Largest distance between the known and the measured position of the target, mm; for a force, the error in N.
     pub error: f64,
-    /// The largest allowed error, in the same unit.
+    /// The limit of the error, in the same unit.
     pub limit: f64,
     /// Content hash of the calibration files that were used, in the order of the cell's keys.
     pub calibration_hash: String,
@@ -47,14 +47,14 @@ pub struct Strike {
 /// The requirements of the cell's file for the last verification.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VerificationLimits {
-    /// Largest error, in the unit of the subject.
+    /// Maximum error, in the unit of the subject.
     pub limit: f64,
     /// Largest age, hours.
     pub max_age_h: f64,
 }
 
 impl VerificationLimits {
-    /// Returns the demands of the cell's file.
+    /// Returns the requirements of the cell's file.
     pub fn from_limits(limits: &Limits) -> Self {
         VerificationLimits { limit: limits.verify_limit_mm(), max_age_h: limits.verify_max_age_h() }
     }
@@ -77,8 +77,8 @@ pub fn square_size_from_touches(board: &Board, touched: &[(Point<BoardFrame>, Po
     for (index, first) in touched.iter().enumerate() {
         for second in &touched[index + 1..] {
             let (of_board, of_arm) = (first.0.distance_mm(second.0), first.1.distance_mm(second.1));
-            // Over all pairs, weighted by their distance: long distances carry the scale, short ones carry mostly the
-            // error of the touches.
+            // The sums run over all pairs, weighted by their distance: long distances determine the scale, short ones
+            // mainly contain the error of the touches.
             both += of_board * of_arm;
             own += of_board * of_board;
         }
@@ -86,13 +86,14 @@ pub fn square_size_from_touches(board: &Board, touched: &[(Point<BoardFrame>, Po
     (own > 0.0).then(|| board.square_mm() * both / own)
 }
 
-/// The largest reprojection error of a flat board of squares with a correct lens, px rms.
+/// Maximum reprojection error of a flat board of squares with a correct lens, px rms.
 const MAX_PNP_RMS_PX: f64 = 1.0;
-/// A bumped camera turns the board in its view by less than this; if the corners are counted from another corner,
-/// the board turns by 90° or 180°.
-const MAX_TURN_DEG: f64 = 20.0;
-/// The largest difference of the squares' size as the 3D camera measures it from the board's, as a share.
-const MAX_SQUARE_SHARE: f64 = 0.02;
+/// Maximum rotation of the board in the view of a bumped camera, degrees. If the corners are counted from another
+/// corner, the board appears rotated by 90° or 180°.
+const MAX_BOARD_ROTATION_DEG: f64 = 20.0;
+/// Maximum relative difference between the size of the squares as the 3D camera measures it and the board's stated
+/// size.
+const MAX_SQUARE_DIFFERENCE_SHARE: f64 = 0.02;
 
 /// A board's pose from one picture.
 #[derive(Debug, Clone, Copy)]
@@ -105,7 +106,7 @@ pub struct BoardMeasurement {
     pub measured_square_mm: Option<f64>,
 }
 
-/// States why the seen corners cannot be those of this board; `None` if they can.
+/// Returns the reason why the seen corners cannot be those of this board; `None` if they can.
 pub fn board_mismatch(look: &BoardMeasurement, board: &Board) -> Option<Reason> {
     let rms_px = look.pnp_rms_px;
     if rms_px.is_nan() || rms_px > MAX_PNP_RMS_PX {
@@ -117,8 +118,8 @@ pub fn board_mismatch(look: &BoardMeasurement, board: &Board) -> Option<Reason> 
     }
     let (measured_mm, square_mm) = (look.measured_square_mm?, board.square_mm());
     let differs = (measured_mm / square_mm - 1.0).abs();
-    (differs.is_nan() || differs > MAX_SQUARE_SHARE).then(|| {
-        let [share, allowed] = distinguishable_percents(differs, MAX_SQUARE_SHARE, 1);
+    (differs.is_nan() || differs > MAX_SQUARE_DIFFERENCE_SHARE).then(|| {
+        let [share, allowed] = distinguishable_percents(differs, MAX_SQUARE_DIFFERENCE_SHARE, 1);
         implausible_reason(format!(
             "the 3D camera measures squares of {} mm, but the stated side is {square_mm} mm, a difference of \
              {share} % (limit {allowed} %): measure the board, and correct its size.",
@@ -127,8 +128,8 @@ pub fn board_mismatch(look: &BoardMeasurement, board: &Board) -> Option<Reason> 
     })
 }
 
-/// States why a measurement at these pixels is refused: the pictures from which the lens was calibrated do not
-/// support it there; `None` if they do.
+/// Returns the reason why a measurement at these pixels is refused: the pictures from which the lens was calibrated do
+/// not determine it there. `None` if they do.
 pub fn lens_extent_refusal(extent: &LensExtent, pixels: impl IntoIterator<Item = Pixel>) -> Option<Reason> {
     let error_px = extent.supported.as_ref()?.error_px;
     let pixel = pixels.into_iter().find(|pixel| !extent.contains_pixel(*pixel))?;
@@ -141,8 +142,8 @@ pub fn lens_extent_refusal(extent: &LensExtent, pixels: impl IntoIterator<Item =
     Some(Reason::new("outside_of_lens", message))
 }
 
-/// States why a measurement carries no information on the calibration: it is of another board, of a board at another
-/// position, or from another pose of the flange. `None` if it can be used.
+/// Returns the reason why a measurement carries no information on the calibration: it shows another board, a board at
+/// another position, or belongs to another pose of the flange. `None` if it can be used.
 ///
 /// A camera that was bumped shows the board displaced by less than half of the board's own diagonal, and rotated by
 /// less than 20°.
@@ -154,11 +155,11 @@ pub fn uninformative_measurement(
     if let Some(reason) = board_mismatch(look, board) {
         return Some(reason);
     }
-    let turn_deg = (known.inverse() * look.base_from_board).rotation_angle().0;
-    if turn_deg.is_nan() || turn_deg > MAX_TURN_DEG {
-        let [turn, allowed] = distinguishable_texts(turn_deg, MAX_TURN_DEG, 0);
+    let turn_deg = (known.inverse() * look.base_from_board).turn().0;
+    if turn_deg.is_nan() || turn_deg > MAX_BOARD_ROTATION_DEG {
+        let [turn, allowed] = distinguishable_texts(turn_deg, MAX_BOARD_ROTATION_DEG, 0);
         return Some(implausible_reason(format!(
-            "the board appears turned by {turn}° (limit {allowed}°): check that its corners are counted as in the \
+            "the board appears rotated by {turn}° (limit {allowed}°): check that its corners are counted as in the \
              target's file, that the board was not moved, and that --flange is the flange pose of this picture."
         )));
     }
@@ -174,8 +175,8 @@ pub fn uninformative_measurement(
     })
 }
 
-/// States why a board's pose is not accepted as a reference: the 3D camera's points and its picture give different
-/// distances; `None` if they agree.
+/// Returns the reason why a board's pose is not accepted as a reference: the points of the 3D camera and its picture
+/// give different distances. `None` if they agree.
 pub fn depth_differs(farther_mm: f64, limit_mm: f64) -> Option<Reason> {
     (farther_mm.is_nan() || farther_mm.abs() > limit_mm).then(|| {
         let [found, allowed] = distinguishable_texts(farther_mm.abs(), limit_mm, 2);
@@ -196,8 +197,8 @@ fn implausible_reason(what: String) -> Reason {
     Reason::new("implausible", message)
 }
 
-/// Returns a reason if the error of a verification is larger than the cell's file now allows. A NaN is beyond every
-/// limit.
+/// Returns a reason if the error of a verification is larger than the present limit in the cell's file. A NaN is beyond
+/// every limit.
 pub fn exceeded_limit_reason(last: &Verification, demands: VerificationLimits) -> Option<Reason> {
     let (subject, found, allowed) = (&last.subject, last.error, demands.limit);
     (found.is_nan() || found > allowed).then(|| {
@@ -217,10 +218,10 @@ fn advice(subject: &str) -> String {
     format!("run `panelprep calibrate verify --camera {}`", subject.replace('_', "-"))
 }
 
-/// Judges whether a cycle may start. `last` is the newest verification of this subject; `calibration_hash` is the
-/// hash of the files in use now.
+/// Judges whether a cycle may start. `last` is the newest verification of this subject; `calibration_hash` is the hash
+/// of the calibration files that are in use now.
 ///
-/// Rejects if the verification is missing, older than allowed, from the future, beyond the limit, or of other
+/// Rejects if the verification is missing, older than its maximum age, from the future, beyond the limit, or of other
 /// calibration files.
 pub fn health(
     subject: &str,
@@ -263,10 +264,10 @@ pub fn health(
     Judgement::new(reject, vec![])
 }
 
-/// The share of a verification's maximum age after which a warning is given: its last tenth.
+/// The share of a verification's maximum age after which a warning is given: the warning comes in the last tenth.
 const WARNING_AGE_SHARE: f64 = 0.9;
 
-/// Returns a warning for a verification that still counts but will soon be too old.
+/// Returns a warning for a verification that is still valid but will soon be too old.
 pub fn expiry_warning(last: &Verification, now_unix_s: i64, demands: VerificationLimits) -> Option<Reason> {
     let age_h = (now_unix_s - last.at_unix_s) as f64 / 3600.0;
     let is_soon =
@@ -303,8 +304,8 @@ pub struct CameraHealth<'a> {
 
 /// Judges whether a cycle may start with these calibrations.
 ///
-/// Rejects if a camera's [`health`] rejects, or if the newest touch with the present tool was beyond the limit. A tool
-/// need not be touched: without a touch the robot's part of the error is not measured, and the budget states this.
+/// Rejects if a camera's [`health`] rejects, or if the newest touch with the present tool was beyond the limit. A touch
+/// is not required: without one, the robot's part of the error is not measured, and the budget states this.
 pub fn judge_start(
     cameras: &[CameraHealth<'_>],
     touch: Option<&Verification>,
@@ -314,7 +315,7 @@ pub fn judge_start(
     let of_camera = |camera: &CameraHealth<'_>| {
         health(camera.subject, camera.last, camera.calibration_hash, now_unix_s, demands).reasons
     };
-    // A touch that exists and is bad stops the cell; a missing one is stated in the error budget.
+    // A touch with an error beyond the limit prevents the start; a missing touch is only stated in the error budget.
     let of_touch = touch.and_then(|touch| exceeded_limit_reason(touch, demands));
     Judgement::new(cameras.iter().flat_map(of_camera).chain(of_touch).collect(), vec![])
 }
@@ -325,12 +326,12 @@ mod tests {
     use nalgebra::{Isometry3, Vector3};
     use panelprep_base::verdict::Verdict;
 
-    const DEMANDS: VerificationLimits = VerificationLimits { limit: 0.5, max_age_h: 24.0 };
+    const REQUIREMENTS: VerificationLimits = VerificationLimits { limit: 0.5, max_age_h: 24.0 };
 
-    /// Both cameras must have been verified. A tool that was never touched is not a reason to refuse the start; a touch
-    /// that was beyond the limit is one.
+    /// Both cameras must have been verified. If a tool was never touched, the cycle may start; if the error of its last
+    /// touch was beyond the limit, it may not.
     #[test]
-    fn a_cycle_starts_on_verified_cameras_and_no_bad_touch() {
+    fn a_cycle_starts_with_verified_cameras_and_without_a_bad_touch() {
         let last = |subject: &str, error: f64| Verification {
             subject: subject.to_owned(),
             error,
@@ -342,7 +343,7 @@ mod tests {
         let (scanner, touch) = (last("scanner", 0.1), last("tool", 0.6));
         let camera = |last| CameraHealth { subject: "scanner", last, calibration_hash: "h" };
         let codes = |cameras: &[CameraHealth<'_>], touch| -> Vec<String> {
-            let judgement = judge_start(cameras, touch, 3_600, DEMANDS);
+            let judgement = judge_start(cameras, touch, 3_600, REQUIREMENTS);
             judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect()
         };
         assert_eq!(codes(&[camera(Some(&scanner))], None), Vec::<String>::new());
@@ -355,25 +356,26 @@ mod tests {
         Verification { subject, error, limit: 0.5, calibration_hash: "ab".to_owned(), at_unix_s, struck: None }
     }
 
-    /// Calculated by hand: of 24 h the last tenth begins after 21.6 h.
+    /// Calculated by hand: the last tenth of 24 h begins after 21.6 h.
     #[test]
-    fn a_verification_is_reported_to_end_in_its_last_tenth() {
+    fn a_warning_is_given_in_the_last_tenth_of_a_verification() {
         let now = 1_700_000_000;
         let code = |hours: f64| {
             let last = verified(0.2, now - (hours * 3_600.0) as i64);
-            expiry_warning(&last, now, DEMANDS).map(|reason| reason.code.into_owned())
+            expiry_warning(&last, now, REQUIREMENTS).map(|reason| reason.code.into_owned())
         };
         assert_eq!([code(21.5), code(24.1)], [None, None]);
         assert_eq!([code(21.7), code(23.9)].map(|code| code.expect("soon")), ["verification_ends"; 2]);
         let strike = Strike { by: "A. Smith".to_owned(), why: "another board".to_owned(), at_unix_s: now };
         let struck = Verification { struck: Some(strike), ..verified(0.2, now - 23 * 3_600) };
-        assert_eq!(expiry_warning(&struck, now, DEMANDS), None);
+        assert_eq!(expiry_warning(&struck, now, REQUIREMENTS), None);
     }
 
     #[test]
-    fn a_cycle_starts_only_on_a_fresh_and_good_verification() {
+    fn a_cycle_starts_only_with_a_recent_and_good_verification() {
         let now = 1_700_000_000;
-        let judge = |last: Option<Verification>, hash: &str| health("scanner", last.as_ref(), hash, now, DEMANDS);
+        let judge =
+            |last: Option<Verification>, hash: &str| health("scanner", last.as_ref(), hash, now, REQUIREMENTS);
         assert_eq!(judge(Some(verified(0.2, now - 3600)), "ab").verdict, Verdict::Accept);
         let strike = Strike { by: "A. Smith".to_owned(), why: "another board".to_owned(), at_unix_s: now };
         let struck = Verification { struck: Some(strike), ..verified(0.2, now - 60) };
@@ -395,10 +397,10 @@ mod tests {
         }
     }
 
-    /// Calculated by hand, a board of 5 × 4 corners and squares of 40 mm: its middle is 100 mm from its first
-    /// corner; 40 mm and 2 % are 40.8 mm. Each limit is tested on both sides.
+    /// Calculated by hand for a board of 5 × 4 corners and squares of 40 mm: its middle is 100 mm from its first
+    /// corner, and 40 mm plus 2 % are 40.8 mm. Each limit is tested on both sides.
     #[test]
-    fn a_look_that_cannot_be_the_board_is_distinguished_from_a_bumped_camera() {
+    fn another_board_is_distinguished_from_a_bumped_camera() {
         let board = Board::parse("5x4", 40.0).expect("a board");
         let known: Rigid<Base, BoardFrame> =
             Rigid::from_isometry_unchecked(Isometry3::translation(500.0, 0.0, 0.0));
@@ -415,7 +417,7 @@ mod tests {
         };
         for (kept, refused, words) in [
             (look(99.0, 0.0, 0.1, None), look(101.0, 0.0, 0.1, None), "101 mm from its expected position"),
-            (look(0.0, 19.0, 0.1, None), look(0.0, 21.0, 0.1, None), "turned by 21°"),
+            (look(0.0, 19.0, 0.1, None), look(0.0, 21.0, 0.1, None), "rotated by 21°"),
             (look(0.0, 0.0, 0.9, None), look(0.0, 0.0, 1.1, None), "1.10 px rms"),
             (look(0.0, 0.0, 0.1, Some(40.7)), look(0.0, 0.0, 0.1, Some(40.9)), "squares of 40.90 mm"),
             (look(0.0, 0.0, 0.1, Some(39.3)), look(f64::NAN, 0.0, 0.1, None), "unknown mm"),
@@ -426,10 +428,10 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: corners of a board with squares of 40 mm that were touched 0.5 % farther apart state
-    /// 40.2 mm.
+    /// Calculated by hand: if the touched corners of a board with squares of 40 mm are 0.5 % farther apart, the squares
+    /// measure 40.2 mm.
     #[test]
-    fn touched_corners_state_the_squares_size() {
+    fn touched_corners_determine_the_size_of_the_squares() {
         let board = Board::parse("5x4", 40.0).expect("a board");
         let corners = [[0.0, 0.0], [160.0, 0.0], [160.0, 120.0]];
         let touched = corners.map(|[x, y]| (Point::at(x, y, 0.0), Point::at(500.0 + 1.005 * x, 1.005 * y, 100.0)));
@@ -438,8 +440,8 @@ mod tests {
         assert_eq!(square_size_from_touches(&board, &touched[..1]), None);
     }
 
-    /// Calculated by hand: with a board that is turned by 0.01 rad about its origin, a corner 100 mm away has an
-    /// error of 1 mm.
+    /// Calculated by hand: if the board is rotated by 0.01 rad about its origin, a corner 100 mm away has an error of 1
+    /// mm.
     #[test]
     fn the_farthest_corner_counts() {
         let known: Rigid<Base, BoardFrame> =

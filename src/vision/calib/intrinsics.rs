@@ -1,10 +1,10 @@
-//! Intrinsics from pictures of a board (thesis 3.6), and how far they can be trusted.
+//! Intrinsics from pictures of a board (thesis 3.6), with their uncertainty.
 //!
-//! `lens_fit` minimises the reprojection error of all corners over the camera and every board's pose, among lenses
-//! that can be inverted over the whole picture. A picture with corners that fit far worse than the others' (blurred,
-//! bent board, wrong corners) is set aside with the reason, and the rest is calibrated again. [`choose`] selects how
-//! many distortion coefficients the pictures support, and [`shape`] tests whether the board is flat. The coverage of
-//! the picture and the tilts of the board show what the pictures can determine: without tilt, focal length and
+//! `lens_fit` minimises the reprojection error of all corners over the camera and every board's pose, among lenses that
+//! can be inverted over the whole picture. A picture with corners that fit far worse than the others' (blurred, bent
+//! board, wrong corners) is set aside with the reason, and the rest is calibrated again. [`choose`] selects how many
+//! distortion coefficients the pictures support, and [`fit_board_shape`] tests whether the board is flat. The coverage
+//! of the picture and the tilts of the board show what the pictures can determine: without tilt, focal length and
 //! distance cannot be distinguished; without corners near the rim, distortion is extrapolated.
 //!
 //! Each lens model is fitted without some of the pictures and judged by its prediction of these pictures. A
@@ -49,16 +49,16 @@ pub struct View {
 pub struct ViewResult {
     /// The picture.
     pub name: String,
-    /// Root mean square of the distances of the picture's corners, px.
+    /// Root mean square distance of the picture's corners from the camera model, px.
     pub rms_px: f64,
-    /// The reason why it was set aside; `None` if it was used.
+    /// The reason why the picture was set aside; `None` if it was used.
     pub exclusion_reason: Option<String>,
 }
 
 /// A corner with its residual in the camera model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CornerResidual {
-    /// The pixel at which it was found.
+    /// The pixel at which the corner was found.
     pub pixel: Pixel,
     /// Found minus computed, u, px.
     pub du_px: f64,
@@ -69,9 +69,9 @@ pub struct CornerResidual {
 /// A calibrated camera with its evidence.
 #[derive(Debug, Clone)]
 pub struct Calibrated {
-    /// The camera; coefficients that are not in the model are 0.
+    /// The camera; coefficients that the model does not contain are 0.
     pub camera: PinholeCamera,
-    /// The lens model, which states the coefficients.
+    /// The lens model: it states which coefficients the lens has.
     pub model: LensModel,
     /// Prediction error of each model on pictures that were left out, the simplest model first.
     pub trials: Vec<ModelTrial>,
@@ -102,7 +102,7 @@ pub struct Calibrated {
 }
 
 impl Calibrated {
-    /// Returns the picture of this board that would help most; `None` if none helps much.
+    /// Returns the picture of this board that would improve the lens most; `None` if no picture improves it much.
     pub fn next_picture(&self, board: &BoardPattern) -> Option<NextPicture> {
         lens_support::best_next_picture(&self.camera, board, &self.information)
     }
@@ -117,15 +117,15 @@ pub struct Options {
     pub model: Option<LensModel>,
 }
 
-/// Minimum number of pictures: fewer determine no camera.
+/// Minimum number of pictures: fewer do not determine a camera.
 pub const MIN_VIEWS: usize = 4;
-/// A picture whose residual is this multiple of the median is set aside.
-const OUTLIER_FACTOR: f64 = 2.5;
-/// Pictures with a smaller residual than this are good, independent of the others, px.
-const GOOD_PX: f64 = 0.15;
-/// At most this share of the pictures is set aside.
+/// A picture is set aside if its residual is more than this multiple of the median.
+const MIN_OUTLIER_RATIO: f64 = 2.5;
+/// Maximum residual of a picture that is good independently of the others, px.
+const MAX_GOOD_RMS_PX: f64 = 0.15;
+/// Maximum share of the pictures that are set aside.
 const MAX_EXCLUDED_SHARE: f64 = 0.34;
-const FIELDS: (usize, usize) = (8, 6);
+const COVERAGE_FIELDS: (usize, usize) = (8, 6);
 
 /// Calibrates a camera's intrinsics from pictures of a board.
 ///
@@ -140,13 +140,14 @@ pub fn calibrate(size: (usize, usize), views: &[View], options: Options) -> Resu
             let (found, given) = (used.len(), views.len());
             return Err(CalibError::TooFewPictures { found, given, needed: MIN_VIEWS, first_reason: None });
         }
-        // A model of medium size: a simpler one would make pictures with corners near the border look wrong, a larger
-        // one would overfit bad pictures.
+        // A model of medium size: with a simpler one, pictures with corners near the border would look wrong; a larger
+        // one would fit the errors of bad pictures.
         let first = fit_lens(size, &used, options.model.unwrap_or(LensModel::Tangential))?;
         let rms = rms_per_picture(&first, &used);
         let set_aside = aside.iter().flatten().count() + 1;
         let allowed = !options.keep_all_pictures && set_aside as f64 <= MAX_EXCLUDED_SHARE * views.len() as f64;
-        // One at a time and fitted again: a bad picture pulls the lens, so that good ones look worse than they are.
+        // One picture at a time, then a new fit: a bad picture changes the lens, so that good pictures look worse than
+        // they are.
         let Some((worst, limit_px)) = worst_outlier(&rms).filter(|_| allowed && used.len() > MIN_VIEWS) else {
             return choose_model(first, &used, options.model, (views, &aside));
         };
@@ -172,7 +173,8 @@ fn fit_lens(size: (usize, usize), used: &[&View], model: LensModel) -> Result<Le
     let start = foreign::calibrate_camera(size, &corners)?;
     let poses = start.camera_from_board.iter().map(|pose| Rigid::from_isometry_unchecked(*pose)).collect();
     let start = LensFit { camera: start.camera, poses, square: 0.0, rows: 0.0 };
-    lens_fit::fit(model, start, &used_corners(used)).ok_or(CalibError::NotSettled { what: "the lens" })
+    lens_fit::fit(model, start, &used_corners(used))
+        .ok_or(CalibError::NotSettled { what: "the adjustment of the lens" })
 }
 
 fn rms_per_picture(fit: &LensFit, used: &[&View]) -> Vec<f64> {
@@ -180,14 +182,14 @@ fn rms_per_picture(fit: &LensFit, used: &[&View]) -> Vec<f64> {
     used.iter().zip(&fit.poses).map(rms).collect()
 }
 
-/// Chooses the model and gathers its evidence.
+/// Chooses the lens model and computes its evidence.
 fn choose_model(
     first: LensFit,
     used: &[&View],
     model: Option<LensModel>,
     (views, aside): (&[View], &[Option<(f64, String)>]),
 ) -> Result<Calibrated, CalibError> {
-    let unsettled = CalibError::NotSettled { what: "the lens" };
+    let unsettled = CalibError::NotSettled { what: "the adjustment of the lens" };
     let corners = used_corners(used);
     let models = model.map_or_else(|| LensModel::ALL.to_vec(), |model| vec![model]);
     let mut start = first;
@@ -214,8 +216,8 @@ fn choose_model(
     if redundancy <= 0.0 || left_out.is_empty() {
         return Err(unsettled);
     }
-    // The larger of two estimates: corners that are off in the same way in each picture hardly show in the residuals of
-    // the fit itself.
+    // The larger of two estimates: if corners deviate in the same way in each picture, the residuals of the fit itself
+    // hardly show this.
     let variance_px2 = (found.square / redundancy).max(left_out_square / (found.rows - poses));
     let information = lens_fit::information(&found.camera, &grams, variance_px2);
     let information = information.ok_or_else(|| unsettled.clone())?;
@@ -240,7 +242,7 @@ fn choose_model(
         left_out_rms_px: (left_out_square / left_out.len() as f64).sqrt(),
         left_out_95_px: left_out[((left_out.len() as f64 * 0.95).ceil() as usize).clamp(1, left_out.len()) - 1],
         deviations: std::array::from_fn(|index| covariance[(index, index)].sqrt()),
-        // In parts of the picture without corners a lens model is an extrapolation, whose polynomial may be off by
+        // In parts of the picture without corners a lens model extrapolates, and its polynomial may be wrong by several
         // pixels.
         support: lens_support::compute_support(&found.camera, &covariance, &corners),
         covariance,
@@ -248,7 +250,7 @@ fn choose_model(
         coverage: coverage(size, used.iter().flat_map(|view| &view.corners)),
         tilt_deg: board_tilts(&found.poses),
         residuals: residuals.concat(),
-        board_shape: shape(choice.model, &found, &corners),
+        board_shape: fit_board_shape(choice.model, &found, &corners),
         information,
     })
 }
@@ -268,7 +270,7 @@ fn rms_px(residuals: &[CornerResidual]) -> f64 {
 
 /// Returns the worst picture and the limit that it exceeds.
 fn worst_outlier(rms: &[f64]) -> Option<(usize, f64)> {
-    let limit_px = (OUTLIER_FACTOR * median(&mut rms.to_vec())?).max(GOOD_PX);
+    let limit_px = (MIN_OUTLIER_RATIO * median(&mut rms.to_vec())?).max(MAX_GOOD_RMS_PX);
     let (worst, largest) = rms.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1))?;
     (*largest > limit_px).then_some((worst, limit_px))
 }
@@ -278,10 +280,10 @@ pub fn coverage<'c>(
     (width, height): (usize, usize),
     corners: impl IntoIterator<Item = &'c (Point<Board>, Pixel)>,
 ) -> f64 {
-    let mut seen = vec![false; FIELDS.0 * FIELDS.1];
+    let mut seen = vec![false; COVERAGE_FIELDS.0 * COVERAGE_FIELDS.1];
     for (_, pixel) in corners {
         if let Some((column, row)) = pixel.nearest_whole(width, height) {
-            seen[row * FIELDS.1 / height * FIELDS.0 + column * FIELDS.0 / width] = true;
+            seen[row * COVERAGE_FIELDS.1 / height * COVERAGE_FIELDS.0 + column * COVERAGE_FIELDS.0 / width] = true;
         }
     }
     seen.iter().filter(|seen| **seen).count() as f64 / seen.len() as f64
@@ -303,25 +305,25 @@ pub struct ModelTrial {
     pub left_out_rms_px: Option<f64>,
     /// The relative increase of the mean square over that of the best model, as the mean over the pictures.
     pub relative_increase: f64,
-    /// The standard error of `worse`.
-    pub worse_error: f64,
+    /// The standard error of `relative_increase`.
+    pub increase_error: f64,
 }
 
-/// A left-out picture: the distances of its corners under the lens of the other pictures, px.
+/// The distances of the corners of a left-out picture from the lens that was fitted to the other pictures, px.
 type LeftOutDistances = Vec<f64>;
 
 /// The judged models.
 struct ModelChoice {
     pub model: LensModel,
     pub trials: Vec<ModelTrial>,
-    /// The distances in each picture when it was left out, under the chosen model.
+    /// The distances in each picture when it was left out, for the chosen model.
     pub left_out_distances: Vec<LeftOutDistances>,
 }
 
 /// The number of groups in which pictures are left out.
 const GROUPS: usize = 5;
 
-/// Chooses among fits of all pictures, one for each model.
+/// Chooses a model; `fits` has the fit of each model to all pictures.
 fn choose(fits: &[(LensModel, Option<LensFit>)], views: &[&Corners]) -> Option<ModelChoice> {
     let groups = GROUPS.min(views.len());
     let tasks: Vec<(usize, usize)> = (0..fits.len()).flat_map(|fit| (0..groups).map(move |g| (fit, g))).collect();
@@ -341,17 +343,19 @@ fn choose(fits: &[(LensModel, Option<LensFit>)], views: &[&Corners]) -> Option<M
             Some(pictures.into_iter().map(|(_, left_out)| left_out).collect())
         })
         .collect();
-    let best = all.iter().flatten().min_by(|a, b| square(a).total_cmp(&square(b)))?.clone();
+    let best = all.iter().flatten().min_by(|a, b| sum_of_squares(a).total_cmp(&sum_of_squares(b)))?.clone();
     let trials: Vec<ModelTrial> =
         fits.iter().zip(&all).map(|((model, _), all)| trial(*model, all.as_ref(), &best)).collect();
     let chosen =
-        // The first within one standard error of the best: more coefficients than the pictures prove only add
-        // uncertainty at the border.
-        trials.iter().position(|trial| trial.left_out_rms_px.is_some() && trial.relative_increase <= trial.worse_error)?;
+        // The simplest model within one standard error of the best: coefficients that the pictures do not prove only
+        // add uncertainty at the border.
+        trials.iter().position(|trial| {
+            trial.left_out_rms_px.is_some() && trial.relative_increase <= trial.increase_error
+        })?;
     Some(ModelChoice { model: trials[chosen].model, left_out_distances: all[chosen].clone()?, trials })
 }
 
-fn square(pictures: &[LeftOutDistances]) -> f64 {
+fn sum_of_squares(pictures: &[LeftOutDistances]) -> f64 {
     pictures.iter().flatten().map(|px| px * px).sum()
 }
 
@@ -361,7 +365,7 @@ fn mean_square(picture: &LeftOutDistances) -> f64 {
 
 fn trial(model: LensModel, pictures: Option<&Vec<LeftOutDistances>>, best: &[LeftOutDistances]) -> ModelTrial {
     let Some(pictures) = pictures else {
-        return ModelTrial { model, left_out_rms_px: None, relative_increase: f64::INFINITY, worse_error: 0.0 };
+        return ModelTrial { model, left_out_rms_px: None, relative_increase: f64::INFINITY, increase_error: 0.0 };
     };
     let count = pictures.len() as f64;
     let shares: Vec<f64> = pictures
@@ -372,18 +376,19 @@ fn trial(model: LensModel, pictures: Option<&Vec<LeftOutDistances>>, best: &[Lef
     let worse = shares.iter().sum::<f64>() / count;
     let spread = shares.iter().map(|share| (share - worse).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
     let corners: usize = pictures.iter().map(Vec::len).sum();
-    let left_out_rms_px = Some((square(pictures) / corners.max(1) as f64).sqrt());
-    ModelTrial { model, left_out_rms_px, relative_increase: worse, worse_error: (spread / count).sqrt() }
+    let left_out_rms_px = Some((sum_of_squares(pictures) / corners.max(1) as f64).sqrt());
+    ModelTrial { model, left_out_rms_px, relative_increase: worse, increase_error: (spread / count).sqrt() }
 }
 
-/// Returns the pictures of one group under the lens of all other groups.
+/// Returns the distances in the pictures of one group, for the lens that was fitted to all other groups.
 fn leave_group_out(
     model: LensModel,
     found: &LensFit,
     views: &[&Corners],
     (group, groups): (usize, usize),
 ) -> Option<Vec<(usize, LeftOutDistances)>> {
-    // Every fifth picture and not runs: neighbours in a series show nearly the same view and would predict each other.
+    // A group contains every fifth picture, not consecutive ones: neighbours in a series show nearly the same view and
+    // would predict each other.
     let is_left_out = |index: usize| index % groups == group;
     let kept: Vec<usize> = (0..views.len()).filter(|index| !is_left_out(*index)).collect();
     let poses = kept.iter().map(|index| found.poses[*index]).collect();
@@ -402,17 +407,17 @@ fn leave_group_out(
 
 /// Number of rounds in which lens and board shape are adjusted in turn.
 const SHAPE_ITERATIONS: usize = 6;
-/// With fewer pictures a shape cannot be distinguished from noise.
+/// Minimum number of pictures that distinguish the shape of a board from noise.
 const MIN_SHAPE_VIEWS: usize = 6;
 /// A corner's position is an unknown if at least this number of pictures show it.
 const MIN_VIEWS_PER_CORNER: usize = 4;
-/// Corners whose distance from those of a flat board is smaller than this are good, px.
-const GOOD_SHAPE_PX: f64 = 0.08;
-/// The board is not flat only if its own shape reduces the corners' residuals to this share, or less, of those of a
-/// flat board.
-const MAX_ERROR_RATIO: f64 = 0.8;
+/// Maximum rms distance of the corners from those of a flat board at which the board counts as flat, px.
+const MAX_FLAT_BOARD_RMS_PX: f64 = 0.08;
+/// Maximum ratio of the corners' residuals with the board's own shape to those with a flat board; the board is not flat
+/// only if the ratio is below this.
+const MAX_SHAPE_ERROR_RATIO: f64 = 0.8;
 
-/// A board that is not flat, or not square.
+/// The shape of a board that is not flat, or has unequal squares.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoardShape {
     /// Root mean square of the corners' distances from those of a flat board, px, calculated with the redundancy of
@@ -433,11 +438,11 @@ fn key(q: &Point<Board>) -> [i64; 2] {
 
 /// Returns the board's shape if it explains the residuals; `None` for a flat board, or if the pictures do not
 /// determine it.
-fn shape(model: LensModel, flat: &LensFit, corners: &[&Corners]) -> Option<BoardShape> {
+fn fit_board_shape(model: LensModel, flat: &LensFit, corners: &[&Corners]) -> Option<BoardShape> {
     let rms = |square: f64, free: f64| (2.0 * square / free).sqrt();
     let own = model.count() as f64 + 6.0 * corners.len() as f64;
     let flat_px = rms(flat.square, flat.rows - own);
-    if corners.len() < MIN_SHAPE_VIEWS || flat_px.is_nan() || flat_px < GOOD_SHAPE_PX {
+    if corners.len() < MIN_SHAPE_VIEWS || flat_px.is_nan() || flat_px < MAX_FLAT_BOARD_RMS_PX {
         return None;
     }
     let mut offsets: BTreeMap<[i64; 2], Vector3<f64>> = BTreeMap::new();
@@ -454,7 +459,7 @@ fn shape(model: LensModel, flat: &LensFit, corners: &[&Corners]) -> Option<Board
     }
     let own_px = rms(fit.square, free);
     let [bow_mm, beside_mm] = bow_and_shift(&offsets)?;
-    (own_px <= MAX_ERROR_RATIO * flat_px).then_some(BoardShape {
+    (own_px <= MAX_SHAPE_ERROR_RATIO * flat_px).then_some(BoardShape {
         flat_px,
         fitted_rms_px: own_px,
         bow_mm,
@@ -467,7 +472,7 @@ fn apply_offsets(corners: &Corners, offsets: &BTreeMap<[i64; 2], Vector3<f64>>) 
     corners.iter().map(|(q, pixel)| (at(q), *pixel)).collect()
 }
 
-/// Solves equation (1), and adds the result to the offsets so far.
+/// Solves equation (1), and adds the result to the present offsets.
 fn solve_offsets(
     fit: &LensFit,
     corners: &[&Corners],
@@ -493,7 +498,8 @@ fn solve_offsets(
     sums.into_iter().map(offset).collect()
 }
 
-/// Returns the bow and the largest shift in the plane, without motion and scale of the whole board.
+/// Returns the bow and the largest shift in the plane, mm, after the motion and the scale of the whole board are
+/// removed.
 fn bow_and_shift(offsets: &BTreeMap<[i64; 2], Vector3<f64>>) -> Option<[f64; 2]> {
     let count = offsets.len();
     let place = |at: &[i64; 2]| [at[0] as f64 / 1e3, at[1] as f64 / 1e3];

@@ -1,12 +1,12 @@
-//! Fits the lens of a given model to corners: least squares that never leaves the lenses which can be inverted. Also
-//! states how well the pictures determine the lens.
+//! Fits the lens of a given model to corners by least squares; the lens can be inverted after every step. Also states
+//! how well the pictures determine the lens.
 //!
-//! A model has none to all five of the distortion coefficients.
+//! A model contains none, some or all of the five distortion coefficients.
 //!
 //! Levenberg–Marquardt minimises the reprojection error over lens and boards' poses, with the poses eliminated. A
 //! lens folds at the radius at which its distorted radius stops growing. A step to a lens that folds anywhere in
 //! the picture is never made, and the barrier
-//!     − 2 μ Σ ln s(rᵢ),   s(r) = 1 + 3 k1 r² + 5 k2 r⁴ + 7 k3 r⁶ − least slope                                  (1)
+//!     − 2 μ Σ ln s(rᵢ),   s(r) = 1 + 3 k1 r² + 5 k2 r⁴ + 7 k3 r⁶ − 0.9 · least slope                            (1)
 //! over radii of the picture keeps the steps away from it. Prior knowledge of any camera is added: the principal
 //! point lies near the picture's middle, and both focal lengths are nearly equal. μ is so small that all of this
 //! counts only if the corners carry no information.
@@ -60,10 +60,10 @@ const COEFFICIENTS: [(&str, usize, LensModel); 5] = [
 ];
 
 impl LensModel {
-    /// All models, the simplest first.
+    /// All models; the simplest is first.
     pub const ALL: &'static [LensModel] = <Self as VariantArray>::VARIANTS;
 
-    /// The model's name on the command line and in files.
+    /// Returns the model's name on the command line and in files.
     pub fn name(self) -> &'static str {
         self.into()
     }
@@ -103,15 +103,15 @@ pub(super) struct LensFit {
 const MAX_STEPS: usize = 60;
 /// μ of (1), px².
 const BARRIER_PX2: f64 = 2.5e-3;
-/// The iteration ends when the sum of squares decreases by a smaller share.
+/// The iteration ends when the relative decrease of the sum of squares is smaller than this.
 const CONVERGENCE_TOLERANCE: f64 = 1e-10;
-/// The smallest derivative of the distorted radius with respect to the undistorted one.
+/// Minimum derivative of the distorted radius with respect to the undistorted one.
 const MIN_SLOPE: f64 = 0.05;
-const RADII: usize = 12;
+const BARRIER_RADII: usize = 12;
 /// Usual standard deviation of the principal point from the middle, as a share of the picture's side.
-const CENTRE_SHARE: f64 = 0.15;
+const CENTRE_PRIOR_SHARE: f64 = 0.15;
 /// Usual standard deviation of the ratio of both focal lengths from 1.
-const RATIO: f64 = 0.02;
+const FOCAL_RATIO_PRIOR: f64 = 0.02;
 
 /// Fits a lens from a start value; `None` if the corners determine no lens.
 pub(super) fn fit(model: LensModel, start: LensFit, views: &[&Corners]) -> Option<LensFit> {
@@ -141,7 +141,7 @@ pub(super) fn fit(model: LensModel, start: LensFit, views: &[&Corners]) -> Optio
     Some(here.into_fit())
 }
 
-/// Returns the pose of one more picture under this lens, from a start, and its sum of squared residuals.
+/// Returns the pose of the board in another picture for this lens, from a start pose, and its sum of squared residuals.
 pub(super) fn estimate_pose(
     camera: &PinholeCamera,
     corners: &Corners,
@@ -163,7 +163,7 @@ pub(super) fn estimate_pose(
 
 /// Returns the lens with only the model's coefficients.
 fn restrict_to_model(model: LensModel, camera: &PinholeCamera) -> PinholeCamera {
-    let all = numbers(camera);
+    let all = lens_parameters(camera);
     let kept = camera_from_parameters(
         camera,
         &SVector::from_fn(|row, _| if model.contains_parameter(row) { all[row] } else { 0.0 }),
@@ -175,7 +175,7 @@ fn restrict_to_model(model: LensModel, camera: &PinholeCamera) -> PinholeCamera 
 }
 
 /// Returns fx, fy, cx, cy, k1, k2, p1, p2, k3.
-fn numbers(camera: &PinholeCamera) -> SVector<f64, 9> {
+fn lens_parameters(camera: &PinholeCamera) -> SVector<f64, 9> {
     let c = camera;
     SVector::from([c.fx_px, c.fy_px, c.cx_px, c.cy_px, c.k1, c.k2, c.p1, c.p2, c.k3])
 }
@@ -198,8 +198,7 @@ fn camera_from_parameters(camera: &PinholeCamera, n: &SVector<f64, 9>) -> Pinhol
     }
 }
 
-/// Returns the largest undistorted radius of the picture; `None` if the lens folds before the picture's farthest
-/// corner.
+/// Returns the largest undistorted radius in the picture; `None` if the lens folds within the picture.
 fn undistorted_radius(camera: &PinholeCamera) -> Option<f64> {
     if !(camera.fx_px > 1.0 && camera.fy_px > 1.0) {
         return None;
@@ -220,7 +219,7 @@ struct State {
 }
 
 impl State {
-    /// Returns `None` if the lens folds or a corner lies behind the camera.
+    /// Creates the state of this lens and these poses; `None` if the lens folds or a corner lies behind the camera.
     fn new(camera: PinholeCamera, poses: Vec<Rigid<Camera, Board>>, views: &[&Corners]) -> Option<Self> {
         let radius = undistorted_radius(&camera)?;
         let grams: Vec<LensGram> = views
@@ -266,7 +265,7 @@ impl State {
             }
         }
         let lens = scaled_inverse(&normal)? * pull;
-        let camera = camera_from_parameters(&self.camera, &(numbers(&self.camera) + lens));
+        let camera = camera_from_parameters(&self.camera, &(lens_parameters(&self.camera) + lens));
         let next = self.poses.iter().zip(&self.grams).zip(&poses).map(|((pose, gram), inverse)| {
             perturb_pose(pose, &(inverse * (gram.pose_pull - gram.lens_pose_cross.transpose() * lens)))
         });
@@ -280,8 +279,8 @@ impl State {
     }
 }
 
-/// Returns how far the principal point and the ratio of the focal lengths are from the usual values, in standard
-/// deviations, and the derivatives with respect to the lens.
+/// Returns the differences of the principal point and of the ratio of the focal lengths from the usual values, in
+/// standard deviations, and their derivatives with respect to the lens.
 fn prior_residuals(camera: &PinholeCamera) -> [(f64, SVector<f64, 9>); 3] {
     let [across, down] = [camera.width_px, camera.height_px].map(|size| size as f64);
     let by = |places: &[(usize, f64)]| {
@@ -289,27 +288,28 @@ fn prior_residuals(camera: &PinholeCamera) -> [(f64, SVector<f64, 9>); 3] {
         places.iter().for_each(|(place, value)| slope[*place] = *value);
         slope
     };
-    let (u, v) = (CENTRE_SHARE * across, CENTRE_SHARE * down);
-    let ratio = by(&[(0, 1.0 / (RATIO * camera.fx_px)), (1, -1.0 / (RATIO * camera.fy_px))]);
+    let (u, v) = (CENTRE_PRIOR_SHARE * across, CENTRE_PRIOR_SHARE * down);
+    let ratio =
+        by(&[(0, 1.0 / (FOCAL_RATIO_PRIOR * camera.fx_px)), (1, -1.0 / (FOCAL_RATIO_PRIOR * camera.fy_px))]);
     [
         ((camera.cx_px - across / 2.0) / u, by(&[(2, 1.0 / u)])),
         ((camera.cy_px - down / 2.0) / v, by(&[(3, 1.0 / v)])),
-        ((camera.fx_px / camera.fy_px).ln() / RATIO, ratio),
+        ((camera.fx_px / camera.fy_px).ln() / FOCAL_RATIO_PRIOR, ratio),
     ]
 }
 
 /// Returns s of (1) at each radius, and its derivative with respect to the lens.
 fn radial_barrier(camera: &PinholeCamera, radius: f64) -> impl Iterator<Item = (f64, SVector<f64, 9>)> {
     let PinholeCamera { k1, k2, k3, .. } = *camera;
-    (1..=RADII).map(move |index| {
-        let r2 = (radius * index as f64 / RADII as f64).powi(2);
+    (1..=BARRIER_RADII).map(move |index| {
+        let r2 = (radius * index as f64 / BARRIER_RADII as f64).powi(2);
         let by = [3.0 * r2, 5.0 * r2 * r2, 7.0 * r2.powi(3)];
         let slope = 1.0 + k1 * by[0] + k2 * by[1] + k3 * by[2] - 0.9 * MIN_SLOPE;
         (slope, SVector::from([0.0, 0.0, 0.0, 0.0, by[0], by[1], 0.0, 0.0, by[2]]))
     })
 }
 
-/// The products of the derivatives of a picture's corners. The pose is moved on the right, by rotations in rad and
+/// The products of the derivatives of a picture's corners. The pose is perturbed on the right, by rotations in rad and
 /// shifts in mm.
 pub(super) struct LensGram {
     /// Normal matrix of the lens parameters.
@@ -329,7 +329,7 @@ pub(super) struct LensGram {
 }
 
 impl LensGram {
-    /// Returns the part of a picture; `None` if a corner lies behind the camera.
+    /// Returns the products of a picture; `None` if a corner lies behind the camera.
     pub fn compute(
         camera: &PinholeCamera,
         corners: &Corners,
@@ -370,9 +370,9 @@ impl LensGram {
 }
 
 /// Standard deviation of the displacement of the rim by radial terms, as a share of its radius.
-const RADIAL_SHARE: f64 = 0.2;
+const RADIAL_PRIOR_SHARE: f64 = 0.2;
 /// Standard deviation of the displacement of the rim by tangential terms, as a share of its radius: lenses of one
-/// maker differ by a thousandth.
+/// manufacturer differ by a thousandth.
 const TANGENTIAL_PRIOR_SHARE: f64 = 0.01;
 
 /// Returns the information of corners and prior together, in units of `variance_px2`; `None` if a picture
@@ -384,11 +384,11 @@ pub(super) fn information(camera: &PinholeCamera, grams: &[LensGram], variance_p
     }
     let radius = camera.max_undistorted_radius(0.0)?;
     for (place, power, share) in [
-        (4, 2, RADIAL_SHARE),
-        (5, 4, RADIAL_SHARE),
+        (4, 2, RADIAL_PRIOR_SHARE),
+        (5, 4, RADIAL_PRIOR_SHARE),
         (6, 1, TANGENTIAL_PRIOR_SHARE),
         (7, 1, TANGENTIAL_PRIOR_SHARE),
-        (8, 6, RADIAL_SHARE),
+        (8, 6, RADIAL_PRIOR_SHARE),
     ] {
         let deviation = share / radius.powi(power);
         normal[(place, place)] += variance_px2 / deviation.powi(2);
@@ -409,7 +409,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_model_adds_to_the_one_before() {
+    fn each_model_adds_coefficients_to_the_previous_one() {
         assert_eq!(LensModel::ALL.iter().map(|model| model.count()).collect::<Vec<_>>(), [4, 5, 6, 8, 9]);
         assert_eq!(LensModel::Radial2.excluded_coefficients(), ["p1", "p2", "k3"]);
         assert!(LensModel::Full.excluded_coefficients().is_empty());

@@ -24,32 +24,32 @@ use panelprep_cell::cell::LensCovariance;
 pub struct LensSupport {
     /// The error for which the support is stated, 95 %, px.
     pub error_px: f64,
-    /// The outline of the part in which the lens is known to this error; `None` for the whole picture.
+    /// The outline of the part in which the lens is known to this error; `None` if this is the whole picture.
     pub outline_px: Option<Vec<Pixel>>,
     /// The part's share of the picture.
     pub share: f64,
 }
 
-/// The largest allowed error of the lens, 95 %, px.
-pub const SUPPORT_PX: f64 = 0.3;
-/// If the error is larger than [`SUPPORT_PX`] even in the middle of the corners, the stated error is this multiple of
-/// the error there; `MAX_PX` is its largest value, px.
+/// Maximum error of a lens in the part in which it counts as known, 95 %, px.
+pub const MAX_LENS_ERROR_PX: f64 = 0.3;
+/// If the error is larger than [`MAX_LENS_ERROR_PX`] even in the middle of the corners, the stated error is this
+/// multiple of the error there, at most `MAX_STATED_ERROR_PX`, px.
 const MAX_RATIO_TO_MIDDLE: f64 = 1.5;
-const MAX_PX: f64 = 3.0;
+const MAX_STATED_ERROR_PX: f64 = 3.0;
 /// The 95 % quantile of χ² with two degrees of freedom.
-const CIRCLE_95: f64 = 5.991;
-const DIRECTIONS: usize = 48;
-const STEPS: usize = 60;
-/// The largest number of corners to which the pose is fitted.
-const CORNERS: usize = 2000;
+const CHI2_2_QUANTILE_95: f64 = 5.991;
+const OUTLINE_DIRECTIONS: usize = 48;
+const OUTLINE_STEPS: usize = 60;
+/// Maximum number of corners to which the pose is fitted.
+const MAX_POSE_CORNERS: usize = 2000;
 
-/// Returns the part in which a lens with this covariance is known.
+/// Returns the part of the picture in which a lens with this covariance is known.
 pub(super) fn compute_support(
     camera: &PinholeCamera,
     covariance: &LensCovariance,
     views: &[&Corners],
 ) -> LensSupport {
-    let nowhere = LensSupport { error_px: SUPPORT_PX, outline_px: Some(Vec::new()), share: 0.0 };
+    let nowhere = LensSupport { error_px: MAX_LENS_ERROR_PX, outline_px: Some(Vec::new()), share: 0.0 };
     let pixels: Vec<Pixel> = views.iter().flat_map(|corners| corners.iter().map(|(_, pixel)| *pixel)).collect();
     let Some(follow) = pose_jacobian(camera, &pixels) else { return nowhere };
     let error_at = |pixel: Pixel| error_px(camera, covariance, &follow, pixel).unwrap_or(f64::INFINITY);
@@ -58,22 +58,23 @@ pub(super) fn compute_support(
         pixels.iter().map(|pixel| pixel.u).sum::<f64>() / count,
         pixels.iter().map(|pixel| pixel.v).sum::<f64>() / count,
     );
-    // If the error is larger than the limit even in the middle, the stated part is the one in which the error is
-    // hardly larger than there.
-    let allowed_px = SUPPORT_PX.max(MAX_RATIO_TO_MIDDLE * error_at(middle));
-    if allowed_px.is_nan() || allowed_px > MAX_PX {
+    // If the error is larger than the limit even in the middle, the stated part is that in which the error is hardly
+    // larger than in the middle.
+    let allowed_px = MAX_LENS_ERROR_PX.max(MAX_RATIO_TO_MIDDLE * error_at(middle));
+    if allowed_px.is_nan() || allowed_px > MAX_STATED_ERROR_PX {
         return nowhere;
     }
     let is_known = |pixel: Pixel| error_at(pixel) <= allowed_px;
     let (right, low) = (camera.width_px as f64 - 1.0, camera.height_px as f64 - 1.0);
     let mut is_whole = true;
-    let outline = (0..DIRECTIONS).map(|direction| {
-        let turn = std::f64::consts::TAU * direction as f64 / DIRECTIONS as f64;
+    let outline = (0..OUTLINE_DIRECTIONS).map(|direction| {
+        let turn = std::f64::consts::TAU * direction as f64 / OUTLINE_DIRECTIONS as f64;
         let at = |length: f64| Pixel::at(middle.u + turn.cos() * length, middle.v + turn.sin() * length);
         let length = distance_to_rim_px(middle, turn, (right, low));
-        let unknown = (1..=STEPS).find(|index| !is_known(at(length * *index as f64 / STEPS as f64)));
+        let unknown =
+            (1..=OUTLINE_STEPS).find(|index| !is_known(at(length * *index as f64 / OUTLINE_STEPS as f64)));
         is_whole &= unknown.is_none();
-        at(length * (unknown.unwrap_or(STEPS + 1) - 1) as f64 / STEPS as f64)
+        at(length * (unknown.unwrap_or(OUTLINE_STEPS + 1) - 1) as f64 / OUTLINE_STEPS as f64)
     });
     let outline: Vec<Pixel> = outline.collect();
     let corners = [(0.0, 0.0), (right, 0.0), (right, low), (0.0, low)].map(|(u, v)| Pixel::at(u, v));
@@ -97,7 +98,7 @@ fn distance_to_rim_px(from: Pixel, turn: f64, (right, low): (f64, f64)) -> f64 {
 /// Returns P, the derivative of a board's pose with respect to the lens.
 fn pose_jacobian(camera: &PinholeCamera, pixels: &[Pixel]) -> Option<SMatrix<f64, 6, 9>> {
     let (mut pose, mut cross) = (Matrix6::zeros(), SMatrix::<f64, 6, 9>::zeros());
-    for pixel in pixels.iter().step_by(pixels.len().div_ceil(CORNERS).max(1)) {
+    for pixel in pixels.iter().step_by(pixels.len().div_ceil(MAX_POSE_CORNERS).max(1)) {
         let (by_lens, by_pose) = pixel_jacobians(camera, *pixel)?;
         pose += by_pose.transpose() * by_pose;
         cross += by_pose.transpose() * by_lens;
@@ -125,7 +126,7 @@ fn error_px(
     let (by_lens, by_pose) = pixel_jacobians(camera, pixel)?;
     let left = by_lens - by_pose * follow;
     let spread: Matrix2<f64> = left * covariance * left.transpose();
-    Some((CIRCLE_95 * spread.symmetric_eigenvalues().max()).sqrt())
+    Some((CHI2_2_QUANTILE_95 * spread.symmetric_eigenvalues().max()).sqrt())
 }
 
 /// A recommended next picture.
@@ -139,13 +140,13 @@ pub struct NextPicture {
     pub error_share: f64,
 }
 
-const PARTS: [(f64, &str); 3] = [(0.25, "left"), (0.5, ""), (0.75, "right")];
+const COLUMNS: [(f64, &str); 3] = [(0.25, "left"), (0.5, ""), (0.75, "right")];
 const ROWS: [(f64, &str); 3] = [(0.27, "upper"), (0.5, ""), (0.73, "lower")];
 const TILT_DEG: f64 = 35.0;
-/// A picture is not worth taking if a larger share of the error remains after it.
+/// Maximum share of the error that may remain after a picture; if more remains, the picture is not worth taking.
 const MAX_REMAINING_SHARE: f64 = 0.98;
 /// Widths of the board as shares of the picture's width, the largest first.
-const WIDTHS: [f64; 4] = [0.8, 0.6, 0.45, 0.3];
+const BOARD_WIDTH_SHARES: [f64; 4] = [0.8, 0.6, 0.45, 0.3];
 
 /// Returns the best next picture; `information` is that of corners and prior on the lens together.
 pub(super) fn best_next_picture(
@@ -153,19 +154,20 @@ pub(super) fn best_next_picture(
     board: &Board,
     information: &LensCovariance,
 ) -> Option<NextPicture> {
-    let before = error(camera, &scaled_inverse(information)?)?;
+    let before = summed_variance(camera, &scaled_inverse(information)?)?;
     let mut best: Option<NextPicture> = None;
-    for (across, column) in PARTS {
+    for (across, column) in COLUMNS {
         for (down, row) in ROWS {
             for (turn, tilt) in candidate_tilts() {
-                let Some((width, gram)) = WIDTHS.iter().find_map(|&width| {
+                let Some((width, gram)) = BOARD_WIDTH_SHARES.iter().find_map(|&width| {
                     let pose = candidate_pose(camera, board, (across, down), turn, width)?;
                     Some((width, simulate_view(camera, board, &pose)?))
                 }) else {
                     continue;
                 };
                 let Some(gain) = gram.information() else { continue };
-                let Some(after) = scaled_inverse(&(information + gain)).and_then(|after| error(camera, &after))
+                let Some(after) =
+                    scaled_inverse(&(information + gain)).and_then(|after| summed_variance(camera, &after))
                 else {
                     continue;
                 };
@@ -205,7 +207,7 @@ fn candidate_tilts() -> [(UnitQuaternion<f64>, &'static str); 5] {
     ]
 }
 
-/// Returns the pose of the board with its middle on the ray of a part of the picture.
+/// Returns the pose at which the board's middle lies on the ray through this position in the picture.
 fn candidate_pose(
     camera: &PinholeCamera,
     board: &Board,
@@ -233,7 +235,7 @@ fn simulate_view(
 }
 
 /// Returns the sum of the pixel variances over the whole picture.
-fn error(camera: &PinholeCamera, covariance: &LensCovariance) -> Option<f64> {
+fn summed_variance(camera: &PinholeCamera, covariance: &LensCovariance) -> Option<f64> {
     let mut sum = 0.0;
     for index in 0..48 {
         let at = |index: usize, count: usize, size: usize| (index as f64 + 0.5) / count as f64 * size as f64;

@@ -1,22 +1,24 @@
-//! Calibration that proves itself: intrinsics, camera mounts, tool, and how good each of them is.
+//! Calibrations with their own evidence: intrinsics, camera mounts, tool and arm.
 //!
-//! Thesis 3.6 and 3.7, and for each result its evidence: residuals, uncertainty at a point of the panel, what does
-//! not fit and why. Data in, data out; pictures are read and files written elsewhere.
+//! The methods are those of the thesis (3.6 and 3.7). The evidence of each result is its residuals, its uncertainty at
+//! a point of the panel, and the data that do not fit, with the reason. The functions compute data from data; they read
+//! no pictures and write no files.
 //!
 //! - `board`, `detect`: the board, and its corners in a picture · `chessboard`, `crossings` · `charuco` · `circles`,
 //!   `circle_lattice`: each kind of board · `placing`, `saddle`, `print`: corners to sub-pixel
 //! - `intrinsics`: the lens (thesis 3.6), how many coefficients it has, and whether the board is flat · `lens_fit`: its
-//!   fit and covariance · `lens_support`: in which part of the picture it is known, and what to do next
+//!   fit and covariance · `lens_support`: in which part of the picture it is known, and the best next picture
 //! - `chain`: camera, flange and board, and the board's pose from one picture
 //! - `three_points`: the thesis's own hand-eye calibration (3.7)
 //! - `hand_eye`, `adjust`, `station_diagnosis`: the same from many poses; `quantile`: the 95 % radius of its error;
-//!   `square`: the size of the board's squares by them; `readings`: the intended meaning of poses that fit no mount
-//! - `robot`, `robot_settle`, `arm_errors`: the arm's own errors, and how far off it may be; what to do next:
-//!   `robot_next` · `tool`, `force`: tool point, axis and payload · `health`: is a calibration still true · `budget`: the
+//!   `square`: the size of the board's squares, from the robot's motions; `readings`: the intended meaning of poses
+//!   that fit no mount
+//! - `robot`, `robot_settle`, `arm_errors`: the arm's own errors and its uncertainty; `robot_next`: the best next pose
+//!   · `tool`, `force`: tool point, axis and payload · `health`: whether a calibration is still valid · `budget`: the
 //!   error at the tool
 //! - `scanner_errors`: the deviations of a 3D camera's scans of a flat board from a plane
 //! - `board_orientation`: in which rotation a symmetric board was detected
-//! - `gate`: turns evidence into a verdict
+//! - `gate`: computes a verdict from the evidence
 
 mod adjust;
 pub mod arm_errors;

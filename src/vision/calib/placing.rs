@@ -5,8 +5,8 @@
 //! edge: by default N is 0.35 of the shortest distance between neighbours, 3 to 11. If N is given, the corners are
 //! those of `cornerSubPix`, as OpenCV's users know them.
 //!
-//! All corners of a board lie on a smooth surface in a picture. In poor pictures a corner is weighed against this
-//! surface by its distance from it.
+//! All corners of a board lie on a smooth surface in a picture. In poor pictures the position of a corner is averaged
+//! with its position on this surface, weighted by the uncertainties of both.
 
 use super::board::{Board, Corners};
 use super::crossings::noise;
@@ -30,7 +30,7 @@ pub struct DetectedCorners {
 }
 
 const WINDOW_SHARE: f64 = 0.35;
-const WINDOW_PX: (f64, f64) = (3.0, 11.0);
+const WINDOW_LIMITS_PX: (f64, f64) = (3.0, 11.0);
 
 /// Refines the approximate corners of a board by `cornerSubPix`.
 pub(super) fn refine_subpix(
@@ -39,8 +39,9 @@ pub(super) fn refine_subpix(
     square_mm: f64,
     half_window_px: Option<usize>,
 ) -> Result<DetectedCorners, ImagingError> {
-    let chosen_px = half_window_px
-        .unwrap_or_else(|| (WINDOW_SHARE * shortest_px(rough, square_mm)).clamp(WINDOW_PX.0, WINDOW_PX.1) as usize);
+    let chosen_px = half_window_px.unwrap_or_else(|| {
+        (WINDOW_SHARE * shortest_px(rough, square_mm)).clamp(WINDOW_LIMITS_PX.0, WINDOW_LIMITS_PX.1) as usize
+    });
     let pixels: Vec<Pixel> = rough.iter().map(|(_, pixel)| *pixel).collect();
     let pixels = foreign::refine_corners(picture, &pixels, chosen_px)?;
     Ok(DetectedCorners {
@@ -50,10 +51,10 @@ pub(super) fn refine_subpix(
     })
 }
 
-/// Locates every corner that has neighbours with the model of the grey levels, if the model fits. If the model does
-/// not fit, or its position is not accurate, the print is searched for near the position that the other corners
-/// predict. The less accurate a corner is because of noise, the more it is moved to the smooth surface through all
-/// corners. A corner that is still not accurate enough is left out.
+/// Locates every corner that has neighbours by the model of the grey levels. If the model does not fit, or its position
+/// is not accurate, the print is searched for near the position that the other corners predict. The less accurate a
+/// corner is because of noise, the more it is moved towards the smooth surface through all corners. A corner that is
+/// still not accurate enough is left out.
 pub(super) fn refine_with_model(
     picture: &GrayPicture,
     board: &Board,
@@ -66,7 +67,7 @@ pub(super) fn refine_with_model(
     let mut placed: Vec<Option<CornerEstimate>> =
         found.corners.iter().map(|(q, pixel)| model.predict_corner(*q, *pixel, window_px)).collect();
     let enough = 2 * placed.iter().flatten().count() >= found.corners.len();
-    // If the model locates too few corners, the other corners that were seen are accurate enough as a start.
+    // If the model locates too few corners, the other corners that were seen are accurate enough as start positions.
     let begun: Vec<Option<CornerEstimate>> = match enough {
         true => placed.clone(),
         false => found
@@ -87,14 +88,14 @@ pub(super) fn refine_with_model(
     let Some(mut surface) = fit_surface(&found.corners, &begun, picture).filter(|_| enough) else {
         return accept_individually(found, placed, is_seen);
     };
-    let reach_mm = PRINT_SQUARES * board.square_mm();
+    let reach_mm = PRINT_REACH_SQUARES * board.square_mm();
     let mut blur_px = None;
     for _ in 0..2 {
         for ((q, _), placed) in found.corners.iter().zip(&mut placed) {
             let there = surface.pixel_at(*q);
             let is_near = |found: &CornerEstimate| found.pixel.distance_px(there) <= surface.limit_px(*q, found);
             *placed = placed.filter(is_near).or_else(|| model.predict_corner(*q, there, window_px).filter(is_near));
-            if placed.is_none_or(|placed| placed.deviation_px > WELL_PX) {
+            if placed.is_none_or(|placed| placed.deviation_px > MAX_WELL_LOCATED_STD_PX) {
                 let blur_px = *blur_px.get_or_insert_with(|| {
                     surface.blur_px(picture, print, (&found.corners, reach_mm), model.noise)
                 });
@@ -121,7 +122,7 @@ pub(super) fn refine_with_model(
     DetectedCorners { modelled_count: corners.len(), corners, ..found }
 }
 
-/// Returns the corners if too few are located to compare them: those that the model locates well, or that were
+/// Returns the corners without comparison, if too few are located: those that the model locates well, or that were
 /// seen.
 fn accept_individually(
     found: DetectedCorners,
@@ -142,7 +143,7 @@ fn accept_individually(
     DetectedCorners { corners: kept.collect(), modelled_count: modelled, ..found }
 }
 
-/// The model of the grey levels around corners; their neighbours give the directions of their edges.
+/// The model of the grey levels around corners; the neighbours of a corner give the directions of its edges.
 struct Model<'a> {
     picture: &'a GrayPicture,
     noise: f64,
@@ -154,7 +155,7 @@ impl<'a> Model<'a> {
         Model { picture, noise: noise(picture), neighbours: BoardNeighbours::from_corners(corners, square_mm) }
     }
 
-    /// Returns the model's position of a corner, from a start; `None` if the model does not fit.
+    /// Returns the position of a corner by the model, from a start position; `None` if the model does not fit.
     fn predict_corner(&self, q: Point<BoardFrame>, start: Pixel, half_window_px: usize) -> Option<CornerEstimate> {
         let edges = [self.edge(q, start, Vector3::x())?, self.edge(q, start, Vector3::y())?];
         let found = saddle::refine(self.picture, start, edges, half_window_px, self.noise)?;
@@ -209,86 +210,87 @@ pub(super) fn shortest_px(corners: &Corners, square_mm: f64) -> f64 {
     corners.iter().map(both).fold(f64::INFINITY, f64::min)
 }
 
-/// Minimum of the largest allowed distance of a corner from the surface through the others, px; a corner that is
-/// farther away counts as wrong. The allowed distance is at least `OUTLIER_MEDIANS` times the median distance of all
-/// corners.
-const OUTLIER_PX: f64 = 0.4;
+/// A corner is an outlier if its distance from the surface through the others is larger than a limit. The limit is the
+/// larger of this value, px, and `OUTLIER_MEDIANS` times the median distance of all corners.
+const MIN_OUTLIER_LIMIT_PX: f64 = 0.4;
 const OUTLIER_MEDIANS: f64 = 5.0;
-/// The allowed distance of a well-located corner is also at least this multiple of the surface's own standard
-/// deviation there.
-const MIN_DISTANCE_SIGMA: f64 = 5.0;
-/// The smallest allowed distance of a well-located corner, px: at a board's outer corners the distortion of a lens may
-/// be of a higher degree than the third.
-const MIN_OUTLIER_PX: f64 = 0.9;
-/// The largest standard deviation with which a single corner is accepted, px.
+/// The limit of a well-located corner is also at least this multiple of the standard deviation of the surface there.
+const OUTLIER_SIGMAS: f64 = 5.0;
+/// The limit of a well-located corner is also at least this value, px: at a board's outer corners the distortion of a
+/// lens may be of a higher degree than the third.
+const MIN_WELL_LOCATED_LIMIT_PX: f64 = 0.9;
+/// Maximum standard deviation of a corner that is accepted on its own, px.
 const MAX_SINGLE_STD_PX: f64 = 0.2;
-/// The standard deviation up to which a corner is accepted if a surface through all of them supports it, px.
+/// Maximum standard deviation of a corner that is accepted because a surface through all corners supports it, px.
 pub(super) const MAX_SURFACE_STD_PX: f64 = 0.7;
-/// The largest standard deviation that a corner may have after it was combined with the surface, px.
+/// Maximum standard deviation of a corner after it was combined with the surface, px.
 const MAX_COMBINED_STD_PX: f64 = 0.17;
-/// A corner with a larger standard deviation than this in the model is also located by its print, px.
-const WELL_PX: f64 = 0.08;
-/// The extent of the print that is examined around a corner, in squares; `PRINT_PX` is the limit in the picture,
-/// px.
-pub(super) const PRINT_SQUARES: f64 = 0.5;
-pub(super) const PRINT_PX: f64 = 16.0;
-/// Additional tolerance between a start position and its prediction, px.
-pub(super) const START_PX: f64 = 1.5;
+/// Maximum standard deviation of a corner that the model alone locates well enough, px. A corner with a larger one is
+/// also located by its print.
+const MAX_WELL_LOCATED_STD_PX: f64 = 0.08;
+/// The extent of the print that is examined around a corner, in squares; in the picture it is at most
+/// `MAX_PRINT_REACH_PX`, px.
+pub(super) const PRINT_REACH_SQUARES: f64 = 0.5;
+pub(super) const MAX_PRINT_REACH_PX: f64 = 16.0;
+/// Tolerance between a start position and its prediction, px.
+pub(super) const START_TOLERANCE_PX: f64 = 1.5;
 /// The number of corners at which the blur is estimated.
-pub(super) const BLUR_CORNERS: usize = 6;
-/// The standard deviation of corners from a smooth surface that prints and lenses cause, px.
+pub(super) const BLUR_CORNER_COUNT: usize = 6;
+/// The standard deviation of corners from a smooth surface, due to prints and lenses, px.
 const SURFACE_STD_PX: f64 = 0.05;
-/// A corner that has lost more than this fraction of the contrast of the corners within `NEAR` squares lies at the
-/// edge of a glare. The edge displaces the corner, by `PALE_PX` if the whole contrast is lost.
-const PALE: f64 = 0.15;
-const NEAR: f64 = 2.6;
-const PALE_PX: f64 = 1.5;
-/// Light that changes within the window by more than this fraction of the contrast also shows the edge of a glare.
+/// A corner lies at the edge of a glare if it has lost more than this fraction of the contrast of the corners within
+/// `CONTRAST_RADIUS_SQUARES` squares. The edge displaces the corner: by `LOST_CONTRAST_SHIFT_PX` if the whole contrast
+/// is lost.
+const MIN_LOST_CONTRAST: f64 = 0.15;
+const CONTRAST_RADIUS_SQUARES: f64 = 2.6;
+const LOST_CONTRAST_SHIFT_PX: f64 = 1.5;
+/// Maximum change of the light within the window, as a fraction of the contrast. A larger change also shows the edge of
+/// a glare; it displaces the corner by `GRADIENT_SHIFT_PX` times the excess.
 const MAX_LIGHT_GRADIENT: f64 = 0.1;
-const SLANT_PX: f64 = 1.0;
-/// The model's usual residual in addition to the noise, as a share of the half contrast. With a larger one the
-/// corner's position is less certain.
+const GRADIENT_SHIFT_PX: f64 = 1.0;
+/// The model's usual residual in addition to the noise, as a share of the half contrast. With a larger residual the
+/// position of the corner is less certain.
 const TYPICAL_RESIDUAL: f64 = 0.06;
 /// The additional uncertainty for a residual equal to the whole half contrast, px.
 const RESIDUAL_UNCERTAINTY_PX: f64 = 2.0;
 
-/// A corner as the model locates it.
+/// A corner as the model or its print locates it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CornerEstimate {
     pub pixel: Pixel,
     /// The standard deviation of the position along each axis, from noise and the model's residual, px.
     pub deviation_px: f64,
-    /// White minus black there, grey levels; 0 if it is not determined.
+    /// White minus black there, grey levels; 0 if the contrast is not determined.
     pub contrast: f64,
 }
 
 impl CornerEstimate {
-    /// Returns the corner located by the print, in a picture with this noise.
+    /// Creates the corner from its match with the print, in a picture with this noise.
     pub fn from_match(found: &PrintMatch, noise: f64) -> Self {
         let left = (found.residual.powi(2) - noise.powi(2)).max(0.0).sqrt() / (0.5 * found.contrast.abs());
         CornerEstimate {
             pixel: found.pixel,
-            deviation_px: doubt_px(found.deviation_px, left, found.light_gradient),
+            deviation_px: combined_std_px(found.deviation_px, left, found.light_gradient),
             contrast: found.contrast.abs(),
         }
     }
 
-    /// Returns the corner located by the model of the grey levels.
+    /// Creates the corner from the fitted model of the grey levels.
     pub fn from_saddle(found: &Saddle) -> Self {
-        let deviation_px = doubt_px(found.deviation_px, found.residual, found.light_gradient);
+        let deviation_px = combined_std_px(found.deviation_px, found.residual, found.light_gradient);
         CornerEstimate { pixel: found.pixel, deviation_px, contrast: 2.0 * found.contrast.abs() }
     }
 }
 
-/// Returns the standard deviation of a position from its deviation by noise, the model's residual as a fraction of the
-/// half contrast, and the slant of the light.
-fn doubt_px(deviation_px: f64, left: f64, slant: f64) -> f64 {
+/// Returns the standard deviation of a position from its deviation due to noise, the model's residual as a fraction of
+/// the half contrast, and the change of the light.
+fn combined_std_px(deviation_px: f64, left: f64, slant: f64) -> f64 {
     let of_model_px = RESIDUAL_UNCERTAINTY_PX * (left - TYPICAL_RESIDUAL).max(0.0);
-    deviation_px.hypot(of_model_px).hypot(SLANT_PX * (slant - MAX_LIGHT_GRADIENT).max(0.0))
+    deviation_px.hypot(of_model_px).hypot(GRADIENT_SHIFT_PX * (slant - MAX_LIGHT_GRADIENT).max(0.0))
 }
 
-/// A smooth surface through corners: the homography of a plane, and a polynomial of third degree for the bending by a
-/// lens and a board that is not exactly flat.
+/// A smooth surface through corners: the homography of a plane, and a polynomial of third degree for the distortion of
+/// the lens and for a board that is not exactly flat.
 pub(super) struct Surface {
     centre: Vector2<f64>,
     reach_mm: f64,
@@ -296,19 +298,19 @@ pub(super) struct Surface {
     coefficients: SMatrix<f64, TERMS, 2>,
     /// The median distance of the corners from the surface, px.
     usual_px: f64,
-    /// The standard deviation of the corners from the surface along each axis for other reasons than noise, px.
+    /// The standard deviation of the corners from the surface along each axis for reasons other than noise, px.
     rough_px: f64,
-    /// The covariance of the surface itself, by the polynomial's terms, px².
+    /// The covariance of the surface itself, for the terms of the polynomial, px².
     spread: SMatrix<f64, TERMS, TERMS>,
 }
 
 const TERMS: usize = 10;
-/// The displacement by a lens at a distance of one picture width from the middle, in picture widths.
-const LENS: f64 = 0.5;
+/// The displacement that a lens causes at a distance of one picture width from the middle, in picture widths.
+const LENS_DISPLACEMENT: f64 = 0.5;
 
 impl Surface {
-    /// Fits the surface to corners with these standard deviations along each axis; `None` if there are too few to
-    /// compare.
+    /// Fits the surface to corners with these standard deviations along each axis; `None` if there are too few corners
+    /// to compare.
     pub fn fit(corners: &Corners, deviations_px: &[f64], width_px: f64) -> Option<Self> {
         if corners.len() < 2 * TERMS {
             return None;
@@ -331,10 +333,10 @@ impl Surface {
         };
         let trust: Vec<f64> =
             deviations_px.iter().map(|noise_px| 1.0 / (SURFACE_STD_PX.powi(2) + noise_px.powi(2))).collect();
-        // A lens bends a small board less: the usual size of the terms of third degree follows from the board's size
-        // in the picture.
+        // The lens displaces the corners of a small board less: the usual size of the terms of third degree follows
+        // from the board's size in the picture.
         let reach_px = places.iter().zip(&pixels).map(|(_, p)| p.distance_px(pixels[0])).fold(0.0, f64::max) / 2.0;
-        let cubic_px = LENS * reach_px.powi(3) / (width_px * width_px) + 0.01;
+        let cubic_px = LENS_DISPLACEMENT * reach_px.powi(3) / (width_px * width_px) + 0.01;
         let mut usual = SMatrix::<f64, TERMS, TERMS>::identity() * 1e-6;
         (6..TERMS).for_each(|term| usual[(term, term)] = cubic_px.powi(-2));
         let mut weights = trust.clone();
@@ -357,20 +359,21 @@ impl Surface {
             let far = |apart: &f64| (1.0 + (apart / (3.0 * usual)).powi(2)).powi(-2);
             weights = apart.iter().zip(&trust).map(|(apart, trust)| trust * far(apart)).collect();
         }
-        // Half of a normal distribution in two dimensions lies within 1.18 standard deviations of one axis.
+        // Half of a normal distribution in two dimensions lies within 1.18 times the standard deviation along one axis.
         let noise_px = median(&mut deviations_px.to_vec())?;
         surface.rough_px =
             ((surface.usual_px / 1.18).powi(2) - noise_px.powi(2)).max(SURFACE_STD_PX.powi(2)).sqrt();
         Some(surface)
     }
 
-    /// Returns the largest allowed distance of this corner from the surface, px; a corner that is farther away counts
-    /// as wrong. The limit is larger for a corner with an uncertain position, which has a smaller weight.
+    /// Returns the limit of the distance of this corner from the surface, px; a corner that is farther away is an
+    /// outlier. The limit is larger for a corner with an uncertain position, which has a smaller weight.
     pub fn limit_px(&self, q: Point<BoardFrame>, placed: &CornerEstimate) -> f64 {
-        let is_well = placed.deviation_px < WELL_PX;
-        let own_px = if is_well { (MIN_DISTANCE_SIGMA * self.variance(q).sqrt()).max(MIN_OUTLIER_PX) } else { 0.0 };
-        let own_px = own_px.max(2.0 * placed.deviation_px).min(START_PX);
-        OUTLIER_PX.max(OUTLIER_MEDIANS * self.usual_px).max(own_px)
+        let is_well = placed.deviation_px < MAX_WELL_LOCATED_STD_PX;
+        let own_px =
+            if is_well { (OUTLIER_SIGMAS * self.variance(q).sqrt()).max(MIN_WELL_LOCATED_LIMIT_PX) } else { 0.0 };
+        let own_px = own_px.max(2.0 * placed.deviation_px).min(START_TOLERANCE_PX);
+        MIN_OUTLIER_LIMIT_PX.max(OUTLIER_MEDIANS * self.usual_px).max(own_px)
     }
 
     /// Returns the variance of the surface at a position, along each axis, px².
@@ -379,8 +382,8 @@ impl Surface {
         (terms.transpose() * self.spread * terms)[(0, 0)]
     }
 
-    /// Returns the mean of a corner's own position and its position on the surface, weighted by their variances;
-    /// `None` if the result is not accurate enough.
+    /// Returns the mean of a corner's own position and its position on the surface, weighted by their inverse
+    /// variances; `None` if the result is not accurate enough.
     pub fn blend_with_surface(&self, q: Point<BoardFrame>, placed: CornerEstimate) -> Option<Pixel> {
         let there = self.pixel_at(q);
         let of_surface = self.rough_px.powi(2) + self.variance(q);
@@ -402,7 +405,7 @@ impl Surface {
             place: [q.mm.x, q.mm.y],
             start: self.pixel_at(q),
             reach_mm,
-            most_px: PRINT_PX,
+            most_px: MAX_PRINT_REACH_PX,
             blur_px,
         }
     }
@@ -415,7 +418,7 @@ impl Surface {
         (corners, reach_mm): (&Corners, f64),
         noise: f64,
     ) -> f64 {
-        let step = (corners.len() / BLUR_CORNERS).max(1);
+        let step = (corners.len() / BLUR_CORNER_COUNT).max(1);
         let views: Vec<MatchWindow> =
             corners.iter().step_by(step).map(|(q, _)| self.view(*q, reach_mm, 1.0)).collect();
         print.blur_px(picture, &views, noise)
@@ -425,7 +428,7 @@ impl Surface {
         (q.mm.coords.xy() - self.centre) / self.reach_mm
     }
 
-    /// Returns the pixel of a position on the board by the surface.
+    /// Returns the pixel of a position on the board, from the surface.
     pub fn pixel_at(&self, q: Point<BoardFrame>) -> Pixel {
         let place = self.plane_position(q);
         let there =
@@ -434,7 +437,7 @@ impl Surface {
     }
 }
 
-/// Returns the pixel of a position on the board, mm, by a homography.
+/// Returns the pixel of a position on the board, mm, from a homography.
 pub(super) fn homography_pixel(plane: &Matrix3<f64>, [x, y]: [f64; 2]) -> Pixel {
     let there = project_to_plane(plane, &Vector2::new(x, y));
     Pixel::at(there.x, there.y)
@@ -462,8 +465,8 @@ pub(super) fn fit_surface(
     Surface::fit(&corners, &deviations, picture.width as f64)
 }
 
-/// Increases the uncertainty of corners that have lost a part of their contrast by a glare, compared with those around
-/// them: the edge of the glare displaces them.
+/// Increases the uncertainty of corners that have less contrast than those around them because of a glare: the edge of
+/// the glare displaces them.
 pub(super) fn inflate_uncertainty(
     corners: &Corners,
     placed: Vec<Option<CornerEstimate>>,
@@ -474,14 +477,14 @@ pub(super) fn inflate_uncertainty(
     let all: Vec<(Point<BoardFrame>, f64)> =
         corners.iter().map(|(q, _)| q).zip(&placed).filter_map(known).collect();
     let usual = |q: Point<BoardFrame>| {
-        let near = all.iter().filter(|(other, _)| other.distance_mm(q) < NEAR * square_mm);
+        let near = all.iter().filter(|(other, _)| other.distance_mm(q) < CONTRAST_RADIUS_SQUARES * square_mm);
         let mut contrasts: Vec<f64> = near.map(|(_, contrast)| *contrast).collect();
         contrasts.sort_by(f64::total_cmp);
         contrasts.get(3 * contrasts.len() / 4).copied().unwrap_or(0.0)
     };
     let doubt = |(q, placed): (Point<BoardFrame>, CornerEstimate)| {
-        let lost = (1.0 - placed.contrast / usual(q).max(1.0) - PALE).max(0.0);
-        CornerEstimate { deviation_px: placed.deviation_px.hypot(PALE_PX * lost), ..placed }
+        let lost = (1.0 - placed.contrast / usual(q).max(1.0) - MIN_LOST_CONTRAST).max(0.0);
+        CornerEstimate { deviation_px: placed.deviation_px.hypot(LOST_CONTRAST_SHIFT_PX * lost), ..placed }
     };
     corners.iter().zip(placed).map(|((q, _), placed)| placed.map(|placed| doubt((*q, placed)))).collect()
 }

@@ -23,16 +23,17 @@ pub(super) struct Print {
 
 enum PrintKind {
     Squares,
-    /// The markers' cells by the number of the square, and the ratio of the marker's side to the square's side.
+    /// The cells of the markers, by the number of their square, and the ratio of the marker's side to the square's
+    /// side.
     Markers {
         cells: Vec<Option<Vec<bool>>>,
         share: f64,
     },
-    /// Circles with this radius, mm, each of which is examined separately.
+    /// Circles with this radius, mm; each circle is examined separately.
     Circles(f64),
 }
 
-/// A position that was found.
+/// A position at which the print was found.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PrintMatch {
     pub pixel: Pixel,
@@ -42,11 +43,11 @@ pub(super) struct PrintMatch {
     pub contrast: f64,
     /// The residual of the grey levels after the fit of the print, rms.
     pub residual: f64,
-    /// The change of the light from the position to the window's side, as a share of the contrast.
+    /// The change of the light from the position to the side of the window, as a share of the contrast.
     pub light_gradient: f64,
 }
 
-/// Parameters for the examination of the print around a position.
+/// Parameters of the search for the print around a position.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MatchWindow {
     /// The homography from the board, mm, to the picture near the position.
@@ -55,7 +56,7 @@ pub(super) struct MatchWindow {
     pub place: [f64; 2],
     /// The pixel at which the search starts.
     pub start: Pixel,
-    /// The window's half side on the board, mm; `most_px` is its maximum in the picture, px.
+    /// Half the side of the window on the board, mm; `most_px` is its maximum in the picture, px.
     pub reach_mm: f64,
     pub most_px: f64,
     /// The standard deviation of the picture's blur, px.
@@ -65,18 +66,18 @@ pub(super) struct MatchWindow {
 const UNKNOWNS: usize = 9;
 /// Standard deviations of the blur that are tried, px.
 const BLURS_PX: [f64; 6] = [0.3, 0.7, 1.2, 1.7, 2.3, 3.0];
-/// The largest number of times that the print is rendered. The rendering ends earlier if the displacement is below
+/// Maximum number of times that the print is rendered. The rendering ends earlier if the displacement is below
 /// `CONVERGENCE_PX`.
 const MAX_RENDERINGS: usize = 5;
 const CONVERGENCE_PX: f64 = 0.03;
-/// Number of iterations in which the weights of pixels are reduced.
+/// Number of iterations that reduce the weights of pixels with large residuals.
 const REWEIGHTING_STEPS: usize = 4;
-/// The share of the window's pixels that must show the print.
+/// Minimum share of the window's pixels that must show the print.
 const MIN_PRINT_SHARE: f64 = 0.4;
 /// Minimum contrast of a print, grey levels.
 const MIN_CONTRAST: f64 = 8.0;
-/// The residual at the edges of a print that differs slightly from its nominal geometry, as a share of the
-/// contrast.
+/// The residual that is always expected at the edges of a print, because it differs slightly from its nominal geometry,
+/// as a share of the contrast.
 const MIN_RESIDUAL_SHARE: f64 = 0.06;
 /// Maximum residual as a share of the contrast, in addition to the noise.
 const MAX_RESIDUAL_SHARE: f64 = 0.2;
@@ -127,7 +128,7 @@ impl Print {
         if is_black { 0.0 } else { 1.0 }
     }
 
-    /// Finds the print near the start, in a picture with this much white noise; `None` if it is not there.
+    /// Finds the print near the start position, in a picture with this rms of white noise; `None` if it is not found.
     pub fn match_near(&self, picture: &GrayPicture, view: &MatchWindow, noise: f64) -> Option<PrintMatch> {
         let mut view = *view;
         let first = view.start;
@@ -146,13 +147,13 @@ impl Print {
         None
     }
 
-    /// Returns the blur with which the print is most similar to the picture at these positions, px.
+    /// Returns the blur at which the print is most similar to the picture at these positions, px.
     pub fn blur_px(&self, picture: &GrayPicture, views: &[MatchWindow], noise: f64) -> f64 {
         let of = |blur_px: f64| (blur_px, self.match_statistics(picture, views, (blur_px, noise)));
         best_candidate(BLURS_PX.map(of)).unwrap_or(BLURS_PX[1])
     }
 
-    /// Returns at how many positions the print is found, and its mean residual as a share of the contrast.
+    /// Returns the number of positions at which the print is found, and its mean residual as a share of the contrast.
     pub fn match_statistics(
         &self,
         picture: &GrayPicture,
@@ -252,7 +253,7 @@ struct RenderedWindow {
     reach_px: f64,
 }
 
-/// Solves the least squares of (1), without pixels that show something else.
+/// Solves the least squares of (1), with reduced weights for pixels that show something else.
 fn fit_print(drawn: &RenderedWindow, noise: f64) -> Option<PrintMatch> {
     let by = |seen: &PrintSample| -> SVector<f64, UNKNOWNS> {
         let offset = seen.offset / drawn.reach_px;

@@ -1,15 +1,15 @@
 //! The 95 % radius of an error: quantiles for covariances that were estimated from few residuals, and from residuals
 //! that are not independent.
 //!
-//! The errors of an arm that was not calibrated are alike in poses that are alike, so that several neighbouring poses
-//! count as one. `adjust` regards the deviation eᵢ of each pose as independent. If poses i and j at a distance d_ij
-//! have errors with the correlation
+//! The errors of an arm that was not calibrated are similar in similar poses, so that several neighbouring poses count
+//! as one. `adjust` regards the deviation eᵢ of each pose as independent. If poses i and j at a distance d_ij have
+//! errors with the correlation
 //!     ρ_ij = (1 − ν) exp(−d_ij² / 2 L²) + ν [i = j],                                                        (1)
 //! the n poses determine a mount only as well as n / m independent ones,
 //!     m = Σᵢⱼ ρ_ij / n,                                                                                      (2)
-//! the design effect of correlated samples (Kish, Survey Sampling, 1965). L is the length of the largest likelihood
-//! of the deviations, each of their six components with its own variance; L = 0 is the independent case, and another
-//! length needs a clearly larger likelihood.
+//! the design effect of correlated samples (Kish, Survey Sampling, 1965). L is the length at which the deviations have
+//! the largest likelihood; each of their six components has its own variance. L = 0 means that they are independent;
+//! another length is used only if its likelihood is clearly larger.
 //!
 //! The correlation shows only what differs between the poses. An error that is the same for all of them, for example
 //! the zero of axis 1, moves the mount with the arm's own coordinates. It does not matter for poses that are
@@ -20,7 +20,7 @@ use nalgebra::{DMatrix, Matrix3};
 use panelprep_base::geometry::{Base, Flange, Rigid};
 use statrs::distribution::{ContinuousCDF, FisherSnedecor, StudentsT};
 
-/// Returns the limit below which an F-distributed number with these degrees of freedom lies with this probability.
+/// Returns the quantile of the F distribution with these degrees of freedom at this probability.
 ///
 /// Degrees below 1 count as 1: with so little redundancy any statement is a guess, and this is the widest one.
 pub(super) fn f_quantile(numerator: f64, denominator: f64, probability: f64) -> f64 {
@@ -28,13 +28,13 @@ pub(super) fn f_quantile(numerator: f64, denominator: f64, probability: f64) -> 
         .map_or(f64::INFINITY, |f| f.inverse_cdf(probability))
 }
 
-/// Returns the limit below which a number with Student's distribution lies with this probability. Redundancies
-/// below 1 count as 1, as in `f_quantile`.
+/// Returns the quantile of Student's distribution at this probability. Redundancies below 1 count as 1, as in
+/// `f_quantile`.
 pub fn student_quantile(redundancy: f64, probability: f64) -> f64 {
     StudentsT::new(0.0, 1.0, redundancy.clamp(1.0, 1e5)).map_or(f64::INFINITY, |t| t.inverse_cdf(probability))
 }
 
-/// Returns the number of standard errors to each side that contains 95 %, for this redundancy.
+/// Returns the half width of the 95 % interval in standard errors, for this redundancy.
 pub fn student_95(redundancy: f64) -> f64 {
     student_quantile(redundancy, 0.975)
 }
@@ -51,21 +51,21 @@ pub(super) fn radius_95(covariance_mm2: &Matrix3<f64>, redundancy: f64) -> f64 {
     (trace * f_quantile(degrees, redundancy, 0.95)).sqrt()
 }
 
-/// A turn of one radian counts as this distance between poses, mm: an arm's errors change with its axes, which turn
-/// the flange as well as they move it.
+/// A rotation of one radian counts as this distance between poses, mm: an arm's errors change with its axes, which
+/// rotate the flange as well as they move it.
 const LEVER_MM: f64 = 300.0;
-/// ν: the share of the variance that differs from pose to pose, by repeatability and pictures.
+/// ν: the share of the variance that is independent from pose to pose, because of repeatability and pictures.
 const INDEPENDENT_VARIANCE_SHARE: f64 = 0.1;
 /// The lengths L that are tried, mm.
-const LENGTHS_MM: [f64; 7] = [30.0, 60.0, 100.0, 150.0, 220.0, 320.0, 450.0];
-/// Smallest gain of the logarithm of the likelihood that shows a correlation. Independent errors reach it in about
-/// two of a hundred calibrations, whose bound then is too large.
-const MIN_GAIN: f64 = 2.0;
-/// Deviations of fewer poses show no correlation.
+const CORRELATION_LENGTHS_MM: [f64; 7] = [30.0, 60.0, 100.0, 150.0, 220.0, 320.0, 450.0];
+/// Minimum increase of the logarithm of the likelihood that shows a correlation. With independent errors, about two of
+/// a hundred calibrations reach it; their bound is then too large.
+const MIN_LIKELIHOOD_GAIN: f64 = 2.0;
+/// Minimum number of poses whose deviations can show a correlation.
 const MIN_POSES: usize = 6;
 
-/// Returns m of (2): the number of poses that count as one, at least 1. Each pose is given with its deviation by its
-/// picture.
+/// Returns m of (2): the number of poses that count as one, at least 1. Each pose is given with its deviation, as its
+/// picture shows it.
 pub(super) fn correlated_pose_count(poses: &[(Rigid<Base, Flange>, Twist)]) -> f64 {
     let count = poses.len();
     if count < MIN_POSES {
@@ -74,13 +74,13 @@ pub(super) fn correlated_pose_count(poses: &[(Rigid<Base, Flange>, Twist)]) -> f
     let distances_mm = DMatrix::from_fn(count, count, |row, column| distance_mm(&poses[row].0, &poses[column].0));
     let deviations = DMatrix::from_fn(count, 6, |row, column| poses[row].1[column]);
     let independent = log_likelihood(&DMatrix::identity(count, count), &deviations);
-    let correlated = LENGTHS_MM.into_iter().filter_map(|length_mm| {
+    let correlated = CORRELATION_LENGTHS_MM.into_iter().filter_map(|length_mm| {
         let correlation = correlation(&distances_mm, length_mm);
         Some((log_likelihood(&correlation, &deviations)?, correlation.sum() / count as f64))
     });
     let best = correlated.max_by(|a, b| a.0.total_cmp(&b.0));
     match (independent, best) {
-        (Some(independent), Some((likely, each))) if likely - independent > MIN_GAIN => each.max(1.0),
+        (Some(independent), Some((likely, each))) if likely - independent > MIN_LIKELIHOOD_GAIN => each.max(1.0),
         _ => 1.0,
     }
 }
@@ -95,7 +95,8 @@ fn correlation(distances_mm: &DMatrix<f64>, length_mm: f64) -> DMatrix<f64> {
     alike + DMatrix::identity(distances_mm.nrows(), distances_mm.ncols()) * INDEPENDENT_VARIANCE_SHARE
 }
 
-/// The logarithm of the likelihood of all components, up to a constant, each with its most likely variance.
+/// Returns the logarithm of the likelihood of all components, up to a constant. Each component has its most likely
+/// variance.
 fn log_likelihood(correlation: &DMatrix<f64>, deviations: &DMatrix<f64>) -> Option<f64> {
     let (count, factor) = (correlation.nrows() as f64, correlation.clone().cholesky()?);
     let log_determinant = 2.0 * factor.l_dirty().diagonal().map(f64::ln).sum();
@@ -114,9 +115,10 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64;
 
-    /// From tables: χ²₃ at 95 % is 7.815; F(3, 12) is 3.49; with only one dimension the value is 1.96.
+    /// From tables: the 95 % quantile of χ² with three degrees of freedom is 7.815, that of F(3, 12) is 3.49; with only
+    /// one dimension the value is 1.96.
     #[test]
-    fn radii_from_tables() {
+    fn quantiles_and_radii_agree_with_tables() {
         assert!((radius_95(&Matrix3::identity(), 1e5) - 7.815_f64.sqrt()).abs() < 0.003);
         assert!((f_quantile(3.0, 12.0, 0.95) - 3.490).abs() < 0.002);
         assert!((student_95(10.0) - 2.228).abs() < 1e-3 && (student_95(1.0) - 12.706).abs() < 1e-3);
@@ -133,10 +135,9 @@ mod tests {
         Rigid::from_isometry_unchecked(Isometry3::new(place, Vector3::zeros()))
     }
 
-    /// Fifteen poses in a cube of 400 mm with independent errors: in about 2 % of 300 sets a pose counts for less
-    /// than one.
+    /// Fifteen poses in a cube of 400 mm with independent errors: in about 2 % of 300 sets, several poses count as one.
     #[test]
-    fn independent_errors_stay_independent() {
+    fn independent_errors_show_no_correlation() {
         let mut random = Pcg64::seed_from_u64(1);
         let mut one_set = || {
             let one = |random: &mut Pcg64| {
@@ -151,7 +152,7 @@ mod tests {
     }
 
     /// Five groups of three poses, 10 mm apart in a group and 1500 mm between groups, with one error for each group:
-    /// three poses count as one, less the own share of each.
+    /// nearly three poses count as one, because each pose also has an independent share.
     #[test]
     fn groups_of_poses_count_once() {
         let mut random = Pcg64::seed_from_u64(2);
@@ -165,13 +166,13 @@ mod tests {
         }
         let each = correlated_pose_count(&poses);
         assert!((2.5..3.1).contains(&each), "{each}");
-        // Too few poses show nothing.
+        // Too few poses show no correlation.
         assert_eq!(correlated_pose_count(&poses[..5]), 1.0);
     }
 
-    /// Calculated by hand for two poses at a distance L: ρ = 0.9 · e^(−½) = 0.545 88, det = 1 − ρ² = 0.702 01. The
-    /// deviations (1, 1) have the square sum 2 / (1 + ρ) = 1.293 76: −½ (2 ln 0.646 88 + ln 0.702 01) = 0.612 49 for
-    /// one component.
+    /// Calculated by hand for two poses at a distance L: ρ = 0.9 · e^(−½) = 0.545 88 and det = 1 − ρ² = 0.702 01. The
+    /// deviations (1, 1) have the weighted sum of squares 2 / (1 + ρ) = 1.293 76, so one component has the logarithm −½
+    /// (2 ln 0.646 88 + ln 0.702 01) = 0.612 49.
     #[test]
     fn the_likelihood_is_that_of_a_normal_distribution() {
         let distances = DMatrix::from_row_slice(2, 2, &[0.0, 100.0, 100.0, 0.0]);

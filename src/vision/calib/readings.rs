@@ -1,9 +1,9 @@
-//! Finds how poses that fit no camera mount were probably meant.
+//! Finds the probable intended meaning of poses that fit no camera mount.
 //!
 //! Programs write a pose in many ways: inverted, with other angles, as a rotation vector, one picture late. Each of
-//! these readings is applied to all poses, and the closed-form mount of `adjust` is tried with it. The right reading
-//! leaves tenths of a millimetre, any other one centimetres, so that the reading that fits can be named. The file is
-//! not changed: a person must correct it.
+//! these interpretations is applied to all poses, and the closed-form mount of `adjust` is tried with it. With the
+//! right interpretation the residual is tenths of a millimetre, with any other one centimetres, so that the one that
+//! fits can be reported. The file is not changed: a person must correct it.
 //!
 //! Some mistakes have the same effect and are reported together. A mount of the other kind has the same equations as
 //! inverted poses. Left-handed axes are a point reflection up to a rotation of base and flange: each position is
@@ -12,10 +12,10 @@
 //!
 //! If the ratio k of robot to board lengths is an unknown, the linear part of the closed form also determines k. For
 //! stations i, j
-//!     (Hᵢ − Hⱼ) x + k (Hᵢ X bᵢ − Hⱼ X bⱼ) = hⱼ − hᵢ,                                                                  (1)
+//!     (Hᵢ − Hⱼ) x + k (Hᵢ X bᵢ − Hⱼ X bⱼ) = hⱼ − hᵢ,                                                            (1)
 //! with the moved part (H, h) of the chain, the mount (X, x) and the board's position b.
 
-use super::adjust::{MIN_TURN_RAD, index_triples, second_axis_deg};
+use super::adjust::{MIN_START_ROTATION_RAD, index_triples, second_axis_deg};
 use super::board::Board;
 use super::chain::{Arrangement, BoardObservation, BoardPose, Station, board_pose};
 use super::error::{PoseInterpretation, PoseReading};
@@ -25,16 +25,18 @@ use nalgebra::{Isometry3, Matrix4, Point3, Quaternion, Translation3, UnitQuatern
 use panelprep_base::geometry::{Base, Degrees, Flange, KukaPose, PinholeCamera, Pixel, Point, Rigid, median};
 use rayon::prelude::*;
 
-/// Number of triples that are tried for each reading.
+/// Maximum number of triples of stations that are tried for each interpretation.
 const MAX_TRIPLES: usize = 120;
-/// A reading with a larger residual than this does not fit, mm.
-const FITS_MM: f64 = 5.0;
-/// A reading is reported only if its residual is at most this share of the residual of the poses as written.
+/// Maximum residual of an interpretation that fits, mm.
+const MAX_FIT_RESIDUAL_MM: f64 = 5.0;
+/// Maximum ratio of the residual of an interpretation to that of the poses as written; one with a larger ratio is not
+/// reported.
 const MAX_ERROR_RATIO: f64 = 0.2;
-/// Readings whose residual is below this multiple of the best one's are reported together with it.
+/// Interpretations whose residual is below this multiple of the smallest one are reported together with the best.
 const MAX_RATIO_TO_BEST: f64 = 3.0;
 
-/// Returns the readings in which these stations fit, best first; none if they fit as they are, or in no reading.
+/// Returns the interpretations with which these stations fit, the best first; none if they fit as they are written, or
+/// with no interpretation.
 pub(super) fn fitting_readings<A: Arrangement>(
     camera: &PinholeCamera,
     board: &Board,
@@ -65,7 +67,8 @@ pub(super) fn fitting_readings<A: Arrangement>(
     if let Some((_, found)) =
         tried.iter().find(|(meaning, _)| matches!(meaning, PoseInterpretation::Inverted { .. }))
     {
-        // The flange carries either camera or board, within reach of a hand; the other is fixed in the cell.
+        // The flange carries either the camera or the board, at a distance within reach of a hand; the other is fixed
+        // in the cell.
         let camera_nearer = found.mount.translation.vector.norm() < found.board.translation.vector.norm();
         let other_mount = camera_nearer != A::EYE_IN_HAND;
         if let Some((meaning, _)) =
@@ -92,8 +95,8 @@ pub(super) fn fitting_readings<A: Arrangement>(
     matching_readings(as_read.median_mm, &tried)
 }
 
-/// Returns the readings with which the poses keep the tool's tip at one spot, best first; none if the poses fit as
-/// they are, or in no reading.
+/// Returns the interpretations with which the poses keep the tool's tip at one spot, the best first; none if the poses
+/// fit as they are written, or with no interpretation.
 pub fn tip_readings(poses: &[Rigid<Base, Flange>]) -> Vec<PoseReading> {
     let rms_mm = |poses: &[Rigid<Base, Flange>]| Some(tool_point(poses).ok()?.rms_mm);
     let read = |way: &PoseTransform| -> Vec<Rigid<Base, Flange>> {
@@ -107,13 +110,13 @@ pub fn tip_readings(poses: &[Rigid<Base, Flange>]) -> Vec<PoseReading> {
     matching_readings(as_read_mm, &tried)
 }
 
-/// Returns those of the tried readings that fit, each with its residual, mm.
+/// Returns those of the tried interpretations that fit, each with its residual, mm.
 fn matching_readings(as_read_mm: f64, tried: &[(PoseInterpretation, f64)]) -> Vec<PoseReading> {
     let best = tried.iter().map(|(_, left_mm)| *left_mm).fold(f64::INFINITY, f64::min);
-    if !(best <= FITS_MM && best <= MAX_ERROR_RATIO * as_read_mm) {
+    if !(best <= MAX_FIT_RESIDUAL_MM && best <= MAX_ERROR_RATIO * as_read_mm) {
         return Vec::new();
     }
-    let fits = |left_mm: f64| left_mm <= (MAX_RATIO_TO_BEST * best).min(FITS_MM);
+    let fits = |left_mm: f64| left_mm <= (MAX_RATIO_TO_BEST * best).min(MAX_FIT_RESIDUAL_MM);
     let others = tried.iter().map(|(_, left_mm)| *left_mm).filter(|left_mm| !fits(*left_mm));
     let next_mm = others.fold(as_read_mm, f64::min);
     let fitting = tried.iter().filter(|(_, left_mm)| fits(*left_mm));
@@ -130,7 +133,7 @@ fn matching_readings(as_read_mm: f64, tried: &[(PoseInterpretation, f64)]) -> Ve
 
 type PoseTransform = Box<dyn Fn(&Isometry3<f64>) -> Isometry3<f64> + Send + Sync>;
 
-/// Returns each reading that changes every pose separately.
+/// Returns each interpretation that changes every pose separately.
 fn pose_interpretations() -> Vec<(PoseInterpretation, PoseTransform)> {
     let angles =
         |words: &'static str, turn: fn([f64; 3]) -> UnitQuaternion<f64>| -> (PoseInterpretation, PoseTransform) {
@@ -158,16 +161,18 @@ fn pose_interpretations() -> Vec<(PoseInterpretation, PoseTransform)> {
             }),
         ),
         angles(
-            "A and C are exchanged, or they are roll, pitch, yaw (about fixed X, Y, Z in this order): KUKA's A turns about Z, C about X",
+            "A and C are exchanged, or they are roll, pitch, yaw (about fixed X, Y, Z in this order): KUKA's A \
+             rotates about Z, C about X",
             |[a, b, c]| axis_rotation('z', c) * axis_rotation('y', b) * axis_rotation('x', a),
         ),
         angles(
-            "the angles turn about X, then the new Y, then the new Z: KUKA's A, B, C turn about Z, the new Y, the new X",
+            "the angles rotate about X, then the new Y, then the new Z: KUKA's A, B, C rotate about Z, the new Y, \
+             the new X",
             |[a, b, c]| axis_rotation('x', a) * axis_rotation('y', b) * axis_rotation('z', c),
         ),
         angles(NEW_Z, |[a, b, c]| axis_rotation('z', a) * axis_rotation('y', b) * axis_rotation('z', c)),
         angles(NEW_X_NEW_Z, |[a, b, c]| axis_rotation('z', a) * axis_rotation('x', b) * axis_rotation('z', c)),
-        // In these readings the second angle may be up to 180°. The rotation determines only the triple with the
+        // In these interpretations the second angle may be up to 180°. The rotation determines only the triple with the
         // smaller second angle.
         angles(NEW_Z, |angles| {
             let [a, b, c] = equivalent_angles_rad(angles);
@@ -185,8 +190,8 @@ fn pose_interpretations() -> Vec<(PoseInterpretation, PoseTransform)> {
         (
             PoseInterpretation::RotationVector { radians: false },
             angle_convention_change(|angles| {
-                // The rotation determines A, B, C only up to a second triple. The shorter of the two is taken, since a
-                // rotation vector is at most half a turn.
+                // The rotation determines A, B, C only up to a second triple. The shorter of the two is used, since the
+                // length of a rotation vector is at most 180°.
                 let [written, other] = [angles, equivalent_angles_rad(angles)].map(Vector3::from);
                 UnitQuaternion::from_scaled_axis(if other.norm() < written.norm() { other } else { written })
             }),
@@ -198,18 +203,18 @@ fn pose_interpretations() -> Vec<(PoseInterpretation, PoseTransform)> {
             }),
         ),
         (PoseInterpretation::Radians, angle_convention_change(|angles| kuka(angles.map(f64::to_degrees)))),
-        // A library that expects x, y, z, w was given w, x, y, z, or the reverse.
+        // A library that expects x, y, z, w received w, x, y, z, or the reverse.
         quaternion("w, x, y, z were read as x, y, z, w", |[x, y, z, w]| [y, z, w, x]),
         quaternion("x, y, z, w were read as w, x, y, z", |[x, y, z, w]| [w, x, y, z]),
     ]
 }
 
 const NEW_Z: &str =
-    "the angles turn about Z, the new Y and the new Z: KUKA's A, B, C turn about Z, the new Y, the new X";
+    "the angles rotate about Z, the new Y and the new Z: KUKA's A, B, C rotate about Z, the new Y, the new X";
 const NEW_X_NEW_Z: &str =
-    "the angles turn about Z, the new X and the new Z: KUKA's A, B, C turn about Z, the new Y, the new X";
+    "the angles rotate about Z, the new X and the new Z: KUKA's A, B, C rotate about Z, the new Y, the new X";
 
-/// Returns the other A, B, C of the same rotation, rad, each within half a turn.
+/// Returns the other A, B, C of the same rotation, rad, each from −180° to 180°.
 fn equivalent_angles_rad([a, b, c]: [f64; 3]) -> [f64; 3] {
     let half = |angle: f64| if angle > 0.0 { angle - std::f64::consts::PI } else { angle + std::f64::consts::PI };
     [half(a), -half(b), half(c)]
@@ -228,7 +233,7 @@ fn kuka([a, b, c]: [f64; 3]) -> UnitQuaternion<f64> {
     axis_rotation('z', a) * axis_rotation('y', b) * axis_rotation('x', c)
 }
 
-/// Returns the change of a pose whose angles A, B, C, in rad, are interpreted by `turn`.
+/// Returns the change of a pose if `turn` converts its angles A, B, C, in rad, to a rotation.
 fn angle_convention_change(turn: fn([f64; 3]) -> UnitQuaternion<f64>) -> PoseTransform {
     Box::new(move |pose: &Isometry3<f64>| {
         let written: KukaPose = KukaPose::from_rigid(&Rigid::<Base, Flange>::from_isometry_unchecked(*pose));
@@ -237,8 +242,8 @@ fn angle_convention_change(turn: fn([f64; 3]) -> UnitQuaternion<f64>) -> PoseTra
     })
 }
 
-/// Returns the boards' poses in pictures that are mirrored left to right; `None` for points, or if a picture gives
-/// no pose.
+/// Returns the boards' poses for pictures that are mirrored left to right; `None` for points of a 3D camera, or if a
+/// picture gives no pose.
 fn mirrored_board_poses<C: panelprep_base::geometry::Frame>(
     camera: &PinholeCamera,
     board: &Board,
@@ -265,8 +270,8 @@ struct ClosedForm {
     board: Isometry3<f64>,
 }
 
-/// Returns the mount from the three stations that agree best with all; with `free`, lengths of board and robot may
-/// differ by a factor.
+/// Returns the mount from the three stations that agrees best with all stations; with `free`, the lengths of board and
+/// robot may differ by a factor.
 fn closed_form(
     holder_from_to: &[Isometry3<f64>],
     camera_from_board: &[Isometry3<f64>],
@@ -277,7 +282,7 @@ fn closed_form(
     let stride = all.len().div_ceil(MAX_TRIPLES).max(1);
     let tried = all.into_iter().step_by(stride).filter_map(|triple| {
         let moved = triple.map(|index| holder_from_to[index]);
-        if second_axis_deg(&moved).to_radians() < MIN_TURN_RAD {
+        if second_axis_deg(&moved).to_radians() < MIN_START_ROTATION_RAD {
             return None;
         }
         let seen = triple.map(|index| camera_from_board[index]);

@@ -11,8 +11,8 @@
 //! determined. The scatter is estimated from the residuals, and the size of the prior from the arm's parameters.
 //!
 //! The result is judged by cross-validation on pictures that were left out, with and without p. It states the
-//! uncertainty of the corrected arm anywhere in its volume. Axis angles that differ from those in the file are
-//! detected first: two exchanged, a wrong sign, or those of another arm.
+//! uncertainty of the corrected arm anywhere in its volume. Wrong axis angles in the file are detected first: two are
+//! exchanged, one has a wrong sign, or they are those of another arm.
 
 use super::adjust::scaled_inverse;
 use super::arm_errors;
@@ -21,21 +21,21 @@ pub use super::arm_errors::{ArmPose, Correction, SMOOTH_NUMBERS};
 use super::error::CalibError;
 use super::quantile::radius_95;
 pub use super::robot_settle::{ArmTouch, ArmView, Rig, RigKind, RobotData, TouchTarget};
-use super::robot_settle::{ConvergedState, REPEAT_MM, State, levenberg_marquardt};
+use super::robot_settle::{ConvergedState, REPEATABILITY_MM, State, levenberg_marquardt};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Vector3};
 use panelprep_base::geometry::{Base, Flange, Joints, Point, Rigid};
 use panelprep_base::number_text::distinguishable_texts;
 
-/// Minimum number of pictures: with fewer, no arm is estimated.
+/// Minimum number of pictures from which an arm is estimated.
 pub const MIN_VIEWS: usize = 12;
-/// Number of times that the size of this arm's parameters is estimated.
+/// Number of times that the size of the arm's parameters is estimated.
 const SCALE_ITERATIONS: usize = 3;
 /// The number of groups in which pictures are left out.
 const GROUPS: usize = 5;
 
 /// Returns the initial correction: geometry if every pose has its axis angles, else smooth over the measured
 /// volume.
-fn nominal(data: &RobotData) -> Correction {
+fn initial_correction(data: &RobotData) -> Correction {
     let poses = || data.views.iter().map(|view| &view.pose).chain(data.touches.iter().map(|touch| &touch.pose));
     if poses().all(|pose| pose.joints.is_some()) {
         return Correction::Geometry { geometry: data.geometry, errors: [0.0; ARM_NUMBERS] };
@@ -56,7 +56,7 @@ fn nominal(data: &RobotData) -> Correction {
 /// If there are too few pictures, axis angles contradict the pictures or the controller's poses, touches do not
 /// determine the tip, or the iteration does not converge.
 pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
-    let unsettled = || CalibError::NotSettled { what: "the arm" };
+    let unsettled = || CalibError::NotSettled { what: "the adjustment of the arm" };
     if data.views.len() < MIN_VIEWS {
         let message = format!(
             "{} pictures show the board; at least {MIN_VIEWS} are needed to calibrate an arm",
@@ -74,7 +74,7 @@ pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
     let spot_of = |touch: &ArmTouch| if let TouchTarget::Spot(spot) = touch.target { spot + 1 } else { 0 };
     let spots = data.touches.iter().map(spot_of).max().unwrap_or(0);
     let start = State {
-        correction: nominal(data),
+        correction: initial_correction(data),
         corrects: false,
         size: 1.0,
         rigs: data.rigs.clone(),
@@ -82,13 +82,12 @@ pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
         tip: Vector3::new(0.0, 0.0, 100.0),
         spots: (0..spots).map(|spot| first_touch(data, spot)).collect(),
     };
-    // First without corrections: it gives the start, and the residuals with which the correction must be compared to
-    // prove that it helps.
+    // The first minimisation is without a correction: it gives the start values, and the residuals with which the
+    // corrected ones are compared to prove that the correction helps.
     let plain = levenberg_marquardt(start, &views, &data.touches).ok_or_else(unsettled)?;
     let free = State { corrects: true, ..plain.state.clone() };
     let mut full = levenberg_marquardt(free, &views, &data.touches).ok_or_else(unsettled)?;
-    // How large this arm's errors are is not known beforehand; a prior for a good arm would hide the errors of a bad
-    // one.
+    // The size of this arm's errors is not known beforehand; a prior for a good arm would hide the errors of a bad one.
     for _ in 0..SCALE_ITERATIONS {
         let resized = State { size: full.size(), ..full.state };
         full = levenberg_marquardt(resized, &views, &data.touches).ok_or_else(unsettled)?;
@@ -99,7 +98,7 @@ pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
     let numbers = full.state.correction.numbers().iter().enumerate().map(|(index, value)| {
         let (name, unit) = full.state.correction.name(index);
         let deviation = full.inverse[(index, index)].sqrt();
-        Number {
+        EstimatedParameter {
             name,
             value: value * unit,
             uncertainty: 1.96 * deviation * unit,
@@ -121,8 +120,7 @@ pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
     })
 }
 
-/// Returns what is wrong with the touches: an object that cannot be touched, or touches that do not determine the
-/// tip.
+/// Returns what is wrong with the touches: a target that cannot be touched, or touches that do not determine the tip.
 fn touch_problem(data: &RobotData) -> Option<String> {
     let is_other = |touch: &&ArmTouch| match touch.target {
         TouchTarget::Spot(_) => false,
@@ -141,19 +139,19 @@ fn touch_problem(data: &RobotData) -> Option<String> {
         .iter()
         .filter_map(|touch| if let TouchTarget::Spot(spot) = touch.target { Some(spot) } else { None })
         .collect();
-    // Each spot uses up one touch, and the tip needs two.
+    // The unknown position of each spot uses up one touch, and the tip needs two.
     let (touch_count, needed) = (data.touches.len(), free.len() + 2);
     (touch_count > 0 && touch_count < needed).then(|| {
         format!(
             "{touch_count} touches do not determine the tip (at least {needed} touches are needed): touch each spot \
-                 several times with the tool turned differently"
+             several times, each time with another orientation of the tool"
         )
     })
 }
 
-/// Returns the cross-validation residual for each axis of the view, without the noise of the pictures and of the
-/// arm's parameters, mm. Only the fixed camera's pictures are used, if there are any, since the board on the flange
-/// is about as far from it as a tool.
+/// Returns the cross-validation residual for each axis of the view, without the noise of the pictures and the
+/// uncertainty of the arm's parameters, mm. If there are pictures of a fixed camera, only they are used: the board on
+/// the flange is about as far from the flange as a tool.
 fn scatter_mm(full: &ConvergedState, data: &RobotData, left_out: &[LeftOutError]) -> Option<f64> {
     let is_fixed = |view: &ArmView| data.rigs[view.rig].kind == RigKind::EyeToHand;
     let has_fixed = data.views.iter().any(is_fixed);
@@ -170,15 +168,15 @@ fn scatter_mm(full: &ConvergedState, data: &RobotData, left_out: &[LeftOutError]
                     .vector,
             )
         };
-        let of_numbers = spread(full, &place)? * (GROUPS as f64 / (GROUPS - 1) as f64);
+        let of_numbers = position_covariance(full, &place)? * (GROUPS as f64 / (GROUPS - 1) as f64);
         let of_picture = scaled_inverse(&view.information)?.fixed_view::<3, 3>(3, 3).into_owned();
         let turn = view.camera_from_board.rotation.to_rotation_matrix();
         let expected = turn.matrix() * (of_numbers + of_picture) * turn.matrix().transpose();
         square += (turn * off).xy().norm_squared() - expected[(0, 0)] - expected[(1, 1)];
         count += 2.0;
     }
-    // The stated repeatability of a robot is three standard deviations.
-    Some((square / f64::max(count, 1.0)).max(0.0).sqrt().max(REPEAT_MM / 3.0))
+    // The repeatability in a robot's data sheet is three standard deviations.
+    Some((square / f64::max(count, 1.0)).max(0.0).sqrt().max(REPEATABILITY_MM / 3.0))
 }
 
 /// A picture's number, and the error with which the other pictures predict its board, in the board's frame, mm.
@@ -212,7 +210,7 @@ fn cross_validate(state: &State, data: &RobotData) -> Option<Vec<LeftOutError>> 
 
 /// One parameter of the correction.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Number {
+pub struct EstimatedParameter {
     /// The parameter's name, with its unit.
     pub name: String,
     /// Its value.
@@ -230,7 +228,7 @@ pub struct RobotFound {
     /// The correction.
     pub correction: Correction,
     /// Its numbers.
-    pub numbers: Vec<Number>,
+    pub numbers: Vec<EstimatedParameter>,
     /// The rigs as calculated with the correction.
     pub rigs: Vec<Rig>,
     /// The tip on the flange, if there were touches, mm.
@@ -244,12 +242,12 @@ pub struct RobotFound {
     pub(super) state: State,
     pub(super) covariance: DMatrix<f64>,
     pub(super) variance: f64,
-    /// The residual of a single pose that no parameter of the arm explains, along each axis, mm.
+    /// The residual of a single pose along each axis that no parameter of the arm explains, mm.
     pub(super) scatter_mm: f64,
 }
 
-/// Returns the derivative of a position with respect to each unknown, the position in mm; `None` if the position
-/// cannot be computed.
+/// Returns the derivative of a position, in mm, with respect to each unknown; `None` if the position cannot be
+/// computed.
 pub(super) fn position_jacobian(
     state: &State,
     covariance: &DMatrix<f64>,
@@ -267,15 +265,18 @@ pub(super) fn position_jacobian(
 }
 
 /// Returns the covariance of a position, mm².
-fn spread(settled: &ConvergedState, place: &dyn Fn(&State) -> Option<Vector3<f64>>) -> Option<Matrix3<f64>> {
+fn position_covariance(
+    settled: &ConvergedState,
+    place: &dyn Fn(&State) -> Option<Vector3<f64>>,
+) -> Option<Matrix3<f64>> {
     let slope = position_jacobian(&settled.state, &settled.inverse, place)?;
     let spread = &slope * &settled.inverse * slope.transpose();
     Some(spread.fixed_view::<3, 3>(0, 0).into_owned())
 }
 
 impl State {
-    /// Returns the tip at a pose: in the frame of the fixed camera if there is one, else in the base. The tip must
-    /// reach the position that the camera sees.
+    /// Returns the tip at a pose: in the frame of the fixed camera if there is one, else in the base. The error counts
+    /// relative to the camera, because the tip must reach the position that the camera sees.
     pub(super) fn tip_position(&self, pose: &ArmPose) -> Option<Vector3<f64>> {
         let tip = self.correction.base_from_flange(pose)? * Point::<Flange>::new(self.tip.into());
         let fixed = self.rigs.iter().find(|rig| rig.kind == RigKind::EyeToHand);
@@ -309,15 +310,16 @@ impl RobotFound {
     }
 }
 
-/// The largest difference between axis angles and controller, mm and degrees, if both belong to one robot.
+/// Maximum difference between the pose by the axis angles and the controller's pose, mm and degrees, if both belong to
+/// one robot.
 const MAX_POSITION_DIFFERENCE_MM: f64 = 5.0;
 const MAX_ROTATION_DIFFERENCE_DEG: f64 = 1.0;
-/// The largest difference between the rotations of board and flange from picture to picture, degrees rms.
-const MAX_TURN_DIFFERENCE_DEG: f64 = 0.7;
-/// The largest difference between the shifts of board and flange along the axis of that rotation, mm rms.
-const MAX_SHIFT_DIFFERENCE_MM: f64 = 5.0;
-/// Rotations with a well-defined axis.
-const AXIS_DEG: (f64, f64) = (5.0, 170.0);
+/// Maximum difference between the rotation angles of board and flange from picture to picture, degrees rms.
+const MAX_SCREW_ANGLE_DIFFERENCE_DEG: f64 = 0.7;
+/// Maximum difference between the shifts of board and flange along the axis of that rotation, mm rms.
+const MAX_SCREW_SHIFT_DIFFERENCE_MM: f64 = 5.0;
+/// Minimum and maximum angle of a rotation that has a well-defined axis.
+const AXIS_ROTATION_RANGE_DEG: (f64, f64) = (5.0, 170.0);
 
 /// Checks whether the axis angles agree with the controller's poses and the pictures. If not, returns the fault
 /// that explains the difference.
@@ -334,7 +336,7 @@ fn axis_angle_problem(data: &RobotData) -> Option<String> {
         })
     };
     let screws = |mend: &dyn Fn(&Joints) -> Joints| screw_misfit(data, &|joints| drawn(&mend(joints)));
-    let fits = |(deg, mm): (f64, f64)| deg <= MAX_TURN_DIFFERENCE_DEG && mm <= MAX_SHIFT_DIFFERENCE_MM;
+    let fits = |(deg, mm): (f64, f64)| deg <= MAX_SCREW_ANGLE_DIFFERENCE_DEG && mm <= MAX_SCREW_SHIFT_DIFFERENCE_MM;
     let agrees = |mend: &dyn Fn(&Joints) -> Joints| {
         let (mm, deg) = misfit(mend);
         mm <= MAX_POSITION_DIFFERENCE_MM && deg <= MAX_ROTATION_DIFFERENCE_DEG
@@ -364,8 +366,8 @@ fn axis_angle_problem(data: &RobotData) -> Option<String> {
         distinguishable_texts(mm, MAX_POSITION_DIFFERENCE_MM, 1),
         distinguishable_texts(deg, MAX_ROTATION_DIFFERENCE_DEG, 1),
     );
-    let [turn, most_turn] = distinguishable_texts(turn_deg, MAX_TURN_DIFFERENCE_DEG, 1);
-    let [shift, most_shift] = distinguishable_texts(shift_mm, MAX_SHIFT_DIFFERENCE_MM, 1);
+    let [turn, most_turn] = distinguishable_texts(turn_deg, MAX_SCREW_ANGLE_DIFFERENCE_DEG, 1);
+    let [shift, most_shift] = distinguishable_texts(shift_mm, MAX_SCREW_SHIFT_DIFFERENCE_MM, 1);
     Some(format!(
         "axis angles and base_from_flange differ by up to {mm} mm and {deg}° (limits {most_mm} mm and \
          {most_deg}°); between pictures, the motions of the board and of the flange by its axis angles differ by \
@@ -394,8 +396,8 @@ fn screw_misfit(data: &RobotData, flange: &dyn Fn(&Joints) -> Rigid<Base, Flange
             };
             let ((moved_deg, moved_mm), (seen_deg, seen_mm)) = (screw(&moved), screw(&seen));
             turns += (moved_deg - seen_deg).powi(2);
-            // The axis of a small rotation is poorly determined, and that of half a turn has no sign.
-            let has_axis = |deg: &f64| (AXIS_DEG.0..AXIS_DEG.1).contains(deg);
+            // The axis of a small rotation is poorly determined, and the axis of a rotation by 180° has no sign.
+            let has_axis = |deg: &f64| (AXIS_ROTATION_RANGE_DEG.0..AXIS_ROTATION_RANGE_DEG.1).contains(deg);
             let is_screw = has_axis(&moved_deg) && has_axis(&seen_deg);
             shifts += if is_screw { (moved_mm - seen_mm).powi(2) } else { 0.0 };
             count += 1.0;

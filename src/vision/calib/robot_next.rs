@@ -23,17 +23,17 @@ use rayon::prelude::*;
 /// A flange pose at which a rig's camera would see its board.
 #[derive(Debug, Clone)]
 pub struct Viewpoint {
-    /// Pose of the flange at this viewpoint.
+    /// The rig whose camera would see its board.
     pub rig: usize,
-    /// The flange's pose there.
+    /// The flange pose at this viewpoint.
     pub base_from_flange: Rigid<Base, Flange>,
     information: Matrix6<f64>,
 }
 
-/// A pose that is allowed for the arm.
+/// A pose that the arm may take.
 #[derive(Debug, Clone)]
 pub struct Candidate {
-    /// The view that the picture would show.
+    /// The view from this pose.
     pub viewpoint: Viewpoint,
     /// The pose.
     pub pose: ArmPose,
@@ -42,15 +42,15 @@ pub struct Candidate {
 /// The next pose.
 #[derive(Debug, Clone)]
 pub struct NextPose {
-    /// The rig of the board to be seen.
+    /// The rig whose board the picture shows.
     pub rig: usize,
     /// The pose.
     pub pose: ArmPose,
-    /// The least well determined parameter, among those that the data determine.
+    /// The least certain parameter among those that the data determine.
     pub weakest_parameter: String,
     /// The ratio of this parameter's standard deviation after the picture to that before.
     pub weakest_share: f64,
-    /// The ratio of the tip's stated error, the median over the volume, after the best picture to that before it.
+    /// The ratio of the tip's stated error after the best picture to that before it, as the median over the volume.
     pub tip_share: f64,
 }
 
@@ -61,9 +61,10 @@ impl NextPose {
     }
 }
 
-/// A picture is not worth taking if a larger share of the tip's stated error remains after it.
+/// Maximum share of the tip's stated error that may remain after a picture; if more remains, the picture is not worth
+/// taking.
 const MAX_REMAINING_SHARE: f64 = 0.95;
-/// A parameter counts as determined if less than this fraction of its usual deviation is left.
+/// Maximum ratio of a parameter's standard deviation to its usual one at which the data determine the parameter.
 pub const DETERMINED_SHARE: f64 = 0.7;
 const PARTS: [f64; 3] = [0.28, 0.5, 0.72];
 const TILTS_DEG: [f64; 2] = [20.0, 42.0];
@@ -100,7 +101,8 @@ pub fn viewpoints(
     all
 }
 
-/// Returns rotations of the board: flat and tilted several ways, each rotated about the view several times.
+/// Returns rotations of the board: flat and tilted in several directions, each rotated about the line of sight by
+/// several angles.
 fn candidate_rotations() -> Vec<UnitQuaternion<f64>> {
     let about = |index: usize, count: usize| std::f64::consts::TAU * index as f64 / count as f64;
     let tilt = |tilt_deg: f64| {
@@ -179,7 +181,7 @@ pub fn best_next_pose(found: &RobotFound, candidates: &[Candidate], volume: &[Ar
     })
 }
 
-/// The gain of a pose by (1).
+/// Computes the gain of a pose by (1).
 fn gain(
     found: &RobotFound,
     candidate: &Candidate,

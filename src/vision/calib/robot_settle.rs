@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Vector3};
 use panelprep_base::geometry::{Board, Camera, PinholeCamera, Point, Rigid};
 use panelprep_cell::cell::ArmGeometry;
 
-/// Which of camera and board moves.
+/// States which of camera and board moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RigKind {
     /// The camera is fixed, the board is on the flange.
@@ -36,7 +36,7 @@ pub struct Rig {
 pub struct ArmView {
     /// The picture's name in messages.
     pub name: String,
-    /// The rig that made the picture.
+    /// The rig that took the picture.
     pub rig: usize,
     /// The robot's pose.
     pub pose: ArmPose,
@@ -48,14 +48,14 @@ pub struct ArmView {
     pub rms_px: f64,
 }
 
-/// The robot's repeatability, mm; `REPEAT_RAD` is that of the rotation, rad.
-pub(super) const REPEAT_MM: f64 = 0.03;
-const REPEAT_RAD: f64 = 5e-5;
-/// The least assumed error of a corner, px.
-const MIN_PX: f64 = 0.02;
+/// The robot's repeatability, mm; `REPEATABILITY_RAD` is that of the rotation, rad.
+pub(super) const REPEATABILITY_MM: f64 = 0.03;
+const REPEATABILITY_RAD: f64 = 5e-5;
+/// Minimum error of a corner that is assumed, px.
+const MIN_CORNER_ERROR_PX: f64 = 0.02;
 
 impl ArmView {
-    /// Makes a view from the corners that a picture shows.
+    /// Creates a view from the corners that a picture shows.
     ///
     /// # Errors
     /// If they determine no pose.
@@ -67,14 +67,14 @@ impl ArmView {
         corners: &Corners,
     ) -> Result<Self, CalibError> {
         let found = board_pose::<Camera>(camera, &BoardObservation::Pixels(corners.clone()))?;
-        let unsettled = CalibError::NotSettled { what: "the board's pose" };
+        let unsettled = CalibError::NotSettled { what: "the computation of the board's pose" };
         let information = information(camera, corners, &found.camera_from_board, found.rms).ok_or(unsettled)?;
         let camera_from_board = *found.camera_from_board.isometry();
         Ok(ArmView { name, rig, pose, camera_from_board, information, rms_px: found.rms })
     }
 }
 
-/// Returns the information of the board's pose in a picture with this error of its corners.
+/// Returns the information on the board's pose from a picture with this error of its corners.
 pub(super) fn information(
     camera: &PinholeCamera,
     corners: &Corners,
@@ -82,9 +82,10 @@ pub(super) fn information(
     rms_px: f64,
 ) -> Option<Matrix6<f64>> {
     let gram = LensGram::compute(camera, corners, camera_from_board)?;
-    let of_corners = scaled_inverse(&gram.pose)? * rms_px.max(MIN_PX).powi(2);
+    let of_corners = scaled_inverse(&gram.pose)? * rms_px.max(MIN_CORNER_ERROR_PX).powi(2);
     let far_mm = camera_from_board.origin().mm.coords.norm();
-    let (turn, shift) = (REPEAT_RAD.powi(2), REPEAT_MM.powi(2) + (far_mm * REPEAT_RAD).powi(2));
+    let (turn, shift) =
+        (REPEATABILITY_RAD.powi(2), REPEATABILITY_MM.powi(2) + (far_mm * REPEATABILITY_RAD).powi(2));
     let of_robot = Matrix6::from_diagonal(&Twist::new(turn, turn, turn, shift, shift, shift));
     scaled_inverse(&(of_corners + of_robot))
 }
@@ -133,12 +134,12 @@ pub struct RobotData {
 }
 
 /// Standard deviation of one touch, mm.
-const TOUCH_MM: f64 = 0.1;
+const TOUCH_STD_MM: f64 = 0.1;
 /// Standard deviation of the tip's distance from the flange, mm: the prior if touches do not determine the tip.
-const TIP_MM: f64 = 300.0;
+const TIP_PRIOR_MM: f64 = 300.0;
 const MAX_STEPS: usize = 40;
-/// The range of the factor by which an arm's errors may be smaller or larger than usual.
-const SIZES: (f64, f64) = (0.3, 4.0);
+/// Range of the factor between an arm's errors and the usual ones.
+const ERROR_FACTOR_RANGE: (f64, f64) = (0.3, 4.0);
 
 /// The estimated parameters.
 #[derive(Debug, Clone)]
@@ -170,7 +171,7 @@ impl State {
         self.correction.parameter_priors().into_iter().map(|usual| usual * self.size).collect()
     }
 
-    /// Returns how many parameters of the correction are free.
+    /// Returns the number of free parameters of the correction.
     pub fn free_parameter_count(&self) -> usize {
         if self.corrects { self.correction.numbers().len() } else { 0 }
     }
@@ -221,7 +222,7 @@ impl State {
                 TouchTarget::Corner { rig, place } => (self.rigs[*rig].board * place.mm).coords,
                 TouchTarget::Seen { rig, place } => (self.rigs[*rig].mount * place.mm).coords,
             };
-            let off = ((flange * nalgebra::Point3::from(self.tip)).coords - touched) / TOUCH_MM;
+            let off = ((flange * nalgebra::Point3::from(self.tip)).coords - touched) / TOUCH_STD_MM;
             all.extend(off.iter().copied());
         }
         Some(DVector::from_vec(all))
@@ -245,11 +246,12 @@ impl ConvergedState {
             self.state.correction.numbers().iter().zip(self.state.parameter_priors()).enumerate()
         {
             square += (number / usual).powi(2);
-            // A number that the data do not determine keeps its prior's spread and adds nothing here.
+            // A parameter that the data do not determine keeps the standard deviation of its prior and adds nothing
+            // here.
             redundancy += (1.0 - self.inverse[(index, index)] / usual.powi(2)).max(0.0);
         }
         let grown = (square / f64::max(redundancy, 1.0)).sqrt();
-        (self.state.size * grown).clamp(SIZES.0, SIZES.1)
+        (self.state.size * grown).clamp(ERROR_FACTOR_RANGE.0, ERROR_FACTOR_RANGE.1)
     }
 }
 
@@ -258,7 +260,7 @@ fn prior_knowledge(state: &State, usual: &[f64]) -> Vec<(usize, f64, f64)> {
     let numbers = state.correction.numbers().iter().zip(usual).take(state.free_parameter_count()).enumerate();
     let mut all: Vec<_> = numbers.map(|(index, (number, usual))| (index, *number, *usual)).collect();
     if state.touches {
-        all.extend((0..3).map(|axis| (state.tip_index() + axis, state.tip[axis], TIP_MM)));
+        all.extend((0..3).map(|axis| (state.tip_index() + axis, state.tip[axis], TIP_PRIOR_MM)));
     }
     all
 }

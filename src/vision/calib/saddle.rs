@@ -3,11 +3,11 @@
 //! If two edges of a chessboard cross at c, a pixel at x with signed distances d₁, d₂ from the edges has the grey
 //! level
 //!     g(x) = (m + a · E(d₁) · E(d₂)) · (1 + l · (x − c)),   E(d) = ∫ erf(t / (s √2)) dt from d − ½ to d + ½,      (1)
-//! with mean m, half contrast a (its sign states which squares are black), blur s of the lens and light that falls off
-//! by l. A pixel averages over itself, which for an edge of any direction is nearly the mean over 1 px across the
-//! edge. Least squares over the window by Levenberg–Marquardt finds c, both directions and the rest. The pattern is
-//! the same seen from the other side of c, and so a wrong profile of the blur does not move c. Every pixel of both
-//! edges counts, while `cornerSubPix`, which gives the start value, follows noise in the gradients.
+//! with mean m, half contrast a (its sign states which squares are black), blur s of the lens and light gradient l. The
+//! grey level of a pixel is the mean over its area, which for an edge of any direction is nearly the mean over 1 px
+//! across the edge. Least squares over the window by Levenberg–Marquardt finds c, both directions and the other
+//! parameters. The pattern is symmetric about the point c, so a wrong profile of the blur does not move c. Every pixel
+//! of both edges counts, while `cornerSubPix`, which gives the start value, follows noise in the gradients.
 //!
 //! This module does not detect corners, and returns `None` if the model does not fit.
 
@@ -19,17 +19,17 @@ const UNKNOWNS: usize = 9;
 const MAX_STEPS: usize = 30;
 /// The iteration ends when the corner moves by less than this, px.
 const CONVERGENCE_PX: f64 = 1e-4;
-/// A corner that moves farther from its start than this is another corner, px.
+/// Maximum motion of a corner from its start, px; beyond this it is another corner.
 const MAX_MOVE_PX: f64 = 1.5;
 /// Minimum half contrast of a corner, grey levels.
 const MIN_CONTRAST: f64 = 6.0;
 /// Maximum residual of the model, as a share of the half contrast, in addition to the picture's noise.
 const MAX_MODEL_RESIDUAL_SHARE: f64 = 0.25;
-/// The noise's own mean square over a window may be larger than expected by this number of standard deviations.
-const NOISE_SPREAD: f64 = 3.0;
+/// Maximum excess of the mean square of the noise in a window over its expected value, in standard deviations.
+const MAX_NOISE_SIGMAS: f64 = 3.0;
 const START_BLUR_PX: f64 = 0.8;
-/// The smallest blur of the model, px: no lens is sharper.
-const SHARPEST_PX: f64 = 0.05;
+/// Minimum blur of the model, px: no lens is sharper.
+const MIN_BLUR_PX: f64 = 0.05;
 
 /// A corner with the parameters of the fitted model.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,16 +38,16 @@ pub(super) struct Saddle {
     pub pixel: Pixel,
     /// The standard deviation of the position along each axis, from the picture's noise, px.
     pub deviation_px: f64,
-    /// Half the contrast; its sign states which squares are black.
+    /// Half the contrast, grey levels; its sign states which squares are black.
     pub contrast: f64,
     /// The rms residual of the model in addition to the noise, as a share of the half contrast.
     pub residual: f64,
-    /// The change of the light from the corner to the window's side, as a share of the contrast.
+    /// The change of the light from the corner to the side of the window, as a share of the contrast.
     pub light_gradient: f64,
 }
 
-/// Refines the corner near `start` with edges along `edges`, in a picture with this much white noise; `None` if the
-/// window leaves the picture or the model does not fit.
+/// Refines the corner near `start` whose edges run along `edges`, in a picture with this rms of white noise; `None` if
+/// the window leaves the picture or the model does not fit.
 pub(super) fn refine(
     picture: &GrayPicture,
     start: Pixel,
@@ -123,7 +123,7 @@ impl Model {
         Model {
             pixel: Pixel::at(self.pixel.u + step[0], self.pixel.v + step[1]),
             angles: [self.angles[0] + step[2], self.angles[1] + step[3]],
-            log_blur: (self.log_blur + step[4]).max(SHARPEST_PX.ln()),
+            log_blur: (self.log_blur + step[4]).max(MIN_BLUR_PX.ln()),
             mean: self.mean + step[5],
             contrast: self.contrast + step[6],
             light: self.light + Vector2::new(step[7], step[8]),
@@ -169,7 +169,7 @@ impl Model {
     }
 
     fn is_plausible(&self, start: Pixel, (mean_square, count): (f64, f64), noise: f64) -> bool {
-        let of_noise = noise * noise * (1.0 + NOISE_SPREAD * (2.0 / count).sqrt());
+        let of_noise = noise * noise * (1.0 + MAX_NOISE_SIGMAS * (2.0 / count).sqrt());
         self.pixel.distance_px(start) < MAX_MOVE_PX
             && self.contrast.abs() > MIN_CONTRAST
             && mean_square < (MAX_MODEL_RESIDUAL_SHARE * self.contrast).powi(2) + of_noise
@@ -204,7 +204,7 @@ impl Patch {
         Some(Patch { pixels, half_window_px: half_window_px as f64 })
     }
 
-    /// Returns the start model, with the given directions; mean and contrast by least squares.
+    /// Returns the start model with the given directions of the edges; its mean and contrast come from least squares.
     fn initial_model(&self, at: Pixel, edges: [Vector2<f64>; 2]) -> Model {
         let angles = edges.map(|edge| edge.y.atan2(edge.x));
         let log_blur = START_BLUR_PX.min(self.half_window_px / 3.0).ln();
@@ -236,8 +236,7 @@ impl Patch {
 mod tests {
     use super::*;
 
-    /// Renders a corner at (20.3, 19.6) with edges along 20° and 100°, with sixteen rays along each side of each
-    /// pixel.
+    /// Renders a corner at (20.3, 19.6) with edges along 20° and 100°; each pixel is the mean of 16 × 16 rays.
     fn drawn() -> GrayPicture {
         let mut picture = GrayPicture::uniform(41, 41, 0);
         let [one, two] = [20.0_f64, 100.0].map(|deg| Vector2::new(deg.to_radians().cos(), deg.to_radians().sin()));
@@ -256,14 +255,14 @@ mod tests {
     }
 
     #[test]
-    fn a_drawn_corner_is_found_to_a_few_thousandths() {
+    fn a_rendered_corner_is_located_to_a_few_thousandths() {
         let (picture, edges) = (drawn(), [Vector2::new(1.0, 0.25), Vector2::new(0.0, 1.0)]);
         let found = refine(&picture, Pixel::at(20.8, 19.1), edges, 8, 0.0).expect("a corner");
         assert!(found.pixel.distance_px(Pixel::at(20.3, 19.6)) < 0.005, "{found:?}");
     }
 
     #[test]
-    fn what_is_no_corner_gives_none() {
+    fn pictures_without_a_corner_give_none() {
         let edges = [Vector2::new(1.0, 0.25), Vector2::new(0.0, 1.0)];
         let flat = GrayPicture::uniform(41, 41, 120);
         assert_eq!(refine(&flat, Pixel::at(20.0, 20.0), edges, 8, 0.0), None, "nothing is there");

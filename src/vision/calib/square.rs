@@ -3,7 +3,7 @@
 //! A board with squares that differ from the stated size appears farther away or nearer than it is, and the mount
 //! absorbs the difference. Its residuals stay small and its stated uncertainty too. With the size as one more unknown
 //! s of (1) in `adjust`,
-//!     p = X⁻¹ · Mᵢ(eᵢ) · Y · (1 + s) q,                                                                              (1)
+//!     p = X⁻¹ · Mᵢ(eᵢ) · Y · (1 + s) q,                                                                        (1)
 //! the data determine it. The method is Gauss–Newton: one step for s with mount, board and every eᵢ eliminated, then
 //! the adjustment again with squares of the new size, until s no longer changes. A lens of covariance C adds its part,
 //! as in `adjust`: a wrong focal length has nearly the same effect as squares of another size. The focal length is
@@ -19,9 +19,9 @@ use panelprep_base::geometry::{Board, Frame, PinholeCamera, Point};
 use panelprep_cell::cell::LensCovariance;
 
 const MAX_STEPS: usize = 8;
-/// The iteration ends when the size changes by less than this share.
+/// The iteration ends when the relative change of the size is smaller than this.
 const CONVERGENCE_TOLERANCE: f64 = 1e-7;
-/// The probability with which a calibration calls a correct size wrong.
+/// The probability that a calibration judges a correct size to be wrong.
 const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
 
 /// The squares' size, or the focal length, as determined by the robot's motions.
@@ -44,7 +44,7 @@ impl<A: Arrangement> SquareSize<A> {
         student_quantile(self.redundancy, 0.975) * self.deviation
     }
 
-    /// Returns how far a point in front of the camera moves if this size replaces the stated one, mm.
+    /// Returns the distance by which a point in front of the camera moves if this size replaces the stated one, mm.
     pub(super) fn moves_mm(&self, stated: &MountAdjustment<A>, at: Point<A::From>) -> f64 {
         stated.to_from_camera.distance_at_mm(self.adjustment.to_from_camera, at)
     }
@@ -69,7 +69,7 @@ impl<A: Arrangement> SquareSize<A> {
     }
 }
 
-/// Returns a station's view with squares of another size.
+/// Returns a station as it would be with squares of another size.
 pub(super) fn scale_station<C: Frame>(station: &Station<C>, ratio: f64) -> Station<C> {
     let at = |q: &Point<Board>| Point::new(q.mm * ratio);
     let seen = match &station.observation {
@@ -83,7 +83,7 @@ pub(super) fn scale_station<C: Frame>(station: &Station<C>, ratio: f64) -> Stati
     Station { observation: seen, ..station.clone() }
 }
 
-/// Returns camera and stations with this factor.
+/// Returns the camera and the stations with this factor.
 fn apply_factor<C: Frame>(
     camera: &PinholeCamera,
     stations: &[&Station<C>],
@@ -99,7 +99,7 @@ fn apply_factor<C: Frame>(
     }
 }
 
-/// Determines the size from these stations, starting from an adjustment over them; `None` if they do not determine it.
+/// Determines the size from these stations, starting from their adjustment; `None` if they do not determine it.
 pub(super) fn measure<A: Arrangement>(
     camera: &PinholeCamera,
     stations: &[&Station<A::From>],
@@ -110,8 +110,8 @@ pub(super) fn measure<A: Arrangement>(
     for _ in 0..MAX_STEPS {
         let (lens, now) = apply_factor(camera, stations, ratio, of);
         let step = step(&lens, &now, &adjusted, (of, None))?;
-        // In logarithms and limited: a size cannot become negative, and a factor of three does not throw the adjustment
-        // out of its basin.
+        // The step is taken in the logarithm, so that the size cannot become negative. It is limited, so that even a
+        // size that is wrong by a factor of three does not make the adjustment diverge.
         let grown = step.share.clamp(-0.3, 0.3).exp();
         ratio *= grown;
         let (lens, now) = apply_factor(camera, stations, ratio, of);
@@ -176,7 +176,7 @@ fn step<A: Arrangement>(
     let of_noise = inverse[(12, 12)] * adjusted.noise.corner.powi(2);
     let of_lens = lens.map_or(0.0, |lens| {
         if of == LengthFactor::Focal {
-            // The factor of the focal length is an error of the lens itself: only the variance that the lens's file
+            // A factor of the focal length is itself an error of the lens: only the variance that the lens's file
             // states counts.
             return lens[(0, 0)].max(lens[(1, 1)]) / camera.fx_px.powi(2);
         }

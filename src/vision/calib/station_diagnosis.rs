@@ -1,7 +1,7 @@
-//! Names what is wrong with a station that does not fit; nothing is repaired.
+//! Determines the probable fault of a station that does not fit; it repairs nothing.
 //!
-//! A picture implies a pose of the flange. The difference from the pose in the file identifies a board that was
-//! detected upside down, two exchanged pictures, a mistyped number, and poses that are wrong altogether.
+//! A picture implies a pose of the flange. Its difference from the pose in the file identifies the fault: a board that
+//! was detected upside down, two exchanged pictures, a mistyped number, or a pose that is completely wrong.
 
 use super::adjust;
 use super::adjust::MountAdjustment;
@@ -11,27 +11,29 @@ use nalgebra::Vector3;
 use panelprep_base::geometry::{Base, Degrees, Flange, KukaPose, PinholeCamera, Point, Rigid, median};
 use std::fmt::Write;
 
-/// If the angle of view to the board's normal is larger than this, the corners are located poorly, degrees.
-const GRAZING_DEG: f64 = 65.0;
-/// A picture is doubtful if its corners miss the board's pose by this multiple of the usual residual.
+/// Maximum angle between the line of sight and the board's normal, degrees; at a larger angle the corners are located
+/// poorly.
+const MAX_VIEW_ANGLE_DEG: f64 = 65.0;
+/// A picture is doubtful if the residual of its corners is more than this multiple of the usual residual.
 const MAX_RMS_MULTIPLE: f64 = 3.0;
-/// Corners with a smaller residual than this are good, independent of the other pictures, px or mm.
-const MIN_RMS: f64 = 0.05;
-/// A pose with smaller errors than both limits was not mistyped: `MIN_TYPO_MM` in mm, `MIN_TYPO_DEG` in degrees.
+/// Minimum value of the usual residual in this comparison, px or mm: smaller residuals are good, independently of the
+/// other pictures.
+const MIN_USUAL_RMS: f64 = 0.05;
+/// Minimum error of a pose with a mistyped number: `MIN_TYPO_MM` in mm or `MIN_TYPO_DEG` in degrees.
 const MIN_TYPO_MM: f64 = 1.0;
 const MIN_TYPO_DEG: f64 = 0.2;
 
-/// Probable cause of a station's deviation.
+/// The probable cause of a station's deviation.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StationFault {
     /// The board was detected upside down.
     Flipped,
-    /// This picture and another have exchanged poses.
+    /// The poses of this picture and another one are exchanged.
     Swapped {
         /// The other picture.
         other_picture: String,
     },
-    /// The picture shows the board as another pose predicts it: a copy, or a missing picture.
+    /// The picture shows the board as the pose of another picture predicts it: it is a copy, or a picture is missing.
     ShowsPoseOf {
         /// The other picture.
         other_picture: String,
@@ -45,7 +47,7 @@ pub enum StationFault {
         /// The value that the picture shows.
         observed_value: f64,
     },
-    /// Two exchanged angles or lengths.
+    /// Two angles or lengths are exchanged.
     Exchanged {
         /// The first key.
         key: &'static str,
@@ -57,15 +59,15 @@ pub enum StationFault {
         /// Angle between the board's normal and the line of sight, degrees.
         tilt_deg: f64,
     },
-    /// The picture itself is doubtful: its corners miss the board's pose by more than those of other pictures.
+    /// The picture itself is doubtful: its corners have larger residuals than those of other pictures.
     Rough {
         /// Root mean square of the picture's corners, px or mm.
         rms: f64,
         /// The median of the other pictures' values.
         median: f64,
     },
-    /// A small deviation that no mistyped number explains.
-    Little,
+    /// The deviation is too small for a mistyped number.
+    TooSmall,
     /// No known cause explains the deviation.
     Unknown {
         /// The pose that the flange must have had for this picture.
@@ -73,14 +75,14 @@ pub enum StationFault {
     },
 }
 
-/// A station with a deviation beyond its uncertainty.
+/// A station whose deviation is larger than its uncertainty.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SuspectStation {
     /// The picture.
     pub name: String,
     /// The distance between the positions of the board's middle that picture and robot give, mm.
     pub distance_mm: f64,
-    /// Probable cause of the deviation.
+    /// The probable cause of the deviation.
     pub fault: StationFault,
 }
 
@@ -90,11 +92,11 @@ impl std::fmt::Display for SuspectStation {
         match &self.fault {
             StationFault::Flipped => write!(
                 f,
-                "the board in this picture was detected upside down (turned by 180° it fits); use a board with one \
-                 odd and one even side, or omit the picture"
+                "the board in this picture was detected upside down (it fits if it is rotated by 180°); use a board \
+                 with one odd and one even side, or omit the picture"
             ),
             StationFault::Swapped { other_picture: with } => {
-                write!(f, "this picture and {with} fit at each other's pose; exchange them")
+                write!(f, "this picture and {with} each fit the pose of the other; exchange their poses")
             }
             StationFault::ShowsPoseOf { other_picture: other } => {
                 write!(f, "this picture matches the pose of {other}; name the right picture, or omit it")
@@ -107,7 +109,7 @@ impl std::fmt::Display for SuspectStation {
                 )
             }
             StationFault::Exchanged { key, other } => {
-                write!(f, "its {key} and {other} fit when exchanged; correct them")
+                write!(f, "its {key} and {other} are exchanged; correct them")
             }
             StationFault::Grazing { tilt_deg } => write!(
                 f,
@@ -116,10 +118,10 @@ impl std::fmt::Display for SuspectStation {
             ),
             StationFault::Rough { rms, median: usual } => write!(
                 f,
-                "the residual of its corners is {rms:.3} rms, that of the other pictures {usual:.3}; omit the \
+                "the residual of its corners is {rms:.3} rms, that of the other pictures is {usual:.3}; omit the \
                  picture"
             ),
-            StationFault::Little => write!(
+            StationFault::TooSmall => write!(
                 f,
                 "this deviation is larger than the scatter of the other pictures, but too small for a wrong \
                  number; omit the picture, or take it again"
@@ -228,21 +230,21 @@ impl<A: Arrangement> StationTrial<'_, A> {
             pose.camera_from_board.rotation() * Vector3::z(),
         );
         let tilt_deg = Degrees::from_rad(place.normalize().dot(&normal).abs().min(1.0).acos()).0;
-        if tilt_deg > GRAZING_DEG {
+        if tilt_deg > MAX_VIEW_ANGLE_DEG {
             return Some(StationFault::Grazing { tilt_deg });
         }
         let mut others: Vec<f64> =
             self.poses.iter().enumerate().filter(|(other, _)| *other != index).map(|(_, pose)| pose.rms).collect();
         let usual = median(&mut others)?;
-        (pose.rms > MAX_RMS_MULTIPLE * usual.max(MIN_RMS))
+        (pose.rms > MAX_RMS_MULTIPLE * usual.max(MIN_USUAL_RMS))
             .then_some(StationFault::Rough { rms: pose.rms, median: usual })
     }
 
     fn diagnose_mistyped(&self, index: usize) -> StationFault {
         let off = self.stations[index].base_from_flange.inverse()
             * adjust::needed_flange(self.adjustment, &self.poses[index].camera_from_board);
-        if off.origin().mm.coords.norm() < MIN_TYPO_MM && off.rotation_angle().0 < MIN_TYPO_DEG {
-            return StationFault::Little;
+        if off.origin().mm.coords.norm() < MIN_TYPO_MM && off.turn().0 < MIN_TYPO_DEG {
+            return StationFault::TooSmall;
         }
         let written = KukaPose::from_rigid(&self.stations[index].base_from_flange);
         let needed =

@@ -17,7 +17,7 @@ use nalgebra::Isometry3;
 use panelprep_base::geometry::{Base, Board as BoardFrame, Flange, Frame, PinholeCamera, Point, Rigid, Vector};
 use panelprep_base::number_text::distinguishable_texts;
 
-/// A corner of the board that was touched.
+/// A touched corner of the board.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TouchedCorner {
     /// The corner's column and row, from 0.
@@ -33,23 +33,23 @@ pub struct ThreePoints<A: Arrangement> {
     pub to_from_camera: Rigid<A::To, A::From>,
     /// The board's pose when it was touched.
     pub base_from_board: Rigid<Base, BoardFrame>,
-    /// Root mean square of the board's corners in the picture, px.
+    /// Root mean square distance of the board's corners in the picture from those of its pose, px.
     pub pnp_rms_px: f64,
-    /// Touched distance minus the board's nominal one: 1–2, 2–3, 1–3, mm.
+    /// Touched distance minus the nominal one between the points 1–2, 2–3 and 1–3, mm.
     pub distance_errors_mm: [f64; 3],
-    /// Distance of the fourth touched corner from its position by the result, mm.
+    /// Distance of the fourth touched corner from its position by the other three, mm.
     pub check_mm: Option<f64>,
-    /// Whether the same corners, touched from another end of the board, would have the same distances.
+    /// Whether the distances would be the same if the corners were touched from another end of the board.
     pub is_symmetric: bool,
 }
 
-/// If the sine of the angle at the first point is smaller than this, three points count as collinear.
+/// Minimum sine of the three angles; with a smaller one the three points count as collinear.
 const MIN_SINE: f64 = 0.1;
 /// Minimum distance between touched points, in squares.
-const MIN_SQUARES: f64 = 2.5;
+const MIN_DISTANCE_SQUARES: f64 = 2.5;
 
 /// Calibrates a camera mount. `touched` are three corners and, as the fourth, an optional check; `base_from_flange` is
-/// the flange at the picture, used if the camera is on the flange.
+/// the flange pose of the picture, used if the camera is on the flange.
 ///
 /// # Errors
 /// If a corner is not on the board, the points are collinear or too close, or the picture gives no pose.
@@ -76,9 +76,10 @@ pub fn three_points<A: Arrangement>(
     };
     let corners = [on_board(first)?, on_board(second)?, on_board(third)?];
     let places = [first.place, second.place, third.place];
-    let base_from_frame = frame_from_points::<Base>(places, MIN_SQUARES * board.square_mm(), "touched points")?;
+    let base_from_frame =
+        frame_from_points::<Base>(places, MIN_DISTANCE_SQUARES * board.square_mm(), "touched points")?;
     let board_from_frame =
-        frame_from_points::<BoardFrame>(corners, MIN_SQUARES * board.square_mm(), "named corners")?;
+        frame_from_points::<BoardFrame>(corners, MIN_DISTANCE_SQUARES * board.square_mm(), "named corners")?;
     let base_from_board: Rigid<Base, BoardFrame> =
         Rigid::from_isometry_unchecked(base_from_frame * board_from_frame.inverse());
     let pose = board_pose(camera, seen)?;
@@ -129,7 +130,7 @@ fn frame_from_points<F: Frame>(
     let x = (points[1] - points[0]).mm.normalize(); // Eq. 3.14
     let v = (points[2] - points[0]).mm.normalize();
     let z = x.cross(&v); // Eq. 3.15
-    // The flattest angle counts: two of the three may be close to each other seen from the third.
+    // The smallest of the three sines counts: two points may be close to each other as seen from the third.
     let w = (points[2] - points[1]).mm.normalize();
     if z.norm().min(x.cross(&w).norm()).min(v.cross(&w).norm()) < MIN_SINE {
         return Err(flat());
@@ -151,14 +152,14 @@ mod tests {
     use panelprep_cell::cell::{FlangeCameraMount, ScannerMount};
     use panelprep_sim::{BoardCell, BoardPrint, RobotNoise};
 
-    const STILL: RobotNoise = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
+    const NO_NOISE: RobotNoise = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
 
     fn board() -> Board {
         Board::parse("9x6", 25.0).expect("a board")
     }
 
     fn cell() -> BoardCell {
-        BoardCell::new(1, BoardPrint::chessboard(9, 6, 25.0), STILL)
+        BoardCell::new(1, BoardPrint::chessboard(9, 6, 25.0), NO_NOISE)
     }
 
     fn touched(
@@ -178,7 +179,7 @@ mod tests {
 
     /// Without noise the true mount is found, for both cameras and for corners that are not on the board's own axes.
     #[test]
-    fn the_mount_returns() {
+    fn the_true_mount_is_found() {
         let cell = cell();
         let (camera, shot) = (cell.scanner(), cell.fixed_shots(1)[0]);
         let base_from_board = cell.base_from_camera() * shot.camera_from_board;
@@ -204,9 +205,9 @@ mod tests {
         assert!(missing.expect_err("no flange").to_string().contains("base_from_flange"));
     }
 
-    /// A reported case: the outer corners touched as 3, 4, 1, 2 cause no error in the distances. Without a rough mount the
-    /// verdict is review, with one it is reject. With a fourth corner that breaks the symmetry the error is several
-    /// squares.
+    /// A reported case: outer corners that were touched in the order 3, 4, 1, 2 cause no error in the distances.
+    /// Without a rough mount the verdict is review, with one it is reject. With a fourth corner that breaks the
+    /// symmetry the error is several squares.
     #[test]
     fn outer_corners_touched_from_the_other_end_are_not_accepted() {
         let cell = cell();
@@ -257,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn points_that_make_no_frame_are_refused() {
+    fn points_that_determine_no_frame_are_refused() {
         let cell = cell();
         let (camera, shot) = (cell.scanner(), cell.fixed_shots(1)[0]);
         let base_from_board = cell.base_from_camera() * shot.camera_from_board;

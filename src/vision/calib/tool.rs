@@ -3,7 +3,8 @@
 //! Point: for every pose i, R_i t + p_i = s, with the tip t in the flange and the spot s in the base unknown; least
 //! squares over n ≥ 4 poses. Axis: a second point of the tool's axis, behind the tip, held at the same spot; or the pad
 //! pressed flat on a plate that was touched in three points and more. Z points out of the pad, into the work; X is the
-//! flange's X as far as Z lets it. A pad without a measured axis has a point and no frame: refused for sanding.
+//! flange's X, made perpendicular to Z. A tool without a measured axis has a point but no frame: it is refused for
+//! sanding.
 
 use super::error::CalibError;
 use super::quantile::radius_95;
@@ -31,7 +32,7 @@ pub struct ToolPoint {
 pub enum AxisTouch {
     /// Flange poses in which a point of the axis behind the tip is at the spot.
     Behind(Vec<Rigid<Base, Flange>>),
-    /// A plate, by touched points, and flange poses in which the pad lies flat on the plate.
+    /// Touched points of a plate, and flange poses in which the pad lies flat on the plate.
     Plate {
         /// Points of the plate, touched with the tool's tip or a pointer.
         touched_points: Vec<Point<Base>>,
@@ -53,12 +54,12 @@ pub struct ToolAxis {
 
 /// Minimum number of poses.
 pub const MIN_POSES: usize = 4;
-/// The limit for the worst-determined direction of the tip: the root of the mean squared sine of the rotations.
-const MIN_LEVER: f64 = 0.12;
-/// If the flange positions in several poses are all nearer to the base's origin than this, mm, the numbers are
-/// metres. No arm's flange comes so near in each pose, but in metres its complete reach is below this number.
-const IN_METRES: f64 = 10.0;
-/// Minimum distance of the second point from the tip that gives an axis, mm.
+/// Minimum rms sine of the rotations, for the direction in which they determine the tip worst.
+const MIN_RMS_SINE: f64 = 0.12;
+/// Minimum of the largest distance of the flange from the base's origin, mm. If all positions are nearer, the numbers
+/// are metres: no arm's flange comes so near in each pose, but in metres its complete reach is below this number.
+const MIN_FLANGE_DISTANCE_MM: f64 = 10.0;
+/// Minimum distance of the second point from the tip, mm.
 const MIN_AXIS_POINT_DISTANCE_MM: f64 = 20.0;
 
 /// Computes the tool's point.
@@ -72,10 +73,10 @@ pub fn tool_point(poses: &[Rigid<Base, Flange>]) -> Result<ToolPoint, CalibError
             "{count} poses touch the same spot with the tip; at least {MIN_POSES} are needed"
         )));
     }
-    if poses.iter().all(|pose| pose.origin().mm.coords.norm() < IN_METRES) {
+    if poses.iter().all(|pose| pose.origin().mm.coords.norm() < MIN_FLANGE_DISTANCE_MM) {
         return Err(CalibError::Tool(format!(
-            "each flange lies less than {IN_METRES} mm from the base's origin, so the positions seem to be in \
-             metres; write millimetres"
+            "each flange lies less than {MIN_FLANGE_DISTANCE_MM} mm from the base's origin, so the positions seem \
+             to be in metres; write millimetres"
         )));
     }
     let mut a = DMatrix::zeros(3 * count, 6);
@@ -87,14 +88,14 @@ pub fn tool_point(poses: &[Rigid<Base, Flange>]) -> Result<ToolPoint, CalibError
     }
     let normal = a.transpose() * &a;
     let weakest = normal.symmetric_eigenvalues().min().max(0.0);
-    // Judged before the solution: with small turns the residuals are small whatever the tip is, and would look like
-    // evidence.
+    // This is checked before the solution: with small rotations the residuals are small for every tip, and would look
+    // like evidence.
     let lever = (weakest / count as f64).sqrt();
-    if lever < MIN_LEVER {
-        let [lever, needed] = distinguishable_texts(lever, MIN_LEVER, 3);
+    if lever < MIN_RMS_SINE {
+        let [lever, needed] = distinguishable_texts(lever, MIN_RMS_SINE, 3);
         return Err(CalibError::Tool(format!(
-            "the poses turn too little: the rms sine of their rotations in the weakest direction is {lever}, at \
-             least {needed} is needed; turn the flange by 30° and more about two axes, and check that every angle \
+            "the poses rotate too little: the rms sine of their rotations in the weakest direction is {lever}, at \
+             least {needed} is needed; rotate the flange by 30° and more about two axes, and check that every angle \
              is in degrees"
         )));
     }
@@ -128,7 +129,12 @@ pub fn tool_axis(point: &ToolPoint, touch: &AxisTouch) -> Result<ToolAxis, Calib
         }
     };
     let sum: Vector3<f64> = axes.iter().sum();
-    let none = || CalibError::Tool("no touch determines the direction of the tool's axis".to_owned());
+    let none = || {
+        CalibError::Tool(
+            "the touches do not determine the direction of the tool's axis; check their poses, and touch again"
+                .to_owned(),
+        )
+    };
     let axis = sum.try_normalize(1e-9).ok_or_else(none)?;
     let residuals_deg = axes.iter().map(|each| each.angle(&axis).to_degrees());
     let residuals_deg = if axes.len() > 1 { residuals_deg.collect() } else { Vec::new() };
@@ -162,24 +168,26 @@ fn fit_plate_normal(places: &[Point<Base>]) -> Result<(Vector3<f64>, Option<f64>
     let eigen = spread.symmetric_eigen();
     let mut order = [0, 1, 2];
     order.sort_by(|&i, &j| eigen.eigenvalues[i].total_cmp(&eigen.eigenvalues[j]));
-    // A line of points leaves the plate free to turn about it; the fit itself would still be perfect.
+    // Points on a line do not determine the rotation of the plate about the line, although the residuals of the fit
+    // would be zero.
     if eigen.eigenvalues[order[1]] < 1e-2 * eigen.eigenvalues[order[2]] {
-        return Err(few("lie on one line"));
+        return Err(few("lie on one line; touch points that are far apart in two directions"));
     }
     let rms_mm = (eigen.eigenvalues[order[0]].max(0.0) / places.len() as f64).sqrt();
     let normal = eigen.eigenvectors.column(order[0]).into_owned();
-    // Three points always lie on a plane: their residual of zero is not evidence.
+    // Three points always lie on a plane: a residual of zero is then no evidence.
     Ok((normal, (places.len() > 3).then_some(rms_mm)))
 }
 
-/// Returns the plate's normal in the flange, on the side to which the flange's own axis points: a pad faces away
-/// from the arm.
+/// Returns the plate's normal in the flange, on the side to which the flange's own Z axis points: a pad faces away from
+/// the arm.
 fn orient_normal(pose: &Rigid<Base, Flange>, normal: &Vector3<f64>) -> Vector3<f64> {
     let in_flange = pose.inverse().rotation() * normal;
     if in_flange.z < 0.0 { -in_flange } else { in_flange }
 }
 
-/// Returns the tool's frame: at the tip, Z along the axis, X as near to the flange's X as Z permits.
+/// Returns the tool's frame: its origin is the tip, Z lies along the axis, and X is the flange's X, made perpendicular
+/// to Z.
 pub fn flange_from_tool(tip: Point<Flange>, axis: Vector<Flange>) -> Rigid<Flange, Tool> {
     let z = axis.mm;
     let along = if z.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
@@ -194,7 +202,7 @@ mod tests {
     use panelprep_base::geometry::KukaPose;
     use panelprep_base::verdict::Verdict;
 
-    /// Returns poses that hold the tip (10, −5, 180) at the spot (600, 50, 200), each with these angles.
+    /// Returns poses with these angles that hold the tip (10, −5, 180) at the spot (600, 50, 200).
     fn poses(tip: Point<Flange>, angles: &[[f64; 3]]) -> Vec<Rigid<Base, Flange>> {
         let spot = Vector3::new(600.0, 50.0, 200.0);
         let pose = |&[a_deg, b_deg, c_deg]: &[f64; 3]| {
@@ -212,7 +220,8 @@ mod tests {
         Point::at(TIP[0], TIP[1], TIP[2])
     }
 
-    /// A poses file with A and C exchanged, and one in metres; correct poses have no other reading.
+    /// The test reads a poses file with A and C exchanged, and one in metres; correct poses have no other
+    /// interpretation.
     #[test]
     fn other_readings_of_the_angles_and_metres_are_named() {
         let right = poses(tip(), &ANGLES);
@@ -243,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn the_point_returns_and_a_wrong_pose_shows() {
+    fn the_tip_is_found_and_a_wrong_pose_has_a_residual() {
         let mut held = poses(tip(), &ANGLES);
         let point = tool_point(&held).expect("a tip");
         assert!(point.tip.distance_mm(tip()) < 1e-9 && point.rms_mm < 1e-9, "{point:?}");
@@ -256,10 +265,10 @@ mod tests {
     }
 
     #[test]
-    fn poses_that_hardly_turn_are_refused() {
+    fn poses_with_little_rotation_are_refused() {
         let alike = [[0.0, 0.0, 180.0], [2.0, 1.0, 179.0], [1.0, 2.0, 181.0], [3.0, 0.0, 182.0]];
         let error = tool_point(&poses(tip(), &alike)).expect_err("alike").to_string();
-        assert!(error.contains("turn too little"), "{error}");
+        assert!(error.contains("rotate too little"), "{error}");
         assert!(tool_point(&poses(tip(), &ANGLES[..3])).expect_err("three").to_string().contains("4 are needed"));
     }
 
@@ -279,7 +288,7 @@ mod tests {
         assert!(tool_axis(&point, &AxisTouch::Behind(poses(near, &ANGLES[1..2]))).is_err());
     }
 
-    /// Calculated by hand: on a level plate, a flange turned by C = 180° has the normal along its own +Z.
+    /// Calculated by hand: on a level plate, a flange rotated by C = 180° has the normal along its own +Z.
     #[test]
     fn a_plate_gives_the_axis() {
         let point = tool_point(&poses(tip(), &ANGLES)).expect("a tip");

@@ -1,6 +1,6 @@
-//! The panel from its drawing: a mesh becomes what the 3D camera would see of it at its nominal place.
+//! The panel from its drawing: computes from a mesh what the 3D camera would see at the panel's nominal pose.
 //!
-//! The result has the form of a scan (`seen`), so that everything behind a taught panel stays as it is. A drawing
+//! The result has the form of a scan (`seen`), so that all further processing is that of a scanned panel. A drawing
 //! that is not one clear surface is refused: nothing is repaired and nothing is guessed.
 //!
 //! - `part`: unit and part of the drawing; gaps, doubled faces, the size of its facets
@@ -16,7 +16,7 @@ use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
 pub use part::{HARMLESS_GAP_MM, Part, PartEdges};
 pub use seen::{PartHit, PartRays, PartView, UnseenShares};
 
-/// Largest number of parts that a message lists.
+/// Maximum number of parts that a message lists.
 const MAX_LISTED: usize = 12;
 
 /// A part of a drawing, as a message lists it.
@@ -30,7 +30,7 @@ pub struct ListedPart {
     pub area_mm2: f64,
 }
 
-/// The reason why a drawing cannot teach a panel.
+/// The reason why a drawing cannot be used to teach a panel.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NominalError {
     /// Neither the file nor the caller states the unit.
@@ -55,17 +55,17 @@ pub enum NominalError {
     TooLarge {
         /// The sides of its box, mm.
         size_mm: [f64; 3],
-        /// The limit of a side, mm.
+        /// The limit of the size, mm.
         limit_mm: f64,
-        /// The largest coordinate, mm.
+        /// The largest absolute coordinate, mm.
         reach_mm: f64,
         /// Its limit, mm.
         reach_limit_mm: f64,
     },
-    /// Several parts, and none was chosen.
+    /// There are several parts, and none was chosen.
     #[error("the drawing has {} parts that do not touch: {}; name the panel with --part NAME", parts.len(), list(parts))]
     SeveralParts {
-        /// All of them, the largest first.
+        /// All parts, the largest first.
         parts: Vec<ListedPart>,
     },
     /// All triangles are smaller than the distance within which vertices are joined.
@@ -88,7 +88,7 @@ pub enum NominalError {
         /// All parts, the largest first.
         parts: Vec<ListedPart>,
     },
-    /// Edges with three or more triangles.
+    /// Edges at which three or more triangles meet.
     #[error(
         "three or more faces meet at {count} edges of the part, the first near {} mm of the drawing: bodies are joined there, or a face \
          exists twice; export the panel alone, as one body", format_point(*at_mm)
@@ -96,21 +96,21 @@ pub enum NominalError {
     ManyFaces {
         /// Number of such edges.
         count: usize,
-        /// The middle of the first, in the drawing's frame, mm.
+        /// The middle of the first edge, in the drawing's frame, mm.
         at_mm: [f64; 3],
     },
-    /// The borders of two faces nearly meet.
+    /// The borders of two faces lie beside each other, but do not meet.
     #[error(
         "the faces of the part do not meet: a gap of {} mm near {} mm of the drawing (limit {} mm), at {count} edges; sew the \
          faces in the CAD system before the export, or export with a smaller deviation",
         distinguishable_texts(*width_mm, *limit_mm, 3)[0], format_point(*at_mm), distinguishable_texts(*width_mm, *limit_mm, 3)[1]
     )]
     Gap {
-        /// The largest width, mm.
+        /// The width of the widest gap, mm.
         width_mm: f64,
         /// The limit, mm.
         limit_mm: f64,
-        /// Its place, in the drawing's frame, mm.
+        /// The position of this gap, in the drawing's frame, mm.
         at_mm: [f64; 3],
         /// Number of edges at such gaps.
         count: usize,
@@ -123,10 +123,10 @@ pub enum NominalError {
     CrossesItself {
         /// Number of edges that pass through a face.
         count: usize,
-        /// The first place, in the drawing's frame, mm.
+        /// The first position, in the drawing's frame, mm.
         at_mm: [f64; 3],
     },
-    /// The drawing does not lie where the panel is searched.
+    /// The drawing does not lie in the box in which the panel is searched for.
     #[error(
         "the drawing at its nominal pose lies from {} to {} mm in the robot's base, but the search box in [locate] \
          from {} to {} mm; check the unit, [nominal], and the box", format_point(*min_mm), format_point(*max_mm), format_point(*from_mm), format_point(*to_mm)

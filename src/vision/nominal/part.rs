@@ -1,8 +1,8 @@
 //! The part of a drawing that is the panel, in mm: its unit is known, and it is the only part or was chosen by name.
 //! Also whether its triangles form one surface without gaps, and how fine they are.
 //!
-//! A part is a connected piece of one object of the file: its triangles share vertices. Vertices of one object that
-//! are nearer to each other than [`WELD_MM`] are the same.
+//! A part is a connected component of one object of the file: its triangles share vertices. Vertices of one object that
+//! are nearer to each other than [`WELD_MM`] count as one vertex.
 //!
 //! An edge with one triangle is a border: of the panel, of a hole, or of a gap between faces that should meet. At a
 //! gap, two borders run beside each other.
@@ -12,15 +12,18 @@ use nalgebra::{Point3, Vector3};
 use panelprep_base::geometry::{Base, Drawing, LengthUnit, Point, Rigid, TriangleMesh};
 use std::collections::HashMap;
 
-/// Vertices of one object within this distance are one vertex, mm: below the rounding of an exported number.
+/// Vertices of one object within this distance are joined to one vertex, mm: it is below the rounding of an exported
+/// number.
 const WELD_MM: f64 = 0.002;
-/// A drawing with a longer side is not a panel, mm; an aircraft's frame has its origin less far away than the second.
+/// Maximum side of the box around a panel, mm. `MAX_REACH_MM` is the maximum coordinate: the origin of an aircraft's
+/// frame is nearer than this.
 const MAX_SIZE_MM: f64 = 20_000.0;
 const MAX_REACH_MM: f64 = 200_000.0;
-/// A part that is longer than the search box by this factor has another unit: all units differ by more.
-const MAX_BOXES: f64 = 4.0;
-/// Side of the cells in which near vertices are searched, in multiples of [`WELD_MM`].
-const CELL: f64 = 16.0;
+/// Maximum ratio of a side of the part to that of the search box; beyond it, the part has another unit, since all units
+/// differ by a larger factor.
+const MAX_BOX_RATIO: f64 = 4.0;
+/// Side of the cells for the search for near vertices, in multiples of [`WELD_MM`].
+const CELL_WELD_DISTANCES: f64 = 16.0;
 
 /// One part of a drawing.
 #[derive(Debug, Clone)]
@@ -56,7 +59,7 @@ impl Part {
         }
         let mut parts = parts(&mesh, unit);
         drop(mesh);
-        // A part of the same size keeps the order of the file.
+        // Parts of the same size stay in the order of the file.
         parts.sort_by(|a, b| b.area_mm2().total_cmp(&a.area_mm2()));
         number_duplicates(&mut parts);
         let listed = |parts: &[Part]| parts.iter().map(Part::to_listed).collect();
@@ -70,17 +73,19 @@ impl Part {
         }
     }
 
-    /// Returns the low and the high corner of the box around the part at its nominal place, mm.
+    /// Returns the corners of the box around the part at its nominal pose with the smallest and the largest
+    /// coordinates, mm.
     pub fn box_mm(&self, base_from_drawing: &Rigid<Base, Drawing>) -> [[f64; 3]; 2] {
         let placed = |vertex: &Point3<f64>| (*base_from_drawing * Point::<Drawing>::new(*vertex)).mm;
         let (low, high) = bounds(self.vertices.iter().map(placed));
         [low.into(), high.into()]
     }
 
-    /// Checks that the part lies in the search box, apart from a part of it that the box cuts off.
+    /// Checks that the part lies in the search box; the box may cut off a part of it.
     ///
     /// # Errors
-    /// If its middle lies outside of the box, or a side is more than [`MAX_BOXES`] times as long as that of the box.
+    /// If its middle lies outside of the box, or a side is more than [`MAX_BOX_RATIO`] times as long as that of the
+    /// box.
     pub fn check_in_search_box(
         &self,
         base_from_drawing: &Rigid<Base, Drawing>,
@@ -90,7 +95,7 @@ impl Part {
         let [from, to] = search_box_mm;
         let is_there = |axis: usize| {
             let middle = (low[axis] + high[axis]) / 2.0;
-            let is_short = high[axis] - low[axis] <= MAX_BOXES * (to[axis] - from[axis]);
+            let is_short = high[axis] - low[axis] <= MAX_BOX_RATIO * (to[axis] - from[axis]);
             is_short && (from[axis]..=to[axis]).contains(&middle)
         };
         match (0..3).all(is_there) {
@@ -99,12 +104,12 @@ impl Part {
         }
     }
 
-    /// The area of its surface, mm².
+    /// Returns the area of the part's surface, mm².
     pub fn area_mm2(&self) -> f64 {
         self.triangles.iter().map(|triangle| self.area_vector(triangle).norm()).sum()
     }
 
-    /// Returns the normal of a triangle with the length of its area, mm².
+    /// Returns the normal of a triangle; its length is the area of the triangle, mm².
     fn area_vector(&self, triangle: &[u32; 3]) -> nalgebra::Vector3<f64> {
         let [a, b, c] = triangle.map(|corner| self.vertices[corner as usize]);
         (b - a).cross(&(c - a)) / 2.0
@@ -116,13 +121,13 @@ impl Part {
     }
 }
 
-/// Returns the low and the high corner of the box around points.
+/// Returns the corners of the box around points with the smallest and the largest coordinates.
 pub(super) fn bounds(points: impl Iterator<Item = Point3<f64>>) -> (Point3<f64>, Point3<f64>) {
     let start = (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3]));
     points.fold(start, |(low, high), point| (low.inf(&point), high.sup(&point)))
 }
 
-/// Gives each part a name of its own: parts of one object, or of objects that are named alike, are numbered.
+/// Gives each part a unique name: parts of one object, or of objects with the same name, are numbered.
 fn number_duplicates(parts: &mut [Part]) {
     let mut counts: HashMap<String, (usize, usize)> = HashMap::new();
     parts.iter().for_each(|part| counts.entry(part.name.clone()).or_default().0 += 1);
@@ -137,7 +142,7 @@ fn number_duplicates(parts: &mut [Part]) {
     }
 }
 
-/// Returns the connected pieces of each object.
+/// Returns the connected components of each object.
 fn parts(mesh: &TriangleMesh, unit: LengthUnit) -> Vec<Part> {
     let mut parts = Vec::new();
     // One vector for all objects: a file may have as many objects as triangles.
@@ -175,14 +180,14 @@ fn parts(mesh: &TriangleMesh, unit: LengthUnit) -> Vec<Part> {
     parts
 }
 
-/// Returns an object's vertices in mm, near ones joined, and its triangles without those that have no area then.
+/// Returns an object's vertices in mm, with near ones joined, and its triangles without those that then have no area.
 /// `new_index` has one `u32::MAX` for each vertex of the mesh.
 fn weld_vertices(
     mesh: &TriangleMesh,
     triangles: &[[u32; 3]],
     (unit, new_index): (LengthUnit, &mut [u32]),
 ) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
-    let cell_mm = CELL * WELD_MM;
+    let cell_mm = CELL_WELD_DISTANCES * WELD_MM;
     let mut vertices: Vec<Point3<f64>> = Vec::new();
     let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
     let mut join = |corner: u32| {
@@ -237,15 +242,16 @@ impl VertexUnion {
     }
 }
 
-/// Borders beside each other within this distance are a gap and no slot of the panel, mm: about a pixel of a scan.
-const GAP_MM: f64 = 0.5;
-/// A narrower gap hides less than a tenth of a pixel, mm.
+/// Maximum distance of two borders beside each other that form a gap, mm: about a pixel of a scan. Borders farther
+/// apart are a slot of the panel.
+const MAX_GAP_MM: f64 = 0.5;
+/// Minimum width of a gap that is refused, mm; a narrower gap hides less than a tenth of a pixel.
 pub const HARMLESS_GAP_MM: f64 = 0.05;
-/// Cosine of the largest angle between two borders of a gap.
-const MIN_PARALLEL: f64 = 0.97;
-/// Faces at a larger angle meet at an edge of the panel, rad; at a smaller one they approximate a curved surface. A
-/// real edge of a smaller angle counts as coarse triangles, which a person reviews.
-const SMOOTH_RAD: f64 = 0.55;
+/// Cosine of the maximum angle between two borders of a gap.
+const MIN_PARALLEL_COSINE: f64 = 0.97;
+/// Maximum angle between faces that approximate a curved surface, rad; faces at a larger angle meet at an edge of the
+/// panel. A real edge with a smaller angle counts as coarse triangles, which a person reviews.
+const MAX_SMOOTH_ANGLE_RAD: f64 = 0.55;
 
 /// The edges of a part.
 pub struct PartEdges {
@@ -253,7 +259,7 @@ pub struct PartEdges {
     pub all: Vec<[u32; 2]>,
     /// The edges with one triangle; none if the part is watertight.
     pub borders: Vec<[u32; 2]>,
-    /// The approximate distance of the triangles from the curved surface that they replace, largest, mm.
+    /// The largest approximate distance of the triangles from the curved surface that they replace, mm.
     pub facet_error_mm: f64,
 }
 
@@ -295,26 +301,26 @@ fn edge_middle(part: &Part, edge: &[u32; 2]) -> Point3<f64> {
     nalgebra::center(&a, &b)
 }
 
-/// Estimates the distance of two triangles from the curved surface that they replace: over a facet of the width L
-/// that turns by the angle θ towards the next, an arc rises by θ L / 8.
+/// Estimates the distance of two triangles from the curved surface that they replace: an arc over a facet of the width
+/// L, at an angle θ to the next facet, rises by θ L / 8.
 fn facet_error_mm(part: &Part, edge: [u32; 2], triangles: [u32; 2]) -> f64 {
     let areas = triangles.map(|index| part.area_vector(&part.triangles[index as usize]));
     let [a, b] = edge.map(|corner| part.vertices[corner as usize]);
     let length_mm = (b - a).norm();
     let [first, second] = areas;
-    // Triangles of one surface may run around their edge in either direction.
+    // The triangles of one surface may list their vertices in either direction.
     let angle_rad = first.angle(&second);
     let angle_rad = angle_rad.min(std::f64::consts::PI - angle_rad);
-    if length_mm == 0.0 || !angle_rad.is_finite() || angle_rad > SMOOTH_RAD {
+    if length_mm == 0.0 || !angle_rad.is_finite() || angle_rad > MAX_SMOOTH_ANGLE_RAD {
         return 0.0;
     }
     let width_mm = 2.0 * first.norm().min(second.norm()) / length_mm;
     angle_rad * width_mm / 8.0
 }
 
-/// Refuses borders beside each other.
+/// Refuses gaps: borders beside each other.
 fn check_gaps(part: &Part, borders: &[[u32; 2]]) -> Result<(), NominalError> {
-    let cell = |point: &Point3<f64>| [0, 1, 2].map(|axis| (point[axis] / GAP_MM).floor() as i64);
+    let cell = |point: &Point3<f64>| [0, 1, 2].map(|axis| (point[axis] / MAX_GAP_MM).floor() as i64);
     let mut middles: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
     for (index, border) in borders.iter().enumerate() {
         middles.entry(cell(&edge_middle(part, border))).or_default().push(index);
@@ -323,7 +329,7 @@ fn check_gaps(part: &Part, borders: &[[u32; 2]]) -> Result<(), NominalError> {
     for (index, border) in borders.iter().enumerate() {
         let [a, b] = border.map(|corner| part.vertices[corner as usize]);
         let along = b - a;
-        let steps = (along.norm() / GAP_MM).ceil().max(1.0) as usize;
+        let steps = (along.norm() / MAX_GAP_MM).ceil().max(1.0) as usize;
         let mut beside: Vec<usize> = Vec::new();
         for step in 0..=steps {
             let [x, y, z] = cell(&(a + along * (step as f64 / steps as f64)));
@@ -353,12 +359,12 @@ fn check_gaps(part: &Part, borders: &[[u32; 2]]) -> Result<(), NominalError> {
 /// `None` if they do not run beside each other, or the gap is harmless.
 fn gap_mm(part: &Part, border: &[u32; 2], (from, along): (&Point3<f64>, &Vector3<f64>)) -> Option<f64> {
     let [a, b] = border.map(|corner| part.vertices[corner as usize]);
-    let is_parallel = (b - a).dot(along).abs() >= MIN_PARALLEL * (b - a).norm() * along.norm();
+    let is_parallel = (b - a).dot(along).abs() >= MIN_PARALLEL_COSINE * (b - a).norm() * along.norm();
     let away = nalgebra::center(&a, &b) - from;
     let share = away.dot(along) / along.norm_squared();
     let width_mm = (away - along * share).norm();
     let is_beside = is_parallel && (0.0..=1.0).contains(&share);
-    (is_beside && (HARMLESS_GAP_MM..=GAP_MM).contains(&width_mm)).then_some(width_mm)
+    (is_beside && (HARMLESS_GAP_MM..=MAX_GAP_MM).contains(&width_mm)).then_some(width_mm)
 }
 
 #[cfg(test)]
@@ -366,7 +372,8 @@ mod tests {
     use super::*;
     use panelprep_cell::files::read_mesh;
 
-    /// A square of 2 × 1 in two objects, `skin` and `rib`; the second also has a triangle far away.
+    /// A rectangle of 2 × 1 as one triangle in each of two objects, `skin` and `rib`; `rib` also has a triangle far
+    /// away.
     const OBJ: &str = "o skin\nv 0 0 0\nv 2 0 0\nv 2 1 0\nf 1 2 3\no rib\nv 0 0 0.001\nv 2 1 0\nv 0 1 0\nf 4 5 6\n\
                        v 9 9 9\nv 9 8 9\nv 8 9 9\nf 7 8 9\n";
 
@@ -396,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn of_several_parts_one_is_named() {
+    fn one_of_several_parts_must_be_named() {
         let mm = Some(LengthUnit::Millimetre);
         let words = choose(OBJ, mm, None).expect_err("three").to_string();
         assert!(words.contains("has 3 parts that do not touch: \"rib:1\" (2.00 × 1.00 × 0.00 mm"), "{words}");
@@ -407,7 +414,9 @@ mod tests {
         assert!((far.area_mm2() - 0.5).abs() < 1e-9 && far.vertices.len() == 3);
     }
 
-    /// By hand: the square of 2 × 1 mm lies in a box of 4 mm, and in inches, 50 mm, it does not.
+    /// Calculated by hand: the triangle of 2 × 1 mm lies in the search box, which extends from −1 to 3 mm. Read in
+    /// inches it is 51 mm long, more than four times the box; shifted by 3 mm, its middle is at 4 mm, outside of the
+    /// box.
     #[test]
     fn another_unit_or_place_is_not_in_the_search_box() {
         let place = |by_mm: f64| Rigid::from_isometry_unchecked(nalgebra::Isometry3::translation(by_mm, 0.0, 0.0));
@@ -421,7 +430,7 @@ mod tests {
         }
     }
 
-    /// Without objects the two triangles share an edge within a micrometre, and are one part.
+    /// If the file has no objects, the two triangles share an edge within a micrometre, and are one part.
     #[test]
     fn near_vertices_are_joined() {
         let text = OBJ.replace("o skin\n", "").replace("o rib\n", "").replace("f 7 8 9\n", "");

@@ -1,13 +1,13 @@
-//! The view that a camera has of a part: for each pixel the depth, the angle, and the share of the pixel that the part
-//! covers, by rays from the camera onto the part.
+//! The view that a camera has of a part: rays from the camera to the part give the depth, the angle, and the share that
+//! the part covers, for each pixel.
 //!
-//! The share is counted over a lattice of rays in each pixel at the border, so that the part's edge lies in the
-//! picture where it truly projects, to a fraction of a pixel. A pixel at the border has no depth, as in a scan.
+//! The share is counted over a lattice of rays in each pixel at the border, so that the part's edge lies in the picture
+//! where it truly projects, to a fraction of a pixel. A pixel at the border has no depth, as in a scan.
 //!
-//! Each ray has its nearest triangle and the place where it is met. The triangles lie in the camera's frame. A
-//! hierarchy of boxes (`obvhs`) in single precision finds the triangles near a ray; each is met in double precision
-//! (Möller, Trumbore 1997, "Fast, minimum storage ray–triangle intersection"), so that the depth has no error of the
-//! search.
+//! For each ray, the nearest triangle and the point at which the ray meets it are computed. The triangles lie in the
+//! camera's frame. A hierarchy of boxes (`obvhs`) in single precision finds the triangles near a ray. The intersection
+//! with each of them is computed in double precision (Möller, Trumbore 1997, "Fast, minimum storage ray–triangle
+//! intersection"), so that the error of the search does not affect the depth.
 
 use super::NominalError;
 use super::part::{Part, PartEdges, bounds};
@@ -24,12 +24,14 @@ use panelprep_base::geometry::{
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Boxes are larger than their triangles by this much, mm: more than single precision rounds within 10 m.
+/// Margin of the boxes around their triangles, mm: more than the rounding of single precision within 10 m.
 const BOX_MARGIN_MM: f64 = 0.005;
-/// A ray this far beside a triangle still meets it, as a share of the triangle: no ray passes between neighbours.
-const EDGE_SHARE: f64 = 1e-9;
-/// An edge that passes through a triangle ends at least this far from its plane, mm; otherwise it touches it.
-const TOUCHES_MM: f64 = 0.02;
+/// Maximum distance of a ray beside a triangle that it still meets, as a share of the triangle: no ray passes between
+/// neighbours.
+const EDGE_TOLERANCE_SHARE: f64 = 1e-9;
+/// Minimum distance of both ends of an edge from the plane of a triangle that it passes through, mm; with a smaller
+/// distance it only touches the triangle.
+const MIN_CROSSING_MM: f64 = 0.02;
 
 /// A part in front of a camera.
 pub struct PartRays<C: Frame> {
@@ -38,7 +40,7 @@ pub struct PartRays<C: Frame> {
     boxes: CwBvh,
 }
 
-/// The place at which a ray meets a part.
+/// The point at which a ray meets a part.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PartHit {
     /// The distance in lengths of the ray's direction: the depth, mm, for a direction (x, y, 1).
@@ -54,7 +56,7 @@ fn to_vec3a(point: &Vector3<f64>) -> Vec3A {
 }
 
 impl<C: Frame> PartRays<C> {
-    /// Prepares a part, at this place in the camera's frame.
+    /// Prepares a part at this pose in the camera's frame.
     pub fn new(part: Part, camera_from_drawing: &Rigid<C, Drawing>) -> Self {
         let placed = |vertex| *camera_from_drawing * Point::<Drawing>::new(vertex);
         let vertices: Vec<Point<C>> = part.vertices.into_iter().map(placed).collect();
@@ -79,7 +81,7 @@ impl<C: Frame> PartRays<C> {
         PartRays { vertices, triangles: part.triangles, boxes: bvh2_to_cwbvh(&pairs, 3, true, false) }
     }
 
-    /// The vertices in the camera's frame.
+    /// Returns the vertices in the camera's frame.
     pub fn vertices(&self) -> &[Point<C>] {
         &self.vertices
     }
@@ -93,7 +95,7 @@ impl<C: Frame> PartRays<C> {
         self.triangles[triangle as usize].map(|corner| self.vertices[corner as usize].mm)
     }
 
-    /// Returns the nearest place at which the ray from the camera in this direction meets the part.
+    /// Returns the nearest point at which the ray from the camera in this direction meets the part.
     pub fn nearest(&self, direction: &Vector3<f64>) -> Option<PartHit> {
         let mut nearest: Option<PartHit> = None;
         let ray = Ray::new_inf(Vec3A::ZERO, to_vec3a(direction));
@@ -107,7 +109,7 @@ impl<C: Frame> PartRays<C> {
                 let cos_incidence = (normal.dot(direction) / (normal.norm() * direction.norm())).abs();
                 nearest = Some(PartHit { distance, cos_incidence, triangle });
             }
-            // Rounded up, so that a triangle at the same place is not cut off.
+            // The value is rounded up, so that the search does not exclude a triangle at the same distance.
             (distance as f32).next_up()
         });
         nearest
@@ -116,7 +118,7 @@ impl<C: Frame> PartRays<C> {
     /// Checks that the surface does not pass through itself.
     ///
     /// # Errors
-    /// The edges that pass through a face, the first with its place in the drawing's frame.
+    /// If edges pass through a face: their number, and the position of the first in the drawing's frame.
     pub fn check_crossings(
         &self,
         edges: &PartEdges,
@@ -133,7 +135,7 @@ impl<C: Frame> PartRays<C> {
         }
     }
 
-    /// Returns where an edge passes through a triangle that has none of its vertices.
+    /// Returns the point at which an edge passes through a triangle that has none of its vertices.
     fn edge_crossing(&self, edge: [u32; 2]) -> Option<Point3<f64>> {
         let [from, to] = edge.map(|corner| self.vertices[corner as usize].mm);
         let along = to - from;
@@ -148,7 +150,7 @@ impl<C: Frame> PartRays<C> {
             let corners = self.corners(triangle);
             let Some((share, normal)) = hit_distance(&from, &along, corners) else { return };
             let height_mm = |point: &Point3<f64>| normal.dot(&(point - corners[0])).abs() / normal.norm();
-            if share < 1.0 && height_mm(&from) > TOUCHES_MM && height_mm(&to) > TOUCHES_MM {
+            if share < 1.0 && height_mm(&from) > MIN_CROSSING_MM && height_mm(&to) > MIN_CROSSING_MM {
                 found = Some(from + along * share);
             }
         });
@@ -156,7 +158,7 @@ impl<C: Frame> PartRays<C> {
     }
 }
 
-/// Returns the distance at which a ray meets a triangle, in lengths of its direction, and the triangle's normal.
+/// Returns the distance at which a ray meets a triangle, in lengths of the ray's direction, and the triangle's normal.
 fn hit_distance(
     from: &Point3<f64>,
     direction: &Vector3<f64>,
@@ -170,25 +172,29 @@ fn hit_distance(
     let around = away.cross(&ab);
     let to_c = direction.dot(&around) / scale;
     let distance = ac.dot(&around) / scale;
-    // A triangle seen along its plane has no scale: the comparisons fail then.
-    let is_inside = to_b >= -EDGE_SHARE && to_c >= -EDGE_SHARE && to_b + to_c <= 1.0 + EDGE_SHARE;
+    // For a ray in the plane of the triangle the scale is zero: the comparisons are then false.
+    let is_inside =
+        to_b >= -EDGE_TOLERANCE_SHARE && to_c >= -EDGE_TOLERANCE_SHARE && to_b + to_c <= 1.0 + EDGE_TOLERANCE_SHARE;
     (is_inside && distance > 0.0 && distance.is_finite()).then(|| (distance, ab.cross(&ac)))
 }
 
 /// Rays along each side of a pixel at the border.
 const RAYS_PER_PIXEL_SIDE: usize = 8;
-/// Brightness of the part where it is seen square to its surface, and how much darker it is seen along it, grey
-/// levels: far less than the border of a mark (`locate/taught_marks`).
-const SQUARE_GRAY: f64 = 95.0;
+/// Brightness of the part where the camera sees its surface perpendicularly; `SHADING_GRAY` is the decrease where it
+/// sees the surface along its plane, grey levels. The decrease is far less than the contrast of a mark
+/// (`locate/taught_marks`).
+const PERPENDICULAR_GRAY: f64 = 95.0;
 const SHADING_GRAY: f64 = 25.0;
-/// Brightness beside the part.
+/// Brightness beside the part, grey levels.
 const BACKGROUND_GRAY: u8 = 225;
-/// Margin that is added to a window whose rim shows the part, px.
-const GROW_PX: usize = 16;
-/// A surface that is seen at a smaller cosine counts as facing away: no camera measures it.
-const MIN_FACING: f64 = 0.1;
-/// A triangle's middle this far behind the surface that its ray meets is hidden, as a share of its depth.
-const HIDDEN_SHARE: f64 = 1e-4;
+/// Margin that is added to a window if its rim shows the part, px.
+const WINDOW_MARGIN_PX: usize = 16;
+/// Minimum cosine of the angle to the normal at which a surface counts as facing the camera: at a smaller one no camera
+/// measures it.
+const MIN_FACING_COSINE: f64 = 0.1;
+/// Minimum distance of a triangle's middle behind the surface that its ray meets at which the triangle is hidden, as a
+/// share of its depth.
+const MIN_HIDDEN_SHARE: f64 = 1e-4;
 
 /// One pixel of a view.
 #[derive(Debug, Clone, Copy, Default)]
@@ -212,14 +218,14 @@ pub struct PartView {
 /// The parts of a surface that a camera does not see, as shares of the surface that faces it, 0…1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UnseenShares {
-    /// Share outside of its picture.
+    /// Share outside of the picture.
     pub outside: f64,
     /// Share behind another part of the surface.
     pub hidden: f64,
 }
 
 impl PartView {
-    /// Looks at a part with a camera at the origin of its frame; `None` if no ray meets it.
+    /// Computes the view of a part from a camera at the origin of its frame; `None` if no ray meets the part.
     ///
     /// # Errors
     /// If the lens has no ray for a pixel that may show the part.
@@ -230,7 +236,7 @@ impl PartView {
         let mut window = window(rays, camera);
         loop {
             let seen = PartView::view_columns(rays, camera, window.clone())?;
-            // A long straight edge is bent by the lens and may leave the box of its projected ends. The window grows
+            // The lens bends a long straight edge, so that it may leave the box of its projected ends. The window grows
             // step by step, since a lens may have no ray far beside the part.
             match &seen {
                 Some(part) if part.reaches_window() => window = with_margin(&window, camera),
@@ -293,8 +299,8 @@ impl PartView {
         Ok(is_met.then_some(PartView { size_px, pixels, directions, columns, rows }))
     }
 
-    /// Returns whether the part covers a pixel in the first or last of these columns or rows of the window; `None` is
-    /// not asked for.
+    /// Returns whether the part covers a pixel in the first or last of these columns or rows of the window; a column or
+    /// row of `None` is not examined.
     fn is_covered(&self, columns: [Option<usize>; 2], rows: [Option<usize>; 2]) -> bool {
         let width = self.columns.len();
         self.pixels.iter().enumerate().filter(|(_, pixel)| pixel.covered > 0.0).any(|(index, _)| {
@@ -312,7 +318,7 @@ impl PartView {
         self.is_covered(rim(&self.columns, width), rim(&self.rows, height))
     }
 
-    /// Returns whether the part reaches the rim of the picture: what lies beyond is not seen.
+    /// Returns whether the part reaches the rim of the picture, so that a part of it may lie outside.
     pub fn reaches_rim(&self) -> bool {
         let [width, height] = self.size_px;
         self.is_covered([Some(0), Some(width - 1)], [Some(0), Some(height - 1)])
@@ -325,7 +331,7 @@ impl PartView {
         indices.zip(&self.pixels).zip(&self.directions).map(|((index, pixel), ray)| (index, pixel, ray))
     }
 
-    /// Returns the view as a picture: the part in one grey level before a plain background.
+    /// Returns the view as a picture: the part in one grey level on a uniform background.
     pub fn picture(&self, part_gray: u8, beside_gray: u8) -> ColorPicture {
         let [width, height] = self.size_px;
         let mut picture = ColorPicture::uniform(width, height, [beside_gray; 3]);
@@ -343,7 +349,7 @@ impl PartView {
         let mut points = vec![[f32::NAN; 3]; width * height];
         let mut colors = vec![[BACKGROUND_GRAY; 3]; width * height];
         for (index, pixel, [x, y]) in self.visible_pixels() {
-            let gray = SQUARE_GRAY - SHADING_GRAY * (1.0 - f64::from(pixel.cos_incidence));
+            let gray = PERPENDICULAR_GRAY - SHADING_GRAY * (1.0 - f64::from(pixel.cos_incidence));
             colors[index] = [mixed_gray(gray, BACKGROUND_GRAY, pixel.covered); 3];
             if pixel.covered == 1.0 && pixel.depth_mm > 0.0 {
                 points[index] = [x * pixel.depth_mm, y * pixel.depth_mm, pixel.depth_mm].map(|mm| mm as f32);
@@ -363,8 +369,9 @@ fn with_margin(
     (columns, rows): &(Range<usize>, Range<usize>),
     camera: &PinholeCamera,
 ) -> (Range<usize>, Range<usize>) {
-    let grow =
-        |range: &Range<usize>, size: usize| range.start.saturating_sub(GROW_PX)..(range.end + GROW_PX).min(size);
+    let grow = |range: &Range<usize>, size: usize| {
+        range.start.saturating_sub(WINDOW_MARGIN_PX)..(range.end + WINDOW_MARGIN_PX).min(size)
+    };
     (grow(columns, camera.width_px), grow(rows, camera.height_px))
 }
 
@@ -377,7 +384,7 @@ fn full_window(camera: &PinholeCamera) -> (Range<usize>, Range<usize>) {
 fn window<C: Frame>(rays: &PartRays<C>, camera: &PinholeCamera) -> (Range<usize>, Range<usize>) {
     let everything = full_window(camera);
     let (low, high) = bounds(rays.vertices().iter().map(|vertex| vertex.mm));
-    // Behind the camera and far beside its picture a lens model does not hold: then every pixel is looked at.
+    // Behind the camera and far beside its picture a lens model is not valid: then all pixels are examined.
     let reach = low.x.abs().max(low.y.abs()).max(high.x.abs()).max(high.y.abs());
     if low.z <= 0.0 || reach > 1.2 * low.z {
         return everything;
@@ -397,11 +404,11 @@ fn window<C: Frame>(rays: &PartRays<C>, camera: &PinholeCamera) -> (Range<usize>
 }
 
 impl UnseenShares {
-    /// Finds what a camera does not see of the surface that faces it. Of a closed part the outside faces a camera,
-    /// of a sheet both sides do.
+    /// Computes the shares of the surface facing a camera that the camera does not see. The outside of a closed part
+    /// can face a camera, and both sides of a sheet.
     pub fn find<C: Frame>(rays: &PartRays<C>, camera: &PinholeCamera, is_closed: bool) -> UnseenShares {
         let corners = |triangle: &[u32; 3]| triangle.map(|corner| rays.vertices()[corner as usize].mm.coords);
-        // Six times the volume; its sign is the direction in which the triangles run around.
+        // Six times the volume; its sign states in which direction the triangles list their vertices.
         let volume = |triangle: &[u32; 3]| {
             let [a, b, c] = corners(triangle);
             a.dot(&b.cross(&c))
@@ -413,8 +420,8 @@ impl UnseenShares {
             let towards = -area.dot(&middle.coords);
             let facing = if is_closed { towards * outward } else { towards.abs() };
             let area_mm2 = area.norm();
-            // A number that is not finite shows nothing, so the condition asks for what is seen.
-            let is_facing = facing > MIN_FACING * area_mm2 * middle.coords.norm() && middle.z > 0.0;
+            // A number that is not finite counts as not facing, so the condition is the positive one.
+            let is_facing = facing > MIN_FACING_COSINE * area_mm2 * middle.coords.norm() && middle.z > 0.0;
             if !is_facing {
                 return [0.0; 3];
             }
@@ -423,7 +430,7 @@ impl UnseenShares {
             }
             let direction = middle.coords / middle.z;
             let is_hidden =
-                rays.nearest(&direction).is_some_and(|hit| hit.distance < middle.z * (1.0 - HIDDEN_SHARE));
+                rays.nearest(&direction).is_some_and(|hit| hit.distance < middle.z * (1.0 - MIN_HIDDEN_SHARE));
             [area_mm2, 0.0, if is_hidden { area_mm2 } else { 0.0 }]
         };
         let add = |a: [f64; 3], b: [f64; 3]| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];

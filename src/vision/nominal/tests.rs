@@ -1,4 +1,4 @@
-//! Drawings made by hand, with known errors.
+//! Drawings that were built by hand, with known errors.
 
 use super::*;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
@@ -18,7 +18,7 @@ const CAMERA: PinholeCamera = PinholeCamera {
     k3: 0.0,
 };
 
-/// A closed box of this size around the origin, as twelve triangles.
+/// Returns a closed box of this size around the origin, as twelve triangles.
 fn block([x, y, z]: [f64; 3]) -> TriangleMesh {
     let corner = |n: usize| {
         let side = |bit: usize, mm: f64| if n & bit == 0 { -mm / 2.0 } else { mm / 2.0 };
@@ -34,7 +34,8 @@ fn block([x, y, z]: [f64; 3]) -> TriangleMesh {
     }
 }
 
-/// A square sheet of this side in steps of 1 mm, without the points that `is_left_out`, and lifted by `height_mm`.
+/// Returns a square sheet of this side in steps of 1 mm, without the points for which `is_left_out` is true, with the
+/// height `height_mm`.
 fn sheet(
     side: usize,
     height_mm: impl Fn(f64, f64) -> f64,
@@ -62,7 +63,7 @@ fn part(mesh: TriangleMesh) -> Part {
     Part::choose(mesh, None, None).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// The drawing's origin at this depth, turned by 0.2 rad about x.
+/// Returns the pose with the drawing's origin at this depth, rotated by 0.2 rad about x.
 fn in_front(depth_mm: f64) -> Rigid<Camera, Drawing> {
     let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.2);
     Rigid::from_isometry_unchecked(Isometry3::from_parts(Vector3::new(0.0, 0.0, depth_mm).into(), turn))
@@ -73,7 +74,7 @@ fn seen(mesh: TriangleMesh, place: &Rigid<Camera, Drawing>) -> PartView {
     PartView::view_part(&rays, &CAMERA).expect("the lens has rays").expect("it is seen")
 }
 
-/// Returns the middle of the area inside a polygon, px.
+/// Returns the centroid of the area inside a polygon, px.
 fn middle_px(corners: &[Pixel]) -> [f64; 2] {
     let sides = corners.iter().zip(corners.iter().cycle().skip(1));
     let [u, v, twice] = sides.fold([0.0; 3], |[u, v, twice], (a, b)| {
@@ -83,8 +84,8 @@ fn middle_px(corners: &[Pixel]) -> [f64; 2] {
     [u / (3.0 * twice), v / (3.0 * twice)]
 }
 
-/// The points of a box's front lie on its plane to a micrometre. The shares of the pixels add up to the area of its
-/// projected outline to a hundredth of a pixel of its length, and have the same middle.
+/// The points of a box's front lie on its plane to a micrometre. The sum of the pixels' shares is the area of the
+/// projected outline, to a hundredth of a pixel times the outline's length; both have the same centroid.
 #[test]
 fn a_box_is_seen_where_it_projects() {
     let place = in_front(500.0);
@@ -92,7 +93,7 @@ fn a_box_is_seen_where_it_projects() {
     let normal = place.rotation() * Vector3::z();
     let front = place.isometry() * Point3::new(0.0, 0.0, -3.0);
     let off_mm: Vec<f64> = cloud.valid_points().map(|(_, point)| normal.dot(&(point.mm - front)).abs()).collect();
-    // The side of the box shows as well, up to 6 mm behind its front.
+    // The side of the box is visible, too, up to 6 mm behind its front.
     let on_front = off_mm.iter().filter(|off_mm| **off_mm < 1e-3).count();
     assert!(off_mm.iter().all(|off_mm| *off_mm < 6.001));
     assert!(on_front as f64 > 0.94 * off_mm.len() as f64, "{on_front} of {}", off_mm.len());
@@ -100,7 +101,7 @@ fn a_box_is_seen_where_it_projects() {
     let covered: f64 = picture.rgb.iter().map(|rgb| 1.0 - f64::from(rgb[0]) / 255.0).sum();
     let [x, y, z] = [50.0, 40.0, 3.0];
     let corners = [[-x, y, -z], [x, y, -z], [x, -y, -z], [x, -y, z], [-x, -y, z], [-x, -y, -z]];
-    // The lens bends straight edges, so each is followed.
+    // The lens bends straight edges, so the test follows each edge point by point.
     let along = |index: usize| {
         let (a, b) = (Vector3::from(corners[index]), Vector3::from(corners[(index + 1) % corners.len()]));
         (0..50).map(move |step| a + (b - a) * (f64::from(step) / 50.0))
@@ -123,7 +124,7 @@ fn a_box_is_seen_where_it_projects() {
 /// No ray passes between the triangles of a curved sheet, and a part of it that faces the camera but lies behind
 /// another one counts as hidden.
 #[test]
-fn a_surface_has_no_holes_and_what_is_hidden_is_known() {
+fn a_surface_has_no_holes_and_hidden_parts_are_counted() {
     let place = in_front(500.0);
     let curved = |x: f64, y: f64| (x * x + y * y) / 400.0;
     let cloud = seen(sheet(100, curved, |_, _| false), &place).cloud().expect("a cloud");
@@ -138,7 +139,8 @@ fn a_surface_has_no_holes_and_what_is_hidden_is_known() {
     assert_eq!(holes, 0);
     let none = UnseenShares::find(&PartRays::new(part(sheet(100, curved, |_, _| false)), &place), &CAMERA, false);
     assert_eq!(none, UnseenShares { outside: 0.0, hidden: 0.0 });
-    // The back of a box does not face the camera. As a sheet it would, and its front hides it: half of both.
+    // The back of a box does not face the camera. If the box is a sheet, the back also faces the camera, and the front
+    // hides it: half of the surface is hidden.
     let boxed =
         |is_closed| UnseenShares::find(&PartRays::new(part(block([100.0, 80.0, 1.0])), &place), &CAMERA, is_closed);
     assert!((boxed(false).hidden - 0.5).abs() < 0.03 && boxed(true).hidden == 0.0, "{:?}", boxed(true));
@@ -159,10 +161,10 @@ fn a_part_that_is_not_there_is_not_seen() {
     assert!(PartView::view_part(&rays, &CAMERA).expect("rays").is_none());
 }
 
-/// A fold of a sheet through itself, a face that exists twice, and a gap of 0.2 mm between two halves are refused;
-/// a hole of 10 mm is none of these.
+/// Refused are a triangle of the part that passes through the part's sheet, a face that exists twice, and a gap of 0.2
+/// mm between two halves. A hole of 10 mm is accepted.
 #[test]
-fn what_is_not_one_surface_is_refused() {
+fn drawings_that_are_not_one_surface_are_refused() {
     let place = in_front(500.0);
     let crossing = |mesh: TriangleMesh| {
         let part = part(mesh);
@@ -172,9 +174,10 @@ fn what_is_not_one_surface_is_refused() {
     let hole = |u: usize, v: usize| (20..30).contains(&u) && (20..30).contains(&v);
     let good = crossing(sheet(60, |x, _| x * x / 200.0, hole)).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(good.borders.len(), 4 * 60 + 4 * 10);
-    // By hand: over 1 mm, x²/200 rises by 1/800 mm above its chord.
+    // Calculated by hand: over 1 mm, x²/200 deviates by 1/800 mm from its chord.
     assert!((good.facet_error_mm * 800.0 - 1.0).abs() < 0.1, "{}", good.facet_error_mm);
-    // By hand: facets of 1 mm that turn by 12° deviate by 0.2094 · 1 / 8 mm; an angle of 45° is an edge of the panel.
+    // Calculated by hand: facets of 1 mm at an angle of 12° to each other deviate by 0.2094 · 1 / 8 mm; an angle of 45°
+    // is an edge of the panel.
     let folded =
         |slope: f64| crossing(sheet(60, |x, _| slope * x.max(0.0), hole)).map(|edges| edges.facet_error_mm);
     let [coarse_mm, edge_mm] = [0.212_56, 1.0].map(|slope| folded(slope).unwrap_or_else(|error| panic!("{error}")));
@@ -186,7 +189,7 @@ fn what_is_not_one_surface_is_refused() {
     let error = crossing(twice).err().expect("a doubled face");
     assert!(matches!(error, NominalError::ManyFaces { count: 3, .. }), "{error}");
 
-    // A blade of the same part that passes through the sheet.
+    // A triangle of the same part that passes through the sheet.
     let mut blade = sheet(60, |_, _| 0.0, |_, _| false);
     let first = blade.vertices.len() as u32;
     blade.vertices.extend([[40.0, 5.3, 9.0], [10.2, 5.3, -9.0]]);
@@ -194,7 +197,7 @@ fn what_is_not_one_surface_is_refused() {
     let error = crossing(blade).err().expect("it passes through itself");
     assert!(matches!(error, NominalError::CrossesItself { .. }), "{error}");
 
-    // One row of triangles moved by 0.2 mm, still joined at its ends.
+    // One row of triangles is moved by 0.2 mm; it is still joined at its ends.
     let mut gap = sheet(60, |_, _| 0.0, |_, _| false);
     let (from, to) = (30 * 61, 31 * 61);
     let moved = gap.vertices.len() as u32;
@@ -211,7 +214,8 @@ fn what_is_not_one_surface_is_refused() {
     assert!(matches!(error, NominalError::Gap { width_mm, .. } if (width_mm - 0.2).abs() < 0.01), "{error}");
 }
 
-/// The front of a block is two triangles whose middles lie in the picture, although the block leaves it.
+/// The front of a block consists of two triangles whose middles lie in the picture, although the block extends beyond
+/// it.
 #[test]
 fn a_part_of_large_triangles_that_leaves_the_picture_reaches_its_rim() {
     let place = in_front(300.0);
@@ -226,7 +230,7 @@ fn a_part_of_large_triangles_that_leaves_the_picture_reaches_its_rim() {
     assert_eq!(UnseenShares::find(&rays, &CAMERA, true).outside, 0.0, "the share alone does not show it");
 }
 
-/// By hand: a plate of ±0.48 in the picture's plane, seen by a lens with k1 = −0.2. A corner projects to
+/// Calculated by hand: a plate of ±0.48 in the picture's plane, seen by a lens with k1 = −0.2. A corner projects to
 /// 79.5 − 72 (1 − 0.2 · 0.461) = 14.1 px, and the middle of the edge to 79.5 − 72 (1 − 0.2 · 0.230) = 10.8 px.
 #[test]
 fn a_long_edge_that_the_lens_bends_is_seen_whole() {

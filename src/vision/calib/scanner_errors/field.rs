@@ -20,10 +20,10 @@
 //! plane. For errors with the covariance σ² K, K = exp(−h² π / L²) over the distances h on the board, the mean squares
 //! of blocks and of means over k × k parts (A) are expected to be
 //!     E |r|² = σ² tr(M K),   E |r̄|² = σ² tr(M' A K Aᵀ),                                                    (2)
-//! each with its own plane removed. The ratio of the two rises with L. The L with the observed ratio is the result,
-//! and then σ follows. A mean over an area much larger than L² has the variance σ² L² / area, as if each square of the
-//! side L had one error of its own. A likelihood was tried in place of (2). It depends on the finest detail, and there
-//! a form of K that is not the camera's made L wrong by a factor of three.
+//! each with its own plane removed. The ratio of the two rises with L. The L with the observed ratio is the result, and
+//! then σ follows. A mean over an area much larger than L² has the variance σ² L² / area, as if each square of the side
+//! L had one error of its own. A likelihood was tried in place of (2). It depends on the finest detail, where the form
+//! of K differs from that of the camera's errors: L was wrong by a factor of three.
 
 use super::plane_view;
 use super::plane_view::{Block, PlaneView, Projection};
@@ -36,16 +36,16 @@ use rayon::prelude::*;
 
 /// Weights of the roughness that are tried.
 pub(super) const LAMBDAS: [f64; 7] = [0.01, 0.1, 1.0, 10.0, 100.0, 1e3, 1e4];
-const BOW: usize = 3;
+const BOW_TERMS: usize = 3;
 /// Standard deviation of a calibration board from a plane over half of its diagonal, mm.
-const BOARD_BOW_MM: f64 = 0.15;
-const SIZE: usize = FIELD_SIZE + BOW;
-/// A small weight of the field's size: if two fields explain the same data, the smaller one is selected.
+const BOARD_BOW_STD_MM: f64 = 0.15;
+const UNKNOWNS: usize = FIELD_SIZE + BOW_TERMS;
+/// A small weight of the field's size: if two fields explain the same data, the solution is the smaller one.
 const RIDGE_WEIGHT: f64 = 1e-6;
-/// Standard deviation of a block to which the bow's weight refers, mm.
-const BLOCK_MM: f64 = 0.05;
+/// Standard deviation of the depth of a block, mm; the weight of the bow refers to it.
+const BLOCK_STD_MM: f64 = 0.05;
 
-/// A scan after its plane was removed by projection.
+/// A scan without its plane, which a projection removed.
 pub(super) struct ProjectedScan {
     design: DMatrix<f64>,
     measured_mm: DVector<f64>,
@@ -68,11 +68,11 @@ pub(super) struct LeftOutPrediction {
 }
 
 impl ProjectedScan {
-    /// Returns `None` if the blocks determine no plane.
+    /// Creates the projected scan; `None` if the blocks determine no plane.
     pub fn from_view(view: &PlaneView, over: &FieldRectangle) -> Option<ProjectedScan> {
         let count = view.blocks.len();
         let own = plane_view::fit_plane(view.blocks.iter().map(|block| (block.direction, block.per_depth)))?;
-        let mut design = DMatrix::zeros(count, SIZE);
+        let mut design = DMatrix::zeros(count, UNKNOWNS);
         let mut read_mm = DMatrix::zeros(count, 1);
         for (index, block) in view.blocks.iter().enumerate() {
             let z_mm = 1.0 / block.per_depth;
@@ -103,7 +103,7 @@ impl ProjectedScan {
 /// Returns the field that fits the scans best, with this weight of the field's roughness.
 pub(super) fn solve<'a>(fits: impl IntoIterator<Item = &'a ProjectedScan>, lambda: f64) -> Option<FieldSolution> {
     let mut information = smoothness_penalty(lambda);
-    let mut right = DVector::zeros(SIZE);
+    let mut right = DVector::zeros(UNKNOWNS);
     for fit in fits {
         information += &fit.information;
         right += &fit.rhs;
@@ -111,7 +111,7 @@ pub(super) fn solve<'a>(fits: impl IntoIterator<Item = &'a ProjectedScan>, lambd
     let all = information.cholesky()?.solve(&right);
     let coefficients_mm = std::array::from_fn(|k| all[k]);
     let [a, b, c] = [0, 1, 2].map(|k| all[FIELD_SIZE + k]);
-    // The largest height on the unit circle of a quadratic form in u and v.
+    // The largest height of a quadratic form in u and v on the unit circle.
     let bow_mm = ((a + c) / 2.0).abs() + ((a - c) / 2.0).hypot(b / 2.0);
     Some(FieldSolution { coefficients_mm, bow_mm, parameters: all })
 }
@@ -143,7 +143,7 @@ pub(super) fn max_amplitude_mm(field: &DepthField, directions: impl Iterator<Ite
 }
 
 fn smoothness_penalty(lambda: f64) -> DMatrix<f64> {
-    let mut penalty = DMatrix::from_diagonal_element(SIZE, SIZE, RIDGE_WEIGHT);
+    let mut penalty = DMatrix::from_diagonal_element(UNKNOWNS, UNKNOWNS, RIDGE_WEIGHT);
     let mut add = |indices: [usize; 3]| {
         for (i, a) in indices.iter().zip([1.0, -2.0, 1.0]) {
             for (j, b) in indices.iter().zip([1.0, -2.0, 1.0]) {
@@ -162,13 +162,14 @@ fn smoothness_penalty(lambda: f64) -> DMatrix<f64> {
             }
         }
     }
-    for k in FIELD_SIZE..SIZE {
-        penalty[(k, k)] += (BLOCK_MM / BOARD_BOW_MM).powi(2);
+    for k in FIELD_SIZE..UNKNOWNS {
+        penalty[(k, k)] += (BLOCK_STD_MM / BOARD_BOW_STD_MM).powi(2);
     }
     penalty
 }
 
-/// A slope is accepted if the rms of the predicted scales of left-out scans falls to this share.
+/// Maximum ratio of the rms of predicted scales of left-out scans with a slope to that without; with a larger ratio the
+/// slope is not used.
 const MAX_RMS_RATIO: f64 = 0.8;
 /// Terms of (1).
 const TERMS: usize = 4;
@@ -177,19 +178,18 @@ const TERMS: usize = 4;
 pub(super) struct ScaleTilt {
     /// b and c of (1), mm at the reference depth; `None` if they do not predict left-out scans.
     pub slope_mm: Option<[f64; 2]>,
-    /// The remainder of the scales after (1), or after its first two terms if there is no slope; one standard
-    /// deviation, percent.
+    /// Standard deviation of the scales after (1), or after its first two terms if there is no slope, percent.
     pub residual_percent: f64,
     /// The degrees of freedom: the number of scans minus the number of terms.
     pub degrees_of_freedom: usize,
 }
 
-/// 95 % of a normal distribution lie below this number of standard deviations.
+/// 95 % of a normal distribution lie below this number of standard deviations above its mean.
 const NORMAL_ONE_SIDED_95: f64 = 1.645;
 
 impl ScaleTilt {
-    /// Returns the standard deviation of the scales, percent, without this known variance, squared percent. Zero if
-    /// the remainder may be due to chance.
+    /// Returns the standard deviation of the scales, percent, after this known variance, squared percent, is
+    /// subtracted. Zero if the remainder may be due to chance.
     pub fn excess_std_percent(&self, known: f64) -> f64 {
         let left = self.residual_percent.powi(2);
         let by_chance = known * (1.0 + NORMAL_ONE_SIDED_95 * (2.0 / self.degrees_of_freedom as f64).sqrt());
@@ -197,7 +197,7 @@ impl ScaleTilt {
     }
 }
 
-/// Returns the fit of (1).
+/// Fits (1) to the scales of the scans.
 pub(super) fn estimate_tilt(views: &[PlaneView], field: Option<&DepthField>) -> Option<ScaleTilt> {
     let scales = DVector::from_iterator(views.len(), views.iter().map(|view| view.scale_percent(field)));
     let term = |row: usize, column: usize| match column {
@@ -245,10 +245,10 @@ impl LeftOutFit {
 }
 
 /// The values of L that are tried, mm.
-const LENGTHS_MM: [f64; 15] =
+const CORRELATION_LENGTHS_MM: [f64; 15] =
     [12.0, 16.0, 21.0, 27.0, 35.0, 45.0, 55.0, 67.0, 80.0, 97.0, 120.0, 150.0, 190.0, 240.0, 320.0];
-/// Number of parts along each side.
-const PARTS: usize = 4;
+/// Number of parts along each side of the board.
+const PARTS_PER_SIDE: usize = 4;
 /// Minimum number of blocks in a part, as a share of the usual number.
 const MIN_FILLED_SHARE: f64 = 0.5;
 
@@ -275,7 +275,7 @@ pub(super) fn estimate_smooth_error(views: &[PlaneView], residuals_mm: &[Vec<f64
         views.iter().zip(residuals_mm).filter_map(|(view, mm)| BlockPartition::new(&view.blocks, mm)).collect();
     let observed = cuts.iter().fold([0.0; 2], |sum, cut| [sum[0] + cut.observed[0], sum[1] + cut.observed[1]]);
     let longest_mm = views.iter().map(|view| 2.0 * view.half_diagonal_mm).fold(0.0, f64::max);
-    let tried: Vec<(f64, [f64; 2])> = LENGTHS_MM
+    let tried: Vec<(f64, [f64; 2])> = CORRELATION_LENGTHS_MM
         .par_iter()
         .filter(|length_mm| **length_mm <= longest_mm)
         .map(|&length_mm| {
@@ -295,8 +295,8 @@ pub(super) fn estimate_smooth_error(views: &[PlaneView], residuals_mm: &[Vec<f64
     deviation_mm.is_finite().then_some(spread)
 }
 
-/// Returns the L at which this ratio is expected, and the expected value of the blocks there; the first or last L
-/// if the ratio is beyond all.
+/// Returns the L at which this ratio is expected, and the expected value of the blocks there. If the ratio is outside
+/// of the range, it is the first or the last L.
 fn solve_correlation_length(tried: &[(f64, [f64; 2])], ratio: f64) -> (f64, f64) {
     let of = |[blocks, parts]: [f64; 2]| parts / blocks;
     let above = tried.iter().position(|one| of(one.1) >= ratio).unwrap_or(tried.len());
@@ -322,12 +322,13 @@ impl BlockPartition {
         let part = |block: &Block| {
             let at = |axis: usize| {
                 let (least, reach) = reaches[axis];
-                (((block.position_mm[axis] - least) / reach * PARTS as f64) as usize).min(PARTS - 1)
+                (((block.position_mm[axis] - least) / reach * PARTS_PER_SIDE as f64) as usize)
+                    .min(PARTS_PER_SIDE - 1)
             };
-            at(1) * PARTS + at(0)
+            at(1) * PARTS_PER_SIDE + at(0)
         };
-        let usual = blocks.len() as f64 / (PARTS * PARTS) as f64;
-        let members: Vec<Vec<usize>> = (0..PARTS * PARTS)
+        let usual = blocks.len() as f64 / (PARTS_PER_SIDE * PARTS_PER_SIDE) as f64;
+        let members: Vec<Vec<usize>> = (0..PARTS_PER_SIDE * PARTS_PER_SIDE)
             .map(|index| (0..blocks.len()).filter(|&block| part(&blocks[block]) == index).collect::<Vec<_>>())
             .filter(|members| members.len() as f64 >= MIN_FILLED_SHARE * usual)
             .collect();
@@ -365,11 +366,11 @@ impl BlockPartition {
 mod tests {
     use super::*;
 
-    /// Calculated by hand: of 0.05 % with an uncertainty of 0.03 %, √(0.0025 − 0.0009) % = 0.04 % exceed the
-    /// uncertainty. With 8 scans more than terms, chance causes up to √(1 + 1.645 · 0.5) = 1.35 times the
+    /// Calculated by hand: a scatter of 0.05 % with an uncertainty of 0.03 % exceeds the uncertainty by √(0.0025 −
+    /// 0.0009) % = 0.04 %. With 8 scans more than terms, chance causes up to √(1 + 1.645 · 0.5) = 1.35 times the
     /// uncertainty, 0.0405 %.
     #[test]
-    fn what_chance_leaves_is_nothing() {
+    fn scatter_due_to_chance_is_no_excess() {
         let tilt =
             |left_percent| ScaleTilt { slope_mm: None, residual_percent: left_percent, degrees_of_freedom: 8 };
         let known = 0.03_f64.powi(2);

@@ -9,11 +9,11 @@
 //!   correlated, from means over parts of the board, since a plane through the board absorbs a part;
 //! - the board's own bow, which rotates with the board and can therefore be distinguished;
 //! - scale: distances between corners, as measured and as printed; from scan to scan the part that the smooth error
-//!   does not explain. If distances are longer on one side of the picture, planes are turned into other planes
-//!   (`field`, too), which is corrected, too.
+//!   does not explain. If distances are longer on one side of the picture, planes are mapped to other planes (`field`,
+//!   too); this is corrected, too.
 //!
 //! [`checks`] is the gate: it decides whether the measured errors may be used, must be checked by a person, or are
-//! refused. Not measured: lenses (`intrinsics`).
+//! refused. The lens is not measured here (`intrinsics`).
 
 mod field;
 mod plane_view;
@@ -25,7 +25,7 @@ use panelprep_base::number_text::distinguishable_texts;
 use panelprep_base::verdict::{Check, LimitSource};
 pub use plane_view::{Block, BoardScan, MIN_SCANS, PicturePart, PictureParts, PlaneView};
 
-/// Returns the directions of a camera's whole picture; `None` if its corners have no ray.
+/// Returns the range of the directions of a camera's whole picture; `None` if one of its corners has no ray.
 pub fn direction_rectangle(camera: &PinholeCamera) -> Option<FieldRectangle> {
     let [right, low] = [camera.width_px, camera.height_px].map(|count| count as f64 - 1.0);
     let corners = [[0.0, 0.0], [right, 0.0], [0.0, low], [right, low]];
@@ -41,7 +41,8 @@ pub fn direction_rectangle(camera: &PinholeCamera) -> Option<FieldRectangle> {
     Some(over)
 }
 
-/// The error that is the same in each scan is corrected only if the left-out rms falls to this share.
+/// Maximum ratio of the left-out rms with a correction to that without; with a larger ratio the error that is the same
+/// in each scan is not corrected.
 const MAX_RMS_RATIO: f64 = 0.9;
 
 /// Measures the camera's errors.
@@ -116,11 +117,11 @@ pub struct ScannerErrors {
     pub white_mm: f64,
     /// The smooth error of one scan, after the correction if there is one: standard deviation, mm.
     pub smooth_mm: f64,
-    /// Side of the squares within which the smooth error is the same, mm.
+    /// Side of the squares within each of which the smooth error counts as equal, mm.
     pub correlation_mm: f64,
     /// The 95 % interval of `correlation_mm`, mm.
     pub correlation_interval_mm: [f64; 2],
-    /// The longest length that the boards can show, their diagonal, mm.
+    /// Maximum correlation length that the boards can show, mm: their diagonal.
     pub board_mm: f64,
     /// The rms deviation from the plane in scans that were left out, without a correction, mm.
     pub left_out_uncorrected_mm: f64,
@@ -135,15 +136,15 @@ pub struct ScannerErrors {
     pub bow_mm: f64,
     /// The ratio of measured to printed distances, minus one, percent: the mean over scans.
     pub scale_percent: f64,
-    /// Standard deviation of the scale from scan to scan beyond what the smooth error explains, percent.
+    /// Standard deviation of the scale from scan to scan, without the part that the smooth error explains, percent.
     pub scale_deviation_percent: f64,
     /// The parts of the picture.
     pub parts: PictureParts,
     /// Share of the picture in which at least two scans show the board.
     pub covered_share: f64,
-    /// Depths of the boards' middles, least and greatest, mm.
+    /// Least and greatest depth of the middle of a board, mm.
     pub depths_mm: [f64; 2],
-    /// The largest difference of the board's rotations in its plane, degrees.
+    /// The largest difference between two rotations of the board in its plane, degrees.
     pub turned_deg: f64,
     /// The rms residual of the board's plane after the correction, for each scan, mm.
     pub residuals_mm: Vec<f64>,
@@ -155,29 +156,30 @@ pub const MIN_BOARD_POSITIONS: usize = 8;
 const MAX_BOW_MM: f64 = 0.5;
 /// Minimum share of the picture in which at least two scans show the board.
 const MIN_COVERED_SHARE: f64 = 0.6;
-/// Minimum ratio of the largest depth to the smallest.
-const DEPTHS: f64 = 1.15;
-/// Minimum rotation of the board in its plane, degrees: with less, the board's bow is mistaken for an error of the
-/// camera.
+/// Minimum ratio of the largest depth of a board to the smallest.
+const MIN_DEPTH_RATIO: f64 = 1.15;
+/// Minimum rotation of the board in its plane, degrees: with less, the board's bow cannot be distinguished from an
+/// error of the camera.
 const MIN_BOARD_ROTATION_DEG: f64 = 40.0;
 /// Limits of the smooth error, mm: beyond the first a person must look, beyond the second the camera is not used.
-const SMOOTH_MM: [f64; 2] = [0.3, 1.0];
-/// If distances are longer or shorter by more than this, a person must look, percent.
-const SCALE_PERCENT: f64 = 0.3;
-/// A board shows lengths up to this share of its diagonal: a plane through it absorbs longer ones.
+const SMOOTH_ERROR_LIMITS_MM: [f64; 2] = [0.3, 1.0];
+/// Maximum scale error of distances without a review, percent.
+const MAX_SCALE_PERCENT: f64 = 0.3;
+/// Maximum correlation length that a board shows, as a share of its diagonal: the plane through the board absorbs
+/// longer ones.
 const MAX_SHOWN_LENGTH_SHARE: f64 = 0.8;
 
-/// Returns every number that is judged.
+/// Returns the checks of all numbers that are judged.
 pub fn checks(found: &ScannerErrors) -> Vec<Check> {
-    let [review_mm, reject_mm] = SMOOTH_MM;
+    let [review_mm, reject_mm] = SMOOTH_ERROR_LIMITS_MM;
     let is_bad = found.smooth_mm > reject_mm;
     let smooth = Check::new("smooth error of a scan", "mm", found.smooth_mm)
         .with_max(if is_bad { reject_mm } else { review_mm }, LimitSource::Program);
     let words = || {
         let [is, most] = distinguishable_texts(found.smooth_mm, if is_bad { reject_mm } else { review_mm }, 2);
         format!(
-            "scans of a flat board deviate from a plane by {is} mm, differently in each scan (limit {most} mm); \
-             warm up the camera, check its exposure, and have it calibrated by its manufacturer"
+            "scans of a flat board deviate from a plane by {is} mm, and this error differs from scan to scan (limit \
+             {most} mm); warm up the camera, check its exposure, and have it calibrated by its manufacturer"
         )
     };
     let smooth =
@@ -194,9 +196,10 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
                 )
             }),
         Check::new("farthest over nearest place of the board", "", found.depths_mm[1] / found.depths_mm[0])
-            .with_min(DEPTHS, LimitSource::Program)
-            .or_review("scanner_depths", || {
-                let [is, least] = distinguishable_texts(found.depths_mm[1] / found.depths_mm[0], DEPTHS, 2);
+            .with_min(MIN_DEPTH_RATIO, LimitSource::Program)
+            .reviews("scanner_depths", || {
+                let [is, least] =
+                    distinguishable_texts(found.depths_mm[1] / found.depths_mm[0], MIN_DEPTH_RATIO, 2);
                 format!(
                     "the farthest board is {is} times as far away as the nearest, at least {least} times is \
                      needed; hold the board nearer and farther"
@@ -207,8 +210,8 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
             .or_review("scanner_turned", || {
                 let [is, least] = distinguishable_texts(found.turned_deg, MIN_BOARD_ROTATION_DEG, 0);
                 format!(
-                    "the board was turned by {is}° in its plane, at least {least}° are needed: otherwise its own \
-                     bow counts as an error of the camera; turn the board upright in some scans"
+                    "the board was rotated by {is}° in its plane, at least {least}° are needed: otherwise its own \
+                     bow counts as an error of the camera; rotate the board by 90° in some scans"
                 )
             }),
         Check::new("the board's bow", "mm", found.bow_mm).with_max(MAX_BOW_MM, LimitSource::Program).or_review(
@@ -219,9 +222,9 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
             },
         ),
         Check::new("scale of distances", "%", found.scale_percent.abs())
-            .with_max(SCALE_PERCENT, LimitSource::Program)
-            .or_review("scanner_scale", || {
-                let [is, most] = distinguishable_texts(found.scale_percent.abs(), SCALE_PERCENT, 2);
+            .with_max(MAX_SCALE_PERCENT, LimitSource::Program)
+            .reviews("scanner_scale", || {
+                let [is, most] = distinguishable_texts(found.scale_percent.abs(), MAX_SCALE_PERCENT, 2);
                 format!(
                     "distances on the board are off by {is} % (limit {most} %); measure the board's squares, and \
                      have the camera calibrated by its manufacturer"
@@ -261,18 +264,18 @@ mod tests {
     use panelprep_sim::{BoardCell, BoardPrint, RobotNoise, ScannerDistortion};
     use rayon::prelude::*;
 
-    const STILL: RobotNoise = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
+    const NO_NOISE: RobotNoise = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
 
     fn over(camera: &PinholeCamera) -> FieldRectangle {
         direction_rectangle(camera).expect("rays")
     }
 
-    /// Returns a camera's scans of a board, some of them far away and in the picture's corners.
+    /// Returns a camera's scans of a board; in some of them the board is far away and in the picture's corners.
     fn views(seed: u64, count: usize, distortion: &ScannerDistortion) -> (Vec<PlaneView>, PinholeCamera) {
         views_at_scale(seed, count, distortion, |_| 0.0)
     }
 
-    /// Returns the scans of a camera with distances that are too long, by a fraction that `scale` gives for each scan.
+    /// Returns the scans of a camera whose distances are too long, by the fraction that `scale` gives for each scan.
     fn views_at_scale(
         seed: u64,
         count: usize,
@@ -282,7 +285,7 @@ mod tests {
         views_by(seed, count, distortion, |index, cloud| cloud.scaled_along_rays(|_| 1.0 + scale(index)))
     }
 
-    /// Returns the same scans as `views` from a camera that applies this change to each of its scans.
+    /// Returns the same scans as `views`, with this change of each scan by the camera.
     fn views_by(
         seed: u64,
         count: usize,
@@ -290,7 +293,7 @@ mod tests {
         scanned: impl Fn(u64, OrganizedCloud<Camera>) -> OrganizedCloud<Camera> + Sync,
     ) -> (Vec<PlaneView>, PinholeCamera) {
         let print = BoardPrint::chessboard(8, 6, 30.0);
-        let cell = BoardCell::new(seed, print, STILL).with_reduction(4);
+        let cell = BoardCell::new(seed, print, NO_NOISE).with_reduction(4);
         let board = Board::parse("8x6", 30.0).expect("a board");
         let camera = cell.scanner();
         let views = cell
@@ -306,9 +309,13 @@ mod tests {
         (views, camera)
     }
 
-    /// Returns the remainder of the true error at the positions of boards, without the part that turns planes into planes:
-    /// rms, mm.
-    fn left_mm(found: &ScannerErrors, distortion: &ScannerDistortion, views: &[PlaneView]) -> [f64; 2] {
+    /// Returns the rms of the true error at the positions of boards before and after the correction, mm, without the
+    /// part that maps planes to other planes.
+    fn errors_before_and_after_mm(
+        found: &ScannerErrors,
+        distortion: &ScannerDistortion,
+        views: &[PlaneView],
+    ) -> [f64; 2] {
         let of = |value: &dyn Fn([f64; 2]) -> f64| {
             let blocks = views.iter().flat_map(|view| &view.blocks);
             let all: Vec<([f64; 2], f64)> = blocks.map(|block| (block.direction, value(block.direction))).collect();
@@ -320,12 +327,12 @@ mod tests {
     }
 
     #[test]
-    fn what_is_the_same_each_time_is_found() {
+    fn the_error_that_is_the_same_in_each_scan_is_found() {
         let distortion = ScannerDistortion::new(5, 1.0);
         let (views, camera) = views(7, 16, &distortion);
         let found = measure(&views, over(&camera)).expect("measured");
         println!("{found:?}");
-        let [before_mm, after_mm] = left_mm(&found, &distortion, &views);
+        let [before_mm, after_mm] = errors_before_and_after_mm(&found, &distortion, &views);
         println!("true error {before_mm:.3} mm rms, after the correction {after_mm:.3} mm");
         assert!(before_mm > 0.1 && after_mm < 0.25 * before_mm, "{before_mm} {after_mm}");
         let corrected_mm = found.left_out_corrected_mm.expect("better");
@@ -334,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_corrected_where_nothing_is_the_same() {
+    fn without_an_error_that_is_the_same_nothing_is_corrected() {
         let none = ScannerDistortion::new(5, 0.0);
         let (views, camera) = views(11, 12, &none);
         let found = measure(&views, over(&camera)).expect("measured");
@@ -345,10 +352,10 @@ mod tests {
         assert!(few.contains("7 scans") && few.contains("8 are needed"), "{few}");
     }
 
-    /// A depth error of 1 mm for each unit of the direction leaves boards flat: only the distances on the boards show
-    /// it.
+    /// A depth error that grows by 1 mm for each unit of the direction leaves boards flat: only the distances on the
+    /// boards show it.
     #[test]
-    fn what_turns_planes_into_planes_is_found_by_distances() {
+    fn a_tilt_of_planes_is_found_by_distances() {
         let bent = ScannerDistortion::new(5, 0.0);
         let tilted = |cloud: OrganizedCloud<Camera>| {
             cloud.scaled_along_rays(|[x, _, z]| {
@@ -363,8 +370,9 @@ mod tests {
         assert!((slope_mm[0] - 1.0).abs() < 0.2 && slope_mm[1].abs() < 0.2, "{slope_mm:?}");
     }
 
-    /// By hand: alternating scale errors of 0.15 % and 0.05 % have a mean of 0.1 %, and each differs from it by 0.05 %.
-    /// The fit's two terms absorb a part of that. The effect of the smooth error alone on distances does not count.
+    /// Calculated by hand: alternating scale errors of 0.15 % and 0.05 % have a mean of 0.1 %, and each differs from it
+    /// by 0.05 %. The two terms of the fit absorb a part of that. The effect of the smooth error alone on distances
+    /// does not count.
     #[test]
     fn scale_from_scan_to_scan_is_distinguished_from_the_smooth_error() {
         let none = ScannerDistortion::new(5, 0.0);
@@ -382,11 +390,11 @@ mod tests {
         assert!(alike.iter().all(|percent| *percent < 0.02), "{alike:?}");
     }
 
-    /// The mean of the smooth error over a large area depends only on its size times its length. Calculated by hand for
-    /// the simulator's 0.06 mm rms at the nodes of a lattice of 50 to 85 mm: a node weighs a cell, so that the product
-    /// is 0.06 · √(mean of the cells' areas) = 0.06 · 68.2 = 4.1 mm².
+    /// The mean of the smooth error over a large area depends only on the product of its size and its length.
+    /// Calculated by hand for the simulator's 0.06 mm rms at the nodes of a lattice of 50 to 85 mm: each node counts
+    /// for one cell, so the product is 0.06 · √(mean of the cells' areas) = 0.06 · 68.2 = 4.1 mm².
     #[test]
-    fn size_and_length_of_the_smooth_error_are_the_simulators() {
+    fn size_and_length_of_the_smooth_error_agree_with_the_simulator() {
         let none = ScannerDistortion::new(5, 0.0);
         let products: Vec<f64> = (20..26)
             .map(|seed| {

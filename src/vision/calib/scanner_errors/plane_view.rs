@@ -28,16 +28,17 @@ pub struct Block {
 
 /// Number of blocks along each side of the board.
 const BLOCKS: usize = 16;
-/// This share of the outer squares counts as board, too.
+/// Share of the outer squares that counts as part of the board, too.
 const OUTER_SQUARE_SHARE: f64 = 0.8;
-/// A point whose distance from the board's pose is larger than this share of the depth belongs to another object.
+/// Maximum distance of a point from the board's pose, as a share of the depth; a point farther away belongs to another
+/// object.
 const MAX_DEPTH_DEVIATION_SHARE: f64 = 0.02;
-/// Maximum difference of the squares' size as the 3D camera measures it from the board's, as a share. With a larger
-/// one the board's pose from the picture would lie beside the measured points.
-const SQUARE_SHARE: f64 = 0.01;
+/// Maximum relative difference between the size of the squares as the 3D camera measures it and the stated size. With a
+/// larger one, the board's pose from the picture would not lie at the measured points.
+const MAX_SQUARE_DIFFERENCE_SHARE: f64 = 0.01;
 /// Minimum number of points in a block, as a share of the usual number.
 const MIN_FILLED_SHARE: f64 = 0.3;
-/// The number of filled blocks that the board needs.
+/// Minimum number of blocks with enough points.
 const MIN_BLOCKS: usize = 40;
 
 /// A scan that shows the board.
@@ -52,7 +53,7 @@ pub struct BoardScan<'a> {
     pub corners: &'a Corners,
 }
 
-/// A scan as blocks.
+/// A scan of the board as blocks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlaneView {
     /// The blocks with enough points.
@@ -87,14 +88,14 @@ impl PlaneView {
         let seen = detect::measured(scan.cloud, scan.camera, scan.corners);
         let differs = |measured_mm: f64| (measured_mm / scan.board.square_mm() - 1.0).abs();
         if let Some(measured_mm) = seen.square_mm(scan.board)
-            && (differs(measured_mm).is_nan() || differs(measured_mm) > SQUARE_SHARE)
+            && (differs(measured_mm).is_nan() || differs(measured_mm) > MAX_SQUARE_DIFFERENCE_SHARE)
         {
             return Err(CalibError::Points(format!(
                 "the 3D camera measures squares of {} mm, but --square-mm states {} mm, a difference of more than \
                  {} %: measure the board over many squares",
                 fixed_decimals(measured_mm, 2),
                 scan.board.square_mm(),
-                fixed_decimals(100.0 * SQUARE_SHARE, 0)
+                fixed_decimals(100.0 * MAX_SQUARE_DIFFERENCE_SHARE, 0)
             )));
         }
         let samples = samples(scan, &pose.camera_from_board);
@@ -171,8 +172,8 @@ impl PlaneView {
         100.0 * ((spread / printed).sqrt() - 1.0)
     }
 
-    /// Returns the derivative of this scan's scale by each corner's depth, 1/mm. With the corners r relative to
-    /// their mean and their rays d, depth errors e change the scale by Σ e (r · d) / Σ |r|².
+    /// Returns the derivative of this scan's scale with respect to each corner's depth, 1/mm. With the corners r
+    /// relative to their mean and their rays d, depth errors e change the scale by Σ e (r · d) / Σ |r|².
     fn scale_depth_gradient(&self) -> impl Iterator<Item = (&[f64; 2], Vector3<f64>, f64)> {
         let (about, mean) = self.centred_corners(None);
         let squares: f64 = about.iter().map(Vector3::norm_squared).sum();
@@ -182,7 +183,7 @@ impl PlaneView {
         })
     }
 
-    /// Returns the change of this scan's scale by a depth error of this form over the directions, percent for each
+    /// Returns the change of this scan's scale due to a depth error of this form over the directions, percent for each
     /// mm at the reference depth.
     pub fn scale_change_percent(&self, form: impl Fn([f64; 2]) -> f64) -> f64 {
         let of = |point: Vector3<f64>| {
@@ -192,7 +193,7 @@ impl PlaneView {
     }
 
     /// Returns the variance of this scan's scale that its smooth error and the corners' own errors explain, squared
-    /// percent: corners in one square of the side `correlation_mm` share one depth error.
+    /// percent. All corners in one square of the side `correlation_mm` have the same depth error.
     pub fn scale_variance(&self, deviation_mm: f64, correlation_mm: f64) -> f64 {
         let mut cells: BTreeMap<[i64; 2], f64> = BTreeMap::new();
         for (printed, _, part) in self.scale_depth_gradient() {
@@ -202,11 +203,11 @@ impl PlaneView {
         100.0_f64.powi(2) * (by_depth + self.scale_variance_from_corners().unwrap_or(0.0))
     }
 
-    /// Returns the variance of the scale that independent errors of the corners cause. An affine map from the printed
-    /// corners to the measured ones leaves a remainder in their plane. The result is the variance of each coordinate
-    /// of this remainder divided by Σ |r|². The corners are not corrected, so that a bend counts here, too: the part
-    /// that a correction misses differs from position to position, and would be mistaken for a scale that differs from
-    /// scan to scan.
+    /// Returns the variance of the scale that independent errors of the corners cause. After an affine map from the
+    /// printed corners to the measured ones, a remainder is left in their plane. The result is the variance of each
+    /// coordinate of this remainder divided by Σ |r|². The corners are not corrected, so that a bend of the board
+    /// counts here, too. The part that a correction does not remove differs from position to position, and would appear
+    /// as a scale that differs from scan to scan.
     fn scale_variance_from_corners(&self) -> Option<f64> {
         let (about, _) = self.centred_corners(None);
         let printed = DMatrix::from_fn(about.len(), 3, |row, column| match column {
@@ -275,12 +276,12 @@ pub(super) fn fit_plane(values: impl IntoIterator<Item = ([f64; 2], f64)>) -> Op
     normal.cholesky().map(|found| found.solve(&right))
 }
 
-/// Returns the plane's value at a direction.
+/// Returns the value of the plane in a direction.
 pub(super) fn value_at(plane: &Vector3<f64>, [x, y]: [f64; 2]) -> f64 {
     plane.dot(&Vector3::new(1.0, x, y))
 }
 
-/// Returns the changes of these blocks' depths for a change of each coefficient, mm.
+/// Returns the changes of these blocks' depths due to a change of each coefficient, mm.
 pub(super) fn depths(blocks: &[Block]) -> DMatrix<f64> {
     DMatrix::from_fn(blocks.len(), 3, |row, column| {
         let Block { direction: [x, y], per_depth, .. } = blocks[row];
@@ -288,11 +289,11 @@ pub(super) fn depths(blocks: &[Block]) -> DMatrix<f64> {
     })
 }
 
-/// Removes every linear combination of a few columns.
+/// A projection that removes every linear combination of a few columns.
 pub(super) struct Projection(DMatrix<f64>);
 
 impl Projection {
-    /// Makes the projection that removes these columns.
+    /// Creates the projection that removes these columns.
     pub fn orthogonal_to(columns: DMatrix<f64>) -> Self {
         Projection(columns.qr().q())
     }
@@ -310,7 +311,7 @@ impl Projection {
 
 /// Number of parts of the picture, across and down.
 const PARTS: [usize; 2] = [8, 6];
-/// Fewer scans in a part give no information on it.
+/// Minimum number of scans in a part of the picture; fewer give no information on it.
 pub const MIN_SCANS: usize = 2;
 
 /// One part.
@@ -318,10 +319,10 @@ pub const MIN_SCANS: usize = 2;
 pub struct PicturePart {
     /// The direction of the part's middle, (X/Z, Y/Z).
     pub direction: [f64; 2],
-    /// Number of scans that show the board there.
+    /// Number of scans that show the board in this part.
     pub scans: usize,
-    /// Deviation of left-out scans from a plane there, rms, mm, after the correction if there is one; NaN without
-    /// scans.
+    /// Deviation of left-out scans from a plane in this part, rms, mm, after the correction if there is one; NaN
+    /// without scans.
     pub residual_mm: f64,
 }
 
@@ -333,7 +334,7 @@ pub struct PictureParts {
 }
 
 impl PictureParts {
-    /// Returns the parts of a picture with these directions; `residuals_mm` are those of each view's blocks.
+    /// Creates the parts of a picture with these directions; `residuals_mm` are those of the blocks of each view.
     pub(super) fn from_views(views: &[PlaneView], residuals_mm: &[Vec<f64>], over: FieldRectangle) -> Self {
         let mut scans = vec![0_usize; PARTS[0] * PARTS[1]];
         let mut sums = vec![(0.0, 0.0); scans.len()];
@@ -366,7 +367,7 @@ impl PictureParts {
         self.parts.iter()
     }
 
-    /// Returns the part with this direction; `None` outside of the picture.
+    /// Returns the part in this direction; `None` outside of the picture.
     pub fn part_at(&self, direction: [f64; 2]) -> Option<&PicturePart> {
         self.parts.get(part(direction, &self.rectangle)?)
     }

@@ -6,7 +6,7 @@ use panelprep_base::geometry::{Frame, GrayPicture, PinholeCamera};
 use panelprep_base::verdict::Verdict;
 use panelprep_sim::{BoardCell, BoardPrint, BoardShot, Marker, RobotNoise};
 
-const STILL: RobotNoise = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
+const NO_NOISE: RobotNoise = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
 
 fn print_of(board: &Board) -> BoardPrint {
     let Some(charuco) = board.markers() else {
@@ -24,8 +24,8 @@ fn print_of(board: &Board) -> BoardPrint {
     }
 }
 
-/// Returns the root mean square and the largest distance of detected corners from their true positions, px, and
-/// their number.
+/// Returns the root mean square and the maximum of the distances of the detected corners from their true positions, px,
+/// and the number of corners.
 fn corner_error<C: Frame>(
     cell: &BoardCell,
     camera: &PinholeCamera,
@@ -43,9 +43,9 @@ fn corner_error<C: Frame>(
 }
 
 #[test]
-fn chessboard_corners_are_right_to_a_hundredth_of_a_pixel() {
+fn chessboard_corners_are_located_to_a_hundredth_of_a_pixel() {
     let board = Board::parse("9x6", 25.0).expect("a board");
-    let cell = BoardCell::new(1, print_of(&board), STILL);
+    let cell = BoardCell::new(1, print_of(&board), NO_NOISE);
     for shot in &cell.fixed_shots(2) {
         let (rms, largest, count) = corner_error(&cell, &cell.scanner(), shot, &board);
         assert!(rms < 0.02 && largest < 0.06 && count == 54, "{rms} px rms, {largest} px, {count}");
@@ -59,23 +59,23 @@ fn charuco_of_both_patterns_is_read() {
     let boards = ["charuco:8x6:18:4X4_50", "charuco:8x6:18:4X4_50:legacy"];
     let boards = boards.map(|text| Board::parse(text, 25.0).expect("a board"));
     for board in &boards {
-        let cell = BoardCell::new(2, print_of(board), STILL);
+        let cell = BoardCell::new(2, print_of(board), NO_NOISE);
         let shot = cell.flange_shots(1)[0];
         let (rms, largest, count) = corner_error(&cell, &cell.flange_camera(), &shot, board);
         assert!(rms < 0.02 && largest < 0.06 && count == 35, "{rms} px rms, {largest} px, {count}");
     }
-    let cell = BoardCell::new(2, print_of(&boards[0]), STILL);
+    let cell = BoardCell::new(2, print_of(&boards[0]), NO_NOISE);
     let picture = cell.picture(&cell.flange_camera(), &cell.flange_shots(1)[0]);
     assert!(detect::detect("new.png", &picture, &boards[1], None).is_err(), "another pattern is no board");
 }
 
-/// If a picture shows a ChArUco board in another layout, of another dictionary or mirrored, the message states the
-/// correct `--board`.
+/// If a picture shows a ChArUco board of another layout or dictionary, or is mirrored, the message states the correct
+/// `--board`, or that the picture is mirrored.
 #[test]
-fn what_a_charuco_board_is_instead_is_named() {
+fn another_charuco_board_is_reported_with_the_correct_option() {
     let printed = "charuco:8x6:18:4X4_50:legacy";
     let board = |text: &str| Board::parse(text, 25.0).expect("a board");
-    let cell = BoardCell::new(2, print_of(&board(printed)), STILL).with_reduction(2);
+    let cell = BoardCell::new(2, print_of(&board(printed)), NO_NOISE).with_reduction(2);
     let picture = cell.picture(&cell.flange_camera(), &cell.flange_shots(1)[0]);
     let told = |picture: &GrayPicture, text: &str| {
         detect::detect("it.png", picture, &board(text), None).expect_err("another board").to_string()
@@ -105,9 +105,9 @@ fn no_board_and_another_board_are_reported() {
 /// In the second of these pictures the search adds a column beyond the board, which is then compared with the grey
 /// levels.
 #[test]
-fn a_grid_that_grew_beyond_its_board_is_not_taken_for_one() {
+fn a_grid_larger_than_the_board_is_not_accepted() {
     let board = Board::parse("9x6", 25.0).expect("a board");
-    let cell = BoardCell::new(3, print_of(&board), STILL);
+    let cell = BoardCell::new(3, print_of(&board), NO_NOISE);
     for shot in &cell.fixed_shots(3) {
         let (rms, largest, count) = corner_error(&cell, &cell.scanner(), shot, &board);
         assert!(rms < 0.02 && largest < 0.06 && count == 54, "{}: {rms} px rms, {largest} px, {count}", shot.index);
@@ -122,9 +122,9 @@ fn a_grid_that_grew_beyond_its_board_is_not_taken_for_one() {
 /// names the board in the picture. A part of a board is never mistaken for the whole. A search for the board with
 /// columns and rows exchanged finds the same corners.
 #[test]
-fn another_board_is_named_and_a_part_is_not_the_whole() {
+fn another_board_is_reported_and_a_part_is_not_accepted() {
     let board = |text: &str| Board::parse(text, 40.0).expect("a board");
-    let cell = BoardCell::new(6, print_of(&board("5x4")), STILL);
+    let cell = BoardCell::new(6, print_of(&board("5x4")), NO_NOISE);
     let picture = cell.picture(&cell.scanner(), &cell.fixed_shots(1)[0]);
     for other in ["6x4", "9x6", "4x4", "4x3", "3x3"] {
         let told = detect::detect("it.png", &picture, &board(other), None).expect_err(other).to_string();
@@ -140,11 +140,12 @@ fn another_board_is_named_and_a_part_is_not_the_whole() {
     assert_eq!(pixels(along), pixels(across));
 }
 
-/// From synthetic corners of 14 pictures, 0.05 px: focal length to 0.1 %; a picture with shifted corners is set aside.
+/// Calculated from synthetic corners of 14 pictures with 0.05 px of noise: the focal length is correct to 0.1 %, and a
+/// picture with shifted corners is set aside.
 #[test]
-fn a_lens_returns_and_a_bad_picture_is_set_aside() {
+fn the_true_lens_is_found_and_a_bad_picture_is_set_aside() {
     let board = Board::parse("9x6", 25.0).expect("a board");
-    let cell = BoardCell::new(3, print_of(&board), STILL);
+    let cell = BoardCell::new(3, print_of(&board), NO_NOISE);
     let truth = cell.flange_camera();
     let mut views: Vec<View> = cell
         .flange_shots(14)
@@ -172,9 +173,9 @@ fn a_lens_returns_and_a_bad_picture_is_set_aside() {
 
 /// Without tilt the lens is not determined, and the verdict states this.
 #[test]
-fn pictures_without_tilt_are_for_a_person_to_judge() {
+fn pictures_without_tilt_are_reviewed() {
     let board = Board::parse("9x6", 25.0).expect("a board");
-    let cell = BoardCell::new(5, print_of(&board), STILL);
+    let cell = BoardCell::new(5, print_of(&board), NO_NOISE);
     let camera = cell.flange_camera();
     let flat = |index: u32| {
         let place = nalgebra::Isometry3::translation(-100.0 + f64::from(index) * 4.0, -60.0, 540.0);
@@ -191,7 +192,7 @@ fn pictures_without_tilt_are_for_a_person_to_judge() {
     assert!(judged.reasons.iter().any(|reason| reason.code == "coverage"), "{judged:?}");
 }
 
-/// Renders circles of a tilted board, each pixel from five rays along each side; on a light or a dark background.
+/// Renders the circles of a tilted board, light or dark, with 5 × 5 rays for each pixel.
 fn circles(camera: &PinholeCamera, board: &Board, pose: &nalgebra::Isometry3<f64>, inks: [f64; 2]) -> GrayPicture {
     let mut picture = GrayPicture::uniform(camera.width_px, camera.height_px, 0);
     let radius_mm = 0.28 * board.square_mm();
@@ -219,7 +220,7 @@ fn circles(camera: &PinholeCamera, board: &Board, pose: &nalgebra::Isometry3<f64
 /// Both kinds of grids, light and dark, tilted by 35°: every centre is found to a few hundredths of a pixel, in the
 /// board's order.
 #[test]
-fn circles_are_found_and_placed() {
+fn circles_are_found_and_located() {
     let camera = PinholeCamera {
         width_px: 480,
         height_px: 360,
@@ -253,11 +254,11 @@ fn circles_are_found_and_placed() {
     }
 }
 
-/// The left half of a ChArUco board: only its corners are found, each one with the right number.
+/// Only the left half of a ChArUco board is in the picture: only its corners are found, each with the right number.
 #[test]
 fn a_charuco_board_that_is_cut_off_is_read() {
     let board = Board::parse("charuco:8x6:18:4X4_50", 25.0).expect("a board");
-    let cell = BoardCell::new(2, print_of(&board), STILL);
+    let cell = BoardCell::new(2, print_of(&board), NO_NOISE);
     let (camera, shot) = (cell.flange_camera(), cell.flange_shots(1)[0]);
     let mut picture = cell.picture(&camera, &shot);
     let middle = camera.project(shot.camera_from_board * board.centre()).expect("in front").u as usize;

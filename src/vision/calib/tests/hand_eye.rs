@@ -39,8 +39,8 @@ pub(super) fn on_flange(cell: &BoardCell, count: usize) -> Vec<Station<FlangeCam
     stations(cell, &cell.flange_camera(), &cell.flange_shots(count))
 }
 
-/// Returns the error of the stated point, mm, and of the rotation, degrees; then the squared error relative to its
-/// own covariance, divided by 3.
+/// Returns the error at the stated point, mm, and that of the rotation, degrees; and the squared error at the point
+/// relative to its own covariance, divided by 3.
 fn error<A: Arrangement>(found: &HandEye<A>, truth: Rigid<A::To, A::From>) -> (f64, f64, f64) {
     let pose = found.adjustment.to_from_camera;
     let off = ((pose * found.stated_point) - (truth * found.stated_point)).mm;
@@ -49,7 +49,7 @@ fn error<A: Arrangement>(found: &HandEye<A>, truth: Rigid<A::To, A::From>) -> (f
 }
 
 #[test]
-fn both_mounts_come_back_within_the_robots_noise() {
+fn both_mounts_are_found_within_the_robots_noise() {
     for seed in [1, 2] {
         let cell = cell(seed, GOOD_ROBOT);
         let found =
@@ -73,7 +73,7 @@ fn calibrated(cell: &BoardCell, stations: &[Station<Camera>]) -> HandEye<Scanner
 /// The noise is estimated, not assumed: 0.05 px of the corners, 0.02 mm and 0.005° of the robot, each within a
 /// third.
 #[test]
-fn the_noise_comes_out_of_the_residuals() {
+fn the_noise_is_estimated_from_the_residuals() {
     let cell = cell(3, GOOD_ROBOT);
     let noise = calibrated(&cell, &fixed(&cell, 40)).adjustment.noise;
     let near = |found: f64, truth: f64| (found / truth - 1.0).abs() < 0.33;
@@ -83,7 +83,7 @@ fn the_noise_comes_out_of_the_residuals() {
 
 /// With a robot that is ten times worse, the stated uncertainty grows with the true error.
 #[test]
-fn a_bad_robot_is_recognized_by_the_uncertainty() {
+fn a_worse_robot_increases_the_stated_uncertainty() {
     let bad = RobotNoise { shift_mm: 0.5 / 3.0_f64.sqrt(), turn_deg: 0.03 };
     for seed in [1, 2] {
         let cell = cell(seed, bad);
@@ -98,8 +98,8 @@ fn a_bad_robot_is_recognized_by_the_uncertainty() {
     }
 }
 
-/// An arm returns to a pose within ±0.03 mm. Among poses that happen to be exact, a pose that is 0.02 mm off is not
-/// reported, and one that is 0.2 mm off is.
+/// An arm returns to a pose within ±0.03 mm. Among poses that are exact by chance, a pose with an error of 0.02 mm is
+/// not reported, and one with an error of 0.2 mm is.
 #[test]
 fn a_pose_within_an_arms_own_scatter_is_not_wrong() {
     let cell = cell(5, RobotNoise { shift_mm: 0.0, turn_deg: 0.0 });
@@ -119,9 +119,9 @@ fn a_pose_within_an_arms_own_scatter_is_not_wrong() {
     assert!(wrong.len() == 1 && wrong[0].name == "08.png", "{wrong:?}");
 }
 
-/// Over 40 seeds the 95 % region rarely misses the true value (the sweep of 200 is a benchmark).
+/// Over 40 seeds the 95 % region rarely fails to contain the true value (a benchmark tests 200 seeds).
 #[test]
-fn the_stated_region_holds_the_truth() {
+fn the_stated_region_contains_the_true_value() {
     let held = (1..=40).filter(|&seed| {
         let cell = cell(seed, GOOD_ROBOT);
         let found = calibrated(&cell, &fixed(&cell, 15));
@@ -132,10 +132,10 @@ fn the_stated_region_holds_the_truth() {
     assert!((34..=40).contains(&held), "{held} of 40");
 }
 
-/// Checked by a finite difference: a lens whose principal point is wrong by 0.2 px shifts the mount by the amount
+/// Comparison with a finite difference: a lens whose principal point is wrong by 0.2 px shifts the mount by the amount
 /// that the covariance of this one error predicts.
 #[test]
-fn a_lens_that_is_off_moves_the_mount_as_foretold() {
+fn a_wrong_lens_shifts_the_mount_as_predicted() {
     let cell = cell(4, GOOD_ROBOT);
     let (camera, stations) = (cell.scanner(), fixed(&cell, 15));
     let off = PinholeCamera { cx_px: camera.cx_px + 0.2, ..camera };
@@ -161,7 +161,7 @@ fn only_fault(found: &HandEye<ScannerMount>) -> (&str, &StationFault) {
 }
 
 #[test]
-fn a_mistyped_number_is_named_with_the_right_one() {
+fn a_mistyped_number_is_reported_with_the_correct_one() {
     let cell = cell(4, GOOD_ROBOT);
     let mut stations = fixed(&cell, 15);
     let right = KukaPose::from_rigid(&stations[6].base_from_flange);
@@ -181,7 +181,7 @@ fn a_mistyped_number_is_named_with_the_right_one() {
 }
 
 #[test]
-fn swapped_pictures_name_each_other() {
+fn each_of_two_swapped_pictures_is_reported_with_the_other() {
     let cell = cell(5, GOOD_ROBOT);
     let mut stations = fixed(&cell, 15);
     let seen = stations[2].observation.clone();
@@ -193,7 +193,7 @@ fn swapped_pictures_name_each_other() {
 }
 
 #[test]
-fn a_board_seen_upside_down_is_named() {
+fn a_board_detected_upside_down_is_reported() {
     let cell = cell(6, GOOD_ROBOT);
     let mut stations = fixed(&cell, 15);
     let BoardObservation::Pixels(corners) = &mut stations[9].observation else { panic!("pixels") };
@@ -205,7 +205,7 @@ fn a_board_seen_upside_down_is_named() {
 }
 
 #[test]
-fn data_that_cannot_support_a_mount_are_refused() {
+fn data_that_determine_no_mount_are_refused() {
     let cell = cell(7, GOOD_ROBOT);
     let refused = |stations: &[Station<Camera>]| {
         hand_eye::<ScannerMount>(&cell.scanner(), &board(), stations, None).expect_err("refused").to_string()
@@ -221,7 +221,7 @@ fn data_that_cannot_support_a_mount_are_refused() {
     let in_radians: Vec<_> = stations.iter().map(radians).collect();
     assert!(refused(&in_radians).contains("look like radians"), "{}", refused(&in_radians));
     let alike = vec![stations[0].clone(); 12];
-    assert!(refused(&alike).contains("turn the board too little"), "{}", refused(&alike));
+    assert!(refused(&alike).contains("rotate the board too little"), "{}", refused(&alike));
     let mut shuffled = stations.clone();
     for (index, station) in shuffled.iter_mut().enumerate() {
         station.base_from_flange = stations[(index * 5 + 3) % 12].base_from_flange;
@@ -229,9 +229,9 @@ fn data_that_cannot_support_a_mount_are_refused() {
     assert!(refused(&shuffled).contains("no camera mount fits"), "{}", refused(&shuffled));
 }
 
-/// The suggested pose shows the complete board and results in a smaller uncertainty than the stated one.
+/// The suggested pose shows the complete board, and the uncertainty after it is smaller than the present one.
 #[test]
-fn the_next_pose_helps() {
+fn the_suggested_pose_reduces_the_uncertainty() {
     let cell = cell(8, GOOD_ROBOT);
     let stations = fixed(&cell, 8);
     let found = calibrated(&cell, &stations);

@@ -24,8 +24,8 @@ pub(super) const LENS: PinholeCamera = PinholeCamera {
     k3: 0.0,
 };
 
-/// Makes pictures of a board of 12×9 corners. The board's middle stays within this share of the picture around the
-/// picture's middle.
+/// Returns pictures of a board of 12×9 corners. The distance of the board's middle from the picture's middle is limited
+/// to this share of the picture.
 pub(super) fn pictures(lens: &PinholeCamera, seed: u64, count: usize, spread: f64, depth_mm: f64) -> Vec<View> {
     let board = Board::parse("12x9", 30.0).expect("a board");
     let middle = board.centre().mm.coords;
@@ -57,9 +57,9 @@ pub(super) fn size(lens: &PinholeCamera) -> (usize, usize) {
     (lens.width_px, lens.height_px)
 }
 
-/// A board that stays in the middle of the picture gives no information about the rim. Every model, even the one
-/// with the most parameters, has a ray for each pixel. The chosen model has no more parameters than the data from
-/// the middle support, and the calibrated area of the picture lies around the middle.
+/// A board that stays in the middle of the picture gives no information about the rim. Every model, even the one with
+/// the most parameters, has a ray for each pixel. The chosen model has only parameters that the data from the middle
+/// determine, and the calibrated part of the picture lies around the middle.
 #[test]
 fn a_board_in_the_middle_gives_a_lens_that_is_known_in_the_middle() {
     let lens = PinholeCamera { k1: -0.12, k2: 0.1, ..LENS };
@@ -86,8 +86,8 @@ fn a_board_in_the_middle_gives_a_lens_that_is_known_in_the_middle() {
     }
 }
 
-/// Each model is found again from pictures over the whole frame; its absent coefficients are left out for all but a
-/// few seeds.
+/// From pictures over the whole frame, the true model is chosen; coefficients that it does not contain are left out for
+/// all but a few seeds.
 #[test]
 fn the_data_choose_the_model() {
     let lenses = [
@@ -109,9 +109,9 @@ fn the_data_choose_the_model() {
     }
 }
 
-/// The corners of new pictures lie within the prediction from the left-out pictures, 90 to 99 %.
+/// 90 to 99 % of the corners of new pictures lie within the distance that the left-out pictures predict.
 #[test]
-fn new_pictures_lie_within_what_is_stated() {
+fn new_pictures_lie_within_the_stated_error() {
     let cell = BoardCell::new(1, BoardPrint::chessboard(9, 6, 25.0), RobotNoise { shift_mm: 0.0, turn_deg: 0.0 });
     let lens = cell.flange_camera();
     let (mut within, mut all) = (0, 0);
@@ -136,7 +136,7 @@ fn new_pictures_lie_within_what_is_stated() {
 /// Calculated by hand: a board of 200 mm that bows as z = 1.5 · (x/100 − 1)² mm is 1.5 mm lower in its middle than
 /// at its ends.
 #[test]
-fn a_bowed_board_is_named_and_a_flat_one_is_not() {
+fn a_bowed_board_is_reported_and_a_flat_one_is_not() {
     let robot = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
     let cell = BoardCell::new(3, BoardPrint::chessboard(9, 6, 25.0), robot);
     let camera = cell.scanner();

@@ -1,4 +1,4 @@
-//! Arms with their own errors, compared with the true values.
+//! Arms with their own errors: the estimated errors are compared with the true values.
 
 use crate::calib::arm_errors::{ARM_NUMBERS, AxisFault, base_from_flange, prior_std};
 use crate::calib::gate;
@@ -16,17 +16,17 @@ fn normal(random: &mut Pcg64) -> f64 {
     (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0
 }
 
-/// A KR 6 with zero errors to 0.05°, twists to 0.03°, lengths to 0.4 mm and a sag of up to 0.3 mm. The data are 40
-/// pictures of both cameras and touches of two spots.
+/// A KR 6 with zero errors up to 0.05°, twists up to 0.03°, lengths up to 0.4 mm and a sag of up to 0.3 mm. The data
+/// are 40 pictures of both cameras and touches of two spots.
 struct Simulated {
     data: RobotData,
     errors: [f64; ARM_NUMBERS],
     tip: Vector3<f64>,
 }
 
-const REPEAT_MM: f64 = 0.03;
-const PICTURE_MM: f64 = 0.04;
-const PICTURE_RAD: f64 = 1e-4;
+const REPEATABILITY_MM: f64 = 0.03;
+const PICTURE_STD_MM: f64 = 0.04;
+const PICTURE_STD_RAD: f64 = 1e-4;
 
 fn simulated(seed: u64, count: usize) -> Simulated {
     let geometry = *Cell::check("f", "").unwrap_or_else(|problems| panic!("{problems}")).arm().geometry();
@@ -37,7 +37,8 @@ fn simulated(seed: u64, count: usize) -> Simulated {
     });
     let turn = |x: f64, y: f64, z: f64| UnitQuaternion::from_scaled_axis(Vector3::new(x, y, z));
     let iso = |x, y, z, r| Isometry3::from_parts(Translation3::new(x, y, z), r);
-    // A fixed camera above the panel with a board on the flange; a camera on the flange with a board on the table.
+    // One rig has a fixed camera above the panel and a board on the flange; the other a camera on the flange and a
+    // board on the table.
     let rigs = [
         Rig {
             kind: RigKind::EyeToHand,
@@ -64,17 +65,17 @@ fn simulated(seed: u64, count: usize) -> Simulated {
     };
     let noisy = |truth: Isometry3<f64>, random: &mut Pcg64| -> Isometry3<f64> {
         let mut n = |sigma: f64| sigma * normal(random);
-        let shift = PICTURE_MM.hypot(REPEAT_MM);
+        let shift = PICTURE_STD_MM.hypot(REPEATABILITY_MM);
         truth
             * Isometry3::new(
                 Vector3::new(n(shift), n(shift), n(shift)),
-                Vector3::new(n(PICTURE_RAD), n(PICTURE_RAD), n(PICTURE_RAD)),
+                Vector3::new(n(PICTURE_STD_RAD), n(PICTURE_STD_RAD), n(PICTURE_STD_RAD)),
             )
     };
     let information = Matrix6::from_diagonal(&nalgebra::Vector6::new(
-        PICTURE_RAD.powi(-2),
-        PICTURE_RAD.powi(-2),
-        PICTURE_RAD.powi(-2),
+        PICTURE_STD_RAD.powi(-2),
+        PICTURE_STD_RAD.powi(-2),
+        PICTURE_STD_RAD.powi(-2),
         0.05f64.powi(-2),
         0.05f64.powi(-2),
         0.05f64.powi(-2),
@@ -100,12 +101,14 @@ fn simulated(seed: u64, count: usize) -> Simulated {
         }
     });
     let views: Vec<ArmView> = views.collect();
-    // Each touch: an arm pose near a known one, moved until the true tip is at the spot.
+    // For each touch, an arm pose near a known one is moved until the true tip is at the spot.
     let spots = [Vector3::new(450.0, -100.0, 250.0), Vector3::new(560.0, 90.0, 300.0)];
     let mut touches = Vec::new();
     for index in 0..10 {
         let spot = index % 2;
-        if let Some(joints) = reached(&geometry, &errors, tip, spots[spot], pose(&mut random), &mut random) {
+        if let Some(joints) =
+            solve_axis_angles(&geometry, &errors, tip, spots[spot], pose(&mut random), &mut random)
+        {
             touches.push(ArmTouch { target: TouchTarget::Spot(spot), pose: arm_pose(joints) });
         }
     }
@@ -117,7 +120,7 @@ fn simulated(seed: u64, count: usize) -> Simulated {
 }
 
 /// Finds axis angles, near a start, at which the true tip is at a spot: Newton with the first three axes.
-fn reached(
+fn solve_axis_angles(
     geometry: &panelprep_cell::cell::ArmGeometry,
     errors: &[f64; ARM_NUMBERS],
     tip: Vector3<f64>,
@@ -146,8 +149,8 @@ fn reached(
     None
 }
 
-/// Compares the position of the corrected tip with the position at which the scanner's camera sees the spot, over a
-/// panel of 360 × 260 mm.
+/// Returns the distance of the corrected tip from the position at which the scanner's camera sees the spot, for spots
+/// over a panel of 360 × 260 mm.
 fn contact_errors_mm(simulated: &Simulated, found: &RobotFound, corrected: bool) -> Vec<(f64, f64)> {
     let geometry = &simulated.data.geometry;
     let truth = Isometry3::from_parts(
@@ -159,11 +162,11 @@ fn contact_errors_mm(simulated: &Simulated, found: &RobotFound, corrected: bool)
     for index in 0..25 {
         let spot = Vector3::new(400.0 + 65.0 * f64::from(index % 5), -180.0 + 90.0 * f64::from(index / 5), 260.0);
         let start = Joints { a1_deg: 0.0, a2_deg: -70.0, a3_deg: 95.0, a4_deg: 0.0, a5_deg: 60.0, a6_deg: 0.0 };
-        let joints =
-            reached(geometry, &simulated.errors, simulated.tip, spot, start, &mut random).expect("in reach");
+        let joints = solve_axis_angles(geometry, &simulated.errors, simulated.tip, spot, start, &mut random)
+            .expect("in reach");
         let nominal = base_from_flange(geometry, &joints, &[0.0; ARM_NUMBERS]);
         let pose = ArmPose { joints: Some(joints), base_from_flange: nominal };
-        // The camera sees the true spot, and gives its position with the mount that was found.
+        // The camera sees the true spot, and gives its position with the estimated mount.
         let seen = (found.rigs[0].mount * truth.inverse() * nalgebra::Point3::from(spot)).coords;
         let flange = if corrected { found.correction.base_from_flange(&pose).expect("axes") } else { nominal };
         let tip = found.tip_mm.expect("touched");
@@ -174,7 +177,7 @@ fn contact_errors_mm(simulated: &Simulated, found: &RobotFound, corrected: bool)
 }
 
 #[test]
-fn the_chain_is_the_controller_s() {
+fn the_kinematics_agree_with_the_controller() {
     let arm = Cell::check("f", "").unwrap_or_else(|problems| panic!("{problems}")).arm().geometry().to_owned();
     // Calculated by hand, the KR 6 with axes 2 and 3 at −90° and 90°: upper arm up, forearm ahead.
     let joints = Joints { a2_deg: -90.0, a3_deg: 90.0, ..Joints::default() };
@@ -185,8 +188,8 @@ fn the_chain_is_the_controller_s() {
     );
 }
 
-/// The correction removes most of an arm's error over the whole panel; with data without axes it removes some of
-/// the error.
+/// The correction removes most of an arm's error over the whole panel. From data without axis angles, it removes a part
+/// of the error.
 #[test]
 fn an_arm_s_own_errors_are_found() {
     for seed in 1..=3 {
@@ -224,10 +227,10 @@ fn an_arm_s_own_errors_are_found() {
     }
 }
 
-/// If the arm is nearly good and a correction removes less than a tenth of the error, the arm needs no correction.
-/// If the arm is worse and a correction removes as little, the data hold no correction.
+/// If the arm is nearly good and a correction removes less than a tenth of the error, the arm needs no correction. If
+/// the arm is worse and a correction removes as little, the data do not determine a correction.
 #[test]
-fn an_arm_of_which_a_correction_takes_nothing_away_goes_without_one() {
+fn an_arm_that_no_correction_improves_needs_none() {
     let found = calibrate(&simulated(1, 40).data).expect("an arm");
     let judged = |before: f64, after: f64| {
         let found = RobotFound { uncorrected_left_out_mm: before, corrected_left_out_mm: after, ..found.clone() };
@@ -240,7 +243,7 @@ fn an_arm_of_which_a_correction_takes_nothing_away_goes_without_one() {
     assert_eq!(judged(0.10, f64::NAN), (false, Verdict::Reject));
 }
 
-/// Each fault of the axes is named, with and without the controller's poses.
+/// Each fault of the axis angles is named, with and without the controller's poses.
 #[test]
 fn exchanged_axes_and_wrong_signs_are_named() {
     let simulated = simulated(4, 24);

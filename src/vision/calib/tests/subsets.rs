@@ -1,9 +1,9 @@
-//! More good data never make a verdict worse: random subsets, each contained in the next, of pictures that are as
-//! good as real ones are.
+//! More good data never make a verdict worse: the tests use random subsets of pictures with the noise of real ones;
+//! each subset is contained in the next.
 
 use super::hand_eye::{GOOD_ROBOT, board, cell};
 use super::lenses::{LENS, pictures, size};
-use crate::calib::gate::{self, PosesFrom};
+use crate::calib::gate::{self, PoseSource};
 use crate::calib::hand_eye::hand_eye;
 use crate::calib::health::{BoardMeasurement, distance_mm, uninformative_measurement};
 use crate::calib::intrinsics::{Options, calibrate};
@@ -16,15 +16,15 @@ use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// Sizes of the subsets.
-const COUNTS: [usize; 4] = [10, 14, 20, 28];
+/// Numbers of pictures in the subsets.
+const SUBSET_SIZES: [usize; 4] = [10, 14, 20, 28];
 
-/// From the best verdict to the worst.
+/// Returns the rank of a verdict, from the best to the worst.
 fn rank(verdict: Verdict) -> usize {
     [Verdict::Accept, Verdict::Review, Verdict::Reject].iter().position(|one| *one == verdict).unwrap_or(3)
 }
 
-/// Asserts that the verdicts of growing sets never become worse; returns how many of the largest sets are accepted.
+/// Asserts that the verdicts of growing sets never become worse; returns the number of largest sets that are accepted.
 fn never_worse(what: &str, judged: &[(Verdict, String)]) -> usize {
     for pair in judged.windows(2) {
         assert!(rank(pair[1].0) <= rank(pair[0].0), "{what}: {judged:?}");
@@ -32,7 +32,7 @@ fn never_worse(what: &str, judged: &[(Verdict, String)]) -> usize {
     usize::from(judged.last().is_some_and(|last| last.0 == Verdict::Accept))
 }
 
-/// Makes stations whose noise differs from picture to picture by up to a factor of 4, as that of real ones does.
+/// Returns stations whose noise differs from picture to picture by up to a factor of 4, as that of real ones does.
 fn stations<C: Frame>(
     (cell, camera): (&BoardCell, &PinholeCamera),
     shots: &[BoardShot<C>],
@@ -55,13 +55,13 @@ fn mounts<A: Arrangement>(
     let judge = |count: usize| match hand_eye::<A>(camera, &board(), &stations[..count], None) {
         Ok(found) => {
             let square_mm = board().square_mm();
-            let judged = gate::judge_hand_eye((&found, square_mm), None, Some(truth), PosesFrom::File);
+            let judged = gate::judge_hand_eye((&found, square_mm), None, Some(truth), PoseSource::File);
             let words: Vec<String> = judged.reasons.iter().map(|reason| reason.message.to_string()).collect();
             (judged.verdict, words.join("; "))
         }
         Err(error) => (Verdict::Reject, error.to_string()),
     };
-    COUNTS.map(judge).to_vec()
+    SUBSET_SIZES.map(judge).to_vec()
 }
 
 #[test]
@@ -72,8 +72,8 @@ fn more_poses_never_make_a_mount_worse() {
         for robot in [GOOD_ROBOT, middling] {
             let (cell, mut random) = (cell(seed, robot), Pcg64::seed_from_u64(seed));
             let (scanner, flange) = (cell.scanner(), cell.flange_camera());
-            let fixed = stations((&cell, &scanner), &cell.fixed_shots(COUNTS[3]), &mut random);
-            let moving = stations((&cell, &flange), &cell.flange_shots(COUNTS[3]), &mut random);
+            let fixed = stations((&cell, &scanner), &cell.fixed_shots(SUBSET_SIZES[3]), &mut random);
+            let moving = stations((&cell, &flange), &cell.flange_shots(SUBSET_SIZES[3]), &mut random);
             let of_fixed = mounts::<ScannerMount>((&scanner, &cell.base_from_camera()), &fixed);
             let of_moving = mounts::<FlangeCameraMount>((&flange, &cell.flange_from_camera()), &moving);
             accepted += never_worse(&format!("seed {seed}, fixed camera"), &of_fixed);
@@ -88,7 +88,7 @@ fn more_pictures_never_make_a_lens_worse() {
     let lens = PinholeCamera { k1: -0.12, k2: 0.1, ..LENS };
     let (mut accepted, mut words) = (0, None);
     for seed in 1..=6 {
-        let mut views = pictures(&lens, seed, COUNTS[3], 0.9, 700.0);
+        let mut views = pictures(&lens, seed, SUBSET_SIZES[3], 0.9, 700.0);
         views.shuffle(&mut Pcg64::seed_from_u64(seed));
         let judge = |count: usize| match calibrate(size(&lens), &views[..count], Options::default()) {
             Ok(found) => {
@@ -98,15 +98,15 @@ fn more_pictures_never_make_a_lens_worse() {
             }
             Err(error) => (Verdict::Reject, error.to_string()),
         };
-        let judged = COUNTS.map(judge);
+        let judged = SUBSET_SIZES.map(judge);
         accepted += never_worse(&format!("seed {seed}"), &judged);
         words = judged.last().map(|last| last.1.clone());
     }
     assert!(accepted >= 4, "{accepted} of 6 lenses are accepted in the end: {words:?}");
 }
 
-/// A verification over the volume is as bad as its worst picture. No good picture is set aside or taken for a look
-/// at another board, and none passes the default limit.
+/// A verification over the volume is as bad as its worst picture. No good picture is set aside or judged to show
+/// another board, and none exceeds the default limit.
 #[test]
 fn more_pictures_never_make_a_verification_worse() {
     // The default of `verify_limit_mm`.
@@ -114,7 +114,7 @@ fn more_pictures_never_make_a_verification_worse() {
     for seed in 1..=10 {
         let (cell, mut random) = (cell(seed, GOOD_ROBOT), Pcg64::seed_from_u64(seed));
         let (camera, known) = (cell.flange_camera(), cell.base_from_board());
-        for station in stations((&cell, &camera), &cell.flange_shots(COUNTS[3]), &mut random) {
+        for station in stations((&cell, &camera), &cell.flange_shots(SUBSET_SIZES[3]), &mut random) {
             let pose = board_pose(&camera, &station.observation).expect("a board");
             let base_from_board = station.base_from_flange * cell.flange_from_camera() * pose.camera_from_board;
             let look = BoardMeasurement { base_from_board, pnp_rms_px: pose.rms, measured_square_mm: None };

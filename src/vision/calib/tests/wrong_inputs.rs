@@ -1,7 +1,7 @@
-//! Inputs that are wrong in one way: none is accepted, each is named.
+//! Inputs with one mistake each: none is accepted, and the message names each mistake.
 
 use super::hand_eye::{GOOD_ROBOT, board, cell, fixed, on_flange};
-use crate::calib::gate::PosesFrom;
+use crate::calib::gate::PoseSource;
 use crate::calib::hand_eye::hand_eye;
 use crate::calib::{Arrangement, BoardObservation, PoseInterpretation, Station, gate, square};
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -17,7 +17,7 @@ fn judged<A: Arrangement>(
     rough: Option<Rigid<A::To, A::From>>,
 ) -> Result<Judgement, String> {
     let found = hand_eye::<A>(camera, &board(), stations, None).map_err(|error| error.to_string())?;
-    Ok(gate::judge_hand_eye((&found, board().square_mm()), None, rough.as_ref(), PosesFrom::File))
+    Ok(gate::judge_hand_eye((&found, board().square_mm()), None, rough.as_ref(), PoseSource::File))
 }
 
 fn words(judged: &Result<Judgement, String>) -> String {
@@ -29,7 +29,7 @@ fn words(judged: &Result<Judgement, String>) -> String {
     }
 }
 
-fn reads<C: panelprep_base::geometry::Frame>(
+fn with_change<C: panelprep_base::geometry::Frame>(
     stations: &[Station<C>],
     change: impl Fn(&Isometry3<f64>) -> Isometry3<f64>,
 ) -> Vec<Station<C>> {
@@ -54,7 +54,7 @@ fn with_turn(pose: &Isometry3<f64>, rotation: UnitQuaternion<f64>) -> Isometry3<
     Isometry3::from_parts(pose.translation, rotation)
 }
 
-/// Mistakes in the writing of correct poses, each with a text that the message must contain.
+/// Mistakes in the notation of correct poses, each with a text that the message must contain.
 const CHANGES: [Change; 10] = [
     ("inverted", "flange_from_base", Isometry3::inverse),
     ("A and C exchanged", "A and C are exchanged", |pose| {
@@ -94,16 +94,16 @@ const CHANGES: [Change; 10] = [
 ];
 
 #[test]
-fn poses_that_were_meant_otherwise_are_named() {
+fn mistakes_in_the_notation_of_poses_are_named() {
     let cell = cell(11, GOOD_ROBOT);
     let (fixed, on_flange) = (fixed(&cell, 15), on_flange(&cell, 15));
     let (scanner, flange_camera) = (cell.scanner(), cell.flange_camera());
     for (mistake, expected, change) in CHANGES {
         let both = [
-            judged::<ScannerMount>(&scanner, &reads(&fixed, change), Some(cell.base_from_camera())),
+            judged::<ScannerMount>(&scanner, &with_change(&fixed, change), Some(cell.base_from_camera())),
             judged::<FlangeCameraMount>(
                 &flange_camera,
-                &reads(&on_flange, change),
+                &with_change(&on_flange, change),
                 Some(cell.flange_from_camera()),
             ),
         ];
@@ -146,7 +146,7 @@ fn shifted_mirrored_and_other_mounts_are_named() {
         .collect();
     let mirrored = words(&judged::<ScannerMount>(&camera, &mirrored, None));
     assert!(mirrored.contains("mirrored"), "{mirrored}");
-    // A fixed camera's poses with `--mount eye-in-hand`: the frames of the type are not the true ones.
+    // The poses of a fixed camera with `--mount eye-in-hand`: the frames in the type are then not the true ones.
     let other: Vec<Station<panelprep_base::geometry::FlangeCamera>> = stations
         .iter()
         .map(|station| {
@@ -162,15 +162,15 @@ fn shifted_mirrored_and_other_mounts_are_named() {
     assert!(other.contains("--mount is wrong: these poses"), "{other}");
 }
 
-/// A reported case: squares of 25.00 mm, stated as 24.9, are measured as 25.00 within hundredths, and the mount is
-/// rejected. The same applies if they are stated as 2.5, 24.5 or 29.
+/// A reported case: the true side of the squares is 25.00 mm, the stated one 24.9 mm. The measured side is 25.00 mm
+/// within hundredths, and the mount is rejected. The same applies if the stated side is 2.5, 24.5 or 29 mm.
 #[test]
 fn squares_of_another_size_are_measured_and_rejected() {
     for seed in [1, 2, 3] {
         let cell = cell(seed, GOOD_ROBOT);
         let rough = (Some(cell.base_from_camera()), Some(cell.flange_from_camera()));
         for stated_mm in [24.9, 25.1, 24.5] {
-            // The corners of a board that is stated to have these squares.
+            // The corners of a board whose squares have this stated side.
             let share = stated_mm / 25.0;
             let fixed: Vec<_> =
                 fixed(&cell, 15).iter().map(|station| square::scale_station(station, share)).collect();
@@ -181,13 +181,13 @@ fn squares_of_another_size_are_measured_and_rejected() {
             let size = found.square.as_ref().expect("measured");
             assert!((size.ratio * stated_mm - 25.0).abs() < 0.015, "seed {seed}: {}", size.ratio * stated_mm);
             assert!(size.ratio_95() * stated_mm < 0.02, "{}", size.ratio_95());
-            let judgement = gate::judge_hand_eye((&found, stated_mm), None, rough.0.as_ref(), PosesFrom::File);
+            let judgement = gate::judge_hand_eye((&found, stated_mm), None, rough.0.as_ref(), PoseSource::File);
             let codes: Vec<&str> = judgement.reasons.iter().map(|reason| &*reason.code).collect();
             assert!(judgement.verdict == Verdict::Reject && codes.contains(&"square_size"), "{codes:?}");
             assert!(!codes.contains(&"does_not_fit"), "no pose is blamed: {codes:?}");
             let found =
                 hand_eye::<FlangeCameraMount>(&cell.flange_camera(), &stated, &on_flange, None).expect("a mount");
-            let judgement = gate::judge_hand_eye((&found, stated_mm), None, rough.1.as_ref(), PosesFrom::File);
+            let judgement = gate::judge_hand_eye((&found, stated_mm), None, rough.1.as_ref(), PoseSource::File);
             assert!(words(&Ok(judgement)).contains("square_size"), "seed {seed}, {stated_mm}");
         }
         let tenth: Vec<_> = fixed(&cell, 15).iter().map(|station| square::scale_station(station, 0.1)).collect();
@@ -198,8 +198,8 @@ fn squares_of_another_size_are_measured_and_rejected() {
     }
 }
 
-/// A lens file of another camera, 1 % longer: motions towards the camera show this, and the right lens raises no
-/// doubt.
+/// The lens file of another camera with a focal length that is 1 % longer: motions towards the camera show this, and
+/// the right lens causes no review.
 #[test]
 fn a_lens_of_another_focal_length_is_rejected() {
     for seed in [1, 2, 3] {
@@ -216,24 +216,24 @@ fn a_lens_of_another_focal_length_is_rejected() {
 /// Poses in a base frame or of a tool fit as well as correct ones: without a rough mount the verdict is review,
 /// with one it is reject.
 #[test]
-fn a_base_or_a_tool_ends_in_review_without_a_rough_mount() {
+fn poses_in_a_base_or_of_a_tool_are_reviewed_without_a_rough_mount() {
     let cell = cell(13, GOOD_ROBOT);
     let frame = Isometry3::new(Vector3::new(400.0, 200.0, 0.0), Vector3::new(0.0, 0.0, 0.5));
-    let based = reads(&fixed(&cell, 15), |pose| frame.inverse() * pose);
+    let based = with_change(&fixed(&cell, 15), |pose| frame.inverse() * pose);
     let without = judged::<ScannerMount>(&cell.scanner(), &based, None);
     assert_eq!(without.as_ref().map(|judged| judged.verdict), Ok(Verdict::Review), "{}", words(&without));
     assert!(words(&without).contains("no_rough"));
     let with = words(&judged::<ScannerMount>(&cell.scanner(), &based, Some(cell.base_from_camera())));
     assert!(with.contains("rough_mount"), "{with}");
     let tool = Isometry3::new(Vector3::new(0.0, 0.0, 180.0), Vector3::zeros());
-    let tooled = reads(&on_flange(&cell, 15), |pose| pose * tool);
+    let tooled = with_change(&on_flange(&cell, 15), |pose| pose * tool);
     let without = judged::<FlangeCameraMount>(&cell.flange_camera(), &tooled, None);
     assert_eq!(without.as_ref().map(|judged| judged.verdict), Ok(Verdict::Review), "{}", words(&without));
 }
 
-/// Calculated by hand: 25 mm stated, robot lengths are a thousandth of the board's.
+/// Calculated by hand: the stated side is 25 mm, and the robot's lengths are a thousandth of the board's.
 #[test]
-fn a_factor_on_lengths_names_the_unit() {
+fn a_factor_of_lengths_identifies_the_unit() {
     let metres = PoseInterpretation::Lengths { ratio: 1e-3, square_mm: 25.0 }.to_string();
     assert!(metres.contains("0.025 mm") && metres.contains("in metres"), "{metres}");
     let size = PoseInterpretation::Lengths { ratio: 25.0 / 29.0, square_mm: 29.0 }.to_string();
