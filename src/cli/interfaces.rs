@@ -45,7 +45,7 @@ impl SharedInterfaceParts {
         let setup = Arc::new(FolderSource::new(files, common, &record_transfers));
         SharedInterfaceParts {
             parts: InterfaceContext { gateway, people, alarms, setup },
-            record_transfers: record_transfers,
+            record_transfers,
         }
     }
 }
@@ -79,15 +79,6 @@ pub fn line_front(
     let (last, outputs) = (robot.last_state(), robot.line());
     let (gateway, people) = (fronts.parts.gateway.clone(), fronts.parts.people.clone());
     LineFront::serve(LineParts { line, inputs, last, outputs, gateway, people }).map(Some).map_err(Fault::stage)
-}
-
-/// Serves the cell by OPC UA, if its file names an address for it.
-///
-/// # Errors
-/// If the server cannot be started.
-pub fn opcua_server(files: &CellFiles, fronts: &SharedInterfaceParts) -> Result<Option<OpcUaServer>, Fault> {
-    let parts = OpcUaParts { settings: files.cell.opcua().clone(), front: fronts.parts.clone() };
-    OpcUaServer::serve(parts).map_err(Fault::stage)
 }
 
 /// Serves the operator's page, if the cell's file names an address for it.

@@ -176,7 +176,11 @@ mod tests {
             // The file states a lower stage than the page proves.
             ("signed_stage = 'A'", page(C), 1),
             // The programs were changed after the proofs.
-            ("signed_stage = 'C'", Some(SignedPage { stage: C, programs_sum: 8 }), 0),
+            ("signed_stage = 'C'", Some(SignedPage { stage: C, programs_sum: 8, wrong_since: None }), 0),
+            // A later run found a row wrong.
+            ("signed_stage = 'C'", wrong(A), 0),
+            ("signed_stage = 'C'", wrong(B), 1),
+            ("signed_stage = 'C'", wrong(C), 2),
         ] {
             let robot = format!("{REAL}{stated}");
             let counted =

@@ -16,7 +16,7 @@ use panelprep_cell::cell::{FlangeCameraMount, MountedPose, ScannerMount};
 use panelprep_service::report;
 use panelprep_vision::calib::board_orientation::resolve_symmetry;
 use panelprep_vision::calib::detect::DetectedCorners;
-use panelprep_vision::calib::gate::PoseSource;
+use panelprep_vision::calib::gate::{self, PoseSource};
 use panelprep_vision::calib::hand_eye::{MIN_STATIONS, hand_eye};
 use panelprep_vision::calib::three_points::{ThreePoints, three_points};
 use panelprep_vision::calib::{

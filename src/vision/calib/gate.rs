@@ -87,7 +87,7 @@ impl ReasonCollector {
         // A mount that was not measured by hand contradicts nothing; the reason `no_rough` requests a measurement.
         let Some(rough) = rough else { return };
         let mm = rough.distance_at_mm(*found, Point::at(0.0, 0.0, 0.0));
-        let deg = (rough.inverse() * *found).turn().0;
+        let deg = (rough.inverse() * *found).rotation_angle().0;
         // The limits are wide: a tape measures to some 100 mm. The mistake to be found, a tool or a base in the poses,
         // moves the mount by more.
         if mm > MAX_ROUGH_DISTANCE_MM || deg > MAX_ROUGH_ANGLE_DEG {

@@ -155,7 +155,7 @@ pub fn uninformative_measurement(
     if let Some(reason) = board_mismatch(look, board) {
         return Some(reason);
     }
-    let turn_deg = (known.inverse() * look.base_from_board).turn().0;
+    let turn_deg = (known.inverse() * look.base_from_board).rotation_angle().0;
     if turn_deg.is_nan() || turn_deg > MAX_BOARD_ROTATION_DEG {
         let [turn, allowed] = distinguishable_texts(turn_deg, MAX_BOARD_ROTATION_DEG, 0);
         return Some(implausible_reason(format!(

@@ -243,7 +243,7 @@ impl<A: Arrangement> StationTrial<'_, A> {
     fn diagnose_mistyped(&self, index: usize) -> StationFault {
         let off = self.stations[index].base_from_flange.inverse()
             * adjust::needed_flange(self.adjustment, &self.poses[index].camera_from_board);
-        if off.origin().mm.coords.norm() < MIN_TYPO_MM && off.turn().0 < MIN_TYPO_DEG {
+        if off.origin().mm.coords.norm() < MIN_TYPO_MM && off.rotation_angle().0 < MIN_TYPO_DEG {
             return StationFault::TooSmall;
         }
         let written = KukaPose::from_rigid(&self.stations[index].base_from_flange);

@@ -13,7 +13,7 @@ use axum::{Extension, Json};
 use maud::{Markup, html};
 use panelprep_base::random;
 use panelprep_cell::accounts;
-use panelprep_cell::accounts::{Account, AuditEntry, MAX_PRINTED, Permission, Role};
+use panelprep_cell::accounts::{Account, AuditEntry, MAX_PRINTED_CHARACTERS, Permission, Role};
 use panelprep_cell::files::content_hash;
 use panelprep_store::store::Store;
 use serde::Deserialize;
@@ -285,7 +285,7 @@ fn account_form(visitor: &Visitor, account: Option<&Account>) -> Markup {
                     label { (word("login.name")) input name="name" required maxlength="40" autocomplete="off"; }
                 },
             }
-            label { (word("people.printed")) input name="printed_name" value=(printed) required maxlength=(MAX_PRINTED) autocomplete="off"; }
+            label { (word("people.printed")) input name="printed_name" value=(printed) required maxlength=(MAX_PRINTED_CHARACTERS) autocomplete="off"; }
             label { (word("people.role"))
                 select name="role" {
                     @for role in Role::VARIANTS {

@@ -197,7 +197,7 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
             }),
         Check::new("farthest over nearest place of the board", "", found.depths_mm[1] / found.depths_mm[0])
             .with_min(MIN_DEPTH_RATIO, LimitSource::Program)
-            .reviews("scanner_depths", || {
+            .or_review("scanner_depths", || {
                 let [is, least] =
                     distinguishable_texts(found.depths_mm[1] / found.depths_mm[0], MIN_DEPTH_RATIO, 2);
                 format!(
@@ -223,7 +223,7 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
         ),
         Check::new("scale of distances", "%", found.scale_percent.abs())
             .with_max(MAX_SCALE_PERCENT, LimitSource::Program)
-            .reviews("scanner_scale", || {
+            .or_review("scanner_scale", || {
                 let [is, most] = distinguishable_texts(found.scale_percent.abs(), MAX_SCALE_PERCENT, 2);
                 format!(
                     "distances on the board are off by {is} % (limit {most} %); measure the board's squares, and \
