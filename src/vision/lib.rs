@@ -1,10 +1,10 @@
-//! What cameras measure: calibration, localization, the water-break test, panels from drawings.
+//! The measurements with cameras: calibration, localization, the water-break test, panels from drawings.
 //!
-//! Each paragraph of `pub mod` lines is a layer; a module may name only modules of earlier paragraphs.
+//! Each paragraph of `pub mod` lines is a layer; a module may use only modules of earlier paragraphs.
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 // Every result is handled, or an `expect` attribute next to it states why it is ignored.
 #![cfg_attr(not(test), deny(clippy::let_underscore_must_use))]
-// `println!` and similar macros panic if nothing reads the output: see `cli::output`.
+// `println!` and similar macros panic if the output is closed: see `cli::output`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 pub mod nominal;

@@ -269,7 +269,7 @@ impl PanelOverlay<'_> {
         let side_px = usize::try_from(4 * self.line_px()).unwrap_or(4) + 1;
         for (pixel, mark) in &explained.fixture {
             let ink = match mark {
-                FixtureMark::Stands => InkColor::GREEN,
+                FixtureMark::Unmoved => InkColor::GREEN,
                 FixtureMark::Moved => InkColor::VERMILLION,
                 FixtureMark::Unseen => InkColor::BLUE,
             };

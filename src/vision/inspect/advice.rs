@@ -1,18 +1,18 @@
-//! Advice from a clip about light and thresholds (thesis 4.2), namely how well each channel distinguishes wet from
-//! dry; and about the film method's settings: contrast in every grid, and how long places look dry for a moment.
+//! Advice from a clip about light and thresholds (thesis 4.2): how well each channel distinguishes wet from dry. For
+//! the film method it also states the contrast in every grid and how long places look dry for a moment.
 //!
-//! Over the region, with the mean dry picture d, a wet one w and the noise σ of one picture, all by channel,
-//!     contrast-to-noise = (d − w) / σ,       weight ∝ (d − w) / σ²,                                      (1)
-//! the weights that give the least noise for a given contrast (a matched filter). The thesis's threshold lies
-//! half-way between dry and wet of the best channel; its HSV range surrounds the values of dry pixels.
+//! Over the region, let d be the mean dry brightness, w the mean wet brightness and σ the noise of one picture, each by
+//! channel:
+//!     contrast-to-noise = (d − w) / σ,       weight ∝ (d − w) / σ².                                      (1)
+//! These weights give the least noise for a given contrast (a matched filter). The thesis's threshold lies half-way
+//! between dry and wet of the best channel; its HSV range surrounds the values of dry pixels.
 //!
-//! In the brightness v that the method sees, the channels by their weights, a pixel has the mean d in the dry
-//! pictures and w in the first wet ones. In a picture with s times the light of the first wet ones the pixel looks
-//! dry if
+//! In the brightness v that the method evaluates, a weighted sum of the channels, a pixel has the mean d in the dry
+//! pictures and w in the first wet ones. In a picture with s times the light of the first wet ones the pixel looks dry
+//! if
 //!     (d + w) / 2 < v / s < d + (d - w) / 2;                                                             (2)
-//! a brighter pixel is a reflection, and the method recognises it by that. A place that looks dry and then wet
-//! again within a few seconds was a glint, a drop or a flicker: `persist_s` must be longer. A place that stays dry
-//! longer has broken, and does not count here.
+//! a brighter pixel is a reflection. A place that looks dry and then wet again within a few seconds was a glint, a drop
+//! or a flicker: `persist_s` must be longer. A place that stays dry longer has broken, and does not count here.
 
 use super::gate::MIN_CHANGE_TO_NOISE;
 use super::score::{Score, score};
@@ -29,7 +29,7 @@ pub struct Channel {
     pub dry: f64,
     /// Mean brightness under a complete film.
     pub wet: f64,
-    /// Noise of one picture, levels.
+    /// Noise of one picture, grey levels.
     pub noise: f64,
     /// (1).
     pub weight: f64,
@@ -47,18 +47,18 @@ impl Channel {
 pub struct Advice {
     /// Red, green, blue; weights from 0 to 1.
     pub channels: [Channel; 3],
-    /// The darkest and the brightest twentieth of the dry region relative to its mean: a measure of the evenness of
-    /// the light.
+    /// Mean brightness of the darkest and of the brightest twentieth of the dry region, each relative to the region's
+    /// mean: a measure of the evenness of the light.
     pub evenness: [f64; 2],
     /// Share of the dry region that is overexposed.
     pub overexposed: f64,
-    /// The thesis's threshold for the recipe's gain.
+    /// The thesis's threshold that results with the recipe's gain.
     pub threshold: usize,
     /// The range of hue, saturation and value of dry pixels, widened.
     pub hsv: [[usize; 3]; 2],
 }
 
-/// Collects the pixels of a region, picture by picture; stores only sums.
+/// Collects the pixels of a region, picture by picture; stores sums only.
 #[derive(Debug)]
 pub struct Sampler {
     region: Vec<usize>,
@@ -93,7 +93,7 @@ impl Sampler {
     pub fn add_dry(&mut self, picture: &ColorPicture) {
         add(&mut self.dry, &self.region, picture);
         self.dry_pictures += 1;
-        self.noise(picture);
+        self.add_noise(picture);
     }
 
     /// Adds a picture of the panel under a complete film.
@@ -103,16 +103,16 @@ impl Sampler {
             self.before = None;
         }
         self.wet_pictures += 1;
-        self.noise(picture);
+        self.add_noise(picture);
     }
 
-    fn noise(&mut self, picture: &ColorPicture) {
+    fn add_noise(&mut self, picture: &ColorPicture) {
         let now: Vec<[u8; 3]> = self.region.iter().map(|&index| picture.rgb[index]).collect();
         if let Some(before) = self.before.replace(now) {
             let now = self.before.iter().flatten();
             for (a, b) in before.iter().zip(now) {
-                // Clipped differences: twice the median would be more robust, but glints are rare enough that a limit
-                // is sufficient.
+                // The differences are clipped. The median would be more robust, but glints are so rare that clipping is
+                // sufficient.
                 let differs = |i: usize| (f64::from(a[i]) - f64::from(b[i])).clamp(-12.0, 12.0);
                 (0..3).for_each(|i| self.squares[i] += differs(i).powi(2));
                 self.differences += 1.0;
@@ -131,7 +131,7 @@ impl Sampler {
         channel_means(&self.region, &self.wet, self.wet_pictures, weights)
     }
 
-    /// Noise of one picture by channel, grey levels.
+    /// Returns the noise of one picture by channel, grey levels.
     pub(super) fn noise_levels(&self) -> [f64; 3] {
         // The difference of two pictures has twice the variance of one.
         self.squares.map(|square| (square / self.differences.max(1.0) / 2.0).sqrt())
@@ -203,7 +203,7 @@ fn hsv_range(dry: &[[u8; 3]]) -> Result<[[usize; 3]; 2], InspectError> {
 }
 
 /// Finds the threshold with which the thesis's pipeline agrees best with the truth, from the reference and the last
-/// picture, and the score of this threshold. The other settings of the pipeline are not changed.
+/// picture. Returns the threshold and its score. The other settings of the pipeline are not changed.
 ///
 /// # Errors
 /// If sizes differ, or OpenCV refuses a picture.
@@ -225,9 +225,10 @@ pub fn best_threshold(
     best.ok_or(InspectError::NoWetPicture)
 }
 
-/// If a place looked dry for longer than this and then wet again, the film has closed, s.
+/// A place that looked dry for longer than this, s, and then wet again was a break over which the film closed, not a
+/// flash.
 const MAX_FLASH_S: f64 = 4.0;
-/// Number of pixels that are more than noise: a break with fewer pixels would not be found reliably.
+/// Number of pixels of the smallest flash that counts: a break with fewer pixels would not be found reliably.
 const MIN_FLASH_PX: usize = 12;
 
 /// The contrast of one grid, in the brightness that the method uses.
@@ -239,28 +240,28 @@ pub struct GridContrast {
     pub dry: f64,
     /// Mean brightness under a complete film.
     pub wet: f64,
-    /// The change by the film, in multiples of the noise of a pixel.
+    /// The change that the film causes, in multiples of the noise of a pixel.
     pub contrast_to_noise: f64,
     /// The grid's dry brightness relative to that of the whole region.
     pub light: f64,
-    /// The channel with the largest change by the film relative to the noise: 0 red, 1 green, 2 blue.
+    /// The channel in which the film causes the largest change relative to the noise: 0 red, 1 green, 2 blue.
     pub channel: usize,
     /// The contrast in that channel as a multiple of its noise; negative if the film is brighter than the dry panel.
     pub channel_to_noise: f64,
-    /// The share of the grid, percent, in which the film changes no channel by [`MIN_CHANGE_TO_NOISE`] times its
-    /// noise: a break would not show there.
+    /// The share of the grid, percent, in which the film changes every channel by less than [`MIN_CHANGE_TO_NOISE`]
+    /// times its noise: a break would not be visible there.
     pub faint_percent: f64,
 }
 
 impl GridContrast {
-    /// The larger of two contrasts between film and dry: with the recipe's weights, or the absolute value in the best
-    /// single channel.
+    /// Returns the larger of two contrasts between film and dry: that with the recipe's weights, or the absolute value
+    /// in the best single channel.
     pub fn best_contrast_to_noise(&self) -> f64 {
         self.contrast_to_noise.max(self.channel_to_noise.abs())
     }
 }
 
-/// Evaluates the clip's pictures, one by one, for flashes.
+/// Finds flashes: places that look dry for a moment. Evaluates the clip's pictures one by one.
 #[derive(Debug)]
 pub struct FlashDetector {
     pixels: Vec<usize>,
@@ -284,8 +285,7 @@ fn channel_shares(settings: &recipe::Inspect) -> [f64; 3] {
 }
 
 impl Sampler {
-    /// Calculates the contrast in each grid from its given pixels of the picture; grids without a pixel are left
-    /// out.
+    /// Calculates the contrast in each grid from the given pixels of the picture; grids without a pixel are left out.
     pub fn grid_contrasts(&self, settings: &recipe::Inspect, grids: &[(GridId, Vec<usize>)]) -> Vec<GridContrast> {
         let weights = channel_shares(settings);
         let (dry, wet) = (self.dry_means(weights), self.wet_means(weights));
@@ -363,7 +363,7 @@ impl FlashDetector {
             .unwrap_or(f64::NAN);
         for (index, now) in now.iter().enumerate() {
             let half = (self.dry[index] - self.wet[index]) / 2.0;
-            let is_dry = (now / light - self.dry[index]).abs() < half; // (1)
+            let is_dry = (now / light - self.dry[index]).abs() < half; // (2)
             match (is_dry, self.since_s[index]) {
                 // A pixel that looks dry from the beginning never became wet, or became wet late.
                 (true, None) => self.since_s[index] = Some(if self.is_first { f64::NEG_INFINITY } else { time_s }),
@@ -380,7 +380,8 @@ impl FlashDetector {
         self.is_first = false;
     }
 
-    /// The time for which places of the size of a break looked dry before they looked wet again, s; 0 if none did.
+    /// Returns the longest time for which places of the size of a break looked dry before they looked wet again, s; 0
+    /// if there was no such place.
     pub fn longest_s(mut self) -> f64 {
         if self.longest_s.len() < MIN_FLASH_PX {
             return 0.0;
@@ -395,10 +396,10 @@ mod tests {
     use super::super::tests::inspect_table;
     use super::*;
 
-    /// Calculated by hand: dry (100, 80, 60), wet (90, 50, 30), noise ±2 in all: contrasts 10, 30, 30, weights ⅓,
-    /// 1, 1. With a gain of 4 the threshold is 4·30/2 = 60.
+    /// Calculated by hand: dry (100, 80, 60), wet (90, 50, 30), noise ±2 in each channel: contrasts 10, 30, 30, weights
+    /// ⅓, 1, 1. With a gain of 4 the threshold is 4·30/2 = 60.
     #[test]
-    fn channels_are_weighed_by_their_contrast() {
+    fn channels_are_weighted_by_their_contrast() {
         let region = Mask { width: 10, height: 10, inside: vec![true; 100] };
         let mut sampler = Sampler::new(&region);
         let noisy = |rgb: [u8; 3], odd: usize| {
@@ -418,7 +419,7 @@ mod tests {
     }
 
     #[test]
-    fn the_best_threshold_parts_what_is_true() {
+    fn the_best_threshold_separates_broken_and_wet_places() {
         let reference = ColorPicture::uniform(20, 20, [50; 3]);
         let (mut last, mut truth) = (reference.clone(), Mask::all_outside(20, 20));
         for index in (0..400).filter(|i| i % 20 >= 12) {
@@ -446,9 +447,9 @@ mod tests {
         sampler
     }
 
-    /// By hand: dry 101 and 50.5, wet 61 and 30.5; the mean of the halves is 75.75. From picture to picture the
-    /// halves differ by 2 and 1 levels: the mean square is 2.5. One picture has half of that, and the mean of three
-    /// equal channels a third.
+    /// By hand: dry 101 and 50.5, wet 61 and 30.5; the mean of the halves is 75.75. From picture to picture the halves
+    /// differ by 2 and 1 levels: the mean square is 2.5. The variance of one picture is half of that, and the variance
+    /// of the mean of three equal channels a third of this half.
     #[test]
     fn each_grid_has_its_own_contrast() {
         let half = |right: bool| (0..WHOLE).filter(|i| (i % 20 >= 10) == right).collect::<Vec<_>>();
@@ -468,10 +469,11 @@ mod tests {
         assert_eq!(found.len(), 2);
     }
 
-    /// Calculated by hand, five pictures a second: 20 pixels look dry in 3 pictures, 0.6 s. 5 of them look dry for
-    /// 1 s, less than a break; 40 from 2 s to the end, a break. The light increases by a fifth meanwhile.
+    /// Calculated by hand, five pictures a second: 20 pixels look dry in 3 pictures, 0.6 s. Of these, 5 look dry for 1
+    /// s, but they are fewer than a break has. Another 40 look dry from 2 s to the end, which is a break. The light
+    /// increases by a fifth meanwhile.
     #[test]
-    fn a_moment_s_dryness_is_distinguished_from_a_break() {
+    fn a_flash_is_distinguished_from_a_break() {
         let settings = inspect_table("");
         let found = |broken: Option<&Mask>, closes_s: f64| {
             let mut flashes = sampler().flash_detector(&settings, broken);
@@ -499,7 +501,7 @@ mod tests {
     /// Calculated by hand: on the left, a film that mirrors something red is brighter than the dry panel, by 20
     /// levels in red. On the right, the film differs by only 4 levels. Noise of ±1 level in each channel: σ = 2/√2.
     #[test]
-    fn a_film_that_is_brighter_or_alike_is_reported_by_grid() {
+    fn a_brighter_film_and_a_film_without_contrast_are_reported_by_grid() {
         let mut sampler = Sampler::new(&Mask { width: 20, height: 20, inside: vec![true; WHOLE] });
         let halves = |left: [u8; 3], right: [u8; 3]| {
             let rgb = (0..WHOLE).map(|i| if i % 20 < 10 { left } else { right }).collect();

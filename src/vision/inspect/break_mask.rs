@@ -1,48 +1,48 @@
-//! Determines the broken places from the pixels that look bare, after the film has ended; also determines which places
+//! Determines the broken places from the pixels that look bare, after the end of the film; also determines which places
 //! cannot be judged.
 //!
 //! Pixels that looked bare at the end, but for less than the required time, belong to the break that they touch. A
 //! break is equally bare over its whole area, and the film around it differs from it. A glint that does not move has a
-//! bell-shaped brightness, and equals a bare place only on a ring. The edge of a reflection runs from film to bare and
-//! beyond. A film that happens to look bare has no rim. Places with these signs of a glint, a reflection or such a
-//! film count as not seen, unless they closed again soon and moved on. A place moves on by itself or, if it is smaller
-//! than a break, together with the places beside it. A small wet place within a break is a bead of water on grease and
-//! not a film; it belongs to the break.
+//! bell-shaped brightness, and is as bright as a bare place only on a ring. The edge of a reflection runs from film to
+//! bare and beyond. A film that happens to look bare has no rim. Places with these signs of a glint, a reflection or
+//! such a film count as not seen, unless they closed again soon and moved on. A place moves on by itself or, if it is
+//! smaller than a break, together with the places beside it. A small wet place within a break is a bead of water on
+//! grease and not a film; it belongs to the break.
 
 use super::footprint::Window;
-use super::model::{FILM_ASSUMED, FILM_POWER, Model, REFLECTION_TIME_S};
+use super::model::{ASSUMED_FILM_TRANSMISSION, MAX_FILM_POWER, Model, REFLECTION_TIME_S};
 use super::thesis::NOT_BROKEN;
 use panelprep_base::geometry::{ALL_NEIGHBOURS, DIRECT_NEIGHBOURS};
 use std::collections::{BTreeSet, VecDeque};
 use std::f64::consts::PI;
 
-/// A piece with fewer connected pixels is noise.
-const MIN_PIECE_PX: usize = 4;
-/// The brightness of the inner part of a break varies by at most this fraction of the brightness that the film takes
-/// away, from its first quarter to its last. Glints and edges of reflections vary by more (`make bench-inspect`).
-const MAX_UNEVEN: f32 = 0.14;
-/// Noise alone makes the brightness of an even place vary by 1.35 σ from its first quarter to its last; with few
-/// pixels it varies by this many σ.
-const NOISE_SPREAD: f32 = 1.8;
-/// The pixels of a disc that touch its outside form a rim of this width, px.
-const RIM_PX: f64 = 0.9;
+/// A connected component with fewer pixels is noise.
+const MIN_COMPONENT_PX: usize = 4;
+/// The largest variation of brightness over the inner part of a break, between its lower and its upper quartile, as a
+/// fraction of the difference between bare place and film. Glints and edges of reflections vary by more (`make
+/// bench-inspect`).
+const MAX_UNEVENNESS: f32 = 0.14;
+/// The interquartile range that noise alone causes at an even place, in σ: 1.35 in theory, and this value with few
+/// pixels.
+const NOISE_SPREAD_SIGMA: f32 = 1.8;
+/// The width of the rim of a disc, px: the pixels that touch its outside.
+const RIM_WIDTH_PX: f64 = 0.9;
 /// An inner part with fewer pixels is too small to judge its evenness.
 const MIN_CORE_PX: usize = 9;
 /// A place lies along a reflection if at least this fraction of the pixels around it is brighter than any bare place.
-/// Around breaks, which have rims that mirror lamps, at most 0.12 was found in rendered films.
+/// Breaks have rims that mirror lamps: around them at most 0.12 was found in rendered films.
 const MIN_REFLECTION_SHARE: f64 = 0.25;
-/// At least this fraction of the film around a break must be distinguishable from a bare place. The film around a
-/// break lies up to `SURROUNDING_DISTANCE_PX` from the break, px: beyond the wedge of water at a rim.
+/// At least this fraction of the film around a break must be distinguishable from a bare place. The pixels up to
+/// `SURROUNDING_DISTANCE_PX` from the break count as the film around it.
 const MIN_DISTINGUISHABLE_SHARE: f64 = 0.6;
-/// A pixel of a place became film if it is as bright as at least this fraction of the film pixels around the place,
-/// and if it would be a break relative to less than this fraction of them …
+/// A pixel of a place became film if it is as bright as at least this fraction of the film pixels around the place, and
+/// looks like a break relative to less than this fraction of them …
 const MIN_SIMILAR_SHARE_AROUND: f64 = 0.35;
-/// … and if at least this fraction of the place's pixels meets both conditions: the rest is the blurred rim of the
-/// place.
-const MAX_CONDITION_SHARE: f64 = 0.6;
-/// A place without a dry look broke if its brightness changed by at least this fraction of the change by the faintest
-/// break; a smaller change is not certain.
-const FAINTEST_SHARE: f64 = 0.7;
+/// … and the whole place became film if at least this fraction of its pixels did: the rest is its blurred rim.
+const MIN_FILM_LIKE_SHARE: f64 = 0.6;
+/// A place without a dry look broke if its brightness changed by at least this fraction of the change that the faintest
+/// break causes; with a smaller change the result is uncertain.
+const MIN_BREAK_CHANGE_SHARE: f64 = 0.7;
 const SURROUNDING_DISTANCE_PX: usize = 3;
 
 /// The sizes of glints, beads and breaks.
@@ -56,38 +56,38 @@ pub struct FeatureSizes {
     pub break_px: usize,
 }
 
-/// The observations of the window's pixels, except the times at which the pixels broke.
+/// The observations of the window's pixels, except the times at which they broke.
 pub trait PixelObservations {
-    /// Time since which a pixel that did not break has looked bare, s.
+    /// Returns the time since which a pixel that did not break has looked bare, s.
     fn bare_since_s(&self, index: usize) -> Option<f32>;
-    /// Time for which a pixel that broke was open, s, if the film closed again.
+    /// Returns the time for which a pixel that broke was open, s; `None` if the film did not close again.
     fn open_time_s(&self, index: usize) -> Option<f32>;
-    /// The pixel's mean brightness while it looked bare, relative to its dry brightness; for a place without a dry
-    /// look, relative to its film's brightness.
+    /// Returns the pixel's mean brightness while it looked bare, relative to its dry brightness; for a place without a
+    /// dry look, relative to its film's brightness.
     fn bare_brightness_ratio(&self, index: usize) -> f32;
-    /// The brightness of the pixel's film, relative to the same reference as `bare_brightness_ratio`.
+    /// Returns the brightness of the pixel's film, relative to the same reference as `bare_brightness_ratio`.
     fn film_brightness_ratio(&self, index: usize) -> f32;
-    /// The standard deviation of `bare_brightness_ratio`, relative to the same reference.
+    /// Returns the standard deviation of `bare_brightness_ratio`, relative to the same reference.
     fn noise(&self, index: usize) -> f32;
     /// Returns whether the pixel's film is brighter than any bare place.
     fn is_film_brighter(&self, index: usize) -> bool;
-    /// Returns whether the pixel's film differs enough from a bare place.
+    /// Returns whether the contrast between the pixel's film and a bare place is sufficient.
     fn has_contrast(&self, index: usize) -> bool;
-    /// The time for which a place must look bare to count as broken, s.
+    /// Returns the time for which a place must look bare to count as broken, s.
     fn persist_s(&self) -> f32;
-    /// The longest time between two pictures, s.
+    /// Returns the longest time between two pictures, s.
     fn longest_step_s(&self) -> f32;
     /// Returns whether the pixel belongs to the region.
     fn is_inside(&self, index: usize) -> bool;
     /// Returns whether the pixel has no dry look of its own.
     fn has_no_dry_brightness(&self, index: usize) -> bool;
-    /// The pixel's brightness while it looked bare, and its present brightness, grey levels, both in the light of the
-    /// first wet picture.
+    /// Returns the pixel's brightness while it looked bare, and its present brightness, grey levels, both in the light
+    /// of the first wet picture.
     fn levels(&self, index: usize) -> [f32; 2];
-    /// The film's brightness at two neighbouring places differs by less than this fraction.
+    /// Returns the fraction by which the film's brightness may differ between two neighbouring places.
     fn neighbour_tolerance(&self) -> f32;
-    /// The smallest and the largest brightness of a break on a place without a dry look, relative to the brightness of
-    /// its film; `None` if the range is not known.
+    /// Returns the smallest and the largest brightness of a break on a place without a dry look, relative to the
+    /// brightness of its film; `None` if the range is not known.
     fn break_ratio_range(&self) -> Option<[f32; 2]>;
 }
 
@@ -96,11 +96,11 @@ pub trait PixelObservations {
 pub struct FinalMask {
     /// Time at which each pixel broke, s; [`NOT_BROKEN`] if its film did not break.
     pub broke_s: Vec<f32>,
-    /// Pixels for which it cannot be decided whether they broke: in `broke_s` they count as not broken.
+    /// Pixels for which it is uncertain whether they broke: in `broke_s` they count as not broken.
     pub unsure: Vec<usize>,
 }
 
-/// Determines the broken places from the pixels.
+/// Determines which pixels broke, and for which this is uncertain.
 pub fn determine_breaks(
     window: &Window,
     broke_s: Vec<f32>,
@@ -125,7 +125,8 @@ pub fn determine_breaks(
             }
             PlaceVerdict::Unsure => unsure.extend_from_slice(&piece),
         }
-        // Passed or unsure: neither is a break. What is unsure is listed, so that its grid does not pass either.
+        // Neither a passed nor an unsure place is a break. Unsure pixels are listed, so that their grid does not pass
+        // either.
         piece.iter().for_each(|&i| broke_s[i] = NOT_BROKEN);
     }
     let short = BarePlace { window, broke_s: &all_s, is_bead: &is_bead, piece: &short };
@@ -142,8 +143,8 @@ pub fn determine_breaks(
 /// time at which their rim was complete.
 fn fill_beads(window: &Window, broke_s: &mut [f32], bead_px: usize, seen: &impl PixelObservations) -> Vec<bool> {
     let mut is_bead = vec![false; broke_s.len()];
-    for wet in window.raster().connected_components(&DIRECT_NEIGHBOURS, |i| broke_s[i] == NOT_BROKEN) {
-        // A bead within a break is water that drew back, not a film; left out, it would make the break look smaller.
+    for wet in window.raster().connected_pieces(&DIRECT_NEIGHBOURS, |i| broke_s[i] == NOT_BROKEN) {
+        // A bead within a break is water that receded, not a film; without it the break would be measured too small.
         let enclosed =
             wet.len() <= bead_px && wet.iter().all(|&i| seen.is_inside(i) && !is_at_window_edge(window, i));
         if enclosed {
@@ -165,7 +166,7 @@ enum PlaceVerdict {
     Unsure,
 }
 
-/// A place that looks bare: a connected place, or the places of one trail.
+/// A place that looks bare: one connected component, or the components of one trail.
 #[derive(Clone, Copy)]
 struct BarePlace<'a> {
     window: &'a Window,
@@ -178,7 +179,7 @@ impl BarePlace<'_> {
     fn classify(&self, glint_px: usize, seen: &impl PixelObservations) -> PlaceVerdict {
         let passed = self.piece.len() <= glint_px && self.has_moved(seen) || self.became_film(seen);
         let unless_passed = if passed { PlaceVerdict::Passed } else { PlaceVerdict::Unsure };
-        if self.piece.len() < MIN_PIECE_PX {
+        if self.piece.len() < MIN_COMPONENT_PX {
             return unless_passed;
         }
         let next = self.ring(1, |i| self.broke_s[i] == NOT_BROKEN);
@@ -186,38 +187,40 @@ impl BarePlace<'_> {
         let core = self.core_pixels();
         let is_even =
             spread(&core, seen).is_none_or(|spread| spread <= max_brightness_spread(&core, &around, seen));
-        // A break in a film that is itself bright does not count as lying along a reflection.
-        let is_along = share(&next, |i| seen.is_film_brighter(i)) >= MIN_REFLECTION_SHARE
+        // A break in a film that is itself bright does not lie along a reflection.
+        let is_along_reflection = share(&next, |i| seen.is_film_brighter(i)) >= MIN_REFLECTION_SHARE
             && share(self.piece, |i| seen.is_film_brighter(i)) < MIN_REFLECTION_SHARE;
-        let is_told = share(&around, |i| seen.has_contrast(i)) >= MIN_DISTINGUISHABLE_SHARE;
+        let is_distinguishable = share(&around, |i| seen.has_contrast(i)) >= MIN_DISTINGUISHABLE_SHARE;
         let is_break = is_compact(self.piece.len(), core.len())
             && is_even
-            && !is_along
-            && is_told
+            && !is_along_reflection
+            && is_distinguishable
             && self.is_contrast_plausible(seen);
-        // With a small core the evenness carries little information; then motion decides.
+        // With a small core the evenness carries little information; in that case motion decides.
         if is_break && !(passed && core.len() < MIN_CORE_PX) { PlaceVerdict::Broke } else { unless_passed }
     }
 
-    /// Checks whether the place that looked bare moved on. A break is open over its whole area at one time. If a glint
+    /// Checks whether the bare look moved over the place. A break is open over its whole area at one time. If a glint
     /// passed, the first part is film again before the glint reaches the last part.
     fn has_moved(&self, seen: &impl PixelObservations) -> bool {
         let own = || self.piece.iter().copied().filter(|&i| !self.is_bead[i]);
         let mut since_s: Vec<f32> = own().map(|i| self.broke_s[i]).collect();
         let until_s: Option<Vec<f32>> = own().map(|i| Some(self.broke_s[i] + seen.open_time_s(i)?)).collect();
         let Some(mut until_s) = until_s.filter(|until_s| !until_s.is_empty()) else { return false };
-        // Tenths instead of the extremes, since a few pixels of the blurred rim open and close at other times.
+        // The tenth and the ninetieth percentile instead of the extremes, since a few pixels of the blurred rim open
+        // and close at other times.
         since_s.sort_by(f32::total_cmp);
         until_s.sort_by(f32::total_cmp);
-        // Closing is detected as late as opening: a run must return to zero, which takes one picture less than the
-        // time that the run represents. The place may have closed up to one picture later than the run states.
+        // The closing is detected late, as the opening is: a run must first return to zero, which takes one picture
+        // less than the time that the run represents. The place may have closed up to one picture later than the run
+        // states.
         let closed_s = until_s[until_s.len() / 10] - seen.persist_s() + 2.0 * seen.longest_step_s();
         since_s[since_s.len() - 1 - since_s.len() / 10] > closed_s
     }
 
-    /// Groups this place into parts that one moving reflection may have left. Such a reflection looks bare at some
-    /// positions on its path, and no single position shows that it moves. Parts within twice the largest glint's
-    /// diameter of one another are judged together.
+    /// Groups the parts of this place that one moving reflection may have left: each group is a trail. Such a
+    /// reflection looks bare at some positions on its path, and no single position shows that it moves. Parts that are
+    /// less than twice the largest glint's diameter apart are judged together.
     fn group_trails(&self, glint_px: usize) -> Vec<Vec<usize>> {
         let diameter_px = 2.0 * (glint_px as f64 / PI).sqrt();
         let own: BTreeSet<usize> = self.piece.iter().copied().collect();
@@ -234,9 +237,9 @@ impl BarePlace<'_> {
     }
 
     /// Checks whether a place without a dry look of its own became as bright as the film around it. This happens if a
-    /// glint lay on the place while its wet look was learnt, or the water reached the place later. A break differs
-    /// from the film around it. Along an edge of a sanded area only the film on one side is as bright, and the place
-    /// must not look like a break of the film on the other side.
+    /// glint lay on the place while its wet look was learnt, or if the water reached the place later. A break differs
+    /// from the film around it. Along an edge of a sanded area only the film on one side is as bright as the place; in
+    /// that case the place must not look like a break of the film on the other side.
     fn became_film(&self, seen: &impl PixelObservations) -> bool {
         let of_film =
             |i: usize| self.broke_s[i] == NOT_BROKEN && seen.is_inside(i) && seen.has_no_dry_brightness(i);
@@ -252,8 +255,8 @@ impl BarePlace<'_> {
         // Each pixel is compared individually: the mean of a break over two kinds of film matches neither film.
         let is_film = |i: usize| {
             let [bare, now] = seen.levels(i);
-            // A pixel that has not returned to its film's look is compared in the last picture: there it has the same
-            // light as the film around it.
+            // A pixel that has not returned to its film's look is compared in the last picture, in which it has the
+            // same light as the film around it.
             let look = if seen.open_time_s(i).is_none() { now } else { bare };
             let is_break_of = |film: f32| {
                 seen.break_ratio_range().is_none_or(|[least, most]| (least..=most).contains(&(look / film)))
@@ -261,7 +264,7 @@ impl BarePlace<'_> {
             share_of(&|film| (look - film).abs() <= seen.neighbour_tolerance() * film) >= MIN_SIMILAR_SHARE_AROUND
                 && share_of(&is_break_of) < MIN_SIMILAR_SHARE_AROUND
         };
-        share(&own, is_film) >= MAX_CONDITION_SHARE
+        share(&own, is_film) >= MIN_FILM_LIKE_SHARE
     }
 
     /// Checks whether the place differs from its own film as a break does; only pixels without a dry look are
@@ -274,7 +277,7 @@ impl BarePlace<'_> {
         shares.is_empty() || seen.break_ratio_range().is_some_and(within)
     }
 
-    /// Returns the pixels within a distance around the place for which `counts` is true.
+    /// Returns the pixels up to this distance around the place for which `counts` is true.
     fn ring(&self, away_px: usize, counts: impl Fn(usize) -> bool) -> Vec<usize> {
         let inner: BTreeSet<usize> = self.piece.iter().copied().collect();
         let (mut reached, mut rim) = (inner.clone(), self.piece.to_vec());
@@ -295,29 +298,29 @@ impl BarePlace<'_> {
     }
 }
 
-/// Returns the permitted variation of brightness between the first and the last quarter of a break's inner part,
-/// calculated from the film around the break and the noise.
+/// Returns the largest brightness spread that the inner part of a break may have, from the film around the break and
+/// the noise.
 fn max_brightness_spread(core: &[usize], around: &[usize], seen: &impl PixelObservations) -> f32 {
     let mean = |pixels: &[usize], of: &dyn Fn(usize) -> f32| {
         pixels.iter().map(|&i| of(i)).sum::<f32>() / pixels.len().max(1) as f32
     };
     let bare = mean(core, &|i| seen.bare_brightness_ratio(i));
     let film = mean(around, &|i| seen.film_brightness_ratio(i));
-    (MAX_UNEVEN * (bare - film)).hypot(NOISE_SPREAD * mean(core, &|i| seen.noise(i)))
+    (MAX_UNEVENNESS * (bare - film)).hypot(NOISE_SPREAD_SIGMA * mean(core, &|i| seen.noise(i)))
 }
 
-/// The variation of the pixels' brightness from the first quarter to the last; `None` for few pixels.
+/// Returns the interquartile range of the pixels' brightness; `None` for few pixels.
 fn spread(core: &[usize], seen: &impl PixelObservations) -> Option<f32> {
     let mut looks: Vec<f32> = core.iter().map(|&i| seen.bare_brightness_ratio(i)).collect();
     looks.sort_by(f32::total_cmp);
     (looks.len() >= MIN_CORE_PX).then(|| looks[looks.len() - 1 - looks.len() / 4] - looks[looks.len() / 4])
 }
 
-/// Returns whether a place has at least half of the inner part of a disc of its size. A trail and the edge of a
-/// reflection are thin.
+/// Returns whether a place has at least half of the inner pixels of a disc of its size. A trail and the edge of a
+/// reflection are thin and have fewer.
 fn is_compact(size_px: usize, core_px: usize) -> bool {
     let radius_px = (size_px as f64 / PI).sqrt();
-    core_px as f64 >= PI * (radius_px - RIM_PX).max(0.0).powi(2) / 2.0
+    core_px as f64 >= PI * (radius_px - RIM_WIDTH_PX).max(0.0).powi(2) / 2.0
 }
 
 /// Returns the fraction of the pixels for which `holds` is true; 1 if there are no pixels.
@@ -359,17 +362,16 @@ impl<'a> ModelObservations<'a> {
     }
 }
 
-/// Returns the smallest and the largest brightness of a break on a place without a dry look, relative to the
-/// brightness of its film. They follow from the film on the places that have a dry look, or from the assumed film if
-/// there are none. If the film is darker than the dry panel at some places and brighter at others, the result is
-/// `None`.
+/// Returns the smallest and the largest brightness of a break on a place without a dry look, relative to the brightness
+/// of its film. They are calculated from the film on the places that have a dry look, or from the assumed film if there
+/// are none. If the film is darker than the dry panel at some places and brighter at others, the result is `None`.
 pub fn break_ratio_range(model: &Model) -> Option<[f32; 2]> {
-    let [low, high] = model.film_range().unwrap_or([FILM_ASSUMED; 2]);
-    let away = FAINTEST_SHARE * 2.0 * model.away_threshold();
+    let [low, high] = model.film_range().unwrap_or([ASSUMED_FILM_TRANSMISSION; 2]);
+    let away = MIN_BREAK_CHANGE_SHARE * 2.0 * model.away_threshold();
     if high < model.min_damp_ratio() {
-        Some([1.0 + away, low.powf(-FILM_POWER) * 1.125].map(|share| share as f32))
+        Some([1.0 + away, low.powf(-MAX_FILM_POWER) * 1.125].map(|share| share as f32))
     } else if low > 1.0 {
-        Some([model.min_damp_ratio() * high.powf(-FILM_POWER), 1.0 - away].map(|share| share as f32))
+        Some([model.min_damp_ratio() * high.powf(-MAX_FILM_POWER), 1.0 - away].map(|share| share as f32))
     } else {
         None
     }

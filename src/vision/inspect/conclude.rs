@@ -1,11 +1,11 @@
 //! The end of the test: computes breaks, grids and a verdict from the history of every pixel.
 //!
-//! Breaks are the connected pieces of the broken film, each with its contour (thesis Fig. 4.17).
+//! Breaks are the connected components of the broken film, each with its contour (thesis Fig. 4.17).
 //!
 //! Places that were already wet in the dry picture cannot be judged. Water that remained from rinsing darkens a place
-//! in the dry picture as a film does. Later the place is as bright as it was in that picture, like a place on which no
-//! water stays. The two differ in the dry picture. A place that was never wet was as bright as its surroundings. A wet
-//! place was darker: its ratio to the brightness of its surroundings was closer to τ than to 1.
+//! in the dry picture as a film does. Under the film such a place does not change, like a place on which no water
+//! stays. The dry picture distinguishes the two. A place that was dry then was as bright as its surroundings. A place
+//! that was wet then was darker: its ratio to the brightness of its surroundings was closer to τ than to 1.
 
 use super::InspectError;
 use super::break_mask::{FeatureSizes, FinalMask, ModelObservations, break_ratio_range, determine_breaks};
@@ -34,7 +34,7 @@ pub struct Inspection {
     pub judgement: Judgement,
     /// Evidence of the observation.
     pub observation: Observation,
-    /// The connected pieces of broken film, largest first.
+    /// The connected components of the broken film, largest first.
     pub breaks: Vec<Break>,
     /// Each grid, row by row.
     pub grids: Vec<GridInspection>,
@@ -62,13 +62,13 @@ impl FilmWatch {
             let FinalMask { broke_s, unsure } = self.final_mask(since_wet_s, &inside);
             since_wet_s = broke_s;
             unsure.into_iter().for_each(|index| is_unsure[index] = true);
-            // Places that were already wet look unchanged under the film, like a break from the first moment on: they
-            // are not seen.
+            // Places that were already wet do not change under the film, like a break from the first moment on: they
+            // count as not seen.
             for index in self.initially_wet_pixels(&since_wet_s, &inside) {
                 (since_wet_s[index], was_wet[index]) = (NOT_BROKEN, true);
             }
         }
-        // For either method, a sanded place needs evidence that it was wet.
+        // With either method, a sanded place needs evidence that it was wet.
         let sanded = SandedPlaces {
             model: &self.model,
             window: self.footprint.window(),
@@ -88,11 +88,12 @@ impl FilmWatch {
         let mut faint_mm2 = vec![0.0; self.broken_mm2.len()];
         let faint: Vec<usize> = (0..inside.len()).filter(|&i| is_faint(i)).collect();
         faint.iter().for_each(|index| self.footprint.add_area(*index, &mut faint_mm2));
-        // A pixel that broke has a known result, even if it was hidden at other times.
+        // A pixel that broke has a certain result, even if it was hidden at other times.
         let is_lost = |index: usize| since_wet_s[index] == NOT_BROKEN && !model.was_observed(index);
         let not_seen: Vec<bool> =
             (0..inside.len()).map(|i| inside[i] && (was_wet[i] || is_unsure[i] || is_lost(i))).collect();
-        // Before the grids are evaluated, since each unseen place counts against its grid as if it might have broken.
+        // This comes before the grids are evaluated, since each unseen place counts against its grid as if it might
+        // have broken.
         self.footprint.subtract_unseen(|index| not_seen[index]);
         let grids = self.grids(&since_wet_s, &was_wet, &faint_mm2);
         let observation = Observation {
@@ -158,7 +159,8 @@ impl FilmWatch {
     fn grids(&self, since_wet_s: &[f32], was_wet: &[bool], faint_mm2: &[f64]) -> Vec<GridInspection> {
         let mut broken: Vec<usize> =
             (0..since_wet_s.len()).filter(|&index| since_wet_s[index] < NOT_BROKEN).collect();
-        // By time and then by index: the time at which a grid failed must not depend on the order of equal times.
+        // Sorted by time and then by index: the time at which a grid failed must not depend on the order of equal
+        // times.
         broken.sort_by(|&a, &b| since_wet_s[a].total_cmp(&since_wet_s[b]).then(a.cmp(&b)));
         let mut broken_mm2 = vec![0.0; self.broken_mm2.len()];
         let mut time_to_break_s = vec![None; broken_mm2.len()];
@@ -177,8 +179,8 @@ impl FilmWatch {
         let grid = |index: usize| {
             let footprint = &self.footprint.grids()[index];
             let failed = time_to_break_s[index].is_some();
-            // The area that could not be seen must be small enough: even if all of that area had broken in addition,
-            // the grid would not fail.
+            // The area that could not be seen must be so small that the grid would not fail even if all of it had
+            // broken in addition.
             let no_contrast = faint_mm2[index] >= self.demands.min_break_mm2;
             let unknown_mm2 = footprint.lost_mm2 + faint_mm2[index];
             let might_break_mm2 = if failed { unknown_mm2 } else { broken_mm2[index] + unknown_mm2 };
@@ -200,12 +202,12 @@ impl FilmWatch {
 }
 
 impl Inspection {
-    /// The pixels of the picture that broke.
+    /// Returns the pixels of the picture that broke.
     pub fn mask(&self) -> Mask {
         self.footprint.to_picture(|index| self.since_wet_s[index] < NOT_BROKEN)
     }
 
-    /// The pixels of the taught picture that broke.
+    /// Returns the pixels of the taught picture that broke.
     pub fn broken_in_taught(&self) -> Mask {
         self.footprint.taught_pixels(&self.mask())
     }
@@ -222,15 +224,15 @@ impl Inspection {
         self.footprint.to_picture(|index| self.since_wet_s[index] <= until_s)
     }
 
-    /// The time at which the film broke at a pixel of the picture, s after the first fully wet picture; `None` if the
-    /// film did not break there, and outside of the region.
+    /// Returns the time at which the film broke at a pixel of the picture, s after the first fully wet picture; `None`
+    /// outside of the region or if the film did not break there.
     pub fn break_time_s(&self, column: usize, row: usize) -> Option<f64> {
         let time = self.since_wet_s[self.footprint.window_index(column, row)?];
         (time < NOT_BROKEN).then_some(f64::from(time))
     }
 }
 
-/// One connected piece of broken film.
+/// One connected component of the broken film.
 #[derive(Debug, Clone)]
 pub struct Break {
     /// Its surface, mm².
@@ -246,16 +248,16 @@ pub struct Break {
 }
 
 /// A break counts as closed again if at least this fraction of its area is closed.
-const CLOSED_SHARE: f64 = 0.8;
+const MIN_CLOSED_SHARE: f64 = 0.8;
 
 impl Break {
     /// Returns whether the film had closed over the break again at the end.
     pub fn has_closed_again(&self) -> bool {
-        self.closed_share >= CLOSED_SHARE
+        self.closed_share >= MIN_CLOSED_SHARE
     }
 }
 
-/// Returns the breaks of a window, largest first. A piece without any surface is not a break.
+/// Returns the breaks of a window, largest first. A component without any surface is not a break.
 pub fn breaks(
     footprint: &Footprint,
     since_wet_s: &[f32],
@@ -282,8 +284,8 @@ pub fn breaks(
     Ok(breaks)
 }
 
-/// Returns the outer contour of a single piece. If all pieces were traced together, a piece in the hole of another
-/// piece would have no outer contour.
+/// Returns the outer contour of a single component. If all components were traced together, a component in the hole of
+/// another one would have no outer contour.
 fn contour(footprint: &Footprint, piece: &[usize]) -> Result<Vec<Pixel>, ImagingError> {
     let places = || piece.iter().map(|&index| footprint.pixel_position(index));
     let (left, right) = min_and_max(places().map(|(column, _)| column));
@@ -300,14 +302,14 @@ fn min_and_max(values: impl Iterator<Item = usize>) -> (usize, usize) {
     values.fold((usize::MAX, 0), |(low, high), value| (low.min(value), high.max(value)))
 }
 
-/// Fewer connected pixels are noise.
-const MIN_PIECE_PX: usize = 4;
+/// A connected component with fewer pixels is noise.
+const MIN_COMPONENT_PX: usize = 4;
 /// The surroundings of a place lie at this distance from it, pixels: beyond a drop's soft edge.
 const SURROUNDING_DISTANCE_PX: std::ops::RangeInclusive<usize> = 4..=9;
-/// Fraction of a place's pixels that must not have been wet in any picture.
-const MIN_NEVER_WET: f64 = 0.5;
+/// At least this fraction of the pixels of an initially wet place was wet in no later picture.
+const MIN_NEVER_WET_SHARE: f64 = 0.5;
 
-/// The data of the window's pixels.
+/// The inputs for finding places that were already wet in the dry picture.
 pub struct DrynessInputs<'a> {
     /// Whether the pixel broke, or was not wet in any picture.
     pub is_suspect: &'a dyn Fn(usize) -> bool,
@@ -325,12 +327,11 @@ pub struct DrynessInputs<'a> {
 pub fn initially_wet_pixels(window: &Window, known: &DrynessInputs<'_>) -> Vec<usize> {
     let was_wet = |piece: &Vec<usize>| {
         let never_wet = piece.iter().filter(|i| (known.never_wet)(**i)).count() as f64;
-        piece.len() >= MIN_PIECE_PX
-            && never_wet >= MIN_NEVER_WET * piece.len() as f64
+        piece.len() >= MIN_COMPONENT_PX
+            && never_wet >= MIN_NEVER_WET_SHARE * piece.len() as f64
             && mean(&surrounding_pixels(window, piece, known), known.dry)
                 .zip(mean(piece, known.dry))
-                // Halfway between the look of the dry surroundings and of a film over them: nearer to a film than to
-                // dry.
+                // The limit is halfway between the look of the dry surroundings and that of a film over them.
                 .is_some_and(|(around, own)| own < around * (1.0 + known.film) / 2.0)
     };
     window
@@ -353,7 +354,8 @@ fn surrounding_pixels(window: &Window, piece: &[usize], known: &DrynessInputs<'_
         let next: Vec<usize> = rim.iter().flat_map(|&i| window.raster().neighbours(i, &ALL_NEIGHBOURS)).collect();
         rim = next.into_iter().filter(|&i| reached.insert(i)).collect();
         if SURROUNDING_DISTANCE_PX.contains(&away_px) {
-            // Another drop beside it would make the surroundings look wet as well, and this one unsuspicious.
+            // Another drop beside this one would make the surroundings look wet as well, and this drop would not be
+            // found.
             found.extend(rim.iter().copied().filter(|&i| (known.sees)(i) && !(known.is_suspect)(i)));
         }
     }

@@ -3,8 +3,8 @@
 //!
 //! Each taught pixel of the region has a point P on the panel and a share of its surface in mm². The point is
 //! transformed to the camera by  P_camera = camera_from_base · base_from_panel · P  (Eq. 4.6, 4.7) and to a pixel by
-//! Eq. 3.11, once; the surface then belongs to the nearest pixel. A broken pixel counts as broken the surface that was
-//! assigned to it. So area is measured on the curved panel, at the taught pose, and does not depend on the panel's
+//! Eq. 3.11, once; the surface then belongs to the nearest pixel. If a pixel breaks, the surface that was assigned to
+//! it counts as broken. So area is measured on the curved panel, at the taught pose, and does not depend on the panel's
 //! present pose.
 //!
 //! If the panel appears larger than at teaching, pixels between projected ones, which have no surface of their own,
@@ -21,16 +21,16 @@ use panelprep_cell::imaging::{ImagingError, with_operation};
 use panelprep_cell::panel::{GridId, TaughtPanel};
 use panelprep_cell::recipe;
 
-/// A grid counts as looked at if at least this fraction of its surface is in the picture; the rest is rounding at
+/// A grid counts as inspected if at least this fraction of its surface is in the picture; the rest is rounding at its
 /// edges.
 const MIN_SEEN_SHARE: f64 = 0.99;
 
-/// Each of the two methods finds a break of this number of pixels; a smaller break may be lost in its blurred rim.
-/// `make bench-inspect` prints the miss rate against size.
+/// Number of pixels of the smallest break that each of the two methods finds reliably; a smaller break may be lost in
+/// its blurred rim. `make bench-inspect` prints the miss rate against size.
 const MIN_DETECTABLE_PX: f64 = 12.0;
 
 /// Side of the squares over which the surface of a pixel is averaged, px.
-const BLOCK_PX: usize = 16;
+const AVERAGING_BLOCK_PX: usize = 16;
 
 /// The minimum margin of the window around the region, px, so that closing the mask does not reach the window's
 /// edge.
@@ -84,15 +84,16 @@ pub struct GridFootprint {
     pub seen_share: f64,
     /// The fraction of the grid that the recipe masks.
     pub masked_share: f64,
-    /// The area in the picture that showed nothing, mm²: overexposed, or hidden by a reflection that does not move.
+    /// The area in the picture that carried no information, mm²: overexposed, or hidden by a reflection that does not
+    /// move.
     pub lost_mm2: f64,
     /// The closed edge of the grid in the picture, px: curves on a curved panel under a real lens.
     pub edge_px: Vec<Pixel>,
 }
 
 impl GridFootprint {
-    /// Returns whether the whole grid lies in the picture and is not masked, even if parts showed nothing there.
-    /// Otherwise the grid cannot pass.
+    /// Returns whether the whole grid lies in the picture and is not masked, even if parts of it carried no
+    /// information. Otherwise the grid cannot pass.
     pub fn is_inspected(&self) -> bool {
         self.inspected_share() >= MIN_SEEN_SHARE
     }
@@ -101,8 +102,7 @@ impl GridFootprint {
         self.seen_share + if self.area_mm2 > 0.0 { self.lost_mm2 / self.area_mm2 } else { 0.0 }
     }
 
-    /// Returns whether the recipe masks a part of the grid and this mask accounts for every part that is not looked
-    /// at.
+    /// Returns whether the recipe masks a part of the grid, and no part is left out for another reason.
     pub fn is_only_masked(&self) -> bool {
         self.masked_share > 0.0 && self.inspected_share() + self.masked_share >= MIN_SEEN_SHARE
     }
@@ -118,7 +118,7 @@ pub struct Footprint {
     window: Window,
     /// Pixels of the window that belong to the region.
     inside: Vec<bool>,
-    /// Patches of the window's pixel `i` are `patches[starts[i]..starts[i + 1]]`.
+    /// The patches of the window's pixel `i` are `patches[starts[i]..starts[i + 1]]`.
     starts: Vec<u32>,
     patches: Vec<Patch>,
     grids: Vec<GridFootprint>,
@@ -194,7 +194,7 @@ impl Footprint {
         Footprint::new(taught, camera, camera_from_panel, InspectedPart { masked_px, ..InspectedPart::default() })
     }
 
-    /// The smallest break that is surely found, mm², with the taught panel at its nominal place.
+    /// Returns the smallest break that is reliably found, mm², with the taught panel at its nominal place.
     ///
     /// # Errors
     /// If the region is not in the picture.
@@ -211,7 +211,7 @@ impl Footprint {
         &self.grids
     }
 
-    /// The region's pixels.
+    /// Returns the region's pixels.
     pub fn region(&self) -> Mask {
         self.to_picture(|index| self.inside[index])
     }
@@ -230,8 +230,7 @@ impl Footprint {
         (0..own.len()).map(|index| own[index].unwrap_or_else(|| self.inside[index] && near(index))).collect()
     }
 
-    /// Returns for each grid the fraction that was sanded after the dry picture, relative to the part that is looked
-    /// at.
+    /// Returns for each grid the fraction of its inspected part that was sanded after the dry picture.
     pub(super) fn sanded_shares(&self) -> Vec<f64> {
         let mut areas = vec![(0.0, 0.0); self.grids.len()];
         for patch in &self.patches {
@@ -242,8 +241,8 @@ impl Footprint {
         areas.into_iter().map(|(sanded, all)| sanded / all.max(f64::MIN_POSITIVE)).collect()
     }
 
-    /// The broken surface of each grid if these pixels of the picture are broken, mm², in the order of the grids.
-    /// The mask has the picture's size.
+    /// Returns the broken surface of each grid if these pixels of the picture are broken, mm², in the order of the
+    /// grids. The mask has the picture's size.
     pub fn broken_mm2(&self, mask: &Mask) -> Vec<f64> {
         let mut broken_mm2 = vec![0.0; self.grids.len()];
         for index in 0..self.inside.len() {
@@ -255,8 +254,8 @@ impl Footprint {
         broken_mm2
     }
 
-    /// Returns the pixels of the taught picture that these pixels of the picture show, so that a place in a film
-    /// becomes a place on the panel. The mask has the picture's size. The taught pixels have exactly the surface that
+    /// Returns the pixels of the taught picture that these pixels of the picture show: this converts a place in a film
+    /// to a place on the panel. The mask has the picture's size. The taught pixels have exactly the surface that
     /// [`Footprint::broken_mm2`] returns.
     pub fn taught_pixels(&self, mask: &Mask) -> Mask {
         let [width, height] = self.taught_px;
@@ -271,20 +270,20 @@ impl Footprint {
         taught
     }
 
-    /// The smallest break that is surely found on this panel from the camera's position, mm²: the surface of
-    /// [`MIN_DETECTABLE_PX`] of the coarsest pixels. Of two neighbouring pixels one may contain two taught pixels and the other
-    /// none, so the surface is averaged over many.
+    /// Returns the smallest break that is reliably found on this panel from the camera's position, mm²: the surface of
+    /// [`MIN_DETECTABLE_PX`] of the coarsest pixels. Of two neighbouring pixels one may contain two taught pixels and
+    /// the other none, so the surface is averaged over many.
     pub fn detection_limit_mm2(&self) -> f64 {
-        let across = self.window.width.div_ceil(BLOCK_PX);
-        let mut blocks = vec![(0.0, 0usize); across * self.window.height.div_ceil(BLOCK_PX)];
+        let across = self.window.width.div_ceil(AVERAGING_BLOCK_PX);
+        let mut blocks = vec![(0.0, 0usize); across * self.window.height.div_ceil(AVERAGING_BLOCK_PX)];
         for index in (0..self.inside.len()).filter(|&index| self.inside[index]) {
             let (column, row) = (index % self.window.width, index / self.window.width);
-            let (area_mm2, pixels) = &mut blocks[row / BLOCK_PX * across + column / BLOCK_PX];
+            let (area_mm2, pixels) = &mut blocks[row / AVERAGING_BLOCK_PX * across + column / AVERAGING_BLOCK_PX];
             let patches = &self.patches[self.starts[index] as usize..self.starts[index + 1] as usize];
             *area_mm2 += patches.iter().map(|patch| f64::from(patch.area_mm2)).sum::<f64>();
             *pixels += 1;
         }
-        let is_full = |block: &&(f64, usize)| 2 * block.1 >= BLOCK_PX * BLOCK_PX;
+        let is_full = |block: &&(f64, usize)| 2 * block.1 >= AVERAGING_BLOCK_PX * AVERAGING_BLOCK_PX;
         let coarsest =
             blocks.iter().filter(is_full).map(|(area_mm2, pixels)| area_mm2 / *pixels as f64).reduce(f64::max);
         // A region with few pixels has no full block.
@@ -292,8 +291,8 @@ impl Footprint {
         MIN_DETECTABLE_PX * coarsest.unwrap_or_else(|| self.region_mm2() / all)
     }
 
-    /// Returns the pixels of the picture that belong to each grid: if two grids share a pixel, its first patch
-    /// decides.
+    /// Returns the pixels of the picture that belong to each grid; a pixel with patches of two grids belongs to the
+    /// grid of its first patch.
     pub(super) fn grid_pixels(&self) -> Vec<(GridId, Vec<usize>)> {
         let mut held: Vec<(GridId, Vec<usize>)> = self.grids.iter().map(|grid| (grid.id, Vec::new())).collect();
         for index in 0..self.inside.len() {
@@ -402,7 +401,7 @@ fn patch_starts(held: &[(PixelPosition, Patch)], window: &Window) -> Vec<u32> {
     starts
 }
 
-/// Returns the pixels of the window for which `holds`, and the gaps of one pixel between them.
+/// Returns for each pixel of the window whether `holds` is true, with gaps of one pixel closed.
 fn closed(window: &Window, holds: impl Fn(usize) -> bool) -> Result<Vec<bool>, ImagingError> {
     let bytes: Vec<u8> = (0..window.width * window.height).map(|index| u8::from(holds(index))).collect();
     with_operation("the closing of the region's mask", closed_bytes(window, &bytes))
@@ -416,8 +415,8 @@ fn closed_bytes(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {
     Ok(closed.data_bytes()?.iter().map(|&byte| byte > 0).collect())
 }
 
-/// Neighbours up to this distance, px, determine a pixel's surface: far enough to average the scanner's noise, near
-/// enough for the panel's curvature.
+/// A pixel's surface is calculated from its neighbours up to this distance, px: far enough to average the scanner's
+/// noise, near enough for the panel's curvature.
 const AREA_REACH_PX: usize = 3;
 
 /// A taught pixel of the region, before projection.
@@ -432,8 +431,8 @@ pub struct Sample {
     pub sanded: bool,
 }
 
-/// The region's taught pixels. A pixel without a point of its own, a drop-out, gets the surface through its
-/// neighbours.
+/// Returns the region's taught pixels. A pixel without a point of its own, a drop-out, gets the surface that its
+/// neighbours define.
 pub fn region_samples(taught: &TaughtPanel, masked_px: &[[[f64; 2]; 4]], sanded: Option<&Mask>) -> Vec<Sample> {
     let masks: Vec<Vec<Pixel>> =
         masked_px.iter().map(|corners| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect()).collect();
@@ -457,8 +456,8 @@ pub fn region_samples(taught: &TaughtPanel, masked_px: &[[[f64; 2]; 4]], sanded:
     rows.flat_map(|row| columns.clone().map(move |column| (column, row))).filter_map(sample).collect()
 }
 
-/// Checks whether the neighbours that determine a pixel's surface are on the panel. Points behind the edge or
-/// behind a hole are far away.
+/// Checks whether the neighbours that determine a pixel's surface are on the panel. Points of the background beyond the
+/// edge or behind a hole are far away.
 fn has_valid_neighbours(mask: &Mask, column: usize, row: usize) -> bool {
     let reach = AREA_REACH_PX as isize;
     [(-reach, 0), (reach, 0), (0, -reach), (0, reach)].into_iter().all(|(right, down)| {
@@ -469,14 +468,14 @@ fn has_valid_neighbours(mask: &Mask, column: usize, row: usize) -> bool {
     })
 }
 
-/// Returns the whole pixels from the smallest to the largest of these values, limited to the picture's length.
+/// Returns the range of whole pixels from the smallest to the largest of these values, limited to the picture's length.
 fn pixel_range(ends: [f64; 4], length: usize) -> std::ops::Range<usize> {
     let low = ends.into_iter().fold(f64::INFINITY, f64::min).max(0.0) as usize;
     let high = ends.into_iter().fold(0.0, f64::max) as usize + 1;
     low..high.min(length)
 }
 
-/// Returns the mean surface of a pixel of each grid, for pixels beside a missing point.
+/// Returns for each grid the mean surface of a pixel, which is used for pixels beside a missing point.
 pub fn mean_areas(samples: &[Sample], grids: usize) -> Vec<f64> {
     let mut sums = vec![(0.0, 0usize); grids];
     for sample in samples {
@@ -518,11 +517,11 @@ mod tests {
         }
     }
 
-    /// By hand: a pixel of a flat panel that faces the camera is 1 mm², so twelve are 12 mm², wherever the region
-    /// lies. The background beyond the edge or behind a hole lies 160 mm farther away and is no surface of the
-    /// panel. With it, pixels at the edge would be up to 27 mm² each.
+    /// By hand: a pixel of a flat panel that faces the camera is 1 mm², so twelve are 12 mm², wherever the region lies.
+    /// The background beyond the edge or behind a hole lies 160 mm farther away and is not part of the panel's surface.
+    /// If it counted, pixels at the edge would be up to 27 mm² each.
     #[test]
-    fn the_background_is_no_surface() {
+    fn the_background_is_not_part_of_the_surface() {
         let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\
                     [locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 1, 1]\n";
         let recipe = Recipe::check("test.toml", text).unwrap_or_else(|e| panic!("{e}"));

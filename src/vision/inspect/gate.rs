@@ -1,29 +1,30 @@
-//! The gate: turns the observation of the film into pass, fail or invalid.
+//! The gate: converts the observation of the film to the verdict pass, fail or invalid.
 //!
-//! The test is invalid if it cannot be judged: no dry picture, too short, too few pictures, a gap between them,
-//! unusable pictures, a panel that is not at its pose, pixels too coarse for the break that must not be missed, too
-//! little of the region ever wet, places that were wet already in the dry picture, or a grid out of view. Invalid
-//! outranks fail, since a verdict from an incomplete test would name only some of the grids. The test fails if the
-//! film broke on a grid. Grids that the recipe masks are not part of the test: a mask hides no break elsewhere, and
-//! masked grids do not pass. A break is always listed in the reasons.
+//! The test is invalid if it cannot be judged: it has no dry picture, is too short, or has too few pictures or a gap
+//! between them. The same holds if its pictures are unusable, the panel is not at its pose, or the pixels are too
+//! coarse for the break that must not be missed. It is also invalid if too little of the region ever became wet, places
+//! were already wet in the dry picture, or a grid is out of view. Invalid outranks fail, since a verdict from an
+//! incomplete test would name only some of the grids. The test fails if the film broke on a grid. Grids that the recipe
+//! masks are not part of the test: a mask hides no break elsewhere, and masked grids do not pass. A break is always
+//! listed in the reasons.
 //!
-//! Two checks are made before any film runs: whether the panel is at its pose, and whether the pixels are fine enough.
+//! Two checks are made before the film runs: whether the panel is at its pose, and whether the pixels are fine enough.
 
 #[cfg(test)]
 mod tests;
 
 use super::observed::{ComparisonReference, Demands, GridInspection, Observation};
-use super::quality::{Flaw, Flawed, MIN_FIRST_SHARPNESS, MIN_SHARPNESS, Quality};
+use super::quality::{Flaw, FlawedPictures, MIN_FIRST_SHARPNESS, MIN_SHARPNESS, Quality};
 use super::steady::MIN_OUTLINE_SEEN_PERCENT;
 use panelprep_base::number_text::distinguishable_texts;
 use panelprep_base::verdict::{Check, Judgement, Limit, LimitSource, Reason, Severity, Verdict};
 use panelprep_cell::recipe;
 
-/// A film must change the panel by at least this many times the clip's noise: the bound between wet and dry is at
+/// A film must change the panel by at least this many times the clip's noise: the limit between wet and dry lies at
 /// half of the change, three times the noise from either.
 pub const MIN_CHANGE_TO_NOISE: f64 = 6.0;
 
-/// Names of the gate's checks. Those that are defined here do not belong to a single number of a film.
+/// Names of the gate's checks. Those that are defined here do not belong to a single measured number of a film.
 pub mod name {
     pub use panelprep_cell::record::name::{
         FILM_CHANGE, LIGHT_MIN, MAX_LIGHT_NAME, SMALLEST_BREAK, WATCHED_TIME_NAME, break_time_name, broken_film,
@@ -35,7 +36,7 @@ pub mod name {
     pub const FIRST_SHARPNESS: &str = "sharpness of the first picture";
     /// Grids with places that were wet in the dry picture.
     pub const WET_GRIDS: &str = "grids that were wet in the dry picture";
-    /// Grids with places at which a break would not show.
+    /// Grids with places at which a break would not be visible.
     pub const FAINT_GRIDS: &str = "grids with places that look wet as they do dry";
     /// Grids that were not wholly seen.
     pub const UNSEEN_GRIDS: &str = "grids that were not wholly seen";
@@ -51,8 +52,8 @@ pub struct JudgedFilm {
     pub judgement: Judgement,
 }
 
-/// Judges a test. A check that makes the test invalid rejects it. A grid that failed, or that was not looked at, is
-/// for review: an otherwise valid film then fails or is incomplete.
+/// Judges a test. A check that makes the test invalid has the verdict reject. A grid that failed, or that was not
+/// inspected, needs a review: a film that is otherwise valid then fails or is incomplete.
 pub fn judge(
     observation: &Observation,
     grids: &[GridInspection],
@@ -60,20 +61,25 @@ pub fn judge(
     settings: &recipe::Inspect,
 ) -> JudgedFilm {
     let film = WatchedFilm { observation, grids, demands, settings };
-    let checks =
-        [film.check_watched(), film.check_panel_position(), film.clear(), film.check_wetting(), film.grids()]
-            .concat();
+    let checks = [
+        film.check_watched(),
+        film.check_panel_position(),
+        film.check_pictures(),
+        film.check_wetting(),
+        film.check_grids(),
+    ]
+    .concat();
     let judgement = Judgement::from_checks(&checks);
     let verdict = match judgement.verdict {
         Verdict::Accept => Verdict::Pass,
         Verdict::Review if grids.iter().any(|grid| grid.failed) => Verdict::Fail,
-        // A grid that was not looked at may be broken: it does not pass.
+        // A grid that was not inspected may be broken: it does not pass.
         _ => Verdict::Invalid,
     };
     JudgedFilm { checks, judgement: Judgement { verdict, ..judgement } }
 }
 
-/// A film that was watched, and the demands on it.
+/// A film that was watched, and the requirements of its test.
 struct WatchedFilm<'a> {
     observation: &'a Observation,
     grids: &'a [GridInspection],
@@ -114,7 +120,7 @@ impl WatchedFilm<'_> {
         ]
     }
 
-    /// Checks whether the panel is at the place where the grids are looked for, and whether the pixels are fine
+    /// Checks whether the panel is at the pose at which the grids are evaluated, and whether the pixels are fine
     /// enough.
     fn check_panel_position(&self) -> Vec<Check> {
         let Observation { has_dry, is_place_assumed, detection_limit_mm2, .. } = *self.observation;
@@ -125,7 +131,7 @@ impl WatchedFilm<'_> {
         );
         vec![
             Check::new("outline from where the panel was found, in the dry picture", "px", off_px)
-                .with_max(MAX_OFF_PX, LimitSource::Program)
+                .with_max(MAX_OUTLINE_OFFSET_PX, LimitSource::Program)
                 .with_reason(off, Severity::Reject),
             Check::new(name::SMALLEST_BREAK, "mm²", detection_limit_mm2)
                 .with_max(self.demands.min_break_mm2, self.demands.min_break_set_by())
@@ -134,14 +140,14 @@ impl WatchedFilm<'_> {
     }
 
     /// Checks whether the pictures are usable for a judgement.
-    fn clear(&self) -> Vec<Check> {
+    fn check_pictures(&self) -> Vec<Check> {
         let (observation, quality) = (self.observation, &self.observation.quality);
         let (change, min_change) = (observation.change_levels, MIN_CHANGE_TO_NOISE * observation.noise_levels);
         let sharpness = quality.first_sharpness;
         let (usable_s, allowed_s) = (self.demands.min_usable_s(observation.observed_s), self.demands.max_gap_s());
         let is_enough = quality.usable_s >= usable_s && quality.usable > 1;
         let is_unseen = quality.longest_unseen_s > allowed_s && quality.usable != observation.frames;
-        let (flaw, flawed) = worst_flaw(quality);
+        let (flaw, flawed) = most_frequent_flaw(quality);
         let words = || self.flaw_message((flaw, flawed), allowed_s);
         let [darker, brighter] = observation.light_limits_percent(self.settings);
         let percent = |share: f64| Some(100.0 * (share - 1.0)).filter(|percent| percent.is_finite());
@@ -184,7 +190,7 @@ impl WatchedFilm<'_> {
         ]
     }
 
-    fn flaw_message(&self, (flaw, flawed): (Flaw, Flawed), allowed_s: f64) -> String {
+    fn flaw_message(&self, (flaw, flawed): (Flaw, FlawedPictures), allowed_s: f64) -> String {
         let Observation { frames, quality, .. } = self.observation;
         let what = describe_flaw(flaw, flawed.worst, self.observation, self.settings);
         let [unseen, allowed] = distinguishable_texts(quality.longest_unseen_s, allowed_s, 1);
@@ -225,7 +231,7 @@ impl WatchedFilm<'_> {
     }
 
     /// Checks how much of each grid was seen, and on which grids the film broke.
-    fn grids(&self) -> Vec<Check> {
+    fn check_grids(&self) -> Vec<Check> {
         let (grids, min_break_mm2) = (self.grids, self.demands.min_break_mm2);
         // A failed grid stays failed, whatever else on it could not be seen: it is abraded and tested again.
         let faint = names(grids, |grid| !grid.failed && grid.no_contrast);
@@ -280,7 +286,7 @@ impl WatchedFilm<'_> {
             .with_max(0.0, LimitSource::recipe("inspect.masked_px"))
             .or_review("masked", || {
                 format!(
-                    "the recipe masks a part of {}, so the grids named did not pass; inspect the masked parts by \
+                    "the recipe masks a part of {}, so these grids did not pass; inspect the masked parts by \
                      eye during the film",
                     masked.join(", ")
                 )
@@ -305,11 +311,11 @@ fn describe_broken(min_break_mm2: f64, grids: &[GridInspection]) -> String {
     format!("the film broke on {}; a grid fails from {min_break_mm2:.1} mm²", failed.join(", "))
 }
 
-/// Largest accepted distance of the panel's outline in the dry picture from its position calculated from the pose, px.
-/// If the panel is in place, the distance is a few tenths of a pixel, from the errors of pose and calibration.
-pub const MAX_OFF_PX: f64 = 1.5;
+/// Largest accepted distance between the panel's outline in the dry picture and its position calculated from the pose,
+/// px. If the panel is in place, errors of pose and calibration cause a distance of a few tenths of a pixel.
+pub const MAX_OUTLINE_OFFSET_PX: f64 = 1.5;
 
-/// Returns a reason if breaks that must fail a grid may be missed: the smallest break that is surely found is
+/// Returns a reason if breaks that must fail a grid may be missed, because the smallest break that is reliably found is
 /// larger than the smallest break that fails a grid.
 pub fn too_coarse(detection_limit_mm2: f64, min_break_mm2: f64) -> Option<Reason> {
     // If a value is NaN, the limit is not met.
@@ -325,17 +331,17 @@ pub fn too_coarse(detection_limit_mm2: f64, min_break_mm2: f64) -> Option<Reason
     })
 }
 
-/// Returns the reason if the panel is not at the place where the grids are looked for.
+/// Returns the reason if the panel is not at the pose at which the grids are evaluated.
 pub fn displaced_panel_reason(off_px: Option<f64>, (assumed, has_dry): (bool, bool)) -> Option<Reason> {
     let message = match off_px {
-        Some(off_px) if off_px <= MAX_OFF_PX => return None,
+        Some(off_px) if off_px <= MAX_OUTLINE_OFFSET_PX => return None,
         None if !assumed || !has_dry => return None,
         None => "the panel is assumed to be in its nominal pose, but the dry picture cannot confirm it, because \
                  the panel's outline has too little contrast"
             .to_owned(),
         Some(off_px) => {
             let taken = if assumed { "its assumed nominal position" } else { "its located position" };
-            let [off, allowed] = distinguishable_texts(off_px, MAX_OFF_PX, 1);
+            let [off, allowed] = distinguishable_texts(off_px, MAX_OUTLINE_OFFSET_PX, 1);
             format!(
                 "in the dry picture the panel's outline lies {off} px or more from {taken} (limit {allowed} px), \
                  so the wrong areas would be judged"
@@ -347,9 +353,9 @@ pub fn displaced_panel_reason(off_px: Option<f64>, (assumed, has_dry): (bool, bo
     Some(Reason::new("elsewhere", format!("{message}: {remedy}")))
 }
 
-/// Returns the flaw that most pictures have; if several have the same number, the first of them.
-fn worst_flaw(quality: &Quality) -> (Flaw, Flawed) {
-    Flaw::ALL.iter().copied().zip(quality.flawed).fold((Flaw::Darker, Flawed::default()), |most, found| {
+/// Returns the flaw that most of the unusable pictures have; if several flaws are equally frequent, the first of them.
+fn most_frequent_flaw(quality: &Quality) -> (Flaw, FlawedPictures) {
+    Flaw::ALL.iter().copied().zip(quality.flawed).fold((Flaw::Darker, FlawedPictures::default()), |most, found| {
         if found.1.pictures > most.1.pictures { found } else { most }
     })
 }
@@ -384,12 +390,17 @@ fn describe_flaw(flaw: Flaw, worst: f64, observation: &Observation, settings: &r
              darker or brighter; it is unknown whether lamp or water caused this; set the exposure to a multiple \
              of 10 ms for 50 Hz mains or of 8.33 ms for 60 Hz, or use a lamp that does not flicker"
         ),
-        Flaw::Bright => format!("up to {worst} % of the region is overexposed (limit {limit} %)"),
-        Flaw::Moved => {
-            format!("the panel is up to {worst} px from its position in the first picture (limit {limit} px)")
-        }
+        Flaw::Bright => format!(
+            "up to {worst} % of the region is overexposed (limit {limit} %); move the lamp, use a diffuser, or lower \
+             the exposure"
+        ),
+        Flaw::Moved => format!(
+            "the panel is up to {worst} px from its position in the first picture (limit {limit} px); clamp the \
+             panel, and check that the camera's stand is firm"
+        ),
         Flaw::Focus => format!(
-            "the sharpness of the panel's edge falls to {worst} of its first value (at least {limit} is needed)"
+            "the sharpness of the panel's edge falls to {worst} of its first value (at least {limit} is needed); \
+             keep the lens in focus and free of water"
         ),
         Flaw::Outline => format!(
             "only {worst} % of the panel's outline is visible (at least {limit} % are needed), so a movement of \

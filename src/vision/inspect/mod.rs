@@ -4,14 +4,15 @@
 //! if it still has one, its own dry look ([`model`] states the rule and the limits). The thesis's own pipeline
 //! ([`thesis`]) can be chosen instead (`method = "thesis"`). The taught pixels of the region are projected to the
 //! panel's present pose and convert broken pixels into mm² of each grid ([`footprint`]). Each picture is checked for
-//! whether it can be used ([`quality`], [`steady`]). At the end the broken pixels are assembled ([`conclude`],
-//! [`break_mask`]), without those that were wet already in the dry picture. One gate turns all results into a verdict
-//! ([`gate`]). Pictures are processed one by one and not stored, so that memory does not grow with the clip.
+//! whether it can be used ([`quality`], [`steady`]). At the end the broken pixels are combined into breaks
+//! ([`conclude`], [`break_mask`]), without those that were already wet in the dry picture. One gate derives a verdict
+//! from all results ([`gate`]). Pictures are processed one by one and not stored, so that memory does not grow with the
+//! length of the clip.
 //!
 //! A dry picture before the spray is part of the test: it determines the lamp, the panel's place and the dry look of
 //! every place that was not sanded since. A place that never becomes wet, or dries under the spray, is a break at 0 s.
 //!
-//! Times are counted from the first fully wet picture, by the pictures' time stamps. This module does not locate the
+//! Times are counted from the first fully wet picture, by the pictures' timestamps. This module does not locate the
 //! panel and draws nothing. [`InspectError`] states why pictures cannot be inspected, as text for the person who
 //! recorded them.
 
@@ -38,11 +39,11 @@ mod watch;
 pub use advice::{Advice, Channel, FlashDetector, GridContrast, Sampler, best_threshold};
 pub use conclude::{Break, Inspection};
 pub use footprint::{Footprint, GridFootprint};
-pub use gate::{MAX_OFF_PX, MIN_CHANGE_TO_NOISE, name, too_coarse};
+pub use gate::{MAX_OUTLINE_OFFSET_PX, MIN_CHANGE_TO_NOISE, name, too_coarse};
 pub use observed::{CellDemands, ComparisonReference, Demands, GridInspection, Observation, picture_interval_s};
 use panelprep_base::phase::Phase;
 use panelprep_cell::imaging::ImagingError;
-pub use quality::{Flaw, Flawed, Quality};
+pub use quality::{Flaw, FlawedPictures, Quality};
 pub use score::{Confusion, Score, score, score_within};
 pub use tuning::{MIN_CONTRAST_TO_NOISE, Tuning, thesis_checks};
 pub use watch::{FilmView, FilmWatch, PictureResult};
@@ -51,10 +52,10 @@ pub use watch::{FilmView, FilmWatch, PictureResult};
 /// `invalid`.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum InspectError {
-    /// The picture is from another camera, or scaled.
+    /// The picture is from another camera, or its size was changed.
     #[error(
         "the picture has {found_width}×{found_height} px, but the camera was calibrated for {width}×{height} px, \
-         so the grids cannot be projected"
+         so the grids cannot be projected; record the pictures with the size of the calibration"
     )]
     PictureSize {
         /// Columns found.
@@ -86,11 +87,11 @@ pub enum InspectError {
          dry, spray, wet"
     )]
     PhaseOrder {
-        /// The picture's time, s.
+        /// The time of the picture, s.
         time_s: f64,
         /// Its phase.
         phase: Phase,
-        /// Phase of the picture before.
+        /// Phase of the previous picture.
         previous: Phase,
     },
     /// The film has too many pictures.
@@ -105,7 +106,7 @@ pub enum InspectError {
         /// Longest allowed duration, s.
         most_s: f64,
     },
-    /// No wet picture can be examined.
+    /// There is no wet picture.
     #[error("the clip has no picture of phase wet; the first fully wet picture is the reference of the test")]
     NoWetPicture,
     /// OpenCV refused a picture.

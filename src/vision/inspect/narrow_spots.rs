@@ -1,4 +1,4 @@
-//! Places that differ from their surroundings and are narrower than a disc.
+//! Finds places that differ from their surroundings and are narrower than a disc.
 //!
 //! An opening by reconstruction (Vincent, IEEE T-IP 2, 1993) with a disc removes every place of any shape that is
 //! brighter than its surroundings and cannot contain such a disc. Everything else stays unchanged, including its
@@ -15,8 +15,8 @@ pub struct BrightnessLevels<'a> {
     pub levels: Vec<f32>,
     /// The radius of the disc, px.
     pub disc_px: usize,
-    /// The smallest relative difference between a place and its surroundings; used if it is not known whether breaks
-    /// are brighter or darker than film.
+    /// The smallest relative difference between a place and its surroundings that counts; used if it is not known
+    /// whether breaks are brighter or darker than film.
     pub tolerance: f32,
 }
 
@@ -46,7 +46,7 @@ impl BrightnessLevels<'_> {
         self.opening_outliers(&negative, |look, around| MAX_LEVELS - look <= most * (MAX_LEVELS - around))
     }
 
-    /// Finds the known pixels of a picture that differ from the result of an opening by reconstruction.
+    /// Finds the pixels of known brightness that differ from the result of an opening by reconstruction.
     fn opening_outliers(&self, picture: &[f32], is_apart: impl Fn(f32, f32) -> bool) -> opencv::Result<Vec<bool>> {
         let (rows, columns) = (self.window.height as i32, self.window.width as i32);
         // Unknown pixels must not form an edge of a place: they have the highest brightness for the erosion, and are
@@ -94,11 +94,11 @@ mod tests {
         looks.narrow_pixels(break_to_film).expect("a picture").iter().filter(|narrow| **narrow).count()
     }
 
-    /// Calculated by hand: a film of 30 levels and a square of 45 levels, 1.5 times as bright. A square of 8 px
-    /// does not hold a disc of 13 px and counts, with its 64 px. A square of 20 px holds the disc and does not
-    /// count, its corners included. A square that is 1.2 times as bright is not a break.
+    /// Calculated by hand: a film of 30 levels and a square of 45 levels, 1.5 times as bright. A square of 8 px cannot
+    /// contain a disc of 13 px and counts, with its 64 px. A square of 20 px contains the disc and does not count, nor
+    /// do its corners. A square that is 1.2 times as bright is not a break.
     #[test]
-    fn a_place_that_no_disc_made_is_narrow() {
+    fn a_place_that_cannot_contain_the_disc_is_narrow() {
         let square = |side: usize, bright: f32| {
             move |column: usize, row: usize| {
                 if (20..20 + side).contains(&column) && (20..20 + side).contains(&row) { bright } else { 30.0 }

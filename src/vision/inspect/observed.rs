@@ -1,6 +1,6 @@
-//! The data that the gate judges: the demands of a test, how its film was watched, and the result of each grid.
+//! The data that the gate judges: the requirements of a test, how its film was observed, and the result of each grid.
 
-use super::model::FILM_ASSUMED;
+use super::model::ASSUMED_FILM_TRANSMISSION;
 use super::quality::{Quality, max_brighter_percent};
 use panelprep_base::verdict::LimitSource;
 use panelprep_cell::cell::Limits;
@@ -9,11 +9,11 @@ use panelprep_cell::recipe::{self, Recipe};
 
 /// Smallest fraction of the film's duration that usable pictures must cover.
 const MIN_USABLE_SHARE: f64 = 0.8;
-/// The distance between two pictures is a gap if it exceeds this number of the recipe's intervals, unless a break has
-/// to last longer to count.
+/// The time between two pictures is a gap if it exceeds this number of the recipe's intervals, unless a break must last
+/// even longer to count.
 const MAX_GAP_INTERVALS: f64 = 5.0;
 
-/// The demands that the cell's file states because the recipe does not.
+/// States which demands come from the cell's file because the recipe does not state them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct CellDemands {
     /// Whether the cell's file states how long the film is watched.
@@ -38,7 +38,7 @@ pub struct Demands {
 }
 
 impl Demands {
-    /// The demands of a recipe in a cell with these limits.
+    /// Creates the demands of a recipe in a cell with these limits.
     pub fn from_recipe(recipe: &Recipe, limits: &Limits) -> Self {
         Demands {
             observation_s: recipe.process().observation_s().unwrap_or(limits.observation_s()),
@@ -52,7 +52,8 @@ impl Demands {
         }
     }
 
-    /// Returns how long to film, s: a break at the end of the window must be seen as dry long enough to count.
+    /// Returns for how long the film must be recorded, s: a break at the end of the observation must still be seen for
+    /// long enough to count.
     pub fn filmed_s(&self) -> f64 {
         self.observation_s + self.persist_s
     }
@@ -71,8 +72,8 @@ impl Demands {
         }
     }
 
-    /// Returns the smallest accepted time from the first to the last wet picture, s: the last picture of a window may
-    /// be taken one interval before the window ends.
+    /// Returns the smallest accepted time from the first to the last wet picture, s: the last picture of the
+    /// observation may be taken one interval before its end.
     pub fn min_observed_s(&self) -> f64 {
         self.observation_s - picture_interval_s(self.frames_per_second)
     }
@@ -88,8 +89,8 @@ impl Demands {
     }
 }
 
-/// Returns the time by which the first and the last picture of a window may be closer together than the window is
-/// long, s.
+/// Returns the interval between two pictures, s: the time from the first to the last picture may be shorter than the
+/// observation by this value.
 pub fn picture_interval_s(frames_per_second: f64) -> f64 {
     1.001 / frames_per_second
 }
@@ -115,7 +116,7 @@ impl ComparisonReference {
         }
     }
 
-    /// Returns the description for people.
+    /// Returns the description, as text for a person.
     pub fn describe(self) -> &'static str {
         match self {
             ComparisonReference::DryAndWet => "dry and wet look",
@@ -139,9 +140,9 @@ pub struct GridInspection {
     pub seen: bool,
     /// Whether every part that was not seen is masked by the recipe.
     pub only_masked: bool,
-    /// Whether film and dry panel look alike on so large an area that a break there would fail the grid.
+    /// Whether film and dry panel look alike on an area so large that a break there would fail the grid.
     pub no_contrast: bool,
-    /// Whether so large an area was wet already in the dry picture that a break there would fail the grid.
+    /// Whether an area so large that a break there would fail the grid was already wet in the dry picture.
     pub wet_when_dry: bool,
     /// Broken film, mm².
     pub broken_mm2: f64,
@@ -166,12 +167,12 @@ pub struct Observation {
     pub never_wet_percent: f64,
     /// The fraction of the panel's dry brightness that remains under the film, 0…1, if the clip determined it.
     pub film_left: Option<f64>,
-    /// Change of the panel's brightness by the film, grey levels: the median over the region, if the clip determined
-    /// it.
+    /// Change of the panel's brightness that the film causes, grey levels: the median over the region, if the clip
+    /// determined it.
     pub change_levels: Option<f64>,
     /// The clip's noise: the standard deviation of a pixel of the film from picture to picture, grey levels.
     pub noise_levels: f64,
-    /// The smallest break that is certainly found, mm².
+    /// The smallest break that is reliably found, mm².
     pub detection_limit_mm2: f64,
     /// Whether the panel's pose is assumed, because none was stated.
     pub is_place_assumed: bool,
@@ -180,10 +181,10 @@ pub struct Observation {
 }
 
 impl Observation {
-    /// Returns the largest decrease and the largest increase of the light relative to the dry picture that are
+    /// Returns by how much the light may at most decrease and increase relative to the dry picture and still be
     /// compensated, percent.
     pub fn light_limits_percent(&self, settings: &recipe::Inspect) -> [f64; 2] {
-        let brighter = max_brighter_percent(self.film_left.unwrap_or(FILM_ASSUMED), settings);
+        let brighter = max_brighter_percent(self.film_left.unwrap_or(ASSUMED_FILM_TRANSMISSION), settings);
         [settings.max_light_change_percent(), brighter]
     }
 }

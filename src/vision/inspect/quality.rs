@@ -8,8 +8,8 @@ use strum::{EnumCount, VariantArray};
 
 /// A picture with less than this fraction of the first picture's sharpness is out of focus.
 pub const MIN_SHARPNESS: f64 = 0.6;
-/// With less sharpness the first picture itself counts as not sharp. The sharpness is the largest step from pixel to
-/// pixel as a fraction of the whole edge.
+/// The first picture counts as not sharp if its sharpness is below this value. The sharpness is the largest step from
+/// pixel to pixel as a fraction of the contrast of the edge.
 pub const MIN_FIRST_SHARPNESS: f64 = 0.2;
 
 /// A reason why a picture cannot be used for the judgement.
@@ -17,14 +17,14 @@ pub const MIN_FIRST_SHARPNESS: f64 = 0.2;
 pub enum Flaw {
     /// There is less light than can be compensated.
     Darker,
-    /// There is more light than can be compensated, or the film broke everywhere: the two look alike.
+    /// There is more light than can be compensated, or the film broke everywhere: the two cannot be distinguished.
     Brighter,
     /// The lamp flickers, and it cannot be determined whether the lamp or water darkened the surroundings of the
     /// panel.
     Flicker,
     /// Too much of the region is overexposed.
     Bright,
-    /// The panel is not at its earlier place.
+    /// The panel is not at the same place as before.
     Moved,
     /// Out of focus.
     Focus,
@@ -40,7 +40,7 @@ impl Flaw {
     /// All flaws.
     pub const ALL: &'static [Flaw] = <Self as VariantArray>::VARIANTS;
 
-    /// Returns the stable keyword.
+    /// Returns the keyword, which does not change between versions.
     pub fn keyword(self) -> &'static str {
         match self {
             Flaw::Darker | Flaw::Brighter | Flaw::Flicker => "light",
@@ -55,8 +55,8 @@ impl Flaw {
 
 /// The pictures with one flaw.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Flawed {
-    /// The number of pictures; a picture counts only for its first flaw.
+pub struct FlawedPictures {
+    /// The number of pictures; a picture is counted only for its first flaw.
     pub pictures: usize,
     /// The worst measured value, in the unit of its limit.
     pub worst: f64,
@@ -70,7 +70,7 @@ pub struct Quality {
     /// The time that the usable pictures cover, s: each one covers the time since the picture before it.
     pub usable_s: f64,
     /// The pictures with each flaw, in the order of [`Flaw::ALL`].
-    pub flawed: [Flawed; Flaw::COUNT],
+    pub flawed: [FlawedPictures; Flaw::COUNT],
     /// The longest time without a usable picture, s.
     pub longest_unseen_s: f64,
     /// The smallest and the largest light of a usable picture, relative to the dry picture.
@@ -94,7 +94,7 @@ impl Default for Quality {
         Quality {
             usable: 0,
             usable_s: 0.0,
-            flawed: [Flawed::default(); Flaw::COUNT],
+            flawed: [FlawedPictures::default(); Flaw::COUNT],
             longest_unseen_s: 0.0,
             light: [f64::INFINITY, f64::NEG_INFINITY],
             moved_px: None,
@@ -124,7 +124,7 @@ impl Quality {
         let since_s = time_s - std::mem::replace(&mut self.last_s, time_s);
         match flaw {
             Some((flaw, measured)) => {
-                let Flawed { pictures, worst } = &mut self.flawed[flaw as usize];
+                let FlawedPictures { pictures, worst } = &mut self.flawed[flaw as usize];
                 let least_is_worst = matches!(flaw, Flaw::Focus | Flaw::Outline);
                 let is_worse = if least_is_worst { measured < *worst } else { measured > *worst };
                 *worst = if *pictures == 0 || is_worse { measured } else { *worst };
@@ -149,7 +149,7 @@ impl Quality {
 
 /// Returns the largest increase of the light over the dry picture that can be compensated if the lamp cannot be
 /// measured around the panel, percent. With (1 + τ)/2τ times the dry picture's light, a wet place is as bright as the
-/// bound between wet and dry. The picture then looks the same as if the film had broken everywhere.
+/// limit between wet and dry. The picture then looks the same as if the film had broken everywhere.
 pub fn max_brighter_percent(film_left: f64, settings: &recipe::Inspect) -> f64 {
     (50.0 * (1.0 / film_left - 1.0)).clamp(0.0, settings.max_light_change_percent())
 }
@@ -201,7 +201,8 @@ mod tests {
     };
     const STEADY: PanelMotion = PanelMotion { moved_px: 0.0, sharpness: 1.0 };
 
-    /// Calculated by hand, on both sides of each limit of the recipe's defaults; (1/0.6 − 1)/2 = 33.3 % more light.
+    /// Calculated by hand: values on both sides of each limit of the recipe's defaults; (1/0.6 − 1)/2 = 33.3 % more
+    /// light.
     #[test]
     fn each_limit_has_its_flaw() {
         let settings = inspect_table("");
@@ -254,7 +255,7 @@ mod tests {
     /// By hand: pictures come once a second. Three in the middle and the last two are flawed; each flaw is reported
     /// with its worst value.
     #[test]
-    fn what_was_not_seen_and_the_worst_of_it() {
+    fn unseen_time_and_the_worst_value_of_each_flaw_are_reported() {
         let mut quality = Quality::default();
         let blurred = |sharpness: f64| PanelMotion { sharpness, ..STEADY };
         let darker = |light: f64| PictureMeasurement { light, ..GOOD };

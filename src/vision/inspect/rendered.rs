@@ -1,5 +1,5 @@
-//! Tests the inspection on rendered films of a displaced panel: at a quarter of the camera's size, and once at full
-//! size.
+//! Tests the inspection on rendered films of a displaced panel: at a quarter of the camera's resolution, and once at
+//! full resolution.
 
 use super::*;
 use nalgebra::Translation3;
@@ -41,7 +41,7 @@ impl RenderedTest {
         let taught = TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), truth.base_from_camera, &recipe)
             .expect("a panel to learn");
         let camera_from_panel = truth.base_from_camera.inverse() * truth.base_from_panel;
-        // At least the area that pixels of this size detect reliably, also on a displaced panel.
+        // The area is at least what pixels of this size detect reliably, also on a displaced panel.
         let limit_mm2 = Footprint::taught_detection_limit_mm2(&taught, recipe.inspect()).expect("in view");
         let min_break_mm2 = (1.2 * limit_mm2).max(5.0);
         let demands = Demands {
@@ -94,7 +94,7 @@ fn view<'a>(taught: &'a TaughtPanel, cell: &'a Cell, camera_from_panel: Rigid<Ca
     FilmView { taught, camera: cell.scanner(), camera_from_panel, sanded: None }
 }
 
-/// Asserts that the grids' results are true, and that the broken places are true except at their rim.
+/// Asserts that the results of the grids agree with the truth, and that the broken places do so except at their rim.
 fn assert_true_result(inspection: &Inspection, truth: &Mask, least: f64) {
     let agreement = score_within(&inspection.mask(), truth, &inspection.footprint.region()).expect("one size");
     assert!(agreement.iou > least, "{agreement:?}");
@@ -104,7 +104,7 @@ fn assert_true_result(inspection: &Inspection, truth: &Mask, least: f64) {
 
 /// Three seeds with drifting light, glints, drops and exposures from dark to bright; a pixel is 1.8 mm wide.
 #[test]
-fn greasy_grids_are_found_however_hard_they_are_to_see() {
+fn greasy_grids_are_found_also_in_bad_light() {
     for seed in [1, 3, 7] {
         let test = RenderedTest::new(seed, 4, 16.0);
         let mut spots = test.cell.spots().to_vec();
@@ -113,7 +113,7 @@ fn greasy_grids_are_found_however_hard_they_are_to_see() {
         });
         let film = test.cell.film_with_spec(&spots, &FilmSpec::hardest(seed), 0);
         let (inspection, truth) = test.inspect(&film);
-        // An exposure may be too dark for some grids: these are not judged, and none of them passes.
+        // With a dark exposure some grids may be too dark: these are not judged, and none of them passes.
         assert!(
             inspection.judgement.reasons.iter().any(|reason| reason.code == "broken"),
             "{seed}: {:?}",
@@ -123,18 +123,18 @@ fn greasy_grids_are_found_however_hard_they_are_to_see() {
         for (grid, broken_mm2) in inspection.grids.iter().zip(broken_mm2) {
             let is_broken = broken_mm2 >= inspection.observation.min_break_mm2;
             assert!(!is_broken || grid.failed || !grid.seen, "{seed}: {grid:?}");
-            // A break's rim adds half of a pixel around the break; a pixel is 1.8 mm wide.
+            // A break's rim adds a margin of half a pixel around the break; a pixel is 1.8 mm wide.
             let is_clean = broken_mm2 < 0.8 * inspection.observation.min_break_mm2;
             assert!(!is_clean || !grid.failed, "{seed}: {grid:?}");
         }
     }
 }
 
-/// The whole region was sanded after the dry picture and looks 0.45 to 1.8 times as bright. No grid with a break or
-/// a place that never becomes wet passes, although drops run over such places. With the look that sanding usually
-/// has, a whole film passes.
+/// The whole region was sanded after the dry picture and looks 0.45 to 1.8 times as bright. No grid with a break or a
+/// place that never becomes wet passes, although drops run over such places. With the look that sanding usually gives,
+/// an unbroken film passes.
 #[test]
-fn no_look_of_what_was_sanded_hides_a_break() {
+fn no_look_of_a_sanded_place_hides_a_break() {
     let sanded = |seed: u64, albedo: [f64; 2], spots: &dyn Fn(&Cell) -> Vec<GreasySpot>| {
         let test = RenderedTest::new(seed, 2, 16.0);
         let (cell, spots) = (&test.cell, spots(&test.cell));
@@ -176,7 +176,7 @@ fn a_clean_panel_passes_in_bad_light() {
 
 /// The lamp becomes 15 % brighter while the film becomes thinner, and flickers.
 #[test]
-fn light_that_drifts_as_far_as_it_may_fails_nothing_and_hides_nothing() {
+fn light_that_drifts_within_its_limit_neither_causes_nor_hides_breaks() {
     let places = Grease::Mixed { count: 4, until_s: WET_FROM_S + 25.0 };
     for (seed, grease, verdict) in [(15, None, Verdict::Pass), (9, Some(places), Verdict::Fail)] {
         let worst =
@@ -191,7 +191,8 @@ fn light_that_drifts_as_far_as_it_may_fails_nothing_and_hides_nothing() {
     }
 }
 
-/// From a hundredth of the panel to the whole panel: wet for half a second, then dry before the film is watched.
+/// Greasy places from a hundredth of the panel to the whole panel: wet for half a second, then dry before the film is
+/// observed.
 #[test]
 fn grease_that_dries_under_the_spray_fails() {
     for share in [0.01, 0.3, 1.0] {
@@ -205,9 +206,9 @@ fn grease_that_dries_under_the_spray_fails() {
     }
 }
 
-/// If no water stays on 60 % of the panel, the test is not valid and nothing passes.
+/// If no water stays on 60 % of the panel, the test is invalid and nothing passes.
 #[test]
-fn a_panel_that_is_hardly_wet_is_no_test() {
+fn a_test_of_a_hardly_wet_panel_is_invalid() {
     let test = RenderedTest::new(9, 4, 5.0);
     let spots = test.cell.with_other_grease(&Grease::Share { share: 0.6, kind: SpotKind::NeverWets }, 0);
     let film = test.cell.film_with_spec(&spots, &FilmSpec::TYPICAL_FILM, 0);
@@ -217,9 +218,9 @@ fn a_panel_that_is_hardly_wet_is_no_test() {
 }
 
 /// The outline of a panel at its pose is found within a fraction of a pixel, in any light. A panel that is assumed at
-/// its nominal pose but is not there is reported, and so is a pose that is a few millimetres wrong.
+/// its nominal pose but lies elsewhere is reported, and so is a pose with an error of a few millimetres.
 #[test]
-fn a_panel_that_is_elsewhere_is_no_test() {
+fn a_test_of_a_panel_that_lies_elsewhere_is_invalid() {
     for seed in [1, 3, 7] {
         let test = RenderedTest::new(seed, 4, 5.0);
         let film = test.cell.film_with_spec(&[], &FilmSpec::hardest(seed), 0);
@@ -249,7 +250,7 @@ fn a_panel_that_is_elsewhere_is_no_test() {
 
 /// At full size for 5 s: small places of every kind are found, and the broken area is measured.
 #[test]
-fn at_full_size_every_place_and_its_surface_is_found() {
+fn at_full_resolution_every_place_and_its_area_is_found() {
     let test = RenderedTest::new(5, 1, 5.0);
     let spots = test.cell.with_other_grease(&Grease::Mixed { count: 4, until_s: WET_FROM_S + 4.0 }, 0);
     let film = test.cell.film_with_spec(&spots, &FilmSpec::TYPICAL_FILM, 0);

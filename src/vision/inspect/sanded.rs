@@ -1,21 +1,21 @@
 //! Evidence of a film on places that were sanded since the dry picture, and have no dry look of their own.
 //!
-//! Such a place is compared with its own wet look while the film is watched. A bare place keeps its look, too, so
-//! it needs separate evidence that it was wet when the film began. The evidence is that water moves: places beside
-//! each other then differ over time by more than the sensor's noise ([`Shimmer`]). A place was wet if the places
-//! near it that look alike shimmer. They are searched in squares that grow until there are enough of them, and the
-//! nearest ones must shimmer themselves. A bare place does not look like the film around it, and it is still. If
-//! drops run over a part of it, most of it is still.
+//! Such a place is compared with its own wet look while the film is watched. A bare place keeps its look, too, so it
+//! needs separate evidence that it was wet when the film began. The evidence is that water moves: neighbouring places
+//! then differ over time by more than the sensor's noise ([`Shimmer`]). A place was wet if the places near it that look
+//! like it shimmer. They are searched in squares that grow until there are enough of them, and the nearest ones must
+//! shimmer themselves. A bare place does not look like the film around it, and it is still. If drops run over a part of
+//! it, most of it is still.
 //!
-//! Water that runs over a bare place moves as a film does. So a place that is narrower than any disc, and differs
-//! from the looks around it as a break differs from its film, has no evidence either: it was made by a break and
-//! not by a disc ([`BrightnessLevels::narrow_pixels`]).
+//! Water that runs over a bare place moves as a film does. So a place has no evidence either if it is narrower than any
+//! disc and differs from its surroundings as a break differs from its film: it was made by a break and not by a disc
+//! ([`BrightnessLevels::narrow_pixels`]).
 //!
-//! If a film does not move at all, its sanded places stay unseen. A new dry picture, recorded after they dried,
-//! helps.
+//! If a film does not move at all, its sanded places count as not seen. Remedy: record a new dry picture after they
+//! have dried.
 
 use super::footprint::Window;
-use super::model::{DIFFERENCES, Model, Shimmer};
+use super::model::{DIFFERENCE_COUNT, Model, Shimmer};
 use super::narrow_spots::BrightnessLevels;
 use opencv::core::{self, Mat, MatTraitConstManual, Point, Scalar};
 use opencv::imgproc;
@@ -23,41 +23,41 @@ use panelprep_base::geometry::{ALL_NEIGHBOURS, DIRECT_NEIGHBOURS, median};
 use panelprep_cell::imaging::{ImagingError, with_operation};
 use rayon::prelude::*;
 
-/// A film's shimmer is at least this multiple of the sensor's noise …
+/// A film's shimmer, its variance relative to the sensor's noise, is at least this …
 const MIN_SHIMMER: f64 = 1.35;
-/// … and exceeds the value that noise alone would give by at least this many standard deviations.
+/// … and exceeds the value of noise alone, 1, by at least this many standard deviations.
 const MIN_EXCESS_SIGMA: f64 = 4.5;
-/// The shimmer of still places lies below the factor `MIN_SHIMMER` by at least this many standard deviations.
+/// The shimmer of still places is below `MIN_SHIMMER` by at least this many standard deviations.
 const MIN_STILL_SIGMA: f64 = 3.0;
-/// A place is still if its movement is surely less than this fraction of the movement on a film of the clip. If the
-/// second fraction of the places of similar brightness is still, there is no film: on rendered films at most 0.023 was
-/// still, for 99 % of all places, on bare places 0.31.
+/// A place is still if its movement is surely less than this fraction of the movement on a film of the clip. If more
+/// than the second fraction of the places of similar brightness is still, there is no film. On rendered films at most
+/// 0.023 of them was still (for 99 % of all places), on bare places 0.31.
 const MIN_FILM_SHARE: f64 = 0.2;
 const MAX_STILL_SHARE: f64 = 0.05;
-/// This fraction of the differences, the largest ones, may show a shadow or a glint that passes, and does not count.
-/// With fewer than the following numbers of other differences or of places there is no result.
+/// This fraction of the second differences, the largest ones, does not count, since they may show a shadow or a glint
+/// that passes. There is no result with fewer remaining differences, or fewer places, than the two following numbers.
 const MAX_DISTURBED_SHARE: f64 = 0.34;
 const MIN_DIFFERENCES: usize = 3;
 const MIN_SITES: f64 = 6.0;
-/// Half sides of the squares that are evaluated, in steps of the lattice on which shimmer is measured.
-const RADII: [usize; 4] = [2, 4, 8, 16];
-/// The number of radii, from the smallest, that show only the nearest places.
-const NEAREST_RADII: usize = 2;
-/// The first square that reaches the smallest radius of a disc must itself show movement by at least this many standard
-/// deviations. Farther places confirm it, but places that look alike and move elsewhere are not evidence for a place
-/// that is still. The square has a size on the panel, since a smaller pixel shows less movement.
-const NEAR_SIGMA: f64 = 3.0;
-/// Places have a similar brightness if it differs by at most this many times the noise of one pixel, or by a quarter
-/// of the change that a break causes.
+/// Half sides of the squares that are evaluated, in steps of the shimmer's lattice.
+const SQUARE_RADII: [usize; 4] = [2, 4, 8, 16];
+/// The number of radii, from the smallest, that contain only the nearest places.
+const NEAREST_RADIUS_COUNT: usize = 2;
+/// The first square that reaches the radius of the smallest disc must itself show movement by at least this many
+/// standard deviations. Farther places confirm it, but places that look alike and move elsewhere are not evidence for a
+/// place that is still. The square has a fixed size on the panel, since a smaller pixel shows less movement.
+const MIN_NEAR_EXCESS_SIGMA: f64 = 3.0;
+/// Two places have a similar brightness if the difference is at most this many times the noise of one pixel, or at most
+/// a quarter of the change that a break causes.
 const MAX_SIMILARITY_SIGMA: f64 = 3.0;
-/// The shape of the smallest break that is surely found, 12 px.
+/// The shape of the smallest break that is reliably found, 12 px.
 const MIN_BREAK_SHAPE: [[u8; 4]; 4] = [[0, 1, 1, 0], [1, 1, 1, 1], [1, 1, 1, 1], [0, 1, 1, 0]];
 
-/// A bead of water on the smallest break covers at most a quarter of the break, px. A larger enclosed place may be a
-/// film with an edge around it.
+/// The largest bead of water on the smallest break, px: a quarter of the break. A larger enclosed place may be a film
+/// with an edge around it.
 const MAX_BEAD_PX: usize = 3;
 
-/// The data about the sanded places.
+/// The inputs for judging the sanded places.
 pub struct SandedPlaces<'a> {
     pub model: &'a Model,
     pub window: &'a Window,
@@ -82,7 +82,7 @@ struct LatticeSite {
     /// Standard deviation of the site's brightness in one picture, levels.
     noise: f64,
     /// The site's z for each second difference.
-    shimmer: [f32; DIFFERENCES],
+    shimmer: [f32; DIFFERENCE_COUNT],
 }
 
 impl LatticeSite {
@@ -95,7 +95,7 @@ impl LatticeSite {
 /// The statistics of several places for each second difference: the number of places, the sum of their z and the sum
 /// of z².
 #[derive(Debug, Clone, Copy, Default)]
-struct PlaceStatistics([[f64; 3]; DIFFERENCES]);
+struct PlaceStatistics([[f64; 3]; DIFFERENCE_COUNT]);
 
 impl PlaceStatistics {
     fn add(&mut self, site: &LatticeSite) {
@@ -107,8 +107,8 @@ impl PlaceStatistics {
         }
     }
 
-    /// Returns the ratio of these places' variance to the variance of still places, and the standard deviation of
-    /// this ratio for still places. The ratio is the mean over the smaller differences. The variance of n normal
+    /// Returns the ratio of these places' variance to the variance of still places, and the standard deviation that
+    /// this ratio has for still places. The ratio is the mean over the smaller differences. The variance of n normal
     /// deviates has the relative standard deviation √(2/(n − 1)).
     fn relative_variance(&self) -> Option<(f64, f64)> {
         let seen = self.0.iter().filter(|[count, ..]| *count >= MIN_SITES);
@@ -119,7 +119,7 @@ impl PlaceStatistics {
         let passing = (MAX_DISTURBED_SHARE * shown.len() as f64).ceil() as usize;
         let kept = Some(shown.len() - passing).filter(|kept| *kept >= MIN_DIFFERENCES)?;
         let (variance, degrees) = shown[..kept].iter().fold((0.0, 0.0), |sum, it| (sum.0 + it.0, sum.1 + it.1));
-        // Differences that share a span are not independent, so only a third of the degrees of freedom is counted.
+        // Differences that share a span are not independent, so only a third of the degrees of freedom counts.
         Some((variance / kept as f64, (2.0 * 3.0 / degrees).sqrt()))
     }
 }
@@ -131,14 +131,16 @@ impl SandedPlaces<'_> {
     /// If OpenCV refuses the mask.
     pub fn unproven_pixels(&self) -> Result<Vec<bool>, ImagingError> {
         let Some(shimmer) = self.model.measured_shimmer() else { return Ok(vec![false; self.inside.len()]) };
-        let reaches_disc = RADII.iter().position(|radius| radius * Shimmer::SIDE_PX >= self.disc_px);
+        let reaches_disc = SQUARE_RADII.iter().position(|radius| radius * Shimmer::SIDE_PX >= self.disc_px);
         let lattice = SiteLattice {
             sites: self.lattice_sites(shimmer),
             shimmer,
             tolerance: self.model.away_threshold(),
-            // The smallest square alone has too few sites to show water at few pictures a second, and the largest has
-            // none beyond it that would confirm it.
-            near: reaches_disc.unwrap_or(RADII.len() - 1).clamp(NEAREST_RADII - 1, RADII.len() - 2),
+            // Neither the smallest nor the largest square is used: at few pictures a second the smallest alone has too
+            // few sites to show water, and no larger square would confirm the largest.
+            near: reaches_disc
+                .unwrap_or(SQUARE_RADII.len() - 1)
+                .clamp(NEAREST_RADIUS_COUNT - 1, SQUARE_RADII.len() - 2),
         };
         let is_wet = lattice.wet_sites();
         // A pixel gets the evidence of a neighbouring wet site of similar brightness, or of a neighbouring place that
@@ -157,7 +159,7 @@ impl SandedPlaces<'_> {
         let looks =
             BrightnessLevels { window: self.window, levels: self.film_levels(), disc_px: self.disc_px, tolerance };
         let is_narrow =
-            with_operation("looking for places narrower than a disc", looks.narrow_pixels(self.break_to_film))?;
+            with_operation("the search for places narrower than a disc", looks.narrow_pixels(self.break_to_film))?;
         let is_narrow = self.with_beads(is_narrow);
         let is_without = |i: usize| {
             let is_whole = self.inside[i] && self.model.has_no_dry_brightness(i) && self.broke_s[i].is_infinite();
@@ -167,7 +169,7 @@ impl SandedPlaces<'_> {
         Ok(self.with_rims(self.wide_unproven_pixels(&without)?))
     }
 
-    /// Adds the beads within narrow places to them.
+    /// Adds to narrow places the beads that they enclose.
     fn with_beads(&self, mut is_narrow: Vec<bool>) -> Vec<bool> {
         let raster = self.window.raster();
         let is_at_rim = |i: usize| raster.neighbours(i, &DIRECT_NEIGHBOURS).count() < DIRECT_NEIGHBOURS.len();
@@ -179,7 +181,7 @@ impl SandedPlaces<'_> {
         is_narrow
     }
 
-    /// Adds the rims of places that are as large as a break: a pixel there shows film as well, and may look like
+    /// Adds their rims to places that are as large as a break: a pixel of the rim shows film as well, and may look like
     /// the film around it.
     fn with_rims(&self, mut without: Vec<bool>) -> Vec<bool> {
         let raster = self.window.raster();
@@ -197,9 +199,9 @@ impl SandedPlaces<'_> {
         without
     }
 
-    /// Returns the pixels without evidence that lie in a place wide enough for the smallest break that is surely
-    /// found. Neighbouring pixels that are broken or outside of the region count as part of this place. A thinner
-    /// place cannot hide a break.
+    /// Returns the pixels without evidence that lie in a place wide enough for the smallest break that is reliably
+    /// found. Neighbouring pixels that are broken or outside of the region count as part of this place. A thinner place
+    /// cannot hide a break.
     fn wide_unproven_pixels(&self, without: &[bool]) -> Result<Vec<bool>, ImagingError> {
         let hides = |i: usize| without[i] || !self.inside[i] || self.broke_s[i].is_finite();
         let bytes: Vec<u8> = (0..without.len()).map(|i| u8::from(hides(i))).collect();
@@ -208,9 +210,9 @@ impl SandedPlaces<'_> {
         Ok(without.iter().zip(opened).map(|(without, opened)| *without && opened).collect())
     }
 
-    /// Returns whether a pixel is as bright as the film of places that were not sanded and lie within a site's side
-    /// from the pixel. The area that counts as sanded is wider than the area that a disc touched, and a bare strip
-    /// would be as bright as the film beside it only by chance.
+    /// Returns whether a pixel is as bright as the film of nearby places that were not sanded, at most a site's side
+    /// away. The area that counts as sanded is wider than the area that a disc touched. A bare strip would be as bright
+    /// as the film beside it only by chance.
     fn is_similar_to_nearby_film(&self, row: usize, column: usize, look: f64) -> bool {
         let near =
             |at: usize, end: usize| at.saturating_sub(Shimmer::SIDE_PX)..(at + Shimmer::SIDE_PX + 1).min(end);
@@ -233,8 +235,8 @@ impl SandedPlaces<'_> {
             && model.was_observed(i)
     }
 
-    /// Returns the brightness of a pixel's film, levels. For a place that left its wet look and became film, returns
-    /// the brightness at the end.
+    /// Returns the brightness of a pixel's film, levels; for a place whose look changed from the wet look and which
+    /// became film, the brightness at the end.
     fn film_level(&self, i: usize) -> f64 {
         if self.model.is_open_now(i) { f64::from(self.model.levels(i)[0]) } else { self.model.film_look_levels(i) }
     }
@@ -246,7 +248,7 @@ impl SandedPlaces<'_> {
     }
 
     fn lattice_sites(&self, shimmer: &Shimmer) -> Vec<LatticeSite> {
-        let none = LatticeSite { look: 0.0, noise: 0.0, shimmer: [f32::NAN; DIFFERENCES] };
+        let none = LatticeSite { look: 0.0, noise: 0.0, shimmer: [f32::NAN; DIFFERENCE_COUNT] };
         let site = |at: usize| {
             let (top, left) = shimmer.site_position(at);
             let rows = top..(top + Shimmer::SIDE_PX).min(self.window.height);
@@ -257,7 +259,7 @@ impl SandedPlaces<'_> {
                 self.inside[*i] && self.model.has_no_dry_brightness(*i) && self.broke_s[*i].is_infinite()
             };
             let mut looks: Vec<f64> = pixels.iter().filter(|i| counts(i)).map(|i| self.film_level(*i)).collect();
-            // Less than half of a site does not represent what is common to the whole site.
+            // If less than half of a site has a known brightness, the mean does not represent the whole site.
             if looks.len() < Shimmer::SIDE_PX * Shimmer::SIDE_PX / 2 {
                 return None;
             }
@@ -273,14 +275,14 @@ impl SandedPlaces<'_> {
     }
 }
 
-/// Returns the morphological opening of a mask by the smallest break that is surely found; the mask counts as set
-/// outside of the window.
+/// Returns the morphological opening of a mask by the smallest break that is reliably found; pixels outside of the
+/// window count as set.
 fn morphological_opening(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {
     let mask = Mat::new_rows_cols_with_data(window.height as i32, window.width as i32, bytes)?;
     let kernel = Mat::from_slice_2d(&MIN_BREAK_SHAPE)?;
     let (border, kind) = (Scalar::all(1.0), core::BORDER_CONSTANT);
     let (mut eroded, mut opened) = (Mat::default(), Mat::default());
-    // A kernel with an even side has no middle: the dilation must use the opposite anchor of the erosion.
+    // A kernel with an even side has no middle: the dilation must use the anchor opposite to that of the erosion.
     imgproc::erode(&mask, &mut eroded, &kernel, Point::new(1, 1), 1, kind, border)?;
     imgproc::dilate(&eroded, &mut opened, &kernel, Point::new(2, 2), 1, kind, Scalar::all(0.0))?;
     Ok(opened.data_bytes()?.iter().map(|&byte| byte > 0).collect())
@@ -292,7 +294,7 @@ struct SiteLattice<'a> {
     shimmer: &'a Shimmer,
     /// Half of the change that a break causes in a film, as a fraction of the film's brightness.
     tolerance: f64,
-    /// The index in [`RADII`] of the square that must show movement itself.
+    /// The index in [`SQUARE_RADII`] of the square that must show movement itself.
     near: usize,
 }
 
@@ -304,31 +306,31 @@ impl SiteLattice<'_> {
         let mut known: Vec<f64> = water.iter().flatten().copied().collect();
         let Some(film) = median(&mut known) else { return vec![false; water.len()] };
         let is_still: Vec<bool> = sites.clone().into_par_iter().map(|at| self.is_site_still(at, film)).collect();
-        // Drops that run over a bare place move as well, but only on a part of the place: the rest is still and of
-        // similar brightness.
+        // Drops that run over a bare place move as well, but only on a part of the place: the rest of it is still and
+        // of similar brightness.
         let is_wet = |at: usize| {
             water[at].is_some() && !is_still[at] && self.still_neighbour_share(at, &is_still) <= MAX_STILL_SHARE
         };
         sites.into_par_iter().map(is_wet).collect()
     }
 
-    /// Returns the strength of the water's movement on a site: the variance of the site's brightness in excess of the
-    /// noise, relative to the brightness; `None` without evidence.
+    /// Returns the strength of the water's movement on a site: the part of the variance of the site's brightness that
+    /// exceeds the noise, relative to the brightness squared; `None` without evidence.
     fn water_variance(&self, at: usize) -> Option<f64> {
         let site = &self.sites[at];
         if site.look <= 0.0 {
             return None;
         }
-        for (nth, radius) in RADII.into_iter().enumerate() {
+        for (nth, radius) in SQUARE_RADII.into_iter().enumerate() {
             let (ratio, deviation) = self.similar_neighbour_statistics(at, radius).relative_variance()?;
             if ratio >= MIN_SHIMMER.max(1.0 + MIN_EXCESS_SIGMA * deviation) {
                 return Some((ratio - 1.0) * site.noise_share().powi(2));
             }
             // If the nearest places are surely still, farther places that move do not count.
-            if nth < NEAREST_RADII && ratio + MIN_STILL_SIGMA * deviation < MIN_SHIMMER {
+            if nth < NEAREST_RADIUS_COUNT && ratio + MIN_STILL_SIGMA * deviation < MIN_SHIMMER {
                 return None;
             }
-            if nth == self.near && ratio < 1.0 + NEAR_SIGMA * deviation {
+            if nth == self.near && ratio < 1.0 + MIN_NEAR_EXCESS_SIGMA * deviation {
                 return None;
             }
         }
@@ -342,7 +344,7 @@ impl SiteLattice<'_> {
             return false;
         }
         let least = 1.0 + MIN_FILM_SHARE * film / site.noise_share().powi(2);
-        RADII[..NEAREST_RADII].iter().all(|radius| {
+        SQUARE_RADII[..NEAREST_RADIUS_COUNT].iter().all(|radius| {
             let shown = self.similar_neighbour_statistics(at, *radius).relative_variance();
             shown.is_some_and(|(ratio, deviation)| ratio + MIN_STILL_SIGMA * deviation < least)
         })
@@ -351,7 +353,7 @@ impl SiteLattice<'_> {
     /// Returns the fraction of still sites among the nearby sites of similar brightness.
     fn still_neighbour_share(&self, at: usize, is_still: &[bool]) -> f64 {
         let (mut still, mut all) = (0, 0);
-        self.for_similar_neighbours(at, RADII[RADII.len() - 1], |near| {
+        self.for_similar_neighbours(at, SQUARE_RADII[SQUARE_RADII.len() - 1], |near| {
             all += 1;
             still += usize::from(is_still[near]);
         });
@@ -405,8 +407,9 @@ mod tests {
         (bytes[..4].iter().map(|byte| f64::from(*byte)).sum::<f64>() - 510.0) / 147.8
     }
 
-    /// The whole window was sanded. Each pixel has a level, and water of ± some levels moves on it from place to
-    /// place and from second to second. `also` adds levels to a place of the window in a picture.
+    /// Returns the pixels without evidence. The whole window was sanded. Each pixel has a level, and water of ± some
+    /// levels moves on it from place to place and from second to second. `also` adds levels to a place of the window in
+    /// a picture.
     fn found(shown: impl Fn(usize, usize) -> (f64, f64), also: impl Fn(usize, usize, f64) -> f64) -> Vec<bool> {
         let terms = FilmParameters { channel_weights: [1.0; 3], persist_s: 0.6, damp: 0.8 };
         let inside = [true; 64 * 64];
@@ -443,8 +446,9 @@ mod tests {
         sanded.unproven_pixels().expect("a mask")
     }
 
-    /// On the left half of the window water of ±`film` levels moves. Its right half is as bright as a break in that
-    /// film and shows only the sensor's noise.
+    /// Returns the numbers of pixels without evidence in the left and in the right half of the window. On the left half
+    /// moves water of ±`film` levels. The right half is as bright as a break in that film and shows only the sensor's
+    /// noise.
     fn unproven_pixels(film: f64, also: impl Fn(usize, usize, f64) -> f64) -> [usize; 2] {
         let found = found(|column, _| if column < 32 { (70.0, film) } else { (100.0, 0.0) }, also);
         let (left, right): (Vec<usize>, Vec<usize>) =
@@ -452,22 +456,22 @@ mod tests {
         [left.len(), right.len()]
     }
 
-    /// Returns the number of pixels without evidence, if a place of the window shows this and all others a film of
-    /// 70 ± 2 levels.
+    /// Returns the number of pixels without evidence if `place` gives the level and the water of some pixels, and all
+    /// others show a film of 70 ± 2 levels.
     fn without_evidence_of(place: impl Fn(usize, usize) -> Option<(f64, f64)>) -> usize {
         let found = found(|column, row| place(column, row).unwrap_or((70.0, 2.0)), |_, _, _| 0.0);
         found.iter().filter(|found| **found).count()
     }
 
-    /// Returns whether a place lies in the square with these first and last rows and columns.
+    /// Returns whether a pixel lies in the square with this range of rows and columns.
     fn is_square(column: usize, row: usize, at: std::ops::Range<usize>) -> bool {
         at.contains(&column) && at.contains(&row)
     }
 
     /// By hand: a still square of 12 px has 9 sites. Its shimmer, 1 ± √(6/112) = 1 ± 0.23, is not surely below 1.35,
-    /// nor surely below that of the film. More than 100 sites of its look move 16 px away, and are not evidence for it.
-    /// It is 1.17 times as bright as its film, so that it is not narrow, and farther from it than half of the change by
-    /// a break, 0.145.
+    /// nor surely below that of the film. More than 100 sites of the same look move 16 px away, and are not evidence
+    /// for it. The square is 1.17 times as bright as its film. It is therefore not a narrow place, and differs from the
+    /// film by more than half of the change by a break, 0.145.
     #[test]
     fn water_elsewhere_is_no_evidence_for_a_still_place() {
         const WATER: f64 = 0.67;
@@ -483,8 +487,9 @@ mod tests {
         assert!((130..260).contains(&still) && moving < 50, "{still} {moving}");
     }
 
-    /// By hand: of a still square of 5 × 5 px with a bead of film in its middle no part is wide enough for the
-    /// smallest break. All of it counts except its four corners, with a rim of 20 px: 25 − 4 + 20.
+    /// By hand: in a still square of 5 × 5 px with a bead of film in its middle, no part is wide enough for the
+    /// smallest break. The bead counts as part of the square, so all of it counts except its four corners, with a rim
+    /// of 20 px: 25 − 4 + 20.
     #[test]
     fn a_bead_hides_no_narrow_place() {
         let found = without_evidence_of(|column, row| {
@@ -507,10 +512,9 @@ mod tests {
     }
 
     /// By hand: each half has 2,048 px. Water of 2 levels is 1.7 times the noise of one channel, and 2.9 times the
-    /// noise of the mean of three channels. The
-    /// still half has a rim of 64 px on the other half.
+    /// noise of the mean of three channels. The still half has a rim of 64 px on the other half.
     #[test]
-    fn water_that_moves_is_evidence_and_a_still_place_is_none() {
+    fn moving_water_is_evidence_and_a_still_place_is_not() {
         let [left, right] = unproven_pixels(2.0, |_, _, _| 0.0);
         assert!(left < 64 + 40 && right > 2_000, "{left} {right}");
         let [left, right] = unproven_pixels(0.0, |_, _, _| 0.0);
@@ -530,8 +534,8 @@ mod tests {
         assert_eq!((count(10..13, 0..30), count(10..14, 0..30), count(10..14, 5..9)), (0, 120, 12));
     }
 
-    /// A place that dries by 4 levels, unevenly, and a shadow of 20 levels that passes within 3 s: neither of them
-    /// is water.
+    /// A place that dries unevenly by 4 levels, and a shadow of 20 levels that passes within 3 s: neither of them is
+    /// evidence of water.
     #[test]
     fn drying_and_a_passing_shadow_are_no_evidence() {
         let dries = |column: usize, row: usize, time_s: f64| 0.2 * time_s * ((column / 4 + row / 4) % 2) as f64;

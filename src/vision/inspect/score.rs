@@ -19,18 +19,18 @@ pub struct Score {
 pub struct Confusion {
     /// Broken and failed.
     pub true_fail: usize,
-    /// Grids that are whole but failed: each costs an hour of sanding.
+    /// Grids without a break that failed: each costs an hour of sanding.
     pub false_fail: usize,
-    /// Grids that are broken but passed: the coating peels.
+    /// Grids with a break that passed: the coating peels off.
     pub false_pass: usize,
     /// Whole and passed.
     pub true_pass: usize,
 }
 
-/// Scores a mask against the true one, in the pixels of `region`.
+/// Compares a mask with the true one, over the pixels of `region`.
 ///
 /// # Errors
-/// If the three differ in size.
+/// If the three masks differ in size.
 pub fn score(mask: &Mask, truth: &Mask, region: &Mask) -> Result<Score, InspectError> {
     same_size(mask, region)?;
     same_size(truth, region)?;
@@ -44,8 +44,8 @@ pub fn score(mask: &Mask, truth: &Mask, region: &Mask) -> Result<Score, InspectE
     Ok(Score { iou: share(found + real - both), precision: share(found), recall: share(real) })
 }
 
-/// As [`score`], without the pixels within one pixel of the truth's rim: no picture shows the position of a rim more
-/// exactly.
+/// Compares like [`score`], but without the pixels within one pixel of the truth's rim: no picture shows the position
+/// of a rim more exactly.
 ///
 /// # Errors
 /// As [`score`].
@@ -66,7 +66,7 @@ pub fn score_within(mask: &Mask, truth: &Mask, region: &Mask) -> Result<Score, I
 }
 
 impl Inspection {
-    /// Compares failed grids with those that a true mask makes fail by the same rule.
+    /// Compares the grids that failed with those that a true mask would fail by the same rule.
     ///
     /// # Errors
     /// If the mask has another size than the pictures.
@@ -107,7 +107,7 @@ mod tests {
 
     /// By hand: in the five pixels of the region, 3 were found, 2 are true, 1 is both: 1/4, 1/3, 1/2.
     #[test]
-    fn agreement_by_hand() {
+    fn the_agreement_of_two_masks_is_as_by_hand() {
         let region = mask([1, 1, 1, 1, 1, 0]);
         let score = score(&mask([1, 1, 1, 0, 0, 1]), &mask([0, 0, 1, 1, 0, 1]), &region).expect("one size");
         assert_eq!(score, Score { iou: 0.25, precision: 1.0 / 3.0, recall: 0.5 });
@@ -124,14 +124,14 @@ mod tests {
     }
 
     #[test]
-    fn nothing_found_where_nothing_is_agrees() {
+    fn two_empty_masks_agree() {
         let (none, region) = (mask([0; 6]), mask([1; 6]));
         assert_eq!(score(&none, &none, &region).map(|score| score.iou), Ok(1.0));
         assert_eq!(score(&none, &region, &region).map(|score| score.recall), Ok(0.0));
     }
 
     #[test]
-    fn another_size_is_refused() {
+    fn masks_of_different_sizes_are_refused() {
         assert!(score(&Mask::all_outside(2, 3), &mask([0; 6]), &mask([1; 6])).is_err());
     }
 }

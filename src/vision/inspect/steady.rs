@@ -1,18 +1,18 @@
 //! Measures whether the panel has moved and whether the picture is in focus. Both are measured at the panel's outline,
-//! which is visible wet or dry.
+//! which is visible whether the panel is wet or dry.
 //!
 //! Across the outline, the gradient of a profile has its centre at the edge, and the height of its peak measures the
-//! sharpness. Neither centre nor peak changes with the light or with the film on the panel. For edges with normals nᵢ
-//! that moved by δᵢ, the panel moved by the d that minimises  Σ (nᵢ·d − δᵢ)²,  without outliers.  (1)
+//! sharpness. Neither centre nor peak changes with the light or with the film on the panel. If edges with normals nᵢ
+//! moved by δᵢ, the panel moved by the d that minimises  Σ (nᵢ·d − δᵢ)²,  without outliers.  (1)
 //!
 //! Grey levels show the edge on most panels, but not if a wet panel is as grey as the background beside it. In that
 //! case each profile is measured in the channel in which its edge has the most contrast; the remaining profiles must
 //! agree and must constrain the panel in both directions. An outline without contrast is reported as not measurable:
 //! this does not mean that the panel moved.
 //!
-//! Also checks whether the panel is at its located pose. The same profiles in the taught picture give the expected
-//! position of the edge in each profile. If the panel is at its pose, each edge in the dry picture is at the expected
-//! position of its profile.
+//! This module also checks whether the panel is at its located pose. The same profiles in the taught picture give the
+//! expected position of the edge in each profile. If the panel is at its pose, each edge in the dry picture is at the
+//! expected position of its profile.
 
 use nalgebra::{Matrix2, Vector2};
 use panelprep_base::geometry::{Camera, ColorPicture, Panel, PinholeCamera, Pixel, Rigid, median};
@@ -20,31 +20,33 @@ use panelprep_cell::panel::TaughtPanel;
 
 /// The number of places on the outline.
 const OUTLINE_PLACES: usize = 240;
-/// With fewer profiles no result is reported.
+/// With fewer profiles than this there is no result.
 const MIN_PROFILES: usize = 40;
-/// At least this fraction of the first picture's contrast must remain, in grey levels and in the channels.
+/// An edge still counts as seen if more than this fraction of its contrast in the first picture remains: in grey
+/// levels, and in the channels.
 const MIN_REMAINING_CONTRAST: [f32; 2] = [0.3, 0.2];
-/// At least this percentage of the profiles must be seen in grey levels, or else in the channels.
+/// At least this percentage of the profiles must be seen: in grey levels, or else in the channels.
 const MIN_SEEN_PERCENT: [f64; 2] = [50.0, 25.0];
-/// In the channels: the panel must be constrained in its weakest direction by at least this many profiles, and at
-/// least this fraction of the profiles must agree with the common movement within this many pixels.
+/// Requirements in the channels. In its weakest direction the panel must be constrained by at least this many profiles.
+/// At least the fraction `MIN_AGREEING_SHARE` of the profiles must agree with the common movement within
+/// `MAX_AGREEMENT_DISTANCE_PX`, px.
 const MIN_CONSTRAINT: f32 = 10.0;
-const MIN_AGREE: f64 = 0.6;
-const AGREE_PX: f32 = 1.0;
-/// An edge of the taught picture is expected in the dry picture if its contrast in the present light is at least this
-/// many times the smallest contrast.
+const MIN_AGREEING_SHARE: f64 = 0.6;
+const MAX_AGREEMENT_DISTANCE_PX: f32 = 1.0;
+/// The edge of a profile in the taught picture is expected in the dry picture as well if its contrast in the present
+/// light is at least this many times `MIN_CONTRAST`.
 const MIN_TAUGHT_CONTRAST: f32 = 1.5;
 
-/// The outline in the dry picture.
+/// The panel's outline at its present pose, with which pictures are compared.
 #[derive(Debug)]
 pub struct DryOutline {
     places: Vec<EdgeLocation>,
     /// The edges at each place in the taught picture, with the panel at its taught pose.
-    taught: Vec<[Profile; VIEWS]>,
-    first: Vec<[Option<Edge>; VIEWS]>,
+    taught: Vec<[Profile; VIEW_COUNT]>,
+    first: Vec<[Option<Edge>; VIEW_COUNT]>,
 }
 
-/// The outline compared with the first picture.
+/// The result of the comparison of the outline with the first picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PanelMotion {
     /// The movement of the panel in the picture, px.
@@ -58,7 +60,8 @@ pub struct PanelMotion {
 pub enum OutlineMeasurement {
     /// The first picture has no outline for the comparison.
     NoContrast,
-    /// Too little of the first picture's outline is seen to determine whether it moved: only this many percent.
+    /// Too little of the first picture's outline is seen to determine whether the panel moved: only this share,
+    /// percent.
     Lost(f64),
     /// Enough of the outline is seen, but its parts do not agree on one movement of the panel.
     Disagrees,
@@ -66,7 +69,7 @@ pub enum OutlineMeasurement {
     Measured(PanelMotion),
 }
 
-/// The smallest part of the outline from which a picture shows whether the panel moved, percent.
+/// The smallest share of the outline with which a picture shows whether the panel moved, percent.
 pub const MIN_OUTLINE_SEEN_PERCENT: f64 = MIN_SEEN_PERCENT[1];
 
 impl DryOutline {
@@ -79,8 +82,8 @@ impl DryOutline {
         };
         let (pixels, then): (Vec<Pixel>, Vec<Pixel>) = taught.outline.iter().filter_map(project).unzip();
         let step = (pixels.len() / OUTLINE_PLACES).max(1);
-        // The normal is calculated over some pixels to both sides, because the taught outline goes from pixel to
-        // pixel.
+        // The normal is calculated over some pixels to both sides, because the taught outline consists of steps from
+        // pixel to pixel.
         let reach = (pixels.len() / 100).max(2);
         let place = |pixels: &[Pixel], i: usize| {
             let [from, at, to] = [i + pixels.len() - reach, i, i + reach].map(|i| pixels[i % pixels.len()]);
@@ -101,64 +104,66 @@ impl DryOutline {
     }
 
     /// Returns the distance of the panel's outline in this dry picture from its position calculated from the pose, px.
-    /// It is the larger of the outline's shift, by (1), and the median of the profiles' offsets, which also shows
-    /// rotations and another distance from the camera. If most of the outline is not within reach of the profiles,
-    /// their reach is returned. `None` if the outline has too little contrast for a measurement.
+    /// It is the larger of two values: the outline's shift by (1), and the median of the profiles' offsets, which also
+    /// shows rotations and a change of the distance from the camera. If most of the outline is beyond the reach of the
+    /// profiles, their reach is returned. `None` if the outline has too little contrast for a measurement.
     pub fn outline_offset_px(&self, picture: &ColorPicture) -> Option<f64> {
-        let now: Vec<[Profile; VIEWS]> = self.places.iter().map(|place| profiles(place, picture)).collect();
-        let light: [f32; VIEWS] = std::array::from_fn(|view| {
+        let now: Vec<[Profile; VIEW_COUNT]> = self.places.iter().map(|place| profiles(place, picture)).collect();
+        let light: [f32; VIEW_COUNT] = std::array::from_fn(|view| {
             let both = self.taught.iter().zip(&now);
-            let ratio = |(then, now): (&[Profile; VIEWS], &[Profile; VIEWS])| {
+            let ratio = |(then, now): (&[Profile; VIEW_COUNT], &[Profile; VIEW_COUNT])| {
                 Some(now[view].mean? / then[view].mean.filter(|mean| *mean > 1.0)?)
             };
             median_or_zero(&mut both.filter_map(ratio).collect::<Vec<f32>>())
         });
-        let expected = |then: &[Profile; VIEWS], view: usize| {
+        let expected = |then: &[Profile; VIEW_COUNT], view: usize| {
             let is_sure = |edge: &Edge| edge.contrast * light[view] >= MIN_TAUGHT_CONTRAST * MIN_CONTRAST;
             then[view].edge.filter(is_sure)
         };
-        let best = |then: &[Profile; VIEWS]| {
+        let best = |then: &[Profile; VIEW_COUNT]| {
             let contrast = |view: usize| expected(then, view).map_or(0.0, |edge| edge.contrast * light[view]);
-            (0..VIEWS).fold(GRAY, |best, view| if contrast(view) > contrast(best) { view } else { best })
+            (0..VIEW_COUNT).fold(GRAY_VIEW, |best, view| if contrast(view) > contrast(best) { view } else { best })
         };
-        let by = |view: &dyn Fn(&[Profile; VIEWS]) -> usize| {
+        let by = |view: &dyn Fn(&[Profile; VIEW_COUNT]) -> usize| {
             let count = self.taught.iter().filter(|then| expected(then, view(then)).is_some()).count();
             if count < MIN_PROFILES {
                 return None;
             }
-            let offset = |(place, (then, now)): (&EdgeLocation, (&[Profile; VIEWS], &[Profile; VIEWS]))| {
-                let view = view(then);
-                Some((place.normal, now[view].edge?.offset_px - expected(then, view)?.offset_px))
-            };
+            let offset =
+                |(place, (then, now)): (&EdgeLocation, (&[Profile; VIEW_COUNT], &[Profile; VIEW_COUNT]))| {
+                    let view = view(then);
+                    Some((place.normal, now[view].edge?.offset_px - expected(then, view)?.offset_px))
+                };
             let offsets: Vec<(Vector2<f32>, f32)> =
                 self.places.iter().zip(self.taught.iter().zip(&now)).filter_map(offset).collect();
-            // An outline that is mostly beyond the profiles' reach is no missing number: it is at least that far away.
+            // If most of the outline is beyond the profiles' reach, the result is not missing: the distance is at least
+            // the reach.
             if 2 * offsets.len() < count {
-                return Some(f64::from(REACH_PX));
+                return Some(f64::from(PROFILE_REACH_PX));
             }
             let mut off: Vec<f32> = offsets.iter().map(|(_, offset)| offset.abs()).collect();
             Some(f64::from(estimate_shift(&offsets).norm().max(median_or_zero(&mut off))))
         };
-        // Grey levels first, since they have the least noise; a colour only if the panel and its surroundings are
-        // equally bright.
-        by(&|_| GRAY).or_else(|| by(&best))
+        // Grey levels come first, since they have the least noise; a colour is used only if the panel and its
+        // surroundings are equally bright.
+        by(&|_| GRAY_VIEW).or_else(|| by(&best))
     }
 
     /// Sets this picture as the reference for later ones and returns its own sharpness: the largest step as a fraction
     /// of the edge's contrast; `None` if the outline has no contrast.
     pub fn set_reference(&mut self, picture: &ColorPicture) -> Option<f64> {
         self.first = self.places.iter().map(|place| edges(place, picture)).collect();
-        let sharpness = |view: &dyn Fn(&[Option<Edge>; VIEWS]) -> Option<Edge>| {
+        let sharpness = |view: &dyn Fn(&[Option<Edge>; VIEW_COUNT]) -> Option<Edge>| {
             let mut sharp: Vec<f32> = self.first.iter().filter_map(view).map(|edge| edge.sharpness).collect();
             (sharp.len() >= MIN_PROFILES).then(|| f64::from(median_or_zero(&mut sharp)))
         };
-        sharpness(&|edges| edges[GRAY]).or_else(|| sharpness(&highest_contrast_edge))
+        sharpness(&|edges| edges[GRAY_VIEW]).or_else(|| sharpness(&highest_contrast_edge))
     }
 
     /// Measures how far the panel has moved since the first picture, and how sharp the picture is.
     pub fn measure_against_first(&self, picture: &ColorPicture) -> OutlineMeasurement {
-        let in_gray = |(place, first): (&EdgeLocation, &[Option<Edge>; VIEWS])| {
-            first[GRAY].map(|first| (*place, first, edge(place, picture, GRAY)))
+        let in_gray = |(place, first): (&EdgeLocation, &[Option<Edge>; VIEW_COUNT])| {
+            first[GRAY_VIEW].map(|first| (*place, first, edge(place, picture, GRAY_VIEW)))
         };
         let pairs: Vec<(EdgeLocation, Edge, Option<Edge>)> =
             self.places.iter().zip(&self.first).filter_map(in_gray).collect();
@@ -173,12 +178,13 @@ impl DryOutline {
 
     /// Measures the outline in each profile's best channel.
     fn measure_in_channels(&self, picture: &ColorPicture) -> OutlineMeasurement {
-        let in_best = |(place, first): (&EdgeLocation, &[Option<Edge>; VIEWS])| {
+        let in_best = |(place, first): (&EdgeLocation, &[Option<Edge>; VIEW_COUNT])| {
             let clearest = highest_contrast_edge(first)?;
             let now = edges(place, picture);
             let kept = |view: usize| Some((first[view]?, now[view]?));
             let contrast = |(first, now): (Edge, Edge)| first.contrast.min(now.contrast);
-            let best = (0..VIEWS).filter_map(kept).reduce(|a, b| if contrast(b) > contrast(a) { b } else { a });
+            let best =
+                (0..VIEW_COUNT).filter_map(kept).reduce(|a, b| if contrast(b) > contrast(a) { b } else { a });
             Some(best.map_or((*place, clearest, None), |(first, now)| (*place, first, Some(now))))
         };
         let pairs: Vec<(EdgeLocation, Edge, Option<Edge>)> =
@@ -193,12 +199,15 @@ impl DryOutline {
         }
         let shifts = edge_shifts(&seen);
         let d = estimate_shift(&shifts);
-        let agree: Vec<Vector2<f32>> =
-            shifts.iter().filter(|(n, shift)| (n.dot(&d) - shift).abs() <= AGREE_PX).map(|(n, _)| *n).collect();
+        let agree: Vec<Vector2<f32>> = shifts
+            .iter()
+            .filter(|(n, shift)| (n.dot(&d) - shift).abs() <= MAX_AGREEMENT_DISTANCE_PX)
+            .map(|(n, _)| *n)
+            .collect();
         let held = agree.iter().map(|n| n * n.transpose()).sum::<Matrix2<f32>>();
         // Parallel edges alone would not show a motion along them.
         let is_held = held.symmetric_eigenvalues().min() >= MIN_CONSTRAINT;
-        if is_held && agree.len() as f64 >= MIN_AGREE * shifts.len() as f64 {
+        if is_held && agree.len() as f64 >= MIN_AGREEING_SHARE * shifts.len() as f64 {
             OutlineMeasurement::Measured(compute_motion(&seen))
         } else {
             OutlineMeasurement::Disagrees
@@ -211,11 +220,11 @@ fn percentage(part: usize, whole: usize) -> f64 {
 }
 
 /// Returns the edge with the highest contrast among the views of a place.
-fn highest_contrast_edge(edges: &[Option<Edge>; VIEWS]) -> Option<Edge> {
+fn highest_contrast_edge(edges: &[Option<Edge>; VIEW_COUNT]) -> Option<Edge> {
     edges.iter().flatten().copied().reduce(|a, b| if b.contrast > a.contrast { b } else { a })
 }
 
-/// Returns the edges that still have more than this fraction of their first contrast.
+/// Returns the edges whose contrast is still more than this fraction of their first contrast.
 fn edges_still_seen(pairs: &[(EdgeLocation, Edge, Option<Edge>)], least: f32) -> Vec<(EdgeLocation, Edge, Edge)> {
     let kept = |&(place, first, now): &(EdgeLocation, Edge, Option<Edge>)| {
         now.filter(|now| now.contrast > least * first.contrast).map(|now| (place, first, now))
@@ -248,8 +257,8 @@ fn estimate_shift(shifts: &[(Vector2<f32>, f32)]) -> Vector2<f32> {
         let Some(inverse) = normal.try_inverse() else { return d };
         d = inverse * right;
         let mut left: Vec<f32> = shifts.iter().map(|(n, shift)| (n.dot(&d) - shift).abs()).collect();
-        // Profiles that a drop or a hand covers are left out; with a lower bound, so that perfect agreement does not
-        // leave out everything.
+        // Profiles that a drop or a hand covers are left out. The limit has a lower bound, so that perfect agreement
+        // does not exclude everything.
         bound = (3.0 * median_or_zero(&mut left)).max(0.05);
     }
     d
@@ -261,16 +270,16 @@ fn median_or_zero(values: &mut [f32]) -> f32 {
 }
 
 /// The length of a profile to each side, px.
-const REACH_PX: i32 = 8;
-const COUNT: usize = 2 * REACH_PX as usize + 1;
-/// The minimum contrast with which a profile carries information, levels.
+const PROFILE_REACH_PX: i32 = 8;
+const SAMPLE_COUNT: usize = 2 * PROFILE_REACH_PX as usize + 1;
+/// The smallest contrast at which a profile carries information, levels.
 const MIN_CONTRAST: f32 = 12.0;
-/// The part of a profile's gradient below this fraction of its largest step is noise.
-const NOISE_SHARE: f32 = 0.25;
+/// Gradients below this fraction of the profile's largest step are noise.
+const MIN_GRADIENT_SHARE: f32 = 0.25;
 
 /// The views of a pixel: the mean of its channels, and each of the channels.
-const VIEWS: usize = 4;
-const GRAY: usize = 0;
+const VIEW_COUNT: usize = 4;
+const GRAY_VIEW: usize = 0;
 
 /// One place on the outline.
 #[derive(Debug, Clone, Copy)]
@@ -297,38 +306,39 @@ struct Profile {
     mean: Option<f32>,
 }
 
-/// The levels across a place in one view; `None` if the profile leaves the picture.
-fn read_profile(place: &EdgeLocation, picture: &ColorPicture, view: usize) -> Option<[f32; COUNT]> {
-    let mut profile = [0.0_f32; COUNT];
-    for (value, step) in profile.iter_mut().zip(-REACH_PX..) {
+/// Returns the levels across a place in one view; `None` if the profile leaves the picture.
+fn read_profile(place: &EdgeLocation, picture: &ColorPicture, view: usize) -> Option<[f32; SAMPLE_COUNT]> {
+    let mut profile = [0.0_f32; SAMPLE_COUNT];
+    for (value, step) in profile.iter_mut().zip(-PROFILE_REACH_PX..) {
         *value = level(picture, place.at + place.normal * step as f32, view)?;
     }
     Some(profile)
 }
 
-fn profiles(place: &EdgeLocation, picture: &ColorPicture) -> [Profile; VIEWS] {
+fn profiles(place: &EdgeLocation, picture: &ColorPicture) -> [Profile; VIEW_COUNT] {
     std::array::from_fn(|view| {
-        let mean = read_profile(place, picture, view).map(|profile| profile.iter().sum::<f32>() / COUNT as f32);
+        let mean =
+            read_profile(place, picture, view).map(|profile| profile.iter().sum::<f32>() / SAMPLE_COUNT as f32);
         Profile { edge: edge(place, picture, view), mean }
     })
 }
 
-fn edges(place: &EdgeLocation, picture: &ColorPicture) -> [Option<Edge>; VIEWS] {
+fn edges(place: &EdgeLocation, picture: &ColorPicture) -> [Option<Edge>; VIEW_COUNT] {
     std::array::from_fn(|view| edge(place, picture, view))
 }
 
 fn edge(place: &EdgeLocation, picture: &ColorPicture, view: usize) -> Option<Edge> {
     let profile = read_profile(place, picture, view)?;
-    let steps: [f32; COUNT - 1] = std::array::from_fn(|i| profile[i + 1] - profile[i]);
-    let contrast = (profile[..4].iter().sum::<f32>() - profile[COUNT - 4..].iter().sum::<f32>()).abs() / 4.0;
+    let steps: [f32; SAMPLE_COUNT - 1] = std::array::from_fn(|i| profile[i + 1] - profile[i]);
+    let contrast = (profile[..4].iter().sum::<f32>() - profile[SAMPLE_COUNT - 4..].iter().sum::<f32>()).abs() / 4.0;
     let largest = steps.iter().fold(0.0_f32, |largest, step| largest.max(step.abs()));
     if contrast < MIN_CONTRAST {
         return None;
     }
     let (mut sum, mut weight) = (0.0, 0.0);
     for (i, step) in steps.iter().enumerate() {
-        let height = (step.abs() - NOISE_SHARE * largest).max(0.0);
-        sum += height * (i as f32 + 0.5 - REACH_PX as f32);
+        let height = (step.abs() - MIN_GRADIENT_SHARE * largest).max(0.0);
+        sum += height * (i as f32 + 0.5 - PROFILE_REACH_PX as f32);
         weight += height;
     }
     Some(Edge { offset_px: sum / weight, sharpness: largest / contrast, contrast })
@@ -343,7 +353,7 @@ fn level(picture: &ColorPicture, at: Vector2<f32>, view: usize) -> Option<f32> {
     let (column, row) = (at.x as usize, at.y as usize);
     let (across, down) = (at.x - column as f32, at.y - row as f32);
     let value = |rgb: [u8; 3]| match view {
-        GRAY => f32::from(rgb.iter().map(|&level| u16::from(level)).sum::<u16>()) / 3.0,
+        GRAY_VIEW => f32::from(rgb.iter().map(|&level| u16::from(level)).sum::<u16>()) / 3.0,
         _ => f32::from(rgb[view - 1]),
     };
     let mix = |row: usize| {
@@ -357,8 +367,8 @@ fn level(picture: &ColorPicture, at: Vector2<f32>, view: usize) -> Option<f32> {
 mod tests {
     use super::*;
 
-    /// A dark square of 60 px in front of a light ground, with edges `blur_px` wide, shifted to the right by
-    /// `shift`; the square has the grey level `inside`.
+    /// Returns a dark square of 60 px in front of a bright background, with edges `blur_px` wide, shifted to the right
+    /// by `shift`; the square has the grey level `inside`.
     fn square(shift: f32, blur_px: f32, inside: f32) -> ColorPicture {
         let mut picture = ColorPicture::uniform(100, 100, [0; 3]);
         let cover = |from: f32, at: f32| ((at - from) / blur_px + 0.5).clamp(0.0, 1.0);
@@ -389,7 +399,7 @@ mod tests {
         DryOutline { places, taught, first: Vec::new() }
     }
 
-    /// By hand: a shift of only 3 px to the right shows on two of the four sides; with 4 px down as well the panel
+    /// By hand: a shift of only 3 px to the right is visible on two of the four sides; with 4 px down as well the panel
     /// is 5 px away.
     #[test]
     fn a_panel_that_is_elsewhere_is_distinguished_from_one_in_its_place() {
@@ -409,7 +419,7 @@ mod tests {
             let found = away(right, down).expect("contrast");
             assert!((found - expected).abs() < 0.2, "{right}, {down}: {found}");
         }
-        assert_eq!(away(14, 14), Some(f64::from(REACH_PX)), "farther than the profiles reach");
+        assert_eq!(away(14, 14), Some(f64::from(PROFILE_REACH_PX)), "farther than the profiles reach");
         dimmed.rgb.iter_mut().for_each(|pixel| *pixel = pixel.map(|gray| gray / 6));
         assert_eq!(off(&dimmed), None, "too dark to tell");
     }
@@ -432,10 +442,10 @@ mod tests {
         assert!(blurred.moved_px < 0.1 && blurred.sharpness < 0.4, "{blurred:?}");
     }
 
-    /// By hand: 16 of 208 places see an edge 4 px farther in, which without outlier rejection would be a move of 16
-    /// · 4/104 = 0.6 px.
+    /// By hand: 16 of 208 places see an edge 4 px farther inside. Without outlier rejection this would be a movement of
+    /// 16 · 4/104 = 0.6 px.
     #[test]
-    fn a_drop_at_the_edge_is_no_move_and_an_outline_that_is_gone_is_none_either() {
+    fn neither_a_drop_at_the_edge_nor_a_lost_outline_is_a_movement() {
         let mut outline = outline();
         outline.set_reference(&square(0.0, 1.0, 70.0)).expect("contrast");
         let mut dented = square(0.0, 1.0, 70.0);
@@ -453,16 +463,16 @@ mod tests {
         assert_eq!(outline.measure_against_first(&square(0.0, 1.0, 70.0)), OutlineMeasurement::NoContrast);
     }
 
-    /// A red panel of (190, 40, 30) on grey of 125 differs from the ground by 39 grey levels when dry; when wet,
-    /// (150, 110, 100), by hardly 5. By hand: in red the edge has 65 levels when dry and 25 when wet, so that a
-    /// shift of 2 px is still measured. When wet as (120, 128, 122), no channel shows the edge.
+    /// A red panel of (190, 40, 30) on a grey background of 125 differs from it by 39 grey levels when dry; when wet,
+    /// (150, 110, 100), by hardly 5. By hand: in red the edge has 65 levels when dry and 25 when wet, so that a shift
+    /// of 2 px is still measured. If the wet panel is (120, 128, 122), no channel shows the edge.
     #[test]
     fn an_outline_without_gray_contrast_is_seen_in_its_colours() {
         let coloured = |shift: f32, inside: [f32; 3]| {
             let channels = inside.map(|level| square(shift, 1.0, level).rgb);
             let mut picture = square(shift, 1.0, 0.0);
             for (index, pixel) in picture.rgb.iter_mut().enumerate() {
-                // The ground is 125 instead of 180.
+                // The background has 125 levels instead of 180.
                 *pixel = std::array::from_fn(|i| {
                     let share = (180.0 - f32::from(channels[i][index][0])) / (180.0 - inside[i]);
                     (125.0 + share * (inside[i] - 125.0)) as u8

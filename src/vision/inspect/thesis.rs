@@ -1,4 +1,4 @@
-//! The thesis's pipeline for one picture (4.3, Fig. 4.9), by OpenCV, on the window around the region alone; and its
+//! The thesis's pipeline for one picture (4.3, Fig. 4.9), with OpenCV, on the window around the region alone; and the
 //! film over time.
 //!
 //!     sub = |reference − test|                                                  in each channel      (4.1)
@@ -6,18 +6,18 @@
 //!     changed if max over the channels of g ≥ threshold
 //!     broken if changed, and H, S, V of the test picture are in the range of a dry pixel           (4.3–4.5)
 //!
-//! The thesis leaves open how the three channels become one binary picture. Here each channel's difference is
-//! multiplied by its weight, with a largest weight of 1 (`channel_weights`), and the largest result counts. The
-//! reason: a film changes the panel most in one channel (the blue one, 4.2), and a grey value of the difference would
-//! dilute this channel by the others. The thesis masks the test picture and filters the masked one by HSV, and black
-//! means masked out. Here the two binary pictures are combined by an "and", which has the same result and allows black
+//! The thesis does not state how the three channels become one binary picture. Here each channel's difference is
+//! multiplied by its weight, with a largest weight of 1 (`channel_weights`), and the largest result counts. The reason:
+//! a film changes the panel most in one channel (the blue one, 4.2), and a grey value of the difference would dilute
+//! this channel by the others. The thesis masks the test picture and filters the masked one by HSV, and black means
+//! masked out. Here the two binary pictures are combined by a logical AND, which has the same result and allows black
 //! in the range.
 //!
-//! H, S and V are OpenCV's 8-bit ones: H/2 in 0…179, S and V in 0…255, and a negative hue wraps by 360°.
+//! H, S and V are OpenCV's 8-bit values: H/2 in 0…179, S and V in 0…255, and 360° are added to a negative hue.
 //!
-//! Over time a pixel is broken from the first of `persist_frames` pictures in a row that show it as broken. It stays
-//! broken: water that runs over the place later does not clean it. A flash that is shorter than this row of pictures
-//! is not a break.
+//! Over time a pixel is broken from the first of `persist_frames` consecutive pictures that show it as broken. It stays
+//! broken: water that runs over the place later does not clean it. A flash in fewer consecutive pictures is not a
+//! break.
 
 use super::InspectError;
 use super::footprint::{Footprint, Window};
@@ -28,19 +28,20 @@ use panelprep_cell::imaging::{ImagingError, with_operation};
 use panelprep_cell::recipe;
 use std::collections::VecDeque;
 
-/// Returns how far the median filters look beyond a window: a window that is wider by this margin gives the same
-/// pixels as the whole picture.
+/// Returns the distance over which the median filters use pixels beyond a window: a window that is wider by this margin
+/// gives the same pixels as the whole picture.
 pub fn margin_px(settings: &recipe::Inspect) -> usize {
     settings.median_passes() * (settings.median_px() / 2)
 }
 
-/// Returns the window's part of a picture, three channels.
+/// Returns the window's part of a picture, with three channels.
 pub fn crop(picture: &ColorPicture, window: &Window) -> Result<Mat, ImagingError> {
     with_operation("the window", crop_to_window(picture, window))
 }
 
 fn crop_to_window(picture: &ColorPicture, window: &Window) -> opencv::Result<Mat> {
-    // OpenCV offers a safe view of bytes but not of triples; so the data remain columns of bytes until the copy.
+    // OpenCV offers a safe view of bytes but not of triples. Therefore the matrix has single bytes as columns until it
+    // is copied.
     let bytes = picture.rgb.as_flattened();
     let whole = Mat::new_rows_cols_with_data(picture.height as i32, picture.width as i32 * 3, bytes)?;
     let [left, top, width, height] = [window.left, window.top, window.width, window.height].map(|n| n as i32);
@@ -56,10 +57,10 @@ pub fn levels(
 ) -> Result<Vec<u8>, ImagingError> {
     let whole = Window { left: 0, top: 0, width: test.width, height: test.height };
     let (reference, test) = (crop(reference, &whole)?, crop(test, &whole)?);
-    with_operation("the difference to the reference", adjusted_difference(settings, &reference, &test))
+    with_operation("the difference from the reference", adjusted_difference(settings, &reference, &test))
 }
 
-/// Hue, saturation and value of a picture's pixels.
+/// Returns hue, saturation and value of a picture's pixels.
 pub fn to_hsv(picture: &ColorPicture) -> Result<Vec<[u8; 3]>, ImagingError> {
     let whole = Window { left: 0, top: 0, width: picture.width, height: picture.height };
     with_operation("hue, saturation and value", hue_saturation_value(&crop(picture, &whole)?))
@@ -68,7 +69,7 @@ pub fn to_hsv(picture: &ColorPicture) -> Result<Vec<[u8; 3]>, ImagingError> {
 /// Returns the pixels of `test` that differ from `reference`, row by row.
 pub fn changed(settings: &recipe::Inspect, reference: &Mat, test: &Mat) -> Result<Vec<bool>, ImagingError> {
     let largest =
-        with_operation("the difference to the reference", adjusted_difference(settings, reference, test))?;
+        with_operation("the difference from the reference", adjusted_difference(settings, reference, test))?;
     let threshold = settings.threshold();
     Ok(largest.into_iter().map(|difference| usize::from(difference) >= threshold).collect())
 }
@@ -122,7 +123,7 @@ impl ThesisPipeline {
         ThesisPipeline { film: Film::new(pixels, settings.persist_frames()), dry: None, reference: None }
     }
 
-    /// Adds a picture of the dry panel; the last one counts.
+    /// Sets the picture of the dry panel; of several pictures the last one counts.
     pub fn set_dry(&mut self, picture: &ColorPicture, window: &Window) -> Result<(), InspectError> {
         self.dry = Some(crop(picture, window)?);
         Ok(())
@@ -162,24 +163,24 @@ impl ThesisPipeline {
     }
 }
 
-/// Represents no time: the film did not break.
+/// The time of a pixel whose film did not break.
 pub const NOT_BROKEN: f32 = f32::INFINITY;
 
 /// The state of the film in one window while pictures arrive.
 #[derive(Debug)]
 pub struct Film {
     persist_frames: usize,
-    /// Number of pictures in a row that showed the pixel broken.
+    /// Number of consecutive pictures that showed the pixel broken.
     run: Vec<u8>,
     since_wet_s: Vec<f32>,
     /// Times of the last `persist_frames` pictures, oldest first.
     recent_s: VecDeque<f64>,
 }
 
-/// Pixels whose break has just lasted long enough.
+/// Pixels that have been broken for the required number of pictures since this picture.
 #[derive(Debug, PartialEq)]
 pub struct NewlyBroken {
-    /// The time of the break: that of the first picture of the row, s.
+    /// The time of the break, s: that of the first of the consecutive pictures.
     pub since_wet_s: f64,
     /// The indices of the pixels in the window.
     pub pixels: Vec<usize>,
@@ -220,7 +221,7 @@ impl Film {
         }
     }
 
-    /// The time at which each pixel broke, s; [`NOT_BROKEN`] if the film holds.
+    /// Returns the time at which each pixel broke, s; [`NOT_BROKEN`] if its film did not break.
     pub fn times(&self) -> &[f32] {
         &self.since_wet_s
     }
@@ -234,9 +235,9 @@ mod tests {
     const WHOLE: Window = Window { left: 0, top: 0, width: 8, height: 8 };
 
     /// By hand: blue differs by 30 in a block of 4 × 4 px, so g = 2·30 − 20 = 40 there; one more pixel is white. A
-    /// median of 3 × 3 removes the lone pixel and the block's four corners, which see 4 of 9 pixels.
+    /// median of 3 × 3 removes the single pixel and the block's four corners, around which only 4 of 9 pixels are set.
     #[test]
-    fn a_difference_by_hand() {
+    fn the_difference_of_two_pictures_is_as_by_hand() {
         let reference = ColorPicture::uniform(8, 8, [100, 100, 100]);
         let mut test = reference.clone();
         for index in (0..64).filter(|i| (2..6).contains(&(i % 8)) && (2..6).contains(&(i / 8))) {
@@ -256,7 +257,7 @@ mod tests {
     /// By hand: red differs by 40, blue by 30; with a weight of a quarter for red the difference is max(10, 30) · 2
     /// = 60.
     #[test]
-    fn a_channel_counts_by_its_weight() {
+    fn a_channel_counts_with_its_weight() {
         let reference = ColorPicture::uniform(8, 8, [100, 100, 100]);
         let test = ColorPicture::uniform(8, 8, [140, 100, 130]);
         let [reference, test] = [&reference, &test].map(|picture| crop(picture, &WHOLE).expect("a picture"));
@@ -302,10 +303,10 @@ mod tests {
         assert!((20..115).contains(&changed), "noise is cut in two: {changed}");
     }
 
-    /// By hand, three pictures in a row: pixel 0 breaks at 2 s for good, pixel 1 flashes for two pictures, pixel 2
-    /// flashes first and breaks at 3 s.
+    /// By hand, three consecutive pictures are required: pixel 0 breaks at 2 s and stays broken, pixel 1 flashes for
+    /// two pictures, pixel 2 flashes first and breaks at 3 s.
     #[test]
-    fn a_break_counts_from_the_first_of_three_in_a_row() {
+    fn a_break_counts_from_the_first_of_three_consecutive_pictures() {
         let mut film = Film::new(3, 3);
         let pictures = [
             [false, false, true],

@@ -1,5 +1,5 @@
 //! The gate of a clip that is recorded to set up lamp, camera and recipe. It checks whether the light and the method's
-//! settings are suitable for the test. The findings are addressed to a person.
+//! settings are suitable for the test. The findings are texts for a person.
 
 use super::advice::{Advice, GridContrast};
 use super::gate::{MIN_CHANGE_TO_NOISE, name, too_coarse};
@@ -8,31 +8,31 @@ use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
 use panelprep_base::verdict::{Check, LimitSource, Reason, Severity};
 use panelprep_cell::panel::GridId;
 
-/// If the contrast is less than this multiple of the noise, wet and dry cannot be distinguished.
+/// Smallest contrast as a multiple of the noise: below it, wet and dry cannot be distinguished.
 pub const MIN_CONTRAST_TO_NOISE: f64 = 5.0;
-/// Part of a grid, percent, that may look the same under a film and dry, as greasy places do.
+/// Largest part of a grid, percent, that may look the same under a film and dry, as greasy places do.
 const MAX_FAINT_PERCENT: f64 = 10.0;
-/// A panel with fewer grey levels when dry needs more light.
-const DARK_LEVELS: f64 = 40.0;
-/// Smallest accepted evenness: with less even light, a part of the panel becomes dark or overexposed earlier than the
+/// Smallest brightness of the dry panel, grey levels: with less it needs more light.
+const MIN_DRY_BRIGHTNESS_LEVELS: f64 = 40.0;
+/// Smallest accepted evenness: with less even light, a part of the panel becomes too dark or overexposed before the
 /// rest.
 const MIN_EVENNESS: f64 = 0.6;
-/// Fraction of the dry region that may be overexposed.
-const MAX_OVEREXPOSED: f64 = 0.001;
+/// Largest fraction of the dry region that may be overexposed.
+const MAX_OVEREXPOSED_SHARE: f64 = 0.001;
 
 /// The results of a clip for the film method.
 #[derive(Debug, Clone)]
 pub struct Tuning {
     /// Light and channels.
     pub advice: Advice,
-    /// The contrast of each grid in the method's brightness.
+    /// The contrast of each grid in the brightness that the method evaluates.
     pub grids: Vec<GridContrast>,
     /// Time for which places look dry before they look wet again, s.
     pub flash_s: f64,
-    /// The smallest break that is surely found, mm².
+    /// The smallest break that is reliably found, mm².
     pub detection_limit_mm2: f64,
-    /// The grids that would count as not seen if they were completely sanded after the dry picture, according to
-    /// the movement of water on this film.
+    /// The grids that would count as not seen, judging by the movement of water on this film, if they were completely
+    /// sanded after the dry picture.
     pub unseen_if_sanded: Vec<GridId>,
     /// The reason why the panel is not at the pose at which the grids are evaluated.
     pub displaced_reason: Option<Reason>,
@@ -103,8 +103,8 @@ fn check_light(advice: &Advice) -> [Check; 2] {
                 )
             }),
         Check::new("dry region that is overexposed", "", advice.overexposed)
-            .with_max(MAX_OVEREXPOSED, LimitSource::Program)
-            .or_review("overexposed", || {
+            .with_max(MAX_OVEREXPOSED_SHARE, LimitSource::Program)
+            .reviews("overexposed", || {
                 format!("{:.1} % of the dry region is overexposed: lower the exposure", 100.0 * advice.overexposed)
             }),
     ]
@@ -122,7 +122,7 @@ fn contrast(what: &str, contrast_to_noise: f64) -> Check {
         })
 }
 
-/// Returns a check for the places where a break would not show, with a remedy.
+/// Returns a check for the places where a break would not be visible, with a remedy.
 fn check_faint_places(grids: &[GridContrast]) -> Option<Check> {
     let most = grids.iter().map(|grid| grid.faint_percent).max_by(f64::total_cmp)?;
     let check = Check::new("part of a grid that looks wet as it does dry, at most", "%", most);
@@ -132,7 +132,7 @@ fn check_faint_places(grids: &[GridContrast]) -> Option<Check> {
         let mean_dry = faint.iter().map(|grid| grid.dry).sum::<f64>() / faint.len().max(1) as f64;
         let named: Vec<String> =
             faint.iter().map(|grid| format!("{} ({:.0} %)", grid.id, grid.faint_percent)).collect();
-        let remedy = if mean_dry < DARK_LEVELS {
+        let remedy = if mean_dry < MIN_DRY_BRIGHTNESS_LEVELS {
             "use more light or a longer exposure"
         } else {
             "the film there reflects an object that makes it as bright as the dry panel: move the lamp or the \

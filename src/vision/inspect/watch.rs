@@ -1,4 +1,4 @@
-//! The running test: accepts pictures one by one.
+//! The test while it runs: accepts pictures one by one.
 
 use super::footprint::{Footprint, InspectedPart};
 use super::gate::displaced_panel_reason;
@@ -37,7 +37,7 @@ pub struct FilmWatch {
     pub(super) footprint: Footprint,
     pub(super) outline: DryOutline,
     pub(super) model: Model,
-    /// Present if the recipe requests the thesis's method, which then decides which pixels broke.
+    /// The thesis's pipeline, if the recipe requests it: it then determines which pixels broke.
     pub(super) thesis: Option<thesis::ThesisPipeline>,
     pub(super) quality: Quality,
     pub(super) is_place_assumed: bool,
@@ -104,10 +104,10 @@ impl FilmWatch {
         })
     }
 
-    /// Accepts the next picture, at `time_s` of any clock that does not jump.
+    /// Accepts the next picture, recorded at `time_s` of any clock that does not jump.
     ///
     /// # Errors
-    /// If its size is not the camera's, or it comes out of order.
+    /// If the picture's size is not the camera's, or the picture is out of order.
     pub fn push(
         &mut self,
         picture: &ColorPicture,
@@ -130,7 +130,7 @@ impl FilmWatch {
                 self.model.spray(picture);
                 Ok(PictureResult::default())
             }
-            // All work below enters the thread pool only once: each entry wakes a thread that sleeps.
+            // All work below enters the thread pool only once: each entry wakes a sleeping thread.
             Phase::Wet => rayon::scope(|_| self.process_wet(picture, time_s)),
         }
     }
@@ -140,8 +140,8 @@ impl FilmWatch {
         self.is_place_assumed = true;
     }
 
-    /// Begins the film at this time, on the clock of its pictures: missing pictures before the first one count as a
-    /// gap, too.
+    /// Sets the beginning of the film, on the clock of its pictures: missing pictures before the first one then count
+    /// as a gap, too.
     pub fn set_start(&mut self, time_s: f64) {
         self.start_s = Some(time_s);
     }
@@ -153,8 +153,7 @@ impl FilmWatch {
             return Err(InspectError::PictureSize { found_width, found_height, width, height });
         }
         let (previous_s, previous) = self.last.unwrap_or((f64::NEG_INFINITY, Phase::Dry));
-        // All times of a break come from the pictures' timestamps; a clock that jumps would shorten or lengthen every
-        // one of them.
+        // All times of a break come from the pictures' timestamps; a clock that jumps would falsify all of them.
         if !(time_s.is_finite() && time_s > previous_s) {
             return Err(InspectError::TimeOrder { time_s, previous_s });
         }
@@ -164,7 +163,8 @@ impl FilmWatch {
         if self.frames + 1 >= MAX_PICTURES {
             return Err(InspectError::TooManyPictures { most: MAX_PICTURES - 1 });
         }
-        // A dry picture after the film began would show water as the dry look, and hide every break there.
+        // In a dry picture after the film began, water would be taken for the dry look, which would hide every break
+        // there.
         if phase < previous {
             return Err(InspectError::PhaseOrder { time_s, phase, previous });
         }
@@ -173,20 +173,20 @@ impl FilmWatch {
 
     fn process_wet(&mut self, picture: &ColorPicture, time_s: f64) -> Result<PictureResult, InspectError> {
         self.frames += 1;
-        // Without a dry picture the first wet one is the reference for outline and sharpness, so that a motion is still
-        // found.
+        // Without a dry picture the first wet one is the reference for outline and sharpness, so that a movement is
+        // still detected.
         if self.first_wet_s.is_none() && !self.model.has_dry() {
             self.quality.first_sharpness = self.outline.set_reference(picture);
         }
-        // Pictures that are missing at the beginning are a gap as any other: a break may have opened in them.
+        // Pictures that are missing at the beginning are a gap like any other: a break may have opened meanwhile.
         let late_s = self.start_s.take().map_or(0.0, |begins_s| time_s - begins_s);
         let since_wet_s = time_s - *self.first_wet_s.get_or_insert(time_s);
         self.longest_gap_s = self.longest_gap_s.max(late_s).max(since_wet_s - self.observed_s);
         self.observed_s = since_wet_s;
         let (model, outline) = (&mut self.model, &self.outline);
         let (look, steady) = rayon::join(|| model.measure_wet(picture), || outline.measure_against_first(picture));
-        // A picture that cannot be used is skipped and counted. To judge it would turn a shadow into a break, or a
-        // flash into film.
+        // A picture that cannot be used is skipped and counted. If it were judged, a shadow would count as a break, or
+        // a flash as film.
         let usable = self.quality.add(&look, steady, &self.settings, since_wet_s);
         let before = self.time_to_break_s.clone();
         if usable {
@@ -197,25 +197,25 @@ impl FilmWatch {
             } else if let Some(first) = newly.first() {
                 broke_s = self.model.broke_s(*first).map_or(since_wet_s, f64::from);
             }
-            self.count(&newly, broke_s);
+            self.add_broken_surface(&newly, broke_s);
         }
-        Ok(self.step(before, usable))
+        Ok(self.picture_result(before, usable))
     }
 
-    /// Adds the surface of pixels that broke at this time to their grids.
-    fn count(&mut self, pixels: &[usize], since_wet_s: f64) {
+    /// Adds the surface of the pixels that broke at this time to their grids.
+    fn add_broken_surface(&mut self, pixels: &[usize], since_wet_s: f64) {
         for &index in pixels {
             self.footprint.add_area(index, &mut self.broken_mm2);
         }
         for (time, broken_mm2) in self.time_to_break_s.iter_mut().zip(&self.broken_mm2) {
-            // The first time stays: a break that closes again has happened.
+            // The first time is kept: a break that closes again has still occurred.
             if time.is_none() && *broken_mm2 >= self.demands.min_break_mm2 {
                 *time = Some(since_wet_s);
             }
         }
     }
 
-    fn step(&self, failed_before: Vec<Option<f64>>, usable: bool) -> PictureResult {
+    fn picture_result(&self, failed_before: Vec<Option<f64>>, usable: bool) -> PictureResult {
         let failed = self.footprint.grids().iter().zip(&self.time_to_break_s).zip(failed_before);
         PictureResult {
             since_wet_s: Some(self.observed_s),
@@ -228,7 +228,7 @@ impl FilmWatch {
         }
     }
 
-    /// Returns the time at which a pixel of the window broke, as far as is known, s; [`NOT_BROKEN`] if it did not break.
+    /// Returns the time at which a pixel of the window broke, s, as known so far; [`NOT_BROKEN`] if it did not break.
     pub(super) fn broke_s(&self, index: usize) -> f32 {
         match &self.thesis {
             Some(thesis) => thesis.times_s()[index],
@@ -236,8 +236,8 @@ impl FilmWatch {
         }
     }
 
-    /// Returns why the panel is not at the place where the grids are looked for, according to the dry pictures so far;
-    /// `None` if the panel is there.
+    /// Returns the reason if the panel is not at the pose at which the grids are evaluated, according to the dry
+    /// pictures so far; `None` if it is.
     pub fn displaced_panel_reason(&self) -> Option<Reason> {
         displaced_panel_reason(self.quality.off_px, (self.is_place_assumed, self.model.has_dry()))
     }
@@ -247,7 +247,7 @@ impl FilmWatch {
         self.footprint.grid_pixels()
     }
 
-    /// The smallest break that is surely found at the panel's place, mm².
+    /// Returns the smallest break that is reliably found at the panel's place, mm².
     pub fn detection_limit_mm2(&self) -> f64 {
         self.footprint.detection_limit_mm2()
     }

@@ -1,9 +1,9 @@
 //! Checks whether the camera has moved since teaching, by means of the fixture, which does not move.
 //!
-//! Outside of the search box both scans show the same objects at the same pixels as long as the camera has not moved.
-//! A small twist of the camera changes the depths of the fixture's faces and shifts its edges in the picture. Both are
-//! constraints of one robust least-squares fit (`solve`). Objects that were added or removed are outliers. A direction
-//! that the fixture does not constrain is reported as not observed, never as not moved.
+//! Outside of the search box both scans show the same objects at the same pixels as long as the camera has not moved. A
+//! small rotation or shift of the camera (a twist) changes the depths of the fixture's faces and shifts its edges in
+//! the picture. Both are constraints of one robust least-squares fit (`solve`). Objects that were added or removed are
+//! outliers. A direction that the fixture does not constrain is reported as not observed, never as not moved.
 
 use super::covariance::worst_mm;
 use super::grid::{ColoredCloud, DepthReading, Grid, RigidF32, camera_point, spread_indices};
@@ -18,31 +18,31 @@ use panelprep_cell::recipe;
 use rayon::prelude::*;
 
 /// The maximum numbers of faces and edges that are compared.
-const FACES: usize = 3_000;
-const EDGES: usize = 700;
+const MAX_FACES: usize = 3_000;
+const MAX_EDGES: usize = 700;
 /// With fewer faces the check gives no result.
 const MIN_FACES: usize = 150;
-/// For a face: the depth noise that range noise causes, the number of neighbours that share one error, the lower bound
-/// of the cutoff, and the largest distance at which the face counts as the same. The next constants are those of an
+/// For a face: the standard deviation of its distance, the number of neighbours that share one error, the lower limit
+/// of the cutoff, and the largest distance at which the face counts as unmoved. The next constants are those of an
 /// edge.
 const FACE_NOISE_MM: f64 = 0.06;
-const FACE_SHARING: f64 = 60.0;
-const FACE_FLOOR_MM: f64 = 0.5;
+const FACE_CORRELATED_COUNT: f64 = 60.0;
+const MIN_FACE_CUTOFF_MM: f64 = 0.5;
 const MAX_FACE_CHANGE_MM: f64 = 1.0;
 const EDGE_NOISE_PX: f64 = 0.15;
-const EDGE_SHARING: f64 = 8.0;
-const EDGE_FLOOR_PX: f64 = 0.6;
-/// The minimum change of brightness from block to block at an edge.
-const EDGE_GRAY: f64 = 16.0;
-/// With fewer edges it is not determined whether the edges are still there.
+const EDGE_CORRELATED_COUNT: f64 = 8.0;
+const MIN_EDGE_CUTOFF_PX: f64 = 0.6;
+/// The smallest change of brightness from block to block at an edge, grey levels.
+const MIN_EDGE_CONTRAST: f64 = 16.0;
+/// With fewer edges than this it is not checked which fraction of them is still there.
 const MIN_EDGES: usize = 40;
 /// If the depth at a taught face has changed by more than this, another object hides the face, mm.
 const MAX_DEPTH_CHANGE_MM: f64 = 15.0;
-/// The largest motion of a camera that could stay unnoticed; it constrains the directions that the fixture does not
-/// constrain.
-const PRIOR_MM: f64 = 3.0;
-const PRIOR_RAD: f64 = 0.004;
-const ROUNDS: usize = 4;
+/// Standard deviations of the prior for the camera's motion, for a shift and for a rotation: the prior constrains the
+/// directions that the fixture does not constrain.
+const PRIOR_SIGMA_MM: f64 = 3.0;
+const PRIOR_SIGMA_RAD: f64 = 0.004;
+const ITERATIONS: usize = 4;
 
 /// The result of the check of the camera's pose by the fixture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,7 +51,7 @@ pub struct CameraCheck {
     pub moved_mm: f64,
     /// 95 % of the errors of `moved_mm` are smaller, mm.
     pub uncertainty_mm: f64,
-    /// The fraction of the fixture that lies at its taught place, 0…1.
+    /// The fraction of the fixture that is still at its taught place, 0…1.
     pub unmoved_share: f64,
 }
 
@@ -63,15 +63,15 @@ pub(super) fn check_camera(
     inside: &[bool],
     placed: &Rigid<Camera, Panel>,
 ) -> Option<CameraCheck> {
-    // Another camera, or another picture size, has different pixels.
+    // With another camera, or another picture size, the pixels are not the same.
     if (panel.scan.width(), panel.scan.height()) != (scan.width(), scan.height()) || panel.camera != grid.camera {
         return None;
     }
     compare_fixture(panel, &taught.model, (&taught.fixture, grid, scan), inside, placed)
 }
 
-/// Returns the uncertainty that the taught scan's own fixture would give for a camera that has not moved: 95 % of the
-/// errors at the taught panel are smaller, mm. `None` if too little of the fixture is seen.
+/// Returns the uncertainty that the taught scan's own fixture gives for a camera that has not moved, mm: 95 % of the
+/// errors at the taught panel are smaller. `None` if too little of the fixture is seen.
 pub(super) fn teaching_uncertainty_mm(
     panel: &TaughtPanel,
     taught: &TaughtModel,
@@ -104,13 +104,13 @@ fn compare_fixture<F: Frame>(
     let same_faces =
         faces.iter().filter(|face| face.residual.abs() <= MAX_FACE_CHANGE_MM).count() as f64 / faces.len() as f64;
     let (edges, same_edges) = still.edges(panel, (grid, scan));
-    // The smaller share: either kind alone shows a fixture that has changed.
+    // The smaller share counts: the edges or the faces alone can show a fixture that has changed.
     let same = same_edges.map_or(same_faces, |same_edges| same_edges.min(same_faces));
     let centre = RigidF32::from_rigid(placed).point(&model.centre);
     let identity: Rigid<Camera, Panel> = *placed;
     let (mut moved, mut information) = (identity, Matrix6::zeros());
     let mut twist = nalgebra::Vector6::zeros();
-    for _ in 0..ROUNDS {
+    for _ in 0..ITERATIONS {
         let at = |constraint: &Constraint| Constraint {
             residual: constraint.residual + constraint.jacobian(&centre).dot(&twist),
             ..*constraint
@@ -118,20 +118,20 @@ fn compare_fixture<F: Frame>(
         let (faces, edges): (Vec<_>, Vec<_>) = (faces.iter().map(at).collect(), edges.iter().map(at).collect());
         let of_faces = ResidualWeighting {
             sigma: FACE_NOISE_MM,
-            correlated_count: FACE_SHARING,
-            cutoff: (4.7 * spread(&faces)).max(FACE_FLOOR_MM),
+            correlated_count: FACE_CORRELATED_COUNT,
+            cutoff: (4.7 * spread(&faces)).max(MIN_FACE_CUTOFF_MM),
         };
         let of_edges = ResidualWeighting {
             sigma: EDGE_NOISE_PX,
-            correlated_count: EDGE_SHARING,
-            cutoff: (4.7 * spread(&edges)).max(EDGE_FLOOR_PX),
+            correlated_count: EDGE_CORRELATED_COUNT,
+            cutoff: (4.7 * spread(&edges)).max(MIN_EDGE_CUTOFF_PX),
         };
         let mut sums = ResidualSums::from_constraints(&faces, &of_faces, &centre)
             .add(ResidualSums::from_constraints(&edges, &of_edges, &centre));
-        // With the prior a direction that the fixture does not show stays uncertain by the prior's size, instead of
-        // free.
+        // With the prior, a direction that the fixture does not constrain has the prior's uncertainty, instead of an
+        // infinite one.
         for axis in 0..6 {
-            let sigma = if axis < 3 { PRIOR_RAD } else { PRIOR_MM };
+            let sigma = if axis < 3 { PRIOR_SIGMA_RAD } else { PRIOR_SIGMA_MM };
             sums.information[(axis, axis)] += 1.0 / (sigma * sigma);
             sums.gradient[axis] += twist[axis] / (sigma * sigma);
         }
@@ -147,7 +147,7 @@ fn compare_fixture<F: Frame>(
     })
 }
 
-/// The blocks outside of the search box in both scans.
+/// The blocks that lie outside of the search box in both scans.
 struct StaticScene<'a> {
     taught: &'a Grid,
     blocks: Vec<usize>,
@@ -165,7 +165,7 @@ impl<'a> StaticScene<'a> {
 
     /// Returns the distances of the taught faces in front of the scan's faces, along their normals.
     fn faces(&self, grid: &Grid) -> Vec<Constraint> {
-        let chosen = spread_indices(self.blocks.len(), FACES);
+        let chosen = spread_indices(self.blocks.len(), MAX_FACES);
         let face = |&k: &usize| {
             let block = self.blocks[k];
             let (column, row) = (block % grid.columns, block / grid.columns);
@@ -200,7 +200,7 @@ impl<'a> StaticScene<'a> {
         (edges, same)
     }
 
-    /// Taught edges of the fixture, each with its counterpart in the scan.
+    /// Returns taught edges of the fixture, each with its counterpart in the scan.
     fn match_edges<F: Frame>(
         &self,
         panel: &TaughtPanel,
@@ -227,15 +227,15 @@ impl<'a> StaticScene<'a> {
             });
             Some((found[*k], now))
         };
-        let chosen = spread_indices(found.len(), EDGES);
+        let chosen = spread_indices(found.len(), MAX_EDGES);
         let looked: Vec<Option<(TaughtEdge, Option<Constraint>)>> =
             chosen.par_iter().with_min_len(64).map(look).collect();
         looked.into_iter().flatten().collect()
     }
 
     /// Returns the edge between a block and the one beside it, if the brightness changes strongly from one to the
-    /// other. The edge belongs to the nearer of the two blocks, or to the block that has a depth: beyond a fixture
-    /// there may be nothing.
+    /// other. The edge belongs to the nearer of the two blocks, or to the only block that has a depth: beyond a fixture
+    /// there may be no points.
     fn find_edge(
         &self,
         panel: &TaughtPanel,
@@ -266,7 +266,7 @@ impl<'a> StaticScene<'a> {
         }
         let (here, there) = (self.taught.pixel(column, row), self.taught.pixel(column + right, row + down));
         let rise = brightness(panel, there)? - brightness(panel, here)?;
-        if rise.abs() < EDGE_GRAY {
+        if rise.abs() < MIN_EDGE_CONTRAST {
             return None;
         }
         let middle = Pixel::at((here.u + there.u) / 2.0, (here.v + there.v) / 2.0);
@@ -278,7 +278,7 @@ impl<'a> StaticScene<'a> {
         let of_panel = around.filter_map(|pixel| pixel.nearest_whole(panel.scan.width(), panel.scan.height()));
         let mut of_panel = of_panel.map(|(column, row)| panel.mask.inside[row * panel.scan.width() + column]);
         (!of_panel.any(|inside| inside)).then_some(())?;
-        Some(TaughtEdge { block, pixel: middle, across: across.try_normalize(EDGE_GRAY / 2.0)? })
+        Some(TaughtEdge { block, pixel: middle, across: across.try_normalize(MIN_EDGE_CONTRAST / 2.0)? })
     }
 }
 
@@ -287,13 +287,13 @@ impl<'a> StaticScene<'a> {
 pub(super) enum FixtureEdge {
     /// The edge is visible and has moved perpendicular to itself by this distance, px.
     Moved(f64),
-    /// The fixture is visible, but without such an edge.
+    /// The fixture is visible, but has no such edge.
     Gone,
-    /// Nothing is visible, or an object is in front of the edge.
+    /// No fixture is visible there, or an object is in front of the edge.
     Unseen,
 }
 
-/// Returns the fixture's taught edges, and what the scan shows at each; an empty list if the scan has different
+/// Returns the fixture's taught edges, and the observation of the scan at each; an empty list if the scan has other
 /// pixels.
 pub(super) fn fixture_edges(
     panel: &TaughtPanel,

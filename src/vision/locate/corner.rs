@@ -1,20 +1,20 @@
 //! The panel's corner in a picture of the flange camera (thesis 3.9, Fig. 3.17).
 //!
 //! As in the thesis: bilateral filter (Fig. 3.18), threshold (Fig. 3.19), the largest contour, the smallest box around
-//! it (Fig. 3.20), and the contour's point nearest to the box's corner (Fig. 3.21). Two details differ from the
-//! thesis. First, a direction states which corner of the box is meant, since the order of `minAreaRect`'s corners
-//! jumps as the box turns. Second, the reported point is the intersection of the two extended edges beside that
-//! contour point: a single pixel on a rounded corner is a poor measurement, two lines through hundreds of sub-pixel
-//! points are a good one. Lens distortion and the panel's curvature bend the edges by a fraction of a pixel over the
-//! fitted length. The edges of the taught and the found corner are bent alike, because they are seen from nearly the
-//! same position; this is not corrected. This module does not know the expected place of the corner: see `refine`.
+//! it (Fig. 3.20), and the contour's point nearest to the box's corner (Fig. 3.21). Two details differ from the thesis.
+//! First, a direction states which corner of the box is meant, since the order of `minAreaRect`'s corners jumps as the
+//! box rotates. Second, the result is the intersection of the two extended edges beside that contour point: a single
+//! pixel on a rounded corner is a poor measurement, two lines through hundreds of sub-pixel points are a good one. Lens
+//! distortion and the panel's curvature bend the edges by a fraction of a pixel over the fitted length. The edges of
+//! the taught and the found corner are bent alike, because they are seen from nearly the same position; this is not
+//! corrected. This module does not know the expected place of the corner: see `refine`.
 //!
-//! A straight edge is found to a fraction of a pixel. A line through contour pixels shows roughly where it is. At
-//! every pixel along this line, the grey of the unfiltered picture is read across the edge, from the panel's side to
-//! the other. The edge is where the grey crosses the middle between its values on both sides. A robust line through
-//! these places is the edge; the grey is read once more from this line.
+//! A straight edge is found to a fraction of a pixel. A line through contour pixels gives its approximate position. At
+//! every pixel along this line, the grey level of the unfiltered picture is read across the edge, from the panel's side
+//! to the other. The edge is where the grey level crosses the middle between its values on both sides. A robust line
+//! through these places is the edge; the grey levels are read once more across this line.
 //!
-//! A picture that shows no corner gives an error, as text for the person who set the recipe.
+//! If a picture shows no corner, the error is a text for the person who set the recipe.
 
 use nalgebra::{Matrix2, Vector2};
 use panelprep_base::geometry::{FlangeCamera, GrayPicture, Mask, PinholeCamera, Pixel, Point, median, polygon};
@@ -25,9 +25,9 @@ use panelprep_cell::recipe::CornerName;
 
 /// A contour that encloses less than this fraction of the picture is not the panel.
 const MIN_PICTURE_SHARE: f64 = 0.02;
-/// Contour points within this distance of the picture's border are caused by the border, px.
-const BORDER_PX: f64 = 3.0;
-/// Edges that meet at a smaller angle do not determine the corner, degrees.
+/// Contour points within this distance of the picture's border belong to the border and not to the panel, px.
+const MIN_BORDER_DISTANCE_PX: f64 = 3.0;
+/// Smallest angle between two edges that determine a corner, degrees.
 const MIN_ANGLE_DEG: f64 = 20.0;
 
 /// A corner, with the intermediate results of its detection.
@@ -45,8 +45,8 @@ pub struct CornerFound {
     pub edges: [EdgeLine; 2],
 }
 
-/// Finds the panel's corner that lies in this direction. `px_per_mm` is the picture's scale at the corner, focal
-/// length over depth.
+/// Finds the panel's corner that lies in this direction. `px_per_mm` is the picture's scale at the corner: focal length
+/// over depth.
 ///
 /// # Errors
 /// If the picture shows no corner of the panel; each error states the remedy.
@@ -56,16 +56,16 @@ pub fn find(
     which: CornerName,
     px_per_mm: f64,
 ) -> Result<CornerFound, CornerError> {
-    // The filter keeps edges. The edges themselves are fitted on the unfiltered picture below, since a filter moves
-    // them by fractions of a pixel.
+    // The filter preserves edges. The edges themselves are fitted on the unfiltered picture below, since a filter
+    // shifts them by fractions of a pixel.
     let filtered = bilateral_filter(picture, settings.bilateral_diameter_px(), settings.bilateral_sigma_gray())?;
     let contour = panel_contour(&filtered, settings)?;
     let box_px = min_area_box(&contour)?;
-    let nearest = nearest_contour_index(&contour, meant_corner(&box_px, which));
+    let nearest = nearest_contour_index(&contour, named_box_corner(&box_px, which));
     let nearest_px = contour[nearest];
     let inside = |pixel: Pixel| {
         let (right, bottom) = (picture.width as f64 - 1.0, picture.height as f64 - 1.0);
-        pixel.u.min(pixel.v).min(right - pixel.u).min(bottom - pixel.v) > BORDER_PX
+        pixel.u.min(pixel.v).min(right - pixel.u).min(bottom - pixel.v) > MIN_BORDER_DISTANCE_PX
     };
     if !inside(nearest_px) {
         return Err(CornerError::CornerAtBorder { u: nearest_px.u, v: nearest_px.v });
@@ -81,8 +81,8 @@ pub fn find(
     };
     let edges_from =
         |start: usize| -> Result<[EdgeLine; 2], CornerError> { Ok([fitted(start, 1)?, fitted(start, -1)?]) };
-    // In a turned picture the thesis's corner point does not lie in the middle of the rounding: a first intersection
-    // of the edges shows where the middle is.
+    // If the panel is rotated in the picture, the thesis's corner point does not lie in the middle of the rounding: a
+    // first intersection of the edges shows where the middle is.
     let rough = edges_from(nearest)?;
     let rough_px = intersect_edges(&rough[0], &rough[1], MIN_ANGLE_DEG)?;
     let edges = edges_from(nearest_contour_index(&contour, rough_px))?;
@@ -111,7 +111,7 @@ fn panel_contour(filtered: &GrayPicture, settings: &recipe::Corner) -> Result<Ve
     let (min, max) = (settings.panel_gray_min(), settings.panel_gray_max());
     let inside = filtered.gray.iter().map(|&gray| (min..=max).contains(&usize::from(gray))).collect();
     let mask = Mask { width: filtered.width, height: filtered.height, inside };
-    // The largest contour: smaller ones are reflections and labels with the panel's grey levels.
+    // The largest contour is the panel: smaller ones are reflections and labels with the panel's grey levels.
     let contour = outer_contours(&mask)?.into_iter().next().ok_or(CornerError::NoContour { min, max })?;
     let share = polygon::signed_area_px2(&contour).abs() / (mask.width * mask.height) as f64;
     if share < MIN_PICTURE_SHARE {
@@ -121,8 +121,8 @@ fn panel_contour(filtered: &GrayPicture, settings: &recipe::Corner) -> Result<Ve
     Ok(contour)
 }
 
-/// Returns the corner of the box that lies farthest in the taught direction; correct for boxes turned by up to 45°.
-fn meant_corner(box_px: &[Pixel; 4], which: CornerName) -> Pixel {
+/// Returns the corner of the box that lies farthest in the taught direction; correct for boxes rotated by up to 45°.
+fn named_box_corner(box_px: &[Pixel; 4], which: CornerName) -> Pixel {
     let (right, down) = match which {
         CornerName::TopLeft => (-1.0, -1.0),
         CornerName::TopRight => (1.0, -1.0),
@@ -138,8 +138,8 @@ fn nearest_contour_index(contour: &[Pixel], corner: Pixel) -> usize {
     (0..contour.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or_default()
 }
 
-/// Walks once around the contour from one of its points, forwards (`step` 1) or backwards (−1). Returns each point
-/// with the distance travelled, px.
+/// Follows the contour once around from one of its points, forwards (`step` 1) or backwards (−1). Returns each point
+/// with its distance along the contour, px.
 fn walk_contour(contour: &[Pixel], start: usize, step: isize) -> impl Iterator<Item = (Pixel, f64)> + '_ {
     let count = contour.len() as isize;
     let at = move |i: isize| contour[(start as isize + i * step).rem_euclid(count) as usize];
@@ -149,18 +149,18 @@ fn walk_contour(contour: &[Pixel], start: usize, step: isize) -> impl Iterator<I
     })
 }
 
-/// How far across the edge the grey is read, px.
+/// Distance to each side of the edge up to which the grey levels are read, px.
 const REACH_PX: i32 = 8;
-/// Number of samples at each end of a profile that determine the grey of a side.
+/// Number of samples at each end of a profile that determine the grey level of that side.
 const SIDE_SAMPLES: usize = 5;
-/// Smallest difference between both sides of an edge, grey levels.
+/// Smallest difference between the two sides of an edge, grey levels.
 const MIN_CONTRAST: f64 = 20.0;
-/// Smallest number of sharp edge points per pixel of length; with fewer, the edge is too short or too broken.
-const MIN_SHARE: f64 = 0.5;
-/// Points farther from the line than this multiple of the median distance are left out, but points within a third of a
-/// pixel are always used.
+/// Smallest number of sharp edge points per pixel of length; with fewer, the edge is too short or has too many gaps.
+const MIN_POINTS_PER_PX: f64 = 0.5;
+/// Points farther from the line than this multiple of the median distance are left out; points within
+/// `MIN_OUTLIER_LIMIT_PX` of the line are always used.
 const MAX_OUTLIER_MEDIANS: f64 = 4.0;
-const FLOOR_PX: f64 = 0.33;
+const MIN_OUTLIER_LIMIT_PX: f64 = 0.33;
 const LINE_FIT_ITERATIONS: usize = 6;
 
 /// The segment in which an edge is searched, starting at the corner.
@@ -185,9 +185,9 @@ pub struct EdgeLine {
     pub points: usize,
 }
 
-/// Fits the edge along contour pixels, given from the corner outwards.
+/// Fits the edge along contour pixels, whose order is from the corner outwards.
 fn fit_edge(picture: &GrayPicture, contour: &[Pixel], length: EdgeStretch) -> Result<EdgeLine, CornerError> {
-    let needed = ((length.fit_px * MIN_SHARE) as usize).max(4);
+    let needed = ((length.fit_px * MIN_POINTS_PER_PX) as usize).max(4);
     let short = |found: usize| CornerError::EdgeTooShort { found, needed };
     let (Some(first), Some(last)) = (contour.first(), contour.last()) else { return Err(short(0)) };
     let outwards = vector(*last) - vector(*first);
@@ -224,22 +224,22 @@ fn intersect_edges(a: &EdgeLine, b: &EdgeLine, min_angle_deg: f64) -> Result<Pix
 struct FittedLine {
     centre: Vector2<f64>,
     direction: Vector2<f64>,
-    /// First and last point along the line, measured from the middle of the line.
+    /// Positions of the first and the last point along the line, measured from the line's middle.
     span: [f64; 2],
     rms_px: f64,
     points: usize,
 }
 
 impl FittedLine {
-    /// Fits a line by total least squares with trimming: the direction of largest scatter among the points near the
-    /// line.
+    /// Fits a line by total least squares with trimming: its direction is that of the largest scatter of the points
+    /// near the line.
     fn fit_trimmed(places: &[Vector2<f64>], outwards: Vector2<f64>) -> Option<FittedLine> {
         let mut kept = places.to_vec();
         let mut line = FittedLine::fit_least_squares(&kept, outwards)?;
         for _ in 0..LINE_FIT_ITERATIONS {
             let away = |place: &Vector2<f64>| (place - line.centre).perp(&line.direction).abs();
             let mut sizes: Vec<f64> = kept.iter().map(away).collect();
-            let limit_px = (MAX_OUTLIER_MEDIANS * median(&mut sizes)?).max(FLOOR_PX);
+            let limit_px = (MAX_OUTLIER_MEDIANS * median(&mut sizes)?).max(MIN_OUTLIER_LIMIT_PX);
             kept = places.iter().filter(|place| away(place) <= limit_px).copied().collect();
             line = FittedLine::fit_least_squares(&kept, outwards)?;
         }
@@ -278,8 +278,8 @@ fn edge_points(picture: &GrayPicture, line: &FittedLine) -> Vec<Vector2<f64>> {
     (0..=steps).filter_map(place).collect()
 }
 
-/// Finds where a profile crosses the middle between its ends, nearest to its centre, in samples; `None` if the ends
-/// differ too little.
+/// Finds where a profile crosses the middle between the levels of its ends, nearest to its centre, in samples; `None`
+/// if the two levels differ too little.
 fn find_crossing(profile: &[f64]) -> Option<f64> {
     let mean = |side: &[f64]| side.iter().sum::<f64>() / side.len() as f64;
     let (first, last) = (mean(&profile[..SIDE_SAMPLES]), mean(&profile[profile.len() - SIDE_SAMPLES..]));
@@ -299,7 +299,7 @@ fn find_crossing(profile: &[f64]) -> Option<f64> {
         .min_by(|a, b| (a - centre).abs().total_cmp(&(b - centre).abs()))
 }
 
-/// Interpolates the grey between pixel centres, bilinear; `None` outside the picture.
+/// Interpolates the grey level bilinearly between pixel centres; `None` outside the picture.
 fn gray_at(picture: &GrayPicture, place: Vector2<f64>) -> Option<f64> {
     let (column, row) = (place.x.floor(), place.y.floor());
     if column < 0.0 || row < 0.0 || column as usize + 1 >= picture.width || row as usize + 1 >= picture.height {
@@ -330,9 +330,9 @@ pub enum CornerError {
          in view"
     )]
     NoContour {
-        /// Darkest brightness of the panel.
+        /// Lowest grey level of the panel.
         min: usize,
-        /// Brightest brightness of the panel.
+        /// Highest grey level of the panel.
         max: usize,
     },
     /// The largest object with the panel's brightness is too small.
@@ -397,7 +397,7 @@ mod tests {
         Recipe::check("test.toml", &text).unwrap_or_else(|problems| panic!("{problems}")).corner().clone()
     }
 
-    /// Draws a dark panel to the right of and below a corner, in front of a light wall. Its edges are turned by
+    /// Draws a dark panel to the right of and below a corner, in front of a bright wall. Its edges are rotated by
     /// `turn_deg`, rounded by `rounding_px` and spread over one pixel; a little unevenness replaces noise.
     fn picture(corner: Pixel, turn_deg: f64, rounding_px: f64) -> GrayPicture {
         let (width, height) = (320usize, 240usize);
@@ -418,21 +418,21 @@ mod tests {
 
     /// By construction the edges meet at (103.4, 77.8), outside the panel: the corner is rounded by 22 px.
     #[test]
-    fn a_rounded_turned_corner_is_found_to_a_tenth_of_a_pixel() {
+    fn a_rounded_and_rotated_corner_is_found_to_a_tenth_of_a_pixel() {
         for turn_deg in [-14.0, 0.0, 3.0, 12.0] {
             let corner = Pixel::at(103.4, 77.8);
             let found = find(&picture(corner, turn_deg, 22.0), &settings(SHORT), CornerName::TopLeft, 5.0)
                 .expect("a corner");
             assert!(found.corner_px.distance_px(corner) < 0.1, "{turn_deg}°: {:?}", found.corner_px);
-            // The thesis's corner point lies on the rounding, (√2 − 1)·22 = 9.1 px from the corner. In a turned picture
-            // the corner point lies beside the middle of the rounding.
+            // The thesis's corner point lies on the rounding, (√2 − 1)·22 = 9.1 px from the corner. If the panel is
+            // rotated, the corner point lies beside the middle of the rounding.
             let mark_px = found.nearest_px.distance_px(corner);
             assert!((8.0..28.0).contains(&mark_px), "{turn_deg}°: {:?}", found.nearest_px);
             assert!(found.edges.iter().all(|edge| edge.rms_px < 0.2 && edge.points > 50), "{:?}", found.edges);
         }
     }
 
-    /// Tests another corner by turning the picture: `which` selects the corner.
+    /// Finds another corner by rotating the picture: `which` selects the corner.
     #[test]
     fn the_named_corner_is_found() {
         let upright = picture(Pixel::at(103.0, 77.0), 2.0, 10.0);
@@ -444,7 +444,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_corner_is_refused_in_words() {
+    fn a_picture_without_a_corner_gives_an_error_text() {
         let settings = settings(SHORT);
         let nothing = find(&GrayPicture::uniform(320, 240, 200), &settings, CornerName::TopLeft, 5.0);
         assert!(matches!(nothing, Err(CornerError::NoContour { min: 0, max: 110 })), "{nothing:?}");
@@ -456,10 +456,10 @@ mod tests {
         assert!(matches!(short, Err(CornerError::EdgeTooShort { .. })), "{short:?}");
     }
 
-    /// Calculated by hand: between 40 and 140 the middle is 90. From 60 to 120 this value is crossed half-way, 8.5
+    /// Calculated by hand: between 40 and 140 the middle is 90. The profile crosses it half-way from 60 to 120, 8.5
     /// samples from the start.
     #[test]
-    fn the_middle_grey_is_crossed_between_two_samples() {
+    fn the_crossing_of_the_middle_is_interpolated_between_two_samples() {
         let mut profile = [40.0; 17];
         profile[8] = 60.0;
         profile[9] = 120.0;
@@ -468,7 +468,7 @@ mod tests {
         assert_eq!(find_crossing(&[100.0; 17]), None);
     }
 
-    /// By hand: y = 10 and x = 20 + y/2 meet at (25, 10).
+    /// By hand: the lines y = 10 and x = 20 + y/2 meet at (25, 10).
     #[test]
     fn two_lines_meet() {
         let line = |a: (f64, f64), b: (f64, f64)| EdgeLine {
@@ -486,7 +486,7 @@ mod tests {
     }
 
     #[test]
-    fn a_few_wrong_places_do_not_turn_the_line() {
+    fn a_few_outliers_do_not_rotate_the_line() {
         let place =
             |i: i32| Vector2::new(f64::from(i), if i % 9 == 0 { 14.0 } else { 5.0 + 0.01 * f64::from(i % 2) });
         let line = FittedLine::fit_trimmed(&(0..90).map(place).collect::<Vec<_>>(), Vector2::x()).expect("a line");

@@ -1,31 +1,32 @@
 //! The covariance of a pose, and its meaning on the panel.
 //!
-//! A fit with the information N = Σ wᵢ JᵢᵀJᵢ turns errors eᵢ of its residuals into a twist about the panel's centre of
-//! −N⁻¹ Σ wᵢ Jᵢᵀ eᵢ = −Σ Bᵢ eᵢ, with the covariance
-//!     C = N⁻¹ (Σ_k f_k N_k) N⁻¹ + f σ² Σᵢⱼ κ(xᵢ − xⱼ) Bᵢ Bⱼᵀ + v Σᵢⱼ κ(xᵢ − xⱼ) B⊥ᵢ B⊥ⱼᵀ,   κ(x) = exp(−π x²/ℓ²),          (1)
-//! The first term contains the edges and marks k, with cells that err independently; the other terms contain the
-//! surface. The second term is the scan's own smooth error, of the stated size σ. The correlation length ℓ of this
+//! A fit with the information N = Σ wᵢ JᵢᵀJᵢ transforms errors eᵢ of its residuals into a twist about the panel's
+//! centre of −N⁻¹ Σ wᵢ Jᵢᵀ eᵢ = −Σ Bᵢ eᵢ, with the covariance
+//!     C = N⁻¹ (Σ_k f_k N_k) N⁻¹ + f σ² Σᵢⱼ κ(xᵢ − xⱼ) Bᵢ Bⱼᵀ + v Σᵢⱼ κ(xᵢ − xⱼ) B⊥ᵢ B⊥ⱼᵀ,   κ(x) = exp(−π x²/ℓ²).          (1)
+//! The first term is that of the edges and marks k, whose cells have independent errors; the other terms are those of
+//! the surface. The second term is the scan's own smooth error, of the stated size σ. The correlation length ℓ of this
 //! error is not known, and with ℓ larger than the panel the error is a shift that no residual shows. Therefore (1) is
 //! evaluated for ℓ of 30 to 400 mm, and the largest result is stated. The third term is the panel's own deviation d
-//! (`deviation`), of the mean square v that was found. B⊥ is B without the part that a shift and two tilts along the
-//! normal remove, so that it counts only as far as a bend slides a curved panel in its plane.
+//! (`deviation`), with the mean square v that was found. B⊥ is B without the part that consists of a shift and two
+//! tilts along the normal, so that only the effect remains by which a bend slides a curved panel in its plane.
 //!     f = max(1, (ν + Σ_c m_c²/s_c²) / (ν + n))                                                             (2)
-//! The noise of each kind of residual is stated in `fit`, for the mean m of a cell whose members share one error. The
+//! For each kind of residual, `fit` states the noise s of the mean m of a cell, whose members share one error. The
 //! factor f states by how much the means of the n cells exceed this noise. A prior weight of ν cells for the stated
 //! noise stabilises f: a small panel has few cells. The surface's means are computed about the deviation. A point x of
 //! the panel then has the covariance A C Aᵀ with A = [−[x − c]×  I].
 //!
 //! A camera whose distances are all too long by the relative error s measures the panel's centre c, seen from the
-//! camera, at (1 + s) c, which no residual shows. The part of s that all scans have in common shifts the camera's
-//! mount as well, if the mount was measured with the same camera near the taught place, so that it cancels there. The
+//! camera, at (1 + s) c, which no residual shows. The part of s that all scans have in common also shifts the camera's
+//! mount, if the mount was measured with the same camera near the taught place; there the two shifts cancel. The
 //! difference between the two scans does not cancel:
 //!     C_vv += σ_s² (c − c₀)(c − c₀)ᵀ + σ_d² (c cᵀ + (R c₀)(R c₀)ᵀ),                                           (3)
-//! with c₀ the taught centre, R the turn from the taught place to this one, and σ_s and σ_d the deviations of s in all
-//! scans alike and from scan to scan. (3) contains neither the error of the panel's own size by s, which over half a
-//! panel is much smaller, nor the error of a mount that was measured elsewhere.
+//! with c₀ the taught centre, R the rotation from the taught place to this one, σ_s the standard deviation of the part
+//! of s that all scans share, and σ_d that of the part that differs from scan to scan. (3) contains neither the error
+//! of the panel's own size by s, which over half a panel is much smaller, nor the error of a mount that was measured
+//! elsewhere.
 
 use super::deviation::{Deviation, PanelPlane};
-use super::fit::{EDGE_CORRELATION_MM, KINDS, Residuals};
+use super::fit::{EDGE_CORRELATION_MM, RESIDUAL_KIND_COUNT, Residuals};
 use super::grid::{RigidF32, spread_indices};
 use super::model::Model;
 use super::scan_errors::RangeErrors;
@@ -36,24 +37,24 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-/// Values of ℓ of (1), mm. They range from slightly below the lattices that were found in scans to beyond the
-/// largest trial panel.
+/// Values of ℓ of (1), mm. They range from slightly below the cell sizes of the error fields that were found in scans
+/// to beyond the largest trial panel.
 const CORRELATION_LENGTHS_MM: [f64; 4] = [30.0, 85.0, 200.0, 400.0];
-/// The approximate number of surface places over which (1) is summed: 15 mm apart on a panel of 330 × 220 mm.
+/// The approximate number of surface places over which (1) is summed: on a panel of 330 × 220 mm they are 15 mm apart.
 const MAX_SURFACE_PLACES: usize = 300;
-/// At least this fraction of a field's variance remains when a shift and two tilts are removed, so that no division by
-/// zero occurs.
+/// Lower limit of the fraction of a field's variance that remains when a shift and two tilts are removed: prevents a
+/// division by zero.
 const MIN_VARIANCE_SHARE: f64 = 1e-3;
 /// ν of (2).
-const TRUST_CELLS: f64 = 12.0;
+const PRIOR_CELLS: f64 = 12.0;
 /// Index of the surface among the kinds of residuals.
-const SURFACE: usize = 0;
+const SURFACE_KIND: usize = 0;
 /// A cell is used if it has at least this fraction of the points of a full cell.
-const CELL_FILLED: f64 = 0.3;
+const MIN_CELL_FILL_SHARE: f64 = 0.3;
 
-/// Returns the terms that (3) adds to the shifts, from the panel's centres as taught and now and the rotation
-/// between them. The first term is for a scale that all scans share, the second for a scale that differs from scan
-/// to scan.
+/// Returns the terms that (3) adds to the covariance of the shift, from the taught and the present centre of the panel
+/// and the rotation between them. The first term is for a scale that all scans share, the second for a scale that
+/// differs from scan to scan.
 fn scale_terms([taught, now]: [&Vector3<f64>; 2], turn: &Matrix3<f64>, range: RangeErrors) -> [Matrix3<f64>; 2] {
     let (moved, turned) = (now - taught, turn * taught);
     [
@@ -81,7 +82,7 @@ pub enum WeakestMotion {
 }
 
 impl WeakestMotion {
-    /// Returns the description for people.
+    /// Returns the description, as text for a person.
     pub fn describe(self) -> &'static str {
         match self {
             WeakestMotion::Normal => "along the panel's normal",
@@ -99,9 +100,9 @@ pub(super) struct PoseCovariance {
     pub weakest: WeakestMotion,
     /// 95 % of the errors along that direction are smaller, mm; a rotation counts by its mean displacement.
     pub weakest_mm: f64,
-    /// The covariance without the term of (3) for a scale that all scans share, as it would be at the taught pose.
+    /// The covariance without the term of (3) for a scale that all scans share, which is zero at the taught pose.
     pub at_taught_place: Matrix6<f64>,
-    /// Covariance by (1) alone.
+    /// The covariance by (1) alone.
     pub without_scale_term: Matrix6<f64>,
 }
 
@@ -109,7 +110,7 @@ pub(super) struct PoseCovariance {
 /// at this pose.
 pub(super) fn covariance(
     residuals: &Residuals,
-    weighing: &[ResidualWeighting; KINDS],
+    weighing: &[ResidualWeighting; RESIDUAL_KIND_COUNT],
     model: &Model,
     (motion, deviation): (&RigidF32, Option<&Deviation>),
 ) -> Option<PoseCovariance> {
@@ -120,7 +121,7 @@ pub(super) fn covariance(
     };
     let square = |sample: usize| cell(&model.points[sample], model.range.correlation_mm);
     let mark_square = |sample: usize| cell(&model.marks.points[sample].point, model.range.correlation_mm);
-    // The taught outline is in order, so that a segment consists of consecutive points.
+    // The points of the taught outline are in order, so that a segment consists of consecutive points.
     let mut ways_mm = Vec::with_capacity(model.outline.len());
     let mut way_mm = 0.0;
     for sample in &model.outline {
@@ -138,14 +139,17 @@ pub(super) fn covariance(
     for (k, kind) in residuals.kinds().iter().enumerate() {
         let of_kind = ResidualSums::from_constraints(kind, &weighing[k], &residuals.centre).information;
         information += of_kind;
-        of_edges += if k == SURFACE { Matrix6::zeros() } else { of_kind * factors[k] };
+        of_edges += if k == SURFACE_KIND { Matrix6::zeros() } else { of_kind * factors[k] };
     }
     let inverse = information.try_inverse().filter(|c| (0..6).all(|i| c[(i, i)] > 0.0))?;
-    let surface = SurfaceMoves::new(surface_places(residuals, &weighing[SURFACE], (model, plane)), &inverse);
+    let surface =
+        SurfaceErrorEffects::new(surface_places(residuals, &weighing[SURFACE_KIND], (model, plane)), &inverse);
     let of_edges = inverse * of_edges * inverse;
-    let variances =
-        [factors[SURFACE] * weighing[SURFACE].sigma.powi(2), deviation.map_or(0.0, |it| it.rms_mm.powi(2))];
-    // The correlation length of the scan's own error is not known; the most harmful length counts.
+    let variances = [
+        factors[SURFACE_KIND] * weighing[SURFACE_KIND].sigma.powi(2),
+        deviation.map_or(0.0, |it| it.rms_mm.powi(2)),
+    ];
+    // The correlation length of the scan's own error is not known; the length with the largest effect counts.
     let at_lengths: Vec<Matrix6<f64>> = CORRELATION_LENGTHS_MM
         .par_iter()
         .map(|&alike_mm| of_edges + surface.covariance(alike_mm, variances))
@@ -191,7 +195,7 @@ struct SurfacePlace {
 }
 
 /// The effect of the surface residuals' errors on the panel's pose.
-struct SurfaceMoves {
+struct SurfaceErrorEffects {
     places: Vec<SurfacePlace>,
     /// B of (1) at each place.
     moves: Vec<Vector6<f64>>,
@@ -222,20 +226,20 @@ fn surface_places(
     chosen.into_iter().map(place).collect()
 }
 
-impl SurfaceMoves {
-    /// Computes the effect of the residuals' errors for a fit with this inverse of its information.
-    fn new(places: Vec<SurfacePlace>, inverse: &Matrix6<f64>) -> SurfaceMoves {
+impl SurfaceErrorEffects {
+    /// Computes the effect of the residuals' errors on a fit whose information has this inverse.
+    fn new(places: Vec<SurfacePlace>, inverse: &Matrix6<f64>) -> SurfaceErrorEffects {
         let moves: Vec<Vector6<f64>> = places.iter().map(|place| inverse * place.weighted_gradient).collect();
         let squares: Matrix3<f64> = places.iter().map(|place| place.rigid * place.rigid.transpose()).sum();
         let of_rigid = squares.try_inverse().unwrap_or_else(Matrix3::zeros);
         let both = || moves.iter().zip(&places);
         let taken_off: Matrix6x3<f64> = both().map(|(moves, place)| moves * place.rigid.transpose()).sum();
         let bent = both().map(|(moves, place)| moves - taken_off * (of_rigid * place.rigid)).collect();
-        SurfaceMoves { places, moves, bent, of_rigid }
+        SurfaceErrorEffects { places, moves, bent, of_rigid }
     }
 
-    /// Returns the last two terms of (1), for this length and these variances of the scan's error and of the
-    /// deviation, mm².
+    /// Returns the last two terms of (1), for this correlation length and these variances of the scan's error and of
+    /// the deviation, mm².
     fn covariance(&self, alike_mm: f64, [of_scan, of_panel]: [f64; 2]) -> Matrix6<f64> {
         let count = self.places.len();
         let (mut noise, mut bend, mut rigid) = (Matrix6::zeros(), Matrix6::zeros(), Matrix3::zeros());
@@ -254,8 +258,8 @@ impl SurfaceMoves {
             bend += self.bent[i] * bend_with.transpose();
             rigid += self.places[i].rigid * rigid_with.transpose();
         }
-        // If a shift and two tilts are removed from a field of variance 1, its variance becomes smaller. The
-        // variance that was found is this smaller one.
+        // If a shift and two tilts are removed from a field of variance 1, its variance becomes smaller. The measured
+        // variance is this smaller one.
         let left = 1.0 - (self.of_rigid * rigid).trace() / count.max(1) as f64;
         noise * of_scan + bend * (of_panel / left.max(MIN_VARIANCE_SHARE))
     }
@@ -265,7 +269,7 @@ impl SurfaceMoves {
 pub(super) struct WeakestDirection {
     /// The standard deviation as a twist (ω, v) about the panel's centre, rad and mm.
     pub twist: Vector6<f64>,
-    /// The same twist in mm; a rotation counts by the distance that it moves points on average.
+    /// The same twist in mm; a rotation counts by the mean distance by which it moves points.
     pub moves_mm: Vector6<f64>,
 }
 
@@ -283,7 +287,7 @@ pub(super) fn weakest_direction(covariance: &Matrix6<f64>, model: &Model) -> Wea
     WeakestDirection { twist: moves_mm.component_div(&to_mm), moves_mm }
 }
 
-/// f of (2).
+/// Returns f of (2).
 fn correlation_inflation(
     constraints: &[Constraint],
     weighing: &ResidualWeighting,
@@ -295,17 +299,18 @@ fn correlation_inflation(
         let sums = cells.entry(cell(constraint.sample)).or_default();
         *sums = (sums.0 + robust, sums.1 + robust * constraint.residual);
     }
-    // A cell at the rim with a few points has a noisy mean, which would look like correlated noise.
-    let filled = cells.values().filter(|(weight, _)| *weight >= CELL_FILLED * weighing.correlated_count);
+    // The mean of a cell at the rim with only a few points is noisy, and would look like correlated noise.
+    let filled = cells.values().filter(|(weight, _)| *weight >= MIN_CELL_FILL_SHARE * weighing.correlated_count);
     let (count, squares) = filled.fold((0.0, 0.0), |(count, squares), (weight, sum)| {
         let mean = sum / weight;
         (count + 1.0, squares + mean * mean / (weighing.sigma * weighing.sigma))
     });
-    // The fit absorbs a part of the noise, so that cells never show that there is less noise than stated.
-    ((TRUST_CELLS + squares) / (TRUST_CELLS + count)).max(1.0)
+    // The fit absorbs a part of the noise. Therefore cells never prove that there is less noise than stated.
+    ((PRIOR_CELLS + squares) / (PRIOR_CELLS + count)).max(1.0)
 }
 
-/// Returns one standard deviation at the worst point of the panel, along its worst direction, mm.
+/// Returns one standard deviation at the point of the panel with the largest error, along the direction in which that
+/// error is largest, mm.
 pub(super) fn worst_mm(covariance: &Matrix6<f64>, model: &Model, motion: &RigidF32) -> f64 {
     let centre = motion.point(&model.centre);
     let at = |point: &Vector3<f64>| {
@@ -315,7 +320,7 @@ pub(super) fn worst_mm(covariance: &Matrix6<f64>, model: &Model, motion: &RigidF
         a.fixed_view_mut::<3, 3>(0, 3).copy_from(&Matrix3::identity());
         (a * covariance * a.transpose()).symmetric_eigenvalues().max()
     };
-    // The outline alone: the displacement by a small rotation is largest at the rim.
+    // The outline is sufficient: the displacement by a small rotation is largest at the rim.
     model.outline.iter().step_by(4).map(|sample| at(&sample.point)).fold(0.0, f64::max).max(0.0).sqrt()
 }
 
@@ -323,11 +328,11 @@ pub(super) fn worst_mm(covariance: &Matrix6<f64>, model: &Model, motion: &RigidF
 mod tests {
     use super::*;
 
-    /// Returns the effect of errors on a panel of 300 × 200 mm with 25 × 17 places. Its slope along x has this value
-    /// at its ends. If the slope is linear, the panel is a parabola, and a slide only tilts it; this panel has a slope
-    /// with the square of x, and a slide bends it. The fit has the information of the surface, and this much per mm²
-    /// against a slide along x and y and a rotation.
-    fn moves(slope: f64, of_outline: f64) -> SurfaceMoves {
+    /// Returns the effect of errors on a panel of 300 × 200 mm with 25 × 17 places, whose slope along x has this value
+    /// at its ends. With a linear slope the panel would be a parabola, which a slide only tilts; here the slope is
+    /// proportional to the square of x, so that a slide bends the panel. The fit has the information of the surface,
+    /// and `of_outline` per mm² against a slide along x and y and a rotation.
+    fn moves(slope: f64, of_outline: f64) -> SurfaceErrorEffects {
         let place = |n: usize| {
             let [x, y] = [(n % 25) as f64 * 12.5 - 150.0, (n / 25) as f64 * 12.5 - 100.0];
             let (point, normal) = (
@@ -346,12 +351,12 @@ mod tests {
         let of_surface: Matrix6<f64> =
             places.iter().map(|place| place.weighted_gradient * place.weighted_gradient.transpose()).sum();
         let outline = Matrix6::from_diagonal(&Vector6::new(0.0, 0.0, 1e4, 1.0, 1.0, 0.0)) * of_outline;
-        SurfaceMoves::new(places, &(of_surface + outline).try_inverse().expect("held"))
+        SurfaceErrorEffects::new(places, &(of_surface + outline).try_inverse().expect("held"))
     }
 
     /// By hand: an error that is the same over the whole panel shifts the panel by this error and does not tilt it. An
-    /// error with a much shorter correlation length averages out, as over n cells of ℓ²: 0.1 mm over 60000 / 30² = 67
-    /// cells is 0.012 mm.
+    /// error with a much shorter correlation length is averaged over n independent cells of ℓ²: 0.1 mm over 60000 / 30²
+    /// = 67 cells is 0.012 mm.
     #[test]
     fn a_scan_error_longer_than_the_panel_is_a_shift_that_no_residual_shows() {
         let flat = moves(0.0, 1.0);
@@ -362,11 +367,11 @@ mod tests {
         assert!((0.011..0.0135).contains(&short), "{short}");
     }
 
-    /// A bend of 0.5 mm rms causes no shift or tilt along the normal, by the definition of a pose, and does not
-    /// slide a flat panel. It slides a curved panel that is hardly constrained by its outline. The slide is larger
-    /// if the outline constrains the panel less.
+    /// A bend of 0.5 mm rms causes no shift or tilt along the normal, by the definition of a pose, and does not slide a
+    /// flat panel. It slides a curved panel whose outline hardly constrains it, and the more, the less the outline
+    /// constrains the panel.
     #[test]
-    fn a_bend_slides_a_curved_panel_that_its_outline_does_not_hold() {
+    fn a_bend_slides_a_curved_panel_that_its_outline_hardly_constrains() {
         let bent = |slope: f64, of_outline: f64| moves(slope, of_outline).covariance(200.0, [0.0, 0.25]);
         let flat = bent(0.0, 1.0);
         assert!(flat.iter().all(|value| value.abs() < 1e-9), "{flat}");
@@ -376,10 +381,10 @@ mod tests {
         assert!(bent(0.3, 1e6)[(5, 5)].sqrt() < 0.02);
     }
 
-    /// By hand: at a distance of 700 mm, moved by 20 mm along the view, 0.1 % in all scans alike is 0.02 mm. 0.01 %
-    /// from scan to scan is 0.07 mm in each of the two scans, along the view.
+    /// By hand: for a panel at a distance of 700 mm, moved by 20 mm along the view, 0.1 % that all scans share is 0.02
+    /// mm. 0.01 % that differs from scan to scan is 0.07 mm in each of the two scans, along the view.
     #[test]
-    fn a_scale_that_both_scans_share_counts_with_the_way_between_them() {
+    fn a_shared_scale_error_counts_with_the_distance_between_the_poses() {
         let (taught, now) = (Vector3::new(0.0, 0.0, 700.0), Vector3::new(0.0, 0.0, 720.0));
         let range = RangeErrors { scale: 0.001, scan_to_scan_scale: 0.0001, ..RangeErrors::default() };
         let none = Matrix3::identity();
@@ -389,7 +394,7 @@ mod tests {
         let [shared, own] = scale_terms([&taught, &taught], &none, range);
         assert_eq!(shared, Matrix3::zeros());
         assert!((own[(2, 2)].sqrt() - 0.07 * std::f64::consts::SQRT_2).abs() < 1e-12, "{own}");
-        // After a tilt by a right angle, the taught scan's error along the view lies sideways.
+        // After a tilt by a right angle, the error of the taught scan along its view lies sideways.
         let tilt = Matrix3::new(0.0, 0.0, 1.0, 0.0, 1.0, 0.0, -1.0, 0.0, 0.0);
         let [_, own] = scale_terms([&taught, &taught], &tilt, range);
         assert!((own[(0, 0)].sqrt() - 0.07).abs() < 1e-12 && (own[(2, 2)].sqrt() - 0.07).abs() < 1e-12, "{own}");

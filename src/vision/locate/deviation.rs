@@ -3,11 +3,11 @@
 //! A pose is rigid, but a panel is not: it bends under its own weight, by moisture, or by its clamping. Therefore the
 //! pose of a bent panel is defined as follows. Along the normal it is the rigid pose nearest to the surface; in the
 //! panel's plane it is the pose that puts the outline of the bent panel on its edges. The remainder is the deviation
-//!     d = c − F (FᵀF)⁻¹Fᵀ c,                                                                             (1)
-//! c is the smooth field that follows the surface's residuals (`geometry/smooth_field`), and F the three motions along
-//! the normal, a shift and two tilts, at the samples. A bow therefore never counts as a shift or a tilt, and a shift
-//! or a tilt never counts as a bow. A slide of a curved panel in its plane looks like a deviation: only outline and
-//! marks constrain a bent panel there (`covariance`).
+//!     d = c − F (FᵀF)⁻¹Fᵀ c.                                                                             (1)
+//! Here c is the smooth field that is fitted to the surface's residuals (`geometry/smooth_field`), and F the three
+//! motions along the normal, a shift and two tilts, at the samples. A bow therefore never counts as a shift or a tilt,
+//! and a shift or a tilt never counts as a bow. A slide of a curved panel in its plane looks like a deviation: only
+//! outline and marks constrain a bent panel there (`covariance`).
 
 use super::fit::{FitInputs, IterationEnd, Residuals, Samples, fit};
 use super::grid::spread_indices;
@@ -15,29 +15,29 @@ use super::model::Model;
 use nalgebra::{Matrix3, Vector3};
 use panelprep_base::geometry::{HeightSample, RobustField, SmoothField};
 
-/// The approximate number of samples to which the field is fitted. This gives forty samples for each coefficient of a
-/// panel of 330 × 220 mm, so that a coefficient is determined to a sixth of a sample's noise.
-const MAX_FITTED: usize = 2_500;
-/// A sample farther from the taught surface does not belong to the panel, mm; the limit is the same as for today's
-/// surface.
+/// The approximate number of samples to which the field is fitted. For a panel of 330 × 220 mm this is forty samples
+/// for each coefficient, so that the error of a coefficient is a sixth of a sample's noise.
+const MAX_FITTED_SAMPLES: usize = 2_500;
+/// A sample that is farther than this from the taught surface does not belong to the panel, mm; the limit is the same
+/// as for today's surface.
 const MAX_DISTANCE_MM: f64 = 20.0;
-/// With fewer samples the field is not determined; in that case no deviation is assumed.
-const MIN_FITTED: usize = 200;
+/// With fewer samples than this the field is not determined and no deviation is assumed.
+const MIN_FITTED_SAMPLES: usize = 200;
 
-/// The number of times that the deviation is calculated and the pose fitted to the bent panel. The second repetition
+/// The number of times that the deviation is calculated and the pose is fitted to the bent panel. The second iteration
 /// moves the pose by less than the noise.
 const DEVIATION_ITERATIONS: usize = 2;
 
-/// The result of a fit, with the panel as bent at this pose.
+/// The result of a fit, with the panel as it is bent at this pose.
 pub(super) struct BentFit {
     pub fitted: IterationEnd,
-    /// `None` if too little of the surface is seen: then the panel is used as it was taught.
+    /// `None` if too little of the surface is seen: the panel is then used as it was taught.
     pub deviation: Option<Deviation>,
     /// The taught panel, bent by the deviation.
     pub model: Option<Model>,
 }
 
-/// Continues from the end of a fit of the taught panel, with these samples.
+/// Estimates the deviation, beginning with the result of a fit of the taught panel to these samples.
 pub(super) fn estimate_deviation(fitted: IterationEnd, inputs: FitInputs<'_>, samples: &Samples) -> BentFit {
     let of_surface = samples.surface_only();
     let mut bent = BentFit { fitted, deviation: None, model: None };
@@ -48,8 +48,8 @@ pub(super) fn estimate_deviation(fitted: IterationEnd, inputs: FitInputs<'_>, sa
             break;
         };
         let model = deviation.bent_panel(inputs.model);
-        // Fitted again after each bend: the outline of the bent panel lies elsewhere, and it alone holds a bent panel
-        // sideways.
+        // The fit is repeated after each estimate of the bend: the outline of the bent panel lies elsewhere, and it
+        // alone constrains a bent panel sideways.
         let Some(fitted) = fit(&bent.fitted.camera_from_panel, FitInputs { model: &model, ..inputs }, samples)
         else {
             break;
@@ -82,8 +82,8 @@ impl PanelPlane {
         [arm.dot(&self.axes[0]), arm.dot(&self.axes[1])]
     }
 
-    /// Returns a row of F: how far a point moves along its normal. The motions are a shift along the panel's mean
-    /// normal, and a rotation of one radian about each axis.
+    /// Returns a row of F: how far a point moves along its normal for each of three motions. These are a shift along
+    /// the panel's mean normal, and a rotation of one radian about each axis in the plane.
     pub fn motions(&self, point: &Vector3<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
         let about = (point - self.centre).cross(normal);
         Vector3::new(normal.dot(&self.axes[2]), about.dot(&self.axes[0]), about.dot(&self.axes[1]))
@@ -107,7 +107,7 @@ pub(super) struct Deviation {
 }
 
 impl Deviation {
-    /// Computes the deviation from the surface's residuals, for a panel that is already bent by `bent`; `None` if too
+    /// Computes the deviation from the surface's residuals, for a model that is already bent by `bent`; `None` if too
     /// little of the surface is seen.
     pub fn from_residuals(residuals: &Residuals, model: &Model, bent: Option<&Deviation>) -> Option<Self> {
         let plane = PanelPlane::from_model(model)?;
@@ -126,17 +126,17 @@ impl Deviation {
                 bent.map_or(0.0, |bent| bent.deviation_at_mm(&model.points[sample], &model.normals[sample]));
             let at = [0, 1].map(|axis| (places[sample][axis] - low_mm[axis]) / sides_mm[axis]);
             let height = HeightSample { position: at, height_mm: before_mm - constraint.residual };
-            // Beyond this it is another object, which must not bend the panel towards itself.
+            // A sample beyond this limit is another object, which must not bend the panel towards itself.
             (height.height_mm.abs() <= MAX_DISTANCE_MM).then_some((sample, height))
         };
         let seen: Vec<(usize, HeightSample)> =
-            spread_indices(residuals.surface.len(), MAX_FITTED).into_iter().filter_map(seen).collect();
-        if seen.len() < MIN_FITTED {
+            spread_indices(residuals.surface.len(), MAX_FITTED_SAMPLES).into_iter().filter_map(seen).collect();
+        if seen.len() < MIN_FITTED_SAMPLES {
             return None;
         }
         let heights: Vec<HeightSample> = seen.iter().map(|(_, height)| *height).collect();
         let RobustField { field, limit_mm } = SmoothField::fit_robust(sides_mm, &heights)?;
-        // Samples without weight, such as those on a clamp, do not belong to the panel.
+        // Samples without weight, such as those on a clamp, are not part of the panel.
         let of_panel: Vec<(Vector3<f64>, f64)> = seen
             .iter()
             .map(|(sample, height)| (sample, height, field.height_at(height.position)))
@@ -148,7 +148,7 @@ impl Deviation {
             squares += row * row.transpose();
             sums += row * *there_mm;
         }
-        // A shift and two tilts belong to the pose: left in the bend, they would be counted twice or not at all.
+        // A shift and two tilts belong to the pose: as a part of the bend, they would be counted twice or not at all.
         let rigid = squares.cholesky()?.solve(&sums);
         let sizes: Vec<f64> = of_panel.iter().map(|(row, there_mm)| there_mm - rigid.dot(row)).collect();
         let mut deviation = Deviation { plane, field, low_mm, sides_mm, rigid, largest_mm: 0.0, rms_mm: 0.0 };
@@ -228,7 +228,7 @@ mod tests {
     /// A plate 2 mm thick on a quarter of the panel, and waves of 50 mm length and 0.5 mm height: no smooth bend
     /// explains either of them.
     #[test]
-    fn what_no_smooth_bend_explains_is_a_poor_fit() {
+    fn a_shape_that_no_smooth_bend_explains_is_a_poor_fit() {
         let cell = Cell::new(4, Scene::Good, 4);
         let scan = cell.scan();
         let nearer = |before_mm: &dyn Fn([f64; 3]) -> f64| {

@@ -1,47 +1,49 @@
-//! Finds the panel's edge in the scan beside a point of its taught outline, and in a picture where it changes from one
-//! brightness to another along a short line, to a fraction of a pixel.
+//! Finds the panel's edge in the scan beside a point of its taught outline. In a picture, the edge is where brightness
+//! changes from one level to another along a short line; it is measured to a fraction of a pixel.
 //!
-//! The measured depths give the edge roughly: inside of the edge they lie on the panel's surface, outside of the edge
-//! they lie behind. The colour picture gives it exactly if both sides differ in brightness. If a nearer object
-//! occludes the edge, none is reported.
+//! The measured depths give the approximate edge: inside of the edge they lie on the panel's surface, outside of the
+//! edge they lie behind it. The colour picture gives the exact edge if the brightness of the two sides differs. If a
+//! nearer object occludes the edge, none is reported.
 //!
 //! A 3D camera has no points where its projector does not reach. The panel's shadow lies on the background along one
-//! side of its edge, and the shadow of an object before the panel lies on the panel. Missing points beyond the surface
-//! are therefore no measure of the distance to its edge. If points are missing inside of the edge, depth gives no
-//! information and the colour picture alone decides.
+//! side of its edge, and the shadow of an object in front of the panel lies on the panel. Missing points beyond the
+//! surface are therefore no measure of the distance to its edge. If points are missing inside of the edge, depth gives
+//! no information and the colour picture alone decides.
 //!
-//! Brightness is read every pixel along a line; inside and outside of the edge it has the levels a and b. The edge
-//! lies near the place at which brightness passes the middle between the two. The edge's position is that of an ideal
-//! step with the same sum of brightness:
+//! Brightness is read every pixel along a line; inside and outside of the edge it has the levels a and b. The edge lies
+//! near the place at which brightness passes the middle between the two. The edge's position is that of an ideal step
+//! with the same sum of brightness:
 //!     Σᵢ (b − gᵢ) / (b − a)  =  number of places inside of the edge.                                         (1)
 //! A pixel is the mean over its area, so that (1) holds wherever the edge lies in its pixel; the crossing itself is
-//! biased towards the pixels' centres. A taught and a scanned edge are evaluated in the same way, so that the effect
-//! of a lens or a gamma cancels.
+//! biased towards the pixels' centres. A taught and a scanned edge are evaluated in the same way, so that the effect of
+//! a lens or a gamma cancels.
 
 use super::grid::ColoredCloud;
 use nalgebra::{Vector2, Vector3};
 use panelprep_base::geometry::{Frame, OrganizedCloud, PinholeCamera, Pixel};
 
-/// A point farther than this from the surface's plane belongs to another object, mm. The second constant is the
-/// additional distance for each px from the edge.
+/// A point that is farther than this from the surface's plane belongs to another object, mm. The second constant is
+/// added to this limit for each px of distance from the edge.
 const MAX_SURFACE_DISTANCE_MM: f64 = 1.5;
 const MAX_SURFACE_DISTANCE_MM_PER_PX: f64 = 0.15;
-/// A surface that is more slanted than this is treated as if it had this slant: cosine of the angle.
-const MIN_COSINE: f64 = 0.3;
+/// Smallest cosine of the angle between view and normal: a more slanted surface is treated as if it had this slant.
+const MIN_INCIDENCE_COSINE: f64 = 0.3;
 /// The number of pixels just inside of an edge that are examined, and the number of these that must be on the surface.
 const INSIDE_PX: i32 = 6;
-const MIN_INSIDE: usize = 3;
+const MIN_INSIDE_PIXELS: usize = 3;
 /// Maximum distance between the edges by colour and by depth, px.
 const MAX_COLOUR_DEPTH_DISTANCE_PX: f64 = 2.6;
-/// If points beyond a surface are missing over more than this distance, px, the cause is a shadow.
-const RIM_PX: i32 = 3;
-/// If the depths leave the edge undetermined over more than this, px, they do not locate it without colour.
-const MAX_OPEN_PX: i32 = 8;
+/// The largest width of the strip of missing points that an edge causes, px: if points are missing farther beyond a
+/// surface, the cause is a shadow.
+const MAX_RIM_PX: i32 = 3;
+/// The largest gap between the depths on the surface and behind it that still determines the edge, px: with a larger
+/// gap colour must show the edge.
+const MAX_GAP_PX: i32 = 8;
 
 /// The result of the search for the edge beside a point of the outline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum EdgeReading {
-    /// The edge was found by colour: its distance outside of the point and the width of its step, px.
+    /// The edge was found by colour: its distance from the point outwards, and the width of its step, px.
     Colour { offset_px: f64, width_px: f64 },
     /// The edge was found only by depth.
     Depth { offset_px: f64 },
@@ -75,7 +77,7 @@ enum DepthClass {
     Missing,
 }
 
-/// The surface's plane beside a point, as the picture shows it: its inverse depth is linear in the pixels.
+/// The surface's plane beside a point, as it appears in the picture: its inverse depth is linear in the pixels.
 pub(super) struct Tangent {
     at: Pixel,
     inverse: f64,
@@ -92,7 +94,7 @@ impl Tangent {
             at,
             inverse: 1.0 / point.z,
             slope: Vector2::new(normal.x / (camera.fx_px * distance), normal.y / (camera.fy_px * distance)),
-            incidence_cosine: (distance.abs() / point.norm()).max(MIN_COSINE),
+            incidence_cosine: (distance.abs() / point.norm()).max(MIN_INCIDENCE_COSINE),
         }
     }
 
@@ -122,7 +124,7 @@ pub(super) fn edge(
     is_patchy: bool,
 ) -> EdgeReading {
     let reach = HALF_LENGTH_PX as i32;
-    // The whole line must be in the picture: half of it could show one side of the edge only.
+    // The whole line must be in the picture: a half of it could show only one side of the edge.
     let margin = f64::from(reach) + 1.0;
     let (width, height) = (scan.width() as f64, scan.height() as f64);
     let inside = pixel.u >= margin && pixel.v >= margin && pixel.u < width - margin && pixel.v < height - margin;
@@ -154,7 +156,7 @@ pub(super) fn edge(
     let line = line(scan, pixel, [across.x, across.y]);
     let near = |expected_px: f64| {
         let step = step(line.as_ref()?, expected_px)?;
-        // A step farther away is paint, a shadow or another object, although it may be the strongest one.
+        // A step that is farther away is paint, a shadow or another object, even if it is the strongest one.
         ((step.offset_px - expected_px).abs() <= MAX_COLOUR_DEPTH_DISTANCE_PX).then_some(step)
     };
     match near(rough_px).or_else(|| if is_patchy { strongest_step(&depths, near) } else { None }) {
@@ -164,15 +166,15 @@ pub(super) fn edge(
     }
 }
 
-/// Returns the strongest step of brightness if points are missing over more than a rim. The panel's own points may be
-/// among the missing ones, so that its edge is anywhere between the last point on the surface and the first point
-/// behind it.
+/// Returns the strongest step of brightness if the gap of missing points is wider than a rim. The panel's own points
+/// may be among the missing ones, so that its edge is anywhere between the last point on the surface and the first
+/// point behind it.
 fn strongest_step(depths: &[DepthClass], near: impl Fn(f64) -> Option<BrightnessStep>) -> Option<BrightnessStep> {
     let middle = depths.len() as i32 / 2;
     let missing = |i: &i32| depths.get(*i as usize) == Some(&DepthClass::Missing);
     let before = (0..middle).rev().take_while(missing).last().unwrap_or(middle);
     let beyond = (middle..depths.len() as i32).take_while(missing).last().unwrap_or(middle - 1);
-    if beyond - before < MAX_OPEN_PX {
+    if beyond - before < MAX_GAP_PX {
         return None;
     }
     let steps = (before..=beyond).step_by(2).filter_map(|i| near(f64::from(i - middle)));
@@ -185,7 +187,7 @@ enum DepthEdge {
     At(f64),
     /// A position near which colour must show the edge, if there is one.
     Near(f64),
-    /// There is no edge to be looked for; the value is the result.
+    /// No edge is searched; the value is the result.
     Not(EdgeReading),
 }
 
@@ -197,29 +199,29 @@ fn find_depth_edge(depths: &[DepthClass]) -> DepthEdge {
     let ends = |i: i32, what: DepthClass| at(i) == what && (i + 1..i + 4).filter(|&j| at(j) == what).count() >= 2;
     let farther = (0..count).find(|&i| ends(i, DepthClass::Farther));
     let nearer = (0..count).find(|&i| ends(i, DepthClass::Nearer));
-    // Something nearer before the surface ends: the edge may be behind it.
+    // If a nearer object begins before the surface ends, the edge may be behind this object.
     let hidden = nearer.is_some_and(|near| farther.is_none_or(|far| near < far));
     if hidden {
         return DepthEdge::Not(EdgeReading::Hidden);
     }
     let middle = count / 2;
-    let unlit = (middle - INSIDE_PX..middle).filter(|&i| at(i) == DepthClass::Missing).count() > MIN_INSIDE;
+    let unlit = (middle - INSIDE_PX..middle).filter(|&i| at(i) == DepthClass::Missing).count() > MIN_INSIDE_PIXELS;
     let surface_ends = farther.unwrap_or(count);
     let last_on = (0..surface_ends).rev().find(|&i| at(i) == DepthClass::On);
     let on = |last: i32| (last - INSIDE_PX + 1..=last).filter(|&i| i >= 0 && at(i) == DepthClass::On).count();
-    let Some(last_on) = last_on.filter(|&last| on(last) >= MIN_INSIDE) else {
+    let Some(last_on) = last_on.filter(|&last| on(last) >= MIN_INSIDE_PIXELS) else {
         return if unlit { DepthEdge::Near(0.0) } else { DepthEdge::Not(EdgeReading::Absent) };
     };
-    // If nothing was measured beyond, this is a shadow, the hall, or black objects; otherwise the surface
+    // If no point was measured beyond, there is a shadow, an empty hall, or black objects; otherwise the surface
     // continues.
     if farther.is_none() && last_on >= count - 4 {
         return DepthEdge::Not(EdgeReading::Absent);
     }
     let open = farther.map_or(2, |far| far - last_on);
-    // Points at an edge are missing on both sides of it, so that the edge is in the middle of the gap; of a wide gap
-    // only the rim counts.
-    let rough_px = f64::from(last_on - middle) + f64::from(open.min(RIM_PX)) / 2.0;
-    if open <= MAX_OPEN_PX { DepthEdge::At(rough_px) } else { DepthEdge::Near(rough_px) }
+    // At an edge points are missing on both sides of it, so that the edge is in the middle of the gap; of a wide gap
+    // only the width of a rim counts.
+    let rough_px = f64::from(last_on - middle) + f64::from(open.min(MAX_RIM_PX)) / 2.0;
+    if open <= MAX_GAP_PX { DepthEdge::At(rough_px) } else { DepthEdge::Near(rough_px) }
 }
 
 /// The number of positions that are read to each side of the line's middle, px.
@@ -227,20 +229,20 @@ pub(super) const HALF_LENGTH_PX: usize = 12;
 /// The number of positions on a line.
 pub(super) const POSITION_COUNT: usize = 2 * HALF_LENGTH_PX + 1;
 /// The levels are read between these two distances from the edge, px.
-const LEVEL_FROM: f64 = 2.5;
-const LEVEL_TO: f64 = 6.0;
-/// The edge is searched up to this distance from its expected position, px.
-const SEARCH: f64 = 3.0;
+const LEVEL_FROM_PX: f64 = 2.5;
+const LEVEL_TO_PX: f64 = 6.0;
+/// The step is searched up to this distance from its expected position, px.
+const SEARCH_REACH_PX: f64 = 3.0;
 /// The sum of (1) extends over this distance to each side of the crossing, px.
-const SUM_REACH: f64 = 1.6;
-/// Maximum difference between the position by the sum (1) and the crossing, px.
-const MAX_UNLIKE: f64 = 0.5;
-/// Minimum difference between the levels, grey levels.
+const SUM_REACH_PX: f64 = 1.6;
+/// Largest accepted difference between the position by (1) and the crossing, px.
+const MAX_SUM_DIFFERENCE_PX: f64 = 0.5;
+/// Smallest accepted difference between the levels of the two sides, grey levels.
 const MIN_CONTRAST: f64 = 14.0;
-/// Maximum variation of the brightness that determines a level, grey levels; the second constant is the limit as a
-/// fraction of the contrast.
-const MAX_UNEVEN: f64 = 10.0;
-const MAX_UNEVEN_SHARE: f64 = 0.1;
+/// Largest accepted variation of the brightness that determines a level, grey levels; the second constant is the limit
+/// as a fraction of the contrast. The larger limit applies.
+const MAX_LEVEL_VARIATION: f64 = 10.0;
+const MAX_LEVEL_VARIATION_SHARE: f64 = 0.1;
 
 /// Brightness along a line, from the inside outwards.
 pub(super) type BrightnessLine = [f64; POSITION_COUNT];
@@ -289,7 +291,7 @@ pub(super) fn line<F: Frame>(scan: &OrganizedCloud<F>, middle: Pixel, outward: [
 /// Finds the step near a position of a line; `None` if the two sides are too similar.
 pub(super) fn step(line: &BrightnessLine, expected_px: f64) -> Option<BrightnessStep> {
     let first = find_single_step(line, expected_px)?;
-    // The levels are read around the edge itself, not around its expected place.
+    // The levels are read again around the edge itself, instead of its expected place.
     find_single_step(line, first.offset_px).or(Some(first))
 }
 
@@ -304,10 +306,11 @@ fn find_single_step(line: &BrightnessLine, expected_px: f64) -> Option<Brightnes
         (count >= 2).then(|| (sum / count as f64, high - low))
     };
     let ((inside, uneven_inside), (outside, uneven_outside)) =
-        (level(-LEVEL_TO, -LEVEL_FROM)?, level(LEVEL_FROM, LEVEL_TO)?);
+        (level(-LEVEL_TO_PX, -LEVEL_FROM_PX)?, level(LEVEL_FROM_PX, LEVEL_TO_PX)?);
     let contrast = outside - inside;
-    // Beside another edge, for example of a post behind the panel, the level cannot be determined.
-    let uneven = uneven_inside.max(uneven_outside) > MAX_UNEVEN.max(MAX_UNEVEN_SHARE * contrast.abs());
+    // The level cannot be determined beside another edge, for example of a post behind the panel.
+    let uneven =
+        uneven_inside.max(uneven_outside) > MAX_LEVEL_VARIATION.max(MAX_LEVEL_VARIATION_SHARE * contrast.abs());
     if contrast.abs() < MIN_CONTRAST || uneven {
         return None;
     }
@@ -319,15 +322,15 @@ fn find_single_step(line: &BrightnessLine, expected_px: f64) -> Option<Brightnes
     let away = |offset: f64| (offset - expected_px).abs();
     let (crossed, slope) = (0..POSITION_COUNT - 1)
         .filter_map(crossing)
-        .filter(|(offset, _)| away(*offset) <= SEARCH)
+        .filter(|(offset, _)| away(*offset) <= SEARCH_REACH_PX)
         .min_by(|a, b| away(a.0).total_cmp(&away(b.0)))?;
-    let first = ((crossed - SUM_REACH).floor() as i64 + HALF_LENGTH_PX as i64).max(0) as usize;
-    let last =
-        ((crossed + SUM_REACH).ceil() as i64 + HALF_LENGTH_PX as i64).clamp(0, POSITION_COUNT as i64 - 1) as usize;
+    let first = ((crossed - SUM_REACH_PX).floor() as i64 + HALF_LENGTH_PX as i64).max(0) as usize;
+    let last = ((crossed + SUM_REACH_PX).ceil() as i64 + HALF_LENGTH_PX as i64).clamp(0, POSITION_COUNT as i64 - 1)
+        as usize;
     let inside_places: f64 = line[first..=last].iter().map(|gray| (outside - gray) / contrast).sum(); // (1)
     let offset_px = first as f64 - 0.5 + inside_places - HALF_LENGTH_PX as f64;
-    // If the two differ more, the sum comes from a spot beside the edge and not from the edge.
-    ((offset_px - crossed).abs() < MAX_UNLIKE).then(|| BrightnessStep {
+    // With a larger difference, the sum results from a spot beside the edge and not from the edge.
+    ((offset_px - crossed).abs() < MAX_SUM_DIFFERENCE_PX).then(|| BrightnessStep {
         offset_px,
         contrast,
         width_px: contrast.abs() / slope,
@@ -371,11 +374,11 @@ mod tests {
         assert_eq!(rough("fffffffffffffffff"), DepthEdge::Not(EdgeReading::Absent), "it is not there");
     }
 
-    /// By hand: beyond the last point on the surface, at place 5, lies a shadow of 6 px; the edge is at the near end
-    /// of the shadow, 5 + 1.5, and not in its middle. If the shadow is so wide that points of the panel may be missing
-    /// in it, colour must show the edge; likewise if the panel itself is in a shadow.
+    /// By hand: beyond the last point on the surface, at place 5, lies a shadow of 6 px; the edge is at the near end of
+    /// the shadow, 5 + 1.5, and not in its middle. If the shadow is so wide that it may also contain missing points of
+    /// the panel, colour must show the edge; the same applies if the panel itself is in a shadow.
     #[test]
-    fn missing_points_are_no_distance_to_the_edge() {
+    fn missing_points_do_not_determine_the_edge() {
         let rough = |text: &str| find_depth_edge(&depths(text));
         assert_eq!(rough("oooooo------fffff"), DepthEdge::At(-1.5));
         assert_eq!(rough("oooooo---------ff"), DepthEdge::At(-2.0), "two points are no plate");
@@ -389,8 +392,8 @@ mod tests {
         );
     }
 
-    /// By hand: 70 inside, 180 outside; a quarter of the pixel at +2 is panel, so that the edge is at 1.5 + 0.25.
-    /// The crossing would be at 1 + 55/82.5.
+    /// By hand: 70 inside, 180 outside; the pixel at +2 shows the panel on a quarter of its area, so that the edge is
+    /// at 1.5 + 0.25. The crossing would be at 1 + 55/82.5.
     #[test]
     fn a_mixed_pixel_states_where_the_edge_is() {
         let line: BrightnessLine = std::array::from_fn(|i| match i as i64 - HALF_LENGTH_PX as i64 {

@@ -4,18 +4,18 @@
 //! (independent starts, competing poses, the fixture), and the displacement from the nominal pose. `gate` judges these
 //! numbers. An error of the camera's calibration, which both scans share, is not visible here.
 //!
-//! For the fractions of the panel and of the scan that were matched, each taught point is looked up at its projection,
-//! each point of the outline at the expected place of its edge, and the scan's pieces at the places that the taught
-//! panel would show. A point that is occluded or out of view is neither counted against the pose nor as matched; nor
-//! is a missing point beside a nearer object that may shade it.
+//! The matched fractions of the panel and of the scan are determined as follows. Each taught point is compared with the
+//! scan at its projection, and each point of the outline with the expected place of its edge. The pieces of the scan
+//! are compared with the taught panel at its pose. A point that is occluded or out of view counts neither as matched
+//! nor as evidence against the pose; nor does a missing point beside a nearer object that may shade it.
 //!
 //! An object in front of the panel may block the light of the 3D camera's projector. A camera with a projector has no
 //! points where its projector does not reach. The projector is mounted beside the lens, along the picture's rows, at a
 //! distance of at most B. An object at the depth z′ can shade a place at the depth z only if it is seen in the same
 //! row, at a distance of at most
 //!     f B (1/z′ − 1/z) px.                                                                               (1)
-//! The side of the object depends on the camera, so both sides are examined. A panel cannot shade itself: with slope s
-//! over k px, (1) is k s B / z, which is less than k up to s = 6, 81°.
+//! It depends on the camera on which side of the place the object lies, so both sides are examined. A panel cannot
+//! shade itself: with slope s over k px, (1) is k s B / z, which is less than k up to s = 6, 81°.
 
 use super::camera_check::CameraCheck;
 use super::covariance::{PoseCovariance, WeakestMotion, covariance, worst_mm};
@@ -39,8 +39,8 @@ use rayon::prelude::*;
 pub struct Fit {
     /// The panel's pose.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// Root mean square of the scan's distances from the taught surface with its smooth deviation, mm: the part that a
-    /// bow or a wave does not explain.
+    /// Root mean square of the scan's distances from the taught surface with its smooth deviation, mm: the part that
+    /// neither a bow nor a wave explains.
     pub rms_mm: f64,
     /// The largest distance of the panel from the taught one according to the smooth deviation, mm; `None` if too
     /// little of the panel is seen.
@@ -52,11 +52,11 @@ pub struct Fit {
     /// Fraction of the taught points that are found in the scan, 0…1. This fraction, `scan_found` and `measured` are
     /// relative to a scan with the same number of missing points as the taught one.
     pub taught_found: f64,
-    /// Fraction of the scan's pieces that is found in the taught panel, 0…1.
+    /// Fraction of the area of the scan's pieces that the taught panel covers, 0…1.
     pub scan_found: f64,
     /// Fraction of the taught outline that is found in the scan, 0…1.
     pub outline_found: f64,
-    /// Fraction of the taught points at which the scan shows something farther away.
+    /// Fraction of the taught points at which the scan shows a surface farther away.
     pub seen_through_share: f64,
     /// Fraction of the taught outline in view at which the edge is missing or elsewhere, for example because the
     /// surface continues beyond the outline.
@@ -66,9 +66,9 @@ pub struct Fit {
     pub marks_found: Option<f64>,
     /// Fraction of the taught points, in view and not hidden, at which the scan has a point: low if the panel is wet.
     pub measured: f64,
-    /// Width of a step of brightness at the outline, px, median; `None` if colour shows no edge.
+    /// Median width of the steps of brightness at the outline, px; `None` if colour shows no edge.
     pub edge_width_px: Option<f64>,
-    /// Width of a step of brightness at the outline at teaching, px, median.
+    /// Median width of the steps of brightness at the outline at teaching, px.
     pub taught_edge_width_px: f64,
     /// Fraction of the panel's pixels that are overexposed.
     pub saturated_share: f64,
@@ -97,7 +97,8 @@ pub struct Fit {
     pub uncertainty_at_taught_place_mm: f64,
     /// The same uncertainty if the 3D camera's distances had no scale error at all, mm.
     pub uncertainty_without_scale_mm: f64,
-    /// 95 % of the errors along the weakest direction are smaller, mm; a rotation counts by its mean displacement.
+    /// 95 % of the errors along the weakest direction are smaller than this, mm; a rotation counts by its mean
+    /// displacement.
     pub weakest_mm: f64,
     /// The weakest direction.
     pub weakest_direction: WeakestMotion,
@@ -135,13 +136,13 @@ impl CompetingPose {
 }
 
 impl Fit {
-    /// Returns the smaller of two fractions: of the taught points found in the scan, and of the scan's points found
-    /// among the taught points.
+    /// Returns the smaller of two fractions: that of the taught points found in the scan, and that of the scan's points
+    /// found among the taught points.
     pub fn overlap(&self) -> f64 {
         self.taught_found.min(self.scan_found)
     }
 
-    /// Returns the pose with an uncertainty that is increased by this additional error, mm.
+    /// Returns the pose with its uncertainty increased by this additional error, mm.
     pub(super) fn with_additional_error(self, off_mm: f64) -> Self {
         let mut covariance = self.covariance;
         for axis in 3..6 {
@@ -156,7 +157,7 @@ impl Fit {
         }
     }
 
-    /// Returns the uncertainty of the pose at each place, from the pose of the camera.
+    /// Returns the uncertainty of the pose at each place of the panel, for this pose of the camera.
     pub fn pose_uncertainty(&self, base_from_camera: Rigid<Base, Camera>) -> PoseUncertainty {
         PoseUncertainty {
             camera_from_panel: base_from_camera.inverse() * self.base_from_panel,
@@ -165,14 +166,14 @@ impl Fit {
         }
     }
 
-    /// The number of pixels by which a step of brightness at the outline is wider than at teaching; `None` if
-    /// colour shows no edge.
+    /// Returns by how many pixels a step of brightness at the outline is wider than at teaching; `None` if colour shows
+    /// no edge.
     pub fn blur_px(&self) -> Option<f64> {
         self.edge_width_px.map(|width_px| width_px - self.taught_edge_width_px)
     }
 
-    /// The minimum distance by which the camera's motion has displaced the panel since teaching, mm: the fixture's
-    /// result minus its uncertainty.
+    /// Returns the smallest distance by which the camera's motion can have displaced the panel since teaching, mm: the
+    /// fixture's result minus its uncertainty.
     pub fn camera_moved_mm(&self) -> Option<f64> {
         self.camera.map(|camera| camera.moved_mm - camera.uncertainty_mm)
     }
@@ -184,7 +185,7 @@ pub(super) struct FurtherEvidence {
     pub rival: Option<CompetingPose>,
     pub camera: Option<CameraCheck>,
     pub camera_at_teaching_mm: Option<f64>,
-    /// The bend of the panel; the model of the fit's inputs is the panel with this bend.
+    /// The bend of the panel; the model in the fit's inputs is the panel with this bend.
     pub deviation: Option<Deviation>,
 }
 
@@ -212,9 +213,10 @@ pub(super) fn compute_evidence(
     let at_worst_mm = |covariance| PANEL_MAX_95 * worst_mm(covariance, model, &motion);
     let surface = SurfaceShares::compute(&motion, inputs);
     let outline = OutlineShares::compute(&residuals, model);
-    // The places of missing points at teaching and those of missing points now are independent of each other.
+    // Points that were missing at teaching and points that are missing now are independent of each other.
     let of_expected = |share: f64| (share / model.measured_share).min(1.0);
-    // The mount enters only here: everything before is in the camera's frame and does not depend on its calibration.
+    // The camera's mount is used only here: everything before is in the camera's frame and does not depend on the
+    // mount's calibration.
     let base_from_panel = base_from_camera * placed;
     let (shift_mm, turn, tilt) = displacement(base_from_panel, model);
     let (px_per_mm, _) = grid.camera.px_per_mm_at(residuals.centre.z);
@@ -257,22 +259,23 @@ pub(super) fn compute_evidence(
 /// Returns the shift of the centre, the rotation about the mean normal and the tilt of this normal, relative to the
 /// nominal pose.
 fn displacement(base_from_panel: Rigid<Base, Panel>, model: &Model) -> (f64, Degrees, Degrees) {
-    // Seen in the panel's frame at its nominal pose: only there are coordinates of the two poses comparable.
+    // The motion is expressed in the panel's frame at its nominal pose: only there are coordinates of the two poses
+    // comparable.
     let moved = model.nominal_pose.inverse() * base_from_panel;
     let (centre, normal) = (model.centre_point(), model.normal_direction());
-    // Swing and twist: the part of the quaternion along the normal is the rotation in the plane.
+    // Swing-twist decomposition: the part of the quaternion along the normal is the rotation in the plane.
     let rotation = moved.isometry().rotation;
     let turn_rad = 2.0 * rotation.imag().dot(&normal.mm).atan2(rotation.scalar());
     let wrapped_rad = turn_rad.sin().atan2(turn_rad.cos());
     ((moved * centre).distance_mm(centre), Degrees::from_rad(wrapped_rad), (moved * normal).angle_between(normal))
 }
 
-/// A point of the outline is found if the edge is this near, px.
-pub(super) const EDGE_FOUND_PX: f64 = 1.5;
+/// Largest distance between a point of the outline and the edge at which the point counts as found, px.
+pub(super) const MAX_FOUND_EDGE_DISTANCE_PX: f64 = 1.5;
 /// A channel at this level or above is saturated.
-pub const SATURATED: u8 = 252;
-/// Pieces of which at least this fraction lies on the panel are part of the panel.
-const PART_OF_PANEL: f64 = 0.2;
+pub const MIN_SATURATED_LEVEL: u8 = 252;
+/// Smallest fraction of a piece that must lie on the panel for the piece to be a part of the panel.
+const MIN_SHARE_ON_PANEL: f64 = 0.2;
 
 /// Fractions of the taught surface, 0…1.
 pub(super) struct SurfaceShares {
@@ -341,7 +344,7 @@ impl OutlineShares {
                 EdgeReading::Hidden | EdgeReading::OutOfView => continue,
             };
             in_view += length_mm;
-            if offset_px.abs() <= EDGE_FOUND_PX {
+            if offset_px.abs() <= MAX_FOUND_EDGE_DISTANCE_PX {
                 found += length_mm;
                 squares += offset_px * offset_px;
                 near += 1;
@@ -360,7 +363,7 @@ impl OutlineShares {
     }
 }
 
-/// A panel with a shorter border of marks in view than this has no usable marks, mm.
+/// Smallest length of mark borders in view, mm: a panel with less has no usable marks.
 const MIN_MARKS_MM: f64 = 100.0;
 
 /// Returns the fraction of the marks in view that are at their place, by the length of their borders, 0…1.
@@ -368,7 +371,7 @@ fn marks_found(residuals: &Residuals, model: &Model) -> Option<f64> {
     let (mut found_mm, mut in_view_mm) = (0.0, 0.0);
     for (mark, edge) in &residuals.mark_edges {
         let length_mm = model.marks.points[*mark].length_mm;
-        let Some(is_found) = edge.is_within_distance(EDGE_FOUND_PX) else { continue };
+        let Some(is_found) = edge.is_within_distance(MAX_FOUND_EDGE_DISTANCE_PX) else { continue };
         in_view_mm += length_mm;
         found_mm += if is_found { length_mm } else { 0.0 };
     }
@@ -388,7 +391,7 @@ fn scan_overlap(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> f
     let (mut found, mut whole) = (0.0, 0.0);
     for piece in pieces {
         let share = covered_share(motion, inputs.model, inputs.grid, piece, 1_500);
-        if share >= PART_OF_PANEL {
+        if share >= MIN_SHARE_ON_PANEL {
             found += share * piece.area_mm2;
             whole += piece.area_mm2;
         }
@@ -396,7 +399,7 @@ fn scan_overlap(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> f
     found / f64::max(whole, 1.0)
 }
 
-/// The pieces without the blocks that lie in a held place of the taught picture.
+/// Returns the pieces without the blocks that lie in a held place of the taught picture.
 fn cut_held_places(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> Vec<Piece> {
     let FitInputs { model, grid, .. } = inputs;
     let (back, taught) = (motion.inverse(), RigidF32::from_rigid(&model.camera_from_panel));
@@ -423,12 +426,14 @@ fn saturated_share(motion: &RigidF32, inputs: FitInputs<'_>) -> f64 {
             continue;
         };
         asked += 1;
-        over += usize::from(scan.color_at(row * scan.width() + column).iter().any(|&level| level >= SATURATED));
+        over += usize::from(
+            scan.color_at(row * scan.width() + column).iter().any(|&level| level >= MIN_SATURATED_LEVEL),
+        );
     }
     over as f64 / asked.max(1) as f64
 }
 
-/// Largest distance of a projector from its lens, mm: in a Zivid Two it is 112 mm.
+/// Largest distance between a projector and its lens, mm: in a Zivid Two it is 112 mm.
 const MAX_BASELINE_MM: f64 = 120.0;
 
 /// Returns whether a nearer object may block the light at a place of this depth.
@@ -438,7 +443,7 @@ fn may_occlude(grid: &Grid, pixel: Pixel, depth_mm: f64) -> bool {
         return false;
     }
     let (column, row) = (x as usize, y as usize);
-    // Along the row, because lens and projector lie side by side.
+    // The search is along the row, because lens and projector lie side by side.
     (0..grid.columns).any(|other| {
         let away_px = (column.abs_diff(other) * grid.factor) as f64;
         let reaches =
@@ -466,10 +471,10 @@ mod tests {
         k3: 0.0,
     };
 
-    /// By hand: f = 446 px, an object at 680 mm in front of a panel at 780 mm: 446 · 120 · (1/680 − 1/780) = 10.1
-    /// px beside it.
+    /// By hand: f = 446 px, an object at 680 mm in front of a panel at 780 mm shades the panel up to 446 · 120 · (1/680
+    /// − 1/780) = 10.1 px beside it.
     #[test]
-    fn the_shadow_of_a_thing_is_as_wide_as_by_hand() {
+    fn the_shadow_of_an_object_has_the_calculated_width() {
         let thing = |column: usize, row: usize| (200..=240).contains(&column) && (100..=140).contains(&row);
         let depth = |index: usize| Some(if thing(index % 486, index / 486) { 680.0 } else { 780.0 });
         let grid = Grid::from_depths((486, 300), &CAMERA, depth);
@@ -482,7 +487,7 @@ mod tests {
 
     /// A plane that slopes away at 70° has no object in front of it.
     #[test]
-    fn a_steep_panel_is_no_thing_before_itself() {
+    fn a_steep_panel_does_not_shade_itself() {
         let slope = 70.0_f64.to_radians().tan();
         let depth = |index: usize| {
             let x = ((index % 486) as f64 - 243.0) / 446.0;

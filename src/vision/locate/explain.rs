@@ -1,5 +1,5 @@
-//! Marks in the scan's picture that show the origin of the verdict's reasons, for a person who inspects the panel at
-//! these places.
+//! Marks in the scan's picture that show the cause of each reason of the verdict, for a person who inspects the panel
+//! at these places.
 //!
 //! Every sample is evaluated once more at the located pose, in the same way as in `evidence`. This module makes no
 //! decisions.
@@ -7,8 +7,8 @@
 use super::camera_check::FixtureEdge;
 use super::deviation::Deviation;
 use super::edges::EdgeReading;
-pub use super::evidence::SATURATED;
-use super::evidence::{EDGE_FOUND_PX, Fit};
+pub use super::evidence::MIN_SATURATED_LEVEL;
+use super::evidence::{Fit, MAX_FOUND_EDGE_DISTANCE_PX};
 use super::fit::{FitInputs, Residuals, Samples};
 use super::grid::{RigidF32, camera_point};
 use super::search::{PointObservation, observe_point};
@@ -20,23 +20,22 @@ use panelprep_base::geometry::{Camera, Panel, Pixel, Rigid};
 /// The factor by which the stated error is enlarged in the drawing.
 pub const ERROR_SCALE: f64 = 50.0;
 
-/// Result of the scan at a taught point.
+/// What the scan shows at a taught point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SurfaceMark {
     /// Distance of the scanned surface in front of the taught one, along its normal, mm; negative behind it.
     On(f64),
-    /// The scan shows the taught surface beside an edge or missing points; the depth is not precise enough for a
-    /// number.
+    /// The scan shows the taught surface beside an edge or missing points; the depth is too imprecise for a number.
     Near,
-    /// The scan shows a surface behind it.
+    /// The scan shows a surface behind the point.
     Through,
-    /// The scan shows a surface in front of it.
+    /// The scan shows a surface in front of the point.
     Hidden,
     /// The scan has no point there.
     Missing,
 }
 
-/// Result of the picture at a point of the taught outline.
+/// What the picture shows at a point of the taught outline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum OutlineMark {
     /// The edge.
@@ -47,21 +46,21 @@ pub enum OutlineMark {
     Hidden,
 }
 
-/// Result of the scan at the taught place of a fixture's edge.
+/// What the scan shows at the taught place of a fixture's edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FixtureMark {
-    /// The edge at its taught place.
-    Stands,
+    /// The edge is at its taught place.
+    Unmoved,
     /// The edge is elsewhere, or there is none.
     Moved,
-    /// The fixture is not visible: an object is in front of it, or there is no point.
+    /// The fixture is not visible: an object is in front of it, or the scan has no point.
     Unseen,
 }
 
-/// The evidence for each pixel.
+/// The evidence at each place of the picture.
 #[derive(Debug, Clone, Default)]
 pub struct Explained {
-    /// Side of the square that a place of the surface or of an object represents, px.
+    /// Side of the square that each place of the surface or of an object represents, px.
     pub block_px: usize,
     /// The taught surface.
     pub surface: Vec<(Pixel, SurfaceMark)>,
@@ -80,11 +79,11 @@ pub struct Explained {
     pub objects_in_box: Vec<(f64, Vec<Pixel>)>,
 }
 
-/// An edge of the fixture that is farther than this from its taught position has moved, px.
+/// Largest distance between an edge of the fixture and its taught position at which the edge counts as unmoved, px.
 pub const MAX_FIXTURE_SHIFT_PX: f64 = 0.5;
 
 impl PreparedScan<'_> {
-    /// Evaluates all evidence again; `fit` is the result of the localization, if there is one.
+    /// Evaluates all evidence again; `fit` is the result of the localization, `None` if there is none.
     pub fn explain(&self, fit: Option<&Fit>) -> Explained {
         let (grid, inputs) = (&self.grid, self.inputs());
         let of_block = |&block: &u32| grid.pixel(block as usize % grid.columns, block as usize / grid.columns);
@@ -113,7 +112,7 @@ impl PreparedScan<'_> {
         explained.marks = explain_marks(&placed, inputs, &residuals);
         explained.weakest = weakest_displacement(&placed, inputs, fit);
         let mark = |(pixel, edge): (Pixel, FixtureEdge)| match edge {
-            FixtureEdge::Moved(px) if px.abs() <= MAX_FIXTURE_SHIFT_PX => (pixel, FixtureMark::Stands),
+            FixtureEdge::Moved(px) if px.abs() <= MAX_FIXTURE_SHIFT_PX => (pixel, FixtureMark::Unmoved),
             FixtureEdge::Moved(_) | FixtureEdge::Gone => (pixel, FixtureMark::Moved),
             FixtureEdge::Unseen => (pixel, FixtureMark::Unseen),
         };
@@ -124,8 +123,8 @@ impl PreparedScan<'_> {
     }
 }
 
-/// Returns the comparison of the panel, as it is bent, with the taught panel. `bend_mm` is the distance of a point in
-/// front of its taught position.
+/// Compares the panel, as it is bent, with the taught panel, and returns the mark of each point. `bend_mm` is the
+/// distance of a point of the bent panel in front of its taught position.
 fn surface(
     placed: &Rigid<Camera, Panel>,
     inputs: FitInputs<'_>,
@@ -149,7 +148,7 @@ fn surface(
 
 /// Returns the mark for the edge at a place of the outline.
 fn outline_mark(edge: &EdgeReading) -> OutlineMark {
-    match edge.is_within_distance(EDGE_FOUND_PX) {
+    match edge.is_within_distance(MAX_FOUND_EDGE_DISTANCE_PX) {
         Some(true) => OutlineMark::Found,
         Some(false) => OutlineMark::Elsewhere,
         None => OutlineMark::Hidden,
@@ -188,7 +187,8 @@ fn outline(
     (residuals.edges.iter().filter_map(mark).collect(), widest.and_then(|(k, _)| pixel(k)))
 }
 
-/// Returns the outline's places, and the same places displaced by the stated error along its largest direction.
+/// Returns the outline's places, and the same places displaced by the stated error along the direction in which it is
+/// largest.
 fn weakest_displacement(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, fit: &Fit) -> Vec<(Pixel, Pixel)> {
     let motion = RigidF32::from_rigid(placed);
     let centre = motion.point(&inputs.model.centre);
@@ -210,11 +210,11 @@ mod tests {
     use panelprep_sim as sim;
     use panelprep_sim::Scene;
 
-    /// By hand: the panel at its taught place, each of its points 0.3 mm nearer to the camera along its ray. The
-    /// surface leans by 20° at most, so that along the normal the scan lies 0.28 to 0.3 mm in front of the taught
-    /// surface.
+    /// By hand: the panel is at its taught place, with each of its points 0.3 mm nearer to the camera along its ray.
+    /// The surface is slanted by 20° at most, so that along the normal the scan lies 0.28 to 0.3 mm in front of the
+    /// taught surface.
     #[test]
-    fn what_lies_before_the_taught_surface_is_reported_as_before_it() {
+    fn a_scan_in_front_of_the_taught_surface_is_reported_as_in_front() {
         let cell = sim::Cell::new(1, Scene::Clean, 4);
         let (panel, recipe) = taught(&cell);
         let (scan, base_from_camera) = (cell.taught_scan(), cell.calibrated_base_from_camera());

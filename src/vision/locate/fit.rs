@@ -1,17 +1,17 @@
 //! The fit: moves the panel by its surface and its outline together until it converges.
 //!
 //! The surface constrains the panel along its normal and hardly in its plane: a smooth panel slides along itself. The
-//! outline constrains the panel in its plane and, through the picture's perspective, a little along the normal as
-//! well. Both are residuals of one Gauss–Newton iteration (`solve`), and so are the borders of marks inside the
-//! outline, if the panel has any. Each kind is weighted by its noise and by the number of neighbours with correlated
-//! errors: a scanner's range noise is correlated over centimetres, so that thousands of points carry no more
-//! information than a few dozen independent ones.
+//! outline constrains the panel in its plane and, through the picture's perspective, a little along the normal as well.
+//! Both are residuals of one Gauss–Newton iteration (`solve`), and so are the borders of marks inside the outline, if
+//! the panel has any. Each kind is weighted by its noise and by the number of neighbours with correlated errors: a
+//! scanner's range noise is correlated over centimetres, so that thousands of points carry no more information than a
+//! few dozen independent ones.
 //!
-//! With the panel assumed at a pose, the scan's edge is looked for beside each point of the model's outline. Beside
-//! each taught border of a mark the picture is searched across it for the nearest step of brightness with the same
+//! With the panel assumed at a pose, the scan's edge is searched beside each point of the model's outline. For each
+//! taught border of a mark, the picture is searched across the border for the nearest step of brightness with the same
 //! sign. The search begins near the expected place of the border and continues farther away, because the start pose of
-//! a flat panel may be several pixels off. If a nearer object lies in front of the place, or the surface faces away,
-//! the mark is hidden.
+//! a flat panel may be several pixels wrong. If a nearer object lies in front of the place, or the surface faces away,
+//! the mark counts as hidden.
 
 use super::edges;
 use super::edges::{EdgeReading, HALF_LENGTH_PX, Tangent, edge, outward_px};
@@ -24,24 +24,25 @@ use nalgebra::Vector3;
 use panelprep_base::geometry::{Camera, Panel, PinholeCamera, Pixel, Rigid};
 use rayon::prelude::*;
 
-/// The iteration ends if a step moves no point of the panel by more than this, mm.
-pub(super) const CONVERGED_MM: f64 = 0.002;
+/// The iteration ends if the last step moved every point of the panel by at most this, mm.
+pub(super) const CONVERGED_STEP_MM: f64 = 0.002;
 const MAX_STEPS: usize = 20;
-/// The errors of an edge in the picture are correlated over this length: the edge's own error, that of the taught
+/// Length over which the errors of an edge in the picture are correlated, mm: the edge's own error, that of the taught
 /// depth, and the remaining error of the lens model.
 pub(super) const EDGE_CORRELATION_MM: f64 = 30.0;
-/// One standard deviation of the mean over a length of `EDGE_CORRELATION_MM`, px: of the edge alone, by colour and
-/// by depth.
+/// One standard deviation of an edge's mean position over a length of `EDGE_CORRELATION_MM`, px, without other errors:
+/// for an edge found by colour, and for one found by depth.
 const EDGE_NOISE_PX: f64 = 0.05;
 const DEPTH_EDGE_NOISE_PX: f64 = 0.5;
-/// Residuals beyond this number of standard deviations have no weight, unless they are below the floors.
-const REACH_SIGMAS: f64 = 4.7;
-const SURFACE_FLOOR_MM: f64 = 0.4;
-const EDGE_FLOOR_PX: f64 = 0.5;
-const DEPTH_EDGE_FLOOR_PX: f64 = 2.0;
+/// Cutoff of the residuals, in standard deviations: larger ones have no weight. The next constants are lower limits of
+/// the cutoffs.
+const CUTOFF_SIGMA: f64 = 4.7;
+const MIN_SURFACE_CUTOFF_MM: f64 = 0.4;
+const MIN_EDGE_CUTOFF_PX: f64 = 0.5;
+const MIN_DEPTH_EDGE_CUTOFF_PX: f64 = 2.0;
 
 /// Kinds of residuals.
-pub(super) const KINDS: usize = 4;
+pub(super) const RESIDUAL_KIND_COUNT: usize = 4;
 
 /// All residuals that constrain the panel at a pose.
 pub(super) struct Residuals {
@@ -51,11 +52,11 @@ pub(super) struct Residuals {
     pub marks: Vec<Constraint>,
     /// The edge found beside each point of the outline that was examined.
     pub edges: Vec<(usize, EdgeReading)>,
-    /// The edge found beside each mark.
+    /// The step of brightness found beside each mark.
     pub mark_edges: Vec<(usize, EdgeReading)>,
     /// The middle of the panel.
     pub centre: Vector3<f64>,
-    /// The noise of an edge in this view that is caused by the taught depth's noise, px.
+    /// The part of an edge's noise in this view that the taught depth's noise causes, px.
     taught_noise_px: f64,
 }
 
@@ -83,7 +84,7 @@ impl Samples {
         }
     }
 
-    /// Returns only the samples of the surface, without outline and marks.
+    /// Returns the samples of the surface only, without outline and marks.
     pub fn surface_only(&self) -> Samples {
         Samples { surface: self.surface.clone(), outline: Vec::new(), marks: Vec::new() }
     }
@@ -134,7 +135,8 @@ impl Residuals {
         }
         let (marks, mark_edges) = marks_at_pose(&motion, inputs, &samples.marks);
         let centre = motion.point(&model.centre);
-        // Seen from another side, an error of the taught depth moves the outline sideways in the picture.
+        // If the panel is seen from another side than at teaching, an error of the taught depth shifts the outline
+        // sideways in the picture.
         let taught_noise_px =
             model.range.taught_scan_mm * model.view_change(&motion) * grid.camera.px_per_mm_at(centre.z).0;
         let surface = surface.into_iter().flatten().collect();
@@ -142,48 +144,48 @@ impl Residuals {
     }
 
     /// Returns the weighting of each kind of residual: surface, edges by colour, edges by depth, marks.
-    pub fn residual_weights(&self, model: &Model, samples: &Samples) -> [ResidualWeighting; KINDS] {
+    pub fn residual_weights(&self, model: &Model, samples: &Samples) -> [ResidualWeighting; RESIDUAL_KIND_COUNT] {
         let point_mm2 = model.area_mm2 / samples.surface.len().max(1) as f64;
         let length_mm: f64 = model.outline.iter().map(|sample| sample.length_mm).sum();
         let edge_mm = length_mm / samples.outline.len().max(1) as f64;
         let edge_correlated_count = (EDGE_CORRELATION_MM / edge_mm).max(1.0);
-        // With fewer samples, fewer neighbours share one error; without this factor a selection would weigh less than
-        // the whole.
+        // With fewer samples, fewer neighbours share one error; without this factor a selection would have less weight
+        // than all samples.
         let marks_taken = samples.marks.len() as f64 / model.marks.points.len().max(1) as f64;
-        // The spread of the residuals themselves, since it is large at the start and small at the end. The floor keeps
-        // a perfect fit from rejecting its own noise.
-        let reach = |constraints: &[Constraint], floor: f64| (REACH_SIGMAS * spread(constraints)).max(floor);
+        // The cutoff follows the spread of the residuals, which is large at the start and small at the end. Because of
+        // the floor, a perfect fit does not reject its own noise.
+        let reach = |constraints: &[Constraint], floor: f64| (CUTOFF_SIGMA * spread(constraints)).max(floor);
         [
             ResidualWeighting {
                 sigma: model.range.scan_to_scan_mm,
                 correlated_count: (model.range.correlation_mm.powi(2) / point_mm2).max(1.0),
-                cutoff: reach(&self.surface, SURFACE_FLOOR_MM),
+                cutoff: reach(&self.surface, MIN_SURFACE_CUTOFF_MM),
             },
             ResidualWeighting {
                 sigma: EDGE_NOISE_PX.hypot(self.taught_noise_px),
                 correlated_count: edge_correlated_count,
-                cutoff: reach(&self.colour, EDGE_FLOOR_PX),
+                cutoff: reach(&self.colour, MIN_EDGE_CUTOFF_PX),
             },
             ResidualWeighting {
                 sigma: DEPTH_EDGE_NOISE_PX.hypot(self.taught_noise_px),
                 correlated_count: edge_correlated_count,
-                cutoff: reach(&self.depth, DEPTH_EDGE_FLOOR_PX),
+                cutoff: reach(&self.depth, MIN_DEPTH_EDGE_CUTOFF_PX),
             },
             ResidualWeighting {
                 sigma: EDGE_NOISE_PX.hypot(self.taught_noise_px),
                 correlated_count: (model.marks.correlated_count * marks_taken).max(1.0),
-                cutoff: reach(&self.marks, EDGE_FLOOR_PX),
+                cutoff: reach(&self.marks, MIN_EDGE_CUTOFF_PX),
             },
         ]
     }
 
-    /// Returns every kind of constraint, in the order of [`Residuals::residual_weights`].
-    pub fn kinds(&self) -> [&[Constraint]; KINDS] {
+    /// Returns the constraints of every kind, in the order of [`Residuals::residual_weights`].
+    pub fn kinds(&self) -> [&[Constraint]; RESIDUAL_KIND_COUNT] {
         [&self.surface, &self.colour, &self.depth, &self.marks]
     }
 
-    /// Calculates the sums of all kinds.
-    pub fn sum_all(&self, weighing: &[ResidualWeighting; KINDS]) -> ResidualSums {
+    /// Calculates the sums over the constraints of all kinds.
+    pub fn sum_all(&self, weighing: &[ResidualWeighting; RESIDUAL_KIND_COUNT]) -> ResidualSums {
         self.kinds()
             .iter()
             .zip(weighing)
@@ -192,7 +194,7 @@ impl Residuals {
     }
 }
 
-/// Returns the marks that the scan shows, and the result beside each mark.
+/// Returns the constraints by the marks that the scan shows, and the edge reading beside each mark.
 fn marks_at_pose(
     motion: &RigidF32,
     FitInputs { model, grid, scan }: FitInputs<'_>,
@@ -212,7 +214,7 @@ fn marks_at_pose(
     (constraints, looked.iter().map(|(mark, looked)| (*mark, looked.edge)).collect())
 }
 
-/// The end of an iteration.
+/// The result of an iteration.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct IterationEnd {
     pub camera_from_panel: Rigid<Camera, Panel>,
@@ -220,13 +222,14 @@ pub(super) struct IterationEnd {
     pub last_step_mm: f64,
 }
 
-/// Moves the guess until no point of the panel moves any more; `None` if a direction is unconstrained.
+/// Fits the pose, beginning at the guess, until a step moves the panel by less than the limit; `None` if a direction is
+/// unconstrained.
 pub(super) fn fit(guess: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: &Samples) -> Option<IterationEnd> {
     let mut fitted = IterationEnd { camera_from_panel: *guess, iterations: 0, last_step_mm: f64::INFINITY };
-    while fitted.iterations < MAX_STEPS && fitted.last_step_mm > CONVERGED_MM {
+    while fitted.iterations < MAX_STEPS && fitted.last_step_mm > CONVERGED_STEP_MM {
         let residuals = Residuals::at_pose(&fitted.camera_from_panel, inputs, samples);
-        // Weighed again in each step: the cutoff shrinks with the residuals, so that outliers lose their pull as the
-        // fit improves.
+        // The weights are computed again in each step: the cutoff decreases with the residuals, so that outliers lose
+        // their influence as the fit improves.
         let weighing = residuals.residual_weights(inputs.model, samples);
         let twist = residuals.sum_all(&weighing).twist()?;
         let next = apply_twist(&fitted.camera_from_panel, &residuals.centre, &twist);
@@ -246,7 +249,7 @@ pub(super) struct EdgeObservation {
     pub edge: EdgeReading,
 }
 
-/// Looks for the edge beside a point of the outline.
+/// Searches the edge beside a point of the outline.
 pub(super) fn observe_edge(
     motion: &RigidF32,
     model: &Model,
@@ -271,15 +274,16 @@ pub(super) fn observe_edge(
     Some(EdgeObservation { point, gradient, edge })
 }
 
-/// Positions at which a step is searched, px from the expected position, in this order; each search finds steps within
+/// Distances from the expected position at which a step is searched, px, in this order; each search finds steps within
 /// 3 px.
 const SEARCH_OFFSETS_PX: [f64; 5] = [0.0, -3.0, 3.0, -6.0, 6.0];
-/// A surface that is seen at a flatter angle than this shows no marks: cosine of the incidence.
-const MIN_COS: f64 = 0.1;
-/// Another object is nearer than the panel by at least this distance, mm.
+/// Smallest cosine of the incidence angle at which a mark is evaluated: a surface that is seen at a flatter angle shows
+/// no marks.
+const MIN_INCIDENCE_COSINE: f64 = 0.1;
+/// Smallest distance of another object in front of the panel, mm.
 const MIN_OCCLUDER_DISTANCE_MM: f64 = 3.0;
 
-/// Looks for one mark.
+/// Searches one mark.
 pub(super) fn observe_mark(
     motion: &RigidF32,
     mark: &MarkPoint,
@@ -292,7 +296,7 @@ pub(super) fn observe_mark(
     let across = outward_px(&(slope * (motion.turn * mark.border_direction)), &brighter)?;
     let gradient = slope.transpose() * across;
     let normal = motion.turn * mark.normal;
-    let is_averted = normal.dot(&point) > -MIN_COS * point.norm();
+    let is_averted = normal.dot(&point) > -MIN_INCIDENCE_COSINE * point.norm();
     let edge = if is_averted || is_covered(scan, pixel, &Tangent::new(camera, pixel, &point, &normal)) {
         EdgeReading::Hidden
     } else {

@@ -1,21 +1,21 @@
-//! The gate of the localization: turns evidence into accept, review or reject, each with reasons in words.
+//! The gate of the localization: derives accept, review or reject from the evidence, each with reasons in words.
 //!
-//! The gate answers three questions in this order. Is this the taught panel, complete and dry, and has the camera not
-//! moved? A panel that is bent is this panel as long as a smooth deviation explains its surface; the recipe limits how
-//! far it may be bent. Is its pose known well enough, and is it unique? Is the pose within its limits? Shift, rotation
-//! and tilt are judged at the panel's centre and never at the base's origin: a small rotation moves a distant origin
-//! far, which is not information about the panel. Evidence against the panel itself leads to reject; evidence that a
-//! person can judge better leads to review.
+//! The gate answers three questions in this order. First: is this the taught panel, complete and dry, and is the camera
+//! still at its place? A panel that is bent is this panel as long as a smooth deviation explains its surface; the
+//! recipe limits how far it may be bent. Second: is its pose known well enough, and is it unique? Third: is the pose
+//! within its limits? Shift, rotation and tilt are judged at the panel's centre and never at the base's origin: a small
+//! rotation moves a distant origin far, which is not information about the panel. Evidence against the panel itself
+//! leads to reject; evidence that a person can judge better leads to review.
 //!
 //! The fixture shows a motion of the 3D camera since teaching, with an error. The measured motion minus this error is
-//! the smallest distance by which the camera's motion displaced the panel. A fixture that shows too little cannot
-//! detect a camera motion.
+//! the smallest distance by which the camera's motion displaced the panel. If too little of the fixture is visible, a
+//! camera motion cannot be detected.
 //!
-//! The cause of a pose's uncertainty decides what helps: more of the panel in view, a place nearer to the taught one,
-//! or a 3D camera with a measured scale.
+//! The cause of a pose's uncertainty determines the remedy: more of the panel in view, a place nearer to the taught
+//! one, or a 3D camera with a measured scale.
 
 use super::evidence::Fit;
-use super::fit::CONVERGED_MM;
+use super::fit::CONVERGED_STEP_MM;
 use super::{CompetingPose, LocateError, OutlineEvidence};
 use panelprep_base::number_text::{distinguishable_percents, distinguishable_texts, fixed_decimals};
 use panelprep_base::verdict::{Check, Judgement, LimitSource, Reason, Severity, Verdict};
@@ -23,41 +23,41 @@ use panelprep_cell::recipe;
 use panelprep_cell::recipe::Recipe;
 use panelprep_cell::record::name;
 
-/// If the overlap is below the limit by at most this, a person decides: an object may cover the panel. An even lower
-/// overlap means that the object is not the panel.
-const REVIEW_OVERLAP: f64 = 0.1;
-/// The found fraction of the outline may be this much lower than that of the surface: an object that hides a patch in
-/// the middle of a side also hides the edge there.
+/// Range below the limit of the overlap in which a person decides: an object may cover the panel. With an even lower
+/// overlap the object is not the panel.
+const OVERLAP_REVIEW_MARGIN: f64 = 0.1;
+/// The found fraction of the outline may be lower than that of the surface by this: an object that hides an area in the
+/// middle of a side also hides the edge there.
 const OUTLINE_ALLOWANCE: f64 = 0.15;
-/// Maximum fraction of taught points at which the scan shows something farther away; above this the panel is not
-/// there. Single points of this kind are flying points.
+/// Maximum fraction of taught points at which the scan shows a surface farther away; with a larger fraction the panel
+/// is not there. Single points of this kind are flying points.
 pub const MAX_SEEN_THROUGH_SHARE: f64 = 0.01;
 /// Maximum fraction of the outline in view that is not at its taught place.
-pub const MAX_OUTLINE_ABSENT: f64 = 0.08;
+pub const MAX_OUTLINE_ABSENT_SHARE: f64 = 0.08;
 /// Minimum fraction of the panel's marks in view that are at their taught place.
-pub const MIN_MARKS_FOUND: f64 = 0.5;
+pub const MIN_MARKS_FOUND_SHARE: f64 = 0.5;
 /// Maximum outline residual of a panel of the taught shape, px.
 pub const MAX_OUTLINE_RMS_PX: f64 = 0.5;
-/// Minimum fraction of measured points that a dry panel gives.
-pub const MIN_MEASURED: f64 = 0.9;
+/// Minimum fraction of the points of a dry panel in view that are measured.
+pub const MIN_MEASURED_SHARE: f64 = 0.9;
 /// Maximum increase of the width of a brightness step since teaching, px: with a larger increase the picture is not
 /// sharp, or the panel or the camera moved.
 pub const MAX_BLUR_PX: f64 = 1.0;
 /// Maximum fraction of the panel that may be overexposed.
-pub const MAX_SATURATED: f64 = 0.2;
-/// The maximum last step of a converged fit, as a multiple of the step that ends the iteration, because rounding
-/// errors may prevent a smaller step.
-const MAX_LAST_STEPS: f64 = 5.0;
+pub const MAX_OVEREXPOSED_SHARE: f64 = 0.2;
+/// The maximum last step of a converged fit, as a multiple of the step that ends the iteration: rounding errors may
+/// prevent a smaller step.
+const MAX_LAST_STEP_RATIO: f64 = 5.0;
 
-/// The maximum movement of any point of the panel by the last step of a converged fit, mm.
-pub const MAX_LAST_STEP_MM: f64 = MAX_LAST_STEPS * CONVERGED_MM;
+/// The maximum distance by which the last step of a converged fit moves any point of the panel, mm.
+pub const MAX_LAST_STEP_MM: f64 = MAX_LAST_STEP_RATIO * CONVERGED_STEP_MM;
 
 /// Returns the smallest fraction of the outline that must be found, 0…1.
 pub fn min_outline_found(limits: &recipe::Locate) -> f64 {
     (limits.min_overlap() - OUTLINE_ALLOWANCE).max(0.0)
 }
 
-/// The code of a fit that still moved in its last step.
+/// The code of a fit whose last step was too large.
 const NOT_CONVERGED: &str = "not_converged";
 
 /// Judges a fit by the recipe's limits.
@@ -66,35 +66,36 @@ pub fn judge(fit: &Fit, recipe: &Recipe) -> Judgement {
 }
 
 /// Returns the judgement of a fit's checks. A fit to another object often does not converge either: the reasons that
-/// name the object come first, because another scan would not help.
+/// concern the object come first, because another scan would not help.
 pub fn judgement(checks: &[Check]) -> Judgement {
     let mut judgement = Judgement::from_checks(checks);
     judgement.reasons.sort_by_key(|reason| reason.code == NOT_CONVERGED);
     judgement
 }
 
-/// Returns every number of a fit with its limit, in the order in which they are judged.
+/// Returns every number of a fit with its limit, in the order in which the numbers are judged.
 pub fn checks(fit: &Fit, recipe: &Recipe) -> Vec<Check> {
     let limits = recipe.locate();
-    let of_panel = [panel(fit, limits), picture(fit), camera(fit)].concat();
-    // Judged first: a pose of another object has no meaning, and its numbers would hide the one reason that helps.
+    let of_panel = [check_panel(fit, limits), check_scan_quality(fit), check_camera(fit)].concat();
+    // The checks of the panel come first: a pose of another object has no meaning, and its numbers would hide the one
+    // reason that helps.
     let is_rejected = Judgement::from_checks(&of_panel).verdict == Verdict::Reject;
     let bend = vec![check_bend(fit, recipe.surface())];
-    let of_pose = [bend, check_fixture(fit), check_pose_uncertainty(fit), motion(fit, limits)].concat();
-    // If the object is not the panel, the checks of its pose are informational.
+    let of_pose = [bend, check_fixture(fit), check_pose_uncertainty(fit), check_displacement(fit, limits)].concat();
+    // If the object is not the panel, the checks of its pose have no consequence.
     let of_pose = of_pose.into_iter().map(|check| if is_rejected { check.without_consequence() } else { check });
     of_panel.into_iter().chain(of_pose).collect()
 }
 
-/// Checks whether it is the taught panel, and whether it is complete.
-fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
+/// Checks whether the object is the taught panel, and whether it is complete.
+fn check_panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
     let differs = || {
-        let [absent, allowed] = distinguishable_percents(fit.outline_absent, MAX_OUTLINE_ABSENT, 0);
+        let [absent, allowed] = distinguishable_percents(fit.outline_absent, MAX_OUTLINE_ABSENT_SHARE, 0);
         let [off, allowed_off] = distinguishable_texts(fit.outline_rms_px, MAX_OUTLINE_RMS_PX, 2);
         format!(
-            "{absent} % of the visible outline is not at its taught position (limit {allowed} %); the rest is \
-             {off} px off (limit {allowed_off} px); check that it is the right panel and that nothing touches its \
-             edge"
+            "{absent} % of the visible outline is not at its taught position (limit {allowed} %); the rest \
+             deviates by {off} px rms (limit {allowed_off} px); check that it is the right panel and that nothing \
+             touches its edge"
         )
     };
     let mut checks = vec![
@@ -129,19 +130,19 @@ fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
                 )
             }),
         Check::new("outline in view that is elsewhere", "", fit.outline_absent)
-            .with_max(MAX_OUTLINE_ABSENT, LimitSource::Program)
+            .with_max(MAX_OUTLINE_ABSENT_SHARE, LimitSource::Program)
             .or_reject("outline_differs", differs),
         Check::new(name::OUTLINE_RESIDUAL, "px", fit.outline_rms_px)
             .with_max(MAX_OUTLINE_RMS_PX, LimitSource::Program)
             .or_reject("outline_differs", differs),
     ];
-    checks.extend(overlap(fit, limits));
+    checks.extend(check_overlap(fit, limits));
     checks.extend(fit.marks_found.map(check_marks));
     checks
 }
 
-/// Checks the bend. It must be small enough that this may be the taught panel, and that its path may follow the
-/// bend without a person's confirmation.
+/// Checks the bend. It must be small enough for the taught panel, and for a path that follows the bend without a
+/// person's confirmation.
 fn check_bend(fit: &Fit, limits: &recipe::Surface) -> Check {
     let limit_mm = limits.max_deviation_mm();
     let check = Check::new(name::BEND_NAME, "mm", fit.deviation_mm)
@@ -167,9 +168,9 @@ fn check_bend(fit: &Fit, limits: &recipe::Surface) -> Check {
 /// Checks whether the panel has the taught marks.
 fn check_marks(found: f64) -> Check {
     Check::new("marks in view that are where the taught ones are", "", found)
-        .with_min(MIN_MARKS_FOUND, LimitSource::Program)
-        .or_review("marks_differ", || {
-            let [found, needed] = distinguishable_percents(found, MIN_MARKS_FOUND, 0);
+        .with_min(MIN_MARKS_FOUND_SHARE, LimitSource::Program)
+        .reviews("marks_differ", || {
+            let [found, needed] = distinguishable_percents(found, MIN_MARKS_FOUND_SHARE, 0);
             format!(
                 "{found} % of the panel's visible marks are at their taught positions, at least {needed} % are \
                  needed; check that it is the right panel, in the right orientation. If its marks were sanded off, \
@@ -178,14 +179,14 @@ fn check_marks(found: f64) -> Check {
         })
 }
 
-/// Checks whether the scan is good: dry, sharp, not overexposed.
-fn picture(fit: &Fit) -> Vec<Check> {
+/// Checks whether the scan is good: panel dry, picture sharp and not overexposed.
+fn check_scan_quality(fit: &Fit) -> Vec<Check> {
     let blur_px = fit.blur_px();
     vec![
         Check::new("panel in view that gave points", "", fit.measured)
-            .with_min(MIN_MEASURED, LimitSource::Program)
-            .or_review("points_missing", || {
-                let [gave, needed] = distinguishable_percents(fit.measured, MIN_MEASURED, 0);
+            .with_min(MIN_MEASURED_SHARE, LimitSource::Program)
+            .reviews("points_missing", || {
+                let [gave, needed] = distinguishable_percents(fit.measured, MIN_MEASURED_SHARE, 0);
                 format!(
                     "only {gave} % of the visible panel has 3D points, at least {needed} % are needed; dry the \
                      panel, or shade a lamp that it reflects"
@@ -201,9 +202,9 @@ fn picture(fit: &Fit) -> Vec<Check> {
                 )
             }),
         Check::new("panel that is overexposed", "", fit.saturated_share)
-            .with_max(MAX_SATURATED, LimitSource::Program)
-            .or_review("overexposed", || {
-                let [found, allowed] = distinguishable_percents(fit.saturated_share, MAX_SATURATED, 0);
+            .with_max(MAX_OVEREXPOSED_SHARE, LimitSource::Program)
+            .reviews("overexposed", || {
+                let [found, allowed] = distinguishable_percents(fit.saturated_share, MAX_OVEREXPOSED_SHARE, 0);
                 format!(
                     "{found} % of the panel is overexposed (limit {allowed} %); lower the exposure or shade the \
                      lamp"
@@ -212,13 +213,13 @@ fn picture(fit: &Fit) -> Vec<Check> {
     ]
 }
 
-/// Checks the overlap: whether enough of the taught panel is found in the scan, and enough of the scan's panel
-/// among the taught points.
-fn overlap(fit: &Fit, limits: &recipe::Locate) -> [Check; 2] {
+/// Checks the overlap: whether enough of the taught panel is found in the scan, and enough of the scanned panel among
+/// the taught points.
+fn check_overlap(fit: &Fit, limits: &recipe::Locate) -> [Check; 2] {
     let allowed = limits.min_overlap();
     let outline_allowed = min_outline_found(limits);
-    let is_nearly =
-        fit.overlap() >= allowed - REVIEW_OVERLAP && fit.outline_found >= outline_allowed - REVIEW_OVERLAP;
+    let is_nearly = fit.overlap() >= allowed - OVERLAP_REVIEW_MARGIN
+        && fit.outline_found >= outline_allowed - OVERLAP_REVIEW_MARGIN;
     let severity = if is_nearly { Severity::Review } else { Severity::Reject };
     let words = || {
         let [taught, taught_needed] = distinguishable_percents(fit.taught_found, allowed, 0);
@@ -245,11 +246,13 @@ fn overlap(fit: &Fit, limits: &recipe::Locate) -> [Check; 2] {
     ]
 }
 
-/// If a smaller fraction of the outline is seen, a panel is poorly constrained sideways, in particular a flat panel.
+/// Minimum fraction of the outline that must be seen: with less, a panel is poorly constrained sideways, in particular
+/// a flat one.
 const MIN_OUTLINE_SEEN_SHARE: f64 = 0.6;
 
-/// Returns the warnings at teaching: too little of the panel's outline is seen in its own scan. `fit` is the panel
-/// located in that scan; with it there is also a warning if the fixture shows too little to detect a moved camera.
+/// Returns the checks with warnings at teaching: too little of the panel's outline is seen in its own scan. If `fit`,
+/// the panel located in that scan, is given, there is also a warning if the fixture shows too little to detect a moved
+/// camera.
 pub fn teaching_warnings(seen: &OutlineEvidence, fit: Option<&Fit>) -> Vec<Check> {
     let share = seen.by_colour + seen.by_depth;
     let outline = Check::new("outline that the scan shows", "", share)
@@ -265,7 +268,7 @@ pub fn teaching_warnings(seen: &OutlineEvidence, fit: Option<&Fit>) -> Vec<Check
     std::iter::once(outline).chain(fit.map(check_taught_fixture)).collect()
 }
 
-/// The verdict if nothing was found: a bad panel is a verdict, not a fault.
+/// Returns the verdict if no panel was found: a wrong or missing panel is a verdict, not an error of the program.
 pub fn refusal(error: &LocateError) -> Judgement {
     Judgement::new(vec![Reason::new("no_panel", error.to_string())], Vec::new())
 }
@@ -275,14 +278,15 @@ pub(super) fn exceeds_limit(measured: f64, allowed: f64) -> bool {
     measured.is_nan() || measured > allowed
 }
 
-/// A camera motion that displaces the panel by more than this distance, mm, means that the camera has moved since
+/// Limit of the displacement of the panel by a camera motion, mm: with a larger one the camera has moved since
 /// teaching.
 pub const MAX_CAMERA_MOVED_MM: f64 = 0.25;
-/// A fixture that shows camera motion must detect a motion that displaces the panel by this distance, mm.
-pub const MAX_CAMERA_NOTICED_MM: f64 = 0.55;
-/// Minimum fraction of the fixture that must lie at its taught place: objects come and go, the fixture stays.
-pub const MIN_FIXTURE_SAME: f64 = 0.4;
-/// Returns the smallest camera motion that is noticed, mm, if the fixture determines the camera's pose with this
+/// Limit of the smallest detectable displacement of the panel by a camera motion, mm: a fixture with a larger one does
+/// not show camera motions well enough.
+pub const MAX_CAMERA_DETECTION_LIMIT_MM: f64 = 0.55;
+/// Minimum fraction of the fixture that must be at its taught place: objects are added and removed, the fixture stays.
+pub const MIN_UNMOVED_FIXTURE_SHARE: f64 = 0.4;
+/// Returns the smallest camera motion that is detected, mm, if the fixture determines the camera's pose with this
 /// uncertainty, 95 %, mm.
 pub fn noticed_mm(uncertainty_mm: f64) -> f64 {
     MAX_CAMERA_MOVED_MM + uncertainty_mm
@@ -291,19 +295,19 @@ pub fn noticed_mm(uncertainty_mm: f64) -> f64 {
 /// Returns whether a fixture that gives the camera's pose with this uncertainty, mm, can detect a motion of the
 /// camera; `None` means that the fixture carries no information.
 pub fn can_detect_motion(uncertainty_mm: Option<f64>) -> bool {
-    uncertainty_mm.is_some_and(|mm| noticed_mm(mm) <= MAX_CAMERA_NOTICED_MM)
+    uncertainty_mm.is_some_and(|mm| noticed_mm(mm) <= MAX_CAMERA_DETECTION_LIMIT_MM)
 }
 
-/// Checks that the camera has not moved since teaching.
-fn camera(fit: &Fit) -> Vec<Check> {
+/// Checks whether the camera has moved since teaching.
+fn check_camera(fit: &Fit) -> Vec<Check> {
     let camera = fit.camera.as_ref();
     let (moved_mm, uncertainty_mm) = (camera.map(|it| it.moved_mm), camera.map(|it| it.uncertainty_mm));
     let same = Check::new("fixture that stands where it stood", "", camera.map(|it| it.unmoved_share))
-        .with_min(MIN_FIXTURE_SAME, LimitSource::Program);
+        .with_min(MIN_UNMOVED_FIXTURE_SHARE, LimitSource::Program);
     let is_other = !same.is_met();
     let same = same.or_reject("camera_moved", || {
         let [same, needed] =
-            distinguishable_percents(camera.map_or(f64::NAN, |it| it.unmoved_share), MIN_FIXTURE_SAME, 0);
+            distinguishable_percents(camera.map_or(f64::NAN, |it| it.unmoved_share), MIN_UNMOVED_FIXTURE_SHARE, 0);
         format!(
             "only {same} % of the fixture is where it was at teaching, at least {needed} % are needed; check \
              whether the camera or the fixture was moved, then calibrate and teach again"
@@ -336,29 +340,30 @@ fn check_fixture(fit: &Fit) -> Vec<Check> {
     let noticed = Check::new("a camera is noticed that moves it by", "mm", uncertainty_mm.map(noticed_mm));
     // The limit applies if the fixture can detect a motion of the camera, now or at teaching.
     let is_shown = can_detect_motion(uncertainty_mm) || can_detect_motion(fit.camera_at_teaching_mm);
-    let noticed = if is_shown { noticed.with_max(MAX_CAMERA_NOTICED_MM, LimitSource::Program) } else { noticed };
-    // If the fixture at teaching also shows too little, a warning was already given at teaching.
+    let noticed =
+        if is_shown { noticed.with_max(MAX_CAMERA_DETECTION_LIMIT_MM, LimitSource::Program) } else { noticed };
+    // If the fixture also showed too little at teaching, there was already a warning then.
     let is_unwatched = !can_detect_motion(uncertainty_mm) && can_detect_motion(fit.camera_at_teaching_mm);
     vec![noticed.with_consequence_if(is_unwatched, Severity::Review, "camera_unwatched", || {
         let seen = uncertainty_mm.map_or("too little of the fixture is visible".to_owned(), |mm| {
-            let [noticed, _] = distinguishable_texts(noticed_mm(mm), MAX_CAMERA_NOTICED_MM, 2);
+            let [noticed, _] = distinguishable_texts(noticed_mm(mm), MAX_CAMERA_DETECTION_LIMIT_MM, 2);
             format!(
                 "the fixture reveals a movement of the camera only if it shifts the panel by {noticed} mm or more"
             )
         });
         format!(
-            "it is unknown whether the camera has moved: {seen} (limit {MAX_CAMERA_NOTICED_MM} mm, met at \
+            "it is unknown whether the camera has moved: {seen} (limit {MAX_CAMERA_DETECTION_LIMIT_MM} mm, met at \
              teaching); remove objects in front of the fixture. If the camera was calibrated again since teaching, \
              teach the panel again"
         )
     })]
 }
 
-/// Checks whether the taught scan shows enough of the fixture to notice a camera that moved.
+/// Checks whether the taught scan shows enough of the fixture to detect a camera that moved.
 fn check_taught_fixture(fit: &Fit) -> Check {
     let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
     Check::new("a camera is noticed that moves the panel by", "mm", uncertainty_mm.map(noticed_mm))
-        .with_max(MAX_CAMERA_NOTICED_MM, LimitSource::Program)
+        .with_max(MAX_CAMERA_DETECTION_LIMIT_MM, LimitSource::Program)
         .with_consequence_if(!can_detect_motion(uncertainty_mm), Severity::Review, "camera_unwatched", || {
             "too little of the fixture is visible to detect a movement of the camera; put fixed objects into view \
              beside the panel, outside of the search box, with clear edges in two directions"
@@ -368,19 +373,19 @@ fn check_taught_fixture(fit: &Fit) -> Check {
 
 /// Largest distance between the results of fits from independent starts, mm.
 pub const MAX_DISAGREEMENT_MM: f64 = 0.1;
-/// Smallest ratio of the support of the pose to the support of any other pose.
-pub const MIN_MARGIN: f64 = 2.0;
-/// Largest stated error of a usable pose anywhere on the panel, mm: the error of 0.25 mm at one place, times 2.35 /
-/// 1.7 (`geometry/statistics`).
+/// Smallest ratio of the evidence for the pose to the evidence for any other pose.
+pub const MIN_EVIDENCE_RATIO: f64 = 2.0;
+/// Largest stated error of a usable pose anywhere on the panel, mm. It results from the error of 0.25 mm at one place,
+/// times 2.35 / 1.7 (`geometry/statistics`).
 pub const MAX_UNCERTAINTY_MM: f64 = 0.35;
 
 /// Checks whether the panel's pose is known well enough.
 fn check_pose_uncertainty(fit: &Fit) -> Vec<Check> {
     let rival = fit.rival.as_ref();
     let ambiguous = |rival: &CompetingPose| {
-        let [margin, needed] = distinguishable_texts(rival.evidence_ratio(), MIN_MARGIN, 1);
+        let [margin, needed] = distinguishable_texts(rival.evidence_ratio(), MIN_EVIDENCE_RATIO, 1);
         format!(
-            "another pose, turned by {}°, explains the scan about as well: {} mm of outline and surface support \
+            "another pose, rotated by {}°, explains the scan about as well: {} mm of outline and surface support \
              only the first pose and {} mm only the other, a ratio of {margin} (at least {needed} is needed); a \
              person must decide which pose is right",
             fixed_decimals(rival.rotation.0, 0),
@@ -407,12 +412,12 @@ fn check_pose_uncertainty(fit: &Fit) -> Vec<Check> {
                 format!("fits from independent starts end {agreement} mm apart (limit {allowed} mm); scan again")
             }),
         Check::new("for this placement against the next best, times", "", rival.map(CompetingPose::evidence_ratio))
-            .with_min(MIN_MARGIN, LimitSource::Program)
-            .or_review("ambiguous", || rival.map_or(String::new(), ambiguous)),
+            .with_min(MIN_EVIDENCE_RATIO, LimitSource::Program)
+            .reviews("ambiguous", || rival.map_or(String::new(), ambiguous)),
     ]
 }
 
-/// States what makes a pose uncertain, and what helps.
+/// Returns the cause of a pose's uncertainty, and the remedy.
 fn uncertainty_reason(fit: &Fit) -> String {
     let mm = |value| fixed_decimals(value, 2);
     if fit.uncertainty_at_taught_place_mm <= MAX_UNCERTAINTY_MM {
@@ -438,7 +443,7 @@ fn uncertainty_reason(fit: &Fit) -> String {
 }
 
 /// Checks whether the panel's pose is within its limits.
-fn motion(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
+fn check_displacement(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
     vec![
         Check::new("shift of the panel's centre", "mm", fit.shift_mm)
             .with_max(limits.max_shift_mm(), LimitSource::recipe("locate.max_shift_mm"))
@@ -455,14 +460,16 @@ fn motion(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
                 let [turn, allowed] = distinguishable_texts(fit.turn.0.abs(), limits.turn_limit_deg(), 2);
                 let sign = if fit.turn.0 < 0.0 { "-" } else { "" };
                 format!(
-                    "the panel is turned by {sign}{turn}° in its plane (limit ±{allowed}°); turn the panel back"
+                    "the panel is rotated by {sign}{turn}° in its plane (limit ±{allowed}°); rotate the panel back"
                 )
             }),
         Check::new("tilt of the panel's normal", "°", fit.tilt.0)
             .with_max(limits.max_tilt_deg(), LimitSource::recipe("locate.max_tilt_deg"))
             .or_reject("tilt_limit", || {
                 let [tilt, allowed] = distinguishable_texts(fit.tilt.0, limits.max_tilt_deg(), 2);
-                format!("the panel's normal is tilted by {tilt}° (limit {allowed}°); set the panel upright")
+                format!(
+                    "the panel's normal is tilted by {tilt}° (limit {allowed}°); align the panel with its fixture"
+                )
             }),
     ]
 }

@@ -1,10 +1,10 @@
 //! A downsampled scan: the mean inverse depth of blocks of pixels, which for a plane is linear over the picture.
 //!
-//! About 490 blocks across, for any camera's picture: a block's mean has a quarter of a pixel's noise at full size. A
-//! block with pixels at different depths is an edge and has no depth; so flying points and glints give no depth. A
-//! point p of the panel is compared with the scan at the place to which it projects (projective association, Blais &
-//! Levine, IEEE PAMI 17(8), 1995), without any search. With the depths z of p and ẑ of the scan on the same ray the
-//! scan's point is p ẑ/z, and along the normal n the point lies in front of the scan's point by
+//! The grid has about 490 blocks across, for any camera's picture: at full resolution, a block's mean has a quarter of
+//! a pixel's noise. A block with pixels at different depths is an edge and has no depth; so flying points and glints
+//! give no depth. A point p of the panel is compared with the scan at the place to which it projects (projective
+//! association, Blais & Levine, IEEE PAMI 17(8), 1995), without any search. With the depths z of p and ẑ of the scan on
+//! the same ray, the scan's point is p ẑ/z. Along the normal n, p lies in front of this point by
 //!     r = n · p (1 − ẑ/z).                                                                               (1)
 
 use nalgebra::{Matrix3, Vector3};
@@ -14,22 +14,22 @@ use panelprep_base::geometry::{
 use rayon::prelude::*;
 
 /// The approximate number of blocks across the picture.
-const COLUMNS: usize = 486;
-/// Depths within a block that differ by less than this belong to one surface without a further check, mm for a block
-/// with a side of 1 mm.
-const MAX_BLOCK_SPREAD: f64 = 1.2;
-/// Depths farther than this from the block's median are left out, mm for a block with a side of 1 mm; the limit for
-/// the distance from its slanted plane is smaller.
-const MAX_MEDIAN_DEVIATION: f64 = 0.8;
-const TRIM_SLANTED: f64 = 0.35;
-/// The fraction of a block's pixels that must agree: if the pixels on one side are missing, the mean is not the depth
-/// of the block's middle.
-const MIN_SHARE: f64 = 0.9;
-/// Neighbouring blocks do not belong to one surface if their depths differ by more than this number of block sides:
+const APPROXIMATE_COLUMNS: usize = 486;
+/// Depths within a block that differ by less than this belong to one surface without a further check, as a multiple of
+/// the block's side.
+const MAX_BLOCK_SPREAD_SIDES: f64 = 1.2;
+/// Depths farther than this from the block's median are left out, as a multiple of the block's side; the second
+/// constant is the smaller limit for the distance from a slanted plane.
+const MAX_MEDIAN_DEVIATION_SIDES: f64 = 0.8;
+const MAX_SLANTED_DEVIATION_SIDES: f64 = 0.35;
+/// The smallest fraction of a block's pixels that must agree: if the pixels on one side are missing, the mean is not
+/// the depth of the block's middle.
+const MIN_AGREEING_SHARE: f64 = 0.9;
+/// The largest difference between the depths of neighbouring blocks of one surface, as a multiple of the block's side:
 /// a slope of 73°.
-const STEP_SIDES: f64 = 3.3;
+const MAX_STEP_SIDES: f64 = 3.3;
 
-/// The scan at full size, with its colours.
+/// The scan at full resolution, with its colours.
 pub(super) type ColoredCloud = OrganizedCloud<Camera>;
 
 /// Depth of a scan at the projection of a point.
@@ -39,7 +39,7 @@ pub(super) enum DepthReading {
     OutOfView,
     /// No depth was measured there.
     Nothing,
-    /// A depth, mm, on an edge or beside missing points: good enough to distinguish before from behind.
+    /// A depth, mm, on an edge or beside missing points: precise enough to distinguish in front from behind.
     Rough(f64),
     /// A depth, mm, between four blocks of one surface.
     Smooth(f64),
@@ -64,19 +64,19 @@ impl Grid {
     /// Reduces a scan to a grid of blocks.
     pub fn from_scan(scan: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Grid {
         let points = scan.raw_points_mm();
-        // NaN is not greater than 0.
+        // A NaN is not greater than 0.
         Self::from_depths((scan.width(), scan.height()), camera, |index| {
             Some(points[index][2]).filter(|&z| z > 0.0)
         })
     }
 
-    /// Reduces the depths of the pixels, mm, to a grid of blocks; `None` for a pixel that is left out.
+    /// Creates a grid of blocks from the depths of the pixels, mm; the depth of a pixel that is left out is `None`.
     pub fn from_depths(
         (width, height): (usize, usize),
         camera: &PinholeCamera,
         depth: impl Fn(usize) -> Option<f32> + Sync,
     ) -> Grid {
-        let factor = ((width as f64 / COLUMNS as f64).round() as usize).max(1);
+        let factor = ((width as f64 / APPROXIMATE_COLUMNS as f64).round() as usize).max(1);
         let (columns, rows) = ((width / factor).max(2), (height / factor).max(2));
         let block_rad = factor as f64 / camera.fx_px;
         let mut inverse = vec![f32::NAN; columns * rows];
@@ -96,7 +96,7 @@ impl Grid {
                 }
             }
         });
-        Grid { factor, columns, rows, camera: *camera, inverse, step_share: STEP_SIDES * block_rad }
+        Grid { factor, columns, rows, camera: *camera, inverse, step_share: MAX_STEP_SIDES * block_rad }
     }
 
     /// Returns the pixel in the middle of a block.
@@ -117,7 +117,7 @@ impl Grid {
         (!inverse.is_nan()).then(|| 1.0 / inverse)
     }
 
-    /// Returns the scan's point of a block; the ray is exact.
+    /// Returns the scan's point of a block; its ray is exact.
     pub fn point(&self, column: usize, row: usize) -> Option<Vector3<f64>> {
         let depth_mm = self.depth_mm(row * self.columns + column)?;
         let ray = self.camera.unproject::<Camera>(self.pixel(column, row))?;
@@ -151,16 +151,16 @@ impl Grid {
             let below = corners[2] + fx * (corners[3] - corners[2]);
             return DepthReading::Smooth(1.0 / (above + fy * (below - above)));
         }
-        // Selects the nearest block that has a depth.
+        // The nearest block that has a depth.
         let shares = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
         let nearest = (0..4).filter(|&k| !corners[k].is_nan()).max_by(|&a, &b| shares[a].total_cmp(&shares[b]));
         nearest.map_or(DepthReading::Nothing, |k| DepthReading::Rough(1.0 / corners[k]))
     }
 }
 
-/// The number of a block's pixels that must agree.
+/// Returns the number of a block's pixels that must agree.
 fn min_agreeing_pixels(pixels: usize) -> usize {
-    (MIN_SHARE * pixels as f64).ceil().max(1.0) as usize
+    (MIN_AGREEING_SHARE * pixels as f64).ceil().max(1.0) as usize
 }
 
 fn block_inverse(depths: &mut [f32], pixels: usize, block_rad: f64) -> f32 {
@@ -170,11 +170,11 @@ fn block_inverse(depths: &mut [f32], pixels: usize, block_rad: f64) -> f32 {
     }
     let (low, high) = depths.iter().fold((f32::MAX, f32::MIN), |(low, high), &z| (low.min(z), high.max(z)));
     let side_mm = block_rad * f64::from(low);
-    if f64::from(high - low) <= MAX_BLOCK_SPREAD * side_mm {
+    if f64::from(high - low) <= MAX_BLOCK_SPREAD_SIDES * side_mm {
         return mean_inverse(depths.iter().copied());
     }
     let Some(median) = median(depths) else { return f32::NAN };
-    let reach = (MAX_MEDIAN_DEVIATION * side_mm) as f32;
+    let reach = (MAX_MEDIAN_DEVIATION_SIDES * side_mm) as f32;
     let near = |z: &&f32| (**z - median).abs() <= reach;
     if depths.iter().filter(near).count() < needed {
         return f32::NAN;
@@ -209,11 +209,11 @@ fn slanted_inverse(factor: usize, block_rad: f64, depth: impl Fn(usize, usize) -
     };
     let levels: Vec<f64> = inverse.iter().enumerate().filter_map(level).collect();
     let Some(middle) = median_in_place(&mut levels.clone()) else { return f32::NAN };
-    // Compared relative to the depth: dz / z = −z d(1/z).
+    // The slope is compared relative to the depth: dz / z = −z d(1/z).
     let steepest = factor as f64 * right.hypot(down) / middle;
-    let near = |level: &&f64| (*level / middle - 1.0).abs() <= TRIM_SLANTED * block_rad;
+    let near = |level: &&f64| (*level / middle - 1.0).abs() <= MAX_SLANTED_DEVIATION_SIDES * block_rad;
     let count = levels.iter().filter(near).count();
-    if count < needed || steepest > STEP_SIDES * block_rad {
+    if count < needed || steepest > MAX_STEP_SIDES * block_rad {
         return f32::NAN;
     }
     (levels.iter().filter(near).sum::<f64>() / count as f64) as f32
@@ -273,14 +273,14 @@ pub(super) fn camera_point(point: &Vector3<f64>) -> Point<Camera> {
     Point::at(point.x, point.y, point.z)
 }
 
-/// Returns evenly spread indices of a list: multiples of the golden section, which omit no rows.
+/// Returns evenly spread indices of a list: multiples of the golden section, which leave out no rows.
 pub(super) fn spread_indices(count: usize, wanted: usize) -> Vec<usize> {
     if wanted >= count {
         return (0..count).collect();
     }
-    const GOLDEN: f64 = 0.618_033_988_749_895;
+    const GOLDEN_SECTION: f64 = 0.618_033_988_749_895;
     let mut places: Vec<usize> =
-        (0..wanted).map(|k| ((k as f64 * GOLDEN).fract() * count as f64) as usize).collect();
+        (0..wanted).map(|k| ((k as f64 * GOLDEN_SECTION).fract() * count as f64) as usize).collect();
     places.sort_unstable();
     places.dedup();
     places
@@ -304,7 +304,7 @@ mod tests {
         k3: 0.0,
     };
 
-    /// The plane z = 700 + x/2, with a block at 400 mm in front of its left part.
+    /// Returns a scan of the plane z = 700 + x/2, with a block at 400 mm in front of its left part.
     fn scan() -> OrganizedCloud<Camera> {
         let point = |i: usize| {
             let (x, y) = ((i % 40) as f64 - 19.5, (i / 40) as f64 - 14.5);
@@ -314,9 +314,9 @@ mod tests {
         OrganizedCloud::new(40, 30, (0..1_200).map(point).collect(), vec![[0; 3]; 1_200]).expect("counts agree")
     }
 
-    /// By hand: pixel (25, 10) has x = 0.055; there the plane is at z = 700/(1 − 0.0275), also between blocks.
+    /// By hand: pixel (25, 10) has x = 0.055; the plane is there at z = 700/(1 − 0.0275), also between blocks.
     #[test]
-    fn a_plane_is_met_between_blocks_and_an_edge_is_rough() {
+    fn a_plane_is_smooth_between_blocks_and_an_edge_is_rough() {
         let grid = Grid::from_scan(&scan(), &CAMERA);
         assert_eq!((grid.factor, grid.columns), (1, 40));
         let DepthReading::Smooth(depth_mm) = grid.reading_at_pixel(Pixel::at(25.25, 10.5)) else {
@@ -341,11 +341,11 @@ mod tests {
         assert!(block_inverse(&mut [700.0; 14], 16, 4.0 / 1785.0).is_nan());
     }
 
-    /// By hand: a side of the block is 4/1785 · 700 = 1.57 mm. A slope of 70° rises 1.08 mm from pixel to pixel, so
-    /// that no two columns agree with one median. Its plane has 700 mm in the middle, also with a flying point. A
-    /// slope of 75° rises 1.46 mm and is too steep; a step of 3 mm between two columns is an edge.
+    /// By hand: the side of the block is 4/1785 · 700 = 1.57 mm. A slope of 70° rises by 1.08 mm from pixel to pixel,
+    /// so that no two columns agree with one median. Its plane has 700 mm in the middle, also with a flying point. A
+    /// slope of 75° rises by 1.46 mm and is too steep; a step of 3 mm between two columns is an edge.
     #[test]
-    fn a_steep_plane_is_whole_and_a_step_is_not() {
+    fn a_steep_plane_has_a_depth_and_a_step_has_none() {
         let rise = |per_pixel_mm: f64| {
             move |u: usize, v: usize| {
                 let flies = (u, v) == (1, 2);

@@ -1,18 +1,18 @@
 //! The panel's pose: 3D registration of a scan (thesis 3.8), and correction of the pose by corners (thesis 3.9).
 //!
 //! The search needs no start value and covers all poses in the search box. The scan is downsampled ([`grid`]) and
-//! segmented into connected pieces in the box ([`pieces`]). The taught panel is aligned with these pieces at every
+//! segmented into connected components in the box ([`pieces`]). The taught panel is aligned with these pieces at every
 //! rotation ([`search`]). The best pose hypotheses are fitted to the surface and to the outline's edges in the colour
 //! picture together ([`fit`], [`edges`]), with the borders of marks inside it (`print_features`), and compared with
 //! each other ([`ConsistencyScore`]). The result is a [`Fit`]: the pose with its covariance, the agreement of
 //! independent starts, and the check of the camera's pose by the fixture. [`gate`] judges this evidence. [`explain`]
-//! marks the origin of a reason in the scan's picture. [`corner`] finds the panel's corner in a picture of the flange
+//! marks the cause of a reason in the scan's picture. [`corner`] finds the panel's corner in a picture of the flange
 //! camera, and [`refine`] corrects the pose by it. [`thesis_icp`] is the thesis's own method, for comparison. An error
 //! of the camera's calibration moves taught and located panel alike and cannot be detected here.
 //!
 //! Two pose hypotheses of one panel are compared by the evidence that supports only one of the two. Only places at
 //! which the two poses disagree carry information. Such a place is a segment of the outline, or the border of a mark,
-//! that has its edge at only one of the poses. It may also be a piece of surface that lies on the scan at only one of
+//! that has its edge at only one of the poses. It may also be a square of surface that lies on the scan at only one of
 //! the poses. Places that are occluded at either pose are left out. The evidence is a length; a square of surface
 //! counts as the length of its side.
 
@@ -73,14 +73,14 @@ pub struct ScanView<'a> {
 
 /// The number of samples of a fit that only compares hypotheses, and of the independent starts.
 const HYPOTHESIS_SAMPLES: usize = 3_000;
-/// The offset of the independent starts from the result: a shift as a fraction of the panel's reach, and a rotation,
-/// rad.
-const START_SHIFT: f64 = 0.02;
-const START_TURN_RAD: f64 = 0.015;
+/// The offset of the independent starts from the result: a shift as a fraction of the panel's reach; the second
+/// constant is a rotation, rad.
+const START_SHIFT_SHARE: f64 = 0.02;
+const START_ROTATION_RAD: f64 = 0.015;
 
 /// The numbers of taught and scanned points that the thesis's method pairs.
-const THESIS_TAUGHT: usize = 6_000;
-const THESIS_SCANNED: usize = 120_000;
+const THESIS_TAUGHT_POINTS: usize = 6_000;
+const THESIS_SCANNED_POINTS: usize = 120_000;
 
 /// A taught panel and a scan, prepared for localization and for explaining its result.
 pub struct PreparedScan<'a> {
@@ -134,7 +134,7 @@ impl<'a> PreparedScan<'a> {
     /// Finds the panel.
     ///
     /// # Errors
-    /// If nothing of the panel's size and shape lies in the search box; [`gate::refusal`] turns this into a
+    /// If no object of the panel's size and shape lies in the search box; [`gate::refusal`] converts this into a
     /// verdict.
     pub fn locate(&self) -> Result<Fit, LocateError> {
         let PreparedScan { taught, view, grid, inside, pieces, .. } = self;
@@ -143,8 +143,8 @@ impl<'a> PreparedScan<'a> {
         if candidates.is_empty() {
             return Err(no_fit_error(model, pieces, inside.iter().filter(|inside| **inside).count()));
         }
-        // Searched in full at every localization, without a start value: a start from the last pose would hide a panel
-        // that lies the other way round.
+        // Every localization searches completely, without a start value: with a start at the last pose, a panel that
+        // lies the other way round would not be found.
         let hypotheses = search::search(model, (grid, view.scan), &candidates);
         let inputs = self.inputs();
         let hypotheses = (hypotheses.as_slice(), view.base_from_camera);
@@ -170,8 +170,8 @@ impl<'a> PreparedScan<'a> {
             },
         );
         let is_watched = gate::can_detect_motion(camera.map(|camera| camera.uncertainty_mm));
-        // Only if today's scan cannot show a motion of the camera: the fixture may be hidden today although the taught
-        // scan showed it.
+        // Computed only if today's scan cannot show a motion of the camera: the fixture may be hidden today although
+        // the taught scan showed it.
         let asked =
             (!is_watched).then(|| camera_check::teaching_uncertainty_mm(taught, self.taught_model, self.settings));
         let beside =
@@ -182,8 +182,8 @@ impl<'a> PreparedScan<'a> {
             }
             Registration::Thesis => {
                 let camera_from_panel = self.locate_by_thesis(&best);
-                // The thesis's method states no error of its own; the distance from the pose with a stated error bounds
-                // it.
+                // The thesis's method states no error of its own; the distance from the pose of the other method, which
+                // has a stated error, bounds it.
                 let off_mm = inputs.model.largest_distance_mm(&camera_from_panel, &fitted.camera_from_panel);
                 let placed = IterationEnd { camera_from_panel, ..fitted };
                 let fit = evidence::compute_evidence(&placed, inputs, pieces, view.base_from_camera, beside)?;
@@ -192,16 +192,16 @@ impl<'a> PreparedScan<'a> {
         }
     }
 
-    /// Returns the pose by the thesis's method, beginning at a start pose.
+    /// Returns the pose by the thesis's method, which begins at a start pose.
     fn locate_by_thesis(&self, start: &Rigid<Camera, Panel>) -> Rigid<Camera, Panel> {
         let PreparedScan { view, grid, inside, .. } = self;
         let points = &self.taught_model.model.points;
-        let taught: Vec<Point<Panel>> = grid::spread_indices(points.len(), THESIS_TAUGHT)
+        let taught: Vec<Point<Panel>> = grid::spread_indices(points.len(), THESIS_TAUGHT_POINTS)
             .into_iter()
             .map(|index| Point::new(points[index].into()))
             .collect();
         let in_box: Vec<usize> = (0..inside.len()).filter(|&index| inside[index]).collect();
-        let scanned: Vec<Point<Base>> = grid::spread_indices(in_box.len(), THESIS_SCANNED)
+        let scanned: Vec<Point<Base>> = grid::spread_indices(in_box.len(), THESIS_SCANNED_POINTS)
             .into_iter()
             .filter_map(|place| grid.point(in_box[place] % grid.columns, in_box[place] / grid.columns))
             .map(|point| view.base_from_camera * grid::camera_point(&point))
@@ -210,14 +210,14 @@ impl<'a> PreparedScan<'a> {
     }
 }
 
-/// The form of the panel that is compared with the scan at the poses of two hypotheses.
+/// The shape in which the panel is compared with the scan at the poses of two hypotheses.
 #[derive(Clone, Copy, PartialEq)]
 enum PanelForm {
     /// The panel as it was taught.
     AsTaught,
     /// The panel bent as required at each of the two poses, and fitted again. For a bent panel, the taught surface
     /// gives little information on the pose and displaces the fit. The evidence for one of the poses is then what no
-    /// bend explains, above all the outline.
+    /// bend explains, mainly the outline.
     AsBent,
 }
 
@@ -258,8 +258,8 @@ fn choose(
         for_a > for_b
     };
     let mut best = 0;
-    // By pairs and not by a sum: only places where two poses differ can decide between them, and a sum would count
-    // hidden places for the one that hides more.
+    // The poses are compared in pairs and not by a sum: only places where two poses differ can decide between them. A
+    // sum would favour the pose at which fewer places are hidden.
     for other in 1..fitted.len() {
         if beats(&fitted[other].1, &fitted[best].1) {
             best = other;
@@ -269,7 +269,8 @@ fn choose(
         return None;
     }
     let (first, score) = fitted.swap_remove(best);
-    // Ends of one basin differ by much less than this; a panel that fits turned or shifted differs by more.
+    // Results of starts that converge to one pose differ by much less than this; another pose that fits, rotated or
+    // shifted, differs by more.
     let same_mm = 0.05 * search::reach_mm(inputs.model);
     let rivals = fitted.iter().filter(|(other, _)| inputs.model.largest_distance_mm(&first, other) > same_mm);
     let rival = rivals.map(|(other, against)| {
@@ -283,13 +284,13 @@ fn choose(
 /// Returns the largest distance between the results of independent starts, mm; infinite if a start does not
 /// converge.
 fn agreement_mm(fitted: &IterationEnd, inputs: FitInputs<'_>) -> f64 {
-    let shift_mm = START_SHIFT * search::reach_mm(inputs.model);
+    let shift_mm = START_SHIFT_SHARE * search::reach_mm(inputs.model);
     let centre = RigidF32::from_rigid(&fitted.camera_from_panel).point(&inputs.model.centre);
     // Three starts around the result, each shifted sideways and rotated about another axis.
     let starts = [0.0, 120.0, 240.0f64].map(|turn_deg| {
         let around = Rotation3::from_axis_angle(&Vector3::z_axis(), turn_deg.to_radians());
         let shift = around * Vector3::new(shift_mm, 0.0, 0.5 * shift_mm);
-        let turn = around * Vector3::new(0.0, START_TURN_RAD, START_TURN_RAD);
+        let turn = around * Vector3::new(0.0, START_ROTATION_RAD, START_ROTATION_RAD);
         let twist = Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
         solve::apply_twist(&fitted.camera_from_panel, &centre, &twist)
     });
@@ -317,7 +318,7 @@ fn no_fit_error(model: &Model, pieces: &[pieces::Piece], found: usize) -> Locate
     }
 }
 
-/// Reasons why the panel is not located. Every variant but the last means that there is no panel of the taught kind.
+/// Reasons why the panel is not located. All variants but the last mean that there is no panel of the taught kind.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LocateError {
     /// The search box is nearly empty.
@@ -326,7 +327,7 @@ pub enum LocateError {
          check that the panel is in the fixture"
     )]
     EmptyBox {
-        /// The number of scan places in the box.
+        /// The number of blocks with scan points in the box.
         found: usize,
         /// Number of points needed.
         needed: usize,
@@ -358,12 +359,12 @@ pub enum LocateError {
     },
 }
 
-/// An edge within this distance is at the outline's place, px.
+/// Largest distance of an edge from the outline's place at which it supports the pose, px.
 const MAX_EDGE_DISTANCE_PX: f64 = 1.2;
-/// A surface within this distance counts as the taught surface, mm.
+/// Largest distance of a surface from the taught one at which it supports the pose, mm.
 const MAX_SURFACE_DISTANCE_MM: f64 = 0.35;
 /// Side of the square that a point of the surface represents, mm.
-const SQUARE_MM: f64 = 8.0;
+const SURFACE_SQUARE_SIDE_MM: f64 = 8.0;
 
 /// The result of comparing each place of the panel at a pose with the scan: consistent, contradicted, or unknown.
 struct ConsistencyScore {
@@ -383,8 +384,8 @@ impl ConsistencyScore {
         let surface = chosen.par_iter().with_min_len(512).map(|&i| match observe_point(&motion, model, grid, i) {
             PointObservation::On(residual_mm) => Some(residual_mm.abs() <= MAX_SURFACE_DISTANCE_MM),
             PointObservation::Through => Some(false),
-            // An object in front of the panel hides it and contradicts nothing; only a ray that passes through the
-            // panel does.
+            // An object in front of the panel hides it and is no evidence against the pose; only a ray that passes
+            // through the panel is.
             PointObservation::Near | PointObservation::Hidden | PointObservation::Unknown => None,
         });
         let marks = model.marks.points.par_iter().with_min_len(64).map(|mark| {
@@ -393,7 +394,7 @@ impl ConsistencyScore {
         let mut agreement: Vec<Option<bool>> = outline.collect();
         agreement.extend(surface.collect::<Vec<_>>());
         let mut lengths_mm: Vec<f64> = model.outline.iter().map(|sample| sample.length_mm).collect();
-        lengths_mm.resize(agreement.len(), SQUARE_MM);
+        lengths_mm.resize(agreement.len(), SURFACE_SQUARE_SIDE_MM);
         agreement.extend(marks.collect::<Vec<_>>());
         lengths_mm.extend(model.marks.points.iter().map(|mark| mark.length_mm));
         ConsistencyScore { agreements: agreement, lengths_mm }
@@ -404,7 +405,7 @@ impl ConsistencyScore {
         let mut alone_mm = [0.0; 2];
         for ((a, b), length_mm) in self.agreements.iter().zip(&other.agreements).zip(&self.lengths_mm) {
             match (a, b) {
-                // A place that is unknown at one of the two poses says nothing about their difference.
+                // A place that is unknown at one of the two poses carries no information about their difference.
                 (Some(true), Some(false)) => alone_mm[0] += length_mm,
                 (Some(false), Some(true)) => alone_mm[1] += length_mm,
                 _ => {}
@@ -415,7 +416,10 @@ impl ConsistencyScore {
 }
 
 fn squares(model: &Model) -> Vec<usize> {
-    spread_indices(model.points.len(), ((model.area_mm2 / (SQUARE_MM * SQUARE_MM)) as usize).clamp(100, 4_000))
+    spread_indices(
+        model.points.len(),
+        ((model.area_mm2 / (SURFACE_SQUARE_SIDE_MM * SURFACE_SQUARE_SIDE_MM)) as usize).clamp(100, 4_000),
+    )
 }
 
 #[cfg(test)]
@@ -446,11 +450,11 @@ mod tests {
         (panel.unwrap_or_else(|error| panic!("{error}")), recipe)
     }
 
-    /// With point-to-point costs a smooth panel slides along itself: the pose of the thesis's method is wrong by
-    /// tenths of a millimetre, which count as its error. Its stated uncertainty is never smaller than that of the
-    /// other method.
+    /// With point-to-point costs a smooth panel slides along itself: the pose of the thesis's method is wrong by tenths
+    /// of a millimetre, which are added to its error. Its stated uncertainty is never smaller than that of the other
+    /// method.
     #[test]
-    fn the_thesis_method_is_judged_by_its_distance_from_the_other() {
+    fn the_distance_between_both_methods_is_added_to_the_error_of_the_thesis_method() {
         let cell = Cell::new(4, Scene::Good, 4);
         let (panel, recipe) = taught(&cell);
         let by_thesis = recipe_text(&cell).replace("[locate]\n", "[locate]\nmethod = \"thesis\"\n");
@@ -467,8 +471,8 @@ mod tests {
         assert!(apart_mm < 0.3 || gate::judge(&thesis, &by_thesis).verdict != Verdict::Accept, "{apart_mm}");
     }
 
-    /// By hand: 3 mm support only the first pose, 5 mm only the second; places that either pose does not see are
-    /// left out.
+    /// By hand: 3 mm support only the first pose, 5 mm only the second; places that are not seen at one of the poses
+    /// are left out.
     #[test]
     fn only_differences_count() {
         let votes = |said: [Option<bool>; 4]| ConsistencyScore {

@@ -1,24 +1,24 @@
-//! The taught panel in the form that the search and the fit use: points with normals, an outline in space, and its
-//! own grid.
+//! The taught panel in the form that the search and the fit use: points with normals, an outline in space, and its own
+//! grid.
 //!
-//! The outline is found in the taught scan's colours and depths (`taught_outline`). All data that the localization
-//! derives from a taught panel before there is a scan are derived once, because they do not depend on the scan.
+//! The outline is found in the taught scan's colours and depths (`taught_outline`). All data that depend only on the
+//! taught panel are derived once, before there is a scan.
 
 use super::LocateError;
 use super::grid::{Grid, RigidF32, camera_point};
 use super::pieces::centroid_and_normal;
 use super::print_features::TaughtMarks;
 use super::scan_errors::RangeErrors;
-use super::taught_outline::{MIN_OUTLINE, OutlineEvidence, OutlinePoint, Surface, TaughtOutline};
+use super::taught_outline::{MIN_OUTLINE_POINTS, OutlineEvidence, OutlinePoint, Surface, TaughtOutline};
 use nalgebra::Vector3;
 use panelprep_base::geometry::{Base, Camera, Panel, Pixel, Point, Rigid, Vector};
 use panelprep_cell::panel::TaughtPanel;
 use std::sync::Arc;
 
-/// A panel is complete if at least this fraction of its surface gave points.
+/// Smallest fraction of its surface that gave points on a complete panel.
 const MIN_COMPLETE_SHARE: f64 = 0.9;
-/// A panel with fewer surface points is not sufficiently constrained.
-const MIN_SURFACE: usize = 200;
+/// Smallest number of surface points: with fewer, the panel is not sufficiently constrained.
+const MIN_SURFACE_POINTS: usize = 200;
 
 /// The taught panel.
 #[derive(Clone)]
@@ -33,7 +33,7 @@ pub(super) struct Model {
     pub marks: TaughtMarks,
     /// The middle of the surface.
     pub centre: Vector3<f64>,
-    /// The direction in which the surface scatters least, towards the camera.
+    /// The direction in which the points of the surface scatter least, towards the camera.
     pub normal: Vector3<f64>,
     /// Area of the surface, mm².
     pub area_mm2: f64,
@@ -43,19 +43,19 @@ pub(super) struct Model {
     pub camera_from_panel: Rigid<Camera, Panel>,
     /// The panel's frame at its nominal place.
     pub nominal_pose: Rigid<Base, Panel>,
-    /// Width of a step of brightness at the outline, px, median.
+    /// Median width of the steps of brightness at the outline, px.
     pub edge_width_px: f64,
     /// Fraction of the panel that gave points at teaching, 0…1, if a person drew its outline; otherwise 1.
     pub measured_share: f64,
     /// The fractions of the outline that are seen, held and unseen.
     pub outline_evidence: OutlineEvidence,
-    /// The places at which something holds the panel, in the taught picture.
+    /// The places at which the panel is held, in the taught picture.
     pub held_px: Vec<[Pixel; 4]>,
     /// The errors of the scans.
     pub range: RangeErrors,
 }
 
-/// Returns the depths of the taught scan: those of its panel, or all others.
+/// Returns the depths of the taught scan: those of its panel if `of_panel` is true, otherwise all others.
 fn taught_grid(panel: &TaughtPanel, of_panel: bool) -> Grid {
     let motion = RigidF32::from_rigid(&panel.panel_from_camera.inverse());
     let depth_row = motion.turn.row(2).into_owned();
@@ -79,7 +79,7 @@ impl Model {
             || TaughtMarks::detect(panel, (&grid, &surface), range.correlation_mm),
         );
         let few = LocateError::Degenerate { surface: surface.samples.len(), outline: outline.len() };
-        if surface.samples.len() < MIN_SURFACE || outline.len() < MIN_OUTLINE {
+        if surface.samples.len() < MIN_SURFACE_POINTS || outline.len() < MIN_OUTLINE_POINTS {
             return Err(few);
         }
         let turn = panel.panel_from_camera.rotation();
@@ -141,7 +141,7 @@ impl Model {
     }
 }
 
-/// A taught panel as the localization uses it.
+/// A taught panel in the form that the localization uses.
 pub struct TaughtModel {
     /// The panel.
     pub(super) model: Model,

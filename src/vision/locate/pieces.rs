@@ -1,34 +1,36 @@
-//! The connected smooth pieces of the scan in the search box, and the distance of each pixel block from their edge.
+//! The pieces of the scan in the search box, which are its connected smooth components, and the distance of each block
+//! of pixels from their border.
 //!
-//! Neighbouring blocks belong to one piece if their depths do not jump. A piece's border is a true border if
-//! something farther away, or nothing, is seen beyond it. It is not a true border if a nearer object occludes the
-//! continuation, if the picture ends there, or if missing points divide a piece that may have holes. The nearest
-//! true border of every block is computed by two sweeps over the picture (8SSED: Danielsson, Comput. Graph. Image
-//! Process. 14, 1980).
+//! Neighbouring blocks belong to one piece if there is no jump between their depths. A piece's border is a true border
+//! if a surface farther away, or no point, is seen beyond it. It is not a true border if a nearer object occludes the
+//! continuation, if the picture ends there, or if missing points divide a piece that may have holes. The nearest true
+//! border of every block is computed by two sweeps over the picture (8SSED: Danielsson, Comput. Graph. Image Process.
+//! 14, 1980).
 
 use super::grid::{Grid, RigidF32};
 use nalgebra::{Matrix3, Vector3};
 use panelprep_base::geometry::{DIRECT_NEIGHBOURS, RasterSize};
 
-/// A piece with fewer blocks is a speck.
+/// Smallest number of blocks of a piece; a smaller one is a speck.
 pub(super) const MIN_BLOCKS: usize = 40;
-/// Depth is compared at up to this distance beyond the border, blocks: nearer pixels have no depth or are flying
+/// Depths are compared up to this distance beyond the border, blocks: pixels next to it have no depth or are flying
 /// pixels.
 const DEPTH_COMPARISON_BLOCKS: isize = 3;
-/// A line lies on a border, or on a step of brightness, if the distance is at most this, blocks.
+/// A point of the outline counts as on a border, and a mark as on a step of brightness, if the distance is at most
+/// this, blocks.
 pub(super) const MAX_BORDER_DISTANCE_BLOCKS: f64 = 1.8;
 /// The maximum width of a patch of missing points, blocks.
 const MAX_HOLE_BLOCKS: isize = 80;
 const NONE: u32 = u32::MAX;
 
-/// A connected smooth piece of the scan.
+/// A connected smooth component of the scan.
 #[derive(Debug, Clone)]
 pub(super) struct Piece {
     /// Its blocks.
     pub blocks: Vec<u32>,
     /// The middle of the piece, in the camera's frame, mm.
     pub centre: Vector3<f64>,
-    /// The direction in which the piece scatters least, towards the camera.
+    /// The direction in which the points of the piece scatter least, towards the camera.
     pub normal: Vector3<f64>,
     /// Its area, mm².
     pub area_mm2: f64,
@@ -68,13 +70,13 @@ impl Piece {
         Some(Piece { blocks, centre, normal, area_mm2, reach_mm })
     }
 
-    /// Joins several pieces to one.
+    /// Joins several pieces into one.
     pub fn join(grid: &Grid, pieces: &[&Piece]) -> Option<Piece> {
         Piece::from_blocks(grid, pieces.iter().flat_map(|piece| piece.blocks.iter().copied()).collect())
     }
 }
 
-/// For every block, the nearest true border of a piece.
+/// The nearest true border of a piece, for every block.
 pub(super) struct Border {
     columns: usize,
     rows: usize,
@@ -176,7 +178,7 @@ fn is_hole_boundary(
     places.into_iter().find(|&place| grid.depth_mm(place).is_some()).is_some_and(|met| inside[met])
 }
 
-/// Returns whether a block is on the piece's border, with a farther object or nothing beyond the border.
+/// Returns whether a block is on the piece's border, with a farther object or no point beyond the border.
 fn is_true_border(grid: &Grid, inside: &[bool], block: usize, may_have_holes: bool) -> bool {
     let (column, row) = ((block % grid.columns) as isize, (block / grid.columns) as isize);
     let Some(here_mm) = grid.depth_mm(block) else { return false };
@@ -192,7 +194,7 @@ fn is_true_border(grid: &Grid, inside: &[bool], block: usize, may_have_holes: bo
             None => return false,
             Some(_) => {}
         }
-        // Within this distance beyond the edge, a nearer object hides the continuation of the surface.
+        // A nearer object within this distance beyond the border hides the continuation of the surface.
         let nearer = (1..=DEPTH_COMPARISON_BLOCKS).filter_map(|far| at(i * far, j * far)).any(|beyond| {
             !inside[beyond] && grid.depth_mm(beyond).is_some_and(|z| z < here_mm && !grid.are_joined(here_mm, z))
         });

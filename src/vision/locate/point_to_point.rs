@@ -1,21 +1,21 @@
 //! Point-to-point ICP, the thesis's method (3.8), only for comparison.
 //!
-//! Minimises  E(ᵇT_w) = Σ ‖p − ᵇT_w q‖²  over the pairs (p, q) of K, q taught and p scanned (3.21). Each step is the
+//! It minimises  E(ᵇT_w) = Σ ‖p − ᵇT_w q‖²  over the pairs (p, q) of K, q taught and p scanned (3.21). Each step is the
 //! motion that fits its pairs best (`geometry::fit_rigid_motion`). A smooth panel slides along itself under this cost:
-//! the result is millimetres off, and the method does not report it. Source: thesis 3.8.
+//! the result has an error of millimetres, which the method does not report. Source: thesis 3.8.
 //!
-//! K is the correspondence set of thesis Eq. 3.20: pairs of closest points. Pairs farther apart than a limit are
-//! dropped. The limit follows the median distance of all pairs down to a floor, so that it decreases as the fit
-//! improves.
+//! K is the correspondence set of thesis Eq. 3.20: pairs of closest points. Pairs farther apart than a limit are left
+//! out. The limit is a multiple of the median distance of all pairs, but at least a floor, so that it decreases as the
+//! fit improves.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use panelprep_base::geometry::{Base, Panel, Point, Rigid, fit_rigid_motion, median};
 use rayon::prelude::*;
 
-/// The number of points that one task looks up. It is fixed, so that partial sums are the same for any number of
-/// threads.
-const CHUNK: usize = 512;
-/// Pairs with a distance above this multiple of the median distance are dropped.
+/// The number of points for which one task searches the closest points. It is fixed, so that partial sums are the same
+/// for any number of threads.
+const CHUNK_SIZE: usize = 512;
+/// Pairs with a distance above this multiple of the median distance are left out.
 const MAX_PAIR_MEDIANS: f64 = 3.0;
 
 /// A search tree for nearest neighbours among points of the base frame.
@@ -60,22 +60,22 @@ fn closest_pairs(
         let (closest, distance_mm) = tree.closest_point(moved);
         ClosestPair { taught, closest, distance_mm }
     };
-    taught.par_iter().with_min_len(CHUNK).map(pair).collect()
+    taught.par_iter().with_min_len(CHUNK_SIZE).map(pair).collect()
 }
 
-/// Returns the distance beyond which a pair is dropped: three medians, but at least the floor.
+/// Returns the distance beyond which a pair is left out: three times the median distance, but at least the floor.
 fn distance_limit_mm(pairs: &[ClosestPair], floor_mm: f64) -> f64 {
     let mut distances: Vec<f64> = pairs.iter().map(|pair| pair.distance_mm).collect();
     median(&mut distances).map_or(floor_mm, |median_mm| (MAX_PAIR_MEDIANS * median_mm).max(floor_mm))
 }
 
-/// Pairs at this distance or less are never dropped, however good the fit is, mm.
+/// Pairs at this distance or less are never left out, however good the fit is, mm.
 const MIN_DROP_DISTANCE_MM: f64 = 5.0;
-/// Smaller steps end the iteration, mm.
-const SMALL_STEP_MM: f64 = 0.002;
+/// The iteration ends if a step is smaller than this, mm.
+const CONVERGED_STEP_MM: f64 = 0.002;
 const MAX_STEPS: usize = 100;
 
-/// Moves taught points onto scanned ones from a start.
+/// Moves the taught points onto the scanned ones, beginning at a start pose.
 pub fn thesis_icp(
     taught: &[Point<Panel>],
     scanned: &[Point<Base>],
@@ -91,7 +91,7 @@ pub fn thesis_icp(
         let Some(next) = fit_rigid_motion(&matched) else { break };
         let step_mm = taught.iter().map(|&point| base_from_panel.distance_at_mm(next, point)).fold(0.0, f64::max);
         base_from_panel = next;
-        if step_mm < SMALL_STEP_MM {
+        if step_mm < CONVERGED_STEP_MM {
             break;
         }
     }
@@ -104,7 +104,7 @@ mod tests {
 
     /// An organized grid has thousands of equal coordinates in a row: the search must still find every point itself.
     #[test]
-    fn organised_rows_are_found() {
+    fn every_point_of_an_organised_grid_is_found() {
         let points: Vec<Point<Base>> =
             (0..6_400).map(|i| Point::at(600.0, f64::from(i % 80) * 0.5, f64::from(i / 80) * 0.5)).collect();
         let tree = NeighbourTree::from_points(points.iter().copied()).expect("points");

@@ -1,10 +1,10 @@
 //! The panel's marks: printed, painted or bright places inside its outline, found by the brightness steps at their
 //! borders.
 //!
-//! A flat panel can slide along its surface. If its outline is held, hidden or without points, only what is printed on
-//! the panel constrains it sideways. The taught picture is searched cell by cell for its steepest change of
+//! A flat panel can slide along its surface. If its outline is held, hidden or without points, only the marks printed
+//! on the panel constrain it sideways. The taught picture is searched cell by cell for its steepest change of
 //! brightness. If this change is a step between two uniform levels, its place is measured to a fraction of a pixel
-//! (`edges`) and projected onto the surface. A composite's weave has too little contrast to be a mark.
+//! (`edges`) and projected onto the surface. The weave of a composite has too little contrast to be a mark.
 //!
 //! For the search in a scan, [`MarkSteps`] holds the steps of brightness that may be borders of marks. It returns the
 //! vector from any position of a scan to the nearest step.
@@ -22,20 +22,20 @@ use std::collections::BTreeSet;
 
 /// Side of a search cell, px; a cell has at most one mark.
 const CELL_PX: usize = 8;
-/// Smallest difference between the two sides of a mark, grey levels: three times the value for an edge of the
-/// outline, and far above a weave.
+/// Smallest difference between the two sides of a mark's border, grey levels: three times the value for an edge of the
+/// outline, and far above that of a weave.
 const MIN_CONTRAST: f64 = 40.0;
-/// Fraction of a step's contrast that lies between the two pixels that [`steepest`] compares.
+/// Smallest fraction of a step's contrast that lies between the two pixels that [`steepest`] compares.
 const MIN_STEP_SHARE: f64 = 0.35;
 /// The smallest change of brightness at the border of a mark, grey levels.
-pub(super) const MIN_STEP: f64 = MIN_STEP_SHARE * MIN_CONTRAST;
-/// A mark within this distance of a held place gives no information about the panel, px.
+pub(super) const MIN_STEP_LEVELS: f64 = MIN_STEP_SHARE * MIN_CONTRAST;
+/// Smallest distance between a mark and a held place, px: a nearer mark gives no information about the panel.
 const MIN_HELD_DISTANCE_PX: f64 = POSITION_COUNT as f64;
 
 /// A point on the border of a mark.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MarkPoint {
-    /// Its position in the panel's frame, mm.
+    /// The position of the point in the panel's frame, mm.
     pub point: Vector3<f64>,
     /// The direction along the border.
     pub border_direction: Vector3<f64>,
@@ -56,8 +56,8 @@ pub(super) struct TaughtMarks {
 }
 
 impl TaughtMarks {
-    /// Finds the marks of a taught panel with these depths and this surface. `alike_mm` is the length over which
-    /// errors are correlated, mm; the largest error is that of a mark's depth in the taught scan.
+    /// Finds the marks of a taught panel with these depths and this surface. `alike_mm` is the length over which errors
+    /// are correlated, mm; a mark's largest error is that of its depth in the taught scan.
     pub fn detect(panel: &TaughtPanel, (grid, surface): (&Grid, &Surface), alike_mm: f64) -> TaughtMarks {
         let (columns, rows) = (panel.scan.width() / CELL_PX, panel.scan.height() / CELL_PX);
         let search =
@@ -93,7 +93,7 @@ impl MarkSearch<'_> {
             return None;
         }
         let step = steepest_change(&self.panel.scan, [left, top], CELL_PX)
-            .filter(|steepest| steepest.levels >= MIN_STEP)?;
+            .filter(|steepest| steepest.levels >= MIN_STEP_LEVELS)?;
         let [column, row] = step.position;
         self.find_step(Pixel::at(column as f64, row as f64), step.brighter_direction)
     }
@@ -109,7 +109,7 @@ impl MarkSearch<'_> {
         let ray = |pixel: Pixel| Some(self.panel.camera.unproject::<Camera>(pixel)?.mm);
         let (depth_mm, normal) = self.surface.extrapolate(self.grid, pixel)?;
         let here = ray(pixel)? * depth_mm;
-        // Direction from this point to a neighbouring pixel, on the surface's plane.
+        // Returns the direction from this point to a neighbouring pixel, in the surface's plane.
         let beside = |du: f64, dv: f64| {
             let ray = ray(Pixel::at(pixel.u + du, pixel.v + dv))?;
             (ray * (normal.dot(&here) / normal.dot(&ray)) - here).try_normalize(1e-12)
@@ -139,9 +139,9 @@ impl MarkSearch<'_> {
         })
     }
 
-    /// Returns whether the pixel is on the panel. If a person drew the outline, points may be missing, as between
-    /// bright marks on a dark panel. Otherwise a pixel without a point may be a window through which the background
-    /// is seen.
+    /// Returns whether the pixel is on the panel. If a person drew the outline, points inside of it may be missing, as
+    /// between bright marks on a dark panel. Otherwise a pixel without a point may be a window through which the
+    /// background is seen.
     fn is_inside(&self, column: usize, row: usize) -> bool {
         let panel = self.panel;
         panel.mask.contains(column, row)
@@ -151,11 +151,11 @@ impl MarkSearch<'_> {
     }
 }
 
-/// The brightness at this distance to both sides is compared to find the steepest change, px. Only pixels spaced by
-/// the second constant are examined.
+/// Distance to both sides at which brightness is compared to find the steepest change, px. The second constant is the
+/// distance between the examined pixels.
 const COMPARISON_DISTANCE_PX: usize = 2;
 const STEP_PX: usize = 2;
-/// Directions that differ by more than this angle belong to two different borders: cosine.
+/// Smallest cosine of the angle between two directions of one border: with a larger angle they belong to two borders.
 const MIN_DIRECTION_COSINE: f64 = 0.7;
 
 /// The steepest change of brightness of a cell.
@@ -163,14 +163,14 @@ const MIN_DIRECTION_COSINE: f64 = 0.7;
 struct Steepest {
     /// Column and row of the steepest change, px.
     pub position: [usize; 2],
-    /// The change of brightness there over twice [`COMPARISON_DISTANCE_PX`], grey levels.
+    /// The change of brightness at this position over twice [`COMPARISON_DISTANCE_PX`], grey levels.
     pub levels: f64,
     /// The direction towards the brighter side, of length 1.
     pub brighter_direction: Vector2<f64>,
 }
 
-/// Returns the steepest change of a cell with this corner and side, px; `None` if nothing changes, or the cell lies at
-/// the picture's rim.
+/// Returns the steepest change of a cell with this corner and side, px; `None` if the brightness does not change, or if
+/// the cell lies at the picture's rim.
 fn steepest_change<F: Frame>(
     scan: &OrganizedCloud<F>,
     [left, top]: [usize; 2],
@@ -202,7 +202,7 @@ fn steepest_change<F: Frame>(
     steepest
 }
 
-/// The nearest step of brightness for each block of a scan.
+/// The nearest step of brightness, for each block of a scan.
 pub(super) struct MarkSteps {
     nearest: Border,
     brighter_direction: Vec<Option<Vector2<f64>>>,
@@ -229,8 +229,8 @@ impl MarkSteps {
         MarkSteps { nearest: Border::to_blocks(grid, steps), brighter_direction: brighter }
     }
 
-    /// Returns the vector from a position of the grid to the nearest step, blocks, if this step becomes brighter in
-    /// this direction; otherwise `None`.
+    /// Returns the vector from a position of the grid to the nearest step, blocks; `None` if this step does not become
+    /// brighter in the given direction.
     pub fn vector_to_step(&self, place: [f64; 2], brighter: &Vector2<f64>) -> Option<[f64; 2]> {
         let (block, way) = self.nearest.nearest(place)?;
         self.brighter_direction[block]?.dot(brighter).ge(&MIN_DIRECTION_COSINE).then_some(way)

@@ -6,15 +6,15 @@
 //! then moves the camera in small amounts until both coincide. With the image Jacobian one computed step is enough: in
 //! undistorted image coordinates x, y, at the corner's depth Z,
 //!     Δ = Z · (x_found − x_expected,  y_found − y_expected)  along the camera's X and Y.                      (3.23)
-//! If a corner is found to the right of its expected place, the camera must move right to see it at its expected
-//! place, and the panel lies to the right by the same distance:
+//! If a corner is found to the right of its expected place, the camera must move right to see it at its expected place,
+//! and the panel lies to the right by the same distance:
 //!     ᵇT_w' = ᵇT_w · ʷR_newCP · T(Δ) · ʷR_newCPᵀ,   ʷR_newCP the rotation of  ʷT_newCP = ᵇT_w⁻¹ · ᵇT_newCP.  (3.24, 3.25)
 //! This shifts the panel by Δ along the camera's axes without a rotation. Several corners give the shift v that fits
-//! all of them in the sense of least squares. If they lie apart, they also give the rotation φ about the direction f
-//! in which the cameras look: a corner p then moves by  v + φ f × (p − p̄).  Along a direction in which every camera
-//! looks, the pose is not corrected. The errors that remain at the corners show whether they are corners of one rigid
-//! panel; the requested correction shows whether they agree with the 3D scan. Neither is averaged away: see [`judge`]
-//! and [`worst_disagreement`].
+//! all of them in the sense of least squares. If they are far enough apart, they also give the rotation φ about the
+//! direction f in which the cameras look: a corner p then moves by  v + φ f × (p − p̄).  Along a direction in which
+//! every camera looks, the pose is not corrected. The residuals at the corners show whether they are corners of one
+//! rigid panel; the correction itself shows whether they agree with the 3D scan. Neither is hidden by averaging: see
+//! [`judge`] and [`worst_disagreement`].
 //!
 //! A correction is judged by whether it is within the recipe's limits, consistent with one rigid panel, and in
 //! agreement with the 3D scan. Every corner is compared with its limit individually and named by its number among the
@@ -31,20 +31,21 @@ use panelprep_base::verdict::{Check, Judgement, LimitSource, Severity};
 use panelprep_cell::panel::TaughtCorner;
 use panelprep_cell::recipe;
 
-/// A direction that the cameras see with a smaller weight is not corrected (weight 1 for each camera that looks
-/// across it). Two cameras with almost the same view would turn a pixel's error into millimetres of depth.
+/// The smallest sum of the cameras' weights at which a direction is corrected. A camera has weight 1 for a direction
+/// across its view and 0 along it. Two cameras with almost the same view would convert a pixel's error into millimetres
+/// of depth.
 const MIN_WEIGHT: f64 = 0.2;
 
-/// If the corners are nearer to their centroid than this (root mean square, mm), the rotation is not corrected: an
-/// error of a pixel would cause an error of degrees.
-const MIN_APART_MM: f64 = 25.0;
+/// The smallest root mean square distance of the corners from their centroid at which the rotation is corrected, mm:
+/// with a smaller one, an error of a pixel would cause an error of degrees.
+const MIN_CORNER_SPREAD_MM: f64 = 25.0;
 
 /// One corner picture.
 #[derive(Debug, Clone, Copy)]
 pub struct CornerView<'a> {
     /// The number of the corner among the taught ones, from 0.
     pub corner: usize,
-    /// The corner as taught.
+    /// The taught data of the corner.
     pub taught: &'a TaughtCorner,
     /// The pose of the camera at this picture: base_from_flange · flange_from_camera.
     pub base_from_camera: Rigid<Base, FlangeCamera>,
@@ -91,8 +92,7 @@ pub fn refine(
     let base_from_base = common_motion(&seen);
     let moved = |seen: &CornerObservation| (base_from_base * seen.point - seen.point).mm;
     let along = |seen: &CornerObservation| [moved(seen).dot(&seen.right.mm), moved(seen).dot(&seen.down.mm)];
-    // The residuals of the common motion at the corners are the evidence that the corners agree: a rigid panel has no
-    // residuals.
+    // The residuals after the common motion are the evidence whether the corners agree: a rigid panel has no residuals.
     let report = |seen: &CornerObservation| {
         let [right, down] = along(seen);
         CornerReport {
@@ -123,8 +123,7 @@ struct CornerObservation {
     down: Vector<Base>,
 }
 
-/// Evaluates one corner by itself; if its projection is not possible, returns the depth of the expected corner as the
-/// error.
+/// Evaluates one corner by itself; if it cannot be projected, returns the depth of the expected corner as the error.
 fn observe_corner(
     located: Rigid<Base, Panel>,
     camera: &PinholeCamera,
@@ -156,9 +155,9 @@ fn common_motion(seen: &[CornerObservation]) -> Rigid<Base, Base> {
     let about = seen.iter().map(|view| view.forward.mm).sum::<Vector3<f64>>().try_normalize(1e-6);
     let apart_mm =
         (seen.iter().map(|view| (view.point.mm.coords - middle).norm_squared()).sum::<f64>() / count).sqrt();
-    let about = about.filter(|_| apart_mm >= MIN_APART_MM).unwrap_or_else(Vector3::zeros);
-    // Rotations in mm at the corners' distance, so that one weight limit serves for rotations and shifts.
-    let radius_mm = apart_mm.max(MIN_APART_MM);
+    let about = about.filter(|_| apart_mm >= MIN_CORNER_SPREAD_MM).unwrap_or_else(Vector3::zeros);
+    // Rotations are in mm at the corners' distance, so that one weight limit applies to rotations and shifts.
+    let radius_mm = apart_mm.max(MIN_CORNER_SPREAD_MM);
     let (mut weight, mut wanted) = (Matrix4::zeros(), Vector4::zeros());
     for view in seen {
         let turned = about.cross(&(view.point.mm.coords - middle)) / radius_mm;
@@ -198,7 +197,7 @@ pub struct CornerReport {
 }
 
 impl CornerReport {
-    /// The size of the shift of the panel that this corner alone indicates, mm.
+    /// Returns the size of the shift of the panel that this corner alone indicates, mm.
     pub fn indicated_shift_mm(&self) -> f64 {
         self.shift_mm[0].hypot(self.shift_mm[1])
     }
@@ -211,9 +210,9 @@ pub struct RefinedPose {
     pub base_from_panel: Rigid<Base, Panel>,
     /// The correction along X and Y of the first camera, mm.
     pub shift_mm: [f64; 2],
-    /// Angle by which the panel was turned, if there are two or more corners at different places.
+    /// Angle by which the panel was rotated, if there are two or more corners far enough apart.
     pub rotation: Degrees,
-    /// The largest distance between found and expected corner, px.
+    /// The largest distance between the found and the expected position of a corner, px.
     pub error_px: f64,
     /// Each corner, in the order of the views.
     pub corners: Vec<CornerReport>,
@@ -227,8 +226,8 @@ pub fn judge(refined: &RefinedPose, limits: &recipe::Corner) -> Judgement {
     Judgement::from_checks(&checks(refined, limits))
 }
 
-/// Returns two lists of checks: the shift that each corner indicates, and the distance left after the common
-/// correction; the largest first in both lists.
+/// Returns two lists of checks: the shift that each corner indicates, and each corner's residual distance after the
+/// common correction; both lists begin with the largest value.
 pub fn checks(refined: &RefinedPose, limits: &recipe::Corner) -> Vec<Check> {
     let allowed_mm = limits.max_correction_mm();
     let asked = sorted_by_size(refined, CornerReport::indicated_shift_mm).into_iter().flat_map(|(corner, asked_mm)| {
@@ -268,20 +267,20 @@ pub fn checks(refined: &RefinedPose, limits: &recipe::Corner) -> Vec<Check> {
                     )
                 },
             );
-        // Only the corner with the largest distance left has a consequence: the distances left result from one
-        // correction of all corners together.
+        // Only the corner with the largest residual has a consequence: the residuals result from one correction of all
+        // corners together.
         if index == 0 { check } else { check.without_consequence() }
     });
     asked.chain(left).collect()
 }
 
 /// Judges whether the corners are still at their expected positions, just before contact.
-pub fn judge_standing_panel(seen: &RefinedPose, limits: &recipe::Corner) -> Judgement {
+pub fn judge_corner_positions(seen: &RefinedPose, limits: &recipe::Corner) -> Judgement {
     Judgement::from_checks(&position_checks(seen, limits))
 }
 
-/// Checks the distance of each corner from its position according to the localization, the largest first. A corner
-/// that is elsewhere needs a person's decision: no contact follows, the panel is dried and located again.
+/// Checks the distance of each corner from its position according to the localization, the largest first. If a corner
+/// is elsewhere, a person must decide: there is no contact, and the panel is dried and located again.
 pub fn position_checks(seen: &RefinedPose, limits: &recipe::Corner) -> Vec<Check> {
     let allowed_mm = limits.verify_mm();
     let checks = sorted_by_size(seen, CornerReport::indicated_shift_mm).into_iter().flat_map(|(corner, off_mm)| {
@@ -305,18 +304,19 @@ pub fn position_checks(seen: &RefinedPose, limits: &recipe::Corner) -> Vec<Check
     checks.collect()
 }
 
-/// Name of the number that [`worst_disagreement`] judges.
+/// Name of the check in which [`worst_disagreement`] judges the farthest corner.
 pub const FARTHEST_CORNER: &str = "farthest corner, against what scan, corner and calibrations claim";
 
-/// Stated error of one corner in the plane of its camera, 95 %, mm: edges to a tenth of a pixel, taught and found.
-const CORNER_CLAIM_MM: f64 = 0.05;
+/// Stated error of one corner in the plane of its camera, 95 %, mm: the edges of the taught and of the found corner are
+/// measured to a tenth of a pixel.
+const CORNER_ERROR_MM: f64 = 0.05;
 
-/// Reports the corner that is farther from its position by the 3D scan than the stated errors of both allow. This is a
+/// Checks whether a corner is farther from its position in the 3D scan than the stated errors of both permit. This is a
 /// finding and is not averaged; of several corners, the farthest is reported. `claims_mm` contains the other stated
-/// errors, 95 % each: the localization's and both calibrations'. `None` if there is no corner.
+/// errors, 95 % each: those of the localization and of both calibrations. `None` if there is no corner.
 pub fn worst_disagreement(refined: &RefinedPose, claims_mm: &[f64]) -> Option<Check> {
-    let claimed_mm = claims_mm.iter().map(|mm| mm * mm).sum::<f64>().sqrt().hypot(CORNER_CLAIM_MM);
-    // Twice the 95 % bound: by chance, one value in ten thousand is larger.
+    let claimed_mm = claims_mm.iter().map(|mm| mm * mm).sum::<f64>().sqrt().hypot(CORNER_ERROR_MM);
+    // Twice the 95 % bound: by chance, only one value in ten thousand is larger.
     let allowed_mm = 2.0 * claimed_mm;
     let (corner, asked_mm) = sorted_by_size(refined, CornerReport::indicated_shift_mm).into_iter().next()?;
     let check = Check::new(FARTHEST_CORNER, "mm", asked_mm);

@@ -8,7 +8,7 @@ use std::f64::consts::SQRT_2;
 /// The smooth errors of scans, which many points share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RangeErrors {
-    /// Side of the squares within which the errors are correlated, mm.
+    /// Correlation length of the errors: side of the squares within which they are correlated, mm.
     pub correlation_mm: f64,
     /// One standard deviation of the mean of a surface residual between two scans, over a square with the side
     /// `correlation_mm`, mm.
@@ -24,14 +24,15 @@ pub struct RangeErrors {
     pub is_measured: bool,
 }
 
-/// The error of a point is this multiple of the error of a square's mean.
-const POINT: f64 = 1.5;
+/// Ratio of the error of a point to the error of a square's mean.
+const POINT_TO_MEAN_ERROR: f64 = 1.5;
 
 impl Default for RangeErrors {
-    /// The errors without a measurement. A Zivid Two's scans of a smooth panel show them: 0.06 mm of local
-    /// planarity according to its maker. The maker also states 0.2 % of dimension trueness, which is used as two
-    /// standard deviations that all scans share. No maker states the length over which errors are alike: with 85 mm
-    /// the stated uncertainty is correct for lengths up to 120 mm (`make bench-locate`, `correlated`).
+    /// Returns the errors that are assumed without a measurement. Scans of a smooth panel by a Zivid Two show them:
+    /// according to its maker it has 0.06 mm of local planarity. The maker also states 0.2 % of dimension trueness,
+    /// which counts as two standard deviations of the scale error that all scans share. No maker states the correlation
+    /// length of the errors: with 85 mm the stated uncertainty is correct for lengths up to 120 mm (`make
+    /// bench-locate`, `correlated`).
     fn default() -> Self {
         RangeErrors {
             correlation_mm: 85.0,
@@ -47,10 +48,10 @@ impl Default for RangeErrors {
 impl RangeErrors {
     /// Returns one standard deviation of the smooth error of one scan at a point, mm.
     pub fn point_mm(&self) -> f64 {
-        POINT * self.scan_to_scan_mm / SQRT_2
+        POINT_TO_MEAN_ERROR * self.scan_to_scan_mm / SQRT_2
     }
 
-    /// For a person.
+    /// Returns the description, as text for a person.
     pub fn describe(&self) -> String {
         let smooth_mm = fixed_decimals(self.scan_to_scan_mm / SQRT_2, 3);
         let over_mm = fixed_decimals(self.correlation_mm, 0);
@@ -76,16 +77,15 @@ impl RangeErrors {
 pub struct ScanErrors {
     /// The errors that differ from scan to scan.
     pub range: RangeErrors,
-    /// The part that is the same in each scan and is removed; `None` if it is not known.
+    /// The smooth error that is the same in each scan and is removed; `None` if it is not known.
     pub field: Option<DepthField>,
-    /// Measured distances relative to true distances, minus one, in all scans alike: removed as well; 0 if it is not
-    /// known.
+    /// Ratio of measured to true distances, minus one, in all scans alike: removed as well; 0 if it is not known.
     pub scale_error: f64,
 }
 
-/// The length of the printed board with which the scale was measured has itself this relative uncertainty, one
-/// standard deviation. Measured with a caliper, 0.1 mm of 200 mm is two standard deviations.
-const BOARD_SHARE: f64 = 0.000_25;
+/// Relative uncertainty of the length of the printed board with which the scale was measured, one standard deviation.
+/// Measured with a caliper, 0.1 mm of 200 mm is two standard deviations.
+const BOARD_LENGTH_UNCERTAINTY: f64 = 0.000_25;
 
 impl ScanErrors {
     /// Returns the errors as measured, or the defaults if there was no measurement.
@@ -94,11 +94,11 @@ impl ScanErrors {
         let range = RangeErrors {
             correlation_mm: measured.correlation_mm,
             scan_to_scan_mm: SQRT_2 * measured.smooth_mm,
-            taught_scan_mm: POINT * measured.smooth_mm,
-            // The removed scale refers to the stated squares of the board, which are not verified here. Therefore it
-            // counts completely, in addition to the errors of the board's length and of the measurement.
+            taught_scan_mm: POINT_TO_MEAN_ERROR * measured.smooth_mm,
+            // The removed scale refers to the stated size of the board's squares, which is not verified here. Therefore
+            // it counts completely, in addition to the errors of the board's length and of the measurement.
             scale: (measured.scale_percent / 100.0)
-                .hypot(BOARD_SHARE)
+                .hypot(BOARD_LENGTH_UNCERTAINTY)
                 .hypot(measured.scale_deviation_percent / 100.0 / (measured.board_positions.max(1) as f64).sqrt()),
             scan_to_scan_scale: measured.scale_deviation_percent / 100.0,
             is_measured: true,
@@ -127,9 +127,9 @@ mod tests {
     use super::*;
     use panelprep_cell::cell::Provenance;
 
-    /// By hand: a camera that measures 0.2 % too long shows a point at 701.4 mm that is 700 mm away.
+    /// By hand: a camera whose distances are 0.2 % too long shows a point at 701.4 mm that is 700 mm away.
     #[test]
-    fn a_measured_scale_is_taken_off() {
+    fn a_measured_scale_error_is_removed() {
         let measured = MeasuredScanner {
             white_mm: 0.05,
             smooth_mm: 0.06,

@@ -3,21 +3,21 @@
 //! A piece of the scan has a centroid and a mean normal. The taught panel is aligned with them at every rotation about
 //! the normal, and at some shifts, since part of the piece may be occluded. Each of these starts is moved by the
 //! surface and by the piece's true border to its local optimum. The score of a hypothesis evaluates both directions:
-//! taught points that lie on the scan, minus those with something farther away at their place; outline points on the
-//! border; and points of the piece that the taught panel covers. No features are used, as a smooth panel has none. But
-//! if much of a panel with marks gives no points, the borders of marks are used, too.
+//! taught points that lie on the scan, minus those at whose place the scan shows a surface farther away; outline points
+//! on the border; and points of the piece that the taught panel covers. No features are used, as a smooth panel has
+//! none. But if much of a panel with marks gives no points, the borders of marks are used, too.
 //!
 //! Pieces and their borders then hardly show where a flat panel lies in its plane; its printed marks do. The scan's
-//! picture is searched for its steps of brightness, block by block, and each block stores the nearest of them. For
-//! each rotation of the panel about the piece's normal, the shift is chosen that puts the most borders of marks on
-//! steps which become brighter in the same direction. Within the possible shifts, the picture is treated as an affine
-//! map of the panel's plane about each mark.
+//! picture is searched for its steps of brightness, block by block, and each block stores the nearest of them. For each
+//! rotation of the panel about the piece's normal, the shift is chosen that puts the most borders of marks on steps
+//! which become brighter in the same direction. Within the range of shifts, the picture is treated as an affine map of
+//! the panel's plane about each mark.
 
 use super::edges::outward_px;
 use super::grid::{ColoredCloud, DepthReading, Grid, RigidF32, camera_point, spread_indices};
 use super::model::Model;
 use super::pieces::{Border, MAX_BORDER_DISTANCE_BLOCKS, Piece, grid_position_in, points};
-use super::print_features::{MIN_STEP, MarkSteps};
+use super::print_features::{MIN_STEP_LEVELS, MarkSteps};
 use super::solve::{Constraint, ResidualSums, ResidualWeighting, apply_twist};
 use nalgebra::{Isometry3, Rotation3, Translation3, Unit, UnitQuaternion, Vector2, Vector3};
 use panelprep_base::geometry::{Camera, Panel, Rigid};
@@ -25,50 +25,54 @@ use rayon::prelude::*;
 
 /// The number of rotations about the normal.
 const ROTATION_COUNT: usize = 36;
-/// The number of rotations if marks are looked for.
-const MARK_TURNS: usize = 72;
-/// The number of shifts to each side along both axes, and their step as a fraction of the panel's reach.
-const SHIFTS: i32 = 2;
-const SHIFT_STEP: f64 = 0.13;
-/// The numbers of surface points for a first evaluation, for moving a start, and for its score.
+/// The number of rotations if marks are used.
+const MARK_ROTATION_COUNT: usize = 72;
+/// The number of shifts to each side along both axes; the second constant is their step as a fraction of the panel's
+/// reach.
+const SHIFTS_TO_EACH_SIDE: i32 = 2;
+const SHIFT_STEP_SHARE: f64 = 0.13;
+/// The number of surface points for a first evaluation; the next constants are those for moving a start, and for its
+/// score.
 const COARSE_POINTS: usize = 110;
 const MOVE_POINTS: usize = 360;
 const SCORE_POINTS: usize = 900;
 /// The number of points of the outline, or of the marks, for moving a start. The second constant is the number of
 /// outline points for its score.
-const MOVE_LINES: usize = 160;
-const SCORE_OUTLINE: usize = 300;
-/// Permitted distance of the surfaces in the first evaluation, as a fraction of the panel's reach: the piece's normal
-/// is not precise.
-const COARSE_DISTANCE: f64 = 0.09;
-/// The number of rounds in which a start is moved; the limit of the residuals shrinks by the second constant in
-/// each round.
+const MOVE_LINE_POINTS: usize = 160;
+const SCORE_OUTLINE_POINTS: usize = 300;
+/// Largest accepted distance of the surfaces in the first evaluation, as a fraction of the panel's reach: the piece's
+/// normal is not precise.
+const MAX_COARSE_DISTANCE_SHARE: f64 = 0.09;
+/// The number of rounds in which a start is moved; in each round the cutoff of the residuals is multiplied by the
+/// second constant.
 const ROUNDS: usize = 14;
-const REACH_SHRINK: f64 = 0.82;
-/// Starts from marks are already near the result, and omit the rounds before this one.
+const CUTOFF_FACTOR: f64 = 0.82;
+/// First round of starts from marks: they are already near the result. The next constants are the cutoffs in the first
+/// round and their lower limits, for the surface and for the lines.
 const FIRST_MARK_ROUND: usize = 6;
-const FIRST_REACH_MM: f64 = 20.0;
-const LAST_REACH_MM: f64 = 2.0;
-const FIRST_REACH_BLOCKS: f64 = 30.0;
-const LAST_REACH_BLOCKS: f64 = 3.0;
+const FIRST_CUTOFF_MM: f64 = 20.0;
+const MIN_CUTOFF_MM: f64 = 2.0;
+const FIRST_CUTOFF_BLOCKS: f64 = 30.0;
+const MIN_CUTOFF_BLOCKS: f64 = 3.0;
 /// A taught point lies on the scan if its distance is at most this, mm.
 const MAX_SURFACE_DISTANCE_MM: f64 = 1.5;
-/// Distance from the outline at which missing points are looked for, mm.
+/// Distance inside of the outline at which missing points are searched, mm.
 const OUTLINE_INSET_MM: f64 = 3.0;
-/// Hypotheses closer together than this count as the same, as a fraction of the panel's reach.
-const MIN_HYPOTHESIS_DISTANCE: f64 = 0.06;
-/// A hypothesis whose score is lower than the best by this much is dropped; the score is at most 3, or 4 with marks.
+/// Smallest distance between two hypotheses that count as different, as a fraction of the panel's reach.
+const MIN_HYPOTHESIS_DISTANCE_SHARE: f64 = 0.06;
+/// Largest difference between the score of a hypothesis and the best one: with a larger difference it is dropped. The
+/// score is at most 3, or 4 with marks.
 const MAX_SCORE_LOSS: f64 = 1.2;
 /// The number of pose hypotheses that are kept; the second constant is their number if much of the taught panel is
 /// missing, so that pieces and borders carry less information.
 const MAX_HYPOTHESES: usize = 5;
 const MAX_PATCH_HYPOTHESES: usize = 20;
-/// A piece with less than this fraction of the panel's area is not a start by itself. Below the second constant it is
-/// not even a part of a start.
+/// Smallest area of a piece that is a start by itself, as a fraction of the panel's area. The second constant is the
+/// smallest area of a piece that is a part of a start.
 const MIN_PIECE_AREA_SHARE: f64 = 0.3;
-const PART: f64 = 0.05;
-/// A piece that is larger than the panel by this factor is another object.
-const TOO_LARGE: f64 = 3.5;
+const MIN_PART_AREA_SHARE: f64 = 0.05;
+/// Largest area of a piece relative to the panel's area: a larger piece is another object.
+const MAX_PIECE_AREA_RATIO: f64 = 3.5;
 
 /// A pose hypothesis, with a score from −2 to 4 for its agreement with the scan.
 #[derive(Debug, Clone, Copy)]
@@ -86,7 +90,7 @@ enum StartConstraint<'a> {
     Marks(&'a MarkSteps),
 }
 
-/// A piece's true border, and the steps of brightness beside it if marks are looked for.
+/// A piece's true border, and, if marks are used, the steps of brightness beside it.
 struct ConstraintLines<'a> {
     border: Border,
     steps: Option<&'a MarkSteps>,
@@ -97,22 +101,28 @@ pub(super) fn fitted_hypotheses(model: &Model) -> usize {
     if model.has_missing_parts() { MAX_PATCH_HYPOTHESES } else { MAX_HYPOTHESES }
 }
 
-/// Returns the pieces used as starts: single pieces, and several pieces joined, in case something divides the panel.
+/// Returns the pieces that are used as starts: single pieces, and several pieces joined, in case an object divides the
+/// panel.
 pub(super) fn candidates(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<Piece> {
-    let parts: Vec<&Piece> =
-        pieces.iter().filter(|piece| (PART..TOO_LARGE).contains(&(piece.area_mm2 / model.area_mm2))).collect();
+    let parts: Vec<&Piece> = pieces
+        .iter()
+        .filter(|piece| (MIN_PART_AREA_SHARE..MAX_PIECE_AREA_RATIO).contains(&(piece.area_mm2 / model.area_mm2)))
+        .collect();
     let reach_mm = reach_mm(model);
     let mut joined = Vec::new();
-    // The pieces are sorted by size: the largest together, not every subset, since a strap divides a panel into a few
-    // large parts.
+    // The pieces are sorted by size. Only the largest ones are joined, not every subset, since a strap divides a panel
+    // into a few large parts.
     for count in 2..=parts.len().min(4) {
         let whole = Piece::join(grid, &parts[..count]);
-        // Somewhat more than the panel itself, because the parts also contain what a holder or the ground adds to them.
+        // The limits are somewhat larger than the panel, because the parts also contain points of a holder or of the
+        // ground.
         let fits = |whole: &Piece| whole.area_mm2 < 1.3 * model.area_mm2 && whole.reach_mm < 1.4 * reach_mm;
         joined.extend(whole.filter(fits));
     }
-    // The largest three: a search box holds the panel and a few objects, and each start costs a whole search.
-    let large = |piece: &Piece| (MIN_PIECE_AREA_SHARE..TOO_LARGE).contains(&(piece.area_mm2 / model.area_mm2));
+    // Only the three largest are used: a search box contains the panel and a few objects, and each start costs a whole
+    // search.
+    let large =
+        |piece: &Piece| (MIN_PIECE_AREA_SHARE..MAX_PIECE_AREA_RATIO).contains(&(piece.area_mm2 / model.area_mm2));
     let mut found: Vec<Piece> = pieces.iter().filter(|piece| large(piece)).take(3).cloned().collect();
     found.extend(joined);
     found
@@ -128,7 +138,7 @@ pub(super) fn search(model: &Model, (grid, scan): (&Grid, &ColoredCloud), pieces
     let reach_mm = reach_mm(model);
     let mut found: Vec<PoseHypothesis> = Vec::new();
     let by_marks = model.has_missing_parts() && !model.marks.points.is_empty();
-    let steps = by_marks.then(|| MarkSteps::detect(scan, grid, pieces, MIN_STEP));
+    let steps = by_marks.then(|| MarkSteps::detect(scan, grid, pieces, MIN_STEP_LEVELS));
     for piece in pieces {
         let lines = ConstraintLines {
             border: Border::from_piece(grid, piece, model.has_missing_parts()),
@@ -144,7 +154,8 @@ pub(super) fn search(model: &Model, (grid, scan): (&Grid, &ColoredCloud), pieces
             .map(|turn| ended(begun(turn)?, StartConstraint::Border(&lines.border)));
         let mut of_piece: Vec<Option<PoseHypothesis>> = by_border.collect();
         if let Some(steps) = lines.steps {
-            let turns = (0..MARK_TURNS).map(|turn| align_normal(model, piece, turn as f64 / MARK_TURNS as f64));
+            let turns = (0..MARK_ROTATION_COUNT)
+                .map(|turn| align_normal(model, piece, turn as f64 / MARK_ROTATION_COUNT as f64));
             let by_marks = start_positions(model, (grid, steps), piece, turns.collect()).into_iter();
             of_piece.extend(
                 by_marks
@@ -159,9 +170,9 @@ pub(super) fn search(model: &Model, (grid, scan): (&Grid, &ColoredCloud), pieces
         let best = distinct.first().map_or(hypothesis.score, |best| best.score);
         let far = |other: &PoseHypothesis| {
             model.largest_distance_mm(&other.camera_from_panel, &hypothesis.camera_from_panel)
-                > MIN_HYPOTHESIS_DISTANCE * reach_mm
+                > MIN_HYPOTHESIS_DISTANCE_SHARE * reach_mm
         };
-        // The margin is wide: the score is coarse, and a symmetric panel's other placement must stay to be weighed by
+        // The margin is wide: the score is coarse, and the other possible pose of a symmetric panel must be kept for
         // the full fit.
         if distinct.len() < fitted_hypotheses(model)
             && hypothesis.score > best - MAX_SCORE_LOSS
@@ -181,15 +192,15 @@ fn best_shift(model: &Model, grid: &Grid, piece: &Piece, turn: f64, reach_mm: f6
     let up = piece.normal.cross(&right);
     let chosen = spread_indices(model.points.len(), COARSE_POINTS);
     let turned: Vec<Vector3<f64>> = chosen.iter().map(|&i| rotation * (model.points[i] - model.centre)).collect();
-    let near_mm = COARSE_DISTANCE * reach_mm;
-    let step_mm = SHIFT_STEP * reach_mm;
+    let near_mm = MAX_COARSE_DISTANCE_SHARE * reach_mm;
+    let step_mm = SHIFT_STEP_SHARE * reach_mm;
     let look = |shift: Vector3<f64>| -> f64 {
         let value = |offset: &Vector3<f64>| {
             let point = piece.centre + shift + offset;
             match grid.camera.project(camera_point(&point)).map(|pixel| grid.reading_at_pixel(pixel)) {
                 Some(DepthReading::Smooth(z) | DepthReading::Rough(z)) if (z - point.z).abs() < near_mm => 1.0,
-                // The ray passes through the panel: the strongest evidence against it. A nearer surface may be an
-                // object in front.
+                // A ray that passes through the panel is the strongest evidence against the pose. A nearer surface may
+                // be an object in front.
                 Some(DepthReading::Smooth(z) | DepthReading::Rough(z)) if z > point.z => -1.0,
                 Some(DepthReading::Smooth(_) | DepthReading::Rough(_)) => -0.5,
                 _ => -0.3,
@@ -197,7 +208,8 @@ fn best_shift(model: &Model, grid: &Grid, piece: &Piece, turn: f64, reach_mm: f6
         };
         turned.iter().map(value).sum()
     };
-    let shifts = (-SHIFTS..=SHIFTS).flat_map(|i| (-SHIFTS..=SHIFTS).map(move |j| (f64::from(i), f64::from(j))));
+    let shifts = (-SHIFTS_TO_EACH_SIDE..=SHIFTS_TO_EACH_SIDE)
+        .flat_map(|i| (-SHIFTS_TO_EACH_SIDE..=SHIFTS_TO_EACH_SIDE).map(move |j| (f64::from(i), f64::from(j))));
     let (_, shift) = shifts
         .map(|(i, j)| right * (i * step_mm) + up * (j * step_mm))
         .map(|shift| (look(shift), shift))
@@ -206,7 +218,7 @@ fn best_shift(model: &Model, grid: &Grid, piece: &Piece, turn: f64, reach_mm: f6
 }
 
 /// Returns the rotation that aligns the taught panel's normal with the piece's normal, followed by this fraction of a
-/// full turn about that normal.
+/// full rotation about that normal.
 fn align_normal(model: &Model, piece: &Piece, turn: f64) -> Rotation3<f64> {
     let upright = Rotation3::rotation_between(&model.normal, &piece.normal)
         .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
@@ -242,12 +254,12 @@ fn move_onto(
         StartConstraint::Border(_) => (model.outline.len(), 0),
         StartConstraint::Marks(_) => (model.marks.points.len(), FIRST_MARK_ROUND),
     };
-    let on_lines = spread_indices(count, MOVE_LINES);
+    let on_lines = spread_indices(count, MOVE_LINE_POINTS);
     let mut placed = start;
     for round in first_round..ROUNDS {
-        // A wide reach first, so that the start is pulled from far; a narrow one at the end, so that other objects lose
-        // their pull.
-        let shrunk = REACH_SHRINK.powi(round as i32);
+        // The cutoff is wide in the first rounds, so that distant points attract the start; it is narrow in the last
+        // ones, so that other objects lose their influence.
+        let shrunk = CUTOFF_FACTOR.powi(round as i32);
         let motion = RigidF32::from_rigid(&placed);
         let centre = motion.point(&model.centre);
         let surface = surface_residuals(&motion, model, grid, &on_surface);
@@ -256,8 +268,8 @@ fn move_onto(
             StartConstraint::Marks(steps) => mark_distance(&motion, model, grid, steps, k),
         };
         let lines: Vec<Constraint> = on_lines.iter().filter_map(line_at).collect();
-        let reach_mm = (FIRST_REACH_MM * shrunk).max(LAST_REACH_MM);
-        let reach_blocks = (FIRST_REACH_BLOCKS * shrunk).max(LAST_REACH_BLOCKS);
+        let reach_mm = (FIRST_CUTOFF_MM * shrunk).max(MIN_CUTOFF_MM);
+        let reach_blocks = (FIRST_CUTOFF_BLOCKS * shrunk).max(MIN_CUTOFF_BLOCKS);
         let of_surface = ResidualWeighting { sigma: 1.0, correlated_count: 1.0, cutoff: reach_mm };
         let of_lines = ResidualWeighting { sigma: 1.0, correlated_count: 1.0, cutoff: reach_blocks };
         let sums = ResidualSums::from_constraints(&surface, &of_surface, &centre)
@@ -286,7 +298,8 @@ pub(super) fn surface_residual(motion: &RigidF32, model: &Model, grid: &Grid, sa
     Some(Constraint { point, gradient: normal, residual, sample })
 }
 
-/// Returns how far an outline's point lies outside of the nearest true border, blocks.
+/// Returns the constraint by the distance at which a point of the outline lies outside of the nearest true border,
+/// blocks.
 fn outside_distance(
     motion: &RigidF32,
     model: &Model,
@@ -320,7 +333,7 @@ fn is_unknown_inside(motion: &RigidF32, model: &Model, grid: &Grid, k: usize) ->
         .is_some_and(|pixel| grid.reading_at_pixel(pixel) == DepthReading::Nothing)
 }
 
-/// Rates how well a pose explains the scan, in both directions.
+/// Returns the score of a pose: how well it explains the scan, in both directions.
 fn score(
     placed: &Rigid<Camera, Panel>,
     model: &Model,
@@ -332,18 +345,18 @@ fn score(
     let chosen = spread_indices(model.points.len(), SCORE_POINTS);
     let of_point = |&i: &usize| match observe_point(&motion, model, grid, i) {
         PointObservation::On(_) => 1.0,
-        // Twice the weight of a point that fits: a panel that is present cannot be seen through, while many surfaces
-        // fit by chance.
+        // This is twice the weight of a point that fits: a panel that is present cannot be seen through, while many
+        // surfaces fit by chance.
         PointObservation::Through => -2.0,
         PointObservation::Near | PointObservation::Hidden | PointObservation::Unknown => 0.0,
     };
     let surface = chosen.iter().map(of_point).sum::<f64>() / chosen.len() as f64;
-    let edges = spread_indices(model.outline.len(), SCORE_OUTLINE);
+    let edges = spread_indices(model.outline.len(), SCORE_OUTLINE_POINTS);
     let of_edge = |&k: &usize| {
         outside_distance(&motion, model, grid, &lines.border, k).map_or(0.0, |at| {
             if at.residual.abs() <= MAX_BORDER_DISTANCE_BLOCKS {
                 1.0
-            // The panel may end here or have no points here: neither counts.
+            // The panel may end here or have no points here: the point counts neither for nor against the pose.
             } else if model.has_missing_parts() && is_unknown_inside(&motion, model, grid, k) {
                 0.0
             } else if at.residual > 0.0 {
@@ -366,7 +379,7 @@ pub(super) enum PointObservation {
     On(f64),
     /// The scan has the point beside an edge or missing points, with a depth that is not precise.
     Near,
-    /// The scan shows something behind the point: the panel is not there.
+    /// The scan shows a surface behind the point: the panel is not there.
     Through,
     /// A nearer object is seen, the point faces away, or it lies outside of the picture.
     Hidden,
@@ -416,19 +429,20 @@ pub(super) fn covered_share(motion: &RigidF32, model: &Model, grid: &Grid, piece
     held as f64 / asked.max(1) as f64
 }
 
-/// The numbers of marks that are looked for at each shift and for each score.
+/// The number of marks that are searched at each shift; the second constant is that for each score.
 const COARSE_MARK_COUNT: usize = 100;
 const SCORE_MARKS: usize = 300;
-/// The largest shift of the panel to each side, as a fraction of its reach. The second constant is the distance from
-/// one shift to the next, blocks.
-const SHIFT_REACH: f64 = 0.35;
-const SHIFT_BLOCKS: f64 = 3.0;
+/// The largest shift of the panel to each side, as a fraction of its reach. The second constant is the step from one
+/// shift to the next, blocks.
+const MAX_MARK_SHIFT_SHARE: f64 = 0.35;
+const MARK_SHIFT_STEP_BLOCKS: f64 = 3.0;
 /// A mark counts as found at a shift if it lies within this distance of a step, blocks.
 const MAX_MARK_DISTANCE_BLOCKS: f64 = 2.5;
-/// The number of starts that are used: those of the rotations at which the most marks are found.
+/// The number of starts that are used: those with the rotations at which the most marks are found.
 const MAX_STARTS: usize = 8;
 
-/// Returns the distance of a mark from the nearest step of brightness, towards its brighter side, blocks.
+/// Returns the constraint by the distance of a mark from the nearest step of brightness, towards its brighter side,
+/// blocks.
 fn mark_distance(motion: &RigidF32, model: &Model, grid: &Grid, steps: &MarkSteps, k: usize) -> Option<Constraint> {
     let mark = &model.marks.points[k];
     let point = motion.point(&mark.point);
@@ -446,7 +460,7 @@ fn mark_distance(motion: &RigidF32, model: &Model, grid: &Grid, steps: &MarkStep
     Some(Constraint { point, gradient, residual, sample: k })
 }
 
-/// Returns the fraction of the marks that lie on a step of brightness; 0 if no marks are looked for.
+/// Returns the fraction of the marks that lie on a step of brightness; 0 if marks are not used.
 fn marks_found(motion: &RigidF32, model: &Model, grid: &Grid, steps: Option<&MarkSteps>) -> f64 {
     let Some(steps) = steps else { return 0.0 };
     let is_on = |k: &usize| {
@@ -457,8 +471,8 @@ fn marks_found(motion: &RigidF32, model: &Model, grid: &Grid, steps: Option<&Mar
     chosen.iter().filter(|k| is_on(k)).count() as f64 / chosen.len().max(1) as f64
 }
 
-/// Returns for each of the best of these rotations the position of the panel's middle at which the most marks are
-/// found, and the rotation.
+/// Returns for the best of these rotations the position of the panel's middle at which the most marks are found, and
+/// the rotation.
 fn start_positions(
     model: &Model,
     (grid, steps): (&Grid, &MarkSteps),
@@ -477,8 +491,8 @@ fn start_positions(
     found.into_iter().map(|(_, centre, rotation)| (centre, rotation)).collect()
 }
 
-/// A mark with the panel's middle on the piece's middle: its place, its displacement for a shift of one millimetre to
-/// the right and one up, and the direction in which it becomes brighter.
+/// A mark with the panel's middle on the piece's middle: its place, its displacement if the panel is shifted by one
+/// millimetre to the right or up, and the direction in which it becomes brighter.
 struct ShiftedMark {
     place: Vector2<f64>,
     right: Vector2<f64>,
@@ -512,8 +526,8 @@ fn best_mark_shift(
     let marks: Vec<ShiftedMark> =
         spread_indices(model.marks.points.len(), COARSE_MARK_COUNT).into_iter().filter_map(shifted).collect();
     let (px_per_mm, _) = grid.camera.px_per_mm_at(piece.centre.z);
-    let step_mm = SHIFT_BLOCKS * grid.factor as f64 / px_per_mm;
-    let max_steps = (SHIFT_REACH * piece.reach_mm / step_mm) as i32;
+    let step_mm = MARK_SHIFT_STEP_BLOCKS * grid.factor as f64 / px_per_mm;
+    let max_steps = (MAX_MARK_SHIFT_SHARE * piece.reach_mm / step_mm) as i32;
     let count_at = |across_mm: f64, up_mm: f64| {
         let is_found = |mark: &&ShiftedMark| {
             let place = mark.place + mark.right * across_mm + mark.up * up_mm;

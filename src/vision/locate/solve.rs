@@ -1,11 +1,11 @@
 //! One Gauss–Newton step for all constraints of the panel: its surface and its outline.
 //!
-//! A constraint is a small signed residual r of a point p of the panel along a gradient g: along the surface's
-//! normal, in mm, or across the outline in the picture, in px. A twist ξ = (ω, v) about the centre c moves p by ω ×
-//! (p − c) + v, so that
+//! A constraint is a small signed residual r of a point p of the panel along a gradient g: along the surface's normal,
+//! in mm, or across the outline in the picture, in px. A twist ξ = (ω, v) about the centre c moves p by ω × (p − c) +
+//! v, so that
 //!     J = [ ((p − c) × g)ᵀ  gᵀ ],   (Σ w JᵀJ) ξ = −Σ w Jᵀ r.                                              (1)
-//! Weights are Tukey's (Beaton & Tukey, Technometrics 16, 1974), divided by the variance of a constraint and the
-//! number of its neighbours that share one error. Sums are calculated over fixed chunks in their order, so that
+//! Weights are Tukey's (Beaton & Tukey, Technometrics 16, 1974), divided by the variance of a constraint and by the
+//! number of neighbours that share one error with it. Sums are calculated over fixed chunks in their order, so that
 //! they are bit-identical for any number of threads.
 
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
@@ -14,9 +14,9 @@ use panelprep_base::geometry::{Camera, Panel, Rigid, median};
 use rayon::prelude::*;
 
 /// The number of constraints that one task sums.
-const CHUNK: usize = 1_024;
-/// For each component of the twist, the minimum ratio of its information if the other components are unknown to its
-/// information if they are known.
+const CHUNK_SIZE: usize = 1_024;
+/// The smallest accepted conditioning of each component of the twist: the ratio of its information if the other
+/// components are unknown to its information if they are known.
 const MIN_CONDITION: f64 = 1e-9;
 
 /// One residual and its gradient.
@@ -33,7 +33,7 @@ pub(super) struct Constraint {
 }
 
 impl Constraint {
-    /// J of (1).
+    /// Returns J of (1).
     pub fn jacobian(&self, centre: &Vector3<f64>) -> Vector6<f64> {
         let arm = (self.point - centre).cross(&self.gradient);
         let g = self.gradient;
@@ -48,7 +48,7 @@ pub(super) struct ResidualWeighting {
     pub sigma: f64,
     /// The number of neighbours whose errors are correlated.
     pub correlated_count: f64,
-    /// Residuals beyond this size have no weight.
+    /// Residuals larger than this have no weight.
     pub cutoff: f64,
 }
 
@@ -94,13 +94,13 @@ impl ResidualSums {
             }
             sums
         };
-        if constraints.len() <= CHUNK {
+        if constraints.len() <= CHUNK_SIZE {
             return chunk(constraints);
         }
-        // Collected and then added in order: the sum of floats must not depend on which thread is first, or a replay
-        // would differ.
+        // The parts are collected and then added in order: a sum of floating-point numbers must not depend on which
+        // thread is first, or a replay would differ.
         constraints
-            .par_chunks(CHUNK)
+            .par_chunks(CHUNK_SIZE)
             .map(chunk)
             .collect::<Vec<_>>()
             .into_iter()
@@ -114,8 +114,8 @@ impl ResidualSums {
     /// Returns the twist of (1); `None` if a direction is unconstrained.
     pub fn twist(&self) -> Option<Vector6<f64>> {
         let inverse = self.information.try_inverse()?;
-        // A matrix can have an inverse by rounding alone; a direction without information must end as such, not as a
-        // huge step.
+        // By rounding alone a matrix can have an inverse; a direction without information must be reported as such, and
+        // not give a huge step.
         let held = (0..6).all(|i| 1.0 / inverse[(i, i)] > MIN_CONDITION * self.information[(i, i)]);
         let cholesky = held.then(|| self.information.cholesky()).flatten()?;
         let twist = -cholesky.solve(&self.gradient);
@@ -140,8 +140,8 @@ pub(super) fn apply_twist(
 ) -> Rigid<Camera, Panel> {
     let turn = UnitQuaternion::from_scaled_axis(Vector3::new(twist[0], twist[1], twist[2]));
     let shift = Vector3::new(twist[3], twist[4], twist[5]);
-    // About the panel's middle and not the camera: otherwise a small rotation also shifts the panel by metres times its
-    // angle, and the two are hardly separable.
+    // The rotation is about the panel's middle and not about the camera: otherwise a small rotation would also shift
+    // the panel by metres times its angle, and the two could hardly be separated.
     let moved: Rigid<Camera, Camera> = Rigid::from_isometry_unchecked(Isometry3::from_parts(
         Translation3::from(centre + shift - turn * centre),
         turn,
@@ -158,7 +158,7 @@ mod tests {
     /// By hand: rotated by 0.001 rad about z at (560, 0, 700), a point with an offset of 100 mm in y moves by −0.1
     /// mm in x.
     #[test]
-    fn a_twist_turns_about_the_centre() {
+    fn a_twist_rotates_about_the_centre() {
         let twist = Vector6::new(0.0, 0.0, 0.001, 0.0, 0.0, 0.5);
         let start: Rigid<Camera, Panel> = Rigid::from_isometry_unchecked(Isometry3::identity());
         let moved = apply_twist(&start, &Vector3::new(560.0, 0.0, 700.0), &twist);

@@ -1,13 +1,13 @@
 //! The surface of the taught panel, block by block of its grid (a point, a normal and an area for each), and its
 //! outline.
 //!
-//! The taught outline in space consists of the points at which rays through the edge in the taught picture, located to
-//! a fraction of a pixel, meet the surface beside it.
+//! The edge in the taught picture is located to a fraction of a pixel. The taught outline in space consists of the
+//! points at which rays through this edge meet the surface beside it.
 //!
-//! The contour of the scan's points runs close to the edge. The colour picture gives the edge exactly; if colour
-//! shows no edge, the border of the points is used instead. Beside an outline that a person drew, the edge is
-//! searched as in a scan that is being located (`edges`). A place at which neither colour nor depth shows the edge
-//! is not measured and not used. Places at which the panel is held are not used either.
+//! The contour of the scan's points runs close to the edge. The colour picture gives the exact edge; if colour shows no
+//! edge, the border of the points is used instead. Beside an outline that a person drew, the edge is searched as in a
+//! scan that is being located (`edges`). A place at which neither colour nor depth shows the edge is not measured and
+//! not used. Places at which the panel is held are not used either.
 
 use super::edges;
 use super::edges::EdgeReading;
@@ -18,12 +18,12 @@ use panelprep_cell::panel::{OutlineFrom, TaughtPanel};
 use rayon::prelude::*;
 
 /// Half the width of the neighbourhood that determines a normal, blocks.
-const NORMAL_REACH: usize = 2;
-/// Maximum distance of the blocks to which the surface at an edge is fitted, blocks. The next constants are the number
-/// of blocks needed, and the maximum distance of the nearest block.
+const NORMAL_REACH_BLOCKS: usize = 2;
+/// Largest distance of the blocks to which the surface at an edge is fitted, blocks. The next constants are the
+/// smallest number of these blocks, and the largest distance of the nearest one.
 const MAX_FIT_DISTANCE_BLOCKS: isize = 7;
-const MIN_BESIDE: usize = 25;
-const MAX_BESIDE: f64 = 4.0;
+const MIN_FIT_BLOCKS: usize = 25;
+const MAX_NEAREST_DISTANCE_BLOCKS: f64 = 4.0;
 
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
@@ -63,8 +63,8 @@ impl Surface {
         surface
     }
 
-    /// Returns depth and normal of the surface at a place beside the measured blocks. The inverse depth is
-    /// extrapolated as a second-order polynomial, because planes alone would deviate from a bent surface to one side.
+    /// Returns depth and normal of the surface at a place beside the measured blocks. The inverse depth is extrapolated
+    /// as a second-order polynomial, because a plane alone would deviate from a bent surface systematically.
     pub fn extrapolate(&self, grid: &Grid, pixel: Pixel) -> Option<(f64, Vector3<f64>)> {
         let [x, y] = grid.block_position(pixel);
         let (column, row) = (x.round() as isize, y.round() as isize);
@@ -88,7 +88,7 @@ impl Surface {
                 count += 1;
             }
         }
-        if count < MIN_BESIDE || nearest.0 > MAX_BESIDE {
+        if count < MIN_FIT_BLOCKS || nearest.0 > MAX_NEAREST_DISTANCE_BLOCKS {
             return None;
         }
         let depth_mm = 1.0 / (squares.try_inverse()? * sums)[0];
@@ -101,8 +101,8 @@ fn tangent(grid: &Grid, points: &[Option<Vector3<f64>>], index: usize, middle: V
     let (column, row) = (index % grid.columns, index / grid.columns);
     let mut squares = Matrix3::zeros();
     let mut sums = [Vector3::zeros(); 3];
-    for j in row.saturating_sub(NORMAL_REACH)..=(row + NORMAL_REACH).min(grid.rows - 1) {
-        for i in column.saturating_sub(NORMAL_REACH)..=(column + NORMAL_REACH).min(grid.columns - 1) {
+    for j in row.saturating_sub(NORMAL_REACH_BLOCKS)..=(row + NORMAL_REACH_BLOCKS).min(grid.rows - 1) {
+        for i in column.saturating_sub(NORMAL_REACH_BLOCKS)..=(column + NORMAL_REACH_BLOCKS).min(grid.columns - 1) {
             let Some(point) = points[j * grid.columns + i] else { continue };
             let far = (i as f64 - column as f64).hypot(j as f64 - row as f64).max(1.0);
             if !grid.are_joined(middle.z, middle.z + (point.z - middle.z) / far) {
@@ -127,23 +127,25 @@ fn tangent(grid: &Grid, points: &[Option<Vector3<f64>>], index: usize, middle: V
     Some(Sample { point: middle, normal, area_mm2: across.norm() })
 }
 
-/// Half the length of outline that is averaged to get its place and direction, px of the contour.
-const CONTOUR_REACH: usize = 5;
-/// Distance of the outline's points along the contour, px.
-const CONTOUR_STEP: usize = 2;
-/// Distance of the mask's border inside of the edge, px: pixels that are only half on the panel have no point.
+/// Half the length of the contour over which its place and direction are averaged, px.
+const CONTOUR_REACH_PX: usize = 5;
+/// Distance between the outline's points along the contour, px.
+const CONTOUR_STEP_PX: usize = 2;
+/// Distance of the mask's border from the edge inwards, px: pixels that show the panel on only half of their area have
+/// no point.
 const MASK_INSET_PX: f64 = 1.0;
-/// A place of the contour within this distance of a held place is not used, because its mean includes held pixels, px.
-const MIN_HELD_DISTANCE_PX: f64 = (CONTOUR_REACH + 1) as f64;
+/// Smallest distance between a place of the contour and a held place, px: the mean of a nearer place includes held
+/// pixels.
+const MIN_HELD_DISTANCE_PX: f64 = (CONTOUR_REACH_PX + 1) as f64;
 /// Number of points to each side that determine the direction of the outline.
 const DIRECTION_POINTS: usize = 3;
 /// Smallest number of outline points that determine the panel's pose.
-pub(super) const MIN_OUTLINE: usize = 60;
+pub(super) const MIN_OUTLINE_POINTS: usize = 60;
 
 /// A point of the outline.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct OutlinePoint {
-    /// Its position in the panel's frame, mm.
+    /// The position of the point in the panel's frame, mm.
     pub point: Vector3<f64>,
     /// The direction along the outline.
     pub outline_direction: Vector3<f64>,
@@ -160,20 +162,20 @@ pub(super) struct OutlinePoint {
 /// The evidence for the taught outline: fractions of its points, 0…1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OutlineEvidence {
-    /// Fraction whose edge is seen by colour.
+    /// Fraction of the points whose edge is seen by colour.
     pub by_colour: f64,
-    /// Share that is seen by depth alone.
+    /// Fraction of the points whose edge is seen by depth alone.
     pub by_depth: f64,
-    /// Fraction at which something holds the panel.
+    /// Fraction of the points at which the panel is held.
     pub held: f64,
-    /// Fraction at which neither colour nor depth shows the edge, or no surface was measured beside it.
+    /// Fraction of the points at which neither colour nor depth shows the edge, or no surface was measured beside it.
     pub unseen: f64,
 }
 
 /// The taught outline.
 pub(super) struct TaughtOutline {
     pub points: Vec<OutlinePoint>,
-    /// Width of a brightness step at its edges, px, median.
+    /// Median width of the steps of brightness at the outline, px.
     pub edge_width_px: f64,
     pub evidence: OutlineEvidence,
 }
@@ -193,7 +195,7 @@ struct OutlineContext<'a> {
     panel: &'a TaughtPanel,
     grid: &'a Grid,
     surface: &'a Surface,
-    /// The taught scan in its camera's frame, if a person drew the outline.
+    /// The taught scan in its camera's frame; `None` if no person drew the outline.
     scan: Option<ColoredCloud>,
     /// Positive if the contour runs clockwise on a screen.
     side: f64,
@@ -203,16 +205,16 @@ impl TaughtOutline {
     /// Finds the outline of a taught panel with these depths and this surface.
     pub fn detect(panel: &TaughtPanel, grid: &Grid, surface: &Surface) -> TaughtOutline {
         let contour = &panel.outline_px;
-        if contour.len() < 8 * CONTOUR_REACH {
+        if contour.len() < 8 * CONTOUR_REACH_PX {
             return TaughtOutline::empty();
         }
         let is_drawn = panel.outline_from == OutlineFrom::Recipe;
         let scan = is_drawn.then(|| panel.scan.transformed::<Camera>(&panel.panel_from_camera.inverse()));
         let side = polygon::signed_area_px2(contour).signum();
         let looked = OutlineContext { panel, grid, surface, scan, side };
-        let steps = contour.len().div_ceil(CONTOUR_STEP);
+        let steps = contour.len().div_ceil(CONTOUR_STEP_PX);
         let is_held: Vec<bool> =
-            (0..steps).map(|k| panel.is_held_near(contour[k * CONTOUR_STEP], MIN_HELD_DISTANCE_PX)).collect();
+            (0..steps).map(|k| panel.is_held_near(contour[k * CONTOUR_STEP_PX], MIN_HELD_DISTANCE_PX)).collect();
         // Beside a held segment, the direction would be computed across that segment: such points are not used.
         let is_used = |k: usize| {
             (k + steps - DIRECTION_POINTS..=k + steps + DIRECTION_POINTS).all(|near| !is_held[near % steps])
@@ -220,7 +222,7 @@ impl TaughtOutline {
         let found: Vec<Option<EdgePoint>> = (0..steps)
             .into_par_iter()
             .with_min_len(64)
-            .map(|k| if is_used(k) { looked.edge(k * CONTOUR_STEP) } else { None })
+            .map(|k| if is_used(k) { looked.edge(k * CONTOUR_STEP_PX) } else { None })
             .collect();
         let held = (0..steps).filter(|&k| !is_used(k)).count();
         let edges: Vec<EdgePoint> = found.into_iter().flatten().collect();
@@ -233,7 +235,7 @@ impl TaughtOutline {
             unseen: share(steps - held - edges.len()),
         };
         let edge_width_px = median(&mut widths).unwrap_or(0.0);
-        if edges.len() < MIN_OUTLINE {
+        if edges.len() < MIN_OUTLINE_POINTS {
             return TaughtOutline { edge_width_px, evidence: seen, ..TaughtOutline::empty() };
         }
         let points = (0..edges.len()).filter_map(|k| looked.point(&edges, k)).collect();
@@ -257,13 +259,13 @@ impl OutlineContext<'_> {
                 (from..from + length).map(|i| contour[i % count]).fold([0.0; 2], |s, p| [s[0] + p.u, s[1] + p.v]);
             sum.map(|sum| sum / length as f64)
         };
-        let from = k + count - CONTOUR_REACH;
-        let [u, v] = mean(from, 2 * CONTOUR_REACH + 1);
-        let (before, after) = (mean(from, CONTOUR_REACH), mean(k + 1, CONTOUR_REACH));
+        let from = k + count - CONTOUR_REACH_PX;
+        let [u, v] = mean(from, 2 * CONTOUR_REACH_PX + 1);
+        let (before, after) = (mean(from, CONTOUR_REACH_PX), mean(k + 1, CONTOUR_REACH_PX));
         let (du, dv) = (after[0] - before[0], after[1] - before[1]);
         let length = du.hypot(dv);
-        // On a screen, v points down, and the inside of a clockwise contour is to the right: outward is (t_v,
-        // −t_u).
+        // On a screen, v increases downwards, and the inside of a clockwise contour is to the right: the outward
+        // direction is (t_v, −t_u).
         let outward = || Vector2::new(self.side * dv / length, -self.side * du / length);
         (length > 1e-6).then(|| (Pixel::at(u, v), outward()))
     }
@@ -299,8 +301,8 @@ impl OutlineContext<'_> {
         (step.map_or(MASK_INSET_PX, |step| step.offset_px), step.map(|step| step.width_px))
     }
 
-    /// Returns the distance from a person's line outwards to the edge that the scan shows beside it, px, and the
-    /// edge's width if colour shows it.
+    /// Returns the distance from a line that a person drew outwards to the edge that the scan shows beside it, px, and
+    /// the edge's width if colour shows it.
     fn line_edge_distance(
         &self,
         scan: &ColoredCloud,
@@ -311,7 +313,7 @@ impl OutlineContext<'_> {
         match edges::find_edge(&self.panel.camera, scan, (middle, outward), (&point, &normal)) {
             EdgeReading::Colour { offset_px, width_px } => Some((offset_px, Some(width_px))),
             EdgeReading::Depth { offset_px } => Some((offset_px, None)),
-            // If something continues in the panel's own plane, depth shows no edge, but colour may.
+            // If another object continues in the panel's own plane, depth shows no edge, but colour may show one.
             EdgeReading::Absent => {
                 self.step(middle, outward, 0.0).map(|step| (step.offset_px, Some(step.width_px)))
             }
@@ -319,7 +321,7 @@ impl OutlineContext<'_> {
         }
     }
 
-    /// Returns the outline point for an edge, with its directions; `None` if the neighbours do not determine them.
+    /// Returns the outline point at an edge, with its directions; `None` if the neighbours do not determine them.
     fn point(&self, edges: &[EdgePoint], k: usize) -> Option<OutlinePoint> {
         let count = edges.len();
         let EdgePoint { point: here, normal, width_px } = edges[k];
@@ -331,7 +333,7 @@ impl OutlineContext<'_> {
         let (next, last) = (edges[(k + 1) % count].point, edges[(k + count - 1) % count].point);
         let apart_mm = ((next - here).norm() + (last - here).norm()) / 2.0;
         let along = (along - normal * normal.dot(&along)).try_normalize(1e-9)?;
-        // In the camera's frame, v also points down, so the side is the same.
+        // In the camera's frame, y also points down, so the side is the same.
         let outward = along.cross(&normal) * -self.side;
         let panel_from_camera = RigidF32::from_rigid(&self.panel.panel_from_camera);
         let turned = |direction: Vector3<f64>| panel_from_camera.turn * direction;

@@ -1,5 +1,5 @@
-//! Tests of the classification of places that look bare, on a window of 40 × 40 px: film 0.6 of the dry look,
-//! breaks 0.9.
+//! Tests of the classification of places that look bare, on a window of 40 × 40 px: the film has 0.6 of the dry look,
+//! breaks have 0.9.
 
 use super::*;
 
@@ -23,7 +23,7 @@ struct Film {
 }
 
 impl Film {
-    /// Makes a place of these pixels that broke at 1 s and is open.
+    /// Creates a film with one place of these pixels, which broke at 1 s and is open.
     fn with(place: impl Fn(usize, usize) -> bool) -> Self {
         let inside = |i: usize| place(i % SIDE, i / SIDE);
         Film {
@@ -40,8 +40,8 @@ impl Film {
         }
     }
 
-    /// The number of pixels that broke, and the number for which this cannot be decided.
-    fn settled(&self) -> (usize, usize) {
+    /// Returns the number of pixels that broke, and the number of those for which this is uncertain.
+    fn broken_and_unsure(&self) -> (usize, usize) {
         let FinalMask { broke_s, unsure } = determine_breaks(&WINDOW, self.broke_s.clone(), SIZES, self);
         (broke_s.iter().filter(|time_s| **time_s < NOT_BROKEN).count(), unsure.len())
     }
@@ -101,40 +101,43 @@ fn disc(column: usize, row: usize) -> bool {
 /// By hand: a disc of 6 px radius has 113 px.
 #[test]
 fn an_even_disc_broke() {
-    assert_eq!(Film::with(disc).settled(), (113, 0));
+    assert_eq!(Film::with(disc).broken_and_unsure(), (113, 0));
 }
 
-/// A bell from 0.6 to 0.9 varies by more than 0.14 of the brightness that the film takes away, and does not count
-/// as a break. A break cannot be excluded either.
+/// A bell-shaped brightness from 0.6 to 0.9 varies by more than 0.14 of the difference between bare place and film, and
+/// does not count as a break. A break cannot be excluded either.
 #[test]
-fn a_bell_that_does_not_move_is_unsure() {
+fn a_bell_shaped_brightness_that_does_not_move_is_unsure() {
     let mut film = Film::with(disc);
     for (i, bare) in film.bare.iter_mut().enumerate() {
         let away2 = (i % SIDE).abs_diff(20).pow(2) + (i / SIDE).abs_diff(20).pow(2);
         *bare = 0.65 + 0.25 * (-(away2 as f32) / 18.0).exp();
     }
-    assert_eq!(film.settled(), (0, 113));
+    assert_eq!(film.broken_and_unsure(), (0, 113));
 }
 
 /// By hand: in 30 × 2 px every pixel touches the outside; in a disc of the same size 37 pixels would not.
 #[test]
 fn a_thin_line_is_unsure() {
-    assert_eq!(Film::with(|column, row| (5..35).contains(&column) && (20..22).contains(&row)).settled(), (0, 60));
+    assert_eq!(
+        Film::with(|column, row| (5..35).contains(&column) && (20..22).contains(&row)).broken_and_unsure(),
+        (0, 60)
+    );
 }
 
-/// If a film looks bare all around the place, or reflections lie beside it, there is no result.
+/// If the film all around the place looks bare, or reflections lie beside the place, the result is unsure.
 #[test]
 fn without_contrast_or_along_a_reflection_a_place_is_unsure() {
-    assert_eq!(Film { has_contrast: false, ..Film::with(disc) }.settled(), (0, 113));
+    assert_eq!(Film { has_contrast: false, ..Film::with(disc) }.broken_and_unsure(), (0, 113));
     let mut film = Film::with(disc);
     for i in 0..SIDE * SIDE {
         film.bright[i] = i % SIDE > 20 && !disc(i % SIDE, i / SIDE);
     }
-    assert_eq!(film.settled(), (0, 113));
+    assert_eq!(film.broken_and_unsure(), (0, 113));
 }
 
-/// A place looks bare from 1 s to 1.4 s at its left and from 2 s to 2.4 s at its right, and is as small as a glint.
-/// This place moved on. If the same place is open at one time, it broke and closed.
+/// A place looks bare from 1 s to 1.4 s at its left and from 2 s to 2.4 s at its right, and is as small as a glint. The
+/// bare look moved on. If all of the same place is open at one time, the place broke and closed.
 #[test]
 fn a_glint_that_moves_on_is_no_break() {
     let place = |column: usize, row: usize| (10..16).contains(&column) && (10..16).contains(&row);
@@ -144,10 +147,10 @@ fn a_glint_that_moves_on_is_no_break() {
         film.bare[i] = 0.7 + 0.03 * (i % SIDE - 10) as f32;
         film.broke_s[i] = 1.0 + 0.2 * (i % SIDE - 10) as f32;
     }
-    assert_eq!(film.settled(), (0, 0));
+    assert_eq!(film.broken_and_unsure(), (0, 0));
     let mut closed = Film::with(disc);
     closed.open_s = vec![Some(3.0); SIDE * SIDE];
-    assert_eq!(closed.settled(), (113, 0));
+    assert_eq!(closed.broken_and_unsure(), (113, 0));
 }
 
 /// By hand: a glint of 50 px has a diameter of 7.98 px, so that places less than 32 px apart may belong to one
@@ -162,7 +165,7 @@ fn places_of_one_trail_are_judged_together() {
             let i = 20 * SIDE + 2 + 7 * order;
             (film.broke_s[i], film.open_s[i]) = (1.0 + step_s * order as f32, Some(open_s));
         }
-        film.settled()
+        film.broken_and_unsure()
     };
     assert_eq!(specks(6, 0.3, 0.6), (0, 0));
     assert_eq!(specks(6, 0.0, 0.6), (0, 6));
@@ -175,12 +178,12 @@ fn places_of_one_trail_are_judged_together() {
             (large.broke_s[i], large.open_s[i]) = (if column < 14 { 1.0 } else { 3.0 }, Some(0.6));
         }
     }
-    assert_eq!(large.settled(), (0, 32));
+    assert_eq!(large.broken_and_unsure(), (0, 32));
 }
 
-/// At one picture a second a break opened between 4 s and 6 s and closed again 1 s later. No part of the break was
-/// film before another part was bare. By hand, its first part may have closed as late as 5 − 0.5 + 2 = 6.5 s, after 5
-/// s.
+/// One half of a break opened at 4 s and the other at 5 s, and each half closed again 1 s later. At one picture a
+/// second this is no evidence of a movement: by hand, the first half may have closed as late as 5 − 0.5 + 2 = 6.5 s,
+/// when the other half was already open.
 #[test]
 fn a_break_between_two_pictures_did_not_move_on() {
     let place = |column: usize, row: usize| (10..14).contains(&column) && (10..14).contains(&row);
@@ -189,8 +192,8 @@ fn a_break_between_two_pictures_did_not_move_on() {
         film.broke_s[i] = if i % SIDE < 12 { 4.0 } else { 5.0 };
         film.open_s[i] = Some(1.0);
     }
-    assert_eq!(film.settled(), (16, 0));
-    assert_eq!(Film { longest_step_s: 0.2, ..film }.settled(), (0, 0));
+    assert_eq!(film.broken_and_unsure(), (16, 0));
+    assert_eq!(Film { longest_step_s: 0.2, ..film }.broken_and_unsure(), (0, 0));
 }
 
 /// By hand: films of 22 and 66 levels, with breaks of 34 and 88 levels in them. The mean of the breaks, 61, is
@@ -201,7 +204,7 @@ fn a_break_over_two_kinds_of_film_did_not_become_film() {
     for i in 0..SIDE * SIDE {
         (film.film[i], film.bare[i]) = if i % SIDE < 20 { (0.22, 0.34) } else { (0.66, 0.88) };
     }
-    let (broke, unsure) = film.settled();
+    let (broke, unsure) = film.broken_and_unsure();
     assert_eq!(broke + unsure, 113);
 }
 
@@ -213,8 +216,8 @@ fn a_bead_belongs_to_its_break() {
         let hole = 19..19 + side;
         Film::with(move |column, row| disc(column, row) && !(hole.contains(&column) && hole.contains(&row)))
     };
-    assert_eq!(with_hole(2).settled(), (113, 0));
-    assert_eq!(with_hole(3).settled().0, 113 - 9);
+    assert_eq!(with_hole(2).broken_and_unsure(), (113, 0));
+    assert_eq!(with_hole(3).broken_and_unsure().0, 113 - 9);
 }
 
 /// Beside an edge of a sanded area: by hand, 0.62 is the film's look on the right and 0.62/0.36 = 1.72 times the
@@ -224,20 +227,20 @@ fn a_place_that_looks_like_one_film_beside_it_and_like_a_break_of_the_other_is_u
     let beside = |left: f32| {
         let mut film = Film { is_sanded: true, bare: vec![0.62; SIDE * SIDE], ..Film::with(disc) };
         (0..SIDE * SIDE).for_each(|i| film.film[i] = if i % SIDE < 20 { left } else { 0.62 });
-        film.settled()
+        film.broken_and_unsure()
     };
     assert_eq!((beside(0.36), beside(0.6)), ((0, 113), (0, 0)));
 }
 
 /// Tests a sanded place. By hand, 0.9/0.6 = 1.5 times its film's look is within 1.2 to 2.0: the place broke. A look of
-/// 0.62 is within 8 % of the film around it: the place became film after a glint. A look of 0.45, and any look if the
-/// film is unknown, means neither. A place with a mean of 0.7 and 0.62 in the last picture became film, too.
+/// 0.62 is within 8 % of the film around it: the place became film after a glint. With a look of 0.45, or with any look
+/// if the film is unknown, it is neither. A place with a mean of 0.7 and 0.62 in the last picture became film, too.
 #[test]
-fn a_sanded_place_is_held_against_the_film_around_it() {
+fn a_sanded_place_is_compared_with_the_film_around_it() {
     let sanded = |bare: f32| Film { is_sanded: true, bare: vec![bare; SIDE * SIDE], ..Film::with(disc) };
-    assert_eq!(sanded(0.9).settled(), (113, 0));
-    assert_eq!(sanded(0.62).settled(), (0, 0));
-    assert_eq!(sanded(0.45).settled(), (0, 113));
-    assert_eq!(Film { now: Some(0.62), ..sanded(0.7) }.settled(), (0, 0));
-    assert_eq!(Film { break_to_film: None, ..sanded(0.9) }.settled(), (0, 113));
+    assert_eq!(sanded(0.9).broken_and_unsure(), (113, 0));
+    assert_eq!(sanded(0.62).broken_and_unsure(), (0, 0));
+    assert_eq!(sanded(0.45).broken_and_unsure(), (0, 113));
+    assert_eq!(Film { now: Some(0.62), ..sanded(0.7) }.broken_and_unsure(), (0, 0));
+    assert_eq!(Film { break_to_film: None, ..sanded(0.9) }.broken_and_unsure(), (0, 113));
 }

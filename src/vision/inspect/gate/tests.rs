@@ -37,10 +37,10 @@ fn codes(observation: &Observation) -> Vec<String> {
     judgement.reasons.into_iter().map(|reason| reason.code.to_string()).collect()
 }
 
-/// By hand, these values are sufficient: 8 of 10 seconds, 5 intervals, a film that changes the panel by six times
+/// By hand, these values are just sufficient: 8 of 10 seconds, 5 intervals, a film that changes the panel by six times
 /// the noise, and a fifth of the edge.
 #[test]
-fn each_demand_is_kept_at_its_limit_and_not_beyond() {
+fn each_demand_is_met_at_its_limit_but_not_beyond() {
     let usable = |usable_s: f64, longest_unseen_s: f64| {
         let mut observation = good();
         (observation.quality.usable, observation.quality.usable_s) = (8, usable_s);
@@ -97,11 +97,11 @@ fn each_demand_is_kept_at_its_limit_and_not_beyond() {
 /// Two pictures are brighter and one is out of focus: the reason names the light, with the worst value and the
 /// limit of this flaw.
 #[test]
-fn the_limit_that_was_broken_is_named() {
+fn the_exceeded_limit_is_named() {
     let mut quality = good().quality;
     (quality.usable, quality.usable_s, quality.longest_unseen_s) = (7, 7.0, 6.0);
-    quality.flawed[Flaw::Brighter as usize] = Flawed { pictures: 2, worst: 36.4 };
-    quality.flawed[Flaw::Focus as usize] = Flawed { pictures: 1, worst: 0.4 };
+    quality.flawed[Flaw::Brighter as usize] = FlawedPictures { pictures: 2, worst: 36.4 };
+    quality.flawed[Flaw::Focus as usize] = FlawedPictures { pictures: 1, worst: 0.4 };
     let judgement = judge(&Observation { quality, ..good() }, &[], &DEMANDS, &inspect_table("")).judgement;
     let message = &judgement.reasons[0].message;
     let told = "3 of 10 wet pictures cannot be used, and the longest time without a usable picture is 6.0 s (limit 5 s); \
@@ -117,7 +117,7 @@ fn an_outline_that_does_not_agree_is_distinguished_from_one_that_is_not_seen() {
         let mut observation = good();
         (observation.quality.usable, observation.quality.usable_s) = (7, 7.0);
         observation.quality.longest_unseen_s = 6.0;
-        observation.quality.flawed[flaw as usize] = Flawed { pictures: 3, worst };
+        observation.quality.flawed[flaw as usize] = FlawedPictures { pictures: 3, worst };
         let judgement = judge(&observation, &[], &DEMANDS, &inspect_table("")).judgement;
         judgement.reasons[0].message.clone()
     };

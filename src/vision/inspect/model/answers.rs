@@ -1,8 +1,8 @@
-//! Queries the model: the state of each pixel of the window.
+//! The results of the model: the state of each pixel of the window.
 
 use super::classify::{REFLECTION_TIME_S, TICKS_PER_SECOND};
 use super::kernel::{
-    BLOCK_PX, BROKE, EVER_WET_FLAG, INSIDE, LEVEL, LOOK_MASK, NO_DRY_FLAG, OPEN_FLAG, STEPPED_FLAG,
+    BLOCK_PX, BROKE_FLAG, EVER_WET_FLAG, INSIDE_FLAG, LEVEL, LOOK_MASK, NO_DRY_FLAG, OPEN_FLAG, STEPPED_FLAG,
 };
 use super::{Model, Shimmer};
 use panelprep_base::geometry::median;
@@ -10,13 +10,14 @@ use panelprep_base::geometry::median;
 /// A pixel counts as not seen if it showed neither film nor a bare place for more than this fraction of the
 /// observation time. The same is true if it showed neither for longer than [`REFLECTION_TIME_S`] at the end.
 const MAX_UNSEEN_SHARE: f64 = 0.5;
-/// A film that changes a place by less than this many times the noise is not distinguished from a break.
+/// A film that changes a place by less than this many times the noise cannot be distinguished from a break.
 pub const MIN_CONTRAST_TO_NOISE: f64 = 4.0;
-/// A place that is brighter than this multiple of its dry look is not bare, whatever light was measured.
-const BRIGHT: f32 = 1.15;
+/// A film that is brighter than this multiple of the place's dry look is brighter than any bare place, whatever light
+/// was measured.
+const MAX_BARE_TO_DRY_RATIO: f32 = 1.15;
 /// Every nth pixel is used to determine the fraction of the dry look that remains under the film.
-const FILM_STRIDE: usize = 7;
-/// With fewer pixels the fraction that remains under the film is not determined.
+const FILM_PIXEL_STRIDE: usize = 7;
+/// With fewer pixels than this the fraction that remains under the film is not determined.
 const MIN_FILM_PIXELS: usize = 100;
 
 impl Model {
@@ -60,9 +61,10 @@ impl Model {
     /// break.
     fn median(&self, of: impl Fn(usize) -> f64) -> Option<f64> {
         let counts = |index: &usize| {
-            self.state(*index) & (INSIDE | NO_DRY_FLAG | EVER_WET_FLAG | BROKE) == INSIDE | EVER_WET_FLAG
+            self.state(*index) & (INSIDE_FLAG | NO_DRY_FLAG | EVER_WET_FLAG | BROKE_FLAG)
+                == INSIDE_FLAG | EVER_WET_FLAG
         };
-        let all = (0..self.window.width * self.window.height).step_by(FILM_STRIDE).filter(counts);
+        let all = (0..self.window.width * self.window.height).step_by(FILM_PIXEL_STRIDE).filter(counts);
         let mut values: Vec<f64> = all.map(of).collect();
         median(&mut values)
     }
@@ -72,13 +74,13 @@ impl Model {
         self.wet_levels(index)
     }
 
-    /// Returns the measured movement on the places without a dry look, if there are any.
+    /// Returns the movement that was measured on the places without a dry look; `None` if there are no such places.
     pub fn measured_shimmer(&self) -> Option<&Shimmer> {
         self.shimmer.as_ref()
     }
 
-    /// Returns the variance of the sensor's noise in a site of the shimmer, for a film with this look, levels²;
-    /// `None` if it was not measured.
+    /// Returns the variance of the sensor's noise in a site of the shimmer, for a film with this look, levels²; `None`
+    /// if the noise was not measured.
     pub fn site_variance(&self, index: usize, look_levels: f64) -> Option<f64> {
         let (block, _) = self.block_position(index);
         let view = self.views.chosen[self.views.tile_of(block)];
@@ -86,17 +88,17 @@ impl Model {
         Some(self.views.variance(view, of_channel?, of_mean?))
     }
 
-    /// Returns the fraction of the dry look that remains under the film, measured from the wet looks.
+    /// Measures the fraction of the dry look that remains under the film, from the wet looks.
     pub(super) fn measured_film(&self) -> Option<f64> {
         self.median(|index| self.wet_levels(index) / self.dry_levels(index).max(1.0))
     }
 
-    /// Returns the fraction of the dry look that remains under the film, if the clip determined it.
+    /// Returns the fraction of the dry look that remains under the film; `None` if the clip did not determine it.
     pub fn film(&self) -> Option<f64> {
         self.film_transmission
     }
 
-    /// Returns the median change of brightness by the film over the region, grey levels.
+    /// Returns the median change of brightness that the film causes over the region, grey levels.
     pub fn change_levels(&self) -> Option<f64> {
         self.median(|index| (self.wet_levels(index) - self.dry_levels(index)).abs())
     }
@@ -106,9 +108,9 @@ impl Model {
         self.dry_levels(index)
     }
 
-    /// Returns whether a pixel of the window was looked at.
+    /// Returns whether a pixel of the window is evaluated.
     pub fn is_evaluated(&self, index: usize) -> bool {
-        self.state(index) & INSIDE > 0
+        self.state(index) & INSIDE_FLAG > 0
     }
 
     /// Returns whether a pixel is judged only by its wet look.
@@ -116,9 +118,9 @@ impl Model {
         self.state(index) & NO_DRY_FLAG > 0
     }
 
-    /// Returns whether the pixel showed film or a bare place for half of the time, and near the end, and did not
-    /// change to a look that is neither. It did not keep a look between film and bare until the end for as long as a
-    /// bare place must be seen, since such a film may break next.
+    /// Returns whether the state of the pixel is known: it showed film or a bare place for at least half of the time,
+    /// also near the end, and did not change to a look that is neither. It also must not have kept a look between film
+    /// and bare until the end, for as long as a bare place must be seen, since such a film may break next.
     pub fn was_observed(&self, index: usize) -> bool {
         let (block, at) = self.block_position(index);
         let (past, state) = (&self.past[block], self.state(index));
@@ -126,25 +128,26 @@ impl Model {
         let unseen_s = f64::from(past.unseen_time[at]) / TICKS_PER_SECOND;
         let seen_s = f64::from(self.times_s[usize::from(past.last_seen_at[at])]);
         // A block that was skipped because its pixels were calm has shown its film.
-        let is_calm = state & super::kernel::BUSY == 0;
-        state & INSIDE > 0
-            && state & (EVER_WET_FLAG | BROKE) > 0
+        let is_calm = state & super::kernel::BUSY_FLAG == 0;
+        state & INSIDE_FLAG > 0
+            && state & (EVER_WET_FLAG | BROKE_FLAG) > 0
             && state & STEPPED_FLAG == 0
-            && !self.ends_between(index)
+            && !self.ends_between_film_and_bare(index)
             && unseen_s <= MAX_UNSEEN_SHARE * last_s
             && (is_calm || last_s - seen_s <= REFLECTION_TIME_S)
     }
 
-    /// Returns whether the pixel's last look is a steady one between film and bare, for as long as a bare place must
+    /// Returns whether the pixel ends with a steady look between film and bare that lasted as long as a bare place must
     /// be seen to count as broken.
-    fn ends_between(&self, index: usize) -> bool {
+    fn ends_between_film_and_bare(&self, index: usize) -> bool {
         let (block, at) = self.block_position(index);
         let past = &self.past[block];
         let [.., before_s, last_s] = *self.times_s else { return false };
-        // A steady look counts as lasting one step longer than its pictures, like a bare one.
+        // A steady look counts as one step longer than its pictures, like a bare look.
         let away_s = f64::from(past.away_time[at]) / TICKS_PER_SECOND + f64::from(last_s - before_s);
-        // A block that is not busy shows film in the last picture, which its pixels' times do not state.
-        let is_busy = self.state(index) & super::kernel::BUSY > 0;
+        // A block that is not busy shows film in the last picture, but the times of its pixels do not contain this
+        // picture.
+        let is_busy = self.state(index) & super::kernel::BUSY_FLAG > 0;
         let shows_neither = is_busy && usize::from(past.last_seen_at[at]) + 1 < self.times_s.len();
         shows_neither && past.away_time[at] > 0 && away_s >= self.terms.persist_s
     }
@@ -163,7 +166,7 @@ impl Model {
     pub fn open_time_s(&self, index: usize) -> Option<f32> {
         let (block, at) = self.block_position(index);
         let (past, time_s) = (&self.past[block], |picture: u16| self.times_s[usize::from(picture)]);
-        (self.state(index) & (BROKE | OPEN_FLAG) == BROKE)
+        (self.state(index) & (BROKE_FLAG | OPEN_FLAG) == BROKE_FLAG)
             .then(|| time_s(past.closed_at[at]) - time_s(past.bare_since[at]))
     }
 
@@ -184,7 +187,7 @@ impl Model {
     }
 
     /// Returns the brightness of a pixel while it looked bare, and in the last picture, grey levels, both in the light
-    /// of its film's look.
+    /// of the wet look.
     pub fn levels(&self, index: usize) -> [f32; 2] {
         let (block, at) = self.block_position(index);
         let gain = self.light.tile_light(self.views.tile_of(block));
@@ -197,8 +200,8 @@ impl Model {
         (self.wet_levels(index) / self.reference_levels(index)) as f32
     }
 
-    /// Returns the standard deviation of [`Model::bare_brightness_ratio`], relative to the same reference. It contains the noise
-    /// of the mean bare brightness and of the reference.
+    /// Returns the standard deviation of [`Model::bare_brightness_ratio`], relative to the same reference. It contains
+    /// the noise of the mean bare brightness and that of the reference.
     pub fn bare_ratio_noise(&self, index: usize) -> f32 {
         let of_whole = match self.has_no_dry_brightness(index) {
             true => self.wet_variance,
@@ -209,13 +212,14 @@ impl Model {
         (self.noise_levels() * variance.sqrt() / self.reference_levels(index)) as f32
     }
 
-    /// Returns the range of the fraction of the dry look that remains under the film. A twentieth of the region's
-    /// known film is left out at each end; `None` if too little film is known.
+    /// Returns the range of the fraction of the dry look that remains under the film, without the lowest and the
+    /// highest twentieth of the pixels whose film is known; `None` if there are too few of them.
     pub fn film_range(&self) -> Option<[f64; 2]> {
         let counts = |index: &usize| {
-            self.state(*index) & (INSIDE | NO_DRY_FLAG | EVER_WET_FLAG | BROKE) == INSIDE | EVER_WET_FLAG
+            self.state(*index) & (INSIDE_FLAG | NO_DRY_FLAG | EVER_WET_FLAG | BROKE_FLAG)
+                == INSIDE_FLAG | EVER_WET_FLAG
         };
-        let all = (0..self.window.width * self.window.height).step_by(FILM_STRIDE).filter(counts);
+        let all = (0..self.window.width * self.window.height).step_by(FILM_PIXEL_STRIDE).filter(counts);
         let mut shares: Vec<f64> = all.map(|index| f64::from(self.film_brightness_ratio(index))).collect();
         shares.sort_by(f64::total_cmp);
         let part = shares.len() / 20;
@@ -227,12 +231,12 @@ impl Model {
         self.terms.damp
     }
 
-    /// Returns the ratio of contrast to noise at a pixel: the difference between the film and a break that is as
-    /// damp as allowed, divided by the noise.
+    /// Returns the ratio of contrast to noise at a pixel. The contrast is the difference between the film and the
+    /// dampest break that is accepted.
     pub fn contrast_to_noise(&self, index: usize) -> f64 {
         let wet = self.wet_levels(index);
         let (least, most) = if self.has_no_dry_brightness(index) {
-            let dry = wet / self.film_transmission.unwrap_or(super::FILM_ASSUMED);
+            let dry = wet / self.film_transmission.unwrap_or(super::ASSUMED_FILM_TRANSMISSION);
             (self.terms.damp * dry, dry)
         } else {
             let dry = self.dry_levels(index);
@@ -242,25 +246,28 @@ impl Model {
         gap / self.noise.levels()
     }
 
-    /// Returns whether film and a bare place differ enough there to be distinguished.
+    /// Returns whether film and a bare place differ enough at the pixel to be distinguished.
     pub fn has_contrast(&self, index: usize) -> bool {
         self.contrast_to_noise(index) >= MIN_CONTRAST_TO_NOISE
     }
 
-    /// Returns whether the pixel's film is brighter than any bare place there.
+    /// Returns whether the pixel's film is brighter than any bare place at this pixel.
     pub fn is_film_brighter(&self, index: usize) -> bool {
-        !self.has_no_dry_brightness(index) && self.is_evaluated(index) && self.film_brightness_ratio(index) > BRIGHT
+        !self.has_no_dry_brightness(index)
+            && self.is_evaluated(index)
+            && self.film_brightness_ratio(index) > MAX_BARE_TO_DRY_RATIO
     }
 
     /// Returns the time at which the pixel's film broke, s; `None` if it did not break.
     pub fn broke_s(&self, index: usize) -> Option<f32> {
-        (self.state(index) & BROKE > 0).then(|| self.since_s(index))
+        (self.state(index) & BROKE_FLAG > 0).then(|| self.since_s(index))
     }
 
-    /// Returns the time since which the pixel has looked bare, s, though not long enough to count as broken.
+    /// Returns the time since which a pixel that did not break has looked bare, s.
     pub fn bare_since_s(&self, index: usize) -> Option<f32> {
         let (block, at) = self.block_position(index);
-        let looks_bare = self.state(index) & (BROKE | INSIDE) == INSIDE && self.past[block].bare_time[at] > 0;
+        let looks_bare =
+            self.state(index) & (BROKE_FLAG | INSIDE_FLAG) == INSIDE_FLAG && self.past[block].bare_time[at] > 0;
         looks_bare.then(|| self.since_s(index))
     }
 

@@ -1,46 +1,48 @@
 //! The light of each picture by channel, measured on the surroundings of the panel.
 //!
-//! Nothing mirrors there and little becomes wet, so each channel's median of brightness over dry brightness is its
-//! light. Lamps on the mains tint pictures if the exposure is not a multiple of half of the mains' period, each channel
-//! by a different amount: the phosphors are slow, the diode that excites them is not. Evaluated channel by channel,
-//! that beat is light like any other.
+//! The surroundings do not mirror, and little of them becomes wet. So the light of each channel is the median of
+//! brightness over dry brightness. Lamps on the mains tint pictures if the exposure is not a multiple of half of the
+//! mains' period, each channel by a different amount: the phosphors of an LED react slowly, its diode does not. Since
+//! each channel is evaluated separately, this beat is treated like any other change of the light.
 //!
 //! Surroundings that became wet are darker, too, as if the lamp were darker: a change below the plausible range is not
-//! assumed to be the lamp's. If the light [`Flicker`]s that much, it is unknown whether the lamp or water made the
-//! surroundings darker. Water makes nothing brighter: if the surroundings are brighter than with any lamp that drifts,
-//! or saturate, the camera's exposure or gain has changed. A shadow darkens one place after the other, and never all.
-//! A lamp that changes does so at most places from one picture to the next, and as many places agree on the light as
-//! before.
+//! attributed to the lamp. If the light varies so strongly ([`Flicker`]), it is unknown whether the lamp or water made
+//! the surroundings darker. Water makes nothing brighter: if the surroundings are brighter than with any lamp that
+//! drifts, or saturate, the camera's exposure or gain has changed. A shadow that moves darkens one place after the
+//! other, and never all of them. If the lamp changes, most places change from one picture to the next, and as many
+//! places agree on the light as before.
 //!
-//! Light that flickers goes up and down from picture to picture. Water that wets the surroundings changes their
-//! brightness slowly, in one direction, or once; a lamp that beats with the mains changes it up and down. With the
-//! light g of a channel in picture k and its change Δₖ = ln gₖ − ln gₖ₋₁, a swing is
+//! Light that flickers increases and decreases from picture to picture. Water that wets the surroundings changes their
+//! brightness slowly, in one direction, or once. With the light g of a channel in picture k and its change Δₖ = ln gₖ −
+//! ln gₖ₋₁, a swing is
 //!     sₖ = min(|Δₖ|, |Δₖ₋₁|)  if Δₖ Δₖ₋₁ < 0,                                                                          (1)
-//! and a lamp flickers if a quarter of the pictures has a swing of [`MIN_SWING`] or more.
+//! and a lamp flickers if a quarter of the pictures, and at least [`MIN_SWINGS`] of them, have a swing of [`MIN_SWING`]
+//! or more.
 
 use super::noise::SensorNoise;
 use crate::inspect::footprint::Window;
 use panelprep_base::geometry::{ColorPicture, median};
 
-/// A margin around the window, as a share of its size, in which nothing is looked at: the panel's own rim, and the
-/// area that is sprayed.
+/// Width of the margin around the window, as a share of the window's size. No place in it is evaluated: it contains the
+/// panel's rim and the area that is sprayed.
 const MARGIN_SHARE: f64 = 0.06;
-/// About this many places are examined at most; the next constant is the number below which there is no result.
+/// Approximate maximum number of places that are evaluated; with fewer places than the next constant there is no
+/// result.
 const MAX_EXAMINED_PLACES: usize = 1_500;
 const MIN_EXAMINED_PLACES: usize = 60;
-/// Levels of a dry place that can be used.
-const LEVELS: std::ops::RangeInclusive<u8> = 16..=235;
-/// No lamp changes beyond this range while a panel is tested: outside of it, the surroundings became wet.
+/// Range of grey levels of a dry place that can be used.
+const USABLE_DRY_LEVELS: std::ops::RangeInclusive<u8> = 16..=235;
+/// Range of the gains that a lamp can have while a panel is tested: below it, the surroundings became wet.
 const PLAUSIBLE_GAINS: std::ops::Range<f64> = 0.77..1.3;
-/// At this level or above a place may be overexposed, and shows only that it is at least as bright.
-const SATURATED: u8 = 250;
+/// A place with this level or more may be overexposed, so its brightness is only a lower bound.
+const MIN_SATURATED_LEVEL: u8 = 250;
 /// A place agrees if its ratio differs from the median by less than this fraction.
 const MAX_RATIO_DEVIATION: f64 = 0.08;
 /// At least this fraction of the places around the panel must agree on the light.
-const MIN_AGREE: f64 = 0.5;
-/// If the light changed by more than [`MAX_RATIO_DEVIATION`], the fraction of places that agree must be at least this part of the
-/// previous fraction. Otherwise a shadow lies on most of the places.
-const MIN_AGREEING_SHARE: f64 = 0.9;
+const MIN_AGREEING_SHARE: f64 = 0.5;
+/// If the light changed by more than [`MAX_RATIO_DEVIATION`], at least this part of the places that agreed before must
+/// still agree. Otherwise a shadow lies on most of the places.
+const MIN_KEPT_AGREEMENT: f64 = 0.9;
 
 /// The surroundings of the panel in the dry picture.
 #[derive(Debug, Clone, Default)]
@@ -49,7 +51,8 @@ pub struct LampObserver {
     flicker: Flicker,
     /// The last light that was accepted, and the value of [`LampObserver::followed`] at that time.
     accepted: Option<(LampGain, f64)>,
-    /// The light that follows from the common change of most places from picture to picture; the mean of the channels.
+    /// The light that results from adding up the common changes of most places from picture to picture; the mean of the
+    /// channels.
     followed: f64,
     /// The last levels of the square around each place, in the dry picture's light.
     last: Vec<[f64; 3]>,
@@ -61,11 +64,12 @@ pub struct LampObserver {
 pub struct LampGain {
     /// The gain of each channel, relative to the dry picture.
     pub gains: [f64; 3],
-    /// The fraction of the places that agree; 0 if there are too few places, or if no lamp has such a light.
+    /// The fraction of the places that agree; 0 if there are too few places, or if no lamp can have such a light.
     pub agreeing_share: f64,
-    /// The mean swing of a lamp that flickers, percent, if the places agree on a light that no lamp has; otherwise 0.
+    /// The mean swing of a lamp that flickers, percent, if the places agree on a light that no lamp can have; otherwise
+    /// 0.
     pub flicker_percent: f64,
-    /// The mean gain, if the places agree that it is more than a lamp's drift.
+    /// The mean gain, if the places agree that it is larger than the drift of any lamp.
     pub brighter_gain: Option<f64>,
 }
 
@@ -78,17 +82,17 @@ impl LampGain {
         self.gains.iter().sum::<f64>() / 3.0
     }
 
-    /// Returns whether this is the light of a shadow on most places, if these became brighter by this factor since the
-    /// previous light.
+    /// Returns whether a shadow on most places causes this light; `brighter` is the factor by which most places became
+    /// brighter since the previous light.
     fn is_shadow_onset(&self, before: &LampGain, brighter: f64) -> bool {
         let is_change = is_near_gain(self.mean(), brighter * before.mean())
-            && self.agreeing_share >= MIN_AGREEING_SHARE * before.agreeing_share;
+            && self.agreeing_share >= MIN_KEPT_AGREEMENT * before.agreeing_share;
         !is_near_gain(self.mean(), before.mean()) && !is_change
     }
 
-    /// The gain of each channel, if enough of the places agree.
+    /// Returns the gain of each channel, if enough of the places agree.
     pub fn agreed_gains(&self) -> Option<[f64; 3]> {
-        (self.agreeing_share >= MIN_AGREE).then_some(self.gains)
+        (self.agreeing_share >= MIN_AGREEING_SHARE).then_some(self.gains)
     }
 }
 
@@ -109,7 +113,7 @@ impl LampObserver {
                 let index = row * dry.width + column;
                 let rgb = dry.rgb[index];
                 let is_away = !(rows.contains(&row) && columns.contains(&column));
-                if is_away && rgb.iter().all(|level| LEVELS.contains(level)) {
+                if is_away && rgb.iter().all(|level| USABLE_DRY_LEVELS.contains(level)) {
                     places.push((index, rgb.map(f64::from)));
                 }
             }
@@ -134,11 +138,11 @@ impl LampObserver {
             return LampGain::UNKNOWN;
         }
         let ratio = |now: u8, dry: f64| (f64::from(now) + 0.01) / dry;
-        let is_saturated = |index: usize| picture.rgb[index].iter().any(|level| *level >= SATURATED);
+        let is_saturated = |index: usize| picture.rgb[index].iter().any(|level| *level >= MIN_SATURATED_LEVEL);
         let (saturated, usable): (Vec<_>, Vec<_>) =
             self.reference_places.iter().partition(|(index, _)| is_saturated(*index));
-        // A saturated place shows a lower bound only. If most are, the bound may still prove that there is more light
-        // than can be compensated.
+        // A saturated place gives only a lower bound. If most places are saturated, the bound may still prove that
+        // there is more light than can be compensated.
         if usable.len() < MIN_EXAMINED_PLACES.max(saturated.len()) {
             let mut lowest_gains: Vec<f64> =
                 saturated.iter().map(|(index, dry)| ratio(picture.rgb[*index][1], dry[1])).collect();
@@ -157,12 +161,12 @@ impl LampObserver {
         let agree = near.sum::<usize>() as f64 / (3 * usable.len()) as f64;
         self.add_noise(picture, gains);
         let flicker_percent = self.flicker.mean_swing_percent(gains);
-        // Outside of this range the spray has wetted the surroundings, and their darkness is not light.
+        // Below this range water has wetted the surroundings, so that their darkness does not measure the light.
         if gains.iter().all(|gain| PLAUSIBLE_GAINS.contains(gain)) {
             let lit = LampGain { gains, agreeing_share: agree, flicker_percent: 0.0, brighter_gain: None };
             let is_shadow =
                 |(before, followed): (LampGain, f64)| lit.is_shadow_onset(&before, self.followed / followed);
-            // A shadow over the surroundings alone would make the film look too bright, as a break does.
+            // With a shadow on the surroundings alone, the film would look too bright, as a break does.
             if self.accepted.is_some_and(is_shadow) {
                 return LampGain { gains, ..LampGain::UNKNOWN };
             }
@@ -171,7 +175,7 @@ impl LampObserver {
             }
             return lit;
         }
-        if agree < MIN_AGREE {
+        if agree < MIN_AGREEING_SHARE {
             return LampGain { gains, ..LampGain::UNKNOWN };
         }
         let lit = LampGain { gains, flicker_percent, ..LampGain::UNKNOWN };
@@ -180,9 +184,9 @@ impl LampObserver {
 }
 
 impl LampObserver {
-    /// Returns the sensor's noise in the means of squares of [`LampObserver::SIDE_PX`]: for one channel, and for the mean
-    /// of all three. Neighbours and channels of a colour picture are not independent, so that neither value follows
-    /// from the noise of a pixel.
+    /// Returns the sensor's noise in the means of squares of [`LampObserver::SIDE_PX`]: for one channel, and for the
+    /// mean of all three. Neighbours and channels of a colour picture are not independent, so that neither value can be
+    /// calculated from the noise of a pixel.
     pub fn sensor(&self) -> [&SensorNoise; 2] {
         self.sensor.each_ref()
     }
@@ -192,14 +196,14 @@ impl LampObserver {
 
     fn add_noise(&mut self, picture: &ColorPicture, gains: [f64; 3]) {
         let side = LampObserver::SIDE_PX;
-        // A saturated pixel has no noise: such a place gives no information.
+        // A saturated pixel shows no noise: such a place gives no information.
         let now = |(index, _): &(usize, [f64; 3])| -> [f64; 3] {
             let left = (index % picture.width).min(picture.width.saturating_sub(side));
             let top = (index / picture.width).min(picture.height.saturating_sub(side));
             let mut sums = [0.0; 3];
             for row in top..(top + side).min(picture.height) {
                 for rgb in &picture.rgb[row * picture.width + left..][..side.min(picture.width)] {
-                    let level = |i: usize| if rgb[i] >= SATURATED { f64::NAN } else { f64::from(rgb[i]) };
+                    let level = |i: usize| if rgb[i] >= MIN_SATURATED_LEVEL { f64::NAN } else { f64::from(rgb[i]) };
                     (0..3).for_each(|i| sums[i] += level(i));
                 }
             }
@@ -227,8 +231,8 @@ impl LampObserver {
     }
 }
 
-/// Returns the ratio that most places have: the median of the ratios near the median of all, repeated once about
-/// the result. The ratios of places that became wet lie outside.
+/// Returns the ratio of the majority: the median of the ratios near the median of all, calculated twice. The ratios of
+/// places that became wet are left out.
 fn majority_ratio(ratios: &mut [f64]) -> f64 {
     let first = median(ratios).unwrap_or(1.0).clamp(0.25, 4.0);
     (0..2).fold(first, |gain, _| {
@@ -263,7 +267,7 @@ struct LightChange {
 }
 
 impl Flicker {
-    /// The mean swing with this picture's light, in the channel in which it is largest, percent; 0 if the light
+    /// Returns the mean swing including this picture, in the channel in which it is largest, percent; 0 if the light
     /// does not flicker.
     pub fn mean_swing_percent(&mut self, gains: [f64; 3]) -> f64 {
         self.pictures += 1;
@@ -279,7 +283,7 @@ impl Flicker {
         100.0 * means.fold(0.0, f64::max)
     }
 
-    /// The same flicker for light that is measured against the last picture from now on.
+    /// Changes the reference of the light to the last picture; the swings so far stay.
     pub fn referenced_to_last(mut self) -> Self {
         self.channels.iter_mut().for_each(|swings| swings.last = 0.0);
         self
@@ -290,7 +294,7 @@ impl Flicker {
 mod tests {
     use super::*;
 
-    /// By hand: red a tenth brighter, blue a tenth darker. The wet area has no effect: it consists of the window and
+    /// By hand: red is a tenth brighter, blue a tenth darker. The wet area has no effect: it consists of the window and
     /// less than half of its surroundings.
     #[test]
     fn a_tint_is_measured_around_the_panel() {
@@ -315,7 +319,7 @@ mod tests {
     /// By hand: of 40 rows, 35 and a margin of 3 belong to the window. Two rows of 25 px are fewer than 60 places, and
     /// two rows of 35 px are enough.
     #[test]
-    fn few_places_show_no_light() {
+    fn too_few_places_give_no_light() {
         let light = |width: usize| {
             let window = Window { left: 0, top: 5, width, height: 35 };
             let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(width, 40, [100; 3]));
@@ -327,7 +331,7 @@ mod tests {
     /// By hand: surroundings of 100 levels that become 180 are 1.8 times as bright; those of 190 saturate, so that
     /// they are at least 1.34 times as bright.
     #[test]
-    fn an_exposure_that_changed_is_no_lamp_and_no_water() {
+    fn a_changed_exposure_is_neither_lamp_nor_water() {
         let window = Window { left: 40, top: 30, width: 80, height: 60 };
         for (dry, now, least) in [(100, 180, 1.79), (190, 255, 1.33)] {
             let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(160, 120, [dry; 3]));
@@ -339,7 +343,7 @@ mod tests {
     /// By hand: of five places two became wet, and the others are 3 % darker, equally bright, and 3 % brighter. The
     /// median of all is 0.97, the median of the ratios near it is 1, and three of five places agree with it.
     #[test]
-    fn what_became_wet_does_not_count_for_light() {
+    fn places_that_became_wet_do_not_count_for_the_light() {
         let window = Window { left: 0, top: 40, width: 100, height: 20 };
         let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(100, 100, [100; 3]));
         let mut now = ColorPicture::uniform(100, 100, [60; 3]);
@@ -350,10 +354,10 @@ mod tests {
         assert!((lit.agreeing_share - 0.6).abs() < 1e-9, "{lit:?}");
     }
 
-    /// By hand: a shadow that removes a fifth of the light from six of ten rows is not a lamp, and one that removes it
-    /// from all of them is. The earlier lamp is recognised again as soon as most rows show it.
+    /// By hand: a shadow that removes a fifth of the light from six of ten rows is not accepted as the lamp's light; a
+    /// change by a fifth in all rows is. The earlier light is accepted again as soon as most rows show it.
     #[test]
-    fn a_shadow_on_most_of_what_lies_around_is_no_lamp() {
+    fn a_shadow_on_most_of_the_surroundings_is_not_the_lamp() {
         let window = Window { left: 0, top: 0, width: 160, height: 20 };
         let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(160, 120, [100; 3]));
         let mut shown = |shadowed_rows: usize| {
@@ -370,7 +374,7 @@ mod tests {
 
     /// By hand: five pictures that change from 200 to 140 levels and back have three swings.
     #[test]
-    fn a_lamp_that_flickers_is_distinguished_from_what_becomes_wet() {
+    fn a_flickering_lamp_is_distinguished_from_surroundings_that_become_wet() {
         let window = Window { left: 40, top: 30, width: 80, height: 60 };
         let shown = |levels: [u8; 5]| {
             let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(160, 120, [200; 3]));
@@ -385,8 +389,8 @@ mod tests {
         assert_eq!(shown([140, 200, 140, 200, 190]).flicker_percent, 0.0, "light that a lamp may have");
     }
 
-    /// By hand: up by 5 %, down by 3, up by 4 and down by 6, as logarithms, are swings of 3, 3 and 4 %; fewer than
-    /// three swings do not count.
+    /// By hand: changes of +5, −3, +4 and −6 % (as logarithms) are swings of 3, 3 and 4 %; fewer than three swings do
+    /// not count.
     #[test]
     fn a_swing_is_the_smaller_of_two_changes() {
         let mut flicker = Flicker::default();
@@ -401,7 +405,7 @@ mod tests {
 
     /// By hand: three swings in sixteen pictures are less than a quarter.
     #[test]
-    fn what_swung_once_does_not_flicker() {
+    fn swings_in_less_than_a_quarter_of_the_pictures_are_not_flicker() {
         let mut flicker = Flicker::default();
         let swings = [1.1, 1.0, 1.1, 1.0].map(|gain| flicker.mean_swing_percent([gain; 3]));
         assert!(swings[3] > 9.0, "{swings:?}");

@@ -1,32 +1,33 @@
-//! The light over the region in one picture, relative to the looks of its film: smooth over the picture, unconstrained
-//! over time.
+//! The light over the region in one picture, relative to the looks of its film: smooth over the picture, without a
+//! constraint over time.
 //!
-//! Each tile of 32 × 32 px gives the factor by which its film is brighter than its wet look. Pixels that just became
-//! wet or bare are far from that factor (a film takes away a third or more), so they are left out, as glints are. A
-//! tile's factor is then a mean over its neighbours, and bounded: a shadow darkens a part, nothing brightens a part
-//! alone. So a break that fills a tile is not mistaken for light.
+//! Each tile of 32 × 32 px gives the factor by which its film is brighter than its wet look. The looks of pixels that
+//! just became wet or bare differ strongly from that factor (a film removes a third or more), so these pixels are left
+//! out, as glints are. A tile's factor is then averaged over its neighbours and limited to a range: a shadow darkens a
+//! part, nothing brightens a part alone. So a break that fills a tile is not mistaken for light.
 //!
 //! If the surroundings of the panel show the lamp, its change is removed from the looks before ([`super::lamp`]). A
-//! remaining loss of light is a shadow, and a remaining gain is a film that thins out: on a bare place the light is
-//! never more than the lamp's.
+//! remaining loss of light is a shadow, and a remaining gain is a film that becomes thinner: on a bare place the light
+//! is never more than the lamp's.
 //!
 //! Tiles and blocks that contain no pixel of the region are skipped. Each tile is evaluated in one channel, or in the
-//! mean of the channels: if water darkens or mirrors one channel more than the others, that channel distinguishes film
-//! from a bare place best, relative to its noise. The first wet picture decides for each tile; a tile without a dry
-//! look of its own uses the mean.
+//! mean of the channels. If water darkens one channel more than the others, or mirrors more in it, that channel has the
+//! best contrast between film and bare place, relative to its noise. The first wet picture decides this for each tile;
+//! a tile without a dry look of its own uses the mean.
 
-use super::kernel::{BLOCK_PX, Block, CELL_PX, CELLS, INSIDE, LEVEL, Sum};
+use super::kernel::{BLOCK_PX, Block, CELL_PX, CELLS_PER_BLOCK, INSIDE_FLAG, LEVEL, Sum};
 use std::ops::Range;
 
 /// A tile's side, px.
 pub const TILE_PX: usize = BLOCK_PX;
-/// The largest accepted light, 1/4096; a picture with more light is not usable for the judgement.
-const MAX_Q12: f64 = 16_383.0;
+/// The largest accepted light, 1/4096; a picture with more light cannot be used for the judgement.
+const MAX_LIGHT_Q12: f64 = 16_383.0;
 
-/// At least this fraction of a tile's pixels must be near the expected look.
-const MIN_SHARE: f64 = 0.25;
+/// At least this fraction of a tile's pixels must be near the expected look; otherwise the neighbours determine its
+/// light.
+const MIN_NEAR_SHARE: f64 = 0.25;
 /// The permitted range of a tile's light relative to the region's median.
-const LOCALLY: [f64; 2] = [0.55, 1.08];
+const LOCAL_LIGHT_RANGE: [f64; 2] = [0.55, 1.08];
 
 /// The light of one picture.
 #[derive(Debug, Clone)]
@@ -69,18 +70,18 @@ impl TileLight {
     /// Calculates the light from the tiles' sums; `inside` is the number of pixels of each tile in the region.
     pub fn updated(&self, sums: &[Sum], inside: &[u32], without_lamp: bool) -> TileLight {
         let known =
-            |i: usize| f64::from(sums[i].pixels) >= MIN_SHARE * f64::from(inside[i]) && sums[i].expected > 0;
+            |i: usize| f64::from(sums[i].pixels) >= MIN_NEAR_SHARE * f64::from(inside[i]) && sums[i].expected > 0;
         let ratio = |i: usize| f64::from(sums[i].found) / f64::from(sums[i].expected);
         let mut ratios: Vec<(f64, u32)> =
             (0..sums.len()).filter(|&i| inside[i] > 0 && known(i)).map(|i| (ratio(i), inside[i])).collect();
         ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
         let last = if without_lamp == self.is_lamp_excluded { self.region_median } else { 1.0 };
         let median = weighted_median(&ratios).unwrap_or(last);
-        // If the film broke everywhere, the region is brighter than any film that thins out, and this is not the
-        // lamp's light.
-        let global = if without_lamp { median.clamp(LOCALLY[0], LOCALLY[1]) } else { median };
+        // If the film broke everywhere, the region is brighter than any film that becomes thinner can be: this gain is
+        // not the lamp's light.
+        let global = if without_lamp { median.clamp(LOCAL_LIGHT_RANGE[0], LOCAL_LIGHT_RANGE[1]) } else { median };
         let rows = self.tiles.len() / self.columns;
-        let bounds = LOCALLY.map(|bound| if without_lamp { bound } else { bound * global });
+        let bounds = LOCAL_LIGHT_RANGE.map(|bound| if without_lamp { bound } else { bound * global });
         let neighbours = |i: usize| {
             let (column, row) = (i % self.columns, i / self.columns);
             let columns = column.saturating_sub(1)..(column + 2).min(self.columns);
@@ -90,7 +91,8 @@ impl TileLight {
             let (mut sum, mut weight) = (0.0, 0.0);
             for (column, row) in neighbours(i) {
                 let tile = row * self.columns + column;
-                // A tile that is mostly broken has no film to measure the light by; its neighbours' light is taken.
+                // A tile that is mostly broken has no film on which the light can be measured; the light of its
+                // neighbours is used.
                 if inside[tile] > 0 && known(tile) {
                     let expected = f64::from(sums[tile].expected);
                     sum += expected * ratio(tile).clamp(bounds[0], bounds[1]);
@@ -111,9 +113,9 @@ impl TileLight {
     /// interpolated from tile centre to tile centre.
     pub fn blocks_q12(&self, row: usize) -> Vec<Block> {
         let (rows, columns) = (self.tiles.len() / self.columns, self.columns);
-        let mut blocks = vec![[0; BLOCK_PX]; CELLS * columns];
+        let mut blocks = vec![[0; BLOCK_PX]; CELLS_PER_BLOCK * columns];
         for (cell_row, blocks) in blocks.chunks_exact_mut(columns).enumerate() {
-            let (above, below, down) = neighbouring_tiles(row * CELLS + cell_row, rows);
+            let (above, below, down) = neighbouring_tiles(row * CELLS_PER_BLOCK + cell_row, rows);
             for (cell, px) in blocks.as_flattened_mut().as_chunks_mut::<CELL_PX>().0.iter_mut().enumerate() {
                 let (left, right, across) = neighbouring_tiles(cell, columns);
                 let at = |row: usize| {
@@ -127,7 +129,7 @@ impl TileLight {
     }
 
     /// Returns the light on bare places, 1/4096, from the gains of the film beside them. If the lamp's change is known
-    /// and left out, it is at most the lamp's light.
+    /// and left out, the result is at most the lamp's light.
     pub fn bare_light_q12(&self, gains: &[Block]) -> Vec<Block> {
         if !self.is_lamp_excluded {
             return gains.to_vec();
@@ -137,17 +139,17 @@ impl TileLight {
     }
 }
 
-/// Returns the two neighbouring tiles between whose centres a cell's centre lies, for this many tiles, and the
-/// fraction of the distance between them.
+/// Returns the two of `tiles` neighbouring tiles between whose centres a cell's centre lies, and the cell's position
+/// between them, 0…1.
 fn neighbouring_tiles(cell: usize, tiles: usize) -> (usize, usize, f64) {
-    let at = ((cell as f64 + 0.5) / CELLS as f64 - 0.5).clamp(0.0, tiles as f64 - 1.0);
+    let at = ((cell as f64 + 0.5) / CELLS_PER_BLOCK as f64 - 0.5).clamp(0.0, tiles as f64 - 1.0);
     let first = (at as usize).min(tiles.saturating_sub(2));
     (first, (first + 1).min(tiles - 1), at - first as f64)
 }
 
 /// Converts a gain to units of 1/4096.
 pub fn to_q12(gain: f64) -> u16 {
-    (gain * 4096.0).clamp(0.0, MAX_Q12) as u16
+    (gain * 4096.0).clamp(0.0, MAX_LIGHT_Q12) as u16
 }
 
 fn weighted_median(sorted: &[(f64, u32)]) -> Option<f64> {
@@ -162,14 +164,13 @@ fn weighted_median(sorted: &[(f64, u32)]) -> Option<f64> {
         .map(|(value, _)| *value)
 }
 
-/// A larger difference gives no more information, levels.
-const MAX_LEVELS: f64 = 40.0;
-/// A single channel is chosen only if it is better than the mean by this factor, because each tile decides from a few
-/// hundred noisy pixels.
-const MIN_CHANNEL_GAIN: f64 = 1.1;
+/// Change of a pixel above which it counts only with this value, levels: a larger change gives no more information.
+const MAX_COUNTED_CHANGE_LEVELS: f64 = 40.0;
+/// A single channel is chosen only if its contrast to noise is this many times that of the mean, because each tile
+/// decides from a few hundred noisy pixels.
+const MIN_CHANNEL_ADVANTAGE: f64 = 1.1;
 
-/// The weights of the channels in each view that may be chosen, and the ratio of its noise to the noise of one
-/// channel.
+/// The views: the weights of the channels in each, and the noise of one channel divided by the view's noise.
 #[derive(Debug, Clone)]
 pub struct Views {
     weights: Vec<([f64; 3], f64)>,
@@ -179,30 +180,33 @@ pub struct Views {
 }
 
 impl Views {
-    /// Creates the views: first the mean with the recipe's weights, then each channel that counts in this mean.
+    /// Creates the views: first the mean with the recipe's weights, then each channel whose weight is not zero.
     pub fn new(channel_weights: [f64; 3], columns: usize, tiles: usize) -> Self {
         let sum: f64 = channel_weights.iter().sum();
         let mean = channel_weights.map(|weight| weight / sum);
-        let surer = |weights: [f64; 3]| 1.0 / weights.iter().map(|weight| weight * weight).sum::<f64>().sqrt();
+        let contrast_gain =
+            |weights: [f64; 3]| 1.0 / weights.iter().map(|weight| weight * weight).sum::<f64>().sqrt();
         let one = |i: usize| std::array::from_fn(|channel| f64::from(u8::from(channel == i)));
         let channels = (0..3).filter(|&i| mean[i] > 0.0).map(|i| (one(i), 1.0));
-        let weights = std::iter::once((mean, surer(mean))).chain(channels).collect();
+        let weights = std::iter::once((mean, contrast_gain(mean))).chain(channels).collect();
         Views { weights, columns, chosen: vec![0; tiles] }
     }
 
     /// Chooses the view of each tile from the change from dry to wet in some of the region's pixels. `changes`
     /// contains each pixel's block and its change in each channel.
     pub fn choose(&mut self, changes: impl Iterator<Item = (usize, [f64; 3])>) {
-        let mut said = vec![vec![0.0_f64; self.weights.len()]; self.chosen.len()];
+        let mut evidence = vec![vec![0.0_f64; self.weights.len()]; self.chosen.len()];
         for (block, change) in changes {
-            for (said, (weights, surer)) in said[self.tile_of(block)].iter_mut().zip(&self.weights) {
+            for (evidence, (weights, contrast_gain)) in evidence[self.tile_of(block)].iter_mut().zip(&self.weights)
+            {
                 let change: f64 = (0..3).map(|i| weights[i] * change[i]).sum();
-                *said += surer * change.abs().min(MAX_LEVELS);
+                *evidence += contrast_gain * change.abs().min(MAX_COUNTED_CHANGE_LEVELS);
             }
         }
-        for (chosen, said) in self.chosen.iter_mut().zip(said) {
-            let best = (0..said.len()).fold(0, |best, view| if said[view] > said[best] { view } else { best });
-            *chosen = if said[best] > MIN_CHANNEL_GAIN * said[0] { best } else { 0 };
+        for (chosen, evidence) in self.chosen.iter_mut().zip(evidence) {
+            let best =
+                (0..evidence.len()).fold(0, |best, view| if evidence[view] > evidence[best] { view } else { best });
+            *chosen = if evidence[best] > MIN_CHANNEL_ADVANTAGE * evidence[0] { best } else { 0 };
         }
     }
 
@@ -216,7 +220,7 @@ impl Views {
         self.weights.len()
     }
 
-    /// Returns the variance of a view's noise, from the variance of one channel and that of the mean of all three
+    /// Returns the variance of a view's noise, from the variance of one channel and from that of the mean of all three
     /// with equal weights.
     pub fn variance(&self, view: usize, of_channel: f64, of_mean: f64) -> f64 {
         let squares = self.weights[view].0.iter().map(|weight| weight * weight).sum::<f64>();
@@ -230,12 +234,12 @@ impl Views {
     }
 }
 
-/// Returns the number of columns of tiles, and of blocks, in this many pixels.
+/// Returns the number of columns of tiles, which is that of the blocks, for this width in pixels.
 pub fn columns(width: usize) -> usize {
     width.div_ceil(BLOCK_PX)
 }
 
-/// Every nth row is used to estimate the light, and every nth the overexposed share: thousands of pixels remain.
+/// Intervals of the rows from which the light and the overexposed share are estimated: thousands of pixels remain.
 pub(super) const LIGHT_ROW_STRIDE: usize = 2;
 pub(super) const EXPOSED_ROW_STRIDE: usize = 4;
 
@@ -253,7 +257,7 @@ pub struct Region {
 impl Region {
     /// Determines the region from the states of the blocks, with `columns` blocks in a row.
     pub fn from_blocks(kept: &[Block], columns: usize) -> Self {
-        let count = |block: &Block| block.iter().filter(|state| **state & INSIDE > 0).count() as u32;
+        let count = |block: &Block| block.iter().filter(|state| **state & INSIDE_FLAG > 0).count() as u32;
         let counts: Vec<u32> = kept.iter().map(count).collect();
         let row = |row: &[u32]| {
             let first = row.iter().position(|count| *count > 0);
@@ -283,7 +287,7 @@ mod tests {
     /// By hand: eight of nine tiles have a tenth more light; the ninth, 1.3 times as bright, has a gain of 1.08 · 1.1
     /// at most.
     #[test]
-    fn a_part_may_be_darker_and_not_brighter() {
+    fn a_part_may_be_darker_but_not_brighter() {
         let mut sums = vec![sum(1_100); 9];
         sums[4] = sum(1_300);
         let light = TileLight::uniform(3, 3).updated(&sums, &[100; 9], false);
@@ -294,10 +298,10 @@ mod tests {
         assert!((light.tiles[4] - (8.0 * 1.1 + 0.8) / 9.0).abs() < 1e-9);
     }
 
-    /// By hand, with a known lamp: the gain of a film that became 1.3 times as bright is limited to 1.08, and a bare
-    /// place has the lamp's light. In a shadow of 0.8 both have 0.8.
+    /// By hand, with a known lamp: if a film becomes 1.3 times as bright, its gain is limited to 1.08, and a bare place
+    /// has the lamp's light. In a shadow of 0.8 both have 0.8.
     #[test]
-    fn beside_a_known_lamp_no_film_is_light() {
+    fn with_a_known_lamp_a_brighter_film_is_not_light() {
         let of = |found: u32| TileLight::uniform(3, 3).updated(&[sum(found); 9], &[100; 9], true);
         let light = of(1_300);
         assert!((light.region_median - 1.08).abs() < 1e-12 && (light.tiles[4] - 1.08).abs() < 1e-12);
@@ -308,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tile_that_shows_nothing_takes_its_neighbours_light() {
+    fn a_tile_without_film_gets_the_light_of_its_neighbours() {
         let mut sums = vec![sum(900); 9];
         sums[4] = Sum { pixels: 20, ..sum(1_600) };
         let light = TileLight::uniform(3, 3).updated(&sums, &[100; 9], false);
@@ -317,10 +321,10 @@ mod tests {
         assert!((nothing.region_median - 0.9).abs() < 1e-12, "the light of before");
     }
 
-    /// By hand: the first cell's centre lies before the first tile's; the cells between two tiles' centres are
-    /// interpolated.
+    /// By hand: the first cell's centre lies before the first tile's centre; the cells between the centres of two tiles
+    /// are interpolated.
     #[test]
-    fn light_goes_smoothly_from_tile_to_tile() {
+    fn light_is_interpolated_between_tiles() {
         let light = TileLight { tiles: vec![1.0, 2.0], ..TileLight::uniform(2, 1) };
         let blocks = light.blocks_q12(0);
         let cells = blocks[..2].as_flattened().iter().step_by(CELL_PX).map(|gain| gain / 64);
@@ -331,7 +335,7 @@ mod tests {
     /// the mean, 17 relative to the mean's noise: the tile uses the channel. A change of 20 in each channel is 20
     /// in the mean, 35 relative to its noise.
     #[test]
-    fn a_tile_looks_at_what_changes_most_against_its_noise() {
+    fn a_tile_uses_the_view_with_the_best_contrast_to_noise() {
         let chosen = |change: [f64; 3], weights: [f64; 3]| {
             let mut views = Views::new(weights, 1, 1);
             views.choose((0..100).map(|row| (row % 32, change)));

@@ -1,4 +1,4 @@
-//! The film's model: the wet and the bare look of each pixel, and for how long the pixel has looked so.
+//! The film's model: the wet and the bare look of each pixel, and for how long the pixel has had each look.
 //!
 //! **A grid passes only on positive evidence of an unbroken film: each of its places was seen wet, and looks like its
 //! own wet state until the end of the observation. A place that is neither surely film nor surely broken counts as not
@@ -8,9 +8,9 @@
 //! d, if it still has one: a place that was sanded since the dry picture has none ([`classify`]). Film may be darker
 //! than the dry panel or brighter, by place and by channel ([`light`]). All limits are multiples of the clip's own
 //! noise ([`noise`]). The lamp's light is measured around the panel and removed from each picture ([`lamp`]). Shadows
-//! and a film that thins out are measured on the film itself and removed tile by tile ([`light`]).
+//! and a film that becomes thinner are measured on the film itself and removed tile by tile ([`light`]).
 //!
-//! Memory is fixed: about 28 bytes for each pixel of the window. The model does not know grids or verdicts.
+//! Memory is fixed: about 28 bytes for each pixel of the window. The model does not use grids or verdicts.
 
 mod answers;
 mod classify;
@@ -26,39 +26,41 @@ use super::footprint::Window;
 pub use classify::REFLECTION_TIME_S;
 use classify::{BlockHistory, ClassifyParameters, TICKS_PER_SECOND, TileRow, has_dry_colour_ratio};
 use kernel::{
-    BLOCK_PX, BROKE, Block, EVER_WET_FLAG, INSIDE, LEVEL, LOOK_MASK, NEW_BREAK_FLAG, NO_DRY_FLAG, OPEN_FLAG,
-    OVEREXPOSED, RowSelection, Sum,
+    BLOCK_PX, BROKE_FLAG, Block, EVER_WET_FLAG, INSIDE_FLAG, LEVEL, LOOK_MASK, NEW_BREAK_FLAG, NO_DRY_FLAG,
+    OPEN_FLAG, OVEREXPOSED_FLAG, RowSelection, Sum,
 };
 use lamp::{LampGain, LampObserver};
 use light::{EXPOSED_ROW_STRIDE, LIGHT_ROW_STRIDE, Region, TILE_PX, TileLight, Views};
 use noise::Noise;
 use panelprep_base::geometry::ColorPicture;
 use rayon::prelude::*;
-pub use shimmer::{DIFFERENCES, Shimmer};
+pub use shimmer::{DIFFERENCE_COUNT, Shimmer};
 
-/// Accepted ratios of a film's brightness, lowest and highest, 1/1024: first pass …
+/// Accepted ratio of a pixel's look to its wet look when the light is estimated, lowest and highest, 1/1024: first pass
+/// …
 const FIRST_PASS_RATIO_Q10: [u16; 2] = [512, 1331];
-/// … and second pass, relative to the mean of the first.
+/// … and second pass, relative to the mean of the first pass.
 const SECOND_PASS_RATIO: [f64; 2] = [0.86, 1.16];
-/// Every nth row is used for the first mean: thousands of pixels remain.
+/// Interval of the rows that are used for the first mean: thousands of pixels remain.
 const MEAN_ROW_STRIDE: usize = 4;
-/// A dry place that is darker than this shows nothing, levels. From OVEREXPOSED upward a place may be overexposed.
+/// Darkest and brightest dry place that is evaluated, levels: a darker place shows no difference between wet and dry,
+/// and a brighter one may be overexposed.
 const MIN_DRY_LEVELS: u8 = 4;
 const MAX_DRY_LEVELS: u8 = 249;
 /// The wet look is learnt over this time, s.
 const LEARNING_TIME_S: f64 = 1.0;
-/// While water is sprayed, a place counts as wet if it differs from each bare look by at least this fraction of its
-/// dry look.
-const SPRAYED_SHARE: f64 = 0.1;
+/// While water is sprayed, a place counts as wet if its look differs from each bare look by at least this fraction of
+/// the dry look.
+const MIN_SPRAYED_CHANGE_SHARE: f64 = 0.1;
 /// On a sanded place the fraction of the look that remains under the film may differ from that on the panel: it is the
-/// panel's fraction raised to a power of at most this. The simulators draw the power from 0.85 to 1.25.
-pub const FILM_POWER: f64 = 1.3;
-/// The largest ratio to the film's look up to which looks are compared.
+/// panel's fraction raised to a power of at most this value. The simulators draw the power from 0.85 to 1.25.
+pub const MAX_FILM_POWER: f64 = 1.3;
+/// The largest ratio of a look to the film's look that can be compared.
 const MAX_BRIGHTNESS_RATIO: f64 = 3.9;
-/// The fraction of the dry look that remains under a film; assumed until the clip determines it.
-pub const FILM_ASSUMED: f64 = 0.62;
+/// The fraction of the dry look that is assumed to remain under a film, until the clip determines it.
+pub const ASSUMED_FILM_TRANSMISSION: f64 = 0.62;
 
-/// The largest number of pictures that are counted, and the longest film, s.
+/// The largest number of pictures that are counted; the second constant is the duration of the longest film, s.
 pub const MAX_PICTURES: usize = u16::MAX as usize;
 pub const MAX_FILM_S: f64 = 1_000.0;
 
@@ -69,7 +71,7 @@ pub struct FilmParameters {
     pub channel_weights: [f64; 3],
     /// Time for which a place must look bare to count as broken, s.
     pub persist_s: f64,
-    /// A broken place returns to at least this share of its dry look.
+    /// The smallest share of its dry look to which a broken place returns.
     pub damp: f64,
 }
 
@@ -77,7 +79,7 @@ pub struct FilmParameters {
 #[derive(Debug)]
 pub struct Model {
     window: Window,
-    /// Blocks in a row, which is also the number of columns of tiles.
+    /// Number of blocks in a row, which is also the number of columns of tiles.
     columns: usize,
     terms: FilmParameters,
     views: Views,
@@ -93,12 +95,12 @@ pub struct Model {
     past: Vec<BlockHistory>,
     region: Region,
     noise: Noise,
-    /// The movement on places without a dry look, if there are any.
+    /// The movement on places without a dry look; `None` if there are no such places.
     shimmer: Option<Shimmer>,
     lamp: LampObserver,
     lit: LampGain,
     light: TileLight,
-    /// The light of the last picture that was looked at.
+    /// The light of the last picture that was measured.
     next_light: Option<TileLight>,
     /// The fraction of the dry look that remains under the film: the median over the region's pixels.
     film_transmission: Option<f64>,
@@ -106,7 +108,7 @@ pub struct Model {
     brightest: f64,
     /// The times of the judged pictures, s; the first represents the beginning.
     times_s: Vec<f32>,
-    /// Whether the first wet picture was looked at.
+    /// Whether the first wet picture was processed.
     is_watching: bool,
     /// The variances of the learnt wet look and of the mean of a bare look, relative to the variance of one
     /// picture.
@@ -125,7 +127,7 @@ impl Model {
         for (index, _) in inside.iter().enumerate().filter(|(_, inside)| **inside) {
             let without = if sanded.get(index).is_some_and(|sanded| *sanded) { NO_DRY_FLAG } else { 0 };
             state[index / window.width * columns + index % window.width / BLOCK_PX]
-                [index % window.width % BLOCK_PX] = INSIDE | without;
+                [index % window.width % BLOCK_PX] = INSIDE_FLAG | without;
         }
         Model {
             window,
@@ -157,7 +159,7 @@ impl Model {
         }
     }
 
-    /// Adds a picture of the dry panel; several are averaged.
+    /// Adds a picture of the dry panel; several pictures are averaged.
     pub fn add_dry(&mut self, picture: &ColorPicture) {
         let window = self.window;
         self.dry_pictures += 1;
@@ -171,7 +173,8 @@ impl Model {
         for index in 0..self.dry_rgb.len() {
             let (block, at) = self.block_position(index);
             let brightest = self.dry_rgb[index].into_iter().max().unwrap_or_default();
-            // Too dark or overexposed places look the same wet and dry; they leave the region and count as not seen.
+            // Too dark or overexposed places look the same wet and dry; they are removed from the region and count as
+            // not seen.
             let shows = (MIN_DRY_LEVELS..=MAX_DRY_LEVELS).contains(&brightest);
             if !shows && self.state[block][at] & NO_DRY_FLAG == 0 {
                 self.state[block][at] = 0;
@@ -198,7 +201,7 @@ impl Model {
         self.dry_pictures > 0
     }
 
-    /// Evaluates a picture under the spray and marks the places that are wet by now.
+    /// Evaluates a picture under the spray and marks the places that are wet in it.
     pub fn spray(&mut self, picture: &ColorPicture) {
         if !self.has_dry() {
             return;
@@ -209,14 +212,15 @@ impl Model {
         for ((look, dry), state) in self.current.iter().zip(&self.dry).zip(&mut self.state) {
             for i in 0..BLOCK_PX {
                 let (s, d) = (f64::from(look[i] & LOOK_MASK), f64::from(dry[i]));
-                let is_wet = s < (damp - SPRAYED_SHARE) * d || s > (1.0 + 2.0 * SPRAYED_SHARE) * d;
-                state[i] |= if is_wet && look[i] & OVEREXPOSED == 0 { EVER_WET_FLAG } else { 0 };
+                let is_wet =
+                    s < (damp - MIN_SPRAYED_CHANGE_SHARE) * d || s > (1.0 + 2.0 * MIN_SPRAYED_CHANGE_SHARE) * d;
+                state[i] |= if is_wet && look[i] & OVEREXPOSED_FLAG == 0 { EVER_WET_FLAG } else { 0 };
             }
         }
     }
 
-    /// Reads the looks of a picture, in the light of the dry one as far as the lamp is known; returns whether it is
-    /// bit-equal to the one before.
+    /// Reads the looks of a picture, in the light of the dry picture if the lamp is known; returns whether the picture
+    /// is bit-identical to the previous one.
     fn read(&mut self, picture: &ColorPicture) -> bool {
         std::mem::swap(&mut self.current, &mut self.previous);
         let (window, columns, views) = (self.window, self.columns, &self.views);
@@ -256,7 +260,7 @@ impl Model {
             is_lamp_known: is_known,
             overexposed: self.overexposed_share(),
             frozen,
-            film_transmission: self.film_transmission.unwrap_or(FILM_ASSUMED),
+            film_transmission: self.film_transmission.unwrap_or(ASSUMED_FILM_TRANSMISSION),
             flicker_percent: self.lit.flicker_percent,
         };
         self.next_light = Some(light);
@@ -274,11 +278,11 @@ impl Model {
                 let now = picture.rgb[(window.top + row) * picture.width + window.left + column];
                 let dry = self.dry_rgb[index];
                 let change = std::array::from_fn(|i| f64::from(now[i]) / gains[i] - f64::from(dry[i]));
-                (self.state[block][at] & (INSIDE | NO_DRY_FLAG) == INSIDE).then_some((block, change))
+                (self.state[block][at] & (INSIDE_FLAG | NO_DRY_FLAG) == INSIDE_FLAG).then_some((block, change))
             };
             let changes: Vec<(usize, [f64; 3])> = (0..self.dry_rgb.len()).step_by(3).filter_map(change).collect();
-            // Chosen by the first film and then fixed: with another channel in each picture the looks could not be
-            // compared.
+            // The views are chosen with the first film and then fixed: with another channel in each picture the looks
+            // could not be compared.
             self.views.choose(changes.into_iter());
             self.compute_dry_looks();
         }
@@ -287,8 +291,8 @@ impl Model {
         self.previous.clone_from(&self.current);
         self.wet = self.current.iter().map(|look| look.map(|look| look & LOOK_MASK)).collect();
         for state in self.state.as_flattened_mut() {
-            // Without a dry look wetness cannot be seen in one picture. `sanded` demands evidence of moving water at
-            // the end.
+            // Without a dry look a single picture does not show whether a place is wet. `sanded` requires evidence of
+            // moving water at the end.
             *state |= if *state & NO_DRY_FLAG > 0 { EVER_WET_FLAG } else { 0 };
         }
         self.light = self.light.for_first_wet_picture(self.lit.agreed_gains().is_some());
@@ -307,9 +311,11 @@ impl Model {
         f64::from(found) / f64::from(self.region.exposed_of.max(1))
     }
 
-    /// Judges the last picture that was looked at. Returns the pixels that broke now, as indices of the window.
+    /// Judges the last picture that was measured. Returns the pixels that broke in this picture, as indices of the
+    /// window.
     pub fn judge_last(&mut self, picture: &ColorPicture, since_wet_s: f64) -> Vec<usize> {
-        // Times and counts are 16-bit numbers; beyond these limits they would wrap, and a late break would look early.
+        // Times and counts are 16-bit numbers; beyond these limits they would wrap, and a late break would get an early
+        // time.
         let too_many = self.times_s.len() >= MAX_PICTURES || since_wet_s > MAX_FILM_S;
         let Some(light) = self.next_light.take().filter(|_| !too_many) else { return Vec::new() };
         let brighter = light.region_median / self.light.region_median.max(f64::MIN_POSITIVE);
@@ -318,8 +324,8 @@ impl Model {
         self.add_shimmer(since_wet_s);
         let before = self.times_s.last().copied().unwrap_or_default();
         self.times_s.push(since_wet_s as f32);
-        // Light that is estimated from the film itself may be bright by a reflection, and would raise the limit for all
-        // later pictures.
+        // Light that is estimated from the film itself may be too bright because of a reflection, and would raise the
+        // limit for all later pictures.
         if !self.light.is_lamp_excluded() {
             self.brightest = self.brightest.max(self.light.region_median);
         }
@@ -343,8 +349,8 @@ impl Model {
             now,
             brighter_q12: light::to_q12(brighter),
             mean: (TICKS_PER_SECOND / f64::from(step.max(1))).log2().round().clamp(1.0, 6.0) as u32,
-            // Only the first second is learnt: a look that follows the film for longer would follow a break that opens
-            // slowly.
+            // Only the first second is learnt: a look that followed the film for longer would also follow a break that
+            // opens slowly.
             learn: (since_wet_s <= LEARNING_TIME_S).then_some(if now <= 2 { 1 } else { 2 }),
         };
         if let Some(power) = rule.learn {
@@ -360,11 +366,11 @@ impl Model {
         broke
     }
 
-    /// Returns half of the change that a break as damp as allowed causes in a film, as a share of the film's look.
+    /// Returns half of the change that the dampest accepted break causes in a film, as a share of the film's look.
     pub fn away_threshold(&self) -> f64 {
         // A shadow on the first picture must not count as film; therefore the film is evaluated in the brightest light
-        // so far. This rather underestimates than overestimates the change by a break.
-        let film = self.film_transmission.unwrap_or(FILM_ASSUMED);
+        // so far. The change by a break is then underestimated rather than overestimated.
+        let film = self.film_transmission.unwrap_or(ASSUMED_FILM_TRANSMISSION);
         let film = if film < 1.0 { (film * self.brightest).min(1.0) } else { film };
         ((self.terms.damp / film - 1.0).abs() / 2.0).min(0.5)
     }
@@ -372,8 +378,8 @@ impl Model {
     /// Returns the largest look that a place without a dry look can have after its film has opened, as a share of
     /// its film's look.
     pub fn brightest_break(&self) -> f64 {
-        let film = self.film_transmission.unwrap_or(FILM_ASSUMED).min(1.0);
-        (film.powf(-FILM_POWER) * 1.125).min(MAX_BRIGHTNESS_RATIO)
+        let film = self.film_transmission.unwrap_or(ASSUMED_FILM_TRANSMISSION).min(1.0);
+        (film.powf(-MAX_FILM_POWER) * 1.125).min(MAX_BRIGHTNESS_RATIO)
     }
 
     fn add_shimmer(&mut self, since_wet_s: f64) {
@@ -400,8 +406,8 @@ impl Model {
         }
     }
 
-    /// Returns whether a pixel of the window has the dry panel's colour. For a place without a dry look, there is
-    /// no colour to compare, and the result is true.
+    /// Returns whether a pixel of the window has the dry panel's colour; true for a place without a dry look, which has
+    /// no colour for the comparison.
     fn has_dry_colour(&self, picture: &ColorPicture, index: usize) -> bool {
         let (block, at) = self.block_position(index);
         if self.state[block][at] & NO_DRY_FLAG > 0 {
@@ -413,20 +419,20 @@ impl Model {
         self.dry_rgb.get(index).is_none_or(|dry| has_dry_colour_ratio(now, *dry, tint))
     }
 
-    /// Cancels a break because the bare look is a reflection. The pixel did not break, and the time for which it
-    /// looked bare counts as not seen. The run is set to just below the required time, so that the next picture is
-    /// checked as well.
+    /// Cancels a break because the bare look is a reflection. The pixel did not break, and the time for which it looked
+    /// bare counts as not seen. The run is set to just below the required time, so that the pixel is checked again in
+    /// the next picture.
     fn cancel_break(&mut self, index: usize) {
         let (block, at) = self.block_position(index);
         let past = &mut self.past[block];
-        self.state[block][at] &= !(BROKE | NEW_BREAK_FLAG | OPEN_FLAG);
+        self.state[block][at] &= !(BROKE_FLAG | NEW_BREAK_FLAG | OPEN_FLAG);
         past.bare_time[at] = past.bare_time[at].saturating_sub(1);
         past.unseen_time[at] =
             past.unseen_time[at].saturating_add((self.terms.persist_s * TICKS_PER_SECOND) as u16);
         past.last_seen_at[at] = past.bare_since[at];
     }
 
-    /// Returns the sums of each tile, first over a wide band, then about their mean.
+    /// Returns the sums of each tile: first over a wide band of ratios, then over a band around their mean.
     fn tile_sums(&self) -> Vec<Sum> {
         let tile_rows: Vec<usize> = (0..self.state.len() / self.columns / TILE_PX).collect();
         let sums: Vec<Vec<Sum>> = tile_rows.par_iter().map(|row| self.tile_row_sums(*row)).collect();
@@ -456,7 +462,7 @@ impl Model {
         (0..stride).map(tile).collect()
     }
 
-    /// Judges every pixel, and returns the pixels that broke now.
+    /// Judges every pixel, and returns the pixels that broke in this picture.
     fn judge(&mut self, rule: &ClassifyParameters) -> Vec<usize> {
         let (columns, width) = (self.columns, self.window.width);
         let light = &self.light;
@@ -493,7 +499,7 @@ pub struct PictureMeasurement {
     pub is_lamp_known: bool,
     /// The share of the region that is overexposed.
     pub overexposed: f64,
-    /// Whether the picture is bit-equal to the previous one: the camera sends one picture again and again.
+    /// Whether the picture is bit-identical to the previous one: the camera sends one picture again and again.
     pub frozen: bool,
     /// τ, measured or assumed.
     pub film_transmission: f64,

@@ -1,27 +1,27 @@
-//! The clip's own noise (the difference of a film's pixel from picture to picture), and the sensor's noise by
-//! brightness.
+//! The clip's own noise (the difference of a film's pixel from picture to picture), and the sensor's noise as a
+//! function of brightness.
 //!
-//! The difference of two pictures has √2 times the standard deviation σ of one picture. Moving water makes some of
-//! the differences larger, so only the lower third of their distribution counts. In a normal distribution 30 % of
-//! the absolute differences are below 0.385 √2 σ.
+//! The difference of two pictures has √2 times the standard deviation σ of one picture. Moving water makes some of the
+//! differences larger, so only the lower third of their distribution is evaluated. In a normal distribution 30 % of the
+//! absolute differences are below 0.385 √2 σ.
 //!
-//! The sensor's noise is measured at places without moving water. Its variance grows with the light: σ² = a + b s
-//! (EMVA 1288). Differences of two pictures have twice this variance. Places at which the light changed between the
-//! two pictures have far larger differences and do not count.
+//! The sensor's noise is measured at places without moving water. Its variance increases with the light: σ² = a + b s
+//! (EMVA 1288). Differences of two pictures have twice this variance. Places at which the light changed between the two
+//! pictures have far larger differences and do not count.
 
-use super::kernel::{Block, INSIDE, LEVEL, LOOK_MASK, NO_DRY_FLAG, OVEREXPOSED};
+use super::kernel::{Block, INSIDE_FLAG, LEVEL, LOOK_MASK, NO_DRY_FLAG, OVEREXPOSED_FLAG};
 
-/// The quantile of the differences that is evaluated, and its value for σ = 1.
-const SHARE: f64 = 0.3;
-const AT_SHARE: f64 = 0.385;
+/// The quantile of the absolute differences that is evaluated; the second constant is its value in multiples of √2 σ.
+const QUANTILE: f64 = 0.3;
+const QUANTILE_VALUE: f64 = 0.385;
 /// Differences are counted in classes of 1/16 level; the second constant is the number of classes.
 const CLASSES_PER_LEVEL: u16 = LEVEL / 16;
-const CLASSES: usize = 512;
-/// Noise below that of rounding to whole levels is not a measurement, levels. The second constant is the noise that
-/// is assumed before the first measurement.
-const MIN_LEVELS: f64 = 0.35;
-const ASSUMED_LEVELS: f64 = 1.5;
-/// Every nth row is looked at. The second constant is the number of differences that is sufficient.
+const CLASS_COUNT: usize = 512;
+/// Lower limit of the noise, levels: rounding to whole levels alone causes this noise. The second constant is the noise
+/// that is assumed before the first measurement.
+const MIN_NOISE_LEVELS: f64 = 0.35;
+const ASSUMED_NOISE_LEVELS: f64 = 1.5;
+/// Interval of the rows that are evaluated. The second constant is the smallest sufficient number of differences.
 pub(super) const ROW_STRIDE: usize = 4;
 const MIN_DIFFERENCES: u64 = 200;
 
@@ -33,7 +33,7 @@ pub struct Noise {
 
 impl Noise {
     pub fn new() -> Self {
-        Noise { classes: vec![0; CLASSES] }
+        Noise { classes: vec![0; CLASS_COUNT] }
     }
 
     /// Adds the pixels of a row in two consecutive pictures; `brighter` is the ratio of the second picture's light to
@@ -41,11 +41,11 @@ impl Noise {
     pub fn add(&mut self, look: &[Block], before: &[Block], state: &[Block], brighter: f64) {
         for ((look, before), state) in look.iter().zip(before).zip(state) {
             for ((look, before), state) in look.iter().zip(before).zip(state) {
-                let counts = state & (INSIDE | NO_DRY_FLAG) != 0 && (look | before) & OVEREXPOSED == 0;
-                if counts && state & INSIDE > 0 {
+                let counts = state & (INSIDE_FLAG | NO_DRY_FLAG) != 0 && (look | before) & OVEREXPOSED_FLAG == 0;
+                if counts && state & INSIDE_FLAG > 0 {
                     let was = (f64::from(before & LOOK_MASK) * brighter) as u16;
                     let class = usize::from((look & LOOK_MASK).abs_diff(was) / CLASSES_PER_LEVEL);
-                    self.classes[class.min(CLASSES - 1)] += 1;
+                    self.classes[class.min(CLASS_COUNT - 1)] += 1;
                 }
             }
         }
@@ -55,46 +55,46 @@ impl Noise {
     pub fn levels(&self) -> f64 {
         let all: u64 = self.classes.iter().sum();
         if all < MIN_DIFFERENCES {
-            return ASSUMED_LEVELS;
+            return ASSUMED_NOISE_LEVELS;
         }
-        let wanted = SHARE * all as f64;
+        let wanted = QUANTILE * all as f64;
         let mut below = 0.0;
         for (class, count) in self.classes.iter().enumerate() {
             let next = below + *count as f64;
             if next >= wanted {
                 let within = (wanted - below) / (*count as f64).max(1.0);
                 let level = (class as f64 + within) * f64::from(CLASSES_PER_LEVEL) / f64::from(LEVEL);
-                return (level / AT_SHARE / std::f64::consts::SQRT_2).max(MIN_LEVELS);
+                return (level / QUANTILE_VALUE / std::f64::consts::SQRT_2).max(MIN_NOISE_LEVELS);
             }
             below = next;
         }
-        MIN_LEVELS
+        MIN_NOISE_LEVELS
     }
 }
 
-/// Larger differences are not noise of a mean of many pixels, levels.
-const MAX_LEVELS: f64 = 3.0;
+/// Upper limit of the differences that count, levels: in a mean of many pixels a larger difference is not noise.
+const MAX_DIFFERENCE_LEVELS: f64 = 3.0;
 /// Brightness is counted in classes of this width, levels; a class with too few differences gives no result.
-const CLASS_LEVELS: f64 = 16.0;
-const SENSOR_CLASSES: usize = 16;
-const MIN_COUNT: f64 = 100.0;
+const CLASS_WIDTH_LEVELS: f64 = 16.0;
+const SENSOR_CLASS_COUNT: usize = 16;
+const MIN_CLASS_DIFFERENCES: f64 = 100.0;
 
-/// The smallest variance: rounding leaves 1/12 in each of 4 × 4 pixels and three channels.
+/// The smallest variance: rounding leaves a variance of 1/12 in each of 4 × 4 pixels and three channels.
 const MIN_VARIANCE: f64 = 1.0 / 12.0 / 48.0;
 
 /// The statistics of the differences so far: for each class the number, and the sums of the squares and of the
 /// brightness.
 #[derive(Debug, Clone, Default)]
 pub struct SensorNoise {
-    classes: [[f64; 3]; SENSOR_CLASSES],
+    classes: [[f64; 3]; SENSOR_CLASS_COUNT],
 }
 
 impl SensorNoise {
     /// Adds the brightness of a place in two pictures, both in the same light.
     pub fn add(&mut self, before: f64, now: f64) {
         let difference = now - before;
-        if difference.abs() < MAX_LEVELS {
-            let class = ((before / CLASS_LEVELS) as usize).min(SENSOR_CLASSES - 1);
+        if difference.abs() < MAX_DIFFERENCE_LEVELS {
+            let class = ((before / CLASS_WIDTH_LEVELS) as usize).min(SENSOR_CLASS_COUNT - 1);
             let [count, squares, levels] = &mut self.classes[class];
             *count += 1.0;
             *squares += difference * difference;
@@ -105,7 +105,7 @@ impl SensorNoise {
     /// Returns the variance of the noise at a brightness, levels²; `None` if there are too few differences.
     pub fn variance(&self, levels: f64) -> Option<f64> {
         let known: Vec<(f64, f64, f64)> = (self.classes.iter())
-            .filter(|[count, ..]| *count >= MIN_COUNT)
+            .filter(|[count, ..]| *count >= MIN_CLASS_DIFFERENCES)
             .map(|[count, squares, levels]| (*count, levels / count, squares / count / 2.0))
             .collect();
         let weight: f64 = known.iter().map(|(count, ..)| count).sum();
@@ -120,9 +120,9 @@ impl SensorNoise {
         // numbers.
         let slope = if spread > 1.0 { (shared / spread).max(0.0) } else { 0.0 };
         let at = |levels: f64| (variance + slope * (levels - level)).max(MIN_VARIANCE);
-        // Outside of the observed range the slope is not certain. With a and b ≥ 0 the variance is at least
-        // proportional to s below that range, and at most proportional above it. The larger value is used, so that
-        // noise never counts as water.
+        // Outside of the observed range the slope is uncertain. With a and b ≥ 0 the variance is at least proportional
+        // to s below that range, and at most proportional to s above it. The larger value is used, so that noise never
+        // counts as water.
         let nearest =
             known.iter().map(|it| it.1).min_by(|a, b| (a - levels).abs().total_cmp(&(b - levels).abs()))?;
         let seen = known.iter().fold([f64::INFINITY, 0.0], |[low, high], it| [it.1.min(low), it.1.max(high)]);
@@ -136,11 +136,11 @@ mod tests {
     use super::super::kernel::BLOCK_PX;
     use super::*;
 
-    /// Sums of twelve uniform numbers are nearly normal: for σ = 2 levels, 2 are found. If a quarter of the pixels
-    /// moves by 20, 30 % of all pixels are 40 % of the others, which lie below 0.524 √2 σ. By hand, 2 · 0.524/0.385
-    /// = 2.72 are found.
+    /// Sums of twelve uniform random numbers are nearly normal: for σ = 2 levels, 2 are found. If a quarter of the
+    /// pixels changes by 20 levels, 30 % of all pixels are 40 % of the others, which lie below 0.524 √2 σ. By hand, 2 ·
+    /// 0.524/0.385 = 2.72 are found.
     #[test]
-    fn noise_is_found_beside_what_moves() {
+    fn noise_is_measured_beside_moving_water() {
         for moving in [0, 4] {
             let mut state: u32 = 7;
             let mut random = || {
@@ -161,7 +161,7 @@ mod tests {
                     })
                 };
                 let [a, b] = [block(0.0), block(if row % 2 == 0 { 20.0 } else { -20.0 })];
-                noise.add(&[a], &[b], &[[INSIDE; BLOCK_PX]], 1.0);
+                noise.add(&[a], &[b], &[[INSIDE_FLAG; BLOCK_PX]], 1.0);
             }
             let found = noise.levels();
             let most = if moving > 0 { 2.8 } else { 2.1 };
@@ -171,14 +171,14 @@ mod tests {
 
     #[test]
     fn a_few_pixels_give_no_information() {
-        assert_eq!(Noise::new().levels(), ASSUMED_LEVELS);
+        assert_eq!(Noise::new().levels(), ASSUMED_NOISE_LEVELS);
     }
 
     /// By hand: differences of ±1 at 40 levels are a variance of 1/2, and ±2 at 100 levels a variance of 2. Between
-    /// them, at 70, the variance is 1.25. At 10 levels the line would give −0.25; the result is a quarter of the
-    /// variance at 40. At 200 the line gives 4.5, and twice the variance at 100 is less.
+    /// them, at 70, the variance is 1.25. At 10 levels the line would give −0.25, so the result is a quarter of the
+    /// variance at 40. At 200 the line gives 4.5, which is more than twice the variance at 100.
     #[test]
-    fn noise_grows_with_the_light() {
+    fn noise_increases_with_the_light() {
         let mut noise = SensorNoise::default();
         assert_eq!(noise.variance(50.0), None);
         for i in 0..400 {

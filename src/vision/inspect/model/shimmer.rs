@@ -1,44 +1,44 @@
 //! Detects whether water moves on a place that has no dry look of its own.
 //!
-//! A film is never completely still: it runs off, carries waves and thins out. Let s be the look of a place and w its
-//! wet look. Let x₁, x₂, … be the means of s/w over a square of 4 × 4 px and spans of a second with n₁, n₂, …
-//! pictures. Let σ be the sensor's noise in such a square, measured beside the panel, where no water moves
-//! ([`super::noise`]). Then
+//! A film is never completely still: it runs off, carries waves and becomes thinner. Let s be the look of a place and w
+//! its wet look. Let x₁, x₂, x₃ be the means of s/w over a square of 4 × 4 px in three consecutive spans of a second,
+//! with n₁, n₂, n₃ pictures. Let σ be the sensor's noise in such a square, measured beside the panel, where no water
+//! moves ([`super::noise`]). Then
 //!     z = (x₁ − 2 x₂ + x₃) / ((σ/w) √(1/n₁ + 4/n₂ + 1/n₃)).                                                     (1)
-//! Over places that are still, z has the variance 1. The part that neighbours have in common comes from the light, and
-//! second differences cancel the change of a place that dries steadily. A shadow or a glint that passes a still place
-//! affects a few second differences, a film affects most.
+//! Over places that are still, z has the variance 1. The part that neighbours have in common comes from the light and
+//! is removed; the second differences cancel the change of a place that dries steadily. A shadow or a glint that passes
+//! a still place affects a few second differences, a film affects most of them.
 
-use super::kernel::{BLOCK_PX, Block, INSIDE, LOOK_MASK, NO_DRY_FLAG, OVEREXPOSED};
+use super::kernel::{BLOCK_PX, Block, INSIDE_FLAG, LOOK_MASK, NO_DRY_FLAG, OVEREXPOSED_FLAG};
 use super::lamp::LampObserver;
 use rayon::prelude::*;
 
 /// A site is a square with this side, px: water moves on a scale of millimetres, and the mean of a square has less
 /// noise.
 const SITE_SIDE_PX: usize = LampObserver::SIDE_PX;
-/// The number of spans. A span begins with a picture and contains the pictures of the following `SPAN_S`, s: a
-/// second minus the rounding of clocks. With less than one picture a second, each picture is a span.
-const SPANS: usize = 24;
+/// The number of spans. A span begins with a picture and contains the pictures of the following `SPAN_S`, s: a second
+/// minus the rounding of timestamps. With less than one picture a second, each picture is a span.
+const SPAN_COUNT: usize = 24;
 const SPAN_S: f64 = 0.99;
-/// At least this fraction of a site's pixels and pictures must be seen in a span.
+/// The mean of a span counts only if at least this fraction of the site's pixels and pictures was seen.
 const MIN_SPAN_SHARE: f32 = 0.9;
 /// The number of second differences of the spans.
-pub const DIFFERENCES: usize = SPANS - 2;
-/// The sums for each place that is looked at, on a lattice of sites.
+pub const DIFFERENCE_COUNT: usize = SPAN_COUNT - 2;
+/// The sums of each place that is evaluated, on a lattice of sites.
 #[derive(Debug, Clone)]
 pub struct Shimmer {
     columns: usize,
     /// The number of the present span, the time when it began, and the number of pictures in each span.
     span: usize,
     began_s: f64,
-    pictures: [u32; SPANS],
+    pictures: [u32; SPAN_COUNT],
     /// For each site, the sum of s/w over its pixels and the pictures, and the number of summands.
     sums: Vec<[f32; 2]>,
     /// The means of s/w in the finished spans; NaN if too little was seen.
-    means: Vec<[f32; SPANS]>,
+    means: Vec<[f32; SPAN_COUNT]>,
 }
 
-/// The inputs from one picture.
+/// The data of one picture.
 pub struct ShimmerInput<'a> {
     pub current: &'a [Block],
     pub wet: &'a [Block],
@@ -50,16 +50,16 @@ impl Shimmer {
     /// A site's side, px.
     pub const SIDE_PX: usize = SITE_SIDE_PX;
 
-    /// Creates the lattice for blocks in rows of `columns`.
+    /// Creates the lattice for this number of blocks, of which `columns` are in a row.
     pub fn new(columns: usize, blocks: usize) -> Self {
         let sites = blocks * BLOCK_PX / (SITE_SIDE_PX * SITE_SIDE_PX);
         Shimmer {
             columns,
             span: 0,
             began_s: f64::NEG_INFINITY,
-            pictures: [0; SPANS],
+            pictures: [0; SPAN_COUNT],
             sums: vec![[0.0; 2]; sites],
-            means: vec![[f32::NAN; SPANS]; sites],
+            means: vec![[f32::NAN; SPAN_COUNT]; sites],
         }
     }
 
@@ -72,7 +72,7 @@ impl Shimmer {
             }
             self.began_s = picture.since_wet_s;
         }
-        if self.span >= SPANS {
+        if self.span >= SPAN_COUNT {
             return;
         }
         self.pictures[self.span] += 1;
@@ -106,7 +106,7 @@ impl Shimmer {
     /// Ends the observation.
     pub fn end(&mut self) {
         self.close();
-        self.span = SPANS;
+        self.span = SPAN_COUNT;
     }
 
     /// Returns the number of sites in a row of the lattice.
@@ -134,7 +134,7 @@ impl Shimmer {
 
     /// Returns z of a site for each second difference; `noise` is σ/w of a site in one picture. NaN if too little was
     /// seen.
-    pub fn difference_statistics(&self, site: usize, noise: f64) -> [f32; DIFFERENCES] {
+    pub fn difference_statistics(&self, site: usize, noise: f64) -> [f32; DIFFERENCE_COUNT] {
         let x = &self.means[site];
         std::array::from_fn(|k| {
             let part = |k: usize| 1.0 / self.pictures[k].max(1) as f32;
@@ -147,7 +147,8 @@ impl Shimmer {
 fn add_row(look: &Block, wet: &Block, state: &Block, sums: &mut [[f32; 2]]) {
     let mut shares = [[0.0_f32; 2]; BLOCK_PX];
     for i in 0..BLOCK_PX {
-        let counts = state[i] & (INSIDE | NO_DRY_FLAG) == INSIDE | NO_DRY_FLAG && look[i] & OVEREXPOSED == 0;
+        let counts =
+            state[i] & (INSIDE_FLAG | NO_DRY_FLAG) == INSIDE_FLAG | NO_DRY_FLAG && look[i] & OVEREXPOSED_FLAG == 0;
         let own = f32::from(u8::from(counts && wet[i] > 0));
         shares[i] = [own * f32::from(look[i] & LOOK_MASK) / f32::from(wet[i].max(1)), own];
     }
@@ -163,14 +164,14 @@ mod tests {
     use super::super::kernel::LEVEL;
     use super::*;
 
-    /// By hand: 60 levels that rise by 0.1 in each span of 1 s show nothing. A place that is 1 level brighter in
-    /// every second span has second differences of 2 levels. With a noise of 1 level and 10 pictures a span, z is 2
-    /// / √((1 + 4 + 1)/10) = 2.58.
+    /// By hand: a place of 60 levels that rises by 0.1 in each span of 1 s does not shimmer. A place that is 1 level
+    /// brighter in every second span has second differences of 2 levels. With a noise of 1 level and 10 pictures a
+    /// span, z is 2 / √((1 + 4 + 1)/10) = 2.58.
     #[test]
-    fn what_a_film_shows_and_a_place_that_dries_does_not() {
+    fn a_film_shimmers_and_a_drying_place_does_not() {
         const ROWS: usize = 32;
         let wet = [[60 * LEVEL; BLOCK_PX]; ROWS];
-        let state = [[INSIDE | NO_DRY_FLAG; BLOCK_PX]; ROWS];
+        let state = [[INSIDE_FLAG | NO_DRY_FLAG; BLOCK_PX]; ROWS];
         let mut shimmer = Shimmer::new(1, ROWS);
         for picture in 0..240_usize {
             let span = (picture / 10) as f64;

@@ -1,8 +1,8 @@
 //! Tests of the model alone, on 64 × 64 px: dry 100 levels, wet 60.
 //!
-//! The numbers by hand: a break returns to at least 80 levels (`damp` 0.8), the gap to the film is 20 levels, and
-//! the noise is that of rounding, 0.35 levels. A place looks bare from six times the noise below 80, from 77.9
-//! levels, up to 9/8 of 100 and the rounding.
+//! Calculated by hand: a break returns to at least 80 levels (`damp` 0.8), the gap to the film is 20 levels, and the
+//! noise is that of rounding, 0.35 levels. A place looks bare from 77.9 levels, which is 80 less six times the noise,
+//! up to 9/8 of 100 and the rounding.
 
 use super::*;
 
@@ -16,7 +16,7 @@ fn picture(level: impl Fn(usize, usize) -> u8) -> ColorPicture {
     ColorPicture { width: SIDE, height: SIDE, rgb }
 }
 
-/// A picture of the film at 60 levels, except for the place.
+/// Returns a picture of the film at 60 levels, in which the place has this level.
 fn film(place: u8) -> ColorPicture {
     picture(|column, row| if PLACE[0].contains(&column) && PLACE[1].contains(&row) { place } else { 60 })
 }
@@ -60,8 +60,8 @@ fn bare_film_and_neither_by_hand() {
     }
 }
 
-/// By hand: 74 levels are beyond the middle of the gap, 80 − 20/2 = 70, and below 77.9, the level from which a
-/// place is bare. A place that drifts there within 1.5 s is not passed if it stays for more than 3 s.
+/// By hand: 74 levels are beyond the middle of the gap, 80 − 20/2 = 70, and below 77.9, the level from which a place is
+/// bare. A place whose look drifts there within 1.5 s does not pass if it keeps this look for more than 3 s.
 #[test]
 fn a_place_that_stays_between_film_and_bare_is_not_seen() {
     let seen = |stays_s: f64| {
@@ -77,8 +77,8 @@ fn a_place_that_stays_between_film_and_bare_is_not_seen() {
     assert!(seen(2.0) && !seen(5.0));
 }
 
-/// By hand: 74 levels are between film and bare, and `persist_s` is 0.6 s. A place that has this look in the last
-/// 2 s, or in the last four pictures, is not passed; one that has it in the last two pictures, for 0.4 s, is.
+/// By hand: 74 levels are between film and bare, and `persist_s` is 0.6 s. A place that has this look in the last 2 s,
+/// or in the last four pictures, does not pass; a place that has it in the last two pictures, for 0.4 s, does.
 #[test]
 fn a_place_that_ends_between_film_and_bare_is_not_seen() {
     let seen = |pictures: u32| {
@@ -91,25 +91,25 @@ fn a_place_that_ends_between_film_and_bare_is_not_seen() {
     assert_eq!([2, 4, 10].map(seen), [true, false, false]);
 }
 
-/// By hand, for a film at 60 of 100 levels: half of the change by a break is (80/60 − 1)/2 = 1/6 of the look. This
-/// is 10 levels, up or down. A bare place cannot be brighter than (1/0.6)^1.3 · 9/8 = 2.186 times its film, 131
+/// By hand, for a film at 60 of 100 levels: half of the change by a break is (80/60 − 1)/2 = 1/6 of the look. This is
+/// 10 levels, up or down. A bare place cannot be brighter than (1/0.6)^1.3 · 9/8 = 2.186 times its film, which is 131
 /// levels.
 #[test]
-fn a_sanded_place_is_held_against_its_wet_look_alone() {
+fn a_sanded_place_is_compared_only_with_its_wet_look() {
     let sanded: Vec<bool> = (0..SIDE * SIDE).map(|index| index / SIDE >= 20).collect();
     for (level, is_open) in
         [(68, false), (52, false), (72, true), (48, true), (90, true), (128, true), (134, false)]
     {
         assert_eq!(after_film(&mut model(&sanded, TERMS), level).0, is_open, "{level}");
     }
-    // The earlier dry look does not count: a sanded place with a film of that very look is film.
+    // The earlier dry look does not count: a sanded place whose film has exactly this look is film.
     let mut dark = model(&sanded, TERMS);
     let times_s = (0..20).map(|picture| 0.2 * f64::from(picture));
     assert_eq!((show(&mut dark, times_s, |_| 100), dark.ever_wet(35 * SIDE + 35)), (0, true));
 }
 
-/// A break lasts from 4 s to 8 s of a film, with 1 to 30 pictures a second, at equal intervals or not. The break is
-/// found, and begins at 4 s within one picture.
+/// A break lasts from 4 s to 8 s of a film, with 1 to 30 pictures a second, at equal or unequal intervals. The break is
+/// found, and begins within one picture of 4 s.
 #[test]
 fn times_are_those_of_the_time_stamps() {
     for rate in [1.0, 2.0, 5.0, 12.0, 30.0] {
@@ -149,7 +149,7 @@ fn a_flash_is_no_break() {
 /// Under the spray a place is wet if its look differs from each bare one by a tenth of its dry look: by hand below
 /// 70 and above 120 levels.
 #[test]
-fn what_is_wet_under_the_spray() {
+fn wet_places_under_the_spray_are_found() {
     for (level, is_wet) in [(69, true), (71, false), (119, false), (121, true)] {
         let mut model = model(&[], TERMS);
         model.spray(&film(level));
@@ -157,7 +157,7 @@ fn what_is_wet_under_the_spray() {
     }
 }
 
-/// By hand: a dry place below 4 levels shows nothing, and from 250 levels upward it may be overexposed.
+/// By hand: a dry place below 4 levels shows no film, and from 250 levels upward it may be overexposed.
 #[test]
 fn a_black_or_overexposed_dry_place_is_not_seen() {
     let window = Window { left: 0, top: 0, width: SIDE, height: SIDE };
@@ -168,7 +168,7 @@ fn a_black_or_overexposed_dry_place_is_not_seen() {
 
 /// A place whose film is overexposed for half of the time, or for the last 3 s, was not seen.
 #[test]
-fn what_is_hidden_is_not_seen() {
+fn a_place_that_is_hidden_for_long_is_not_seen() {
     let seen = |from_s: f64, to_s: f64| {
         let mut model = model(&[], TERMS);
         let times_s = (0..60).map(|picture| 0.2 * f64::from(picture));
@@ -180,9 +180,9 @@ fn what_is_hidden_is_not_seen() {
 }
 
 /// A red primer of (100, 35, 35), which the film changes to (58, 13, 13); by hand, 57 and 28 in the mean of the
-/// channels. A place that mirrors 25 levels of white has (83, 38, 38) and a mean of 53: nearly as bright as dry, but
-/// of another colour. Such a place does not break and was not seen, while a place that is dry again breaks, also under
-/// a lamp of 0.9.
+/// channels. A place that mirrors 25 levels of white has (83, 38, 38) and a mean of 53: nearly as bright as dry, but of
+/// another colour. Such a place does not break and counts as not seen. A place that is dry again breaks, also under a
+/// lamp with a gain of 0.9.
 #[test]
 fn a_white_reflection_on_a_coloured_panel_is_no_break() {
     let broke = |place: [u8; 3], lamp: f64| {

@@ -1,6 +1,6 @@
-//! The whole test on a plane panel with pixels that represent 2 × 2 mm.
+//! Tests of the whole inspection on a plane panel; a pixel shows 2 × 2 mm.
 //!
-//! Tests of the thesis's method, and tests that apply to both methods.
+//! The tests are those of the thesis's method, and those that apply to both methods.
 
 mod model;
 
@@ -17,7 +17,7 @@ const WIDTH: usize = 160;
 const HEIGHT: usize = 120;
 const WET: [u8; 3] = [60, 55, 50];
 const DRY: [u8; 3] = [110, 105, 100];
-/// Twelve pixels of 4 mm², which are surely found, and a small margin.
+/// Twelve pixels of 4 mm², which are reliably found, and a small margin.
 const MIN_BREAK_MM2: f64 = 50.0;
 
 const CAMERA: PinholeCamera = PinholeCamera {
@@ -48,7 +48,7 @@ pub fn inspect_table(text: &str) -> recipe::Inspect {
     recipe(text).inspect().clone()
 }
 
-/// Returns a picture of noise; the same seed gives the same picture.
+/// Returns a picture of random noise; the same seed gives the same picture.
 pub fn pseudo_random(width: usize, height: usize, seed: u32) -> ColorPicture {
     let byte = |i: u32| {
         let mixed = (i ^ (seed << 24)).wrapping_mul(0x9E37_79B1);
@@ -59,7 +59,7 @@ pub fn pseudo_random(width: usize, height: usize, seed: u32) -> ColorPicture {
     ColorPicture { width, height, rgb }
 }
 
-/// Returns the wall in front of the camera, 800 mm away, with some missing points.
+/// Returns a taught panel: the wall in front of the camera, 800 mm away, with some missing points.
 fn taught(recipe: &Recipe) -> TaughtPanel {
     let point = |i: usize| {
         let (column, row) = ((i % WIDTH) as f64, (i / WIDTH) as f64);
@@ -81,7 +81,7 @@ fn moved([x_mm, y_mm, z_mm]: [f64; 3]) -> Rigid<Camera, Panel> {
     Rigid::from_isometry_unchecked(Translation3::new(x_mm, y_mm, z_mm).into())
 }
 
-/// The thesis's method with a median of 3 × 3 px, so that a block loses only its corners.
+/// The settings of the thesis's method with a median of 3 × 3 px, with which a block loses only its corners.
 const SHARP: &str = "method = \"thesis\"\nmedian_px = 3\nmedian_passes = 1\npersist_frames = 2";
 
 /// The default method.
@@ -117,7 +117,7 @@ fn picture(blocks: &[[usize; 4]]) -> ColorPicture {
     picture
 }
 
-/// Returns the picture with the noise of one exposure, of one level: pictures of a frozen camera do not have this
+/// Returns the picture with the noise of one exposure, one level: the pictures of a frozen camera do not have this
 /// noise.
 fn exposed(mut picture: ColorPicture, exposure: usize) -> ColorPicture {
     for (index, pixel) in picture.rgb.iter_mut().enumerate() {
@@ -126,7 +126,7 @@ fn exposed(mut picture: ColorPicture, exposure: usize) -> ColorPicture {
     picture
 }
 
-/// A dry picture, and six wet ones a second apart; the blocks that `dry_at` returns are dry then.
+/// Inspects a dry picture, and six wet ones a second apart; the blocks that `dry_at` returns are dry in that picture.
 fn run(mut watch: FilmWatch, dry_at: impl Fn(usize) -> Vec<[usize; 4]>) -> Inspection {
     watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
     watched(watch, dry_at)
@@ -144,8 +144,8 @@ fn codes(inspection: &Inspection) -> Vec<&str> {
     inspection.judgement.reasons.iter().map(|reason| &*reason.code).collect()
 }
 
-/// By hand: a block of 20 × 15 px without its corners is 296 px of 4 mm²; it lies in grid r1c2, which begins at
-/// column 60, and is dry from 2 s on.
+/// By hand: a block of 20 × 15 px without its corners has 296 px of 4 mm²; it lies in grid r1c2, which begins at column
+/// 60, and is dry from 2 s on.
 #[test]
 fn a_break_has_its_area_time_and_grid() {
     let inspection = run(watch(0.0, SHARP), |second| if second < 2 { vec![] } else { vec![[70, 30, 90, 45]] });
@@ -163,9 +163,9 @@ fn a_break_has_its_area_time_and_grid() {
     assert!(inspection.judgement.reasons[0].message.contains("r1c2 (1184.0 mm² from 2.0 s)"));
 }
 
-/// By hand: the region is 120 × 80 px of 4 mm² in six grids; 40 mm are 20 px, and the edge begins at 19.5 px.
+/// By hand: the region has 120 × 80 px of 4 mm² in six grids; 40 mm are 20 px, and the edge begins at 19.5 px.
 #[test]
-fn a_displaced_panel_takes_its_grids_along() {
+fn the_grids_move_with_a_displaced_panel() {
     let inspection = run(watch(40.0, SHARP), |second| if second < 3 { vec![] } else { vec![[90, 30, 110, 45]] });
     assert!((inspection.breaks[0].area_mm2 - 1184.0).abs() < 0.1, "{:?}", inspection.breaks[0]);
     assert!(inspection.grids[1].failed);
@@ -177,9 +177,9 @@ fn a_displaced_panel_takes_its_grids_along() {
     assert_eq!(inspection.footprint.region().count(), 120 * 80);
 }
 
-/// By hand: at 640 mm instead of 800 mm the region is 1.25 times as large, 150 × 100 px, and a pixel is 1.6 × 1.6
-/// mm. The taught pixels then leave gaps, which belong to the region. A break of 24 × 20 px without corners is
-/// 476·2.56 mm².
+/// By hand: at 640 mm instead of 800 mm the region is 1.25 times as large, 150 × 100 px, and a pixel shows 1.6 × 1.6
+/// mm. The taught pixels then leave gaps, which belong to the region. A break of 24 × 20 px without corners is 476·2.56
+/// mm².
 #[test]
 fn a_nearer_panel_keeps_its_areas() {
     let recipe = recipe(SHARP);
@@ -205,14 +205,14 @@ fn a_flash_or_a_place_beside_the_region_is_no_break() {
 }
 
 #[test]
-fn what_broke_stays_broken_when_water_runs_over_it() {
+fn a_break_stays_broken_when_water_runs_over_it() {
     let inspection =
         run(watch(0.0, SHARP), |second| if (1..3).contains(&second) { vec![[70, 30, 90, 45]] } else { vec![] });
     assert_eq!((inspection.judgement.verdict, inspection.breaks[0].first_seen_s), (Verdict::Fail, 1.0));
 }
 
-/// By hand: a median of 3 × 3 removes 1 × 3 px of 4 mm², and also 2 × 2 px. Of a plus of 5 px it keeps only the
-/// middle: 4 mm², below 50 mm².
+/// By hand: a median of 3 × 3 removes a block of 1 × 3 px of 4 mm², and also one of 2 × 2 px. Of a plus sign of 5 px it
+/// keeps only the middle: 4 mm², below 50 mm².
 #[test]
 fn a_break_below_the_least_area_is_reported_and_passes() {
     let inspection =
@@ -223,7 +223,7 @@ fn a_break_below_the_least_area_is_reported_and_passes() {
 }
 
 #[test]
-fn a_place_that_never_wets_broke_at_0_s_where_a_dry_picture_was_taken() {
+fn with_a_dry_picture_a_place_that_is_never_wet_broke_at_0_s() {
     let never = |_| vec![[90, 60, 110, 80]];
     let without = watched(watch(0.0, SHARP), never);
     assert_eq!((without.judgement.verdict, without.breaks.len()), (Verdict::Invalid, 0), "it never differs");
@@ -237,7 +237,7 @@ fn a_place_that_never_wets_broke_at_0_s_where_a_dry_picture_was_taken() {
 }
 
 #[test]
-fn colour_can_rule_a_change_out() {
+fn colour_can_exclude_a_change() {
     let settings = format!("{SHARP}\nhsv_min = [0, 0, 120]");
     let mut watch = watch(0.0, &settings);
     watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
@@ -248,7 +248,7 @@ fn colour_can_rule_a_change_out() {
 
 /// The colour shows that a place is not a break; it does not show that the place was ever wet.
 #[test]
-fn what_colour_rules_out_and_was_never_wet_does_not_pass() {
+fn a_change_excluded_by_colour_does_not_pass_if_it_was_never_wet() {
     let mut watch = watch(0.0, &format!("{SHARP}\nhsv_min = [0, 0, 120]"));
     watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
     let inspection = watched(watch, |_| vec![[100, 60, 120, 80]]);
@@ -271,7 +271,7 @@ fn every_picture_is_reported_at_once() {
 }
 
 #[test]
-fn part_of_a_test_gives_no_information() {
+fn an_incomplete_test_gives_no_result() {
     let broken = picture(&[[70, 30, 90, 45]]);
     let test = |x_mm: f64, times_s: &[f64]| {
         let mut watch = watch(x_mm, SHARP);
@@ -296,7 +296,7 @@ fn part_of_a_test_gives_no_information() {
     assert!((aside.footprint.grids()[2].seen_share - 0.25).abs() < 0.01, "10 of 40 columns are in the picture");
 }
 
-/// Pictures that were dropped before the first picture, here at 10 s, count as missing like any others.
+/// Pictures that are missing before the first one, here at 10 s, count as a gap like any others.
 #[test]
 fn a_film_that_begins_late_has_a_gap() {
     let begun = |begins_s: f64| {
@@ -333,8 +333,8 @@ fn bad_pictures_are_refused_with_what_is_wrong() {
     assert_eq!(gone.map(|_| ()), Err(InspectError::RegionNotInPicture));
 }
 
-/// Pictures of a whole film in which no water moves. If its places were sanded after the dry picture, there is no
-/// evidence that they were ever wet, and neither method lets them pass.
+/// Pictures of an unbroken film in which no water moves. If its places were sanded after the dry picture, there is no
+/// evidence that they were ever wet, and they pass with neither method.
 #[test]
 fn a_sanded_place_needs_evidence_of_water_by_either_method() {
     for method in [FILM, SHARP] {

@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// By hand, with the default method: all 20 × 15 px of 4 mm² are found from 2 s on, in grid r1c2. The film keeps
-/// 55/105 of the dry brightness, and the smallest sure break is 12 px.
+/// By hand, with the default method: all 20 × 15 px of 4 mm² are found from 2 s on, in grid r1c2. The film keeps 55/105
+/// of the dry brightness, and the smallest break that is reliably found has 12 px.
 #[test]
 fn the_model_finds_a_break_to_the_pixel() {
     let inspection = run(watch(0.0, FILM), |second| if second < 2 { vec![] } else { vec![[70, 30, 90, 45]] });
@@ -33,7 +33,7 @@ fn a_film_that_closes_again_has_broken() {
 
 /// A fifth more or less light everywhere is compensated; a change by half, up or down, cannot be compensated.
 #[test]
-fn light_is_made_up_for_within_its_limit() {
+fn a_change_of_light_is_compensated_within_its_limit() {
     let lit = |share: f64| {
         let mut watch = watch(0.0, FILM);
         watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
@@ -41,7 +41,7 @@ fn light_is_made_up_for_within_its_limit() {
             let mut picture = picture(&[[70, 30, 90, 45]]);
             let gain = if second == 0 { 1.0 } else { share };
             picture.rgb.as_flattened_mut().iter_mut().for_each(|gray| *gray = (f64::from(*gray) * gain) as u8);
-            // The noise comes last: scaled, it would vanish, and the camera would seem frozen.
+            // The noise is added last: scaled with the picture, it would vanish, and the camera would seem frozen.
             watch.push(&exposed(picture, second), 10.0 + second as f64, Phase::Wet).expect("in order");
         }
         watch.finish().expect("wet pictures")
@@ -56,10 +56,10 @@ fn light_is_made_up_for_within_its_limit() {
     assert_ne!(lit(1.5).judgement.verdict, Verdict::Pass);
 }
 
-/// A film that disappears from the whole panel at once looks like more light: by hand 100/70 = 1.43 times as
-/// bright, and the test does not pass.
+/// A film that disappears from the whole panel at once looks like more light: by hand, 100/70 = 1.43 times as bright.
+/// The verdict must not be pass.
 #[test]
-fn a_film_that_goes_all_at_once_is_no_light() {
+fn a_film_that_breaks_everywhere_at_once_does_not_pass() {
     let shown = |level: u8| {
         let mut watch = watch(0.0, FILM);
         watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, [100; 3]), 1.0, Phase::Dry).expect("first");
@@ -75,7 +75,7 @@ fn a_film_that_goes_all_at_once_is_no_light() {
 }
 
 /// By hand: a disc of 25 mm has an area of 490.9 mm², 122 px of 4 mm², and a radius of 6.2 px. With a smaller disc
-/// fewer places would be too narrow for it.
+/// fewer places would be too narrow for a disc.
 #[test]
 fn the_smallest_disc_is_25_mm_wide() {
     assert_eq!(watch(0.0, FILM).smallest_disc_px(), 6);
@@ -97,7 +97,7 @@ fn a_frozen_camera_or_no_dry_picture_gives_no_test() {
 
 /// By hand: columns 20 to 50 of 120 are a quarter of the region.
 #[test]
-fn a_region_that_is_hardly_wet_is_no_test() {
+fn a_test_of_a_hardly_wet_region_is_invalid() {
     let inspection = run(watch(0.0, FILM), |_| vec![[20, 20, 50, 100]]);
     assert_eq!((inspection.judgement.verdict, codes(&inspection)[0]), (Verdict::Invalid, "never_wet"));
     assert!((inspection.observation.never_wet_percent - 25.0).abs() < 0.1, "{:?}", inspection.observation);
@@ -108,7 +108,7 @@ fn a_region_that_is_hardly_wet_is_no_test() {
 /// Under the spray the place is wet in one picture, and it is dry again before the film is observed. This is a
 /// break at 0 s, and not a place that never becomes wet.
 #[test]
-fn what_dries_under_the_spray_is_a_break_at_0_s() {
+fn a_place_that_dries_under_the_spray_is_a_break_at_0_s() {
     let mut watch = watch(0.0, FILM);
     watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
     watch.push(&exposed(picture(&[]), 9), 2.0, Phase::Spray).expect("second");
@@ -121,7 +121,7 @@ fn what_dries_under_the_spray_is_a_break_at_0_s() {
 
 /// By hand: the mask covers columns 20 to 40, half of the first grids, which are 40 px wide.
 #[test]
-fn what_is_masked_does_not_pass_and_hides_nothing_else() {
+fn a_masked_grid_does_not_pass_and_hides_no_other_break() {
     let masked = format!("{FILM}\nmasked_px = [[[10, 10], [39.5, 10], [39.5, 110], [10, 110]]]");
     let clean = run(watch(0.0, &masked), |_| vec![]);
     assert_eq!((clean.judgement.verdict, codes(&clean)), (Verdict::Invalid, vec!["masked"]));
@@ -132,11 +132,11 @@ fn what_is_masked_does_not_pass_and_hides_nothing_else() {
     assert_eq!(broken.mask().count(), 50 * 15, "nothing is looked at behind the mask");
 }
 
-/// By hand: 10 × 10 px of the region had 60 levels, as if wet, when the panel should have been dry. When wet, they
-/// are equally bright: they neither break nor pass. The same place at its full brightness never becomes wet: a
-/// break.
+/// By hand: 10 × 10 px of the region have 60 levels in the dry picture, as if wet. In the wet pictures they are equally
+/// bright: they neither break nor pass. If the same place has its full brightness in the dry picture and never becomes
+/// wet, it is a break.
 #[test]
-fn what_was_wet_in_the_dry_picture_neither_fails_nor_passes() {
+fn a_place_that_was_wet_in_the_dry_picture_neither_fails_nor_passes() {
     let block = [100, 30, 110, 40];
     let inspection = |dry: ColorPicture, wet: &[[usize; 4]]| {
         let mut watch = watch(0.0, FILM);
@@ -155,35 +155,39 @@ fn what_was_wet_in_the_dry_picture_neither_fails_nor_passes() {
     assert_eq!((never.judgement.verdict, codes(&never)), (Verdict::Fail, vec!["broken"]));
 }
 
-/// By hand: 4 × 4 px of 4 mm² that shine in all wet pictures are more than the 50 mm² from which a grid fails. In
-/// four of six pictures they are hidden for more than half of the time; in two they are a glint.
+/// By hand: 4 × 4 px of 4 mm² that reflect a lamp in all wet pictures are more than the 50 mm² from which a grid fails.
+/// If they do so in four of six pictures, they are hidden for more than half of the time; in two pictures they are a
+/// glint.
 #[test]
 fn a_reflection_that_does_not_move_hides_its_grid() {
-    let shone = |pictures| shone([30, 50, 34, 54], pictures, &[]);
-    let hidden = shone(6);
+    let with_reflection = |pictures| inspect_reflection([30, 50, 34, 54], pictures, &[]);
+    let hidden = with_reflection(6);
     assert_eq!((hidden.judgement.verdict, codes(&hidden)), (Verdict::Invalid, vec!["not_seen"]));
     assert!((hidden.footprint.grids()[0].lost_mm2 - 64.0).abs() < 0.1, "{:?}", hidden.footprint.grids()[0]);
-    assert_eq!((codes(&shone(4)), shone(2).judgement.verdict), (vec!["not_seen"], Verdict::Pass));
+    assert_eq!(
+        (codes(&with_reflection(4)), with_reflection(2).judgement.verdict),
+        (vec!["not_seen"], Verdict::Pass)
+    );
 }
 
 /// By hand: 20 × 15 px break, and the film's rim beside them mirrors a lamp for the same time. All 300 px are the
-/// break, including those within two cells of the rim. The same rim without a break beside it causes no break,
-/// though it hides its place.
+/// break, including those within two cells of the rim. The same rim without a break beside it causes no break, but its
+/// place counts as not seen.
 #[test]
 fn a_bright_rim_beside_a_break_hides_none_of_it() {
-    let broke = shone([90, 30, 93, 45], 6, &[[70, 30, 90, 45]]);
+    let broke = inspect_reflection([90, 30, 93, 45], 6, &[[70, 30, 90, 45]]);
     assert_eq!((broke.judgement.verdict, codes(&broke)), (Verdict::Fail, vec!["broken"]));
     assert_eq!((broke.mask().count(), broke.grids[1].time_to_break_s), (300, Some(1.0)));
-    let clean = shone([90, 30, 93, 45], 6, &[]);
+    let clean = inspect_reflection([90, 30, 93, 45], 6, &[]);
     assert_eq!((codes(&clean), clean.mask().count()), (vec!["not_seen"], 0));
 }
 
-/// By hand: a reflection covers 64 px, 256 mm² and 4 % of a grid, of which 100 px broke: the grid failed, whatever
-/// is hidden. Of 10 px that are hidden and 12 px that broke, 40 and 48 mm², neither would make a grid fail, but
-/// both together do.
+/// By hand: a reflection covers 64 px, 256 mm² and 4 % of a grid, of which 100 px broke: the grid failed, whatever is
+/// hidden. Of 10 px that are hidden and 12 px that broke, 40 and 48 mm², neither alone would make a grid fail, but both
+/// together do.
 #[test]
-fn a_grid_that_failed_has_failed_whatever_is_hidden_and_what_broke_counts_with_what_is_hidden() {
-    let failed = shone([30, 48, 38, 56], 6, &[[44, 24, 54, 34]]);
+fn a_failed_grid_stays_failed_and_hidden_places_count_with_broken_ones() {
+    let failed = inspect_reflection([30, 48, 38, 56], 6, &[[44, 24, 54, 34]]);
     assert_eq!((failed.judgement.verdict, codes(&failed)), (Verdict::Fail, vec!["broken"]));
     assert_eq!(
         (failed.grids[0].failed, failed.grids[0].seen),
@@ -193,17 +197,22 @@ fn a_grid_that_failed_has_failed_whatever_is_hidden_and_what_broke_counts_with_w
     assert!((failed.footprint.grids()[0].lost_mm2 - 256.0).abs() < 0.1, "{:?}", failed.footprint.grids()[0]);
     let (hidden, broke) = ([30, 50, 35, 52], [[44, 24, 48, 27]]);
     assert_eq!(
-        [shone(hidden, 6, &[]), shone(hidden, 0, &broke)].map(|alone| alone.judgement.verdict),
+        [inspect_reflection(hidden, 6, &[]), inspect_reflection(hidden, 0, &broke)]
+            .map(|alone| alone.judgement.verdict),
         [Verdict::Pass; 2]
     );
-    let both = shone(hidden, 6, &broke);
+    let both = inspect_reflection(hidden, 6, &broke);
     assert_eq!((both.judgement.verdict, codes(&both)), (Verdict::Invalid, vec!["not_seen"]));
     assert!((both.grids[0].broken_mm2 - 48.0).abs() < 0.1, "{:?}", both.grids[0]);
 }
 
-/// A reflection on a rectangle in the first `pictures` of six wet pictures, and blocks that break after the first
-/// picture.
-fn shone([left, top, right, bottom]: [usize; 4], pictures: usize, blocks: &[[usize; 4]]) -> Inspection {
+/// Inspects a film with a reflection on a rectangle in the first `pictures` of six wet pictures, and with blocks that
+/// break after the first picture.
+fn inspect_reflection(
+    [left, top, right, bottom]: [usize; 4],
+    pictures: usize,
+    blocks: &[[usize; 4]],
+) -> Inspection {
     let mut watch = watch(0.0, FILM);
     watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
     for second in 0..6 {
@@ -216,7 +225,7 @@ fn shone([left, top, right, bottom]: [usize; 4], pictures: usize, blocks: &[[usi
     watch.finish().expect("wet pictures")
 }
 
-/// A shadow removes a fifth of the light in the first fully wet picture: a whole film passes, and a break is found.
+/// A shadow removes a fifth of the light in the first fully wet picture: an unbroken film passes, and a break is found.
 #[test]
 fn a_shadow_on_the_first_wet_picture_is_no_film() {
     let shaded = |blocks: &[[usize; 4]]| {
@@ -237,25 +246,25 @@ fn a_shadow_on_the_first_wet_picture_is_no_film() {
     assert_eq!((broken.judgement.verdict, broken.mask().count()), (Verdict::Fail, 300), "{:?}", broken.judgement);
 }
 
-/// A film that mirrors: on the left grids a dark object, 30 levels, on the next ones a diffuser, 150 levels; the
-/// dry panel has 105. Both break to the dry brightness, to the pixel, while the lamp tints the pictures, red by +6
-/// % and blue by −6 %. The surroundings of the region, here the wall, show the light.
+/// A film that mirrors: on the left grids a dark object, 30 levels, on the next ones a diffuser, 150 levels; the dry
+/// panel has 105. A break has the dry brightness in both, exact to the pixel, while the lamp tints the pictures, red by
+/// +6 % and blue by −6 %. The surroundings of the region, here the wall, show the light.
 #[test]
 fn a_film_that_mirrors_is_detected_by_either_sign_and_in_tinted_light() {
     let levels = [[30; 3], [150; 3], [30; 3]];
-    let inspection = mirrored(levels, &[[30, 30, 50, 45], [70, 65, 90, 80]]);
+    let inspection = inspect_mirroring_film(levels, &[[30, 30, 50, 45], [70, 65, 90, 80]]);
     assert_eq!(inspection.judgement.verdict, Verdict::Fail, "{:?}", inspection.judgement);
     assert_eq!((inspection.mask().count(), inspection.breaks.len()), (600, 2));
     assert_eq!((inspection.grids[0].time_to_break_s, inspection.grids[4].time_to_break_s), (Some(1.0), Some(1.0)));
-    assert_eq!(mirrored(levels, &[]).judgement.verdict, Verdict::Pass);
+    assert_eq!(inspect_mirroring_film(levels, &[]).judgement.verdict, Verdict::Pass);
 }
 
 /// On the right grids the film mirrors light that makes it 1 level brighter than the dry panel. A break would not
 /// be visible there, and these grids do not pass, whatever breaks elsewhere.
 #[test]
-fn where_the_film_looks_dry_nothing_is_reported() {
+fn a_film_that_looks_dry_gives_no_result() {
     for blocks in [vec![], vec![[30, 30, 50, 45]]] {
-        let inspection = mirrored([[30; 3], [150; 3], DRY.map(|level| level + 1)], &blocks);
+        let inspection = inspect_mirroring_film([[30; 3], [150; 3], DRY.map(|level| level + 1)], &blocks);
         assert_eq!(
             (inspection.judgement.verdict, codes(&inspection)[0]),
             (Verdict::Invalid, "no_contrast"),
@@ -267,8 +276,9 @@ fn where_the_film_looks_dry_nothing_is_reported() {
     }
 }
 
-/// A film with these levels on the region's left, middle and right grids; the blocks break after the first picture.
-fn mirrored(levels: [[u8; 3]; 3], blocks: &[[usize; 4]]) -> Inspection {
+/// Inspects a film with these levels on the region's left, middle and right grids; the blocks break after the first
+/// picture.
+fn inspect_mirroring_film(levels: [[u8; 3]; 3], blocks: &[[usize; 4]]) -> Inspection {
     let tint = [1.06, 1.0, 0.94];
     let mut watch = watch(0.0, FILM);
     watch.push(&exposed(ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1), 1.0, Phase::Dry).expect("first");
@@ -291,8 +301,8 @@ fn mirrored(levels: [[u8; 3]; 3], blocks: &[[usize; 4]]) -> Inspection {
     watch.finish().expect("wet pictures")
 }
 
-/// By hand: the film leaves 55/105 = 0.524 of the dry brightness, a damp break 0.8. At 4 levels these differ by
-/// 1.1, at 16 by 4.4: three and twelve times the noise of rounding, 0.35 levels. Four times is needed.
+/// By hand: the film leaves 55/105 = 0.524 of the dry brightness, a damp break 0.8. At 4 levels these differ by 1.1, at
+/// 16 by 4.4: three and twelve times the noise of rounding, 0.35 levels. Four times the noise is required.
 #[test]
 fn a_part_that_the_film_hardly_changes_cannot_be_judged() {
     let codes_with = |level: u8| {

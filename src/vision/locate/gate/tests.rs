@@ -67,7 +67,7 @@ fn each_limit_has_its_reason() {
 }
 
 #[test]
-fn a_little_less_overlap_is_for_a_person_and_much_less_is_no_panel() {
+fn slightly_low_overlap_is_a_review_and_very_low_overlap_a_reject() {
     assert_eq!(judged(&Fit { scan_found: 0.7, ..good() }), (Verdict::Review, vec!["low_overlap".into()]));
     assert_eq!(judged(&Fit { taught_found: 0.64, ..good() }), (Verdict::Reject, vec!["low_overlap".into()]));
     assert_eq!(judged(&Fit { outline_found: 0.55, ..good() }), (Verdict::Review, vec!["low_overlap".into()]));
@@ -75,7 +75,7 @@ fn a_little_less_overlap_is_for_a_person_and_much_less_is_no_panel() {
 }
 
 #[test]
-fn what_is_not_the_panel_is_rejected_and_what_a_person_may_judge_is_not() {
+fn another_object_is_rejected_and_a_doubtful_panel_is_reviewed() {
     let reject = |fit: Fit, code: &'static str| assert_eq!(judged(&fit), (Verdict::Reject, vec![code.into()]));
     let review = |fit: Fit, code: &'static str| assert_eq!(judged(&fit), (Verdict::Review, vec![code.into()]));
     reject(Fit { seen_through_share: 0.03, ..good() }, "seen_through");
@@ -93,8 +93,8 @@ fn what_is_not_the_panel_is_rejected_and_what_a_person_may_judge_is_not() {
     review(Fit { agreement_mm: f64::INFINITY, ..good() }, "starts_disagree");
 }
 
-/// By hand: 0.35 mm with an uncertainty of 0.05 mm is at least 0.3 mm; 0.35 ± 0.15 mm may be 0.2 mm. A rival
-/// that is supported by 20 mm, against 40 mm for the first pose, has a margin of 48/28 = 1.7.
+/// By hand: 0.35 mm with an uncertainty of 0.05 mm is at least 0.3 mm; 0.35 ± 0.15 mm may be 0.2 mm. A rival that is
+/// supported by 20 mm, against 40 mm for the first pose, gives a ratio of 48/28 = 1.7.
 #[test]
 fn a_moved_camera_and_a_rival() {
     let camera = |moved_mm, uncertainty_mm, same| {
@@ -118,7 +118,7 @@ fn a_moved_camera_and_a_rival() {
 /// from 0.56 mm on, which is more than 0.55. With an uncertainty of 2 mm, a measured motion of 2 mm does not show
 /// that the camera moved.
 #[test]
-fn a_camera_that_no_client_watches_any_more_is_for_a_person() {
+fn a_camera_whose_motion_can_no_longer_be_detected_is_a_review() {
     let told = |uncertainty_mm| Some(CameraCheck { moved_mm: uncertainty_mm, uncertainty_mm, unmoved_share: 0.9 });
     let judged = |camera, camera_at_teaching_mm| judged(&Fit { camera, camera_at_teaching_mm, ..good() });
     for camera in [None, told(0.31), told(2.0)] {
@@ -129,16 +129,16 @@ fn a_camera_that_no_client_watches_any_more_is_for_a_person() {
     assert_eq!(judged(told(0.2), Some(0.1)).0, Verdict::Accept);
 }
 
-/// A wrong panel that ends up far away is reported as a wrong panel, not as a shifted one.
+/// A wrong panel far from the nominal pose is reported as a wrong panel, not as a shifted one.
 #[test]
 fn a_poor_fit_gives_no_information_on_motion() {
     assert_eq!(judged(&Fit { rms_mm: 3.0, shift_mm: 90.0, ..good() }).1, ["poor_fit"]);
 }
 
-/// An uncertainty of 0.41 mm is too large. If it would be at most the allowed 0.35 mm without one of the
-/// causes, this cause is named.
+/// An uncertainty of 0.41 mm is too large. If it were at most the accepted 0.35 mm without one of its causes, the
+/// reason names this cause.
 #[test]
-fn an_uncertain_pose_names_its_cause_and_what_helps_against_that() {
+fn the_reason_of_an_uncertain_pose_states_cause_and_remedy() {
     let words = |uncertainty_at_taught_place_mm, uncertainty_without_scale_mm| {
         let fit =
             Fit { uncertainty_mm: 0.41, uncertainty_at_taught_place_mm, uncertainty_without_scale_mm, ..good() };

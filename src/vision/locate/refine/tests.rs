@@ -24,8 +24,9 @@ const CAMERA: PinholeCamera = PinholeCamera {
     k3: 0.0,
 };
 
-/// A camera that looks along the base's X with its Y down: its X is the base's −Y, its Y the base's −Z.
-fn looks_along_x(at: Point<Base>) -> Rigid<Base, FlangeCamera> {
+/// Returns the pose of a camera that looks along the base's X with its Y down: its X is the base's −Y, its Y the base's
+/// −Z.
+fn camera_along_x(at: Point<Base>) -> Rigid<Base, FlangeCamera> {
     Rigid::from_axes([-Vector3::y(), -Vector3::z(), Vector3::x()].map(Vector::new), at)
 }
 
@@ -48,7 +49,7 @@ fn taught(
 /// up, base +Z.
 #[test]
 fn a_corner_to_the_right_moves_the_panel_to_the_right() {
-    let base_from_camera = looks_along_x(Point::at(320.0, 0.0, 360.0));
+    let base_from_camera = camera_along_x(Point::at(320.0, 0.0, 360.0));
     let corner = taught(Point::at(560.0, 0.0, 360.0), base_from_camera, &CAMERA);
     let nominal = panelprep_cell::panel::panel_from_base_at_teaching().inverse();
     let view = CornerView { corner: 0, taught: &corner, base_from_camera, found_px: Pixel::at(1048.0, 758.0) };
@@ -63,7 +64,7 @@ fn a_corner_to_the_right_moves_the_panel_to_the_right() {
 /// second 2 mm in −X and 2 mm up. Together they give (−2, −1, 1.5), and 0.5 mm remains for each.
 #[test]
 fn two_corners_share_the_difference() {
-    let along_x = looks_along_x(Point::at(320.0, 0.0, 360.0));
+    let along_x = camera_along_x(Point::at(320.0, 0.0, 360.0));
     let along_minus_y: Rigid<Base, FlangeCamera> = Rigid::from_axes(
         [-Vector3::x(), -Vector3::z(), -Vector3::y()].map(Vector::new),
         Point::at(560.0, 240.0, 360.0),
@@ -90,21 +91,21 @@ fn two_corners_share_the_difference() {
     );
 }
 
-/// Calculated by hand: a camera 100 mm in front of the surface and 100 mm aside sees sin 45° of a move along the
-/// normal.
+/// Calculated by hand: a camera 100 mm in front of the surface and 100 mm beside the corner sees a movement along the
+/// normal with a factor of sin 45°.
 #[test]
 fn a_slanted_view_sees_a_part_of_a_move_along_the_normal() {
-    let corner = |y: f64| taught(Point::at(560.0, 0.0, 360.0), looks_along_x(Point::at(460.0, y, 360.0)), &CAMERA);
+    let corner = |y: f64| taught(Point::at(560.0, 0.0, 360.0), camera_along_x(Point::at(460.0, y, 360.0)), &CAMERA);
     assert!((corner(100.0).visible_normal_share() - 0.5f64.sqrt()).abs() < 1e-9);
     assert!(corner(0.0).visible_normal_share() < 1e-9);
 }
 
-/// Calculated by hand: two corners are 200 mm apart, and both cameras look along X. After a turn by 0.01 rad about
-/// X, one corner moves 1 mm up, the other 1 mm down; both move 0.5 mm to the right.
+/// Calculated by hand: two corners are 200 mm apart, and both cameras look along X. After a rotation by 0.01 rad about
+/// X, one corner is 1 mm higher, the other 1 mm lower; both are 0.5 mm farther to the right.
 #[test]
-fn two_corners_apart_turn_the_panel() {
+fn two_separate_corners_rotate_the_panel() {
     let nominal = panelprep_cell::panel::panel_from_base_at_teaching().inverse();
-    let at = |y: f64| looks_along_x(Point::at(320.0, y, 360.0));
+    let at = |y: f64| camera_along_x(Point::at(320.0, y, 360.0));
     let corners = [100.0, -100.0].map(|y| taught(Point::at(560.0, y, 360.0), at(y), &CAMERA));
     let seen = |index: usize, y: f64, up_px: f64| CornerView {
         corner: index,
@@ -117,24 +118,24 @@ fn two_corners_apart_turn_the_panel() {
     let first = (refined.base_from_panel * corners[0].point).mm;
     assert!((first.y - 99.5).abs() < 0.01 && (first.z - 361.0).abs() < 0.01, "{first}");
     assert!(refined.corners.iter().all(|corner| corner.remaining_shift_mm < 0.01), "{refined:?}");
-    // Claimed errors of 1 mm and 0.2 mm give 1.02 mm together. √(1² + 0.5²) = 1.118 mm is less than twice that
-    // value, but more than twice 0.3 mm.
+    // Stated errors of 1 mm and 0.2 mm give 1.02 mm together. √(1² + 0.5²) = 1.118 mm is less than twice that value,
+    // but more than twice 0.3 mm.
     assert_eq!(worst_disagreement(&refined, &[1.0, 0.2]).expect("a corner").reason(), None);
     assert_eq!(found(worst_disagreement(&refined, &[0.3])).code, "corner_disagrees");
 }
 
-/// Calculated by hand: only the second taught corner is viewed, 12 px off at 10 px a mm. Each gate names the corner
-/// by its taught number.
+/// Calculated by hand: only the second taught corner is viewed, 12 px off at 10 px/mm. Each gate names the corner by
+/// its taught number.
 #[test]
 fn a_corner_has_the_number_that_it_was_taught_with() {
-    let base_from_camera = looks_along_x(Point::at(320.0, 0.0, 360.0));
+    let base_from_camera = camera_along_x(Point::at(320.0, 0.0, 360.0));
     let corner = taught(Point::at(560.0, 0.0, 360.0), base_from_camera, &CAMERA);
     let view = CornerView { corner: 1, taught: &corner, base_from_camera, found_px: Pixel::at(1036.0, 768.0) };
     let nominal = panelprep_cell::panel::panel_from_base_at_teaching().inverse();
     let refined = refine(nominal, &CAMERA, &[view]).expect("in view");
     let recipe = limits("max_correction_mm = 1.0\n");
     let reasons =
-        [judge(&refined, recipe.corner()).reasons, judge_standing_panel(&refined, recipe.corner()).reasons]
+        [judge(&refined, recipe.corner()).reasons, judge_corner_positions(&refined, recipe.corner()).reasons]
             .concat();
     let reasons = reasons.into_iter().chain(worst_disagreement(&refined, &[0.1]).and_then(|check| check.reason()));
     let said: Vec<(String, bool)> =
@@ -145,7 +146,7 @@ fn a_corner_has_the_number_that_it_was_taught_with() {
 
 /// A NaN violates every limit, for each corner.
 #[test]
-fn what_is_not_a_number_is_never_accepted() {
+fn a_nan_is_never_accepted() {
     let report = |corner, shift_mm, left_mm| CornerReport {
         corner,
         expected_px: Pixel::at(0.0, 0.0),
@@ -167,7 +168,7 @@ fn what_is_not_a_number_is_never_accepted() {
         assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Review, "corners_disagree"));
         let asked = refined(vec![report(0, nan, 0.0), report(1, 0.1, 0.0)]);
         assert_eq!(judge(&asked, recipe.corner()).reasons[0].code, "correction_limit");
-        assert_eq!(judge_standing_panel(&asked, recipe.corner()).reasons[0].code, "moved");
+        assert_eq!(judge_corner_positions(&asked, recipe.corner()).reasons[0].code, "moved");
         assert_eq!(found(worst_disagreement(&asked, &[0.3])).code, "corner_disagrees");
     }
 }
@@ -182,9 +183,9 @@ fn limits(of_corner: &str) -> recipe::Recipe {
 
 /// Calculated by hand: the same two corners, each seen 1 mm nearer to the other. No rigid panel can explain this.
 #[test]
-fn corners_that_no_rigid_panel_has_are_a_finding() {
+fn corners_that_do_not_fit_a_rigid_panel_are_a_finding() {
     let nominal = panelprep_cell::panel::panel_from_base_at_teaching().inverse();
-    let at = |y: f64| looks_along_x(Point::at(320.0, y, 360.0));
+    let at = |y: f64| camera_along_x(Point::at(320.0, y, 360.0));
     let corners = [100.0, -100.0].map(|y| taught(Point::at(560.0, y, 360.0), at(y), &CAMERA));
     let seen = |index: usize, y: f64, right_px: f64| CornerView {
         corner: index,
@@ -201,10 +202,10 @@ fn corners_that_no_rigid_panel_has_are_a_finding() {
 
 #[test]
 fn a_wrong_flange_pose_is_an_error_and_a_large_correction_a_reject() {
-    let base_from_camera = looks_along_x(Point::at(320.0, 0.0, 360.0));
+    let base_from_camera = camera_along_x(Point::at(320.0, 0.0, 360.0));
     let corner = taught(Point::at(560.0, 0.0, 360.0), base_from_camera, &CAMERA);
     let nominal = panelprep_cell::panel::panel_from_base_at_teaching().inverse();
-    let beyond = looks_along_x(Point::at(900.0, 0.0, 360.0));
+    let beyond = camera_along_x(Point::at(900.0, 0.0, 360.0));
     let view = |base_from_camera, u| CornerView {
         corner: 0,
         taught: &corner,
@@ -239,7 +240,7 @@ proptest! {
         let small = |n: [f64; 6], mm: f64, rad: f64| {
             Isometry3::new(Vector3::new(n[0], n[1], n[2]) * mm, Vector3::new(n[3], n[4], n[5]) * rad)
         };
-        let nominal_camera = looks_along_x(Point::at(325.0, -140.0, 455.0));
+        let nominal_camera = camera_along_x(Point::at(325.0, -140.0, 455.0));
         let corner = taught(Point::at(560.0, -150.0, 460.0), nominal_camera, &camera);
         let located: Rigid<Base, Panel> = Rigid::from_isometry_unchecked(small(moved, 20.0, 0.1));
         let new_pose = located * corner.teaching_data.panel_from_camera; // Eq. 3.22
@@ -264,8 +265,8 @@ proptest! {
 
     /// A single corner gives no rotation.
     #[test]
-    fn nothing_is_turned(u in 700.0..1300.0f64, moved in prop::array::uniform3(-0.2..0.2f64)) {
-        let base_from_camera = looks_along_x(Point::at(320.0, 0.0, 360.0));
+    fn a_single_corner_gives_no_rotation(u in 700.0..1300.0f64, moved in prop::array::uniform3(-0.2..0.2f64)) {
+        let base_from_camera = camera_along_x(Point::at(320.0, 0.0, 360.0));
         let corner = taught(Point::at(560.0, 0.0, 360.0), base_from_camera, &CAMERA);
         let located: Rigid<Base, Panel> = Rigid::from_isometry_unchecked(Isometry3::new(Vector3::zeros(), moved.into()));
         let view = CornerView { corner: 0, taught: &corner, base_from_camera, found_px: Pixel::at(u, 700.0) };
