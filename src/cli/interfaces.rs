@@ -43,10 +43,7 @@ impl SharedInterfaceParts {
         let people = Arc::new(AccountService::new(files.store_folder().to_owned()));
         let alarms = Arc::new(Alarms::new(people.clone()));
         let setup = Arc::new(FolderSource::new(files, common, &record_transfers));
-        SharedInterfaceParts {
-            parts: InterfaceContext { gateway, people, alarms, setup },
-            record_transfers,
-        }
+        SharedInterfaceParts { parts: InterfaceContext { gateway, people, alarms, setup }, record_transfers }
     }
 }
 

@@ -10,7 +10,7 @@ use panelprep_base::verdict::{Judgement, Reason};
 use panelprep_cell::imaging::ImagingError;
 use panelprep_cell::panel::TaughtPanel;
 use panelprep_vision::locate::explain::{
-    ERROR_SCALE, Explained, FixtureMark, MAX_FIXTURE_SHIFT_PX, OutlineMark, SATURATED, SurfaceMark,
+    ERROR_SCALE, Explained, FixtureMark, MAX_FIXTURE_SHIFT_PX, MIN_SATURATED_LEVEL, OutlineMark, SurfaceMark,
 };
 use panelprep_vision::locate::{self, Fit};
 
@@ -246,7 +246,7 @@ impl PanelOverlay<'_> {
     fn draw_overexposed(&self) -> ColorPicture {
         let mut picture = self.picture.clone();
         for pixel in &mut picture.rgb {
-            if pixel.iter().any(|&level| level >= SATURATED) {
+            if pixel.iter().any(|&level| level >= MIN_SATURATED_LEVEL) {
                 *pixel = InkColor::VERMILLION.0;
             }
         }

@@ -143,7 +143,7 @@ pub fn determine_breaks(
 /// time at which their rim was complete.
 fn fill_beads(window: &Window, broke_s: &mut [f32], bead_px: usize, seen: &impl PixelObservations) -> Vec<bool> {
     let mut is_bead = vec![false; broke_s.len()];
-    for wet in window.raster().connected_pieces(&DIRECT_NEIGHBOURS, |i| broke_s[i] == NOT_BROKEN) {
+    for wet in window.raster().connected_components(&DIRECT_NEIGHBOURS, |i| broke_s[i] == NOT_BROKEN) {
         // A bead within a break is water that receded, not a film; without it the break would be measured too small.
         let enclosed =
             wet.len() <= bead_px && wet.iter().all(|&i| seen.is_inside(i) && !is_at_window_edge(window, i));

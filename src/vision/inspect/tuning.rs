@@ -104,7 +104,7 @@ fn check_light(advice: &Advice) -> [Check; 2] {
             }),
         Check::new("dry region that is overexposed", "", advice.overexposed)
             .with_max(MAX_OVEREXPOSED_SHARE, LimitSource::Program)
-            .reviews("overexposed", || {
+            .or_review("overexposed", || {
                 format!("{:.1} % of the dry region is overexposed: lower the exposure", 100.0 * advice.overexposed)
             }),
     ]

@@ -169,7 +169,7 @@ fn check_bend(fit: &Fit, limits: &recipe::Surface) -> Check {
 fn check_marks(found: f64) -> Check {
     Check::new("marks in view that are where the taught ones are", "", found)
         .with_min(MIN_MARKS_FOUND_SHARE, LimitSource::Program)
-        .reviews("marks_differ", || {
+        .or_review("marks_differ", || {
             let [found, needed] = distinguishable_percents(found, MIN_MARKS_FOUND_SHARE, 0);
             format!(
                 "{found} % of the panel's visible marks are at their taught positions, at least {needed} % are \
@@ -185,7 +185,7 @@ fn check_scan_quality(fit: &Fit) -> Vec<Check> {
     vec![
         Check::new("panel in view that gave points", "", fit.measured)
             .with_min(MIN_MEASURED_SHARE, LimitSource::Program)
-            .reviews("points_missing", || {
+            .or_review("points_missing", || {
                 let [gave, needed] = distinguishable_percents(fit.measured, MIN_MEASURED_SHARE, 0);
                 format!(
                     "only {gave} % of the visible panel has 3D points, at least {needed} % are needed; dry the \
@@ -203,7 +203,7 @@ fn check_scan_quality(fit: &Fit) -> Vec<Check> {
             }),
         Check::new("panel that is overexposed", "", fit.saturated_share)
             .with_max(MAX_OVEREXPOSED_SHARE, LimitSource::Program)
-            .reviews("overexposed", || {
+            .or_review("overexposed", || {
                 let [found, allowed] = distinguishable_percents(fit.saturated_share, MAX_OVEREXPOSED_SHARE, 0);
                 format!(
                     "{found} % of the panel is overexposed (limit {allowed} %); lower the exposure or shade the \
@@ -413,7 +413,7 @@ fn check_pose_uncertainty(fit: &Fit) -> Vec<Check> {
             }),
         Check::new("for this placement against the next best, times", "", rival.map(CompetingPose::evidence_ratio))
             .with_min(MIN_EVIDENCE_RATIO, LimitSource::Program)
-            .reviews("ambiguous", || rival.map_or(String::new(), ambiguous)),
+            .or_review("ambiguous", || rival.map_or(String::new(), ambiguous)),
     ]
 }
 
