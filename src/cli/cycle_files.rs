@@ -16,7 +16,7 @@ use panelprep_service::daemon::{Calibrations, CellSetup, CycleSetup, PreparedCyc
 use panelprep_service::requirements::recipe_fits::{parse_plausible_recipe, unmet_demands};
 use panelprep_service::requirements::to_problems;
 use panelprep_service::stages::removal::EarlierRemoval;
-use panelprep_store::store::{CycleStart, LostCount, PassesOfCycle, calibration_hash};
+use panelprep_store::store::{CycleStart, PassesOfCycle, UnknownPassCount, calibration_hash};
 use panelprep_vision::calib::budget;
 use panelprep_vision::calib::health::{
     CameraHealth, TOOL_FORCE, VerificationLimits, expiry_warning, health, judge_start,
@@ -89,7 +89,7 @@ pub struct TaughtRecipe {
     /// Statements about the part's abrasions.
     count: CountArguments,
     /// The reason why the part's abrasions cannot be counted without such a statement.
-    lost: Option<LostCount>,
+    lost: Option<UnknownPassCount>,
     /// Whether foam lies in the cell instead of a panel.
     on_foam: bool,
 }
@@ -152,7 +152,8 @@ impl TaughtRecipe {
             Some(serial) => store.passes_by_serial(serial, None).map_err(Fault::stage)?,
             None => vec![],
         };
-        let lost = store.lost_count(self.recipe.panel(), serial.unwrap_or_default()).map_err(Fault::stage)?;
+        let lost =
+            store.unknown_pass_count(self.recipe.panel(), serial.unwrap_or_default()).map_err(Fault::stage)?;
         Ok(TaughtRecipe { part, earlier, count, lost, ..self })
     }
 
@@ -175,7 +176,7 @@ impl TaughtRecipe {
     /// and nothing was stated about the part.
     pub fn check_part_passes(&self) -> Result<(), Fault> {
         if let (Some(lost), None) = (&self.lost, self.count.lost_passes) {
-            let is_answered = self.count.another_part && LostCount::is_answered_by_another_part(&lost.serial);
+            let is_answered = self.count.another_part && UnknownPassCount::is_another_part_sufficient(&lost.serial);
             if !is_answered {
                 return Err(RecordFault::CountUnknown(lost.clone()).into());
             }

@@ -1,4 +1,4 @@
-//! What is kept: the store, recordings, signatures, history, backups and the messages to the office.
+//! The stored data: the store, recordings, signatures, history, backups and the messages to the office.
 //!
 //! Each paragraph of `pub mod` lines is a layer; a module may name only modules of earlier paragraphs.
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]

@@ -281,7 +281,7 @@ pub enum RecordFault {
     PartNames(panelprep_cell::cell::PartNameError),
     /// A part whose abrasions cannot be counted, because the store was restored from a backup.
     #[error("{0}")]
-    CountUnknown(panelprep_store::store::LostCount),
+    CountUnknown(panelprep_store::store::UnknownPassCount),
     /// A cycle with an unsigned record.
     #[error(
         "the record of cycle {cycle} is not signed: the cycle has not ended, or signing failed; `panelprep store verify` \

@@ -1,12 +1,12 @@
-//! Proves that the archive contains what the cells sent. Every name is there without a gap, every content matches
-//! its hash and every signature its key. Every statement follows the one before it, every file is whole. The
-//! archive also agrees with the cells that gave a list.
+//! Proves that the archive contains what the cells sent: no record number is missing, every content matches its hash,
+//! and every signature its key. Every statement refers to the one before it, and every file is complete. The archive
+//! also agrees with the list of each cell that supplied one.
 
 use super::database::{self, ArchiveError};
 use super::files::{ContentFiles, FileState};
 use panelprep_cell::cell::CellName;
 use panelprep_store::office::{ArchiveSettings, Body, ItemEnvelope, Kind, ListEntry, Message, Position, compare};
-use panelprep_store::signing::{CHAIN_BEGIN, Statement};
+use panelprep_store::signing::{CHAIN_START_HASH, Statement};
 use std::collections::{BTreeMap, BTreeSet};
 use tokio_postgres::{Client, Row};
 
@@ -35,9 +35,9 @@ pub struct CheckedCell {
     pub signatures: u64,
     /// Number of files that the records name and that are complete.
     pub files: u64,
-    /// Number of files that the cell no longer had.
+    /// Number of files that the cell had already removed when it sent the record.
     pub missing_in_cell: u64,
-    /// Number of records that the cell has too, with the same hash; `None` if no list of the cell was given.
+    /// Number of records that the cell's list contains with the same hash; `None` if no list of the cell was given.
     pub matching: Option<u64>,
     /// The keys with which the cell's statements are signed.
     pub keys: Vec<String>,
@@ -45,7 +45,7 @@ pub struct CheckedCell {
     pub problems: Vec<String>,
 }
 
-/// Checks every cell of the archive, and those with a list.
+/// Checks every cell in the archive, and every cell that supplied a list.
 ///
 /// # Errors
 /// If the database or the folder cannot be read.
@@ -78,13 +78,13 @@ async fn check_cell(
     let mut office: Vec<ListEntry> = Vec::new();
     let mut after = Position { epoch: String::new(), number: 0 };
     loop {
-        let page = page(client, cell, &after).await?;
+        let page = read_batch(client, cell, &after).await?;
         if page.is_empty() {
             break;
         }
         for row in &page {
-            let listed = record(row, cell, &mut checked, &mut statements);
-            gap(&after, &listed.position, &mut checked.problems);
+            let listed = check_record(row, cell, &mut checked, &mut statements);
+            check_gap(&after, &listed.position, &mut checked.problems);
             after = listed.position.clone();
             if list.is_some() {
                 office.push(listed);
@@ -101,11 +101,11 @@ async fn check_cell(
     }
     let rest = checked.problems.len().saturating_sub(MAX_MESSAGES);
     checked.problems.truncate(MAX_MESSAGES);
-    checked.problems.extend((rest > 0).then(|| format!("{rest} more are not listed")));
+    checked.problems.extend((rest > 0).then(|| format!("{rest} more problems are not listed")));
     Ok(checked)
 }
 
-async fn page(client: &Client, cell: &str, after: &Position) -> Result<Vec<Row>, ArchiveError> {
+async fn read_batch(client: &Client, cell: &str, after: &Position) -> Result<Vec<Row>, ArchiveError> {
     let sql = "SELECT epoch, number, kind, unix_ms, hash, content, signature, public_key FROM records
         WHERE cell = $1 AND (epoch, number) > ($2, $3) ORDER BY epoch, number LIMIT $4";
     let number = i64::try_from(after.number).unwrap_or(i64::MAX);
@@ -117,11 +117,12 @@ fn position(row: &Row) -> Position {
     Position { epoch: row.get(0), number: row.get::<_, i64>(1).unsigned_abs() }
 }
 
-/// A statement's hash, and the hash of the previous statement that it names.
+/// The hash of a statement, and the hash of the previous statement, which the statement contains.
 type Link = (String, String);
 
-/// Checks a row: builds the message from it again, and verifies the message's hash and signature.
-fn record(
+/// Checks a row of the table of records: builds the message from it again, and verifies the message's hash and
+/// signature.
+fn check_record(
     row: &Row,
     cell: &str,
     checked: &mut CheckedCell,
@@ -181,7 +182,7 @@ fn reread_message(cell: &str, envelope: ItemEnvelope) -> Result<Option<(Statemen
     }
 }
 
-fn gap(before: &Position, here: &Position, found: &mut Vec<String>) {
+fn check_gap(before: &Position, here: &Position, found: &mut Vec<String>) {
     let first = if before.epoch == here.epoch { before.number + 1 } else { 1 };
     let last = here.number - 1;
     if first > last {
@@ -191,7 +192,7 @@ fn gap(before: &Position, here: &Position, found: &mut Vec<String>) {
     found.push(format!("{numbers} of epoch {}: not received", here.epoch));
 }
 
-/// Finds statements that are missing, that do not follow from the one before, or that occur twice under one number.
+/// Finds statements that are missing, that do not contain the hash of the one before, or that have the same number.
 fn find_chain_breaks(statements: &BTreeMap<u64, Vec<Link>>) -> Vec<String> {
     let mut found = Vec::new();
     let mut before: Option<(u64, &str)> = None;
@@ -205,7 +206,7 @@ fn find_chain_breaks(statements: &BTreeMap<u64, Vec<Link>>) -> Vec<String> {
         }
         let expected = match before {
             Some((last, hash)) if last + 1 == *number => Some(hash),
-            None if *number == 1 => Some(CHAIN_BEGIN),
+            None if *number == 1 => Some(CHAIN_START_HASH),
             _ => {
                 let first = before.map_or(1, |(last, _)| last + 1);
                 found.push(format!("signed records {first} to {} are missing", number - 1));
@@ -230,7 +231,7 @@ async fn contradictions(client: &Client, cell: &str, checked: &mut CheckedCell) 
     checked.problems.extend(rows.iter().map(|row| {
         let Position { epoch, number } = position(row);
         let hash: String = row.get(2);
-        format!("record {number} of epoch {epoch} was received a second time with the SHA-256 {hash}")
+        format!("record {number} of epoch {epoch} was received a second time with other content, SHA-256 {hash}")
     }));
     Ok(())
 }

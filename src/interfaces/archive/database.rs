@@ -1,5 +1,4 @@
-//! A connection to the database, its tables, which are brought up to date step by step, and the reason why the archive
-//! cannot work.
+//! The connection to the database, the tables with their step-by-step update, and the errors of the archive.
 
 use crate::broker::BrokerError;
 use panelprep_base::trust::{self, TrustError};
@@ -34,7 +33,7 @@ pub enum ArchiveError {
         /// PostgreSQL's message.
         problem: String,
     },
-    /// The database accepts what it is sent and does not answer.
+    /// The database accepted a statement but does not answer.
     #[error("the database has not responded for {seconds} s")]
     Silent {
         /// Time without an answer, s.
@@ -49,7 +48,7 @@ pub enum ArchiveError {
         /// Encoding of the database.
         found: String,
     },
-    /// The tables are of a later version of this program.
+    /// The tables were written by a later version of this program.
     #[error(
         "the database has tables of version {found}, this program supports versions up to {known}: use the newer \
          program"
@@ -120,11 +119,11 @@ pub(super) async fn with_timeout<T>(
     timeout(limit, doing).await.unwrap_or(Err(ArchiveError::Silent { seconds: limit.as_secs() }))
 }
 
-/// Connects, and creates the tables or brings them up to date.
+/// Connects, and creates or updates the tables.
 pub(super) async fn open(database: &DatabaseSettings) -> Result<Client, ArchiveError> {
     let opening = async {
         let mut client = connect(database).await?;
-        raise_tables(&mut client).await?;
+        update_tables(&mut client).await?;
         Ok(client)
     };
     let silent = |_| {
@@ -179,7 +178,7 @@ async fn connect(database: &DatabaseSettings) -> Result<Client, ArchiveError> {
 const TABLES_VERSION: i32 = 1;
 
 /// `records` contains what cells sent; `epochs` contains the number up to which each epoch is complete;
-/// `contradictions` contains messages under a name that is stored with another content. The other tables are derived
+/// `contradictions` contains messages whose name is already stored with other content. The other tables are derived
 /// from records, for pages.
 const TABLES: &str = "
     CREATE TABLE records (
@@ -298,8 +297,8 @@ const TABLES: &str = "
     );
 ";
 
-/// Makes the tables, or brings them up to date. Two archives that start at once wait for each other.
-async fn raise_tables(client: &mut Client) -> Result<(), ArchiveError> {
+/// Creates the tables, or updates them. Two archives that start at the same time wait for each other.
+async fn update_tables(client: &mut Client) -> Result<(), ArchiveError> {
     let failed = ArchiveError::database("make its tables");
     let transaction = client.transaction().await.map_err(&failed)?;
     let begin = "SELECT pg_advisory_xact_lock(7062651);

@@ -1,5 +1,5 @@
-//! The archive's files: each has its SHA-256 as its name and is complete or absent, as in a store. They are in 256
-//! folders, named by the first two digits.
+//! The archive's files: the name of each is its SHA-256, and a file is complete or absent, as in a store. They are in
+//! 256 folders, named by the first two digits.
 
 use super::database::ArchiveError;
 use panelprep_cell::files::is_hex;
@@ -26,8 +26,8 @@ impl ContentFiles {
         ContentFiles(folder.to_owned())
     }
 
-    /// Creates the folder, then writes and removes a file there, so that a problem is found now and not with the first
-    /// picture.
+    /// Creates the folder, then writes and removes a file there, so that a problem is found at the start and not with
+    /// the first picture.
     pub fn check_writable(&self) -> Result<(), ArchiveError> {
         let trial = self.0.join(".trial");
         fs::create_dir_all(&self.0).map_err(ArchiveError::file_error("make", &self.0))?;
@@ -85,7 +85,7 @@ mod tests {
     use panelprep_cell::files::content_hash;
 
     #[test]
-    fn a_file_that_was_damaged_is_written_again_when_it_comes_again() {
+    fn a_damaged_file_is_replaced_when_it_is_received_again() {
         let folder = tempfile::tempdir().expect("a folder");
         let files = ContentFiles::in_folder(folder.path());
         let hash = content_hash(b"picture");

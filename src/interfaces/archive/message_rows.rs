@@ -7,7 +7,7 @@ use panelprep_base::verdict::Verdict;
 use panelprep_cell::cell::CellName;
 use panelprep_cell::files::content_hash;
 use panelprep_store::history::{KnownQuantity, PastCycle, Quantity};
-use panelprep_store::office::{Body, CycleEnd, Message, VerificationSeen};
+use panelprep_store::office::{Body, CycleEnd, Message, OfficeVerification};
 use panelprep_store::signing::{SignedCycle, Statement, StatementContent};
 use std::collections::BTreeMap;
 use strum::IntoEnumIterator;
@@ -38,7 +38,7 @@ pub(super) async fn store_messages(client: &mut Client, messages: &[Message]) ->
     for ((message, hash), is_new) in all.iter().zip(is_new) {
         if is_new {
             new.push((message, hash));
-        } else if let Some(words) = contradiction(&transaction, (message, hash)).await? {
+        } else if let Some(words) = store_contradiction(&transaction, (message, hash)).await? {
             kept.contradictions.push(words);
         } else {
             kept.known += 1;
@@ -46,13 +46,13 @@ pub(super) async fn store_messages(client: &mut Client, messages: &[Message]) ->
     }
     kept.new = new.len() as u64;
     try_join_all(new.iter().map(|(message, _)| insert_files(&transaction, message))).await?;
-    try_join_all(new.iter().map(|(message, hash)| derive(&transaction, (message, hash)))).await?;
+    try_join_all(new.iter().map(|(message, hash)| insert_derived_rows(&transaction, (message, hash)))).await?;
     for message in messages {
         let key = (message.cell.clone(), message.envelope.position.epoch.clone());
         kept.archived.entry(key).or_insert(0);
     }
     for ((cell, epoch), archived) in &mut kept.archived {
-        *archived = complete(&transaction, cell, epoch).await?;
+        *archived = update_archived_number(&transaction, cell, epoch).await?;
     }
     transaction.commit().await.map_err(&failed)?;
     Ok(kept)
@@ -88,8 +88,9 @@ async fn insert(transaction: &Transaction<'_>, (message, hash): (&Message, &str)
     Ok(count == 1)
 }
 
-/// Returns a message if other content is stored under this name; the new content is then stored as a contradiction.
-async fn contradiction(
+/// Returns a text about the contradiction if other content is stored under the name of this message; the new content is
+/// then stored as a contradiction.
+async fn store_contradiction(
     transaction: &Transaction<'_>,
     (message, hash): (&Message, &str),
 ) -> Result<Option<String>, ArchiveError> {
@@ -129,8 +130,11 @@ async fn insert_files(transaction: &Transaction<'_>, message: &Message) -> Resul
     transaction.execute(sql, &values).await.map(drop).map_err(ArchiveError::database("store the files of a record"))
 }
 
-/// Writes the rows that pages read.
-async fn derive(transaction: &Transaction<'_>, (message, hash): (&Message, &str)) -> Result<(), ArchiveError> {
+/// Writes the rows for the office's pages, which are derived from the message.
+async fn insert_derived_rows(
+    transaction: &Transaction<'_>,
+    (message, hash): (&Message, &str),
+) -> Result<(), ArchiveError> {
     let cell = message.cell.as_str();
     match Rows::from_message(message) {
         Ok(Rows::Cycle(end)) => cycle(transaction, cell, &end).await,
@@ -184,11 +188,11 @@ async fn cycle(transaction: &Transaction<'_>, cell: &str, end: &CycleEnd) -> Res
 async fn verification(
     transaction: &Transaction<'_>,
     cell: &str,
-    seen: &VerificationSeen,
+    seen: &OfficeVerification,
 ) -> Result<(), ArchiveError> {
     let sql = "INSERT INTO verifications (cell, subject, at_unix_s, error, allowed, calibration_hash)
         VALUES ($1, $2, $3, $4, $5, $6) ON CONFLICT DO NOTHING";
-    let VerificationSeen { subject, error, limit, calibration_hash, at_unix_s } = seen;
+    let OfficeVerification { subject, error, limit, calibration_hash, at_unix_s } = seen;
     let values: [&(dyn tokio_postgres::types::ToSql + Sync); 6] =
         [&cell, subject, at_unix_s, error, limit, calibration_hash];
     transaction.execute(sql, &values).await.map(drop).map_err(ArchiveError::database("store a verification"))
@@ -230,7 +234,11 @@ async fn signature(
 }
 
 /// Returns the number up to which an epoch has no gap, and writes it if it is higher than before.
-async fn complete(transaction: &Transaction<'_>, cell: &CellName, epoch: &str) -> Result<u64, ArchiveError> {
+async fn update_archived_number(
+    transaction: &Transaction<'_>,
+    cell: &CellName,
+    epoch: &str,
+) -> Result<u64, ArchiveError> {
     let failed = ArchiveError::database("count records");
     let cell = cell.as_str();
     let sql = "INSERT INTO epochs (cell, epoch, archived) VALUES ($1, $2, 0)
@@ -269,7 +277,7 @@ fn number(number: u64) -> i64 {
 #[derive(Debug, Clone, PartialEq)]
 enum Rows {
     Cycle(CycleEnd),
-    Verification(VerificationSeen),
+    Verification(OfficeVerification),
     Signature(SignatureRows),
 }
 
@@ -291,7 +299,7 @@ struct SignatureRows {
 struct Quantities {
     pub started_unix_s: i64,
     pub panel: String,
-    /// Keyword, value and limit as JSON.
+    /// Keyword and value of each quantity, and its limit as JSON.
     pub values: Vec<(&'static str, f64, String)>,
 }
 
@@ -329,7 +337,7 @@ fn signature_rows(statement: &Statement) -> SignatureRows {
 fn extract_quantities(cycle: &SignedCycle) -> Option<Quantities> {
     let record = cycle.cycle_record().ok()?;
     let past = PastCycle { record, part: cycle.part.clone(), disc: None };
-    // As in the cell's own trends.
+    // The cell's own trends leave out these cycles as well.
     if past.record.is_air_run() || past.record.has_no_part() {
         return None;
     }

@@ -1,10 +1,14 @@
-//! The data that pages of the office read: the current state of all cells, cycles (the newest first, and one of them
-//! with its records), the values of one quantity of a panel and the verifications in all cells, which show which cell
-//! differs from the others, recipes by their content (the cells in which each version ran, and since when), and
-//! accounts (a person with an account may read, and no one may change anything).
+//! The data that the office's pages read:
 //!
-//! A [`Reader`] has one connection to the database, and the folder of files. Every query uses an index and ends after
-//! a limited number of rows, so that it is as fast with a million records as with a thousand.
+//! - the current state of all cells
+//! - cycles, the newest first, and single cycles with their records
+//! - the values of one quantity of a panel
+//! - the verifications in all cells, which show the cell that differs from the others
+//! - recipes by their content: the cells in which each version ran, and since when
+//! - accounts: a person with an account may read, and no account may change anything
+//!
+//! A [`Reader`] has one connection to the database, and the folder of files. Every query uses an index and ends after a
+//! limited number of rows, so that it is as fast with a million records as with a thousand.
 
 use super::database::{self, ArchiveError};
 use super::files::ContentFiles;
@@ -22,7 +26,7 @@ use tokio_postgres::types::ToSql;
 /// Maximum time that a page waits for the database.
 const QUERY_TIMEOUT: Duration = Duration::from_secs(15);
 
-/// A reader of the archive. Clones share one connection, which is made anew if it was lost.
+/// A reader of the archive. Clones share one connection, which is replaced if it was lost.
 #[derive(Clone)]
 pub struct Reader {
     settings: Arc<ArchiveSettings>,
@@ -59,12 +63,12 @@ impl Reader {
     async fn rows(&self, sql: &str, values: SqlValues<'_>) -> Result<Vec<tokio_postgres::Row>, ArchiveError> {
         let failed = ArchiveError::database("read the archive");
         let client = self.client().await?;
-        // If the library prepared each query, it would need one more round trip each time; the server plans these
-        // queries in less than a millisecond.
+        // The library does not prepare these queries: each preparation would need one more round trip, and the server
+        // plans them in less than a millisecond.
         self.with_timeout(async { client.query(sql, values).await.map_err(failed) }).await
     }
 
-    async fn change(&self, sql: &str, values: SqlValues<'_>) -> Result<u64, ArchiveError> {
+    async fn execute(&self, sql: &str, values: SqlValues<'_>) -> Result<u64, ArchiveError> {
         let failed = ArchiveError::database("write to the archive");
         let client = self.client().await?;
         self.with_timeout(async { client.execute(sql, values).await.map_err(failed) }).await
@@ -260,7 +264,7 @@ impl Reader {
         let (from_s, until_s) = (from_unix_s.unwrap_or(i64::MIN), until_unix_s.unwrap_or(i64::MAX));
         let mut values: Vec<&(dyn tokio_postgres::types::ToSql + Sync)> =
             vec![&before_s, &before_cell, &before_cycle, &from_s, &until_s, limit];
-        // The query contains only the conditions that were requested, so that the server chooses the index by them.
+        // The query contains only the conditions of this search, so that the server can choose the index for them.
         let mut conditions = String::new();
         for (column, value) in [("cell", cell), ("panel", panel), ("lower(serial)", &serial), ("verdict", verdict)]
         {
@@ -468,6 +472,6 @@ impl Reader {
         let sql = "INSERT INTO accounts (name, printed_name, password_hash) VALUES ($1, $2, $3)
             ON CONFLICT (name) DO UPDATE SET printed_name = EXCLUDED.printed_name, password_hash = EXCLUDED.password_hash";
         let OfficeAccount { name, printed_name, password_hash } = account;
-        self.change(sql, &[name, printed_name, password_hash]).await.map(drop)
+        self.execute(sql, &[name, printed_name, password_hash]).await.map(drop)
     }
 }

@@ -22,7 +22,7 @@ const BATCH_MESSAGES: usize = 500;
 /// on up to this limit.
 const MAX_RETRY_DELAY: Duration = Duration::from_secs(30);
 
-/// At most this many records that wait for their files are reported at a time.
+/// Maximum number of records waiting for their files that are reported at a time.
 const MAX_REPORTED: usize = 5;
 /// A failure that stays the same is reported again after this time.
 const REPORT_INTERVAL: Duration = Duration::from_secs(3_600);
@@ -103,7 +103,7 @@ async fn receive(
     }
 }
 
-/// Receives the states that cells report; a state that is missed comes again in two seconds.
+/// Receives the states that cells report. A missed state is replaced by the next one after two seconds.
 async fn listen(client: &Client, mut states: StateSubscription) -> Result<std::convert::Infallible, ArchiveError> {
     let mut names = Names::default();
     loop {
@@ -151,7 +151,7 @@ impl Receiver {
                 }
                 ChunkOwner::Message(position) => match parse_message(&whole, position) {
                     Ok(message) => {
-                        // A message that is delivered again has other receipts.
+                        // The broker delivers a message again with new receipts, so the earlier entry is removed.
                         self.waiting.retain(|(before, _)| *before != message);
                         self.waiting.push((message, whole.receipts));
                     }
@@ -193,7 +193,8 @@ fn parse_message(whole: &AssembledItem<Receipt>, position: &Position) -> Result<
     match message.cell == whole.cell && message.envelope.position == *position {
         true => Ok(message),
         false => {
-            let problem = "the cell or the record number differs from the line of its parts".to_owned();
+            let problem =
+                "the cell or the record number differs from the one in the parts of the message".to_owned();
             Err(OfficeError::Form { what: "head of a message", problem })
         }
     }
@@ -253,7 +254,7 @@ struct Names(BTreeMap<String, ReportedEpochs>);
 
 #[derive(Debug, Default)]
 struct ReportedEpochs {
-    /// The epochs that were reported last, and the different ones before them.
+    /// The epochs in the last report; `previous_epochs` are the different ones that were reported before.
     last: Vec<String>,
     previous_epochs: Vec<String>,
     is_reported: bool,
@@ -311,7 +312,7 @@ mod tests {
     use panelprep_store::office::Position;
 
     #[test]
-    fn a_store_that_was_brought_back_is_one_cell_and_two_stores_in_turn_are_two() {
+    fn a_restored_store_is_one_cell_and_two_alternating_stores_are_two() {
         let told = |epochs: &[&str]| {
             let mut state = CellState::new(&CellName::new("a").expect("a name"));
             let position = |epoch: &&str| Position { epoch: (*epoch).to_owned(), number: 1 };

@@ -1,4 +1,4 @@
-//! A connection to a broker, a cell's requests to it, and the reason why the broker did not do what was requested.
+//! The connection to the broker, a cell's requests to it, and the errors of both.
 
 use async_nats::jetstream::context::{GetStreamErrorKind, PublishAckFuture};
 use async_nats::jetstream::message::PublishMessage;
@@ -11,9 +11,9 @@ use panelprep_store::office::{Chunk, RecipeOffer, subject};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// The time limit for an answer; a later one does not count.
+/// Time limit for an answer; a later answer is ignored.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(5);
-/// Messages on their way without an acknowledgement.
+/// Maximum number of messages that are sent and not yet acknowledged.
 const MAX_IN_FLIGHT: usize = 1_024;
 
 /// Errors of the connection to the broker.
@@ -38,7 +38,7 @@ pub enum BrokerError {
         /// The stream.
         stream: &'static str,
     },
-    /// The broker did not accept a message, or did not confirm that it did.
+    /// The broker did not accept a message, or did not acknowledge it.
     #[error("the broker {address} did not accept a message: {problem}")]
     Refused {
         /// Its address.
@@ -66,7 +66,8 @@ pub(super) struct Link {
     last_refusal: LastRefusal,
 }
 
-/// The broker's last refusal on this connection: the broker does not answer a refused request.
+/// The broker's last refusal on this connection. It is received separately, because the broker does not answer a
+/// refused request.
 type LastRefusal = Arc<Mutex<Option<String>>>;
 
 /// Returns a problem together with the broker's refusal.
@@ -134,14 +135,14 @@ impl Link {
     }
 }
 
-/// Returns the advice for a message of the library.
+/// Returns the advice for an error text of the library.
 fn advice(problem: &str, broker: &Broker) -> &'static str {
     let is_tls = broker.address.starts_with("tls://");
     let has = |words: &str| problem.contains(words);
     if has("authorization violation") || has("Authorization") {
-        "; check user with password_file, or credentials, of the broker"
+        "; check user and password_file, or credentials, in the settings of the broker"
     } else if has("UnknownIssuer") {
-        "; the file at ca does not contain the authority that signed the broker's certificate"
+        "; the file at ca does not contain the certificate authority that signed the broker's certificate"
     } else if has("InvalidContentType") || is_tls && has("TLS is not supported") {
         "; the broker does not use TLS: configure a certificate at the broker, or use an address with nats://"
     } else if has("CertificateRequired") || has("BadCertificate") {
@@ -172,7 +173,8 @@ pub struct CellLink {
     cell: CellName,
 }
 
-/// A message that was sent and that is not yet confirmed: the broker confirms that the message is on its disk.
+/// A message that was sent and is not yet acknowledged. The broker acknowledges a message when it is on the broker's
+/// disk.
 pub struct PendingMessage {
     ack: PublishAckFuture,
     address: String,
@@ -183,7 +185,7 @@ impl PendingMessage {
     /// Waits for the broker's acknowledgement.
     ///
     /// # Errors
-    /// If the broker refuses the message, another stream accepted it, or nothing comes in time.
+    /// If the broker refuses the message, another stream accepted it, or no acknowledgement is received in time.
     pub async fn wait_acknowledged(self) -> Result<(), BrokerError> {
         let refused = |problem: String| BrokerError::Refused { address: self.address.clone(), problem };
         let ack = self.ack.await.map_err(|error| refused(append_refusal(error, &self.last_refusal)))?;
@@ -202,14 +204,14 @@ impl CellLink {
     /// Connects to the broker.
     ///
     /// # Errors
-    /// If the broker cannot be reached, or refuses.
+    /// If the broker cannot be reached, or refuses the connection.
     pub async fn connect(broker: &Broker, cell: &CellName) -> Result<Self, BrokerError> {
         let link = Link::connect(broker, &format!("panelprep {cell}")).await?;
         Ok(CellLink { link, cell: cell.clone() })
     }
 
     /// Returns a text that identifies the stream and the sender: the cell's name, the stream's name, and the creation
-    /// time of the stream. Another stream has none of the messages that the one before it accepted.
+    /// time of the stream. A new stream contains none of the messages that an earlier stream accepted.
     ///
     /// # Errors
     /// If there is no stream.
@@ -226,7 +228,7 @@ impl CellLink {
         Ok(format!("{} {} {}", self.cell, info.config.name, info.created.unix_timestamp_nanos()))
     }
 
-    /// Returns the number up to which the office has everything of this epoch; `None` if the office never reported
+    /// Returns the number up to which the office has all records of this epoch; `None` if the office has not reported
     /// one.
     ///
     /// # Errors
@@ -273,8 +275,8 @@ impl CellLink {
         }
     }
 
-    /// Sends a part of a message. If the office did not have the part, it is sent again, and `again` counts the
-    /// repetitions. The broker's acknowledgement comes later.
+    /// Sends a part of a message. If the office does not have a part that was sent before, it is sent again, and
+    /// `again` counts the repetitions. The broker acknowledges the part later.
     ///
     /// # Errors
     /// If it cannot be sent.

@@ -32,7 +32,7 @@ pub struct OfficeLink {
     link: Link,
     consumer: PullConsumer,
     /// The number of the message up to which all are acknowledged, and the time since which this number has not
-    /// changed. `looked` is the time of the last check.
+    /// changed. `last_check` is the time of the last check.
     floor: (u64, Instant),
     last_check: Instant,
 }
@@ -74,7 +74,7 @@ impl Receipt {
     /// Reports that the message is stored: the broker may delete it.
     ///
     /// # Errors
-    /// If that cannot be reported; the message is delivered again.
+    /// If this cannot be reported; the message is then delivered again.
     pub async fn acknowledge(&self) -> Result<(), BrokerError> {
         self.send_ack(AckKind::Ack).await
     }
@@ -82,7 +82,7 @@ impl Receipt {
     /// Reports that the message can never be stored.
     ///
     /// # Errors
-    /// If that cannot be reported; the message is delivered again.
+    /// If this cannot be reported; the message is then delivered again.
     pub async fn refuse(&self) -> Result<(), BrokerError> {
         self.send_ack(AckKind::Term).await
     }
@@ -109,10 +109,10 @@ fn append_advice(problem: &str) -> String {
 }
 
 impl OfficeLink {
-    /// Connects, and makes the streams if they do not exist; at most this many bytes wait in the broker.
+    /// Connects, and creates or updates the streams. The stream of records holds at most `most_bytes`.
     ///
     /// # Errors
-    /// If the broker cannot be reached, refuses, or has no JetStream.
+    /// If the broker cannot be reached, refuses the connection, or has no JetStream.
     pub async fn connect(broker: &Broker, most_bytes: i64) -> Result<Self, BrokerError> {
         let link = Link::connect(broker, "panelprep archive").await?;
         let records = Config {
@@ -196,7 +196,7 @@ impl OfficeLink {
         let mut all = Vec::new();
         while let Some(message) = batch.next().await {
             let mut message = message.map_err(|error| failed(error.to_string()))?;
-            // A receipt may be stored for long, and does not need the bytes.
+            // A receipt may be kept for a long time, and does not need the bytes of the message.
             let bytes = Vec::from(std::mem::take(&mut message.message.payload));
             let subject = message.subject.to_string();
             all.push(Delivery { bytes, subject, receipt: Receipt { message, address: self.link.address.clone() } });
@@ -204,8 +204,8 @@ impl OfficeLink {
         Ok(all)
     }
 
-    /// Reports up to which number the office has everything of an epoch of a cell; waits until the broker has this
-    /// on its disk.
+    /// Reports the number up to which the office has all records of a cell's epoch; waits until the broker has this
+    /// report on its disk.
     ///
     /// # Errors
     /// If the broker does not accept it.
@@ -231,10 +231,10 @@ impl OfficeLink {
         ack.await.map(drop).map_err(|error| failed(error.to_string()))
     }
 
-    /// Returns the states that all cells report from now on.
+    /// Returns a subscription to the states that all cells report from now on.
     ///
     /// # Errors
-    /// If the broker does not allow listening.
+    /// If the broker does not permit the subscription.
     pub async fn states(&self) -> Result<StateSubscription, BrokerError> {
         let heard = self.link.client.subscribe(subject::ALL_STATES).await;
         let heard =

@@ -119,8 +119,8 @@ pub const METHODS: &[Method] = &[
             Argument {
                 name: "AnotherPart",
                 kind: ArgumentKind::Boolean,
-                meaning: "True if the part in the fixture is not the part of the earlier cycles: abrasions count \
-                          from zero. The value is recorded with the cycle.",
+                meaning: "True if the part in the fixture is not the part of the earlier cycles: its abrasions \
+                          are counted from zero. The value is recorded with the cycle.",
             },
         ],
         required_permission: Some(Operate),
@@ -157,7 +157,7 @@ pub const METHODS: &[Method] = &[
         "Abort",
         Command::Abort,
         None,
-        "Ends everything at once; the unit ends in Aborted. This is not an emergency stop.",
+        "Ends everything immediately; the unit ends in Aborted. This is not an emergency stop.",
     ),
     Method {
         name: "Clear",

@@ -12,7 +12,7 @@ pub struct Node {
     pub path: &'static str,
     /// The type of the node's values.
     pub kind: Kind,
-    /// Their unit; empty if they have none.
+    /// Unit of the values; empty if they have none.
     pub unit: &'static str,
     /// Description of the node.
     pub meaning: &'static str,
@@ -50,7 +50,7 @@ fn robot(now: &Snapshot) -> Value {
     value_or_absent(now.state, |state| Value::String(state.facts.robot.keyword().to_owned()))
 }
 
-/// Returns why the unit does not work: the first reason, if the unit is in none of the states of work.
+/// Returns the first reason why the unit does not work; `None` in a state in which the unit works.
 fn stop_reason(now: &Snapshot) -> Option<&Reason> {
     use UnitState::{Completing, Execute, Resetting, Starting, Unholding};
     let works = matches!(unit_state(now)?, Starting | Execute | Unholding | Completing | Resetting);
@@ -441,7 +441,7 @@ pub const NODES: &[Node] = &[
         "Service/LastRefusal/Message",
         Kind::String,
         "",
-        "text of the reason for the last refusal, with what is possible instead",
+        "text of the reason for the last refusal, and what is possible instead",
         |now| value_or_absent(now.refusal.as_ref(), |refusal| Value::String(refusal.reason.message.clone())),
     ),
 ];

@@ -17,9 +17,9 @@ pub struct Snapshot {
     pub answers: bool,
     /// The state, as in the cycle's state table.
     pub state: Option<State>,
-    /// Whole seconds for which the unit has been in its state, since this service has observed it.
+    /// Whole seconds in the present state, since this service started to observe it.
     pub in_state_s: u32,
-    /// Whole seconds for which the unit has been in its mode, since this service has observed it.
+    /// Whole seconds in the present mode, since this service started to observe it.
     pub in_mode_s: u32,
     /// The phase inside Execute; if the cycle is held, the phase in which it continues.
     pub phase: Option<String>,
@@ -29,9 +29,9 @@ pub struct Snapshot {
     pub panel: Option<String>,
     /// Number of abrasions of the cycle so far.
     pub pass: Option<u8>,
-    /// Elapsed seconds of the current film.
+    /// Elapsed time of the current film, s.
     pub film_s: Option<f64>,
-    /// Seconds of a whole film.
+    /// Observation time of a whole film, s.
     pub film_total_s: Option<f64>,
     /// Executed waypoints of the current path.
     pub waypoint: Option<u32>,
@@ -102,7 +102,7 @@ pub struct Verified {
     pub limit_mm: f64,
 }
 
-/// Counts of the finished cycles in the store, without runs in the air.
+/// Counts of the ended cycles in the store, without air-runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct CycleCounts {
     /// Cycles with the verdict pass.
@@ -111,7 +111,7 @@ pub struct CycleCounts {
     pub failed: u32,
     /// Cycles with the verdict reject: the panel was not treated.
     pub rejected: u32,
-    /// With the verdict invalid: the test gives no result.
+    /// Cycles with the verdict invalid: the test gives no result.
     pub invalid: u32,
     /// Cycles that ended by an abort or a stop.
     pub aborted: u32,
@@ -126,7 +126,7 @@ impl CycleCounts {
         passed + failed + rejected + invalid + aborted + other
     }
 
-    /// The cycles in which the panel is not good.
+    /// Returns the number of cycles with the verdict fail or reject.
     pub fn defective_count(&self) -> u32 {
         self.failed + self.rejected
     }
@@ -214,7 +214,7 @@ impl UnitState {
 pub enum UnitMode {
     /// Cycles on panels.
     Production = 1,
-    /// A run in the air, without water, tool and contact.
+    /// An air-run, without water, tool and contact.
     Maintenance = 2,
     /// The robot is in T1 or T2 and is operated by hand.
     Manual = 3,
@@ -289,7 +289,7 @@ impl Kind {
 }
 
 impl Value {
-    /// Returns its kind; `None` if there is no value.
+    /// Returns the type of this value; `None` if there is no value.
     pub fn kind(&self) -> Option<Kind> {
         Some(match self {
             Value::Absent => return None,

@@ -37,7 +37,7 @@ fn value(path: &str, now: &Snapshot) -> Value {
 }
 
 #[test]
-fn each_state_has_its_number_of_the_standard() {
+fn each_state_has_its_number_in_the_standard() {
     for (state, number, name, is_acting) in STATES {
         let unit = UnitState::from_state(state);
         assert_eq!((unit.number(), unit.name(), unit.is_acting_state()), (number, name, is_acting), "{state:?}");
@@ -51,7 +51,7 @@ fn each_state_has_its_number_of_the_standard() {
 }
 
 #[test]
-fn the_mode_follows_the_robots_switch_and_what_the_cycle_is_for() {
+fn the_mode_follows_the_robot_switch_and_the_purpose_of_the_cycle() {
     let mode = |robot, running, air| {
         let mut state = State::INITIAL;
         (state.facts.robot, state.job.running, state.job.air) = (robot, running, air);
@@ -69,9 +69,9 @@ fn the_mode_follows_the_robots_switch_and_what_the_cycle_is_for() {
     }
 }
 
-/// A client trusts the data type that a node states.
+/// Each value has the data type that its node states, because clients rely on it.
 #[test]
-fn each_value_is_of_its_nodes_kind_in_every_state() {
+fn each_value_has_the_type_of_its_node_in_every_state() {
     let full = full();
     for (state, ..) in STATES {
         let full = Snapshot { state: at(state).state, ..full.clone() };
@@ -128,7 +128,7 @@ fn full() -> Snapshot {
 }
 
 #[test]
-fn values_are_what_was_found() {
+fn values_are_computed_from_the_snapshot() {
     let full = Snapshot { state: at(At::Held(HOLD)).state, ..full() };
     assert_eq!(value("Calibrations/Scanner/Age", &full), Value::Double(1.5));
     assert_eq!(value("Calibrations/Tool/VerifiedAt", &full), Value::DateTime(1_000_000));
@@ -142,7 +142,7 @@ fn values_are_what_was_found() {
 }
 
 #[test]
-fn what_is_not_known_is_absent() {
+fn unknown_values_are_absent() {
     let nothing = Snapshot::default();
     for path in ["PackML/Status/StateCurrent", "Cycle/Verdict", "Calibrations/Tool/Age", "Cycle/WaitsForReview"] {
         assert_eq!(value(path, &nothing), Value::Absent, "{path}");
@@ -150,7 +150,7 @@ fn what_is_not_known_is_absent() {
 }
 
 #[test]
-fn no_two_nodes_have_one_path_and_none_is_below_another() {
+fn node_paths_are_unique_and_not_nested() {
     let paths: BTreeSet<&str> = NODES.iter().map(|node| node.path).collect();
     assert_eq!(paths.len(), NODES.len());
     for path in &paths {
@@ -159,9 +159,9 @@ fn no_two_nodes_have_one_path_and_none_is_below_another() {
     }
 }
 
-/// The roles of every method are those of the same requests on the operator's page.
+/// Each method requires the same roles as the same request on the operator's page.
 #[test]
-fn every_method_is_in_the_table_with_its_roles() {
+fn each_command_has_one_method_with_its_roles() {
     let roles = |name: &str| -> Vec<&str> {
         let method = method(name).expect("such a method");
         Role::VARIANTS.iter().filter(|role| method.is_allowed(Some(**role))).map(|role| role.keyword()).collect()

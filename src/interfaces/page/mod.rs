@@ -1,9 +1,9 @@
 //! Pages that this program serves to a browser on the same computer.
 //!
-//! [`LocalServer`] is the server. It listens on a loopback address alone and identifies its pages by a key in their
+//! [`LocalServer`] is the server. It listens only on a loopback address and identifies its pages by a key in their
 //! address that only the terminal shows. It refuses requests that name another host, so that no other page in the
-//! browser can send a request. All that a page needs is in the program; nothing is loaded from other servers. A
-//! person's session with a page has the number of times that the person saved, and whether the person is done.
+//! browser can send a request. All that a page needs is in the program; nothing is loaded from other servers. A session
+//! with a page counts how often the person saved, and records whether the person is done.
 //!
 //! - `drawing`: the region and the masked areas, drawn on the taught picture
 //! - `label`: the breaks in a clip, marked over its pictures
@@ -55,7 +55,7 @@ pub struct LocalServer {
     key: String,
 }
 
-/// The accepted hosts: the names by which a browser on this computer addresses the server.
+/// The accepted host names: those by which a browser on this computer addresses the server.
 struct HostFilter {
     hosts: [String; 2],
 }
@@ -90,7 +90,7 @@ impl LocalServer {
     /// Serves these pages until `done` is signalled or dropped.
     ///
     /// # Errors
-    /// If the operating system refuses what the server needs.
+    /// If the operating system reports an error of the server.
     pub fn serve(self, pages: Router, done: oneshot::Receiver<()>) -> Result<(), LocalError> {
         let LocalServer { runtime, listener, address, .. } = self;
         let gate = Arc::new(HostFilter { hosts: [address.to_string(), format!("localhost:{}", address.port())] });
@@ -104,8 +104,8 @@ impl LocalServer {
     }
 }
 
-/// Passes on a request that names this computer as its host. Responses are not cached and cannot be framed by
-/// another page.
+/// Passes on a request that names this computer as its host, and refuses others. Responses are not cached, and another
+/// page cannot show them in a frame.
 async fn filter_host(State(gate): State<Arc<HostFilter>>, request: Request<Body>, next: Next) -> Response {
     let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok());
     if !host.is_some_and(|host| gate.hosts.iter().any(|own| own == host)) {
@@ -126,7 +126,7 @@ async fn filter_host(State(gate): State<Arc<HostFilter>>, request: Request<Body>
     response
 }
 
-/// The number of savings, and the channel that signals that the person is done.
+/// The number of saves, and the channel that signals that the person is done.
 struct Session(Mutex<(u32, Option<oneshot::Sender<()>>)>);
 
 impl Session {

@@ -1,7 +1,7 @@
 //! Commands to the node: the requests in a message on its command topic, and which of them are refused.
 //!
-//! Limits apply to messages from a broker: a flood neither fills the audit trail nor uses up the loop's turns, and no
-//! stop is lost in it.
+//! The messages from a broker are limited: a flood of messages neither fills the audit trail nor blocks the loop, and
+//! no stop is lost in it.
 
 use super::metrics::{METRICS, alias};
 use super::payload::{Metric, Payload, WireType};
@@ -14,18 +14,18 @@ use strum::VariantArray;
 /// A request that a host may make. No request begins a motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, VariantArray)]
 pub enum NodeCommand {
-    /// To publish everything again.
+    /// Publishes all values again.
     Rebirth,
-    /// To hold the cycle.
+    /// Holds the cycle.
     Hold,
-    /// To stop.
+    /// Stops the cycle.
     Stop,
-    /// To abort.
+    /// Aborts the cycle.
     Abort,
 }
 
 impl NodeCommand {
-    /// The name of the command's metric.
+    /// Returns the name of the command's metric.
     pub fn name(self) -> &'static str {
         match self {
             NodeCommand::Rebirth => "Node Control/Rebirth",
@@ -35,7 +35,7 @@ impl NodeCommand {
         }
     }
 
-    /// The command's keyword in the audit trail.
+    /// Returns the command's keyword in the audit trail.
     pub fn keyword(self) -> &'static str {
         match self {
             NodeCommand::Rebirth => "rebirth",
@@ -45,7 +45,7 @@ impl NodeCommand {
         }
     }
 
-    /// The alias of the command's metric; the specification requires a rebirth to have none.
+    /// Returns the alias of the command's metric; the specification requires a rebirth to have none.
     pub fn alias(self) -> Option<u64> {
         match self {
             NodeCommand::Rebirth => None,
@@ -117,10 +117,10 @@ pub enum CommandError {
 
 /// Limit of metrics in one message; a host has no reason to write more at once.
 const MAX_METRICS: usize = 32;
-/// The most characters of a foreign name that are reported.
+/// Maximum number of characters that are reported of a name in a received message.
 const MAX_CHARACTERS: usize = 80;
 
-/// The commands of a message on the command topic, or the reason for each refusal, in the message's order.
+/// Returns the commands in a message on the command topic, or the reason for each refusal, in the message's order.
 pub fn commands(bytes: &[u8], commands_allowed: bool) -> Vec<Result<NodeCommand, CommandError>> {
     let payload = match Payload::decode(bytes) {
         Ok(payload) => payload,
@@ -137,7 +137,7 @@ pub fn commands(bytes: &[u8], commands_allowed: bool) -> Vec<Result<NodeCommand,
 
 fn command(metric: &Metric, commands_allowed: bool) -> Result<NodeCommand, CommandError> {
     let is_meant = |command: &&NodeCommand| match (&metric.name, metric.alias) {
-        // If both are given they must agree.
+        // If name and alias are given, they must agree.
         (Some(name), Some(alias)) => command.name() == name && command.alias() == Some(alias),
         (Some(name), None) => command.name() == name,
         (None, alias) => alias.is_some() && command.alias() == alias,
@@ -162,7 +162,7 @@ fn describe_allowed(commands_allowed: bool) -> String {
     NodeCommand::offered_commands(commands_allowed).map(NodeCommand::name).collect::<Vec<_>>().join(", ")
 }
 
-/// Describes a metric in a message for people; foreign text is cut at a limit.
+/// Describes a metric in a message for people; a long name is shortened.
 fn describe(metric: &Metric) -> String {
     let of_alias = |number: u64| METRICS.iter().enumerate().find(|(place, _)| alias(*place) == number);
     match (&metric.name, metric.alias) {
@@ -178,13 +178,13 @@ fn describe(metric: &Metric) -> String {
     }
 }
 
-/// Shortest time after which the same command is passed on again, ms. A command that arrives earlier waits until this
-/// time is over: no stop is lost.
+/// Minimum time between two commands of the same kind that are passed on, ms. A command that arrives earlier waits
+/// until this time is over, so that no stop is lost.
 const MIN_INTERVAL_MS: u64 = 1_000;
-/// Limits of lines in the audit trail per minute: for executed and for refused commands.
-pub(super) const LINES: MaxLinesPerMinute = MaxLinesPerMinute { done: 60, refused: 20 };
+/// Limits of the lines in the audit trail per minute, for executed and for refused commands.
+pub(super) const MAX_AUDIT_LINES: MaxLinesPerMinute = MaxLinesPerMinute { done: 60, refused: 20 };
 
-/// The time when each command was last passed on, and whether it waits.
+/// The time at which each command was last passed on, and whether the command waits.
 #[derive(Debug, Clone, Default)]
 pub(super) struct CommandLimit(BTreeMap<NodeCommand, LastPassed>);
 
@@ -195,7 +195,7 @@ struct LastPassed {
 }
 
 impl CommandLimit {
-    /// Returns whether this command is passed on now; otherwise it waits.
+    /// Returns whether this command may be passed on now; otherwise it waits.
     pub fn admit(&mut self, command: NodeCommand, now_ms: u64) -> bool {
         match self.0.get_mut(&command) {
             Some(passed) if now_ms.saturating_sub(passed.at_ms) < MIN_INTERVAL_MS => {
@@ -209,7 +209,7 @@ impl CommandLimit {
         }
     }
 
-    /// The commands that have waited long enough.
+    /// Returns the waiting commands whose time is over, and counts them as passed on.
     pub fn due_commands(&mut self, now_ms: u64) -> Vec<NodeCommand> {
         let is_due = |passed: &LastPassed| passed.waits && now_ms.saturating_sub(passed.at_ms) >= MIN_INTERVAL_MS;
         let due: Vec<_> = self.0.iter().filter(|(_, passed)| is_due(passed)).map(|(command, _)| *command).collect();
@@ -224,14 +224,14 @@ impl CommandLimit {
         self.0.get(&command).is_some_and(|passed| passed.waits)
     }
 
-    /// Cancels the waiting of this command.
+    /// Removes this command from the waiting commands.
     pub fn forget(&mut self, command: NodeCommand) {
         if let Some(passed) = self.0.get_mut(&command) {
             passed.waits = false;
         }
     }
 
-    /// Cancels the waiting of all commands. The times when they were last passed on are kept.
+    /// Removes all waiting commands. The times at which commands were last passed on are kept.
     pub fn clear(&mut self) {
         for passed in self.0.values_mut() {
             passed.waits = false;

@@ -16,7 +16,7 @@ pub struct CellView {
     pub kept: StoreView,
 }
 
-/// The loop's present values; all empty if the loop does not answer.
+/// The loop's present values; all are `None` if the loop does not answer.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct LoopView {
     /// The state of the cycle's state machine.
@@ -29,9 +29,9 @@ pub struct LoopView {
     pub panel: Option<String>,
     /// The number of abrasions in this cycle so far.
     pub pass: Option<u8>,
-    /// How long the film was watched, s.
+    /// Elapsed time of the current film, s.
     pub film_s: Option<f64>,
-    /// How long the film is to be watched, s.
+    /// Observation time of a whole film, s.
     pub film_total_s: Option<f64>,
     /// Number of executed waypoints of the present path.
     pub waypoint: Option<u32>,
@@ -74,7 +74,7 @@ pub struct StoreView {
     pub abrasions: Option<i64>,
 }
 
-/// The unit's state.
+/// Returns the unit's state.
 fn unit_state(now: &LoopView) -> Option<UnitState> {
     now.table.map(|state| UnitState::from_state(state.at))
 }
@@ -116,7 +116,7 @@ pub const METRICS: [MetricDefinition; 29] = [
     define_metric("State/word", DataType::String, "the PackML state", |view| {
         Value::text(view.now.table.map(|state| state.at.keyword()))
     }),
-    define_metric("Mode/number", Int64, "1 production, 2 maintenance, 3 manual", |view| {
+    define_metric("Mode/number", Int64, "number of the mode: 1 production, 2 maintenance, 3 manual", |view| {
         Value::as_integer(unit_mode(&view.now).map(UnitMode::number))
     }),
     define_metric(

@@ -1,9 +1,9 @@
-//! The cell as an edge node of MQTT Sparkplug B 3.0, without sockets and clocks: the published values, and the
-//! requests in commands.
+//! The cell as an edge node of MQTT Sparkplug B 3.0, without sockets and clocks: the published values, and the requests
+//! in commands.
 //!
 //! It is a live view: its data may be lost, and nothing in the cell waits for it. `payload` (protobuf, values, topics)
-//! · `metrics` (the table of all published values) · `command` (also limits for floods) · `node` (the state machine,
-//! also the primary host). The connection is `daemon/sparkplug`.
+//! · `metrics` (the table of all published values) · `command` (also the limits for a flood of commands) · `node` (the
+//! state machine, also the primary host). `daemon/sparkplug` is the connection.
 //!
 //! Source: Sparkplug specification, version 3.0.0, Eclipse Foundation, 2022.
 

@@ -1,17 +1,16 @@
-//! The edge node: its messages to the broker, and its handling of received messages. It converts events to actions,
-//! and uses no socket and no clock.
+//! The edge node: its messages to the broker, and its handling of received messages. It converts events to actions, and
+//! uses no socket and no clock.
 //!
 //! ```text
 //! Connecting ─ Connected ─ (primary host online) ─ NBIRTH ─ NDATA at each change ─ NDEATH
 //! ```
 //!
-//! The death message is registered at the broker before anything else, as the will of the connection. It has the
-//! number (`bdSeq`) that the births of the same connection carry. Births and data are counted by `seq` from 0 to 255
-//! and again from 0.
+//! The death message is registered at the broker first, as the will of the connection. It has the same number (`bdSeq`)
+//! as the births of this connection. `seq` counts births and data from 0 to 255, and then from 0 again.
 //!
-//! If a primary host application is named, nothing is published without it.
+//! If a primary host application is configured, nothing is published while it is offline.
 
-use super::command::{CommandLimit, LINES, NodeCommand, commands};
+use super::command::{CommandLimit, MAX_AUDIT_LINES, NodeCommand, commands};
 use super::metrics::{METRICS, alias};
 use super::payload::{CellIds, DataType, Metric, Payload, Value};
 use panelprep_cell::accounts::LineLimit;
@@ -42,13 +41,13 @@ pub struct NodeTime {
 /// An event for the node.
 #[derive(Debug, Clone, PartialEq)]
 pub enum NodeEvent<'m> {
-    /// A connection to the broker begins; its will is [`EdgeNode::last_will`] from here on.
+    /// A connection to the broker begins; from now on its will is [`EdgeNode::last_will`].
     Connecting,
     /// The broker has accepted all subscriptions.
     Subscribed,
     /// The connection is lost.
     Lost,
-    /// The cell's values were read: in the order of [`METRICS`].
+    /// The cell's values were read, in the order of [`METRICS`].
     Seen(Vec<Value>),
     /// The broker delivered a message.
     Received {
@@ -66,19 +65,18 @@ pub enum NodeEvent<'m> {
 /// An action that the node requests.
 #[derive(Debug, Clone, PartialEq)]
 pub enum NodeAction {
-    /// To publish a message, not retained.
+    /// Publish a message, not retained.
     Publish(Message),
-    /// To request a command of the cell, with the same request and the same checks as every other interface of the
-    /// cell.
+    /// Request a command of the cell, with the same request and the same checks as every other interface of the cell.
     Ask {
         /// The requested command.
         command: NodeCommand,
         /// Whether a line of the audit trail records the result.
         is_noted: bool,
     },
-    /// To write a line of the audit trail.
+    /// Write a line of the audit trail.
     Note(AuditNote),
-    /// To end the connection, after all that was published, and to begin a new one.
+    /// End the connection after all published messages were sent, and begin a new one.
     Disconnect,
 }
 
@@ -142,17 +140,18 @@ impl EdgeNode {
             last_values: None,
             published: Vec::new(),
             commands: CommandLimit::default(),
-            lines: LineLimit::new(LINES, 0),
+            lines: LineLimit::new(MAX_AUDIT_LINES, 0),
         }
     }
 
-    /// Returns the topics to subscribe to, each with quality of service 1.
+    /// Returns the topics for the subscriptions, each with quality of service 1.
     pub fn subscriptions(&self) -> Vec<String> {
         let ids = &self.setup.ids;
         [Some(ids.command_topic()), ids.state()].into_iter().flatten().collect()
     }
 
-    /// The death of this connection: its will, also published if the node itself ends the connection.
+    /// Returns the death message of this connection: its will, which the node also publishes if it ends the connection
+    /// itself.
     pub fn last_will(&self, now: NodeTime) -> Message {
         let payload = Payload {
             timestamp: Some(now.unix_ms),
@@ -162,7 +161,7 @@ impl EdgeNode {
         Message { topic: self.setup.ids.death_topic(), payload: payload.encode_to_vec(), qos: 1 }
     }
 
-    /// Returns whether a birth was published in this connection.
+    /// Returns whether a birth message was published in this connection.
     pub fn is_born(&self) -> bool {
         self.session == NodeSession::Born
     }
@@ -186,7 +185,8 @@ impl EdgeNode {
             }
             NodeEvent::Lost => {
                 self.session = NodeSession::Offline;
-                // Requests end with their connection: no one expects them minutes later.
+                // Waiting commands end with their connection: a command of an earlier connection must not be executed
+                // minutes later.
                 self.commands.clear();
                 vec![]
             }
@@ -208,7 +208,8 @@ impl EdgeNode {
         Metric::new(&number, now.unix_ms).with_name("bdSeq", DataType::Int64)
     }
 
-    /// The next message to the broker: a birth if it has received none in this connection, otherwise the changes.
+    /// Returns the next message to the broker: a birth if none was published in this connection, otherwise the changed
+    /// values.
     fn next_message(&mut self, now: NodeTime) -> Option<NodeAction> {
         let may_publish = self.setup.ids.primary_host_id.is_none() || self.host.is_online();
         match self.session {
@@ -269,7 +270,7 @@ impl EdgeNode {
         NodeAction::Publish(Message { topic, payload: payload.encode_to_vec(), qos: 0 })
     }
 
-    /// Ends a session from the node's side.
+    /// Ends the session with a death message, and the connection.
     fn end_session(&mut self, now: NodeTime) -> Vec<NodeAction> {
         let was = std::mem::replace(&mut self.session, NodeSession::Offline);
         let death = (was == NodeSession::Born).then(|| NodeAction::Publish(self.last_will(now)));
@@ -355,12 +356,12 @@ impl EdgeNode {
     }
 }
 
-/// A host's statement about itself on its STATE topic, as JSON.
+/// The host's own statement of its state on its STATE topic, as JSON.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 pub struct HostState {
     /// Whether the host is online.
     pub online: bool,
-    /// The connection to which the statement refers, identified by its time, ms since 1970.
+    /// The time that identifies the connection to which the statement refers, ms since 1970.
     pub timestamp: u64,
 }
 
@@ -376,7 +377,7 @@ impl HostState {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct PrimaryHost {
     is_online: bool,
-    /// The newest time of any statement, and of an online statement.
+    /// The newest time in a statement, and the newest time in a statement that the host is online.
     newest: Option<u64>,
     newest_online: Option<u64>,
 }
@@ -386,7 +387,7 @@ impl PrimaryHost {
         self.is_online
     }
 
-    /// Begins a new connection to the broker: of earlier statements, only the time still counts.
+    /// Returns the state for a new connection to the broker: of earlier statements, only the newest time is kept.
     pub fn connected(self) -> Self {
         PrimaryHost { is_online: false, ..self }
     }

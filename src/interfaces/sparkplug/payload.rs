@@ -24,7 +24,7 @@ pub struct Metric {
     /// The name.
     #[prost(string, optional, tag = "1")]
     pub name: Option<String>,
-    /// The number that replaces the name after the birth.
+    /// The number that is used in place of the name after the birth.
     #[prost(uint64, optional, tag = "2")]
     pub alias: Option<u64>,
     /// Time at which the value was read, ms since 1970, UTC.
@@ -108,13 +108,13 @@ impl DataType {
         self as u32
     }
 
-    /// The type's name in the specification.
+    /// Returns the type's name in the specification.
     pub fn type_name(self) -> &'static str {
         self.into()
     }
 }
 
-/// The value of a metric. An unknown value is `Null`, and never a number in its place.
+/// The value of a metric. An unknown value is `Null`, never a substitute number.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Value {
     /// The value is not known, or there is none now.
@@ -131,17 +131,17 @@ pub enum Value {
 }
 
 impl Value {
-    /// A whole number, if there is one.
+    /// Returns the whole number as a value; `Null` if there is none.
     pub(super) fn as_integer(number: Option<impl Into<i64>>) -> Self {
         number.map_or(Value::Null, |number| Value::Whole(number.into()))
     }
 
-    /// A number, if there is one and it is finite.
+    /// Returns the number as a value; `Null` if there is none or it is not finite.
     pub(super) fn as_number(number: Option<f64>) -> Self {
         number.filter(|number| number.is_finite()).map_or(Value::Null, Value::Real)
     }
 
-    /// A text, if there is one.
+    /// Returns the text as a value; `Null` if there is none.
     pub(super) fn text(text: Option<&str>) -> Self {
         text.map_or(Value::Null, |text| Value::Text(text.to_owned()))
     }
@@ -157,7 +157,7 @@ pub struct CellIds {
     pub group_id: String,
     /// The name of the edge node in its group.
     pub edge_node_id: String,
-    /// The host application without which nothing is published.
+    /// The host application; nothing is published while it is offline. `None` if there is no such condition.
     pub primary_host_id: Option<String>,
 }
 
@@ -166,27 +166,27 @@ impl CellIds {
         format!("{NAMESPACE}/{}/{kind}/{}", self.group_id, self.edge_node_id)
     }
 
-    /// The topic of the birth.
+    /// Returns the topic of the birth.
     pub fn birth_topic(&self) -> String {
         self.topic("NBIRTH")
     }
 
-    /// The topic of changes.
+    /// Returns the topic of changes.
     pub fn data_topic(&self) -> String {
         self.topic("NDATA")
     }
 
-    /// The topic of the death.
+    /// Returns the topic of the death.
     pub fn death_topic(&self) -> String {
         self.topic("NDEATH")
     }
 
-    /// The topic of commands.
+    /// Returns the topic of commands.
     pub fn command_topic(&self) -> String {
         self.topic("NCMD")
     }
 
-    /// The topic on which the primary host states whether it is online.
+    /// Returns the topic on which the primary host states whether it is online; `None` without a primary host.
     pub fn state(&self) -> Option<String> {
         self.primary_host_id.as_ref().map(|host| format!("{NAMESPACE}/STATE/{host}"))
     }

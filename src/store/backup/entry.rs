@@ -9,13 +9,13 @@ use std::path::{Component, Path};
 /// One entry of an archive.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Entry {
-    /// A file of the store's rows: the database, the head of its chain.
+    /// A file with the rows of the store: the database, or the head of its chain.
     Rows(&'static str),
     /// A file that the database rows refer to, by its SHA-256.
     Blob(String),
     /// The cell's file.
     Cell,
-    /// A file that the cell's file names, by the key that names it, such as `calibration.scanner`.
+    /// A file that the cell's file names, identified by its key, such as `calibration.scanner`.
     Named(String),
     /// A recipe in the folder of the cell's file, relative to it.
     Recipe(String),
@@ -38,13 +38,13 @@ const STORE: &str = "store";
 const CELL: &str = "configuration/cell.toml";
 const NAMED: &str = "configuration/named";
 const RECIPES: &str = "configuration/recipes";
-/// The maximum number of folders between the cell's file and a recipe; `MAX_NAME_BYTES` is the longest name of a
-/// folder or file.
-const MAX_PARTS: usize = 4;
+/// Maximum number of names in the path of a recipe below the folder of the cell's file: its folders and the file.
+/// `MAX_NAME_BYTES` is the limit for each name.
+const MAX_PATH_NAMES: usize = 4;
 const MAX_NAME_BYTES: usize = 255;
 
 impl Entry {
-    /// The entry's name in the archive.
+    /// Returns the entry's name in the archive.
     pub fn name(&self) -> String {
         match self {
             Entry::Rows(file) => format!("{STORE}/{file}"),
@@ -81,7 +81,7 @@ impl Entry {
     }
 }
 
-/// Returns whether this is the relative path of a TOML file in the same folder or below, in its simplest notation.
+/// Returns whether this is the relative path of a TOML file in the same folder or below, without `.` and `..`.
 fn is_plain_relative_path(path: &str) -> bool {
     let parts: Vec<Component<'_>> = Path::new(path).components().collect();
     let text = |part: &Component<'_>| match part {
@@ -91,7 +91,7 @@ fn is_plain_relative_path(path: &str) -> bool {
     let names: Option<Vec<String>> = parts.iter().map(text).collect();
     names.is_some_and(|names| {
         names.join("/") == path
-            && names.len() <= MAX_PARTS
+            && names.len() <= MAX_PATH_NAMES
             && names
                 .iter()
                 .all(|name| name.len() <= MAX_NAME_BYTES && !name.contains(['\0', '\\']) && !name.starts_with('.'))
@@ -113,9 +113,9 @@ pub struct Manifest {
     pub format: u32,
     /// The version of the program that wrote the archive.
     pub program: String,
-    /// Time at which the archive was made, s since 1970; only a label.
+    /// Time at which the archive was made, s since 1970; only for information.
     pub made_unix_s: i64,
-    /// Links of the store's chain; `None` without a store.
+    /// Number of links of the store's chain; `None` without a store.
     pub links: Option<u64>,
     /// The entries that follow, in their order.
     pub entries: Vec<ManifestEntry>,
@@ -136,7 +136,7 @@ impl Manifest {
     /// Returns the entries by their meaning, if all names have known forms and none occurs twice.
     ///
     /// # Errors
-    /// States the problem.
+    /// If a name has an unknown form, occurs twice, or contradicts its hash.
     pub fn parse_entries(&self) -> Result<Vec<Entry>, String> {
         let mut seen = BTreeSet::new();
         let parse = |listed: &ManifestEntry| {
@@ -167,7 +167,7 @@ impl Manifest {
         self.entries.iter().any(|listed| listed.name == Entry::Cell.name())
     }
 
-    /// Bytes of the store's files.
+    /// Returns the total size of the store's files, bytes.
     pub fn store_bytes(&self) -> u64 {
         let of_store =
             |listed: &&ManifestEntry| Entry::parse(&listed.name).is_some_and(|entry| entry.belongs_to_store());
@@ -180,7 +180,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_name_is_of_a_known_form_or_refused() {
+    fn names_of_unknown_form_are_refused() {
         let hash = "0123456789abcdef".repeat(4);
         let blob = format!("store/blobs/{hash}");
         for name in [

@@ -1,12 +1,12 @@
-//! The reason why a backup could not be made or restored.
+//! The reason why a backup or a restore failed.
 
 use crate::store::StoreError;
 use std::path::{Path, PathBuf};
 
-/// The reason why a backup or a restore stopped. In this case nothing of the cell is changed.
+/// The reason why a backup or a restore stopped. Nothing in the cell was changed.
 #[derive(Debug, thiserror::Error)]
 pub enum BackupError {
-    /// The system refused access to a file or folder.
+    /// The operating system refused access to a file or folder.
     #[error("cannot {operation} {}: {source}", path.display())]
     File {
         /// The operation that failed.
@@ -19,7 +19,7 @@ pub enum BackupError {
     /// The store reported an error.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The archive differs from what was written.
+    /// The content of the archive is not what was written to it.
     #[error("{}: {problem}", path.display())]
     Damaged {
         /// The archive.
@@ -89,7 +89,7 @@ pub enum BackupError {
         /// The missing part: "store" or "configuration".
         wanted: &'static str,
     },
-    /// Files of the configuration that are far larger than usual.
+    /// A file of the configuration is far larger than usual.
     #[error("{} has {found} bytes; the limit for a file of the configuration is {limit_bytes} bytes", path.display())]
     TooLarge {
         /// The file.
@@ -99,7 +99,7 @@ pub enum BackupError {
         /// The limit, bytes.
         limit_bytes: u64,
     },
-    /// The disk has no room.
+    /// The disk does not have enough free space.
     #[error(
         "the disk of {} has {free_mb} MB free, and the backup needs {needed_mb} MB there in addition to the data \
          in use: free some space, or name another folder", path.display()

@@ -1,7 +1,7 @@
 //! Moves the unpacked files to their final path, step by step; if a step fails, the previous steps are undone.
 //!
-//! Each step is one renaming, which a file system does completely or not at all. A replaced file is exchanged with
-//! its successor and then kept under another name, so that at every moment one of the two is at the final path.
+//! Each step is one rename, which a file system does completely or not at all. A replaced file is exchanged with its
+//! successor and then kept under another name, so that at every moment one of the two is at the final path.
 
 use super::error::BackupError;
 use rustix::fs::{CWD, RenameFlags, renameat_with};
@@ -41,13 +41,13 @@ impl RestoreTransaction {
         Ok(())
     }
 
-    /// Notes a file or folder that was made beside its final path, so that undoing removes it.
+    /// Records a file or folder that was made beside its final path, so that undoing removes it.
     pub fn record_staged(&mut self, path: &Path) {
         self.steps.push(Step::Staged(path.to_owned()));
     }
 
-    /// Moves a staged file or folder to its final path. If `may_replace`, the present file or folder is kept beside it
-    /// as `NAME.before-restore-N`; an empty folder is not kept.
+    /// Moves a staged file or folder to its final path. With `may_replace`, the present file or folder is kept beside
+    /// it as `NAME.before-restore-N`; an empty folder is not kept.
     pub fn move_to_final(&mut self, staged: &Path, at: &Path, may_replace: bool) -> Result<(), BackupError> {
         let rename = |from: &Path, to: &Path, flags: RenameFlags| {
             let renamed = renameat_with(CWD, from, CWD, to, flags);
@@ -71,13 +71,14 @@ impl RestoreTransaction {
         Ok(())
     }
 
-    /// Completes the restore: nothing is undone any more. Returns the paths of the replaced files that are kept.
+    /// Completes the restore, after which nothing can be undone. Returns the paths of the replaced files, which are
+    /// kept.
     pub fn commit(self) -> Result<Vec<PathBuf>, BackupError> {
         let mut kept_all = Vec::new();
         for step in &self.steps {
             match step {
                 Step::Kept { kept, .. } => kept_all.push(kept.clone()),
-                // The empty folder that was at the final path.
+                // The empty folder that was at the final path is removed.
                 Step::Swapped { staged, .. } => drop(fs::remove_dir(staged)),
                 Step::Placed { destination: at, .. } => flush_parent_folder(at)?,
                 Step::Folder(_) | Step::Staged(_) => {}
@@ -93,7 +94,7 @@ impl RestoreTransaction {
     pub fn roll_back(self, cause: BackupError) -> BackupError {
         for (index, step) in self.steps.iter().enumerate().rev() {
             if let Err(words) = step.roll_back() {
-                // Earlier steps depend on this one.
+                // The earlier steps cannot be undone without this one.
                 let more = (index > 0).then(|| format!("{index} earlier steps were not undone"));
                 return BackupError::RollbackFailed {
                     cause: Box::new(cause),
@@ -153,9 +154,9 @@ fn flush_parent_folder(path: &Path) -> Result<(), BackupError> {
 mod tests {
     use super::*;
 
-    /// A file that exists already stays at its path, and the three steps before are undone.
+    /// An existing file stays at its path, and the three steps before are undone.
     #[test]
-    fn a_step_that_fails_undoes_those_before() {
+    fn a_failed_step_undoes_the_earlier_steps() {
         let folder = tempfile::tempdir().expect("a folder");
         let at = |name: &str| folder.path().join(name);
         let write = |name: &str| fs::write(at(name), name).expect("written");

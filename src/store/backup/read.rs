@@ -1,8 +1,8 @@
 //! Reads an archive: first its seal, then its manifest, then entry by entry in the manifest's order.
 //!
-//! The seal is the archive's last bytes: the SHA-256 of all bytes before them, in a frame that zstd skips. The check
-//! of a compressed frame does not cover each of its bits, and a file that was cut at the end of a frame would be a
-//! shorter archive. The seal covers every bit.
+//! The seal is the archive's last bytes: the SHA-256 of all bytes before them, in a frame that zstd skips. It is needed
+//! because the checksum of a compressed frame does not cover each of its bits, and because an archive that was cut at
+//! the end of a frame is still readable. The seal covers every bit.
 
 use super::entry::{Entry, MANIFEST_FORMAT, MANIFEST_NAME, MAX_MANIFEST_BYTES, Manifest, ManifestEntry};
 use super::error::BackupError;
@@ -26,14 +26,14 @@ pub struct Archive {
 
 type TarArchive<'f> = tar::Archive<zstd::Decoder<'static, std::io::BufReader<Take<&'f File>>>>;
 
-/// A manifest of any format.
+/// The part of a manifest that is the same in every format.
 #[derive(Deserialize)]
 struct FormatProbe {
     format: u32,
 }
 
 impl Archive {
-    /// Opens an archive and checks it against its seal, which reads all of the archive.
+    /// Opens an archive, reads it completely, and checks it against its seal.
     ///
     /// # Errors
     /// If the file is not a backup, is damaged, was cut short, or was written by a newer program.
@@ -63,7 +63,7 @@ impl Archive {
     /// Calls `take` with each entry and its content; the content is compared with the manifest afterwards.
     ///
     /// # Errors
-    /// If the archive is not what its manifest states, or `take` refuses.
+    /// If the archive is not what its manifest states, or `take` returns an error.
     pub fn for_each_entry<E: From<BackupError>>(
         &self,
         mut take: impl FnMut(&Entry, &mut dyn Read) -> Result<(), E>,
@@ -79,7 +79,7 @@ impl Archive {
             self.is_listed(&found, listed)?;
             let mut hashing = HashingReader { inner: found, hasher: Sha256::new() };
             take(entry, &mut hashing)?;
-            // The part of the content that `take` did not read is read here, for the hash.
+            // The rest of the content, which `take` did not read, is read here for the hash.
             std::io::copy(&mut hashing, &mut std::io::sink()).map_err(|error| self.unreadable_error(&error))?;
             let hash = hex(&hashing.hasher.finalize());
             if hash != listed.sha256 {
@@ -140,12 +140,12 @@ impl Archive {
         Ok(())
     }
 
-    /// Returns the error that the archive differs from what was written.
+    /// Returns the error for an archive whose content is not what was written to it.
     pub(super) fn damaged_error(&self, problem: &str) -> BackupError {
         BackupError::Damaged { path: self.path.clone(), problem: format!("the backup is damaged: {problem}") }
     }
 
-    /// Returns the error that the archive's store has the tables of an earlier program.
+    /// Returns the error for a store in the archive with the tables of an earlier version of this program.
     pub(super) fn earlier_version_error(&self, found: i64, known: i64) -> BackupError {
         BackupError::EarlierVersion {
             path: self.path.clone(),
@@ -155,7 +155,7 @@ impl Archive {
         }
     }
 
-    /// Returns the error that the archive's bytes cannot be read as an archive.
+    /// Returns the error for a file that cannot be read as an archive.
     pub(super) fn unreadable_error(&self, error: &std::io::Error) -> BackupError {
         self.damaged_error(&format!("the archive cannot be unpacked: {error}"))
     }
@@ -175,7 +175,7 @@ impl<R: Read> Read for HashingReader<R> {
     }
 }
 
-/// Magic number of a frame that zstd skips, the first of those in the format; the length of the content follows.
+/// Magic number of a frame that zstd skips, the first of several in the format; the length of the content follows.
 const FRAME_MAGIC: [u8; 4] = 0x184D_2A50_u32.to_le_bytes();
 const SEAL_MAGIC: &[u8; 16] = b"panelprep seal 1";
 const SEAL_PAYLOAD: u32 = 16 + 32;
@@ -220,7 +220,7 @@ fn seal_frame(hash: [u8; 32]) -> Vec<u8> {
 /// The result of checking the seal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum SealCheck {
-    /// The file is as it was written: the number of bytes before the seal.
+    /// The file is unchanged; the number of bytes before the seal.
     Whole(u64),
     /// The file has no seal: it was cut short, or is not a backup.
     Missing,
@@ -228,7 +228,7 @@ enum SealCheck {
     Broken,
 }
 
-/// Reads the whole file and checks it against its seal; the file is then positioned at its beginning.
+/// Reads the whole file and checks it against its seal; afterwards the read position is the beginning of the file.
 fn verify_seal(file: &mut File) -> Result<SealCheck, Error> {
     let length = file.metadata()?.len();
     let Some(before) = length.checked_sub(SEAL_BYTES) else { return Ok(SealCheck::Missing) };

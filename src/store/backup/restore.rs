@@ -1,4 +1,4 @@
-//! Restores an archive: everything is unpacked and verified beside its final place, then moved there.
+//! Restores an archive: all files are unpacked and verified beside their final path, then moved there.
 
 use super::entry::Entry;
 use super::error::BackupError;
@@ -48,16 +48,16 @@ pub struct Plan<'p> {
     pub parts: RestoredParts,
     /// The replacements that are allowed.
     pub permission: Permission,
-    /// The number of the cell's last cycle, as a person stated it. It is needed if the replaced store does not show it,
-    /// and as evidence that the replaced store is the newest state.
+    /// The number of the cell's last cycle, as a person stated it. It is needed if the replaced store does not show
+    /// this number, and as evidence that the replaced store is the newest state.
     pub last_cycle: Option<CycleId>,
 }
 
 /// Result of a restore.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RestoreReport {
-    /// Everything in the archive's store that differs from what was written there, as text; if there is any difference,
-    /// nothing was restored.
+    /// The differences between the store in the archive and what was written there, as text; if there are any, nothing
+    /// was restored.
     pub differences: Vec<String>,
     /// The store's folder.
     pub store: Option<PathBuf>,
@@ -67,18 +67,18 @@ pub struct RestoreReport {
     pub configuration: Vec<PathBuf>,
     /// The replaced files, under their new names.
     pub replaced_files: Vec<PathBuf>,
-    /// Links of the store's chain that were verified.
+    /// Number of links of the store's chain that were verified.
     pub links: u64,
     /// Number of files of the store that were verified.
     pub files: u64,
 }
 
-/// Restores the requested parts. Nothing that exists is replaced without permission, and if anything is wrong all
-/// stays as it was.
+/// Restores the requested parts. No existing file is replaced without permission; after any error all files are as
+/// before.
 ///
 /// # Errors
-/// If the archive is damaged, something exists already, a service or another program uses the store, or the disk
-/// has no room or refuses.
+/// If the archive is damaged, a file exists already, a service or another program uses the store, or the disk is full
+/// or reports an error.
 pub fn restore(plan: &Plan<'_>) -> Result<RestoreReport, BackupError> {
     let archive = Archive::open(plan.archive)?;
     let not_in_it = |wanted| BackupError::PartMissing { path: plan.archive.to_owned(), wanted };
@@ -111,7 +111,7 @@ pub fn restore(plan: &Plan<'_>) -> Result<RestoreReport, BackupError> {
         if !plan.permission.replace_store {
             return Err(BackupError::NotReplaced { paths: vec![folder.to_owned()], option: "store" });
         }
-        // The lease is kept until the end: no program writes to the store that is replaced.
+        // The lease is kept until the end, so that no program writes to the store that is replaced.
         lease = Some(WriteLease::acquire(folder)?);
     }
     let mut placing = RestoreTransaction::default();
@@ -126,7 +126,7 @@ pub fn restore(plan: &Plan<'_>) -> Result<RestoreReport, BackupError> {
     Ok(RestoreReport { replaced_files: kept, ..restored })
 }
 
-/// Undoes everything, since the store in the archive is not what was written.
+/// Undoes all steps, because the store in the archive is not what was written.
 fn roll_back_restore(placing: RestoreTransaction, restored: RestoreReport) -> Result<RestoreReport, BackupError> {
     let told = restored.differences.join("; ");
     let cause = BackupError::Damaged { path: PathBuf::new(), problem: told };
@@ -136,7 +136,7 @@ fn roll_back_restore(placing: RestoreTransaction, restored: RestoreReport) -> Re
     }
 }
 
-/// Unpacks and verifies everything, and moves it to its final path.
+/// Unpacks and verifies all files, and moves them to their final path.
 fn unpack_and_place(
     archive: &Archive,
     (store, last_cycle): (Option<&Path>, Option<CycleId>),
@@ -164,15 +164,16 @@ fn unpack_and_place(
         puts.push((staged, at.clone()));
         restored.configuration.push(at.clone());
     }
-    // The allowed replacements were decided before. A file that appeared since then stays, and everything is undone.
+    // Which files may be replaced was decided before. If a file has appeared since then, it stays, and all steps are
+    // undone.
     for (staged, at) in &puts {
         placing.move_to_final(staged, at, at.symlink_metadata().is_ok())?;
     }
     Ok(restored)
 }
 
-/// Returns what is known about the time after the backup: from the replaced store, from the person, or from both. That
-/// nothing was abraded counts only if the number that the person stated is the one that the replaced store shows.
+/// Returns what is known about the time after the backup: from the replaced store, from the person, or from both. The
+/// proof that nothing was abraded is valid only if the person stated the number that the replaced store shows.
 fn since_backup(
     archive: &Archive,
     (staged, replaced): (&Path, &Path),
@@ -192,14 +193,14 @@ fn since_backup(
             Err(BackupError::LastCycleUnknown { path: replaced.to_owned(), own: own.map_or(0, |own| own.0) })
         }
         (None, Some(stated)) => {
-            // A number must not be used twice, even if it is read from a store that proves nothing.
+            // A number must not be used twice, even if it is known only from a store that proves nothing.
             let found = Store::last_readable_number(replaced, staged);
             let last_cycle = found.map_or(stated, |found| above(stated, found));
             Ok(Restore { last_cycle, made_unix_s: Some(made_unix_s), is_nothing_abraded: false })
         }
         (Some(shown), None) => Ok(Restore { is_nothing_abraded: false, ..shown }),
         (Some(shown), Some(stated)) => {
-            // If the numbers differ, cycles are missing in the replaced store, or the person does not know them.
+            // If the numbers differ, cycles are missing in the replaced store, or the person stated a wrong number.
             let is_confirmed = stated == shown.last_cycle;
             let last_cycle = above(stated, shown.last_cycle);
             Ok(Restore { last_cycle, is_nothing_abraded: shown.is_nothing_abraded && is_confirmed, ..shown })
@@ -207,7 +208,7 @@ fn since_backup(
     }
 }
 
-/// Returns the error for a store of an earlier program: only that program can verify it.
+/// Returns the error for a store of an earlier version of this program: only that version can verify it.
 fn earlier_version_error(archive: &Archive, error: StoreError) -> BackupError {
     match error {
         StoreError::Older { found, known, .. } => archive.earlier_version_error(found, known),
@@ -264,7 +265,7 @@ fn configuration(archive: &Archive, cell_file: &Path) -> Result<BTreeMap<PathBuf
     Ok(files)
 }
 
-/// The files of the configuration that a cell's file names, each with its key.
+/// Returns the files of the configuration that a cell's file names, each with its key.
 pub fn named_files(cell: &Cell) -> Vec<(String, PathBuf)> {
     let calibration = cell.calibration().named_files().into_iter();
     let mut files: Vec<(String, PathBuf)> =
@@ -306,7 +307,7 @@ fn is_below(file: &Path, folder: &Path) -> bool {
     rest.is_ok_and(|rest| rest.components().all(|part| matches!(part, Component::Normal(_))))
 }
 
-/// Checks that no service answers on the sockets of these cells.
+/// Checks that no service of these cells answers on its sockets.
 fn check_service_stopped<'c>(cells: impl Iterator<Item = (&'c Cell, &'c Path)>) -> Result<(), BackupError> {
     for (cell, store) in cells {
         for socket in [cell.socket().map(Path::to_owned), Some(store.join("panelprep.sock"))].into_iter().flatten()
@@ -340,8 +341,8 @@ fn staged_store(
         return Err(BackupError::NoRoom { path: parent.to_owned(), free_mb, needed_mb });
     }
     let made = tempfile::Builder::new().prefix(".panelprep-restore-").tempdir_in(parent);
-    // Undoing the steps removes this folder: after it was moved to its final path, it must not be removed
-    // automatically.
+    // The temporary folder must not be removed automatically, because it is moved to its final path. If the restore
+    // fails, undoing removes it.
     let staged = made.map_err(BackupError::file_error("write in", parent))?.keep();
     placing.record_staged(&staged);
     let blobs = staged.join(BLOBS);
@@ -378,15 +379,15 @@ fn staged_file(at: &Path, bytes: &[u8], placing: &mut RestoreTransaction) -> Res
     placing.record_staged(&staged);
     let written = file.write_all(bytes).and_then(|()| file.sync_all());
     written.map_err(&failed)?;
-    like_file(&staged, at.metadata().ok().as_ref()).map_err(&failed)?;
+    copy_file_permissions(&staged, at.metadata().ok().as_ref()).map_err(&failed)?;
     Ok(staged)
 }
 
 const DEFAULT_FILE_MODE: u32 = 0o644;
 const DEFAULT_FOLDER_MODE: u32 = 0o750;
 
-/// Gives a file the owner and permissions of the replaced file; without a replaced file, the usual permissions.
-fn like_file(file: &Path, before: Option<&Metadata>) -> std::io::Result<()> {
+/// Gives a file the owner and permissions of the replaced file; without a replaced file, the default permissions.
+fn copy_file_permissions(file: &Path, before: Option<&Metadata>) -> std::io::Result<()> {
     if let Some(before) = before {
         chown(file, Some(before.uid()), Some(before.gid()))?;
     }

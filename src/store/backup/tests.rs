@@ -1,6 +1,6 @@
 //! Tests of backups of a small cell: complete, in use, with files outside of its folder, damaged (flipped bits, cut
-//! ends, missing files, a full disk), and forged by a person who knows the format (sealed correctly, with names, links
-//! and rows that are not allowed). All damage is reported, and nothing is changed.
+//! ends, missing files, a full disk), and forged by a person who knows the format (with a correct seal, but with names,
+//! links and rows that are not permitted). All damage is reported, and nothing is changed.
 
 use super::entry::{Entry, MANIFEST_FORMAT, MANIFEST_NAME, Manifest, ManifestEntry};
 use super::read::HashingWriter;
@@ -22,7 +22,7 @@ const LENS: &str = "[camera]\n";
 const RECIPE: &str = "panel = \"wing\"\n";
 const BOTH: RestoredParts = RestoredParts { store: true, configuration: true };
 
-/// A cell in a folder of its own, with a taught panel.
+/// A cell in a separate folder, with a taught panel.
 struct SmallCell(TempDir);
 
 impl SmallCell {
@@ -100,7 +100,7 @@ fn content(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 }
 
 #[test]
-fn a_cell_returns_in_another_place() {
+fn a_cell_is_restored_in_another_folder() {
     let cell = SmallCell::new();
     let archive = cell.at("backups/cell.tar.zst");
     let written = cell.backup(&archive).expect("written");
@@ -129,7 +129,7 @@ fn a_cell_returns_in_another_place() {
 }
 
 #[test]
-fn nothing_that_is_there_is_replaced_unless_it_is_named_and_then_it_is_kept() {
+fn existing_files_are_replaced_only_with_permission_and_kept() {
     let cell = SmallCell::new();
     let (archive, file) = (cell.at("cell.tar.zst"), cell.at("cell.toml"));
     cell.backup(&archive).expect("written");
@@ -170,7 +170,7 @@ fn a_store_in_use_is_not_replaced() {
         let error = told().expect_err("a service");
         assert!(error.contains("a service answers on") && error.contains("systemctl stop panelprep"), "{error}");
     }
-    // A socket on which nothing listens any more is not an obstacle.
+    // A leftover socket file without a listening service does not prevent a restore.
     let store = Store::create(&cell.at("store")).expect("opens");
     let error = told().expect_err("a writer");
     assert!(error.contains("is writing to the store"), "{error}");
@@ -179,7 +179,7 @@ fn a_store_in_use_is_not_replaced() {
 }
 
 #[test]
-fn files_outside_of_the_cells_folder_need_a_word() {
+fn files_outside_of_the_cells_folder_need_permission() {
     let cell = SmallCell::new();
     let elsewhere = cell.at("lenses/scanner.toml");
     fs::create_dir(cell.at("lenses")).expect("made");
@@ -220,7 +220,7 @@ fn start() -> CycleStart {
     }
 }
 
-/// Adds cycles in which nothing is abraded.
+/// Adds this number of cycles in which nothing is abraded.
 fn add_cycles(store: &Path, count: usize) {
     let mut store = Store::create(store).expect("a store");
     for _ in 0..count {
@@ -229,8 +229,8 @@ fn add_cycles(store: &Path, count: usize) {
     }
 }
 
-/// On a new computer nothing shows which numbers of cycles were used: they are stated, or nothing is restored. A number
-/// below those of the backup is a mistake.
+/// A new computer does not show which cycle numbers were used: a person states the last one, or nothing is restored. A
+/// number below the last one of the backup is refused.
 #[test]
 fn without_a_replaced_store_a_person_states_the_last_cycle() {
     let cell = SmallCell::new();
@@ -250,7 +250,7 @@ fn without_a_replaced_store_a_person_states_the_last_cycle() {
     assert_eq!(store.begin_cycle(&air_run).expect("begun"), CycleId(10));
     drop(store);
 
-    // The empty store of a new computer shows nothing either.
+    // An empty store on the new computer does not show them either.
     fs::create_dir_all(cell.at("fresh")).expect("a folder");
     drop(Store::create(&cell.at("fresh/store")).expect("a new store"));
     let permission = Permission { replace_store: true, ..Permission::default() };
@@ -280,11 +280,11 @@ fn replaced_store(cell: &SmallCell, last_cycle: Option<i64>) -> Result<(Restore,
     Ok((known, next))
 }
 
-/// The replaced store shows cycle 3, and that nothing was abraded since the backup of cycle 1. This counts only if a
-/// person states the same number: a larger one means that the replaced store is an older copy.
+/// The replaced store shows cycle 3 as the last one, and that nothing was abraded since the backup of cycle 1. This is
+/// valid only if a person states the same number: a larger number means that the replaced store is an older copy.
 #[test]
 fn nothing_was_abraded_only_if_a_person_states_the_same_last_cycle() {
-    // With the proof, cycle 4 begins before the air-run.
+    // If it is proven that nothing was abraded, cycle 4 begins before the air-run.
     for (stated, is_nothing_abraded, last, next) in
         [(Some(3), true, 3, 5), (None, false, 3, 4), (Some(2), false, 3, 4), (Some(9), false, 9, 10)]
     {
@@ -297,8 +297,8 @@ fn nothing_was_abraded_only_if_a_person_states_the_same_last_cycle() {
     }
 }
 
-/// A row of the replaced store was changed: it proves nothing, a person states the last cycle, and no number that can
-/// be read in it is used again.
+/// A row of the replaced store was changed: the store proves nothing, and a person states the last cycle. No number
+/// that can be read in the store is used again.
 #[test]
 fn a_changed_store_proves_nothing_and_its_numbers_are_not_used_again() {
     let cell = SmallCell::new();
@@ -313,7 +313,7 @@ fn a_changed_store_proves_nothing_and_its_numbers_are_not_used_again() {
     assert_eq!((known.is_nothing_abraded, known.last_cycle, next), (false, CycleId(3), CycleId(4)));
 }
 
-/// Each changed bit, and each byte cut off the end, is detected.
+/// Every changed bit is detected, and so is every byte that is missing at the end.
 #[test]
 fn a_flipped_bit_or_a_cut_end_is_refused_and_changes_nothing() {
     let cell = SmallCell::new();
@@ -362,9 +362,10 @@ fn a_damaged_or_missing_file_of_the_store_is_named() {
     }
 }
 
-/// The disk is full at once, or during the work: existing files stay, files that were begun are removed.
+/// The disk is full at the start or becomes full during the restore: existing files stay, and incomplete files are
+/// removed.
 #[test]
-fn a_full_disk_leaves_all_as_it_was() {
+fn a_full_disk_changes_no_existing_file() {
     let Some(disk) = SmallDisk::mount(4) else { return };
     let cell = SmallCell::new();
     let noise: Vec<u8> = {
@@ -415,7 +416,7 @@ fn forged(name: &str, content: &[u8]) -> Forged {
     Forged { listed, header_name: name.to_owned(), kind: tar::EntryType::Regular, content: content.to_vec() }
 }
 
-/// Writes an archive as a person who knows the format may make it: sealed, with any names.
+/// Writes an archive as a person who knows the format can make it: with a correct seal, and with any names.
 fn forge(archive: &Path, manifest: &Manifest, entries: &[Forged]) {
     let sealing = HashingWriter::new(fs::File::create(archive).expect("made"));
     let mut tar = tar::Builder::new(zstd::Encoder::new(sealing, 1).expect("an encoder"));
@@ -440,8 +441,8 @@ fn manifest(entries: &[Forged]) -> Manifest {
     Manifest { format: MANIFEST_FORMAT, program: "0".to_owned(), made_unix_s: 0, links: None, entries }
 }
 
-/// Archives sealed by a person who knows the format: names that lead elsewhere, links, other contents, more or less
-/// than the manifest states.
+/// Archives with a correct seal, made by a person who knows the format: names of paths elsewhere, links, other
+/// contents, more or fewer entries than in the manifest.
 #[test]
 fn a_forged_archive_is_refused_and_changes_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -514,9 +515,10 @@ impl ConcatAll for [&[Forged]; 2] {
     }
 }
 
-/// A store with changed rows and a new seal: the chain shows the change, and no file of the store is left behind.
+/// A store with changed rows in an archive with a new seal: the chain shows the change, and no file of the store is
+/// left.
 #[test]
-fn a_store_that_is_not_what_was_written_is_neither_packed_nor_restored() {
+fn a_changed_store_is_neither_packed_nor_restored() {
     let cell = SmallCell::new();
     let archive = cell.at("cell.tar.zst");
     let database = cell.at("store/panelprep.sqlite");

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 /// A configuration as it is packed.
 #[derive(Debug, Clone, Default)]
 pub struct Configuration {
-    /// The text of the cell's file.
+    /// The text of the cell's file (`cell.toml`).
     pub cell: String,
     /// The existing files that the cell's file names, each with its key, such as `calibration.scanner`.
     pub named_files: Vec<(String, PathBuf)>,
@@ -25,8 +25,7 @@ pub struct Configuration {
 /// The result of a backup.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BackupReport {
-    /// Everything in the store that differs from what was written there, as text; if there is any difference, no
-    /// archive was made.
+    /// The differences between the store and what was written to it, as text; if there are any, no archive was made.
     pub differences: Vec<String>,
     /// Contents of the archive.
     pub manifest: Manifest,
@@ -34,11 +33,11 @@ pub struct BackupReport {
     pub bytes: u64,
 }
 
-/// Maximum size of a file of the configuration: usually it is a page of text, a settings file of a camera has some
-/// pages.
+/// Maximum size of a file of the configuration. Usually such a file is a page of text; the settings file of a camera
+/// has a few pages.
 const MAX_CONFIGURATION_BYTES: u64 = 4 << 20;
-/// zstd's default: pictures are already compressed, rows and scans are not.
-const LEVEL: i32 = 3;
+/// The default compression level of zstd: pictures are already compressed, rows and scans are not.
+const COMPRESSION_LEVEL: i32 = 3;
 /// Maximum number of attempts. The service may remove old clips between the copy of the rows and the copy of a
 /// file; then the backup begins again.
 const MAX_ATTEMPTS: usize = 3;
@@ -59,7 +58,7 @@ struct PackContent {
 
 /// The reason why packing was not completed.
 enum PackFailure {
-    /// A file of the store vanished or is not what it was.
+    /// A file of the store is missing, or its content was changed.
     Blob(String),
     Error(BackupError),
 }
@@ -70,11 +69,11 @@ impl From<BackupError> for PackFailure {
     }
 }
 
-/// Writes the archive, which must not exist; `store` and `configuration` are its contents. A service may write to
-/// the store meanwhile. The archive is read back before it gets its name.
+/// Writes the archive with `store` and `configuration`; no file may exist at its path. A service may write to the store
+/// meanwhile. The archive is read back before it gets its final name.
 ///
 /// # Errors
-/// If the store or a file cannot be read, or the archive cannot be written; nothing is left then.
+/// If the store or a file cannot be read, or the archive cannot be written; then no file is left.
 pub fn write(
     archive: &Path,
     store: Option<&Path>,
@@ -112,7 +111,7 @@ pub fn write(
                 continue;
             }
         }
-        // The archive is read back, byte by byte, before anyone relies on it.
+        // The archive is read back completely before it can be used.
         let read = Archive::open(&part)?;
         read.for_each_entry(|_, reader| {
             let drained = std::io::copy(reader, &mut std::io::sink());
@@ -126,7 +125,7 @@ pub fn write(
     Ok(BackupReport { differences: vec![last], manifest, bytes: 0 })
 }
 
-/// Renames the archive to its final name; a file that appeared there since then is not overwritten.
+/// Renames the archive to its final name; a file that has appeared there meanwhile is not overwritten.
 fn rename_to_final(part: &Path, archive: &Path, folder: &Path) -> Result<(), BackupError> {
     use rustix::fs::{CWD, RenameFlags, renameat_with};
     renameat_with(CWD, part, CWD, archive, RenameFlags::NOREPLACE).map_err(|error| match error {
@@ -147,7 +146,7 @@ impl PackContent {
         self.sources.push(source);
     }
 
-    /// Adds a store, its rows as a copy in this folder. Returns the differences found in the store, if there are
+    /// Adds a store; its rows are copied to the folder `rows`. Returns the differences found in the store, if there are
     /// any.
     fn store(&mut self, store: &Path, rows: &Path) -> Result<Option<Vec<String>>, BackupError> {
         let copied = Store::copy_rows(store, rows)?;
@@ -204,7 +203,7 @@ fn read_small_file(file: &Path) -> Result<Vec<u8>, BackupError> {
     }
 }
 
-/// Packs everything into this file, flushed and sealed.
+/// Packs all entries into this file, with a seal, and flushes it to the disk.
 fn pack_archive(part: &Path, manifest: &Manifest, sources: &[EntrySource]) -> Result<(), PackFailure> {
     let failed = BackupError::file_error("write", part);
     // Only the archive's owner may read it, since it contains everything.
@@ -212,7 +211,7 @@ fn pack_archive(part: &Path, manifest: &Manifest, sources: &[EntrySource]) -> Re
     std::os::unix::fs::OpenOptionsExt::mode(options.write(true).create_new(true), 0o600);
     let file = options.open(part).map_err(&failed)?;
     let sealing = HashingWriter::new(BufWriter::with_capacity(1 << 20, file));
-    let mut encoder = zstd::Encoder::new(sealing, LEVEL).map_err(&failed)?;
+    let mut encoder = zstd::Encoder::new(sealing, COMPRESSION_LEVEL).map_err(&failed)?;
     encoder.include_checksum(true).map_err(&failed)?;
     let mut tar = tar::Builder::new(encoder);
     let text = serde_json::to_vec_pretty(manifest).map_err(|error| failed(error.into()))?;
@@ -301,7 +300,7 @@ pub(super) enum CopySide {
     Written(std::io::Error),
 }
 
-/// Copies everything; returns the size and SHA-256.
+/// Copies all bytes; returns their number and their SHA-256.
 pub(super) fn copy_hashed(from: &mut dyn Read, to: &mut dyn Write) -> Result<(u64, String), CopySide> {
     let (mut hasher, mut count, mut buffer) = (Sha256::new(), 0, vec![0; 1 << 16]);
     loop {

@@ -1,8 +1,8 @@
-//! The alarms of a cycle: which were raised, when, when their cause was gone, and who acknowledged them.
+//! The alarms of a cycle: which were raised, when, when their cause disappeared, and who acknowledged them.
 //!
 //! A phase that gives a reason raises an alarm, which lasts until the same phase no longer gives that reason. Alarms
 //! for reasons of the verdict last until a person resets or clears the cell, or the next cycle begins; all others end
-//! with the cycle. A refused request is an alarm of that moment. Acknowledging changes neither alarm nor cell.
+//! with the cycle. The alarm of a refused request ends at once. Acknowledging changes neither alarm nor cell.
 
 use super::codes::{Priority, code};
 use panelprep_base::verdict::Reason;
@@ -19,18 +19,18 @@ pub struct Alarm {
     pub code: String,
     /// Urgency of the alarm.
     pub priority: Priority,
-    /// The finding, in the words of the last finding that gave the code.
+    /// The message of the last finding that gave the code.
     pub message: String,
-    /// The meaning of the code; empty if this program does not give it.
+    /// The meaning of the code; empty if the code is not in this program's table.
     pub cause: String,
-    /// The remedy; empty if this program does not give it.
+    /// The remedy; empty if the code is not in this program's table.
     pub remedy: String,
     /// The phase that raised the alarm; `None` for a request and for a reason that only the verdict contains.
     pub phase: Option<Kind>,
-    /// Time at which the alarm was raised, ms since 1970. Findings of an earlier program count as raised at the begin
-    /// of their cycle.
+    /// Time at which the alarm was raised, ms since 1970. Findings of an earlier version of this program have the time
+    /// of the start of their cycle.
     pub raised_unix_ms: i64,
-    /// Time at which the cause was gone, ms since 1970; `None` while the alarm lasts.
+    /// Time at which the cause disappeared, ms since 1970; `None` while the alarm lasts.
     pub gone_unix_ms: Option<i64>,
     /// The first acknowledgement, with the person and the time.
     pub acknowledged: Option<Acknowledgement>,
@@ -39,7 +39,8 @@ pub struct Alarm {
 /// Times that the cycle's record itself does not contain.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct AlarmTimes {
-    /// Time at which each finding was stored, ms since 1970, in their order; `None` for those of an earlier program.
+    /// Time at which each finding was stored, ms since 1970, in their order; `None` for those of an earlier version of
+    /// this program.
     pub findings_unix_ms: Vec<Option<i64>>,
     /// Time at which a person first reset or cleared the cell after the end, or the next cycle began, ms since 1970;
     /// `None` if neither has happened yet.
@@ -93,8 +94,8 @@ impl Alarm {
 /// Returns the alarms of a cycle in the order in which they were raised.
 pub fn alarms(record: &CycleRecord, times: &AlarmTimes, acknowledgements: &[Acknowledgement]) -> Vec<Alarm> {
     let mut all = alarms_from_findings(record, times);
-    end(record, times, &mut all);
-    all.extend(refused(record));
+    end_alarms(record, times, &mut all);
+    all.extend(refused_requests(record));
     all.sort_by_key(|alarm| alarm.raised_unix_ms);
     for alarm in &mut all {
         let is_meant = |one: &&Acknowledgement| {
@@ -114,14 +115,14 @@ fn alarms_from_findings(record: &CycleRecord, times: &AlarmTimes) -> Vec<Alarm> 
         for alarm in all.iter_mut().filter(lasting).filter(|alarm| !given(alarm)) {
             alarm.gone_unix_ms = Some(at);
         }
-        // The first sentence of each code speaks for all.
+        // Each code has one alarm, with the message of its first reason.
         let mut spoken = BTreeSet::new();
         for reason in finding.judgement.reasons.iter().filter(|reason| spoken.insert(&reason.code)) {
             let raised = all
                 .iter_mut()
                 .find(|alarm| alarm.is_active() && alarm.phase == Some(finding.kind) && alarm.code == reason.code);
             match raised {
-                // The alarm lasts, but its sentence may name another place now.
+                // The alarm lasts, but the place in its message may have changed.
                 Some(alarm) => alarm.message.clone_from(&reason.message),
                 None => all.push(Alarm::new(Some(record.id), reason, Some(finding.kind), at)),
             }
@@ -131,7 +132,7 @@ fn alarms_from_findings(record: &CycleRecord, times: &AlarmTimes) -> Vec<Alarm> 
 }
 
 /// Applies the end of the cycle: alarms for the reasons of its verdict continue, all others end.
-fn end(record: &CycleRecord, times: &AlarmTimes, all: &mut Vec<Alarm>) {
+fn end_alarms(record: &CycleRecord, times: &AlarmTimes, all: &mut Vec<Alarm>) {
     let (Some(judgement), Some(ended_unix_s)) = (&record.judgement, record.ended_unix_s) else { return };
     let ended_unix_ms = ended_unix_s * 1_000;
     for reason in &judgement.reasons {
@@ -147,7 +148,7 @@ fn end(record: &CycleRecord, times: &AlarmTimes, all: &mut Vec<Alarm>) {
     }
 }
 
-fn refused(record: &CycleRecord) -> impl Iterator<Item = Alarm> {
+fn refused_requests(record: &CycleRecord) -> impl Iterator<Item = Alarm> {
     let refused =
         record.asked.iter().filter(|asked| matches!(asked.answer, Some(Answer::Refused | Answer::Failed)));
     refused.flat_map(|asked| {

@@ -13,18 +13,18 @@ const PAGE: &str = include_str!("../../../config/manual/messages.md");
 /// The page of messages in each language, English first, with the same rows in each.
 const PAGES: [(&str, &str); 2] = [("en", PAGE), ("de", include_str!("../../../config/manual/messages.de.md"))];
 
-/// Urgency of a code: how soon a person is needed.
+/// Urgency of a code: how soon a person must act.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, strum::IntoStaticStr)]
 #[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
 pub enum Priority {
-    /// Not needed: the code reports an event.
+    /// No action is needed: the code reports an event.
     Note,
-    /// Needed when there is time: a request or a command was not carried out, and nothing else changed.
+    /// Action when there is time: a request or a command was not carried out, and nothing else changed.
     Low,
-    /// Needed soon: a cycle waits for a person, or ended without a result.
+    /// Action soon: a cycle waits for a person, or ended without a result.
     Medium,
-    /// Needed now: the cell was aborted or is not sure of its state. A person must inspect it before anything moves.
+    /// Action now: the cell was aborted, or its state is not known. A person must inspect it before anything moves.
     High,
 }
 
@@ -84,13 +84,14 @@ const HIGH_PRIORITY_CODES: [&str; 32] = [
     "ended",
 ];
 
-/// Codes of events that a person or the recipe intended: a film that breaks is what the test looks for.
+/// Codes of events that a person or the recipe intended. For example, the test is made to find places where the film
+/// breaks.
 const NOTES: [&str; 7] = ["asked", "stopped", "robot_ready", "broken", "off_path", "running", "waypoints"];
 
-/// Sections of the page with the codes of commands and requests; all text below one of its headings belongs to it.
-const COMMANDS: [&str; 4] = ["Requests that are refused", "Calibration", "Teaching", "Commands and files"];
+/// Headings of the page's sections with the codes of commands and requests; all rows below such a heading belong to it.
+const COMMAND_SECTIONS: [&str; 4] = ["Requests that are refused", "Calibration", "Teaching", "Commands and files"];
 
-/// Codes in the sections of `COMMANDS` that prevent the start of a cycle.
+/// Codes in the sections of `COMMAND_SECTIONS` that prevent the start of a cycle.
 const START_PREVENTING_CODES: [&str; 6] = [
     "verification_limit",
     "verification_old",
@@ -128,7 +129,7 @@ static ROWS: LazyLock<BTreeMap<&'static str, Table>> = LazyLock::new(|| {
     PAGES.into_iter().map(|(language, page)| (language, table(page))).collect()
 });
 
-/// A code's row in this language; `None` if the code is unknown, or there is no page in that language.
+/// Returns a code's row in this language; `None` if the code is unknown, or there is no page in that language.
 pub fn row(code: &str, language: &str) -> Option<Row> {
     ROWS.get(language)?.get(code).copied()
 }
@@ -166,7 +167,8 @@ fn rows(page: &'static str) -> Vec<(&'static str, Row)> {
 }
 
 fn priority(code: &str, cause: &str, section: &str) -> Priority {
-    let is_command = COMMANDS.contains(&section) || cause.contains("A single function of `panelprep robot`");
+    let is_command =
+        COMMAND_SECTIONS.contains(&section) || cause.contains("A single function of `panelprep robot`");
     match code {
         _ if HIGH_PRIORITY_CODES.contains(&code) => Priority::High,
         _ if NOTES.contains(&code) || cause.starts_with("A note on the page") => Priority::Note,
@@ -202,7 +204,7 @@ mod tests {
 
     /// A page in another language has the same rows, and each row has the same codes, commands, keys and files.
     #[test]
-    fn each_language_has_every_row_with_what_is_not_translated() {
+    fn each_language_has_the_same_rows_and_codes() {
         let marked = |row: &Row| {
             let text = format!("{} {}", row.cause, row.remedy);
             let mut marked: Vec<String> = text.split('`').skip(1).step_by(2).map(str::to_owned).collect();
@@ -222,7 +224,7 @@ mod tests {
         }
     }
 
-    /// A code that is no longer used must not stay in a list here.
+    /// Each code in a list here is still a code of the manual.
     #[test]
     fn every_listed_code_is_one_of_the_manual() {
         let unknown: Vec<&&str> = HIGH_PRIORITY_CODES
@@ -233,12 +235,13 @@ mod tests {
             .collect();
         assert_eq!(unknown, [] as [&&str; 0]);
         let headings: Vec<&str> = PAGE.lines().filter_map(|line| line.strip_prefix("## ")).collect();
-        assert!(COMMANDS.iter().all(|section| headings.contains(section)), "{headings:?}");
+        assert!(COMMAND_SECTIONS.iter().all(|section| headings.contains(section)), "{headings:?}");
     }
 
-    /// After an abort, as the manual defines it, the cell is inspected before anything moves.
+    /// A code that aborts the cycle, as the manual defines it, has high priority: the cell is inspected before anything
+    /// moves.
     #[test]
-    fn what_aborts_a_cycle_is_urgent() {
+    fn codes_that_abort_a_cycle_have_high_priority() {
         let aborts = |code: &&Code| code.cause.starts_with("Aborted") || code.cause.contains("cycle is aborted");
         let found: Vec<_> = codes().iter().filter(aborts).filter(|code| code.priority < Priority::High).collect();
         assert_eq!(found.iter().map(|code| &*code.code).collect::<Vec<_>>(), [] as [&str; 0]);

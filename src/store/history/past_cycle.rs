@@ -1,6 +1,6 @@
 //! A past cycle, as the other modules of the history read it: its record, its part, the wear of the disc, and the
-//! results of each grid of the panel (for its first film, the passes, and its last film). Its summary; and two cycles
-//! side by side: their inputs, each check with its difference, and the history of each grid.
+//! results of each grid of the panel (in the first film, in the passes, and in the last film). Also its summary, and
+//! the comparison of two cycles: their inputs, each check with its difference, and the history of each grid.
 //!
 //! If a phase was executed several times in a cycle, the comparison uses the last finding of each pass, because the
 //! cycle continued with this finding.
@@ -39,7 +39,7 @@ impl PastCycle {
         self.record.findings.iter().filter(move |finding| finding.kind == kind)
     }
 
-    /// The valid films: those with a judgement other than invalid, in order.
+    /// Returns the valid films ([`is_valid_film`]), in order.
     pub fn films(&self) -> impl DoubleEndedIterator<Item = &Finding> {
         self.findings(Kind::Inspect).filter(|film| is_valid_film(film))
     }
@@ -54,13 +54,13 @@ impl PastCycle {
         touching_passes(&self.record)
     }
 
-    /// Every grid that a film or a pass reports.
+    /// Returns every grid that a film or a pass reports.
     pub fn grids(&self) -> BTreeMap<String, GridPast> {
         grids(&self.films().collect::<Vec<_>>(), &abraded_grids(&self.record.findings, &self.record.motions))
     }
 
-    /// Duration of the cycle from its begin to its end by the wall clock, s. `None` while it runs, or if the program
-    /// ended before the cycle did, so that the cycle's end is unknown.
+    /// Returns the duration of the cycle from its start to its end by the wall clock, s. `None` while it runs, or if
+    /// the program ended before the cycle did, so that the cycle's end is unknown.
     pub fn cycle_time_s(&self) -> Option<i64> {
         let mut reasons = self.record.judgement.iter().flat_map(|judgement| &judgement.reasons);
         let is_interrupted = reasons.any(|reason| reason.code == "interrupted");
@@ -90,13 +90,13 @@ pub struct GridPast {
 }
 
 impl GridPast {
-    /// The grid's history in words.
+    /// Returns the grid's history in words.
     pub fn describe(&self) -> String {
         let first = match (self.failed_first, self.time_to_break_s) {
-            (None, _) => "not seen first".to_owned(),
-            (Some(false), _) => "passed first".to_owned(),
-            (Some(true), None) => "failed first".to_owned(),
-            (Some(true), Some(time_s)) => format!("failed first after {} s", fixed_decimals(time_s, 1)),
+            (None, _) => "not seen in the first film".to_owned(),
+            (Some(false), _) => "passed in the first film".to_owned(),
+            (Some(true), None) => "failed in the first film".to_owned(),
+            (Some(true), Some(time_s)) => format!("failed in the first film after {} s", fixed_decimals(time_s, 1)),
         };
         let passes = match self.passes {
             0 => String::new(),
@@ -112,7 +112,7 @@ impl GridPast {
     }
 }
 
-/// The row and the column of a grid, from 1; `None` if the name is not a grid name such as `r1c1`.
+/// Returns the row and the column of a grid, from 1; `None` if the name is not a grid name such as `r1c1`.
 pub fn grid_row_and_column(grid: &str) -> Option<(u32, u32)> {
     let (row, column) = grid.strip_prefix('r')?.split_once('c')?;
     Some((row.parse().ok()?, column.parse().ok()?))
@@ -138,13 +138,13 @@ pub(super) fn grids(films: &[&Finding], passes: &[AbradedGrid]) -> BTreeMap<Stri
     all
 }
 
-/// The grids that a film reports: whether it broke, and on which area, mm².
+/// Returns the grids that a film reports: whether the film broke there, and on which area, mm².
 pub fn reported_grids(film: &Finding) -> BTreeMap<String, (bool, Option<f64>)> {
     let failed = film.names("failed");
     let checks = film.checks.iter().filter_map(|check| {
         let grid = name::broken_film_grid(&check.name)?.to_owned();
         let is_failed = failed.contains(&grid);
-        // A grid that was not seen gives no information, unless the part that was seen broke.
+        // A grid that was not seen completely gives no information, unless the visible part of it broke.
         (check.value.is_some() || is_failed).then_some((grid, (is_failed, check.value)))
     });
     checks.collect()
@@ -158,8 +158,8 @@ pub fn is_valid_film(film: &Finding) -> bool {
         && ![Verdict::Invalid, Verdict::Aborted].contains(&film.judgement.verdict)
 }
 
-/// The grids that the tool sanded only in part, or touched, or may have touched, after the last valid film. A cycle
-/// that was cut short in contact leaves such grids.
+/// Returns the grids that the tool sanded only in part, touched, or may have touched after the last valid film. A cycle
+/// that was interrupted in contact leaves such grids.
 pub fn touched_grids(record: &CycleRecord) -> BTreeSet<String> {
     let last_film = record.findings.iter().filter(|one| is_valid_film(one)).map(|film| film.pass).max();
     let after = |one: &AbradedGrid| last_film.is_none_or(|film| one.pass > film);
@@ -168,7 +168,7 @@ pub fn touched_grids(record: &CycleRecord) -> BTreeSet<String> {
     all.filter_map(|one| one.grid).collect()
 }
 
-/// The state of each grid that was seen: the result of the last film, and abrasion after it.
+/// Returns the state of each grid that was seen: the result of its last film, or that it was abraded after this film.
 pub fn grid_states(findings: &[Finding]) -> BTreeMap<String, &'static str> {
     let mut grids = BTreeMap::new();
     for finding in findings {
@@ -197,7 +197,7 @@ pub struct Summary {
     pub panel: String,
     /// The part, with the names that were entered.
     pub part: PartNames,
-    /// Whether the path was run in the air: the verdict is then about the motions, not about the panel.
+    /// Whether the cycle was an air-run: the verdict is then about the motions, not about the panel.
     pub is_air_run: bool,
     /// How the cycle ended; `None` while it runs.
     pub verdict: Option<Verdict>,
@@ -211,7 +211,7 @@ pub struct Summary {
     pub localization_residual: Option<Check>,
     /// The residual of the outline, px, with its limit.
     pub outline_residual: Option<Check>,
-    /// The stated error of the localization at the panel's worst place, 95 %, mm, with its limit.
+    /// The stated error of the localization at the point of the panel with the largest error, 95 %, mm, with its limit.
     pub localization_error: Option<Check>,
     /// The error at the tool, divided into its parts, mm, 95 %.
     pub budget: Option<Budget>,
@@ -232,7 +232,7 @@ pub struct Films {
     pub valid: usize,
     /// Films without a valid result; they were repeated, or ended the cycle.
     pub invalid: usize,
-    /// Total time for which the valid films were watched, s.
+    /// Total observation time of the valid films, s.
     pub watched_s: Option<f64>,
     /// Number of grids that the first valid film reports.
     pub grids: usize,
@@ -291,7 +291,7 @@ pub(super) fn films(past: &PastCycle) -> Films {
     }
 }
 
-/// Two cycles side by side, the first and the second in each pair.
+/// Two cycles for comparison; each pair contains the value of the first and of the second cycle.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
     /// The summary of each cycle.
@@ -328,7 +328,7 @@ pub struct CheckPair {
     pub name: String,
     /// Its unit.
     pub unit: String,
-    /// The values; `None` if it was not measured, or the cycle does not have it.
+    /// The values; `None` if the check was not measured, or the cycle does not have it.
     pub values: [Option<f64>; 2],
     /// The limits; `None` if the cycle does not have the check.
     pub limits: [Option<Limit>; 2],
@@ -346,7 +346,7 @@ pub struct GridPair {
 }
 
 impl CheckPair {
-    /// Whether the limits differ, or only one cycle has the check.
+    /// Returns whether the limits differ, or only one cycle has the check.
     pub fn is_limit_different(&self) -> bool {
         self.limits[0] != self.limits[1]
     }
@@ -444,7 +444,7 @@ fn grid_pairs(first: &PastCycle, second: &PastCycle) -> Vec<GridPair> {
         .into_iter()
         .map(|grid| GridPair { grid: grid.clone(), cycles: [0, 1].map(|index| both[index].get(grid).cloned()) })
         .collect();
-    // By number: r2c1 comes before r10c1.
+    // The order is by row and column number: r2c1 comes before r10c1.
     pairs.sort_by_key(|pair| grid_row_and_column(&pair.grid).unwrap_or((u32::MAX, 0)));
     pairs
 }

@@ -1,5 +1,5 @@
-//! A search for cycles and what it finds: the newest first, page by page. The store executes it. The dates of a search
-//! are parsed as people type them: a day, or a day with a time, in UTC as on all pages.
+//! A search for cycles and its results: the newest first, page by page. The store executes the search. The dates of a
+//! search are parsed as people type them: a day, or a day with a time, in UTC as on all pages.
 
 use jiff::civil::{Date, DateTime};
 use jiff::tz::Offset;
@@ -61,7 +61,7 @@ pub struct Hit {
     pub part: PartNames,
     /// How the cycle ended; `None` while it runs.
     pub verdict: Option<Verdict>,
-    /// Whether the path was run in the air: the verdict is then about the motions, not about the panel.
+    /// Whether the cycle was an air-run: the verdict is then about the motions, not about the panel.
     pub is_air_run: bool,
     /// The reasons for the verdict.
     pub reasons: Vec<Reason>,
@@ -83,7 +83,7 @@ impl Query {
     }
 }
 
-/// The end of the day that applies if the text states no time.
+/// The second of the day that is used if a typed date has no time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Edge {
     /// The first second of the day.
@@ -102,14 +102,14 @@ pub struct DateError {
     found: String,
 }
 
-/// A date as seconds since 1970. `edge` selects the end of the day if the date has no time.
+/// Returns a typed date as seconds since 1970. If it has no time, `edge` selects the second of the day.
 ///
 /// # Errors
 /// If the text is not a date.
 pub fn unix_s(text: &str, edge: Edge) -> Result<i64, DateError> {
     let refused = || DateError { found: text.escape_debug().to_string() };
-    // The calendar also reads other forms, such as week dates and zones. They would be accepted with a meaning that
-    // the person did not intend.
+    // The calendar library also reads other forms, such as week dates and time zones. It would accept them with a
+    // meaning that the person did not intend.
     let is_plain = text.bytes().all(|byte| byte.is_ascii_digit() || b"-:T".contains(&byte));
     let time = match (is_plain, text.len()) {
         (true, 10) => {
@@ -130,9 +130,9 @@ pub fn unix_s(text: &str, edge: Edge) -> Result<i64, DateError> {
 mod tests {
     use super::*;
 
-    /// Expected values from `date -u -d 2024-02-29 +%s` and similar commands: the day after a leap day is in March.
+    /// Expected values from `date -u -d 2024-02-29 +%s` and similar commands; the day after a leap day is in March.
     #[test]
-    fn a_day_begins_and_ends_where_the_calendar_states() {
+    fn a_day_begins_and_ends_as_in_the_calendar() {
         for (text, edge, expected) in [
             ("1970-01-01", Edge::Start, 0),
             ("1970-01-01", Edge::Behind, 86_400),
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_date_is_refused_with_the_form_that_is_one() {
+    fn an_invalid_date_is_refused_with_the_valid_form() {
         for text in
             ["", "2026-02-30", "31.05.2026", "2026-5-31", "2026-W22-7", "2026-05-31T25:00", "2026-05-31Z", "<b>"]
         {

@@ -1,8 +1,8 @@
-//! The contents of the history as tables for other programs: the columns of each, and their form as CSV with every
-//! digit, with one line of names first.
+//! The contents of the history as tables for other programs: the columns of each, and the table as CSV with all digits
+//! of each number, with the column names in the first line.
 //!
-//! Spreadsheets execute a text that begins like a formula. People enter such texts, for example as serial numbers.
-//! Such a text gets an apostrophe in front, as spreadsheets themselves write a text that is not a formula.
+//! Spreadsheets execute a text that begins like a formula. People can enter such texts, for example as serial numbers.
+//! An apostrophe is written in front of such a text, as spreadsheets do for a text that is not a formula.
 
 use super::alarms::Alarm;
 use super::past_cycle::{Comparison, Summary};
@@ -19,7 +19,7 @@ pub enum Cell {
     Empty,
     /// A text.
     Text(String),
-    /// A number, written with the fewest digits that read back equal.
+    /// A number, written with the fewest digits from which the same number is read back.
     Number(f64),
     /// A count or a time.
     Whole(i64),
@@ -48,7 +48,7 @@ impl Table {
         Table { rows: rows.into_iter().collect(), ..self }
     }
 
-    /// The table as CSV (RFC 4180), in UTF-8.
+    /// Returns the table as CSV (RFC 4180), in UTF-8.
     ///
     /// # Errors
     /// If a row does not have as many cells as there are column names.
@@ -59,7 +59,7 @@ impl Table {
             writer.write_record(row.iter().map(Cell::text))?;
         }
         let bytes = writer.into_inner().map_err(|error| csv::Error::from(error.into_error()))?;
-        // The bytes are valid text, since they were written from texts.
+        // The bytes are valid UTF-8, since only texts were written.
         Ok(String::from_utf8_lossy(&bytes).into_owned())
     }
 }
@@ -119,8 +119,8 @@ impl<T: Into<Cell>> From<Option<T>> for Cell {
     }
 }
 
-/// The first columns of every row about a cycle, up to its codes.
-const CYCLE: [&str; 11] = [
+/// The first columns of every row about a cycle, up to the codes of its reasons.
+const CYCLE_COLUMNS: [&str; 11] = [
     "cycle",
     "started_utc",
     "started_unix_s",
@@ -157,7 +157,7 @@ fn cycle_cells(
 
 /// Makes a table of the cycles that a search found.
 pub fn hits_table(hits: &[Hit]) -> Table {
-    Table::new(&[&CYCLE[..], &["reasons"]].concat()).with_rows(hits.iter().map(|hit| {
+    Table::new(&[&CYCLE_COLUMNS[..], &["reasons"]].concat()).with_rows(hits.iter().map(|hit| {
         let times_unix_s = (hit.started_unix_s, hit.ended_unix_s);
         let mut row = cycle_cells((hit.cycle, &hit.panel), times_unix_s, &hit.part, (hit.verdict, hit.is_air_run));
         row.extend([codes(&hit.reasons).into(), join_messages(&hit.reasons).into()]);
@@ -194,7 +194,7 @@ pub fn summary_table(summaries: &[Summary]) -> Table {
         "disc_swept_mm2",
         "disc_worn_mm2",
     ];
-    Table::new(&[&CYCLE[..], &columns].concat()).with_rows(summaries.iter().map(summary_row))
+    Table::new(&[&CYCLE_COLUMNS[..], &columns].concat()).with_rows(summaries.iter().map(summary_row))
 }
 
 fn summary_row(summary: &Summary) -> Vec<Cell> {
@@ -227,7 +227,8 @@ fn summary_row(summary: &Summary) -> Vec<Cell> {
     row
 }
 
-/// Makes a table of two cycles side by side: inputs, checks and grids below each other, with the kind of row first.
+/// Makes a table that compares two cycles: inputs, checks and grids below each other, with the kind of row in the first
+/// column.
 pub fn comparison_table(comparison: &Comparison) -> Table {
     let columns =
         ["what", "phase", "pass", "name", "unit", "first", "second", "difference", "limit_first", "limit_second"];
@@ -276,7 +277,7 @@ fn limit_cell(limit: Limit) -> Cell {
     }
 }
 
-/// A number over time; a hint is in the row of its value.
+/// Makes a table of a trend; a hint is in the row of its value.
 pub fn trend_table(trend: &Trend) -> Table {
     let value = match trend.unit.as_str() {
         "" => "value".to_owned(),
@@ -351,7 +352,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sheet_is_csv_that_reads_back_and_executes_nothing() {
+    fn a_table_reads_back_from_csv_and_contains_no_formula() {
         let row =
             vec![Cell::from("=HYPERLINK(\"x\")"), Cell::from(0.1 + 0.2), Cell::Empty, Cell::from("a, \"b\"\nc")];
         let table = Table::new(&["serial", "residual_mm", "error_mm", "reason"]).with_rows([row]);

@@ -1,4 +1,4 @@
-//! The history of cycles with numbers that are known by hand, and when alarms begin and end.
+//! The history of cycles with numbers that were calculated by hand, and the start and the end of alarms.
 
 use super::*;
 use panelprep_base::verdict::{Check, Judgement, Limit, LimitSource, Reason, Verdict};
@@ -37,8 +37,8 @@ fn located(residual_mm: f64) -> Finding {
     found(Kind::Locate, 0, Verdict::Accept).with_checks([check])
 }
 
-/// A cycle that began at `id` × 1,000 s and lasted 90 s: it failed, was abraded, and passed except for the grids in
-/// `at_end`.
+/// Creates a cycle that began at `id` × 1,000 s and lasted 90 s: it failed, was abraded, and passed except for the
+/// grids in `at_end`.
 fn cycle(id: i64, residual_mm: f64, first: &[(&str, f64)], at_end: &[(&str, f64)]) -> PastCycle {
     let mut findings = vec![located(residual_mm), film(0, first)];
     if !first.is_empty() {
@@ -75,9 +75,9 @@ fn cycle(id: i64, residual_mm: f64, first: &[(&str, f64)], at_end: &[(&str, f64)
     PastCycle { record, part: Some(part), disc: Some(DiscWear { swept_mm2: 100.0 * id as f64, worn_mm2: 900.0 }) }
 }
 
-/// By hand: √(0.3² + 0.4²) = 0.5; films of 60 s and 61 s.
+/// Calculated by hand: √(0.3² + 0.4²) = 0.5; films of 60 s and 61 s.
 #[test]
-fn a_cycle_is_summed_up() {
+fn a_summary_contains_the_results_of_the_cycle() {
     let told = summary(&cycle(3, 0.06, &[("r1c2", 5.1), ("r2c1", 4.5)], &[("r2c1", 30.0)]));
     assert_eq!((told.cycle, told.cycle_time_s, told.passes), (CycleId(3), Some(90), 1));
     assert_eq!(told.localization_residual.and_then(|check| check.value), Some(0.06));
@@ -88,9 +88,9 @@ fn a_cycle_is_summed_up() {
     assert_eq!(films.failed_at_end, Some(vec!["r2c1".to_owned()]));
 }
 
-/// An invalid film gives no result: the next film is the first one.
+/// An invalid film gives no result: the next film counts as the first one.
 #[test]
-fn an_invalid_film_is_counted_and_not_believed() {
+fn an_invalid_film_is_counted_but_gives_no_result() {
     let mut past = cycle(1, 0.06, &[], &[]);
     let mut invalid = film(0, &[("r1c1", 1.0)]);
     invalid.judgement.verdict = Verdict::Invalid;
@@ -112,7 +112,7 @@ fn two_cycles_are_compared_check_by_check_and_grid_by_grid() {
     assert_eq!(differs, ["recipe", "robot_correction"]);
     let residual = reported.checks.iter().find(|pair| pair.name == name::RESIDUAL).expect("compared");
     assert_eq!(residual.values, [Some(0.06), Some(0.09)]);
-    // 0.09 less 0.06 is 0.03, exact to the last digit of both numbers.
+    // 0.09 minus 0.06 is 0.03, within the rounding of both numbers.
     assert!(residual.difference.is_some_and(|mm| (mm - 0.03).abs() < 1e-15) && !residual.is_limit_different());
     let only =
         reported.checks.iter().find(|pair| pair.pass == 1 && pair.name == "r2c1 failed after").expect("compared");
@@ -122,8 +122,8 @@ fn two_cycles_are_compared_check_by_check_and_grid_by_grid() {
     assert_eq!(
         words,
         [
-            "failed first after 5.1 s, abraded once, passed in the last film",
-            "passed first, passed in the last film"
+            "failed in the first film after 5.1 s, abraded once, passed in the last film",
+            "passed in the first film, passed in the last film"
         ]
     );
     assert_eq!(
@@ -151,8 +151,8 @@ fn the_heat_map_counts_first_films() {
     assert_eq!((map.grids[3].row, map.grids[3].column), (2, 2));
 }
 
-/// Twelve residuals that change between 0.05 and 0.06, then one of 0.20: the scatter is about 0.02 / 1.128, and
-/// 0.20 is far off.
+/// Twelve residuals that alternate between 0.05 and 0.06, then one of 0.20: the scatter is about 0.02 / 1.128, and 0.20
+/// is far outside.
 #[test]
 fn a_trend_has_its_limits_and_hints() {
     let mut cycles: Vec<PastCycle> =
@@ -177,7 +177,7 @@ fn a_trend_has_its_limits_and_hints() {
 }
 
 #[test]
-fn every_quantity_has_a_word_that_names_it() {
+fn every_quantity_has_a_keyword() {
     for word in KnownQuantity::keywords() {
         assert!(
             matches!(Quantity::from_keyword(word), Quantity::Known(known) if known.keyword() == word),
@@ -187,9 +187,9 @@ fn every_quantity_has_a_word_that_names_it() {
     assert_eq!(KnownQuantity::keywords().len(), 21);
 }
 
-/// Each table is as wide as its column names require; the CSV writer checks this.
+/// Each row has as many cells as there are column names; the CSV writer checks this.
 #[test]
-fn everything_is_a_table() {
+fn all_results_can_be_written_as_tables() {
     let cycles = [cycle(1, 0.06, &[("r1c2", 5.1)], &[]), cycle(2, 0.06, &[], &[])];
     let reported = cycles.each_ref().map(summary);
     let text = summary_table(&reported).csv().expect("written");
@@ -231,7 +231,7 @@ fn everything_is_a_table() {
     assert!(trend.starts_with("cycle,at_utc,at_unix_s,serial,value,limit,hints\r\n1,"), "{trend}");
 }
 
-/// A panel that was taught again may have another region: the same name is another place.
+/// A panel that was taught again may have another region: the same grid name then means another place.
 #[test]
 fn the_heat_map_counts_one_taught_panel_only() {
     let mut cycles = [cycle(1, 0.05, &[("r1c1", 4.0)], &[]), cycle(2, 0.05, &[("r1c2", 4.0)], &[])];
@@ -242,10 +242,10 @@ fn the_heat_map_counts_one_taught_panel_only() {
     assert_eq!((map.films, breaks), (1, vec![("r1c1", 0), ("r1c2", 1), ("r2c1", 0), ("r2c2", 0)]));
 }
 
-/// By hand: the second pass was cut short after 4 reported of 16 permitted waypoints: r1c1 (2) was touched, r2c1 (10)
-/// may have been, r2c2 (30) was not. The film before it does not count.
+/// Calculated by hand: the second pass was interrupted after 4 reported of 16 permitted waypoints. r1c1 (2 waypoints)
+/// was touched, r2c1 (10) may have been, r2c2 (30) was not. The film before this pass does not count.
 #[test]
-fn a_pass_that_was_cut_short_leaves_grids_that_may_be_sanded() {
+fn an_interrupted_pass_leaves_possibly_touched_grids() {
     use panelprep_cell::cycle::{Id, Motion, Path};
     use panelprep_cell::record::{Contact, ContactPath, FirstReached, MotionRecord};
     let mut record = cycle(1, 0.05, &[("r1c1", 4.0)], &[("r1c1", 5.0)]).record;
@@ -263,7 +263,7 @@ fn a_pass_that_was_cut_short_leaves_grids_that_may_be_sanded() {
     assert_eq!(touching_passes(&record), 2);
 }
 
-/// What lay in the cell was not the part: its residual is no value of the panel.
+/// The object in the cell was not the part: its residual is not a value of the panel.
 #[test]
 fn a_cycle_without_a_part_is_not_in_a_trend() {
     let mut cycles = vec![cycle(1, 0.1, &[], &[]), cycle(2, 9.0, &[], &[])];
@@ -281,7 +281,7 @@ fn reason(code: &'static str) -> Reason {
     Reason::new(code, format!("the words of {code}"))
 }
 
-fn gave(kind: Kind, codes: &[&'static str]) -> Finding {
+fn with_reasons(kind: Kind, codes: &[&'static str]) -> Finding {
     let reasons = codes.iter().map(|code| reason(code)).collect();
     Finding::new(kind, 0, Judgement { verdict: Verdict::Review, reasons })
 }
@@ -310,12 +310,12 @@ fn alarm(code: &str, phase: Option<Kind>, raised: i64, gone: Option<i64>) -> Ala
 /// The overlap is too low in two scans and sufficient in the third, 20 s later; another phase does not end the
 /// alarm.
 #[test]
-fn an_alarm_lasts_until_its_phase_no_longer_gives_it() {
+fn an_alarm_lasts_until_its_phase_no_longer_gives_the_reason() {
     let findings = vec![
-        gave(Kind::Locate, &["low_overlap"]),
-        gave(Kind::Inspect, &["light"]),
-        gave(Kind::Locate, &["low_overlap", "blurred"]),
-        gave(Kind::Locate, &["blurred"]),
+        with_reasons(Kind::Locate, &["low_overlap"]),
+        with_reasons(Kind::Inspect, &["light"]),
+        with_reasons(Kind::Locate, &["low_overlap", "blurred"]),
+        with_reasons(Kind::Locate, &["blurred"]),
     ];
     let (record, times) = past(findings, &[]);
     assert_eq!(
@@ -330,8 +330,9 @@ fn an_alarm_lasts_until_its_phase_no_longer_gives_it() {
 
 /// The reasons of the verdict last until a person resets the cell, 5 s after the end.
 #[test]
-fn the_reasons_of_the_verdict_last_beyond_the_end() {
-    let (record, mut times) = past(vec![gave(Kind::Locate, &["no_panel", "blurred"])], &["no_panel", "stopped"]);
+fn alarms_of_the_verdict_last_beyond_the_end_of_the_cycle() {
+    let (record, mut times) =
+        past(vec![with_reasons(Kind::Locate, &["no_panel", "blurred"])], &["no_panel", "stopped"]);
     let lasting = summaries(&record, &times);
     assert_eq!(
         lasting,
@@ -348,22 +349,22 @@ fn the_reasons_of_the_verdict_last_beyond_the_end() {
 }
 
 #[test]
-fn while_a_cycle_runs_its_alarms_last() {
-    let (mut record, times) = past(vec![gave(Kind::Locate, &["low_overlap"])], &[]);
+fn the_alarms_of_a_running_cycle_last() {
+    let (mut record, times) = past(vec![with_reasons(Kind::Locate, &["low_overlap"])], &[]);
     (record.judgement, record.ended_unix_s) = (None, None);
     assert_eq!(summaries(&record, &times), [alarm("low_overlap", Some(Kind::Locate), 1_010_000, None)]);
 }
 
-/// An earlier program stored no times: its findings count from the begin of the cycle.
+/// An earlier version of this program stored no times: its findings have the time of the start of the cycle.
 #[test]
-fn findings_without_a_time_count_from_the_begin() {
-    let (record, _) = past(vec![gave(Kind::Locate, &["low_overlap"])], &[]);
+fn findings_without_a_time_have_the_start_of_the_cycle() {
+    let (record, _) = past(vec![with_reasons(Kind::Locate, &["low_overlap"])], &[]);
     let told = summaries(&record, &AlarmTimes::default());
     assert_eq!(told, [alarm("low_overlap", Some(Kind::Locate), 1_000_000, Some(1_090_000))]);
 }
 
 #[test]
-fn a_refused_request_is_an_alarm_of_its_moment() {
+fn a_refused_request_is_an_alarm_that_ends_immediately() {
     let (mut record, times) = past(vec![], &[]);
     let asked = |answer, code| RequestRecord {
         unix_ms: 1_020_500,
@@ -379,9 +380,12 @@ fn a_refused_request_is_an_alarm_of_its_moment() {
 
 /// The same code raised again is another alarm, which is not acknowledged yet.
 #[test]
-fn an_acknowledgement_is_of_one_raising() {
-    let findings =
-        vec![gave(Kind::Locate, &["low_overlap"]), gave(Kind::Locate, &[]), gave(Kind::Locate, &["low_overlap"])];
+fn an_acknowledgement_applies_to_one_alarm() {
+    let findings = vec![
+        with_reasons(Kind::Locate, &["low_overlap"]),
+        with_reasons(Kind::Locate, &[]),
+        with_reasons(Kind::Locate, &["low_overlap"]),
+    ];
     let (record, times) = past(findings, &[]);
     let seen = |raised_unix_ms, who: &str| Acknowledgement {
         unix_ms: 2_000_000,
@@ -396,7 +400,7 @@ fn an_acknowledgement_is_of_one_raising() {
     assert_eq!(who, [Some("Ada".to_owned()), None]);
     assert!(all[0].cause.contains("overlap") || all[0].cause.contains("partner"), "{}", all[0].cause);
     assert_eq!((all[0].priority, all[0].is_active()), (Priority::Medium, false));
-    let (unknown, times) = past(vec![gave(Kind::Locate, &["of_an_earlier_program"])], &[]);
+    let (unknown, times) = past(vec![with_reasons(Kind::Locate, &["of_an_earlier_program"])], &[]);
     assert_eq!(alarms(&unknown, &times, &[])[0].priority, Priority::Medium, "what is not known is not overlooked");
     let table = alarm_table(&all).csv().expect("written");
     assert!(
@@ -407,10 +411,10 @@ fn an_acknowledgement_is_of_one_raising() {
     );
 }
 
-/// Two films broke: the alarm lasts from the first one, and names what the second one found.
+/// Two films broke: the alarm lasts from the first one, and has the message of the second one.
 #[test]
-fn an_alarm_that_lasts_states_what_was_found_last() {
-    let mut findings = vec![gave(Kind::Inspect, &["broken"]), gave(Kind::Inspect, &["broken"])];
+fn an_active_alarm_has_the_message_of_the_last_finding() {
+    let mut findings = vec![with_reasons(Kind::Inspect, &["broken"]), with_reasons(Kind::Inspect, &["broken"])];
     findings[0].judgement.reasons[0].message = "r1c1 and r1c2 broke".to_owned();
     findings[1].judgement.reasons[0].message = "r1c2 broke".to_owned();
     let (record, times) = past(findings, &["broken"]);

@@ -1,7 +1,7 @@
 //! The numbers of a panel over its cycles.
 //!
 //! [`trend`] shows the development of a quantity, with the limit with which each value was compared. A [`Quantity`] is
-//! a number of a cycle whose trend is worth watching; it has a keyword on the command line and a location in a record.
+//! a number of a cycle whose trend is useful; it has a keyword on the command line and a location in a record.
 //! [`heat_map`] shows the places where the film breaks first: statistics of every grid of a panel over many parts of
 //! the same kind, from the first valid film of each cycle.
 
@@ -39,9 +39,9 @@ pub struct Trend {
     pub unit: String,
     /// The values.
     pub points: Vec<TrendPoint>,
-    /// Number of cycles that were searched and do not have this quantity.
+    /// Number of the cycles without this quantity.
     pub without: usize,
-    /// The usual value and scatter; `None` if there are too few values.
+    /// The usual mean and scatter; `None` if there are too few values.
     pub usual: Option<UsualRange>,
     /// Points that violate a Western Electric rule: hints, in the order of the points.
     pub hints: Vec<Hint>,
@@ -57,8 +57,8 @@ impl Trend {
     }
 }
 
-/// Returns the trend of a quantity over these cycles, the oldest first. Cycles that ran in the air, or that found no
-/// part, are left out.
+/// Returns the trend of a quantity over these cycles, the oldest first. Air-runs and cycles that found no part are left
+/// out.
 pub fn trend(quantity: &Quantity, cycles: &[PastCycle]) -> Trend {
     let over_panels: Vec<&PastCycle> =
         cycles.iter().filter(|past| !past.record.is_air_run() && !past.record.has_no_part()).collect();
@@ -94,7 +94,7 @@ pub enum KnownQuantity {
     LocalizationResidual,
     /// Localization: residual of the outline, rms, px.
     OutlineResidual,
-    /// Localization: stated error at the panel's worst place, 95 %, mm.
+    /// Localization: stated error at the point of the panel with the largest error, 95 %, mm.
     LocalizationError,
     /// The largest deviation of the panel's shape from the taught panel, mm.
     DeviationFromTaught,
@@ -106,13 +106,13 @@ pub enum KnownQuantity {
     ToolVerification,
     /// The result of verifications of the force of a compliant tool, N.
     ForceVerification,
-    /// The largest loss of light relative to the dry picture over all films, %.
+    /// Minimum change of the light relative to the dry picture over all films, %; a decrease is negative.
     LightLeast,
-    /// The largest gain of light relative to the dry picture over all films, %.
+    /// Maximum change of the light relative to the dry picture over all films, %.
     LightMost,
     /// The change of the panel by the film, for the film with the smallest change, grey levels.
     FilmChange,
-    /// Time from the begin of the first film to its first break, s.
+    /// Time from the start of the first film to its first break, s.
     TimeToBreak,
     /// Passes over the panel.
     Passes,
@@ -128,13 +128,13 @@ pub enum KnownQuantity {
     DiscWorn,
     /// Duration of the cycle by the wall clock, s.
     CycleTime,
-    /// Total time for which the valid films were watched, s.
+    /// Total observation time of the valid films, s.
     FilmTime,
     /// The total error at the tool from all parts, 95 %, mm.
     ErrorAtTool,
 }
 
-/// Selects which of several checks of a cycle counts.
+/// Selects one of several checks of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum CheckSelection {
     Last,
@@ -161,8 +161,8 @@ impl KnownQuantity {
             KnownQuantity::FlangeCameraVerification => ("verification of the camera on the flange", "mm"),
             KnownQuantity::ToolVerification => ("verification of the tool", "mm"),
             KnownQuantity::ForceVerification => ("verification of the tool's force", "N"),
-            KnownQuantity::LightLeast => ("smallest change of the light", "%"),
-            KnownQuantity::LightMost => ("largest change of the light", "%"),
+            KnownQuantity::LightLeast => ("minimum change of the light", "%"),
+            KnownQuantity::LightMost => ("maximum change of the light", "%"),
             KnownQuantity::FilmChange => ("change of the panel's brightness by the film", "grey levels"),
             KnownQuantity::TimeToBreak => ("time to the first break", "s"),
             KnownQuantity::Passes => ("passes over the panel", ""),
@@ -177,7 +177,7 @@ impl KnownQuantity {
         }
     }
 
-    /// The subject of the verifications from which the number comes; `None` if the number comes from cycles.
+    /// Returns the subject of the verifications that give this number; `None` if cycles give it.
     pub fn verified_subject(self) -> Option<&'static str> {
         match self {
             KnownQuantity::ScannerVerification => Some("scanner"),
@@ -193,7 +193,7 @@ impl KnownQuantity {
         KnownQuantity::iter().map(KnownQuantity::keyword).collect()
     }
 
-    /// Returns the value in a cycle, and its limit. A quantity that comes from verifications has no value in a cycle.
+    /// Returns the value in a cycle, and its limit. A quantity that verifications give has no value in a cycle.
     fn value_and_limit(self, past: &PastCycle) -> Option<(f64, Limit)> {
         let unlimited = |value: f64| (value, Limit::Unlimited);
         match self {
@@ -259,7 +259,7 @@ impl Quantity {
         KnownQuantity::from_str(text).map_or_else(|_| Quantity::Check(text.to_owned()), Quantity::Known)
     }
 
-    /// The value in a cycle and its limit; `None` if the cycle has none.
+    /// Returns the value in a cycle and its limit; `None` if the cycle has none.
     pub fn value_and_limit(&self, past: &PastCycle) -> Option<(f64, Limit)> {
         match self {
             Quantity::Known(known) => known.value_and_limit(past),
@@ -291,7 +291,7 @@ impl Quantity {
 /// Every grid of a panel, with statistics over its cycles.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct HeatMap {
-    /// Cycles with a valid film.
+    /// Number of cycles with a valid film.
     pub films: usize,
     /// The grids, row by row.
     pub grids: Vec<HeatCell>,
@@ -310,12 +310,12 @@ pub struct HeatCell {
     pub films: usize,
     /// Number of parts on which the film broke on the grid.
     pub breaks: usize,
-    /// The median of the times to the break, s; `None` if the film never broke there.
+    /// Median of the times to the break, s; `None` if the film never broke there.
     pub median_s: Option<f64>,
 }
 
-/// Counts the breaks of each grid. Cycles that ran in the air have no film. Only cycles with the taught panel of the
-/// newest cycle count: in another one a grid of the same name may be another place.
+/// Counts the breaks of each grid. Air-runs have no film. Only cycles with the taught panel of the newest cycle count:
+/// on another taught panel, a grid of the same name may be another place.
 pub fn heat_map(cycles: &[PastCycle]) -> HeatMap {
     let newest = cycles.iter().max_by_key(|past| past.record.id).map(|past| &past.record.taught_version);
     let cycles = cycles.iter().filter(|past| Some(&past.record.taught_version) == newest);

@@ -1,16 +1,16 @@
-//! The four rules of Western Electric. They detect that a row of numbers that should scatter about one value no longer
-//! does so. A hint asks a person to look at the process: a process may be out of control although every value is
-//! within its limit.
+//! The four rules of Western Electric. They detect that a sequence of values no longer scatters around one mean. A hint
+//! asks a person to check the process: a process may be out of control although every value is within its limit.
 //!
 //! Western Electric Company, Statistical Quality Control Handbook, 1956, pages 25 to 28; NIST/SEMATECH e-Handbook of
 //! Statistical Methods, 6.3.2. The scatter is estimated from the differences of neighbours, as for a chart of
-//! individual values (e-Handbook, 6.3.2.2): so a slow drift does not enlarge the scatter and thus hide itself.
+//! individual values (e-Handbook, 6.3.2.2). Therefore a slow drift does not enlarge the estimated scatter and stays
+//! detectable.
 
 use serde::Serialize;
 
-/// Number of values that are needed before the rules are applied: fewer values do not give a usable scatter.
+/// Minimum number of values for the rules: fewer values do not give a usable scatter.
 pub const MIN_VALUES: usize = 10;
-/// Ratio of the mean difference of two neighbours to the scatter, if the scatter is normal: 2 / √π.
+/// Ratio of the mean difference of two neighbours to the scatter, for a normal distribution: 2 / √π.
 const NEIGHBOUR_DIFFERENCE_RATIO: f64 = std::f64::consts::FRAC_2_SQRT_PI;
 
 /// The rule that a sequence of values violates.
@@ -28,8 +28,8 @@ pub enum Rule {
 }
 
 impl Rule {
-    /// The number of values in the window, how many of them must exceed the bound, and the bound as a multiple of
-    /// the scatter.
+    /// Returns the number of values in the window, how many of them must exceed the bound, and the bound as a multiple
+    /// of the scatter.
     fn window_and_count(self) -> (usize, usize, f64) {
         match self {
             Rule::OneBeyondThree => (1, 1, 3.0),
@@ -39,7 +39,7 @@ impl Rule {
         }
     }
 
-    /// The rule in words, for a person.
+    /// Returns the rule in words, for a person.
     pub fn describe(self) -> &'static str {
         match self {
             Rule::OneBeyondThree => "one value is more than 3 standard deviations from the mean",
@@ -54,7 +54,7 @@ impl Rule {
     }
 }
 
-/// The side of the mean.
+/// The side of the mean on which the values lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 #[expect(missing_docs, reason = "the names explain themselves")]
@@ -66,15 +66,15 @@ pub enum Side {
 /// A violated rule.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Hint {
-    /// The rule that was met.
+    /// The rule that is violated.
     pub rule: Rule,
     /// Index of the value at which the rule is violated, from 0.
     pub at: usize,
-    /// The side of the mean.
+    /// The side of the mean on which the values lie.
     pub side: Side,
 }
 
-/// The usual range of the values: their mean and their scatter, which is estimated from the differences of
+/// The usual range of the values: their mean and their scatter. The scatter is estimated from the differences of
 /// neighbours and is not the standard deviation of the values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct UsualRange {
@@ -95,7 +95,7 @@ pub fn usual_range(values: &[f64]) -> Option<UsualRange> {
     Some(UsualRange { mean, sigma: moved / (values.len() - 1) as f64 / NEIGHBOUR_DIFFERENCE_RATIO })
 }
 
-/// Returns the places where the values violate a rule, in their order. Values without any scatter violate no rule.
+/// Returns the values at which a rule is violated, in their order. Values without any scatter violate no rule.
 pub fn find_violations(values: &[f64], usual: UsualRange) -> Vec<Hint> {
     if usual.sigma <= 0.0 {
         return Vec::new();
@@ -109,7 +109,7 @@ pub fn find_violations(values: &[f64], usual: UsualRange) -> Vec<Hint> {
             let window = &scores[(at + 1).saturating_sub(of)..=at];
             for (side, sign) in [(Side::Above, 1.0), (Side::Below, -1.0)] {
                 let is_beyond = |score: &&f64| **score * sign > beyond;
-                // The value that violates a rule must itself be beyond the limit.
+                // The value that violates a rule must itself exceed the bound.
                 if is_beyond(&&scores[at]) && window.iter().filter(is_beyond).count() >= needed {
                     hints.push(Hint { rule, at, side });
                 }
@@ -125,24 +125,25 @@ mod tests {
 
     const UNIT: UsualRange = UsualRange { mean: 10.0, sigma: 2.0 };
 
-    fn broken(scores: &[f64]) -> Vec<(Rule, usize, Side)> {
+    fn violated(scores: &[f64]) -> Vec<(Rule, usize, Side)> {
         let values: Vec<f64> = scores.iter().map(|score| 10.0 + 2.0 * score).collect();
         find_violations(&values, UNIT).into_iter().map(|hint| (hint.rule, hint.at, hint.side)).collect()
     }
 
-    /// By hand, in units of the scatter: the values of each row, and the first index at which they violate the rule.
+    /// Calculated by hand, in units of the scatter: the values of each row, and the first index at which they violate
+    /// the rule.
     #[test]
-    fn each_rule_is_broken_where_the_handbook_states() {
-        assert_eq!(broken(&[0.5, -0.5, 3.1]), [(Rule::OneBeyondThree, 2, Side::Above)]);
-        assert_eq!(broken(&[0.5, -0.5, 3.0]), [], "three times itself is not beyond");
-        assert_eq!(broken(&[-2.1, 0.5, -2.1]), [(Rule::TwoOfThreeBeyondTwo, 2, Side::Below)]);
-        assert_eq!(broken(&[-2.1, 0.5, 2.1]), [], "not on the same side");
-        assert_eq!(broken(&[2.1, 0.5, -0.5, 2.1]), [], "two of four");
-        assert_eq!(broken(&[1.1, 1.1, -0.5, 1.1, 1.1]), [(Rule::FourOfFiveBeyondOne, 4, Side::Above)]);
-        assert_eq!(broken(&[1.1, 1.1, -0.5, 0.9, 1.1]), []);
-        assert_eq!(broken(&[-0.1; 8]), [(Rule::EightOnOneSide, 7, Side::Below)]);
-        assert_eq!(broken(&[-0.1; 7]), []);
-        assert_eq!(broken(&[-0.1, -0.1, -0.1, 0.1, -0.1, -0.1, -0.1, -0.1, -0.1]), []);
+    fn each_rule_is_violated_as_in_the_handbook() {
+        assert_eq!(violated(&[0.5, -0.5, 3.1]), [(Rule::OneBeyondThree, 2, Side::Above)]);
+        assert_eq!(violated(&[0.5, -0.5, 3.0]), [], "three times itself is not beyond");
+        assert_eq!(violated(&[-2.1, 0.5, -2.1]), [(Rule::TwoOfThreeBeyondTwo, 2, Side::Below)]);
+        assert_eq!(violated(&[-2.1, 0.5, 2.1]), [], "not on the same side");
+        assert_eq!(violated(&[2.1, 0.5, -0.5, 2.1]), [], "two of four");
+        assert_eq!(violated(&[1.1, 1.1, -0.5, 1.1, 1.1]), [(Rule::FourOfFiveBeyondOne, 4, Side::Above)]);
+        assert_eq!(violated(&[1.1, 1.1, -0.5, 0.9, 1.1]), []);
+        assert_eq!(violated(&[-0.1; 8]), [(Rule::EightOnOneSide, 7, Side::Below)]);
+        assert_eq!(violated(&[-0.1; 7]), []);
+        assert_eq!(violated(&[-0.1, -0.1, -0.1, 0.1, -0.1, -0.1, -0.1, -0.1, -0.1]), []);
     }
 
     /// Calculated by hand: ten values 1, 3, 1, 3, … have the mean 2 and differences of 2, so the scatter is 2 /
@@ -156,10 +157,10 @@ mod tests {
         assert_eq!(find_violations(&[4.0; 12], super::usual_range(&[4.0; 12]).expect("twelve")), []);
     }
 
-    /// A drift by a fifth of the scatter per value: if the scatter came from the spread of all values, the drift would
-    /// count as usual.
+    /// A drift of a fifth of the scatter per value. If the scatter were the standard deviation of all values, the drift
+    /// would not be detected.
     #[test]
-    fn a_slow_drift_is_noticed() {
+    fn a_slow_drift_is_detected() {
         let values: Vec<f64> =
             (0..30).map(|index| 0.2 * f64::from(index) + if index % 2 == 0 { 0.5 } else { -0.5 }).collect();
         let found = find_violations(&values, usual_range(&values).expect("thirty"));

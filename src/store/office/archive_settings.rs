@@ -1,16 +1,16 @@
-//! `archive.toml`: the broker, the database and the folder of files of the archive.
+//! `archive.toml`: the broker, the database and the file folder of the archive.
 
 use core::net::SocketAddr;
 use panelprep_base::config::{self, Problems, Section};
 use panelprep_cell::cell::Broker;
 use std::path::{Path, PathBuf};
 
-/// The sources and the storage of the data that cells send to the archive.
+/// The settings of the archive: where it receives and where it stores the data of the cells.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ArchiveSettings {
     /// The broker.
     pub broker: Broker,
-    /// Limit of the data that waits in the broker, GB; further data stays in its cell.
+    /// Limit of the data that wait in the broker, GB; further data stay in their cell.
     pub waiting_gb: usize,
     /// The database.
     pub database: DatabaseSettings,
@@ -48,18 +48,18 @@ pub struct DatabaseSettings {
     pub ca: Option<PathBuf>,
 }
 
-const WAITING_GB: std::ops::RangeInclusive<usize> = 1..=10_000;
-const PORT: std::ops::RangeInclusive<usize> = 1..=65_535;
+const VALID_WAITING_GB: std::ops::RangeInclusive<usize> = 1..=10_000;
+const VALID_PORTS: std::ops::RangeInclusive<usize> = 1..=65_535;
 
-const GB: i64 = 1_000_000_000;
+const BYTES_PER_GB: i64 = 1_000_000_000;
 
 impl ArchiveSettings {
-    /// Returns the largest amount of data that may wait in the broker, bytes.
+    /// Returns the limit of the data that wait in the broker, bytes.
     pub fn max_waiting_bytes(&self) -> i64 {
-        i64::try_from(self.waiting_gb).unwrap_or(i64::MAX).saturating_mul(GB)
+        i64::try_from(self.waiting_gb).unwrap_or(i64::MAX).saturating_mul(BYTES_PER_GB)
     }
 
-    /// Checks the text of the archive's file; names in it are relative to its folder.
+    /// Checks the text of the archive's file; file names in it are relative to its folder.
     ///
     /// # Errors
     /// Every problem with its line and key.
@@ -85,7 +85,7 @@ impl ArchiveSettings {
 
 fn parse_broker(folder: &Path, section: &Section<'_, '_>) -> Option<(Broker, usize)> {
     let broker = Broker::parse(folder, section, "address");
-    let waiting_gb = section.parse::<usize>("waiting_gb", WAITING_GB, Some(5));
+    let waiting_gb = section.parse::<usize>("waiting_gb", VALID_WAITING_GB, Some(5));
     section.finish();
     let Some(broker) = broker? else {
         section.problem("address", "is missing: the broker's address, such as \"nats://127.0.0.1:4222\"");
@@ -122,7 +122,7 @@ fn parse_fleet(folder: &Path, section: &Section<'_, '_>) -> Option<Option<FleetP
 
 fn parse_database(folder: &Path, section: &Section<'_, '_>) -> Option<DatabaseSettings> {
     let host = section.parse::<String>("host", (), Some("127.0.0.1".to_owned()));
-    let port = section.parse::<usize>("port", PORT, Some(5_432));
+    let port = section.parse::<usize>("port", VALID_PORTS, Some(5_432));
     let name = section.parse::<String>("name", (), Some("panelprep".to_owned()));
     let user = section.parse::<String>("user", (), Some("panelprep".to_owned()));
     let [password_file, ca] =

@@ -1,10 +1,10 @@
 //! Parts of messages and files, small enough for the broker: one line of JSON that names the message or file, then the
-//! part's bytes. Parts may arrive in any order and any number of times; [`PartAssembly`] joins them into a message or
-//! a file.
+//! part's bytes. Parts may arrive in any order and any number of times; [`PartAssembly`] joins them into a message or a
+//! file.
 //!
 //! Each part arrives with a receipt, with which it is acknowledged to the broker once the whole item is stored. A
-//! repeated part brings a new receipt, which replaces the previous one. So an item that never becomes complete does
-//! not grow.
+//! repeated part brings a new receipt, which replaces the previous one, so that the memory of an incomplete item is
+//! limited.
 
 use super::message::{OfficeError, Position, check_epoch_name};
 use panelprep_cell::cell::CellName;
@@ -13,12 +13,12 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 const FORM: &str = "panelprep-part-1";
-/// Size of one part, bytes: together with its line it is below the 1 MB that a broker allows by default.
+/// Size of one part, bytes. With its line it is smaller than 1 MB, the default limit of a broker.
 const PART_BYTES: usize = 512 * 1024;
-/// Largest number of parts of one message or file: 2 GB.
+/// Maximum number of parts of one message or file: 2 GB.
 const MAX_PARTS: u32 = 4_096;
 /// The longest line.
-const HEAD_BYTES: usize = 1_024;
+const MAX_HEAD_BYTES: usize = 1_024;
 
 /// The message or the file to which a part belongs.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -34,7 +34,7 @@ pub enum ChunkOwner {
 pub struct Chunk {
     /// The cell that sends the part.
     pub cell: CellName,
-    /// The owner of the data.
+    /// The message or file to which the part belongs.
     pub what: ChunkOwner,
     /// Number of the part, from 1.
     pub part: u32,
@@ -60,7 +60,7 @@ struct Head {
 /// Divides bytes into parts; an empty content is one part, too.
 ///
 /// # Errors
-/// If there would be too many parts.
+/// If there are more than `MAX_PARTS` parts.
 pub fn chunks(cell: &CellName, what: &ChunkOwner, bytes: &[u8]) -> Result<Vec<Chunk>, OfficeError> {
     let count = bytes.len().div_ceil(PART_BYTES).max(1);
     let allowed = || OfficeError::Large { found: format!("{count} parts"), allowed: format!("{MAX_PARTS} parts") };
@@ -106,11 +106,11 @@ impl Chunk {
     /// Reads a part.
     ///
     /// # Errors
-    /// If the bytes are not a part, or exceed the largest part.
+    /// If the bytes are not a part, or exceed the maximum size of a part.
     pub fn read(bytes: &[u8]) -> Result<Self, OfficeError> {
         let wrong = |problem: String| OfficeError::form_error("line of a part", problem);
-        let end = bytes.iter().take(HEAD_BYTES).position(|byte| *byte == b'\n');
-        let end = end.ok_or_else(|| wrong("the line end is missing".to_owned()))?;
+        let end = bytes.iter().take(MAX_HEAD_BYTES).position(|byte| *byte == b'\n');
+        let end = end.ok_or_else(|| wrong("the end of the line is missing".to_owned()))?;
         let head: Head = serde_json::from_slice(&bytes[..end]).map_err(|error| wrong(error.to_string()))?;
         if head.form != FORM {
             return Err(wrong(format!(
@@ -150,7 +150,7 @@ fn check_hash(hash: &str) -> Result<(), String> {
     }
 }
 
-/// Limit of the bytes of all incomplete items. If more bytes arrive, the oldest item is dropped: it is sent again.
+/// Limit of the total bytes of all incomplete items. If it is exceeded, the oldest item is dropped and is sent again.
 const MAX_ITEM_BYTES: usize = 512 << 20;
 
 /// A message or a file of which all parts have arrived.
@@ -158,7 +158,7 @@ const MAX_ITEM_BYTES: usize = 512 << 20;
 pub struct AssembledItem<R> {
     /// The cell that sent the data.
     pub cell: CellName,
-    /// The message or the file to which the part belongs.
+    /// The message or the file that was joined from the parts.
     pub what: ChunkOwner,
     /// The bytes of the item. If it is a file, the hash of the bytes is the name of the file.
     pub bytes: Vec<u8>,
@@ -206,11 +206,11 @@ impl<R> Default for PartAssembly<R> {
 }
 
 impl<R> PartAssembly<R> {
-    /// Adds a part; returns the whole if this part completes it.
+    /// Adds a part; returns the complete item if this part completes it.
     ///
     /// # Errors
-    /// If the part contradicts earlier parts, or the hash of the complete file differs from its name. All parts
-    /// received until then are dropped.
+    /// If the part contradicts earlier parts, or the hash of the complete file differs from its name. All parts of this
+    /// item are then dropped.
     pub fn add(&mut self, chunk: Chunk, receipt: R) -> Result<Option<AssembledItem<R>>, InvalidItem<R>> {
         let Chunk { cell, what, part, parts, bytes } = chunk;
         let key = (cell, what);

@@ -1,6 +1,5 @@
-//! A message to the office: one line of JSON that describes the content, then the content's bytes as the cell has
-//! them. The name of each item and its position in a list, its content, and the errors of a message that is not a
-//! valid message of a cell.
+//! A message to the office: one line of JSON that describes the content, then the bytes of the content as the cell has
+//! them. Also the name of each item and its position in a list, its content, and the errors of invalid messages.
 
 use crate::signing::{PublicKey, Statement};
 use panelprep_cell::cell::CellName;
@@ -11,8 +10,8 @@ use serde_json::Value;
 use strum::{EnumString, IntoStaticStr, VariantArray};
 
 const FORM: &str = "panelprep-office-1";
-/// The longest head, bytes: a record names about a hundred files.
-const HEAD_BYTES: usize = 1 << 20;
+/// Maximum size of a head, bytes: a record names about a hundred files.
+const MAX_HEAD_BYTES: usize = 1 << 20;
 
 /// A message of a cell.
 #[derive(Debug, Clone, PartialEq)]
@@ -79,11 +78,11 @@ impl Message {
     /// signed with the key that the message names. The caller must check that this key is the cell's.
     ///
     /// # Errors
-    /// If one of these conditions is not met.
+    /// If one of these conditions is not fulfilled.
     pub fn read(bytes: &[u8]) -> Result<Self, OfficeError> {
-        let end = bytes.iter().take(HEAD_BYTES).position(|byte| *byte == b'\n');
+        let end = bytes.iter().take(MAX_HEAD_BYTES).position(|byte| *byte == b'\n');
         let Some(end) = end else {
-            return Err(OfficeError::form_error("head of a message", "the line end is missing"));
+            return Err(OfficeError::form_error("head of a message", "the end of the line is missing"));
         };
         let head = |problem: String| OfficeError::form_error("head of a message", problem);
         let read: Head = serde_json::from_slice(&bytes[..end]).map_err(|error| head(error.to_string()))?;
@@ -106,7 +105,7 @@ impl Message {
                 Body::Cycle(content)
             }
             (Kind::Verification, None) => {
-                let _: VerificationSeen = parse_content(&content, "verification")?;
+                let _: OfficeVerification = parse_content(&content, "verification")?;
                 Body::Verification(content)
             }
             (Kind::Signature, Some(signed)) => signature(content, signed, read.number)?,
@@ -153,7 +152,7 @@ fn signature(statement: Vec<u8>, head: SignedHead, number: u64) -> Result<Body, 
     Ok(Body::Signature { statement, signature, public_key: head.public_key, files: head.files })
 }
 
-/// A position among all items that one store sends.
+/// The position of an item among all items that one store sends.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Position {
     /// A random name, 32 hexadecimal digits; a store that does not have all of its history begins a new epoch.
@@ -162,7 +161,7 @@ pub struct Position {
     pub number: u64,
 }
 
-/// The kind of an item.
+/// The kind of item.
 #[derive(
     Debug,
     Clone,
@@ -239,7 +238,7 @@ pub enum Body {
         /// The files that the statement names and that are sent.
         files: Vec<NamedFile>,
     },
-    /// A [`VerificationSeen`].
+    /// A [`OfficeVerification`].
     Verification(Vec<u8>),
 }
 
@@ -314,7 +313,7 @@ pub struct CycleEnd {
 /// A verification of a calibration.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct VerificationSeen {
+pub struct OfficeVerification {
     /// The verified item: `scanner`, `flange_camera`, `tool` or `tool_force`.
     pub subject: String,
     /// The measured error, mm; for a force, N.
@@ -356,14 +355,14 @@ pub enum OfficeError {
         /// The largest size allowed, in the same unit.
         allowed: String,
     },
-    /// The parts of one item state different numbers of parts.
+    /// The parts of one item state different total numbers of parts.
     #[error("part {part} states a total of {found} parts, but another part stated {before}")]
     Parts {
         /// Number of the part.
         part: u32,
-        /// The number that this part states.
+        /// The total number that this part states.
         found: u32,
-        /// The number that an earlier part stated.
+        /// The total number that an earlier part stated.
         before: u32,
     },
     /// The key does not verify the signature, or the statement is not valid.

@@ -1,5 +1,5 @@
-//! Records that are sent to the office: their content, their division into messages, and the comparison of the data of
-//! cell and office.
+//! Records that are sent to the office: their content, their division into messages, and the comparison of the cell's
+//! data with the office's data.
 //!
 //! A cell numbers everything that the office must receive (see `store`, table `outbox`): the end of each cycle, each
 //! signature with the statement that it signs, each verification. The cell, the epoch and the number identify each of
@@ -9,7 +9,7 @@
 //!
 //! Files that a record names (pictures, recipe, calibrations) are sent before the record, under their hash.
 //!
-//! Pure: sockets are handled in `broker`, `daemon/office` and `archive`.
+//! The module is pure: sockets are handled in `broker`, `daemon/office` and `archive`.
 
 mod archive_settings;
 mod chunk;
@@ -21,7 +21,7 @@ pub mod subject;
 pub use archive_settings::{ArchiveSettings, DatabaseSettings, FleetPage};
 pub use chunk::{AssembledItem, Chunk, ChunkOwner, InvalidItem, PartAssembly, chunks};
 pub use message::{
-    Body, CycleEnd, ItemEnvelope, Kind, ListEntry, Message, NamedFile, OfficeError, Position, VerificationSeen,
+    Body, CycleEnd, ItemEnvelope, Kind, ListEntry, Message, NamedFile, OfficeError, OfficeVerification, Position,
 };
 pub use notices::{CellState, ReasonText, RecipeOffer};
 pub use progress::{Comparison, Progress, ReportOutcome, compare};

@@ -35,9 +35,9 @@ pub struct CellState {
     pub waypoint: Option<[u32; 2]>,
     /// The reasons for its state: codes and messages.
     pub reasons: Vec<ReasonText>,
-    /// Problems of the cell between cycles: a disk, a calibration that expires.
+    /// Problems of the cell between cycles, such as a full disk or a calibration that expires.
     pub standing: Vec<ReasonText>,
-    /// For each epoch, the last number that the cell has for the office.
+    /// For each epoch, the number of the cell's last item for the office.
     pub last: Vec<Position>,
 }
 
@@ -89,7 +89,7 @@ impl CellState {
 const OFFER_FORM: &str = "panelprep-offer-1";
 /// Longest offer, bytes.
 const MAX_OFFER_BYTES: usize = 256 * 1_024;
-/// The longest name and reason, in characters.
+/// Maximum number of characters of a name or a reason.
 const MAX_CHARACTERS: usize = 200;
 
 /// A recipe that the office offers.

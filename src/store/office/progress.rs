@@ -1,9 +1,9 @@
-//! The progress of a cell in sending each epoch, the office's confirmation, and the comparison of the data of the cell
-//! with the data of the office.
+//! The progress of a cell in sending each epoch, the office's confirmation, and the comparison of the cell's data with
+//! the office's data.
 //!
-//! The office decides: data that it does not have is sent again, even if the broker once accepted it. So if a broker
-//! or a database is restored without its last days, only time is lost. The same is true if this progress is lost:
-//! everything is then sent again, and the office recognizes the items by their names.
+//! The office decides: data that it does not have is sent again, even if the broker once accepted it. If a broker or a
+//! database is restored without its last days, the data is therefore only delayed. If this progress file is lost, all
+//! data is sent again, and the office recognizes the items by their names.
 
 use super::message::{ListEntry, Position};
 use serde::{Deserialize, Serialize};
@@ -19,41 +19,41 @@ pub struct Progress {
     sent: BTreeMap<String, u64>,
     /// For each epoch, the number up to which the office has all items.
     archived: BTreeMap<String, u64>,
-    /// The number of times that sending began again. A broker drops data with a known name, so data that is sent
+    /// The number of times that sending was restarted. A broker drops data with a known name, so data that is sent
     /// again needs another name.
     #[serde(default)]
     again: u64,
 }
 
-/// The result of a report from the office on what it has.
+/// The result of the office's report of the items that it has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ReportOutcome {
-    /// It has at least the data that the cell expects there.
+    /// The office has at least the items that it reported before.
     Known,
     /// The office has fewer items than before: the missing items are sent again.
     HasLess,
-    /// The office has more items than the store ever had: the store does not know its own history, or two cells
-    /// have the same name.
+    /// The office has more items than the store ever had: rows of the store are missing, or two cells have the same
+    /// name.
     HasMore,
 }
 
 impl Progress {
-    /// Returns the number of an epoch up to which all items are sent.
+    /// Returns the number up to which all items of an epoch are sent.
     pub fn last_sent(&self, epoch: &str) -> u64 {
         self.sent.get(epoch).copied().unwrap_or(0)
     }
 
-    /// Returns the number of an epoch up to which the office has all items.
+    /// Returns the number up to which the office has all items of an epoch.
     pub fn last_archived(&self, epoch: &str) -> u64 {
         self.archived.get(epoch).copied().unwrap_or(0)
     }
 
-    /// Returns how often sending began again.
+    /// Returns how often sending was restarted.
     pub fn resend_count(&self) -> u64 {
         self.again
     }
 
-    /// Starts sending again. Repeated data then has a new name, so that the broker does not drop it as a duplicate.
+    /// Restarts sending. Repeated data then has a new name, so that the broker does not drop it as a duplicate.
     pub fn restart_sending(&mut self) {
         self.again += 1;
     }
@@ -63,7 +63,8 @@ impl Progress {
         last.iter().map(|last| last.number.saturating_sub(self.last_archived(&last.epoch))).sum()
     }
 
-    /// Records which stream the broker has. A different stream contains nothing of what was sent to the previous one.
+    /// Records the broker's stream. If it is another stream than before, all items that the office does not have are
+    /// sent again, because the new stream does not contain them.
     pub fn set_stream(&mut self, stream: &str) {
         if self.stream != stream {
             stream.clone_into(&mut self.stream);
@@ -71,7 +72,8 @@ impl Progress {
         }
     }
 
-    /// Records that the broker accepted everything up to here; an item that was sent again may be older than the last.
+    /// Records that the broker accepted all items up to this position; an item that was sent again may be older than
+    /// the last.
     pub fn record_accepted(&mut self, position: &Position) {
         let sent = self.sent.entry(position.epoch.clone()).or_default();
         *sent = position.number.max(*sent);
@@ -95,13 +97,13 @@ impl Progress {
     }
 }
 
-/// Largest number of listed messages of one kind; further messages are only counted.
+/// Maximum number of listed messages of one kind; further messages are only counted.
 const MAX_MESSAGES: usize = 50;
 
 /// The result of a comparison.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Comparison {
-    /// Number of items that cell and office have with the same hash.
+    /// Number of items with the same hash in the cell and in the office.
     pub equal_items: u64,
     /// The differences, as text.
     pub differences: Vec<String>,

@@ -3,7 +3,7 @@
 use panelprep_cell::cell::CellName;
 use panelprep_cell::files::content_hash;
 
-/// The stream of records and files that are on their way to the office.
+/// The stream of records and files in transit to the office.
 pub const STREAM: &str = "PANELPREP";
 /// Every subject of this stream.
 pub const ALL_RECORDS: &str = "panelprep.records.*";
@@ -19,24 +19,24 @@ pub const OFFER_STREAM: &str = "PANELPREP_OFFERS";
 /// Every subject of this stream.
 pub const ALL_OFFERS: &str = "panelprep.offers.*";
 
-/// The subject on which the office offers a recipe of this panel. The panel's name may contain characters that a
-/// subject must not.
+/// Returns the subject on which the office offers a recipe of this panel. It contains a hash of the panel's name,
+/// because the name may have characters that a subject must not.
 pub fn offer_subject(panel: &str) -> String {
     let hash = content_hash(panel.as_bytes());
     format!("panelprep.offers.{}", hash.get(..16).unwrap_or(&hash))
 }
 
-/// The subject on which a cell sends records and files.
+/// Returns the subject on which a cell sends records and files.
 pub fn records(cell: &CellName) -> String {
     format!("panelprep.records.{cell}")
 }
 
-/// The subject on which the office reports up to which number it has an epoch of a cell.
+/// Returns the subject on which the office reports the number up to which it has all items of a cell's epoch.
 pub fn archived_subject(cell: &CellName, epoch: &str) -> String {
     format!("panelprep.archived.{cell}.{epoch}")
 }
 
-/// The subject on which a cell reports its state.
+/// Returns the subject on which a cell reports its state.
 pub fn state(cell: &CellName) -> String {
     format!("panelprep.state.{cell}")
 }

@@ -64,7 +64,7 @@ fn signature() -> Message {
 }
 
 #[test]
-fn a_message_reads_back_and_each_changed_byte_is_found() {
+fn a_message_reads_back_and_each_changed_byte_is_detected() {
     for message in [end_of_cycle(), signature()] {
         let bytes = message.bytes().expect("bytes");
         assert_eq!(Message::read(&bytes), Ok(message.clone()));
@@ -77,7 +77,7 @@ fn a_message_reads_back_and_each_changed_byte_is_found() {
     }
 }
 
-/// A sender of other content with a correct hash still needs the cell's key.
+/// A sender without the cell's key is refused, although the hash of its content is correct.
 #[test]
 fn a_statement_of_another_writer_is_refused() {
     let message = signature();
@@ -97,7 +97,7 @@ fn a_statement_of_another_writer_is_refused() {
 }
 
 #[test]
-fn a_large_message_comes_in_parts_in_any_order_and_twice() {
+fn a_large_message_is_joined_from_parts_in_any_order() {
     let bytes: Vec<u8> = (0..1_300_000_u32).map(|index| (index % 251) as u8).collect();
     let what = ChunkOwner::File(panelprep_cell::files::content_hash(&bytes));
     let parts = chunks(&cell(), &what, &bytes).expect("parts");
@@ -114,7 +114,7 @@ fn a_large_message_comes_in_parts_in_any_order_and_twice() {
 }
 
 #[test]
-fn parts_that_contradict_one_another_are_refused_and_forgotten() {
+fn parts_that_contradict_each_other_are_refused_and_dropped() {
     let what = ChunkOwner::Message(at(3));
     let part = |part, parts| Chunk { cell: cell(), what: what.clone(), part, parts, bytes: vec![1] };
     let mut assembly = PartAssembly::default();
@@ -129,11 +129,11 @@ fn parts_that_contradict_one_another_are_refused_and_forgotten() {
 }
 
 #[test]
-fn what_is_no_part_is_refused_with_what_is_allowed() {
+fn an_invalid_part_is_refused_with_the_limits() {
     let head = |what: &str| format!("{{\"form\":\"panelprep-part-1\",\"cell\":\"cell-1\",{what}}}\nx");
     let file = "ab".repeat(32);
     for (bytes, problem) in [
-        (String::new(), "the line end is missing"),
+        (String::new(), "the end of the line is missing"),
         (head("\"file\":\"../etc/passwd\",\"part\":1,\"parts\":1"), "valid: a SHA-256"),
         (head(&format!("\"file\":\"{file}\",\"part\":2,\"parts\":1")), "part 2 of 1; the limits are 1 to 4096"),
         (head(&format!("\"file\":\"{file}\",\"part\":0,\"parts\":5000")), "part 0 of 5000"),
@@ -150,7 +150,7 @@ fn what_is_no_part_is_refused_with_what_is_allowed() {
 }
 
 #[test]
-fn the_office_has_the_last_word_on_what_it_has() {
+fn the_report_of_the_office_decides_what_is_sent() {
     let mut progress = Progress::default();
     progress.set_stream("one");
     progress.record_accepted(&at(9));
@@ -159,7 +159,7 @@ fn the_office_has_the_last_word_on_what_it_has() {
         (progress.last_sent(EPOCH), progress.last_archived(EPOCH), progress.missing_count(&[at(12)])),
         (9, 5, 7)
     );
-    // Another stream contains nothing of what was sent. Items that the office has need not be sent again.
+    // A new stream does not contain the sent items. Items that the office has need not be sent again.
     progress.set_stream("two");
     assert_eq!(progress.last_sent(EPOCH), 5);
     progress.record_accepted(&at(12));
@@ -175,7 +175,7 @@ fn the_office_has_the_last_word_on_what_it_has() {
 }
 
 #[test]
-fn two_lists_are_held_against_each_other_by_name_and_hash() {
+fn two_lists_are_compared_by_name_and_hash() {
     let line = |number, hash: &str| ListEntry { position: at(number), kind: Kind::Cycle, hash: hash.repeat(32) };
     let cell = [line(1, "aa"), line(2, "bb"), line(3, "cc")];
     assert_eq!(compare(&cell, &cell), Comparison { equal_items: 3, differences: Vec::new() });
@@ -194,7 +194,7 @@ fn two_lists_are_held_against_each_other_by_name_and_hash() {
 
 proptest! {
     #[test]
-    fn no_bytes_bring_a_reader_down(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
+    fn no_bytes_cause_a_panic_of_a_reader(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
         let _ = (Chunk::read(&bytes), Message::read(&bytes));
     }
 
@@ -206,9 +206,10 @@ proptest! {
     }
 }
 
-/// A broker drops data with a known name, so data that the office lost would never arrive again.
+/// A broker drops data with a known name. Without a new name, data that the office lost would therefore never arrive
+/// again.
 #[test]
-fn what_is_sent_again_has_another_name() {
+fn a_part_that_is_sent_again_has_another_name() {
     let part = chunks(&cell(), &ChunkOwner::Message(at(3)), b"x").expect("parts").remove(0);
     assert_eq!(part.message_id(0), format!("cell-1/{EPOCH}/3/1"));
     let mut progress = Progress::default();
@@ -218,7 +219,7 @@ fn what_is_sent_again_has_another_name() {
 }
 
 #[test]
-fn an_offer_reads_back_and_what_cannot_be_printed_is_refused() {
+fn an_offer_reads_back_and_unprintable_texts_are_refused() {
     let offer = RecipeOffer::new("door", "panel = \"door\"\n", ("Anna", "finer film"), 5).expect("an offer");
     assert_eq!(RecipeOffer::read(&offer.bytes().expect("bytes")), Ok(offer.clone()));
     assert_eq!(offer.hash(), panelprep_cell::files::content_hash(b"panel = \"door\"\n"));

@@ -1,28 +1,28 @@
-//! JSON in the one form that is signed, RFC 8785, and the differences between the signed record and the present one,
-//! by their path in the record.
+//! Signed JSON in canonical form (RFC 8785), and the differences between the signed record and the present one, by
+//! their path in the record.
 //!
-//! The signed form has no numbers other than doubles. A whole number beyond ±(2⁵³ − 1), such as the number of a plan,
-//! would lose digits. It is therefore written as a text of its digits, as RFC 8785 advises in its appendix D.
+//! The canonical form has no numbers other than doubles. A whole number beyond ±(2⁵³ − 1), such as the number of a
+//! plan, would lose digits. It is therefore written as a text of its digits, as RFC 8785 advises in its appendix D.
 
 use super::key::SigningError;
 use serde::Serialize;
 use serde_json::Value;
 
-/// The largest whole number that a double, like its neighbours, represents exactly.
+/// The largest whole number that a double represents exactly together with its neighbours.
 const MAX_EXACT_INTEGER: u64 = (1 << 53) - 1;
 
 /// Returns the bytes that are signed.
 ///
 /// # Errors
-/// If JSON cannot hold the value.
+/// If JSON cannot represent the value.
 pub fn canonical(value: &impl Serialize) -> Result<Vec<u8>, SigningError> {
     let json = |error: serde_json::Error| SigningError::Json { problem: error.to_string() };
     let value = large_numbers_as_text(serde_json::to_value(value).map_err(json)?);
     serde_json_canonicalizer::to_vec(&value).map_err(json)
 }
 
-/// Converts the texts of large whole numbers back to numbers, in the fields with these names, which contain only
-/// numbers.
+/// Converts the texts of large whole numbers back to numbers, in the fields with these names, which contain numbers
+/// only.
 pub(super) fn restore_large_numbers(value: Value, names: &[&str]) -> Value {
     match value {
         Value::Array(values) => {
@@ -57,15 +57,15 @@ pub(super) fn large_numbers_as_text(value: Value) -> Value {
     }
 }
 
-/// Path of the requests: more requests may follow while the cell waits with its result, and a request that was only in
-/// the journal receives its answer.
+/// Path of the requests. More requests may be stored while the cell waits after the end of the cycle, and a request
+/// that was only in the journal gets its answer.
 const REQUESTS_PATH: &str = "/asked";
-/// Path of the motions: a motion that was open when an aborted cycle was signed receives its end later, from the robot
-/// or from a person.
-const MOTION: &str = "/motions/";
+/// Path of the motions. If a motion was open when an aborted cycle was signed, its end is stored later, as the robot or
+/// a person reports it.
+const MOTIONS_PATH: &str = "/motions/";
 /// Fields with counts that may grow after signing.
 const GROWING_FIELDS: [&str; 1] = ["/events"];
-/// The most differences that are reported; the first ones are enough.
+/// Maximum number of differences that are reported.
 const MAX_DIFFERENCES: usize = 5;
 
 /// Lists the places at which `now` differs from what was `signed`, such as `/findings/2/numbers/0/value`, each with
@@ -107,11 +107,11 @@ fn compare(at: &str, signed: &Value, now: &Value, found: &mut Vec<String>) {
 }
 
 fn is_motion_path(at: &str) -> bool {
-    at.strip_prefix(MOTION).is_some_and(|number| !number.contains('/'))
+    at.strip_prefix(MOTIONS_PATH).is_some_and(|number| !number.contains('/'))
 }
 
-/// Returns whether each signed request is still present; a request that was only in the journal at that time, without
-/// its sender and answer, may have them now.
+/// Returns whether each signed request is still present. A request that was only in the journal when the record was
+/// signed, without its sender and answer, may have both now.
 fn are_requests_present(signed: &[Value], now: &[Value]) -> bool {
     let mut left: Vec<&Value> = now.iter().collect();
     signed.iter().all(|one| {
@@ -127,7 +127,7 @@ fn is_grown_count(signed: &serde_json::Number, now: &serde_json::Number) -> bool
 
 fn shorten_value(value: &Value) -> String {
     let text = match value {
-        Value::Array(values) => return format!("a list of {}", values.len()),
+        Value::Array(values) => return format!("a list with length {}", values.len()),
         Value::Object(_) => return "an object".to_owned(),
         other => other.to_string(),
     };
@@ -137,14 +137,14 @@ fn shorten_value(value: &Value) -> String {
     }
 }
 
-/// Which changes of a record are reported as differences, and which are not.
+/// Tests which changes of a record are reported as differences.
 #[cfg(test)]
 mod tests {
     use super::differences;
     use serde_json::json;
 
     #[test]
-    fn differences_name_their_place_and_let_a_later_program_keep_more() {
+    fn differences_state_their_path_and_new_fields_are_permitted() {
         let signed = json!({"panel": "wing", "findings": [{"numbers": [1, 2]}], "asked": [1], "events": 5});
         let same =
             json!({"panel": "wing", "findings": [{"numbers": [1, 2]}], "asked": [1, 2], "events": 7, "new": 1});
@@ -154,17 +154,17 @@ mod tests {
         for words in [
             "/panel: signed value \"wing\", present value null",
             "/findings/0/numbers/1: signed value 2, present value 3",
-            "/asked: signed value a list of 1, present value a list of 0",
+            "/asked: signed value a list with length 1, present value a list with length 0",
             "/events: signed value 5, present value 4",
         ] {
             assert!(told.contains(words), "no {words} in {told}");
         }
     }
 
-    /// After an abort is signed, the robot may still report the end of a motion, and a request in the journal gets its
-    /// answer.
+    /// After the record of an aborted cycle was signed, the robot may still report the end of a motion, and a request
+    /// in the journal gets its answer.
     #[test]
-    fn what_comes_after_a_cycle_is_no_difference() {
+    fn additions_after_the_end_of_a_cycle_are_no_difference() {
         let motion =
             |outcome: Option<&str>, done: u32| json!({"motion": {"epoch": 3}, "outcome": outcome, "done": done});
         let asked =

@@ -1,9 +1,9 @@
-//! Verifies signed statements together: each by its signature, all by their chain, and the chain's end by a head that
-//! was stored elsewhere. Names each statement that was changed, is missing, was exchanged for another, or was rolled
-//! back.
+//! Verifies signed statements: each by its signature, all by their chain, and the end of the chain by a head that was
+//! stored elsewhere. The result names each statement that was changed, is missing, was exchanged for another, or was
+//! rolled back.
 
 use super::key::PublicKey;
-use super::statement::{CHAIN_BEGIN, SignedHead, Statement, StatementContent, hash};
+use super::statement::{CHAIN_START_HASH, SignedHead, Statement, StatementContent, hash};
 use panelprep_cell::record::CycleId;
 use std::collections::BTreeMap;
 
@@ -16,18 +16,18 @@ pub struct Signed {
     pub bytes: Vec<u8>,
     /// The 64 bytes of its signature.
     pub signature: Vec<u8>,
-    /// The claim that the statement's name makes.
+    /// What the statement's file name states about it.
     pub claim: NameClaim,
 }
 
-/// The claim that a statement's name makes about the statement.
+/// What the file name of a statement states about its content.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NameClaim {
-    /// The name claims nothing.
+    /// The name states nothing.
     Nothing,
-    /// The cell's statement of this cycle.
+    /// The statement is the cell's statement of this cycle.
     Cycle(CycleId),
-    /// The name claims this number.
+    /// The statement has this number.
     Number(u64),
 }
 
@@ -36,8 +36,8 @@ pub enum NameClaim {
 pub struct VerificationResult {
     /// Differences from what was signed, as text.
     pub differences: Vec<String>,
-    /// Missing statement numbers before the last one, as ranges (first, last). They are a finding if the set must
-    /// be complete, and none if only a part of the chain was handed on.
+    /// Missing statement numbers before the last one, as ranges (first, last). They are differences only if the set
+    /// must be complete, not if only a part of the chain was exported.
     pub gaps: Vec<(u64, u64)>,
     /// The statements with a valid signature, by their numbers, each with its SHA-256.
     pub statements: BTreeMap<u64, (Statement, String)>,
@@ -50,10 +50,10 @@ struct ValidStatement<'s> {
     hash: String,
 }
 
-/// Verifies these statements with these public keys. If a `head` is given, it must be signed too, and the
-/// statements must be complete from the cell's first to the one that the head names. Without a head, missing
-/// numbers are listed separately from findings: a person who has the record of one cycle does not have the records
-/// of other cycles in between.
+/// Verifies these statements with these public keys. If a `head` is given, its signature is verified too, and the
+/// statements must be complete from the cell's first to the one that the head names. Without a head, missing numbers
+/// are listed separately from differences: a person who has the record of one cycle does not have the records of other
+/// cycles in between.
 pub fn verify(all: &[Signed], keys: &[PublicKey], head: Option<&Signed>) -> VerificationResult {
     let mut verified = VerificationResult::default();
     let mut whole: BTreeMap<u64, ValidStatement<'_>> = BTreeMap::new();
@@ -112,7 +112,7 @@ fn read<'s>(signed: &'s Signed, keys: &[PublicKey]) -> Result<ValidStatement<'s>
     }
 }
 
-/// Returns a finding if the statement contradicts the claim that its name makes.
+/// Returns a difference if the statement contradicts its file name.
 fn check_claim(signed: &Signed, statement: &Statement) -> Option<String> {
     let is_there = match (signed.claim, &statement.says) {
         (NameClaim::Nothing, _) => true,
@@ -137,16 +137,16 @@ fn gaps(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<(u64, u64)> {
     between.map(|(before, number)| (before + 1, number - 1)).collect()
 }
 
-/// Returns a finding for each statement that names a different predecessor than the one present.
+/// Returns a difference for each statement that contains another hash than that of the statement before it.
 fn broken_links(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
     let mut found = Vec::new();
     let mut before: Option<&ValidStatement<'_>> = None;
     for one in whole.values() {
         let (number, name) = (one.statement.number, one.name);
         let expected = match before {
-            _ if number == 1 => Some(CHAIN_BEGIN),
+            _ if number == 1 => Some(CHAIN_START_HASH),
             Some(before) if before.statement.number + 1 == number => Some(before.hash.as_str()),
-            // Without the predecessor, its hash is not known.
+            // Without the statement before it, the hash cannot be compared.
             Some(_) | None => None,
         };
         if expected.is_some_and(|expected| expected != one.statement.previous) {
@@ -160,7 +160,7 @@ fn broken_links(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
     found
 }
 
-/// The words for a gap in a chain that must be complete.
+/// Returns the text for a gap in a chain that must be complete.
 pub fn missing_text((first, last): (u64, u64)) -> String {
     match first == last {
         true => format!("record number {first} is missing"),
@@ -168,7 +168,7 @@ pub fn missing_text((first, last): (u64, u64)) -> String {
     }
 }
 
-/// The words for a gap if only a part of the chain was handed on.
+/// Returns the text for a gap if only a part of the chain was exported.
 pub fn partial_chain_text((first, last): (u64, u64)) -> String {
     match first == last {
         true => format!("record number {first} is not in this folder"),
@@ -176,7 +176,7 @@ pub fn partial_chain_text((first, last): (u64, u64)) -> String {
     }
 }
 
-/// Signatures of persons that name a different record than the one present.
+/// Returns a difference for each signature of a person that names another version of the record than the present one.
 fn unbound_signatures(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
     let mut found = Vec::new();
     for one in whole.values() {
@@ -198,7 +198,7 @@ fn unbound_signatures(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> 
     found
 }
 
-/// Records with a better verdict than their findings allow.
+/// Returns a difference for each record whose verdict is better than its findings allow.
 fn unearned_verdicts(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
     let mut found = Vec::new();
     for one in whole.values() {
@@ -217,7 +217,7 @@ fn unearned_verdicts(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
     found
 }
 
-/// Lists what the head contains but the statements do not.
+/// Returns the differences between the statements and the head, whose signature is verified too.
 fn missing_from_statements(
     whole: &BTreeMap<u64, ValidStatement<'_>>,
     signed: &Signed,

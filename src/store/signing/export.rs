@@ -6,8 +6,8 @@
 //! keeps it.
 //!
 //! The PDF contains the signed record, so the record cannot name the PDF. A small statement beside the PDF
-//! ([`SignedPage`]) does: it names the SHA-256 of the PDF and that of the cell's record of the cycle, and is signed as
-//! every record is. It is not a link of the chain: the page is made anew after each signature of a person, and the
+//! ([`SignedPage`]) does: it names the SHA-256 of the PDF and that of the cell's record of the cycle, and is signed
+//! like every record. It is not a link of the chain: the page is made again after each signature of a person, and the
 //! records themselves contain what it shows.
 
 use super::canonical::canonical;
@@ -24,7 +24,7 @@ use std::collections::{BTreeMap, BTreeSet};
 pub struct ExportContent {
     /// Bytes by name: the `.json` and `.sig` files.
     pub statements: BTreeMap<String, Vec<u8>>,
-    /// SHA-256 of the files in `files/`, by name; `None` if there is no such folder, which is then not checked.
+    /// SHA-256 of the files in `files/`, by name; `None` if there is no such folder. Files are then not checked.
     pub files: Option<BTreeMap<String, String>>,
     /// SHA-256 of the PDF pages, by name.
     pub pdfs: BTreeMap<String, String>,
@@ -113,11 +113,11 @@ pub struct SignedPage {
 }
 
 impl SignedPage {
-    /// Returns the bytes of the statement about this PDF, and their signature. `shows_number` is the last record
-    /// that the PDF shows.
+    /// Returns the bytes of the statement about this PDF, and their signature. `shows_number` is the last record that
+    /// the PDF shows.
     ///
     /// # Errors
-    /// If JSON cannot hold it.
+    /// If JSON cannot represent the statement.
     pub fn sign(
         pdf: &[u8],
         (cycle, record_hash, shows_number): (CycleId, &str, u64),
@@ -237,19 +237,19 @@ pub fn pdf_name(cycle: CycleId) -> String {
     format!("cycle-{cycle}.pdf")
 }
 
-/// Returns the cycle to which the signed page with this name belongs, if it is the name of a signed page; the name is
-/// given without its extension.
+/// Returns the cycle of the signed page with this name, given without its extension; `None` if it is not the name of a
+/// signed page.
 fn cycle_from_page_name(stem: &str) -> Option<CycleId> {
     let number = stem.strip_suffix("-page")?.strip_prefix("cycle-")?;
     number.parse().ok().map(CycleId)
 }
 
-/// Returns the cycle to which the PDF page with this name belongs, if it is the name of such a page.
+/// Returns the cycle of the PDF with this name; `None` if it is not the name of such a PDF.
 fn cycle_from_pdf_name(name: &str) -> Option<CycleId> {
     name.strip_suffix(".pdf")?.strip_prefix("cycle-")?.parse().ok().map(CycleId)
 }
 
-/// Returns the claim that a statement's name makes; the name is given without its extension.
+/// Returns what a statement's file name, given without its extension, states about it.
 fn parse_claim(stem: &str) -> NameClaim {
     let Some(rest) = stem.strip_prefix("cycle-") else { return NameClaim::Nothing };
     match rest.split_once("-signature-") {

@@ -7,7 +7,7 @@ use ed25519_dalek::pkcs8::{DecodePrivateKey, DecodePublicKey, EncodePrivateKey, 
 use ed25519_dalek::{Signature, Signer, SigningKey, VerifyingKey};
 use panelprep_cell::files::hex;
 
-/// The problem of a key or a statement.
+/// The error of a key or a statement.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SigningError {
     /// No private key.
@@ -47,7 +47,7 @@ impl SigningError {
     }
 }
 
-/// The private key of a cell. It never appears in a message.
+/// The private key of a cell. No text of the program contains it.
 #[derive(Clone)]
 pub struct CellKey(SigningKey);
 
@@ -63,7 +63,7 @@ impl CellKey {
         CellKey(SigningKey::from_bytes(bytes))
     }
 
-    /// Reads a key as PKCS #8 in PEM.
+    /// Reads a private key, PKCS #8 in PEM.
     ///
     /// # Errors
     /// If the text is not such a key.
@@ -130,12 +130,12 @@ impl PublicKey {
         VerifyingKey::from_bytes(&bytes).map(PublicKey).map_err(|error| problem(&error.to_string()))
     }
 
-    /// 64 hexadecimal digits.
+    /// Returns the key as 64 hexadecimal digits.
     pub fn hex(&self) -> String {
         hex(self.0.as_bytes())
     }
 
-    /// The key as PEM, as `openssl pkeyutl -pubin` reads it.
+    /// Returns the key as PEM, as `openssl pkeyutl -pubin` reads it.
     ///
     /// # Errors
     /// If it cannot be encoded.

@@ -1,13 +1,13 @@
-//! The signed record: what a cell states about a cycle, and what a person states about that record, as canonical
-//! JSON that the cell's key signs.
+//! The signed record: what a cell states about a cycle, and what a person states about that record, as canonical JSON
+//! that the cell's key signs.
 //!
-//! A statement is a JSON object in the form of RFC 8785; its bytes are signed with ed25519. Each statement names
-//! the SHA-256 of the statement before it, over all cycles of the cell. A statement that was changed, deleted,
-//! inserted, exchanged or rolled back therefore contradicts the signature, the chain or a head that was kept
-//! elsewhere. A person with the public key can verify this without the program: the file's bytes are the signed
-//! bytes.
+//! A statement is a JSON object in the form of RFC 8785; its bytes are signed with ed25519. Each statement names the
+//! SHA-256 of the statement before it, over all cycles of the cell. A statement that was changed, deleted, inserted,
+//! exchanged or rolled back therefore contradicts the signature, the chain or a head that was kept elsewhere. A person
+//! with the public key can verify this without the program: the file's bytes are the signed bytes.
 //!
-//! Pure: `store` keeps the keys and statements. A copied key signs as the cell does; no chain detects that.
+//! The module is pure: `store` keeps the keys and statements. A person with a copy of the key can sign as the cell
+//! does; the chain does not detect this.
 
 mod canonical;
 mod chain;
@@ -23,7 +23,7 @@ pub use export::{
 };
 pub use key::{CellKey, PublicKey, SigningError};
 pub use statement::{
-    CHAIN_BEGIN, HEAD_FORMAT, Meaning, PersonSignature, STATEMENT_FORMAT, SignedChainPosition, SignedCycle,
+    CHAIN_START_HASH, HEAD_FORMAT, Meaning, PersonSignature, STATEMENT_FORMAT, SignedChainPosition, SignedCycle,
     SignedHead, StatedValues, Statement, StatementContent, named_files,
 };
 

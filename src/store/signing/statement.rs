@@ -1,4 +1,4 @@
-//! A statement of the cell, or of a person at the cell, about a cycle, and its place among all statements of the
+//! A statement of the cell, or of a person at the cell, about a cycle, and its position among all statements of the
 //! cell.
 
 use super::canonical::{canonical, restore_large_numbers};
@@ -10,12 +10,12 @@ use serde_json::Value;
 
 /// Identifier of the format of a statement.
 pub const STATEMENT_FORMAT: &str = "panelprep-record-1";
-/// Fields of a record that may have larger numbers than canonical JSON holds: the number of a plan.
+/// Fields of a record whose numbers may be too large for canonical JSON: the number of a plan.
 const LARGE_NUMBER_FIELDS: [&str; 1] = ["plan"];
 /// Identifier of the format of a head.
 pub const HEAD_FORMAT: &str = "panelprep-record-head-1";
-/// The hash that the first statement of a cell names as its predecessor.
-pub const CHAIN_BEGIN: &str = "0000000000000000000000000000000000000000000000000000000000000000";
+/// The hash that the first statement of a cell contains, because it has no predecessor.
+pub const CHAIN_START_HASH: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 
 /// One link of the chain of signed records.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -25,7 +25,7 @@ pub struct Statement {
     pub form: String,
     /// The statement's number in the chain, from 1, without gaps over all cycles of the cell.
     pub number: u64,
-    /// SHA-256 of the statement before it; [`CHAIN_BEGIN`] if there is none.
+    /// SHA-256 of the statement before it; [`CHAIN_START_HASH`] if there is none.
     pub previous: String,
     /// Time of the signature, ms since 1970.
     pub unix_ms: i64,
@@ -50,7 +50,7 @@ pub struct SignedChainPosition {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StatementContent {
-    /// The cell's statement of what happened in a cycle.
+    /// The cell's statement about a cycle.
     Cycle(SignedCycle),
     /// A person's statement about a cycle's record.
     Person(PersonSignature),
@@ -69,25 +69,25 @@ pub struct SignedCycle {
 }
 
 impl SignedCycle {
-    /// The signed content for this record.
+    /// Creates the signed content from this record.
     ///
     /// # Errors
-    /// If JSON cannot hold it.
+    /// If JSON cannot represent it.
     pub fn new(record: &CycleRecord, part: Option<PartNames>) -> Result<Self, SigningError> {
         let bytes = canonical(record)?;
-        // Read back, so that it compares equal to the record in a file.
+        // The value is read back from the bytes, so that it compares equal to the record in a file.
         let record_value = serde_json::from_slice(&bytes).map_err(SigningError::form_error)?;
         Ok(SignedCycle { id: record.id, part, record: record_value })
     }
 }
 
-/// A person's statement about a record, under the person's printed name.
+/// A person's statement about a record, with the person's printed name.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PersonSignature {
     /// The cycle.
     pub cycle: CycleId,
-    /// SHA-256 of the cell's statement of that cycle: the signature is bound only to this record.
+    /// SHA-256 of the cell's statement of that cycle: the signature is valid only for this record.
     pub record_hash: String,
     /// The person's printed name.
     pub name: String,
@@ -121,12 +121,12 @@ pub struct StatedValues {
 }
 
 impl StatedValues {
-    /// Whether the person states no value.
+    /// Returns whether the person states no value.
     pub fn is_empty(&self) -> bool {
         *self == StatedValues::default()
     }
 
-    /// The values with their names, in the order in which a page prints them.
+    /// Returns the values with their names, in the order in which a page prints them.
     pub fn named(&self) -> [(&'static str, Option<&String>); 4] {
         let StatedValues { water, lamp, ambient, abrasive } = self;
         [
@@ -177,10 +177,10 @@ impl Meaning {
 }
 
 impl SignedCycle {
-    /// Returns the record as this program's own type; a record of another version may not fit.
+    /// Returns the record as this program's own type.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If it cannot be read, for example because another version of this program wrote it.
     pub fn cycle_record(&self) -> Result<CycleRecord, SigningError> {
         serde_json::from_value(restore_large_numbers(self.record.clone(), &LARGE_NUMBER_FIELDS))
             .map_err(SigningError::form_error)
@@ -191,7 +191,7 @@ impl Statement {
     /// Returns the bytes that are signed.
     ///
     /// # Errors
-    /// If JSON cannot hold it.
+    /// If JSON cannot represent the statement.
     pub fn canonical(&self) -> Result<Vec<u8>, SigningError> {
         canonical(self)
     }
@@ -284,7 +284,7 @@ pub fn named_files(cycle: &SignedCycle) -> Vec<(String, String)> {
     files
 }
 
-/// Returns the hash by which the next statement, or a person, identifies these bytes.
+/// Returns the SHA-256 of these bytes, by which the next statement or a person's signature refers to them.
 pub(super) fn hash(bytes: &[u8]) -> String {
     content_hash(bytes)
 }

@@ -1,4 +1,4 @@
-//! Records as they are signed and exported: every change of a signed record is found and named.
+//! Records as they are signed and exported: every change of a signed record is detected and named.
 
 use super::*;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
@@ -53,7 +53,7 @@ fn statement(number: u64, previous: &str, says: StatementContent) -> Statement {
         previous: previous.to_owned(),
         unix_ms: 1_700_000_100_000,
         public_key: key().public_key().hex(),
-        store: SignedChainPosition { link: 40, hash: CHAIN_BEGIN.to_owned() },
+        store: SignedChainPosition { link: 40, hash: CHAIN_START_HASH.to_owned() },
         says,
     }
 }
@@ -66,7 +66,7 @@ fn part() -> Option<PartNames> {
 fn exported() -> (ExportContent, Signed) {
     let (key, mut export) = (key(), ExportContent { files: Some(BTreeMap::new()), ..ExportContent::default() });
     let (mut pdfs, mut pages) = (BTreeMap::new(), BTreeMap::new());
-    let (mut number, mut previous) = (0, CHAIN_BEGIN.to_owned());
+    let (mut number, mut previous) = (0, CHAIN_START_HASH.to_owned());
     let mut add = |stem: &dyn Fn(u64) -> String, says: StatementContent| {
         number += 1;
         let bytes = statement(number, &previous, says).canonical().expect("JSON");
@@ -131,8 +131,8 @@ fn the_canonical_form_is_that_of_the_standard() {
     assert_eq!(text, expected);
 }
 
-/// The key of a cell signs any content. The public key and the record are enough to detect a pass in spite of a
-/// finding that forbids it.
+/// A person with the cell's key can sign any content. The public key and the record are enough to detect a verdict pass
+/// that contradicts a finding.
 #[test]
 fn a_pass_that_its_findings_forbid_is_refused() {
     let judged = |verdict, code: &'static str| {
@@ -153,7 +153,7 @@ fn a_pass_that_its_findings_forbid_is_refused() {
             findings: Some(findings),
         }));
         let bytes =
-            statement(1, CHAIN_BEGIN, StatementContent::Cycle(SignedCycle::new(&record, None).expect("JSON")));
+            statement(1, CHAIN_START_HASH, StatementContent::Cycle(SignedCycle::new(&record, None).expect("JSON")));
         let bytes = bytes.canonical().expect("JSON");
         let signature = key().sign(&bytes).to_vec();
         let statements = [("cycle-1.json".to_owned(), bytes), ("cycle-1.sig".to_owned(), signature)].into();
@@ -197,7 +197,7 @@ fn a_signature_is_that_of_the_standard() {
 }
 
 #[test]
-fn keys_come_back_from_their_files() {
+fn keys_read_back_from_their_files() {
     let pem = key().to_pem().expect("PEM");
     assert!(pem.starts_with("-----BEGIN PRIVATE KEY-----\n"), "{pem}");
     assert_eq!(CellKey::read(&pem).expect("read").public_key(), key().public_key());
@@ -211,7 +211,7 @@ fn keys_come_back_from_their_files() {
 }
 
 #[test]
-fn a_whole_export_is_found_whole() {
+fn a_complete_export_has_no_differences() {
     let (export, head) = exported();
     let verified = verify_export(&export, &[key().public_key()], Some(&head));
     assert_eq!(verified.differences, [] as [String; 0]);
@@ -242,7 +242,7 @@ fn a_whole_export_is_found_whole() {
 }
 
 #[test]
-fn what_is_no_canonical_record_is_refused() {
+fn a_record_that_is_not_canonical_is_refused() {
     let (export, _) = exported();
     let bytes = &export.statements["cycle-1.json"];
     let spaced = [bytes.as_slice(), b"\n"].concat();
@@ -266,7 +266,8 @@ fn a_signed_record_reads_back_with_every_digit() {
     assert_eq!(signed.cycle_record().expect("reads"), record);
 }
 
-/// Calculated by hand: cycle 1 has number 1, cycle n has 2n − 2, and the person's signature on cycle n has 2n − 1.
+/// Calculated by hand: the cell's record of cycle 1 has number 1, that of cycle n has 2n − 2, and the person's
+/// signature on cycle n has 2n − 1.
 #[test]
 fn each_kind_of_change_is_named() {
     let changed = |change: &dyn Fn(&mut ExportContent, &mut Signed)| {
@@ -392,7 +393,7 @@ fn each_kind_of_change_is_named() {
     }
 }
 
-/// A person with the cell's key can sign anything. This person still cannot replace a record if its head is kept
+/// A person with the cell's key can sign any content. This person still cannot replace a record if the head is kept
 /// elsewhere, or a record that another person has signed.
 #[test]
 fn a_forged_record_contradicts_the_chain_the_head_and_the_person() {
@@ -419,7 +420,7 @@ fn a_forged_record_contradicts_the_chain_the_head_and_the_person() {
     assert!(told.iter().any(|told| told.contains("rolled back")), "{told:?}");
 }
 
-/// Changes one element at random; returns the kind of change and a word that the finding must contain.
+/// Changes one random element; returns the kind of change and a word that the difference must contain.
 fn change(random: &mut Pcg64, export: &mut ExportContent, head: &mut Signed) -> (&'static str, String) {
     let (pages, names): (Vec<String>, Vec<String>) =
         export.statements.keys().cloned().partition(|name| name.contains("-page."));

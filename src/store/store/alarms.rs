@@ -31,10 +31,10 @@ pub(super) const ACKNOWLEDGEMENT_TABLES: &str = "
 ";
 
 impl Store {
-    /// The alarms of a cycle in the order in which they were raised, with their acknowledgements.
+    /// Returns the alarms of a cycle in the order in which they were raised, with their acknowledgements.
     ///
     /// # Errors
-    /// If there is no such cycle, or it cannot be read back.
+    /// If there is no such cycle, or it cannot be read.
     pub fn alarms(&self, cycle: CycleId) -> Result<Vec<Alarm>, StoreError> {
         let record = self.cycle(cycle)?;
         let times = AlarmTimes {
@@ -69,8 +69,8 @@ impl Store {
         read().map_err(|error| self.database_error("read the times of resets in", &error))
     }
 
-    /// The time at which each finding of a cycle was stored, ms since 1970, in their order; `None` for those of an
-    /// earlier program.
+    /// Returns the time at which each finding of a cycle was stored, ms since 1970, in their order; `None` for findings
+    /// of an earlier version of this program.
     ///
     /// # Errors
     /// If they cannot be read.
@@ -105,10 +105,11 @@ impl Store {
         })
     }
 
-    /// The acknowledgements of a cycle's alarms, or with `None` of those outside of cycles, oldest first.
+    /// Returns the acknowledgements of a cycle's alarms, the oldest first; with `None`, those of alarms outside of
+    /// cycles.
     ///
     /// # Errors
-    /// If they cannot be read; a store of an earlier program has none.
+    /// If they cannot be read. A store of an earlier version of this program has none.
     pub fn acknowledgements(&self, cycle: Option<CycleId>) -> Result<Vec<Acknowledgement>, StoreError> {
         let read = || -> Result<Vec<Acknowledgement>, rusqlite::Error> {
             if !self.connection.table_exists(None, "acknowledgements")? {
@@ -131,7 +132,7 @@ impl Store {
     }
 }
 
-/// Writes the time at which a finding was stored. Part of the finding's transaction.
+/// Writes the time at which a finding was stored, in the transaction that writes the finding.
 pub(super) fn insert_finding_time(
     writing: &mut WriteTransaction<'_>,
     finding: i64,

@@ -8,8 +8,9 @@ use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Number of temporary files begun by this process: two threads may store the same content at once.
-static PARTS: AtomicU64 = AtomicU64::new(0);
+/// Number of temporary files that this process has begun. It makes their names different if two threads store the same
+/// content at the same time.
+static TEMPORARY_FILE_COUNT: AtomicU64 = AtomicU64::new(0);
 
 /// A folder of files that are named by their content.
 #[derive(Debug, Clone)]
@@ -48,24 +49,25 @@ impl Blobs {
         &self.folder
     }
 
-    /// The store that contains these files.
+    /// Returns the folder of the store that contains these files.
     pub(super) fn store(&self) -> &Path {
         self.folder.parent().unwrap_or(Path::new("."))
     }
 
-    /// Stores these bytes and returns their hash. They are written under another name, flushed, then renamed: under
-    /// its hash a file is complete or absent.
+    /// Stores these bytes and returns their hash. They are written under another name, flushed, then renamed, so that a
+    /// file with a hash as its name is complete or absent.
     ///
     /// # Errors
-    /// If the disk refuses, or the file exists already and is damaged.
+    /// If the disk reports an error, or the file exists already and is damaged.
     pub fn store_bytes(&self, bytes: &[u8]) -> Result<String, StoreError> {
         let hash = content_hash(bytes);
         let path = self.folder.join(&hash);
         match self.get(&hash) {
-            // The process that wrote the file may not have flushed its name.
+            // The process that wrote the file may not have flushed its folder entry.
             Ok(_) => return self.flush_names().map(|()| hash),
             Err(StoreError::File { source, .. }) if source.kind() == ErrorKind::NotFound => {}
-            // A damaged file is not replaced: that something on this disk changes files must be reported, not repaired.
+            // A damaged file is not replaced: an unexplained change of a file on this disk must be reported, not
+            // repaired.
             Err(error) => return Err(error),
         }
         let part = self.part(&hash);
@@ -87,26 +89,27 @@ impl Blobs {
     }
 
     fn part(&self, name: &str) -> PathBuf {
-        let number = PARTS.fetch_add(1, Ordering::Relaxed);
+        let number = TEMPORARY_FILE_COUNT.fetch_add(1, Ordering::Relaxed);
         self.folder.join(format!("{name}.{}.{number}.part", std::process::id()))
     }
 
-    /// Returns the free space, MB, after a file could be written and flushed here.
+    /// Writes and flushes a test file here, and returns the free space, MB.
     pub(super) fn free_mb(&self) -> Result<u64, StoreError> {
         let probe = self.part("probe");
-        // Written and not only counted: a disk that has become read-only still states its free space.
+        // A test file is written because a disk that has become read-only still reports its free space.
         let written = write_flushed(&probe, b"probe").map_err(file_error("write", &probe));
         let removed = fs::remove_file(&probe).map_err(file_error("remove", &probe));
         written.and(removed)?;
         free_mb(&self.folder).map_err(file_error("read the free space on the disk of", &self.folder))
     }
 
-    /// Returns whether there is a file with this hash; it was complete when it was written.
+    /// Returns whether there is a file with this hash. The file was complete when it was written; its content is not
+    /// checked.
     pub fn contains(&self, hash: &str) -> bool {
         self.folder.join(hash).is_file()
     }
 
-    /// The bytes with this hash.
+    /// Returns the bytes with this hash.
     ///
     /// # Errors
     /// If the file is missing or no longer has this hash.
@@ -118,7 +121,7 @@ impl Blobs {
     }
 }
 
-/// Free space on the disk that contains this path, MB.
+/// Returns the free space on the disk that contains this path, MB.
 ///
 /// # Errors
 /// If the path does not exist.
@@ -126,7 +129,7 @@ pub fn free_mb(path: &Path) -> std::io::Result<u64> {
     free_bytes(path).map(|bytes| bytes / 1_000_000)
 }
 
-/// Returns the free space of a path, bytes.
+/// Returns the free space on the disk that contains this path, bytes.
 pub(super) fn free_bytes(path: &Path) -> std::io::Result<u64> {
     let disk = rustix::fs::statvfs(path)?;
     Ok(disk.f_bavail.saturating_mul(disk.f_frsize))

@@ -1,9 +1,8 @@
-//! The chain: every row that was written to the store, each link bound to the one before by SHA-256.
+//! The chain of all rows that were written to the store; each link contains the SHA-256 of the link before it.
 //!
-//! A link holds the hash of the columns that one transaction wrote; a row with an end that is written later has two
-//! links. The last link is the head, which is also kept outside of the database (see `head`). Rows that are
-//! changed, deleted, added or reordered without this program contradict a link, and a shortened chain contradicts
-//! the head.
+//! A link contains the hash of the columns that one transaction wrote; a row whose end is written later has two links.
+//! The last link is the head, which is also kept outside of the database (see `head`). Rows that are changed, deleted,
+//! added or reordered without this program contradict a link, and a shortened chain contradicts the head.
 
 use rusqlite::types::ValueRef;
 use rusqlite::{Connection, OptionalExtension, params};
@@ -38,7 +37,7 @@ impl ChainPosition {
         let mut hasher = Sha256::new();
         hasher.update(self.hash);
         hasher.update(link.to_be_bytes());
-        text(&mut hasher, part);
+        hash_text(&mut hasher, part);
         hasher.update(row_key.to_be_bytes());
         hasher.update(row_hash);
         ChainPosition { link, hash: hasher.finalize().into() }
@@ -48,17 +47,17 @@ impl ChainPosition {
 /// The columns of a table that are set by one write.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct HashedTable {
-    /// The part's name in the chain; it never changes.
+    /// The name of this table in the chain; it never changes.
     pub name: &'static str,
     /// The term for a row in messages.
     pub row_term: &'static str,
     pub table: &'static str,
-    /// The row's number, in SQL.
+    /// The column or expression with the row's number, in SQL.
     pub key: &'static str,
     pub columns: &'static [&'static str],
     /// The condition for the rows that this write has set, in SQL.
     pub is_written_sql: &'static str,
-    /// Whether a later write replaces an earlier one.
+    /// Whether a later write replaces the columns of an earlier one.
     pub is_replaced: bool,
 }
 
@@ -76,8 +75,8 @@ impl HashedTable {
     }
 }
 
-/// Every table, column by column; the rows of a store without a chain are added to a new chain in this order.
-pub(super) static PARTS: [HashedTable; 26] = [
+/// Every table with its columns. If a store has no chain, its rows are added to a new chain in this order.
+pub(super) static HASHED_TABLES: [HashedTable; 26] = [
     HashedTable::row(
         "taught_panels",
         "taught panel",
@@ -169,12 +168,12 @@ pub(super) static PARTS: [HashedTable; 26] = [
     ),
 ];
 
-/// Returns the part with this name.
+/// Returns the table with this name in the chain.
 pub(super) fn part(name: &str) -> Option<&'static HashedTable> {
-    PARTS.iter().find(|part| part.name == name)
+    HASHED_TABLES.iter().find(|part| part.name == name)
 }
 
-/// The last link of a database; the beginning if it has none.
+/// Returns the position of the last link of a database; the start of the chain if there is no link.
 pub(super) fn last_link(connection: &Connection) -> Result<ChainPosition, rusqlite::Error> {
     let last = connection
         .prepare_cached("SELECT link, hash FROM chain ORDER BY link DESC LIMIT 1")?
@@ -183,7 +182,7 @@ pub(super) fn last_link(connection: &Connection) -> Result<ChainPosition, rusqli
     Ok(last.unwrap_or(ChainPosition::START))
 }
 
-/// The hash of a row's values in these columns; `None` if there is no such row.
+/// Returns the hash of a row's values in these columns; `None` if there is no such row.
 pub(super) fn row_hash(
     connection: &Connection,
     part: &HashedTable,
@@ -196,17 +195,18 @@ pub(super) fn row_hash(
     let Some(row) = rows.next()? else { return Ok(None) };
     let mut hasher = Sha256::new();
     for (index, column) in columns.iter().enumerate() {
-        value(&mut hasher, column, row.get_ref(index)?);
+        hash_value(&mut hasher, column, row.get_ref(index)?);
     }
     Ok(Some(hasher.finalize().into()))
 }
 
-/// A NULL value is omitted, so that a column added by a later version of this program changes no earlier hash.
-fn value(hasher: &mut Sha256, column: &str, value: ValueRef<'_>) {
+/// Adds a column and its value to a hash. A NULL value is omitted, so that a column that a later version of this
+/// program adds changes no earlier hash.
+fn hash_value(hasher: &mut Sha256, column: &str, value: ValueRef<'_>) {
     if value == ValueRef::Null {
         return;
     }
-    text(hasher, column);
+    hash_text(hasher, column);
     match value {
         ValueRef::Null => {}
         ValueRef::Integer(number) => {
@@ -228,7 +228,7 @@ fn value(hasher: &mut Sha256, column: &str, value: ValueRef<'_>) {
     }
 }
 
-fn text(hasher: &mut Sha256, text: &str) {
+fn hash_text(hasher: &mut Sha256, text: &str) {
     hash_with_length(hasher, text.as_bytes());
 }
 
@@ -252,10 +252,10 @@ pub(super) fn add(
     Ok(place)
 }
 
-/// Adds every row of an earlier program's store to the store's chain.
+/// Adds every row of a store of an earlier version of this program to the chain; returns the chain's new position.
 pub(super) fn adopt_rows(connection: &Connection) -> Result<ChainPosition, rusqlite::Error> {
     let mut place = ChainPosition::START;
-    for part in &PARTS {
+    for part in &HASHED_TABLES {
         let HashedTable { table, key, is_written_sql: written, .. } = part;
         let sql = format!("SELECT {key} FROM {table} WHERE {written} ORDER BY 1");
         let mut statement = connection.prepare(&sql)?;

@@ -45,12 +45,12 @@ impl WriteTransaction<'_> {
     }
 }
 
-/// The reason why a transaction failed.
+/// The reason why a transaction was not committed.
 #[derive(Debug)]
 pub(super) enum TransactionFailure {
     Sql(rusqlite::Error),
     Head(std::io::Error),
-    /// The data to write are not valid.
+    /// The data for the transaction are not valid.
     InvalidValue(StoreError),
 }
 
@@ -77,7 +77,7 @@ impl Store {
         let mut done = self.run_transaction(&write);
         if done.as_ref().is_err_and(|failed| self.is_disk_full_failure(failed)) {
             self.fullness.mark_full();
-            // Once only: a second failure with the reserve gone is reported as a full disk.
+            // This happens only once: if the transaction fails again without the reserve, the error is a full disk.
             if self.reserve.release() {
                 tracing::warn!(
                     "the disk of the store is full; the reserve of {} MB is released",
@@ -103,22 +103,21 @@ impl Store {
         let Some(head) = &self.head else {
             return Err(TransactionFailure::InvalidValue(StoreError::ReadOnly { path: self.path().to_owned() }));
         };
-        let _turn = head.acquire_turn().map_err(TransactionFailure::Head)?;
-        // The write lock is taken at the beginning: a transaction that reads first and then writes can fail in between
-        // with nothing to retry.
+        let _turn = head.acquire_write_guard().map_err(TransactionFailure::Head)?;
+        // The write lock is taken at the beginning. If a transaction read first and took the lock later, it could fail
+        // with an error that cannot be solved by waiting.
         let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let before = chain::last_link(&transaction)?;
         let mut writing = WriteTransaction { transaction, last: before };
         let done = write(&mut writing)?;
         let WriteTransaction { transaction, last } = writing;
-        // The head names both ends before the commit: a power cut at any moment then leaves a chain that ends at one of
-        // the two.
+        // Before the commit, the head names the present and the next position. After a power cut at any moment, the
+        // chain therefore ends at one of the two.
         head.prepare(before, last).map_err(TransactionFailure::Head)?;
         self.steps.reach(Step::Prepared);
         transaction.commit()?;
         self.steps.reach(Step::Committed);
-        // If the head cannot be written, the chain's position is still explained: the head file already names it as
-        // the possible next position.
+        // An error is only logged here: the head file already names this position as the possible next one.
         if let Err(error) = head.write_position(last) {
             tracing::warn!("the head of the store could not be written: {error}");
         }

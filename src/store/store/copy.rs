@@ -18,14 +18,14 @@ use std::time::{Duration, Instant};
 const LOCK_TIMEOUT: Duration = Duration::from_secs(30);
 const LOCK_RETRY_INTERVAL: Duration = Duration::from_millis(10);
 
-/// A copy of a store's rows.
+/// A copy of the rows of a store.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct CopiedStore {
-    /// Deviations from the written content, as text; if there are any, there is no copy.
+    /// Differences from the written content, as text; if there are any, there is no copy.
     pub deviations: Vec<String>,
     /// Number of links of the copied chain.
     pub links: u64,
-    /// The files that the copied rows name, by their hashes; without the files that were removed according to `[store]
+    /// The files that the copied rows name, by their hashes, without the files that were removed according to `[store]
     /// keep`.
     pub files: Vec<String>,
 }
@@ -36,26 +36,26 @@ pub const ROW_FILES: [&str; 2] = [DATABASE, head::FILE];
 pub const BLOBS: &str = "blobs";
 
 impl Store {
-    /// Copies the rows of the store in `folder` and the head of their chain into the folder `to`, also while a
-    /// service writes to it, and verifies the copy. The copy is of one moment; later writings are not in it.
+    /// Copies the rows of the store in `folder` and the head of their chain into the folder `to`, also while a service
+    /// writes to it, and verifies the copy. The copy contains the state at one moment, without later writes.
     ///
     /// # Errors
-    /// If there is no store, it is an earlier program's, or the copy cannot be written.
+    /// If there is no store, it was written by an earlier version of this program, or the copy cannot be written.
     pub fn copy_rows(folder: &Path, to: &Path) -> Result<CopiedStore, StoreError> {
         let store = Store::open(folder)?;
         let found = schema::version(&store.connection, store.path())?;
         if found < schema::SCHEMA {
             return Err(StoreError::Older { path: folder.to_owned(), found, known: schema::SCHEMA });
         }
-        // A read transaction: from here on the rows do not change for this connection, and the head is that of the
-        // same moment.
+        // A read transaction begins: from now on the rows do not change for this connection, and the head is that of
+        // the same moment.
         let begin = || -> Result<ChainPosition, rusqlite::Error> {
             store.connection.execute_batch("BEGIN")?;
             chain::last_link(&store.connection)
         };
         let (head_read, last) = match head::read_locked(folder, begin) {
             Ok((head_read, last)) => (Ok(head_read), last),
-            // If a writer does not release the lock, this does not mean that the store was changed.
+            // A writer that does not release the lock in time is no evidence of a changed store.
             Err(error) if error.kind() == std::io::ErrorKind::TimedOut => {
                 return Err(file_error("read the head in", folder)(error));
             }
@@ -109,8 +109,8 @@ fn copy_database(connection: &Connection, to: &Path) -> Result<(), rusqlite::Err
     copy.close().map_err(|(_, error)| error)
 }
 
-/// Keeps the database and the head of its chain as an earlier program left them, before the tables are changed:
-/// `panelprep.schema-6.sqlite`, `panelprep.schema-6.head`. An existing copy is never overwritten. Returns the
+/// Keeps a copy of the database and the head of its chain before the tables of an earlier version of this program are
+/// changed: `panelprep.schema-6.sqlite`, `panelprep.schema-6.head`. An existing copy is never overwritten. Returns the
 /// copy's file.
 pub(super) fn keep_earlier_version(
     connection: &Connection,
@@ -127,7 +127,7 @@ pub(super) fn keep_earlier_version(
             let _ = fs::remove_file(file);
         }
     };
-    // Temporary files of a process that ended.
+    // These temporary files were left by a process that ended.
     remove();
     let kept = copy_to_free_name(connection, (folder, &part), version);
     if kept.is_err() {

@@ -1,7 +1,7 @@
-//! Cycles: the inputs of each, the findings of its phases, and how it ended.
+//! Cycles: the inputs of each, the findings of its phases, and its end.
 //!
-//! Also what later cycles and `history` read of them: the record, the part and the disc of one cycle, the cycles of a
-//! panel in order, and the work of earlier cycles on one part.
+//! Also the data that later cycles and `history` read: the record, the part and the disc of one cycle, the cycles of a
+//! panel in order, and the abrasions of one part in earlier cycles.
 
 use super::commit::{TransactionFailure, WriteTransaction};
 use super::database::{Store, unix_ms};
@@ -42,7 +42,7 @@ pub(super) const TABLES: &str = "
     CREATE INDEX findings_by_cycle ON findings (cycle_id);
 ";
 
-/// The inputs of a new cycle. Each text is stored unchanged, once, under its hash.
+/// The inputs of a new cycle. Each text is stored unchanged under its hash; the same text is stored only once.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CycleStart {
     /// The panel.
@@ -59,7 +59,7 @@ pub struct CycleStart {
     pub is_air_run: bool,
 }
 
-/// Numbers of cycles and of paths in contact.
+/// Counts of cycles and of paths in contact.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct CycleCounts {
     /// Number of cycles that have ended.
@@ -79,15 +79,16 @@ pub struct PassesOfCycle {
     pub started_unix_s: i64,
     /// Number of passes in which the tool was on the part, or may have been.
     pub passes: usize,
-    /// The upper 95 % bound of the removal anywhere on the part by its end, µm; `None` if it is not known.
+    /// The upper 95 % bound of the removal at any point of the part by the end of this cycle, µm; `None` if it is not
+    /// known.
     pub removed_um: Option<f64>,
 }
 
 impl Store {
-    /// Stores that a cycle begins, with everything that it uses.
+    /// Stores the start of a cycle with all its inputs.
     ///
     /// # Errors
-    /// If it cannot be written, or if cycles are lost by a restore and the start does not state what happened to the
+    /// If it cannot be written. Also if cycles were lost by a restore and the start does not state what happened to the
     /// part in them.
     pub fn begin_cycle(&mut self, start: &CycleStart) -> Result<CycleId, StoreError> {
         self.check_count(start)?;
@@ -125,11 +126,12 @@ impl Store {
         there.map_err(|error| self.database_error("read a cycle of", &error))
     }
 
-    /// Stores how a running cycle ended: the verdict of its state machine, never better than its findings allow
-    /// ([`conclude`](panelprep_cell::record::conclude)). `because` states why the cycle was ended early, if it was.
+    /// Stores the end of a running cycle: the verdict of its state machine, but never a better one than its findings
+    /// allow ([`conclude`](panelprep_cell::record::conclude)). `because` states why the cycle was ended early, if it
+    /// was.
     ///
     /// # Errors
-    /// If it cannot be written, or there is no such cycle or it is over.
+    /// If it cannot be written, there is no such cycle, or the cycle has ended already.
     pub fn conclude(&mut self, id: CycleId, ended: Verdict, because: &[Reason]) -> Result<Judgement, StoreError> {
         let judgement = conclude(ended, &self.cycle_findings(id)?, &self.requests_in_cycle(id)?, because);
         let Judgement { verdict, reasons } = &judgement;
@@ -147,7 +149,7 @@ impl Store {
     /// Stores the error at the tool, as far as it is known; a later value replaces an earlier one.
     ///
     /// # Errors
-    /// If it cannot be written, a part is not finite, or there is no such cycle or it is over.
+    /// If it cannot be written, a part of the error is not finite, there is no such cycle, or the cycle has ended.
     pub fn set_budget(&mut self, id: CycleId, budget: &Budget) -> Result<(), StoreError> {
         let parts = [budget.hand_eye_mm, budget.locate_mm, budget.fit_mm, budget.robot_mm, budget.stated_mm];
         if parts.into_iter().flatten().any(|part| !part.is_finite()) {
@@ -176,7 +178,7 @@ impl Store {
         })
     }
 
-    /// Stores the finding of a phase of a cycle. Its pictures are stored before, with [`Store::store_blob`].
+    /// Stores the finding of a phase of a cycle. The caller must store its pictures first, with [`Store::store_blob`].
     ///
     /// # Errors
     /// If it cannot be written, a number is not finite, a picture is missing, or there is no such cycle.
@@ -203,10 +205,10 @@ impl Store {
         })
     }
 
-    /// Everything that is stored about a cycle.
+    /// Returns all stored data of a cycle.
     ///
     /// # Errors
-    /// If there is no such cycle, or it cannot be read back.
+    /// If there is no such cycle, or it cannot be read.
     pub fn cycle(&self, id: CycleId) -> Result<CycleRecord, StoreError> {
         let read = |error: rusqlite::Error| self.database_error("read a cycle of", &error);
         let Some(mut record) = self.cycle_row(id)? else { return Err(self.unknown_cycle("cycle", id)) };
@@ -264,7 +266,7 @@ impl Store {
         Ok(Some(record))
     }
 
-    /// The cycle that began last.
+    /// Returns the cycle that began last.
     ///
     /// # Errors
     /// If it cannot be read.
@@ -273,18 +275,19 @@ impl Store {
         Ok(last.map_err(|error| self.database_error("read the cycles of", &error))?.map(CycleId))
     }
 
-    /// Cycles that are over, in order.
+    /// Returns the cycles that have ended, in order.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If they cannot be read.
     pub fn ended_cycles(&self) -> Result<Vec<CycleId>, StoreError> {
         self.find_cycles("verdict IS NOT NULL")
     }
 
-    /// Cycles without an end, in order: the running one, and before [`Store::recover`] those left by a crash.
+    /// Returns the cycles without an end, in order: the running one, and before [`Store::recover`] those left by a
+    /// crash.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If they cannot be read.
     pub fn open_cycles(&self) -> Result<Vec<CycleId>, StoreError> {
         self.find_cycles("verdict IS NULL")
     }
@@ -314,7 +317,7 @@ impl Store {
         StoreError::Unreadable { path: self.path().to_owned(), problem: error.to_string() }
     }
 
-    /// The counts of all cycles.
+    /// Returns the counts of all cycles.
     ///
     /// # Errors
     /// If they cannot be read.
@@ -330,15 +333,15 @@ impl Store {
             .map_err(|error| self.database_error("count the cycles of", &error))
     }
 
-    /// A cycle with its part and its wear of the disc.
+    /// Returns a cycle with its part and the wear of the disc in it.
     ///
     /// # Errors
-    /// If there is no such cycle, or it cannot be read back.
+    /// If there is no such cycle, or it cannot be read.
     pub fn past_cycle(&self, id: CycleId) -> Result<PastCycle, StoreError> {
         Ok(PastCycle { record: self.cycle(id)?, part: self.cycle_part(id)?, disc: self.disc_wear_of_cycle(id)? })
     }
 
-    /// The last cycles of a panel that are over, at most `most`, the oldest first.
+    /// Returns the last ended cycles of a panel, at most `most`, the oldest first.
     ///
     /// # Errors
     /// If they cannot be read.
@@ -353,7 +356,7 @@ impl Store {
         ids.into_iter().rev().map(|id| self.past_cycle(id)).collect()
     }
 
-    /// The names of all panels in cycles.
+    /// Returns the names of all panels that have cycles.
     ///
     /// # Errors
     /// If they cannot be read.
@@ -365,7 +368,7 @@ impl Store {
         read().map_err(|error| self.database_error("read the panels of", &error))
     }
 
-    /// The last verifications of a subject that are not struck out, at most `most`, the oldest first.
+    /// Returns the last verifications of a subject that are not struck out, at most `most`, the oldest first.
     ///
     /// # Errors
     /// If they cannot be read.
@@ -383,13 +386,13 @@ impl Store {
         Ok(points)
     }
 
-    /// A cycle's wear of the disc; `None` if there was none.
+    /// Returns the wear of the disc in a cycle; `None` if there was none.
     fn disc_wear_of_cycle(&self, id: CycleId) -> Result<Option<DiscWear>, StoreError> {
         let read = || -> Result<Option<DiscWear>, rusqlite::Error> {
             if !self.connection.table_exists(None, "discs")? {
                 return Ok(None);
             }
-            // The wear of an interrupted path is corrected afterwards, by a second row of the same cycle.
+            // The swept area of an interrupted path is corrected afterwards, by a second row of the same cycle.
             let sql = "SELECT sum(swept_mm2), max(id) FROM discs WHERE cycle_id = ?1";
             let swept = self
                 .connection
@@ -404,17 +407,17 @@ impl Store {
         read().map_err(|error| self.database_error("read the disc's wear from", &error))
     }
 
-    /// The part of a cycle, from the text that the cycle stores; `None` if none was named, or if that text is missing
-    /// or damaged.
+    /// Returns the part of a cycle, from the text that the cycle stores; `None` if no part was named, or if that text
+    /// is missing or damaged.
     pub fn stored_part(&self, record: &CycleRecord) -> Option<PartNames> {
         let kept = record.files.iter().find(|file| file.name == PartNames::FILE)?;
         PartNames::read(&String::from_utf8(self.blob(&kept.hash).ok()?).ok()?)
     }
 
-    /// The passes in lost cycles that the start of this cycle stated; 0 if it stated none.
+    /// Returns the number of passes in lost cycles that the start of this cycle stated; 0 if it stated none.
     ///
     /// # Errors
-    /// If the statement is missing or damaged in the store: it is then not known how many passes count.
+    /// If the statement is missing or damaged in the store, so that the number of passes is not known.
     pub fn lost_passes(&self, cycle: CycleId) -> Result<u8, StoreError> {
         let sql =
             "SELECT value ->> 'hash' FROM cycles, json_each(files) WHERE cycles.id = ?1 AND value ->> 'name' = ?2";
@@ -435,8 +438,8 @@ impl Store {
         Ok(stated.passes)
     }
 
-    /// The cycles in which the part with this serial number was abraded, or may have been, in order; only those
-    /// before `before` if it is given. Passes in lost cycles count for the cycle whose start stated them.
+    /// Returns the cycles in which the part with this serial number was abraded, or may have been, in order. With
+    /// `before`, only earlier cycles are returned. Passes in lost cycles count for the cycle whose start stated them.
     ///
     /// # Errors
     /// If a cycle cannot be read.
@@ -450,8 +453,8 @@ impl Store {
             let sql = "SELECT cycle_id, serial FROM cycle_parts WHERE serial NOTNULL AND (?1 IS NULL OR cycle_id < ?1) ORDER BY 1";
             let mut statement = self.connection.prepare(sql)?;
             let all = statement.query_map(params![before.map(|id| id.0)], |row| Ok((row.get(0)?, row.get(1)?)))?;
-            // A blank, or upper instead of lower case, does not mean another part. SQL compares the case of ASCII
-            // letters only.
+            // A serial number with other blanks or other upper and lower case letters is the same one. SQL ignores the
+            // case of ASCII letters only, so the comparison is made here.
             let is_it = |row: &Result<(i64, String), _>| {
                 row.as_ref().map_or(true, |(_, found): &(i64, String)| {
                     normalised_serial(found) == normalised_serial(serial)
@@ -467,7 +470,7 @@ impl Store {
             let lost = usize::from(self.lost_passes(cycle)?);
             let passes = own + lost;
             if passes > 0 {
-                // The statement contains no depth.
+                // A person states only the number of lost passes, not a depth.
                 let removed_um = removed_bound_um(&record.findings, own).filter(|_| lost == 0);
                 let started_unix_s = record.started_unix_s;
                 all.push(PassesOfCycle { cycle, started_unix_s, passes, removed_um });
@@ -477,8 +480,7 @@ impl Store {
     }
 }
 
-/// Returns a serial number without differences that do not mean another part: blanks around it, and upper or lower
-/// case.
+/// Returns a serial number in the form for comparison: without blanks around it, and without upper case letters.
 pub(super) fn normalised_serial(serial: &str) -> String {
     serial.trim().to_uppercase()
 }

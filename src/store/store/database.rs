@@ -1,12 +1,12 @@
-//! An open store: its database, the files beside it, and the state shared by its parts.
+//! An open store: its database, the files beside it, and the state that all its parts use.
 //!
 //! This state includes the state of motions and cycles according to the journal (its events, folded by the cycle's
-//! state machine), the behaviour while the disk is full with the check whether there is space again, and the steps of
-//! a transaction at which tests look at the files.
+//! state machine), and the full disk with the check whether there is free space again. It also includes the steps of a
+//! transaction at which tests inspect the files.
 
 use super::blobs::Blobs;
 use super::error::StoreError;
-use super::fullness::{self, BlobWriter, DiskFullness, ROOM_MB, ReserveFile};
+use super::fullness::{self, BlobWriter, DiskFullness, MIN_FREE_TO_CONTINUE_MB, ReserveFile};
 use super::head::HeadFile;
 use super::lease::WriteLease;
 use panelprep_base::verdict::Verdict;
@@ -25,15 +25,15 @@ pub struct Store {
     pub(super) connection: Connection,
     pub(super) blobs: Blobs,
     pub(super) lease: Option<WriteLease>,
-    /// The file of the chain's head; `None` for reading.
+    /// The file of the chain's head; `None` if the store is open for reading.
     pub(super) head: Option<HeadFile>,
-    /// Whether an append failed, so that it is not known whether the journal contains its line.
+    /// Whether an append failed in such a way that the journal may or may not contain its line.
     pub(super) is_journal_in_doubt: bool,
     /// The folded state of the journal after recovery.
     pub(super) folded_state: Option<JournalFold>,
     /// Changes made outside this program that were found when the store was opened.
     pub(super) external_changes: Vec<String>,
-    /// Whether the journal has recorded this change.
+    /// Whether the journal contains the event of this change.
     pub(super) is_change_recorded: bool,
     pub(super) reserve: ReserveFile,
     pub(super) fullness: DiskFullness,
@@ -42,8 +42,7 @@ pub struct Store {
 }
 
 impl Store {
-    /// Stores these bytes; [`Store::blob`] finds them by the returned hash. Bytes that exist already are stored
-    /// once.
+    /// Stores these bytes; [`Store::blob`] returns them for the returned hash. Equal bytes are stored only once.
     ///
     /// # Errors
     /// If the store is open for reading, or the file cannot be written, or exists already and is damaged.
@@ -52,7 +51,7 @@ impl Store {
         self.blobs.store_bytes(bytes).map_err(|error| self.full_disk_or(error))
     }
 
-    /// Returns a writer for files of this store, for use beside the store's writer on a separate thread. A file that
+    /// Returns a writer for files of this store. A separate thread can use it while this store is written. A file that
     /// no row names has no effect.
     ///
     /// # Errors
@@ -62,7 +61,7 @@ impl Store {
         Ok(BlobWriter::new(&self.blobs, &self.fullness))
     }
 
-    /// The bytes with this hash.
+    /// Returns the bytes with this hash.
     ///
     /// # Errors
     /// If the file is missing or no longer has this hash.
@@ -70,10 +69,10 @@ impl Store {
         self.blobs.get(hash)
     }
 
-    /// Returns the free space on the store's disk, MB, after a probe was written to the disk.
+    /// Writes a test file to the store's disk, and returns the free space there, MB.
     ///
     /// # Errors
-    /// If the store is open for reading, or its disk refuses.
+    /// If the store is open for reading, or its disk reports an error.
     pub fn free_mb(&self) -> Result<u64, StoreError> {
         self.require_writable()?;
         self.blobs.free_mb()
@@ -86,13 +85,13 @@ impl Store {
         }
     }
 
-    /// The changes made outside this program that were found when the store was opened for writing, as text.
+    /// Returns the changes made outside this program that were found when the store was opened for writing, as text.
     pub fn changed(&self) -> &[String] {
         &self.external_changes
     }
 
-    /// Returns the present time, s since 1970. The time only labels rows: it affects no decision, and a wrong clock
-    /// stops nothing.
+    /// Returns the present time, s since 1970. The time is only information in rows: no decision depends on it, and a
+    /// wrong clock stops nothing.
     pub(super) fn unix_s(&self) -> i64 {
         unix_ms(self.clock()).div_euclid(1_000)
     }
@@ -101,7 +100,8 @@ impl Store {
         (self.clock)()
     }
 
-    /// Converts the error of a file that was not written on a full disk to the error of the full disk.
+    /// Converts an error that was caused by the full disk to the error of the full disk; returns other errors
+    /// unchanged.
     pub(super) fn full_disk_or(&self, error: StoreError) -> StoreError {
         match error {
             StoreError::File { source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {
@@ -132,7 +132,7 @@ impl Store {
         StoreError::database(doing, self.path(), error)
     }
 
-    /// Returns whether the disk was found full since [`Store::has_free_space`] last found space.
+    /// Returns whether a full disk was detected since [`Store::has_free_space`] last found space.
     pub fn is_disk_full(&self) -> bool {
         self.fullness.is_disk_full()
     }
@@ -147,15 +147,15 @@ impl Store {
         self.fullness.store_picture(&self.blobs, bytes)
     }
 
-    /// The number of pictures dropped since the last call.
+    /// Returns the number of pictures dropped since the last call.
     pub fn dropped_pictures(&self) -> u64 {
         self.fullness.take_dropped_count()
     }
 
-    /// Returns whether there is room for the reserve and pictures again; if so, the reserve is allocated.
+    /// Allocates the reserve, and returns whether there is again enough space for it and for pictures.
     pub fn has_free_space(&mut self) -> bool {
         let free = self.blobs.free_mb().unwrap_or(0);
-        let has_room = free >= ROOM_MB && self.reserve.allocate().is_ok();
+        let has_room = free >= MIN_FREE_TO_CONTINUE_MB && self.reserve.allocate().is_ok();
         if has_room {
             self.fullness.clear_full();
         }
@@ -168,7 +168,7 @@ impl Store {
     }
 }
 
-/// Returns ms since 1970; negative for earlier times.
+/// Returns a time as ms since 1970; negative for earlier times.
 pub(super) fn unix_ms(time: SystemTime) -> i64 {
     let ms = |span: std::time::Duration| i64::try_from(span.as_millis()).unwrap_or(i64::MAX);
     match time.duration_since(UNIX_EPOCH) {
@@ -180,7 +180,7 @@ pub(super) fn unix_ms(time: SystemTime) -> i64 {
 /// A motion with its outcome and its number of executed waypoints.
 pub(super) type MotionEnd = (Motion, Outcome, u32);
 
-/// The content of a journal about motions and cycles, as far as it was read.
+/// The state of motions and cycles after the lines of the journal that were read so far.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct JournalFold {
@@ -207,7 +207,7 @@ impl JournalFold {
         }
     }
 
-    /// The state at the end of the journal.
+    /// Returns the state at the end of the journal.
     pub fn state(&self) -> State {
         self.state
     }
@@ -218,7 +218,7 @@ impl JournalFold {
     }
 }
 
-/// Moments at which a process may end.
+/// The steps of a transaction, between which a process may end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Step {
     Prepared,
@@ -226,7 +226,7 @@ pub(super) enum Step {
     Settled,
 }
 
-/// A hook with which tests look at the files at each step; the program does not use it.
+/// A function with which tests inspect the files at each step; the program does not use it.
 #[derive(Default)]
 pub(super) struct Steps {
     #[cfg(test)]

@@ -1,5 +1,5 @@
-//! Errors of the store, and the reason why the abrasions of a part cannot be counted: the store was restored from a
-//! backup.
+//! The errors of the store, and the error for a part with an unknown number of passes, after the store was restored
+//! from a backup.
 
 use panelprep_base::number_text::utc_day;
 use panelprep_cell::record::describe_part;
@@ -58,7 +58,7 @@ pub enum StoreError {
         /// Report of SQLite.
         problem: String,
     },
-    /// The journal differs from the lines that were written.
+    /// The content of the journal is not what was written to it.
     #[error("the journal of {} is damaged at line {sequence}: {problem}; restore the store from a copy", path.display())]
     DamagedJournal {
         /// The database.
@@ -68,13 +68,13 @@ pub enum StoreError {
         /// The contradiction.
         problem: String,
     },
-    /// An earlier append failed.
+    /// An earlier line could not be appended.
     #[error("an earlier write to the journal of {} failed, so nothing more is written; restart the program", path.display())]
     JournalInDoubt {
         /// The database.
         path: PathBuf,
     },
-    /// The motion to close is not the open motion.
+    /// The motion that should be closed is not the open motion.
     #[error("the store has no open {motion}")]
     MotionNotOpen {
         /// The motion.
@@ -110,7 +110,7 @@ pub enum StoreError {
     },
     /// The abrasions of a part cannot be counted.
     #[error("{0}")]
-    CountUnknown(LostCount),
+    CountUnknown(UnknownPassCount),
     /// A row cannot be decoded.
     #[error("a row of the store {} cannot be decoded: {problem}; restore the store from a copy", path.display())]
     Unreadable {
@@ -153,7 +153,7 @@ pub enum StoreError {
         /// The schema version of this program.
         known: i64,
     },
-    /// Written by another program.
+    /// The database was written by another program.
     #[error("{} is a database of another program; name another folder", path.display())]
     Foreign {
         /// The database.
@@ -177,7 +177,7 @@ pub enum StoreError {
         /// The contradiction.
         problem: String,
     },
-    /// A pose that cannot be stored.
+    /// The pose of a corner cannot be stored.
     #[error("corner {corner} has a flange pose with NaN or infinite values; teach the corner again")]
     Pose {
         /// Number of the corner, from 1.
@@ -203,12 +203,12 @@ pub enum StoreError {
         /// All versions of the panel.
         known: Vec<String>,
     },
-    /// A text of a person's signature cannot be stored as given.
+    /// A text of a person's signature is not valid.
     #[error("the signature's {what} is \"{found}\": {problem}")]
     Unsignable {
         /// The invalid field: "name", "user", "remark" or the name of a stated value.
         what: &'static str,
-        /// The name as given.
+        /// The text as given.
         found: String,
         /// The error in the field, and the allowed values.
         problem: String,
@@ -232,10 +232,10 @@ pub enum StoreError {
         cycle: i64,
         /// The signature's meaning.
         meaning: &'static str,
-        /// Why, and what to do.
+        /// The reason, and what to do.
         problem: String,
     },
-    /// Other processes signed at the same time, in every attempt.
+    /// In every attempt, another process signed at the same time.
     #[error("the record cannot be signed: other processes signed in the store {} at the same time, in ten \
              attempts; try again", path.display())]
     SignedMeanwhile {
@@ -255,9 +255,9 @@ pub enum StoreError {
     Full {
         /// The folder.
         path: PathBuf,
-        /// The free space in words, or why it is not known.
+        /// The free space as text, or why it is not known.
         free: String,
-        /// Minimum free space with which the store continues, MB.
+        /// Minimum free space for normal operation, MB.
         minimum_mb: u64,
         /// What to do: the files that may be deleted.
         advice: String,
@@ -278,10 +278,10 @@ fn describe_known_names(nearest: Option<&str>, known: &[String]) -> String {
     }
 }
 
-/// A part whose abrasions in a lost time no person has stated: the store was restored from a backup, and lacks the
-/// cycles after it.
+/// A part with an unknown number of passes: the store was restored from a backup and lacks the cycles after it, and no
+/// person has stated the passes of the part in these cycles.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct LostCount {
+pub struct UnknownPassCount {
     /// The part's serial number; empty for a part without one.
     pub serial: String,
     /// Time at which the backup was made, s since 1970; `None` if an earlier version of this program restored it.
@@ -290,19 +290,19 @@ pub struct LostCount {
     pub restored_unix_s: i64,
 }
 
-impl LostCount {
-    /// Returns whether the statement that another part is in the fixture answers for the part with this serial number.
-    /// It does so only for a part without one: a serial number names one part, and a person who states that it is
-    /// another part than before does not state how often it was abraded. Only a number of passes answers for it.
-    pub fn is_answered_by_another_part(serial: &str) -> bool {
+impl UnknownPassCount {
+    /// Returns whether "another part is in the fixture" is a sufficient statement for the part with this serial number.
+    /// It is sufficient only for a part without a serial number. A serial number names one part, and this statement
+    /// does not contain how often that part was abraded; there only a number of passes is sufficient.
+    pub fn is_another_part_sufficient(serial: &str) -> bool {
         serial.trim().is_empty()
     }
 }
 
-impl fmt::Display for LostCount {
+impl fmt::Display for UnknownPassCount {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let LostCount { serial, made_unix_s, restored_unix_s } = self;
-        let another = if LostCount::is_answered_by_another_part(serial) {
+        let UnknownPassCount { serial, made_unix_s, restored_unix_s } = self;
+        let another = if UnknownPassCount::is_another_part_sufficient(serial) {
             "that another part than in those cycles is in the fixture (`--another-part`), or "
         } else {
             ""
@@ -327,7 +327,7 @@ mod tests {
     /// 1,800,000,000 s since 1970 is 2027-01-15, 8:00 UTC; a day has 86,400 s.
     #[test]
     fn the_message_states_the_part_both_days_and_the_remedy() {
-        let of = |serial: &str, made_unix_s| LostCount {
+        let of = |serial: &str, made_unix_s| UnknownPassCount {
             serial: serial.to_owned(),
             made_unix_s,
             restored_unix_s: 1_800_086_400,

@@ -1,7 +1,7 @@
-//! Makes changes permanent that must survive a power cut: names in a folder, and the files that a killed process has
-//! left.
+//! Flushes changes to the disk that must survive a power cut: the entries of a folder, and the files that a killed
+//! process has left.
 //!
-//! A file that was created, renamed or removed keeps this state after a power cut only when its folder is flushed. The
+//! A file that was created, renamed or removed keeps this state after a power cut only if its folder is flushed. The
 //! files of an SQLite database are the database and its log; each has a hash.
 
 use super::chain::Hash;
@@ -11,20 +11,20 @@ use std::fs::File;
 use std::io::{Error, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
-/// Flushes the names of the files in this folder to the disk.
+/// Flushes the entries of this folder to the disk.
 ///
 /// # Errors
-/// If the folder does not exist, or the disk refuses.
+/// If the folder does not exist, or the disk reports an error.
 pub(super) fn names(folder: &Path) -> Result<(), Error> {
     File::open(folder)?.sync_all()
 }
 
-/// Flushes data that a killed process may not have flushed: the name of this database, and rows in its log. If such
-/// rows are used, or the head states them, a power loss must not lose them. SQLite holds no locks on the log;
+/// Flushes data that a killed process may not have flushed: the folder entry of this database, and rows in its log. If
+/// such rows are used, or the head contains them, a power cut must not remove them. SQLite holds no locks on the log;
 /// closing a file of the database here would release SQLite's locks.
 ///
 /// # Errors
-/// If the disk refuses; a missing file is not an error.
+/// If the disk reports an error; a missing file is not an error.
 pub(super) fn flush_after_kill(database: &Path) -> Result<(), StoreError> {
     let log = log_path(database);
     for file in database.parent().into_iter().chain([log.as_path()]) {

@@ -1,7 +1,7 @@
-//! A full disk as detected by the store's writers: pictures are dropped first, so that the remaining space is for the
-//! journal.
+//! A full disk: pictures are dropped first, so that the remaining space is for the journal.
 //!
-//! The reserve is a file that is released when the disk is full, so that the journal continues until the cell rests.
+//! The reserve is a file that is deleted when the disk is full, so that the journal continues until the cell is at
+//! rest.
 
 use super::blobs::Blobs;
 use super::error::StoreError;
@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-/// Free disk space below which no picture is written, MB: the remaining space is for the journal.
-const PICTURES_MB: u64 = 64;
+/// Minimum free space for writing pictures, MB: the remaining space is for the journal.
+const MIN_FREE_FOR_PICTURES_MB: u64 = 64;
 
 /// Whether the disk is full, as detected by the store's writers. Clones share the same state.
 #[derive(Debug, Clone, Default)]
@@ -23,7 +23,7 @@ pub(super) struct DiskFullness(Arc<FullnessState>);
 #[derive(Debug, Default)]
 struct FullnessState {
     is_full: AtomicBool,
-    /// Pictures that could not be stored since the last query.
+    /// Number of pictures that were dropped since the last query.
     dropped: AtomicU64,
 }
 
@@ -40,7 +40,7 @@ impl DiskFullness {
         self.0.is_full.store(false, Ordering::Relaxed);
     }
 
-    /// The number of pictures dropped since the last call.
+    /// Returns the number of pictures dropped since the last call.
     pub fn take_dropped_count(&self) -> u64 {
         self.0.dropped.swap(0, Ordering::Relaxed)
     }
@@ -50,7 +50,7 @@ impl DiskFullness {
         if !self.is_disk_full() && is_too_full_for_pictures(blobs.store()) {
             self.mark_full();
         }
-        // A lost picture is counted and reported; a lost line of the journal would end the cell.
+        // A dropped picture is counted and reported; a lost line of the journal would stop the cell.
         let kept = if self.is_disk_full() { Ok(None) } else { blobs.store_bytes(bytes).map(Some) };
         let kept = match kept {
             Err(StoreError::File { source, .. }) if source.kind() == ErrorKind::StorageFull => {
@@ -66,12 +66,12 @@ impl DiskFullness {
     }
 }
 
-/// Returns whether there is too little space for pictures here.
+/// Returns whether the disk of this folder has too little free space for pictures.
 fn is_too_full_for_pictures(folder: &Path) -> bool {
-    blobs::free_mb(folder).is_ok_and(|free| free < PICTURES_MB)
+    blobs::free_mb(folder).is_ok_and(|free| free < MIN_FREE_FOR_PICTURES_MB)
 }
 
-/// Stores files for a store's writer.
+/// Stores files beside the store's writer.
 #[derive(Debug)]
 pub struct BlobWriter(Blobs, DiskFullness);
 
@@ -80,7 +80,7 @@ impl BlobWriter {
         BlobWriter(blobs.clone(), fullness.clone())
     }
 
-    /// As [`Store::store_picture`](super::Store::store_picture).
+    /// Stores a picture as [`Store::store_picture`](super::Store::store_picture) does.
     ///
     /// # Errors
     /// If the file cannot be written for a reason other than a full disk, or exists already and is damaged.
@@ -91,18 +91,18 @@ impl BlobWriter {
 
 /// The file's name.
 const RESERVE_FILE: &str = "panelprep.reserve";
-/// The reserve's size. A line of the journal needs at most 16 kB of the database's log: the reserve is enough for
+/// Size of the reserve. A line of the journal needs at most 16 kB of the database's log: the reserve is enough for
 /// 2,000 lines, and a retract, a hold and a stop need less than 100.
 pub(super) const RESERVE_MB: u64 = 32;
-/// Free disk space with which a full disk has room again for the reserve and for pictures, MB.
-pub(super) const ROOM_MB: u64 = RESERVE_MB + PICTURES_MB;
-/// Free disk space below which no program starts on a store without a reserve, MB: its journal would fill the disk
-/// before the cell is in a safe state.
-const JOURNAL_MB: u64 = 8;
-/// Free disk space below which an ambiguous error is treated as a full disk, bytes.
+/// Minimum free space for the reserve and for pictures, MB; with it the disk no longer counts as full.
+pub(super) const MIN_FREE_TO_CONTINUE_MB: u64 = RESERVE_MB + MIN_FREE_FOR_PICTURES_MB;
+/// Minimum free space with which a program starts on a store without a reserve, MB: with less, the journal would fill
+/// the disk before the cell is in a safe state.
+const MIN_FREE_FOR_JOURNAL_MB: u64 = 8;
+/// Minimum free space, bytes; with less, an ambiguous error of SQLite means a full disk.
 const MIN_FREE_BYTES: u64 = 1_000_000;
 
-/// The reserved file that is deleted when the disk is full.
+/// The file of the reserve, which is deleted when the disk is full.
 #[derive(Debug)]
 pub(super) struct ReserveFile {
     path: PathBuf,
@@ -113,7 +113,7 @@ impl ReserveFile {
         ReserveFile { path: store.join(RESERVE_FILE) }
     }
 
-    /// Allocates the disk's blocks, if they are not allocated yet.
+    /// Allocates the blocks of the file, if they are not allocated yet.
     pub fn allocate(&self) -> std::io::Result<()> {
         let bytes = RESERVE_MB << 20;
         let mut options = OpenOptions::new();
@@ -133,7 +133,7 @@ impl ReserveFile {
         taken
     }
 
-    /// Releases the reserve; false if there was none.
+    /// Deletes the reserve; returns whether there was one.
     pub fn release(&self) -> bool {
         let released = fs::remove_file(&self.path).is_ok();
         if released && let Some(folder) = self.path.parent() {
@@ -151,7 +151,7 @@ impl ReserveFile {
 pub(super) fn is_disk_full_error(error: &rusqlite::Error, folder: &Path) -> bool {
     match error.sqlite_error_code() {
         Some(ErrorCode::DiskFull) => true,
-        // SQLite's log and its shared memory are files too.
+        // SQLite also reports a full disk as an error of its log or its shared memory, which are files.
         Some(ErrorCode::SystemIoFailure | ErrorCode::CannotOpen) => has_no_space(folder),
         _ => false,
     }
@@ -162,9 +162,9 @@ pub(super) fn has_no_space(folder: &Path) -> bool {
     blobs::free_bytes(folder).is_ok_and(|free| free < MIN_FREE_BYTES)
 }
 
-/// Returns whether there is too little space for the journal here.
+/// Returns whether the disk of this folder has too little free space for the journal.
 pub(super) fn is_too_full_for_journal(folder: &Path) -> bool {
-    blobs::free_mb(folder).is_ok_and(|free| free < JOURNAL_MB)
+    blobs::free_mb(folder).is_ok_and(|free| free < MIN_FREE_FOR_JOURNAL_MB)
 }
 
 /// Returns the error that this store's disk is full, with the files to delete.
@@ -173,10 +173,10 @@ pub(super) fn disk_full_error(folder: &Path) -> StoreError {
         Ok(free_mb) => format!("{free_mb} MB free"),
         Err(error) => format!("the free space cannot be read: {error}"),
     };
-    StoreError::Full { path: folder.to_owned(), free, minimum_mb: ROOM_MB, advice: advice(folder) }
+    StoreError::Full { path: folder.to_owned(), free, minimum_mb: MIN_FREE_TO_CONTINUE_MB, advice: advice(folder) }
 }
 
-/// Returns which files may be deleted, as an imperative.
+/// Returns the advice which files may be deleted, as an imperative.
 fn advice(folder: &Path) -> String {
     let recordings = folder.join("recordings");
     let files = fs::read_dir(&recordings).into_iter().flatten().flatten();

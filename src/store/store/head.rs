@@ -1,14 +1,14 @@
 //! The chain's head outside of the database, in `panelprep.head` beside it.
 //!
-//! Before a transaction is committed, the file states the chain's present and next position; afterwards it states
-//! the present position. If the program ends between the two, the database is at one of the positions that the file
-//! names, unless it was changed by others. The file holds two copies of 512 bytes, a sector that a disk writes
-//! completely or not at all. They are written alternately and in place, so that a full disk does not prevent it.
+//! Before a transaction is committed, the file states the chain's present and next position; afterwards it states the
+//! present position. If the program ends between the two, the database is at one of the positions that the file names,
+//! unless it was changed by others. The file holds two copies of 512 bytes each, the size of a sector that a disk
+//! writes completely or not at all. They are written alternately and in place, so that a full disk does not prevent it.
 //! When the store is closed the file also holds the SHA-256 of the database's file.
 
 use super::chain::{ChainPosition, Hash};
 use super::flush;
-use super::lease::{WriteQueue, WriteTurn};
+use super::lease::{WriteQueue, WriteQueueGuard};
 use panelprep_cell::files::{content_hash, hex};
 use std::fmt::Write as _;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 pub(super) const FILE: &str = "panelprep.head";
 const SLOT_BYTES: usize = 512;
 const HEAD_MAGIC: &str = "panelprep head 1";
-/// Time for which a write waits for another process that is writing to this store, as SQLite waits.
+/// Time limit for waiting until another process has finished its write to this store, as in SQLite.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// The content of the file.
@@ -32,18 +32,18 @@ pub(super) struct Head {
     pub position: ChainPosition,
     /// The chain's position once the transaction in progress is committed.
     pub next_position: Option<ChainPosition>,
-    /// SHA-256 of the database's file, if it was closed.
+    /// SHA-256 of the database's file; `None` while the store is open.
     pub database: Option<Hash>,
 }
 
 impl Head {
-    /// Returns whether the head allows a database at this position of the chain.
+    /// Returns whether this position of the chain is one of those that the head names.
     pub fn allows_position(&self, place: ChainPosition) -> bool {
         place == self.position || Some(place) == self.next_position
     }
 }
 
-/// The newest content of a head file, and the condition in which the file was found.
+/// The newest content of a head file, and whether the file is damaged.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct HeadRead {
     pub head: Head,
@@ -59,14 +59,14 @@ pub(super) struct HeadFile {
     turns: Arc<WriteQueue>,
 }
 
-/// The right to write to the chain; other threads and processes wait until it is dropped.
-pub(super) struct ChainTurn<'f> {
+/// The lock for writing to the chain; other threads and processes wait until it is released.
+pub(super) struct ChainWriteGuard<'f> {
     file: &'f File,
     // Released after the file lock.
-    _in_turn: WriteTurn<'f>,
+    _in_turn: WriteQueueGuard<'f>,
 }
 
-impl Drop for ChainTurn<'_> {
+impl Drop for ChainWriteGuard<'_> {
     fn drop(&mut self) {
         #[expect(
             clippy::let_underscore_must_use,
@@ -76,15 +76,15 @@ impl Drop for ChainTurn<'_> {
     }
 }
 
-/// Waits for the right to write to the chain.
-fn acquire_turn<'f>(file: &'f File, turns: &'f WriteQueue) -> Result<ChainTurn<'f>, Error> {
+/// Waits for the lock for writing to the chain.
+fn acquire_write_guard<'f>(file: &'f File, turns: &'f WriteQueue) -> Result<ChainWriteGuard<'f>, Error> {
     let since = Instant::now();
     let _in_turn = turns.acquire(LOCK_TIMEOUT).ok_or_else(|| {
         Error::new(ErrorKind::TimedOut, "another thread of this program has held the lock for 5 s")
     })?;
     loop {
         match file.try_lock() {
-            Ok(()) => return Ok(ChainTurn { file, _in_turn }),
+            Ok(()) => return Ok(ChainWriteGuard { file, _in_turn }),
             Err(TryLockError::WouldBlock) if since.elapsed() < LOCK_TIMEOUT => {
                 std::thread::sleep(Duration::from_millis(1));
             }
@@ -110,8 +110,8 @@ impl HeadFile {
         Ok(HeadFile { file, turns: WriteQueue::for_folder(store) })
     }
 
-    pub fn acquire_turn(&self) -> Result<ChainTurn<'_>, Error> {
-        acquire_turn(&self.file, &self.turns)
+    pub fn acquire_write_guard(&self) -> Result<ChainWriteGuard<'_>, Error> {
+        acquire_write_guard(&self.file, &self.turns)
     }
 
     /// Writes the chain's present and next position to the disk.
@@ -120,13 +120,12 @@ impl HeadFile {
         self.file.sync_data()
     }
 
-    /// Writes the chain's position. Until this is on the disk, the file still names this position together with the
-    /// one before.
+    /// Writes the chain's position. Until it is on the disk, the file names this position as the possible next one.
     pub fn write_position(&self, at: ChainPosition) -> Result<(), Error> {
         self.write(Head { position: at, next_position: None, database: None })
     }
 
-    /// Writes the chain's position in a closed database.
+    /// Writes the chain's position and the hash of the database's file when the store is closed.
     pub fn close(&self, at: ChainPosition, database: Option<Hash>) -> Result<(), Error> {
         self.write(Head { position: at, next_position: None, database })?;
         self.file.sync_data()
@@ -134,14 +133,13 @@ impl HeadFile {
 
     fn write(&self, head: Head) -> Result<(), Error> {
         let count = read_head(&self.file)?.map_or(1, |read| read.count + 1);
-        // The two slots alternate, so that a power cut in the middle of a write damages at most the older of two
-        // states.
+        // The two copies are written alternately, so that a power cut during a write damages only the older one.
         let slot = (count % 2) * SLOT_BYTES as u64;
         self.file.write_all_at(&encode_head(&head, count), slot)
     }
 }
 
-/// The content of this store's file; `None` if there is no file, or it has no content yet.
+/// Returns the content of the head file of this store; `None` if there is no file, or it has no content yet.
 pub(super) fn read(store: &Path) -> Result<Option<HeadRead>, Error> {
     match File::open(store.join(FILE)) {
         Ok(file) => read_head(&file),
@@ -150,13 +148,13 @@ pub(super) fn read(store: &Path) -> Result<Option<HeadRead>, Error> {
     }
 }
 
-/// Reads the content of this store's file while no other process or thread writes, together with the data that
-/// `beside` reads meanwhile.
+/// Reads the content of the head file of this store while no other process or thread writes, and calls `beside` at the
+/// same time.
 pub(super) fn read_locked<T>(store: &Path, beside: impl FnOnce() -> T) -> Result<(Option<HeadRead>, T), Error> {
     match File::open(store.join(FILE)) {
         Ok(file) => {
             let turns = WriteQueue::for_folder(store);
-            let _turn = acquire_turn(&file, &turns)?;
+            let _turn = acquire_write_guard(&file, &turns)?;
             Ok((read_head(&file)?, beside()))
         }
         Err(error) if error.kind() == ErrorKind::NotFound => Ok((None, beside())),
@@ -176,7 +174,7 @@ fn read_head(file: &File) -> Result<Option<HeadRead>, Error> {
     match newest {
         Some((count, head)) => Ok(Some(HeadRead { head: *head, is_damaged, count: *count })),
         None if !is_damaged || bytes.is_empty() => Ok(None),
-        // An empty file may be new; two damaged copies are not, and must not be taken for a store without a past.
+        // An empty file may be new. Two damaged copies are not new, and the store must not be treated as a new one.
         None => Err(Error::new(ErrorKind::InvalidData, "both copies in the head file are damaged")),
     }
 }

@@ -1,6 +1,6 @@
 //! The journal: every event of the cycle's state machine, one JSON line each, in order and without gaps.
 //!
-//! A line carries the first 16 digits of a hash over its own content and that of the line before. A changed, lost or
+//! A line contains the first 16 digits of a hash over its own content and that of the line before. A changed, lost or
 //! inserted line is detected when the journal is read. The store's chain (see `chain`) covers it too.
 //!
 //! A checkpoint contains the folded state of the journal at one of its lines, so that a start reads only later lines.
@@ -59,11 +59,10 @@ impl Line {
 const CHAIN_START: &str = "";
 
 impl Store {
-    /// Commits an event to the disk and returns its sequence number, from 1. To be called before the event's
-    /// effects.
+    /// Commits an event to the disk and returns its sequence number, from 1. Must be called before the event's effects.
     ///
     /// # Errors
-    /// If it cannot be written. Then nothing more is appended until the store is opened anew.
+    /// If it cannot be written. Then nothing more is appended until the store is opened again.
     pub fn append(&mut self, event: &Event, cycle: Option<CycleId>) -> Result<u64, StoreError> {
         self.require_writable()?;
         if self.is_journal_in_doubt {
@@ -73,8 +72,8 @@ impl Store {
         let text = serde_json::to_string(event).map_err(|error| self.journal_problem(0, error.to_string()))?;
         let number = cycle.map(|id| id.0);
         let line = Line { sequence: 0, cycle: number, unix_ms, event: text, chain: String::new() };
-        // The folded state of the journal including this line.
-        // On a copy: if the write fails, the state in memory must be that of the lines on the disk.
+        // The folded state of the journal with this line is computed on a copy: if the write fails, the state in memory
+        // must be that of the lines on the disk.
         let folded = self.folded_state.clone().map(|mut folded| {
             folded.step(*event, cycle);
             folded
@@ -82,7 +81,7 @@ impl Store {
         let checkpoint = folded.as_ref().map(|folded| self.text(folded)).transpose()?;
         let written =
             self.commit("write the journal of", |writing| write_line(writing, &line, checkpoint.as_deref()));
-        // A full disk writes nothing; after any other failure it is unknown whether the line was written.
+        // On a full disk nothing was written. After any other failure it is unknown whether the line was written.
         self.is_journal_in_doubt = matches!(&written, Err(error) if !matches!(error, StoreError::Full { .. }));
         if written.is_ok() {
             self.folded_state = folded;
@@ -90,30 +89,30 @@ impl Store {
         written
     }
 
-    /// Every event so far, in order.
+    /// Returns every event so far, in order.
     ///
     /// # Errors
-    /// If it cannot be read, or a line differs from the line that was written.
+    /// If the journal cannot be read, or a line differs from the line that was written.
     pub fn journal(&self) -> Result<Vec<Event>, StoreError> {
         let mut events = Vec::new();
         self.for_each_event((0, CHAIN_START.to_owned()), |event, _| events.push(event))?;
         Ok(events)
     }
 
-    /// Recovers the state when a program starts with this store: the journal's folded state, then at rest, Aborted or
-    /// Stopped. Rows of motions and cycles that the last process could not write after its last event are written
-    /// first. If the store was changed outside this program, that is one more event, and the state is Aborted until a
-    /// person clears it.
+    /// Recovers the state when a program starts with this store: folds the journal and applies the start, which leaves
+    /// the state at rest, Aborted or Stopped. Rows of motions and cycles that the last process could not write after
+    /// its last event are written first. If the store was changed outside this program, that is one more event, and the
+    /// state is Aborted until a person clears it.
     ///
     /// # Errors
     /// If the journal cannot be read, a line differs from the line that was written, or a motion is open that the
     /// journal does not contain.
     pub fn recover(&mut self) -> Result<State, StoreError> {
         let (settled, last, tail) = self.fold_from_checkpoint()?;
-        // Rows that the last process did not write come before a new event, which may refer to them.
+        // Missing rows of the last process are written before a new event, because the event may refer to them.
         self.write_missing_rows(&settled)?;
         if self.require_writable().is_ok() {
-            if tail > TAIL {
+            if tail > MAX_LINES_WITHOUT_CHECKPOINT {
                 let told = self.text(&settled)?;
                 self.commit("write a checkpoint to", |writing| {
                     write_checkpoint(writing, (last.0, &last.1), &told)
@@ -127,7 +126,7 @@ impl Store {
         Ok(self.folded_state.as_ref().unwrap_or(&settled).after_restart())
     }
 
-    /// Returns the folded state of the journal, without the start that follows.
+    /// Returns the folded state of the journal, without the next start.
     ///
     /// # Errors
     /// As [`Store::recover`].
@@ -138,7 +137,7 @@ impl Store {
         }
     }
 
-    /// The number of lines of the journal.
+    /// Returns the number of lines of the journal.
     ///
     /// # Errors
     /// If it cannot be read.
@@ -177,7 +176,7 @@ impl Store {
         let mut expected = after + 1;
         for line in lines.query_map([after], Line::from_row).map_err(failed)? {
             let line = line.map_err(failed)?;
-            // A missing line in the middle would fold to another state without any error.
+            // Without this check, a missing line in the middle would lead to another state without any error.
             if line.sequence != expected {
                 return Err(self.journal_problem(
                     expected,
@@ -202,7 +201,7 @@ impl Store {
     }
 }
 
-/// Writes many lines at once, to simulate a store after years of use.
+/// Writes many lines at once, to simulate a store after years of operation.
 #[cfg(test)]
 pub(super) fn fill(store: &mut Store, lines: u32) -> Result<(), StoreError> {
     let line = |done| Line {
@@ -243,10 +242,10 @@ fn write_line(
 
 /// Number of journal lines from one checkpoint to the next.
 const CHECKPOINT_INTERVAL: i64 = 10_000;
-/// A start that had to read more lines than this writes a checkpoint.
-const TAIL: i64 = 2_000;
+/// Maximum number of lines that a start reads without writing a checkpoint.
+const MAX_LINES_WITHOUT_CHECKPOINT: i64 = 2_000;
 
-/// A position from which the journal can be read.
+/// A position from which the journal can be read, with the folded state there.
 pub(super) struct Checkpoint {
     pub sequence: i64,
     pub journal_chain: String,
@@ -267,7 +266,7 @@ fn write_checkpoint(
 }
 
 impl Store {
-    /// Returns the last usable checkpoint.
+    /// Returns the newest checkpoint that this program can use.
     pub(super) fn checkpoint(&self) -> Result<Option<Checkpoint>, StoreError> {
         let sql = "SELECT c.sequence, c.journal_chain, c.folded FROM checkpoints c JOIN journal j
                 ON j.sequence = c.sequence AND j.chain = c.journal_chain
@@ -279,7 +278,7 @@ impl Store {
             })
             .optional()
             .map_err(|error| self.database_error("read a checkpoint of", &error))?;
-        // A checkpoint that this program can no longer read is ignored: the journal is folded from the beginning.
+        // A checkpoint that this program cannot read is ignored: the journal is folded from the beginning.
         Ok(found.and_then(|(sequence, journal_chain, folded)| {
             let settled = serde_json::from_str(&folded).ok()?;
             Some(Checkpoint { sequence, journal_chain, settled })

@@ -1,5 +1,5 @@
-//! The file of the key with which a cell signs its records: created at its first use, and readable only by its
-//! owner.
+//! The file of the key with which a cell signs its records. It is created at the first use, and only its owner can read
+//! it.
 
 use super::error::StoreError;
 use super::flush;
@@ -11,10 +11,11 @@ use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
-/// The private key in the store's folder, if no other file is named.
-const PRIVATE: &str = "record-key.pem";
-/// The public key, in the store's folder. A replaced key stays there, since it verifies older records.
-const PUBLIC: &str = "record-key.pub.pem";
+/// The file of the private key in the store's folder, if no other file is configured.
+const PRIVATE_KEY_FILE: &str = "record-key.pem";
+/// The file of the public keys in the store's folder. The public part of a replaced key is kept there, since it
+/// verifies older records.
+const PUBLIC_KEY_FILE: &str = "record-key.pub.pem";
 
 /// The location of the private key's file.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -27,14 +28,14 @@ pub enum KeyLocation {
     Provided(PathBuf),
 }
 
-/// The key of a cell; if there is none yet, it is made of random bytes of the operating system. Its public half is
-/// written into the store's folder as PEM.
+/// Returns the key of a cell; if there is none yet, it is created from random bytes of the operating system. Its public
+/// key is written into the store's folder as PEM.
 ///
 /// # Errors
-/// If the file cannot be read or made, holds no ed25519 key, or may be read by others than its owner.
+/// If the file cannot be read or created, contains no ed25519 key, or can be read by users other than its owner.
 pub fn cell_key(store: &Path, place: &KeyLocation) -> Result<CellKey, StoreError> {
     let (file, may_be_made) = match place {
-        KeyLocation::InStore => (store.join(PRIVATE), true),
+        KeyLocation::InStore => (store.join(PRIVATE_KEY_FILE), true),
         KeyLocation::File(file) => (file.clone(), true),
         KeyLocation::Provided(file) => (file.clone(), false),
     };
@@ -52,12 +53,12 @@ pub fn cell_key(store: &Path, place: &KeyLocation) -> Result<CellKey, StoreError
     Ok(key)
 }
 
-/// The public keys in the store's folder: that of the key in use, and those of earlier keys.
+/// Returns the public keys in the store's folder: that of the key in use, and those of earlier keys.
 ///
 /// # Errors
-/// If there is none, or the file holds something else.
+/// If there is none, or the file contains other data.
 pub fn public_keys(store: &Path) -> Result<Vec<PublicKey>, StoreError> {
-    let file = store.join(PUBLIC);
+    let file = store.join(PUBLIC_KEY_FILE);
     let pem = fs::read_to_string(&file).map_err(file_error("read", &file))?;
     PublicKey::parse_all(&pem).map_err(|source| key_error(&file, source))
 }
@@ -104,7 +105,7 @@ fn write_temporary(folder: &Path, text: &str) -> io::Result<NamedTempFile> {
 
 /// Writes the public key if it is not written yet.
 fn publish(store: &Path, key: &CellKey) -> Result<(), StoreError> {
-    let file = store.join(PUBLIC);
+    let file = store.join(PUBLIC_KEY_FILE);
     let before = match fs::read_to_string(&file) {
         Ok(text) => text,
         Err(error) if error.kind() == ErrorKind::NotFound => String::new(),

@@ -1,14 +1,14 @@
-//! One writer at a time: a lock on the store's folder, and the order of writing among the threads of this process.
+//! One writer at a time: a lock on the store's folder, and a queue for the threads of this process that write.
 //!
 //! The lock is one of the operating system and not SQLite's exclusive mode, which would also exclude readers (a
-//! `locate` beside the running daemon) and cannot report the holder. It is not on a file in the folder: a person could
-//! remove such a file and so admit a second writer. The system releases the lock when its process ends, however it
-//! ends. `panelprep.lock` names the holder, for messages alone.
+//! `locate` beside the running daemon) and cannot report the holder. It is not on a file in the folder: if a person
+//! removed that file, a second writer could lock a new one. The system releases the lock when its process ends for any
+//! reason. `panelprep.lock` names the holder, for messages alone.
 //!
-//! Among threads, the first that comes is the first served. A lock of the file system has no order: a thread that
-//! requests it again at once gets it again. A page that writes a line for each refused request could therefore hold up
-//! the loop, which writes a stop to the journal before the stop is executed. Between processes the lock of the head's
-//! file decides, as before.
+//! Threads are served in the order in which they requested the right to write. A lock of the file system has no order:
+//! a thread that requests it again immediately may get it again. A page that writes a line for each refused request
+//! could therefore delay the loop, which writes a stop to the journal before the stop is executed. Between processes,
+//! only the lock of the head's file decides.
 
 use super::error::StoreError;
 use std::collections::{BTreeMap, VecDeque};
@@ -20,14 +20,14 @@ use std::time::{Duration, Instant};
 /// Lock file that names the writer.
 const FILE: &str = "panelprep.lock";
 
-/// The right to write, until the lease is dropped.
+/// The lock on the store's folder; dropping it releases the lock.
 #[derive(Debug)]
 pub struct WriteLease {
     locked: File,
 }
 
 impl WriteLease {
-    /// Acquires the lock; every other writer is refused until it is dropped.
+    /// Acquires the lock; every other writer is refused until it is released.
     ///
     /// # Errors
     /// If another process, or another store of this process, holds it.
@@ -48,7 +48,7 @@ impl WriteLease {
             Err(TryLockError::Error(source)) => return Err(at("lock")(source)),
         }
         if let Err(error) = fs::write(store.join(FILE), format!("{}\n", std::process::id())) {
-            // Without this file, only a message is less exact; the service must start on a full disk, too.
+            // Without this file, only a message is less exact. The service must also start on a full disk.
             tracing::warn!("{} cannot be written: {error}", store.join(FILE).display());
         }
         Ok(WriteLease { locked: folder })
@@ -56,7 +56,7 @@ impl WriteLease {
 }
 
 impl Drop for WriteLease {
-    /// Unlocks explicitly instead of by closing the file. A child process between its fork and its exec still has a
+    /// Unlocks explicitly instead of by closing the folder. A child process between its fork and its exec still has a
     /// copy of the descriptor, and with it the lock.
     fn drop(&mut self) {
         #[expect(
@@ -80,15 +80,15 @@ struct Queue {
     next: u64,
 }
 
-/// The right to write; the turn ends when this value is dropped.
+/// The right of one thread to write; dropping this value releases it.
 #[derive(Debug)]
-pub(super) struct WriteTurn<'t> {
+pub(super) struct WriteQueueGuard<'t> {
     turns: &'t WriteQueue,
     number: u64,
 }
 
 impl WriteQueue {
-    /// Returns the turns of the store in this folder.
+    /// Returns the queue of the store in this folder.
     pub fn for_folder(store: &Path) -> Arc<WriteQueue> {
         static ALL: Mutex<BTreeMap<PathBuf, Weak<WriteQueue>>> = Mutex::new(BTreeMap::new());
         let key = store.canonicalize().unwrap_or_else(|_| store.to_owned());
@@ -102,8 +102,8 @@ impl WriteQueue {
         turns
     }
 
-    /// Waits for the turn, at most this time; `None` after a timeout.
-    pub fn acquire(&self, patience: Duration) -> Option<WriteTurn<'_>> {
+    /// Waits until this thread is the first in the queue, at most this time; returns `None` after a timeout.
+    pub fn acquire(&self, patience: Duration) -> Option<WriteQueueGuard<'_>> {
         let until = Instant::now() + patience;
         let mut queue = self.lock();
         let number = queue.next;
@@ -117,7 +117,7 @@ impl WriteQueue {
             }
             queue = self.changed.wait_timeout(queue, left).unwrap_or_else(PoisonError::into_inner).0;
         }
-        Some(WriteTurn { turns: self, number })
+        Some(WriteQueueGuard { turns: self, number })
     }
 
     fn leave_queue(&self, mut queue: MutexGuard<'_, Queue>, number: u64) {
@@ -131,7 +131,7 @@ impl WriteQueue {
     }
 }
 
-impl Drop for WriteTurn<'_> {
+impl Drop for WriteQueueGuard<'_> {
     fn drop(&mut self) {
         self.turns.leave_queue(self.turns.lock(), self.number);
     }
@@ -142,13 +142,13 @@ mod tests {
     use super::*;
     use std::thread;
 
-    fn until_waiting(turns: &WriteQueue, count: usize) {
+    fn wait_until_queued(turns: &WriteQueue, count: usize) {
         while turns.lock().waiting.len() < count {
             thread::sleep(Duration::from_millis(1));
         }
     }
 
-    /// A thread that has had a turn and requests another at once comes after all waiting threads.
+    /// A thread that has written and requests the right to write again waits behind all waiting threads.
     #[test]
     fn the_first_writer_is_served_first() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -161,19 +161,19 @@ mod tests {
         let first = turns.acquire(Duration::ZERO).expect("free");
         thread::scope(|scope| {
             scope.spawn(|| serve("second"));
-            until_waiting(&turns, 2);
+            wait_until_queued(&turns, 2);
             scope.spawn(|| serve("third"));
-            until_waiting(&turns, 3);
-            // The second thread must be in the queue before the turn is released.
+            wait_until_queued(&turns, 3);
+            // The second request must be in the queue before the first thread releases the right to write.
             scope.spawn(|| serve("again"));
-            until_waiting(&turns, 4);
+            wait_until_queued(&turns, 4);
             drop(first);
         });
         assert_eq!(served.into_inner().expect("whole"), ["second", "third", "again"]);
     }
 
     #[test]
-    fn a_writer_that_waits_too_long_keeps_the_place_of_others() {
+    fn a_writer_after_its_timeout_leaves_the_queue() {
         let turns = WriteQueue::default();
         let first = turns.acquire(Duration::ZERO).expect("free");
         assert!(turns.acquire(Duration::from_millis(5)).is_none());

@@ -1,12 +1,13 @@
 //! Motions: their intents and their contact paths.
 //!
 //! An intent is committed before the first waypoint is sent, and closed when the robot has reported standstill. The
-//! journal implies the same, since intents are effects of its events. If a process ends between an event and its
-//! effects, a row is missing; the next process writes it from the journal.
+//! journal contains the same information, since intents are effects of its events. If a process ends between an event
+//! and its effects, a row is missing; the next process writes it from the journal.
 //!
 //! The grids of each contact path are committed with its motion; the number of waypoints that may be sent is committed
-//! before they are sent. This determines which grids were abraded, or may have been, however the motion ended. The
-//! paths wear the present disc: the area that it swept is added path by path, and the time of mounting is stored.
+//! before they are sent. From these rows it is known which grids were abraded, or may have been, for every possible end
+//! of the motion. The paths wear the disc in use: the area that it swept is added path by path, and the time of
+//! mounting is stored.
 
 use super::cycles::normalised_serial;
 use super::database::{JournalFold, Store, unix_ms};
@@ -21,7 +22,8 @@ use rusqlite::{OptionalExtension, Row, params};
 use serde::Serialize;
 use std::collections::BTreeSet;
 
-/// `one_open_motion` holds at most one row: a second motion is refused by the database itself.
+/// The unique index `one_open_motion` permits at most one open motion, so that the database itself refuses a second
+/// one.
 pub(super) const TABLES: &str = "
     CREATE TABLE motions (
         id INTEGER PRIMARY KEY,
@@ -57,7 +59,7 @@ pub(super) const CONTACT_TABLES: &str = "
     CREATE INDEX cycle_facts_by_cycle ON cycle_facts (cycle_id);
 ";
 
-/// A row is the area swept by one path, or a new disc, which has swept nothing.
+/// A row is the area swept by one path, or a new disc with the area 0.
 pub(super) const DISC_TABLES: &str = "
     CREATE TABLE discs (
         id INTEGER PRIMARY KEY,
@@ -68,14 +70,14 @@ pub(super) const DISC_TABLES: &str = "
     ) STRICT;
 ";
 
-/// Evidence in a cycle that another part is present afterwards, or was present before.
+/// Evidence in a cycle that the cell has another part after this cycle, or had another part before it.
 #[derive(Debug, Clone, Copy)]
 struct PartChangeEvidence {
-    /// The cycle ended with pass by a film, after which the part is removed.
+    /// The cycle passed by a film; the part is removed afterwards.
     passes: bool,
-    /// The cycle ended with fail by a film.
+    /// The cycle failed by a film.
     fails: bool,
-    /// The cycle's start stated that another part than before is present.
+    /// The start of the cycle stated that the part is not the part of the cycle before.
     is_other_part: bool,
 }
 
@@ -101,7 +103,7 @@ impl Store {
         })
     }
 
-    /// Commits how the open motion ended, with the waypoints that the robot executed.
+    /// Commits the outcome of the open motion, with the number of waypoints that the robot executed.
     ///
     /// # Errors
     /// If it cannot be written, or this motion is not the open one.
@@ -119,8 +121,8 @@ impl Store {
         })
     }
 
-    /// Returns whether a motion is open: a person must clear it before anything moves. The answer is that of the last
-    /// [`Store::recover`].
+    /// Returns whether a motion is open, which a person must clear before anything moves. Rows that the next
+    /// [`Store::recover`] will write are not included.
     ///
     /// # Errors
     /// If it cannot be read.
@@ -143,8 +145,8 @@ impl Store {
         let mut open = self.open_motion()?;
         if let Some(motion) = open.filter(|motion| Some(*motion) != expected) {
             let closed = settled.closed.filter(|(closed, ..)| *closed == motion);
-            // If lines of the journal were removed, a person ends the motion, with the clear that the store then
-            // requires.
+            // If lines of the journal were removed, the motion has the outcome Cleared, because a person must then
+            // clear the cell.
             let cleared = (!self.external_changes.is_empty()).then_some((motion, Outcome::Cleared, 0));
             let Some((_, outcome, done)) = closed.or(cleared) else {
                 return Err(self.journal_problem(
@@ -157,7 +159,7 @@ impl Store {
         }
         if let (Some(motion), None) = (expected, open) {
             match settled.state.intent.map(|intent| intent.id) {
-                // The program ended before it permitted any waypoint of the path.
+                // The program ended before it permitted a waypoint of the path.
                 Some(id) if motion.path == Path::Contact => {
                     let nothing = ContactPath { id, pass: settled.state.job.pass, grids: vec![], wears_mm2: 0.0 };
                     self.open_contact(&motion, settled.cycle, (&nothing, 0))?;
@@ -189,7 +191,8 @@ impl Store {
         Ok(MotionRecord { motion: self.parse_stored(motion)?, outcome, done: *done, contact: None })
     }
 
-    /// Commits that this contact path may begin and how many of its waypoints may be sent: all three at once.
+    /// Commits that a motion in contact may begin, with its path and with the number of waypoints that may be sent, in
+    /// one transaction.
     ///
     /// # Errors
     /// If it cannot be written, or a motion is open already.
@@ -213,7 +216,7 @@ impl Store {
         })
     }
 
-    /// Commits how many waypoints of the open motion may be sent.
+    /// Commits the number of waypoints of the open motion that may be sent.
     ///
     /// # Errors
     /// If it cannot be written, or no motion is open.
@@ -253,7 +256,7 @@ impl Store {
         Ok(Some(Contact { path, told, permitted }))
     }
 
-    /// Returns the number of this action's waypoints that the robot reported as executed, from the journal.
+    /// Returns the number of waypoints of this action that the robot reported as executed, according to the journal.
     fn reported_waypoints(&self, cycle: CycleId, act: Id) -> Result<u32, StoreError> {
         let read = || -> Result<Vec<String>, rusqlite::Error> {
             let sql = "SELECT event FROM journal WHERE cycle_id = ?1 AND event LIKE '{\"told\":{\"progress\":%'";
@@ -270,16 +273,16 @@ impl Store {
         Ok(reported)
     }
 
-    /// The places on this cycle's part at which the tool was, or may have been, in earlier cycles. Cycles with the
-    /// same serial number count, and those that named none. They count until a cycle of that part passed by a film,
+    /// Returns the places on this cycle's part at which the tool was, or may have been, in earlier cycles. Cycles with
+    /// the same serial number count, and those without one. They count until a cycle of that part passed by a film,
     /// after which the part is taken out of the cell. Cycles without a serial number also count only until a start
     /// stated that another part is present. Such a statement does not end the count of a serial number, which names one
-    /// part. A fail by a film ends the count of a part with this serial number; without one, nothing shows that the next
-    /// part is another one. An air-run, an abort, a reject and a part with another serial number end no count. Passes
-    /// that a person stated after a restore count as well.
+    /// part. A fail by a film ends the count of a part with this serial number. Without a serial number, a fail is no
+    /// evidence that the next part is another one. An air-run, an abort, a reject and a part with another serial number
+    /// end no count. Passes that a person stated after a restore count as well.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If they cannot be read.
     pub fn earlier_abrasions(&self, id: CycleId) -> Result<Vec<EarlierPass>, StoreError> {
         let mut earlier: Vec<EarlierPass> = Vec::new();
         for cycle in self.earlier_cycles_of_part(id)? {
@@ -306,14 +309,14 @@ impl Store {
         Ok(earlier)
     }
 
-    /// The passes in lost cycles that the start of this cycle stated.
+    /// Returns the passes in lost cycles that the start of this cycle stated.
     fn stated_passes(&self, cycle: CycleId) -> Result<impl Iterator<Item = EarlierPass> + use<>, StoreError> {
         let passes = self.lost_passes(cycle)?;
         let stated = move |pass| EarlierPass { cycle, pass, grid: None, is_sure: true, is_stated: true };
         Ok((1..=passes).map(stated))
     }
 
-    /// The earlier cycles that may have had the part of this cycle, in order.
+    /// Returns the earlier cycles that may have had the part of this cycle, in order.
     fn earlier_cycles_of_part(&self, id: CycleId) -> Result<Vec<CycleId>, StoreError> {
         self.ensure_parts_table()?;
         let failed = |error: rusqlite::Error| self.database_error("read the cycles of", &error);
@@ -325,8 +328,8 @@ impl Store {
         };
         let mut cycles = read().map_err(failed)?.into_iter().map(|(id, serial)| (id, normalised_serial(&serial)));
         let Some((own, serial)) = cycles.next() else { return Ok(Vec::new()) };
-        // Serial numbers of the parts that cannot be this part in still earlier cycles; a part without a serial number
-        // has the empty text.
+        // The serial numbers of parts that in earlier cycles cannot be this part; the empty text is a part without a
+        // serial number.
         let (mut over, mut found) = (BTreeSet::new(), Vec::new());
         if self.part_change_evidence(own).map_err(failed)?.is_other_part {
             if serial.is_empty() {
@@ -345,11 +348,12 @@ impl Store {
             if !is_over {
                 found.push(CycleId(cycle));
             }
-            // If a start without a serial number stated another part, this part differs from all parts before.
+            // A start without a serial number stated another part: this part differs from all parts before.
             if is_another && serial.is_empty() && part_serial.is_empty() {
                 break;
             }
-            // A start with a serial number that stated another part separates it only from parts without one.
+            // A start with a serial number stated another part: this part differs only from parts without a serial
+            // number.
             if is_another && (part_serial.is_empty() || part_serial == serial) {
                 over.insert(String::new());
             }
@@ -377,7 +381,7 @@ impl Store {
         self.connection.prepare_cached(sql)?.query_row(params![cycle, pass, fail, film, ANOTHER_PART_TEXT], ends)
     }
 
-    /// Stores the readings of a cycle's clock: one at its begin and one at its conclusion.
+    /// Stores a reading of the clock of a cycle: one at its start and one at its conclusion.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -414,14 +418,14 @@ impl Store {
         read().map_err(|error| self.database_error("read a cycle of", &error))
     }
 
-    /// The clock when a cycle began and when it was concluded.
+    /// Returns the readings of the clock at the start and at the conclusion of a cycle.
     pub(super) fn clocks(&self, id: CycleId) -> Result<[Option<Clock>; 2], StoreError> {
         let kept = self.facts(id, CLOCK)?;
         let clock = |text: Option<&String>| text.map(|text| self.parse_stored(text)).transpose();
         Ok([clock(kept.first())?, clock(kept.get(1))?])
     }
 
-    /// The file in which a cycle is recorded, if it is recorded.
+    /// Returns the file in which a cycle is recorded, if it is recorded.
     pub(super) fn recording_file(&self, id: CycleId) -> Result<Option<RecordingFile>, StoreError> {
         self.facts(id, RECORDING)?.first().map(|text| self.parse_stored(text)).transpose()
     }
@@ -480,10 +484,10 @@ impl Store {
         })
     }
 
-    /// The area that the disc in use has swept since it was mounted, mm².
+    /// Returns the area that the disc in use has swept since it was mounted, mm².
     ///
     /// # Errors
-    /// If it cannot be read; a store of an earlier program has no disc records, and the error states this.
+    /// If it cannot be read, or if an earlier version of this program wrote the store, without the table of discs.
     pub fn disc_worn_mm2(&self) -> Result<f64, StoreError> {
         self.connection
             .query_row(
@@ -496,7 +500,7 @@ impl Store {
     }
 }
 
-/// A motion, its outcome and its number of executed waypoints, as stored.
+/// The texts of a motion and its outcome, and its number of executed waypoints, as stored.
 type StoredMotionTexts = (String, Option<String>, u32);
 
 fn motion_texts(row: &Row<'_>) -> Result<StoredMotionTexts, rusqlite::Error> {

@@ -13,14 +13,15 @@ use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 use std::path::Path;
 use std::time::SystemTime;
 
-/// Number of statements that stay compiled: those of every table's rows, of the chain, and of each write.
-const STATEMENTS: usize = 100;
+/// Number of SQL statements that are kept compiled: those for the rows of every table, for the chain, and for each
+/// write.
+const CACHED_STATEMENTS: usize = 100;
 
 impl Store {
-    /// Opens the store in this folder for reading, also beside a writer. Nothing is made or changed.
+    /// Opens the store in this folder for reading, also beside a writer. Nothing is created or changed.
     ///
     /// # Errors
-    /// If there is no store, it is damaged, or it belongs to a newer program or to another one.
+    /// If there is no store, it is damaged, or it was written by a later version of this program or by another program.
     pub fn open(folder: &Path) -> Result<Self, StoreError> {
         let path = folder.join(DATABASE);
         if !path.is_file() {
@@ -36,17 +37,17 @@ impl Store {
         Ok(Store::new((connection, Blobs::open_for_reading(folder)), folder))
     }
 
-    /// Opens the store in this folder for writing, as the only writer. An empty or absent folder becomes a new store.
-    /// An earlier program's store is brought up to date, after a copy of its database was made beside it. A change
-    /// made outside this program is stored as an incident, see [`Store::changed`].
+    /// Opens the store in this folder for writing, as the only writer. In an empty or absent folder a new store is
+    /// created. The tables of an earlier version of this program are updated after a copy of the database was made
+    /// beside it. A change made outside this program is stored as an incident, see [`Store::changed`].
     ///
     /// # Errors
-    /// If another process writes to it, the folder cannot be written, its disk is full, or the store is damaged, or
-    /// belongs to a newer program or to another one.
+    /// If another process writes to it, the folder cannot be written, its disk is full, or the store is damaged, or was
+    /// written by a later version of this program or by another program.
     pub fn create(folder: &Path) -> Result<Self, StoreError> {
         let opened = match Store::create_store(folder) {
-            // A full disk must not keep the cell from starting: the reserve holds the space for opening and for an
-            // orderly end.
+            // The cell must be able to start on a full disk: the reserve contains enough space to open the store and to
+            // end in order.
             Err(error) if is_open_failure_full(&error, folder) && ReserveFile::new(folder).release() => {
                 Store::create_store(folder)
             }
@@ -57,8 +58,8 @@ impl Store {
         )
     }
 
-    /// Opens a store for signing, beside its writer, if it has one. Signing does not handle a change made outside this
-    /// program: a head that contradicts the rows must stay as it is until the next start has checked it.
+    /// Opens a store for signing, also beside its writer. If the head contradicts the rows, signing is refused, and the
+    /// head stays unchanged until the next start has checked it.
     pub(super) fn for_signing(folder: &Path) -> Result<Self, StoreError> {
         let store = Store::open_beside_writer(folder)?;
         let version = schema::version(&store.connection, store.path())?;
@@ -78,12 +79,12 @@ impl Store {
 
     fn create_store(folder: &Path) -> Result<Self, StoreError> {
         let blobs = Blobs::create(folder)?;
-        // Before anything is read: a second writer would find a head that the first one is about to change, and report
-        // it as damage.
+        // The lock is acquired before anything is read. Otherwise a second writer would read a head while the first one
+        // changes it, and report damage.
         let lease = WriteLease::acquire(folder)?;
         let path = folder.join(DATABASE);
-        // Data that the last process wrote but did not flush is flushed first: a power cut after this start could
-        // otherwise still lose it.
+        // Data that the last process wrote but did not flush are flushed first: otherwise a power cut after this start
+        // could still remove them.
         flush::flush_after_kill(&path)?;
         let head_read = head::read(folder);
         let failed = |error: rusqlite::Error| StoreError::database("open", &path, &error);
@@ -98,18 +99,20 @@ impl Store {
         let head = HeadFile::open(folder).map_err(|error| head_error(folder, error))?;
         let mut store = Store::new((connection, blobs), folder);
         (store.lease, store.head) = (Some(lease), Some(head));
-        let found = store.raise(version).map_err(failed)?.map_err(|error| head_error(folder, error))?;
+        let found = store.update_tables(version).map_err(failed)?.map_err(|error| head_error(folder, error))?;
         store.external_changes = store.head_contradictions(head_read, found)?;
         if store.external_changes.is_empty() {
-            // Only if nothing contradicts it: a new head would remove the evidence that rows are missing.
+            // The head is written only if nothing contradicts it: a new head would remove the evidence that rows are
+            // missing.
             store.update_head(found).map_err(|error| head_error(folder, error))?;
         } else {
             store.external_changes.iter().for_each(|words| tracing::warn!("the store was changed: {words}"));
-            // The journal is written first, for every purpose of opening: a stored incident is not reported again,
-            // and a cell with an incident must rest in Aborted until a person clears it.
+            // The event is written to the journal before the incident, whatever the store is opened for: a stored
+            // incident is not reported again, and a cell with an incident must rest in Aborted until a person clears
+            // it.
             store.recover()?;
             store.store_incident(&store.external_changes.clone())?;
-            // The office may already have the numbers of the missing rows.
+            // The office may have received other rows with the numbers of the missing rows.
             store.begin_epoch("rows of the store were changed or are missing")?;
         }
         store.begin_epoch_if_restored()?;
@@ -117,7 +120,7 @@ impl Store {
             tracing::warn!("the reserve for a full disk could not be created in {}: {error}", folder.display());
             if error.kind() == std::io::ErrorKind::StorageFull {
                 store.fullness.mark_full();
-                // Without space for the journal no cycle may begin, and the store may not be opened.
+                // Without space for the journal, the store is not opened, so that no cycle can begin.
                 if fullness::is_too_full_for_journal(folder) {
                     return Err(fullness::disk_full_error(folder));
                 }
@@ -127,7 +130,7 @@ impl Store {
     }
 
     fn new((connection, blobs): (Connection, Blobs), folder: &Path) -> Self {
-        connection.set_prepared_statement_cache_capacity(STATEMENTS);
+        connection.set_prepared_statement_cache_capacity(CACHED_STATEMENTS);
         Store {
             connection,
             blobs,
@@ -144,12 +147,16 @@ impl Store {
         }
     }
 
-    /// Brings the tables up to date and returns the chain's previous position: the beginning if there was none.
-    fn raise(&mut self, version: i64) -> Result<Result<ChainPosition, std::io::Error>, rusqlite::Error> {
+    /// Updates the tables and returns the chain's previous position; the start of the chain if there was none.
+    fn update_tables(&mut self, version: i64) -> Result<Result<ChainPosition, std::io::Error>, rusqlite::Error> {
         let Some(head) = &self.head else { return Ok(Ok(ChainPosition::START)) };
         let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-        let before = if version < schema::CHAINED { ChainPosition::START } else { chain::last_link(&transaction)? };
-        let Some(after) = schema::raise(&transaction)? else { return Ok(Ok(before)) };
+        let before = if version < schema::FIRST_CHAINED_SCHEMA {
+            ChainPosition::START
+        } else {
+            chain::last_link(&transaction)?
+        };
+        let Some(after) = schema::update(&transaction)? else { return Ok(Ok(before)) };
         search::fill_missing_parts(&transaction, &self.blobs)?;
         // A head that has content is checked before it is overwritten.
         let is_new = matches!(head::read(self.blobs.store()), Ok(None));
@@ -176,15 +183,15 @@ impl Store {
 
     fn update_head(&self, found: ChainPosition) -> Result<(), std::io::Error> {
         let Some(head) = &self.head else { return Ok(()) };
-        let _turn = head.acquire_turn()?;
-        // Another process may have stored a verification meanwhile.
+        let _turn = head.acquire_write_guard()?;
+        // Another process may have stored a verification since the position was read.
         let at = chain::last_link(&self.connection).unwrap_or(found);
         head.write_position(at)
     }
 }
 
 impl Drop for Store {
-    /// The last writer leaves a database without a log, and the database's hash in the head.
+    /// Closes the database; the last writer removes its log and writes the hash of the database's file into the head.
     fn drop(&mut self) {
         let (Some(_), Some(head)) = (&self.lease, &self.head) else { return };
         let Ok(last) = chain::last_link(&self.connection) else { return };
@@ -195,16 +202,16 @@ impl Drop for Store {
         };
         let path = self.path().to_owned();
         let Ok(nothing) = Connection::open_in_memory() else { return };
-        // The hash of a database that did not close, or that has other rows than the head states, would explain a wrong
-        // file.
+        // If the database was not closed, or if its rows are not those in the head, the head must not confirm the file
+        // by its hash.
         if std::mem::replace(&mut self.connection, nothing).close().is_err() || at != last {
             return;
         }
-        // If another connection is open, the log stays, and the file alone is not the database.
+        // If another connection is open, the log remains, and the database's file is incomplete without it.
         let is_log_left = log_path(&path).exists();
         if is_log_left && next.is_some() {
-            // A commit failed at the disk, and so did closing the database. The commit's lines may still be in the
-            // log, and then the next start finds them. The head continues to state this.
+            // A commit failed at the disk, and so did closing the database. The rows of the commit may still be in the
+            // log and are then found at the next start. The head still names both possible positions.
             return;
         }
         let database = if is_log_left { None } else { file_hash(&path).ok() };
@@ -212,7 +219,7 @@ impl Drop for Store {
             clippy::let_underscore_must_use,
             reason = "without this write the head still describes the same end of the chain"
         )]
-        let _ = head.acquire_turn().and_then(|_turn| head.close(last, database));
+        let _ = head.acquire_write_guard().and_then(|_turn| head.close(last, database));
     }
 }
 

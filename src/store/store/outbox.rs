@@ -1,6 +1,6 @@
-//! The rows for the office: one for each cycle that ended, each signature and each verification, written in the same
-//! transaction as the object itself. A row is never changed and never removed, so that nothing can be lost on the way
-//! to the office.
+//! The rows for the office: one for each cycle that ended, each signature and each verification. Each is written in the
+//! transaction that writes the cycle's end, the signature or the verification. A row is never changed and never
+//! removed, so that nothing can be lost on the way to the office.
 //!
 //! Rows are numbered from 1 within an epoch, a random name. A new epoch begins with a new store, when rows were found
 //! changed or missing, and after a restore: a store that has its full history never uses a number twice under one
@@ -11,7 +11,7 @@ use super::commit::{TransactionFailure, WriteTransaction};
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
 use super::prune;
-use crate::office::{Body, CycleEnd, ItemEnvelope, Kind, ListEntry, NamedFile, Position, VerificationSeen};
+use crate::office::{Body, CycleEnd, ItemEnvelope, Kind, ListEntry, NamedFile, OfficeVerification, Position};
 use crate::signing::{self, SignedCycle, Statement};
 use panelprep_cell::record::CycleId;
 use panelprep_vision::calib::health::Verification;
@@ -38,8 +38,8 @@ pub(super) const TABLES: &str = "
 
 /// The reason for the first epoch of a store.
 const NEW_STORE: &str = "new store";
-/// Begins the first epoch and adds the rows of an earlier program, in their order. Part of a transaction, before
-/// the tables are added to a chain if there is none yet.
+/// Begins the first epoch and adds the rows of an earlier version of this program, in their order, in the present
+/// transaction. If the store has no chain yet, this comes before the tables are added to a chain.
 pub(super) fn begin_outbox(connection: &Connection, is_chained: bool) -> Result<(), rusqlite::Error> {
     connection.execute(
         "INSERT INTO outbox_epochs (epoch, unix_ms, why) VALUES (lower(hex(randomblob(16))), 0, ?1)",
@@ -69,7 +69,7 @@ pub(super) fn begin_outbox(connection: &Connection, is_chained: bool) -> Result<
     Ok(())
 }
 
-/// Writes that this row must be sent to the office. Part of the transaction that writes the row.
+/// Writes that this row must be sent to the office, in the transaction that writes the row.
 pub(super) fn insert(
     writing: &mut WriteTransaction<'_>,
     kind: Kind,
@@ -104,11 +104,10 @@ impl OutboxRow {
 const ROWS: &str = "SELECT epoch, number, kind, row_key, outbox.unix_ms FROM outbox JOIN outbox_epochs ON outbox_epochs.id = epoch_id";
 
 impl Store {
-    /// The names of all epochs with the number of the last row of each, oldest first; a store of an earlier program
-    /// has none.
+    /// Returns the names of all epochs with the number of the last row of each, the oldest first.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If they cannot be read. A store of an earlier version of this program has none.
     pub fn outbox_epochs(&self) -> Result<Vec<Position>, StoreError> {
         if !self.has_table("outbox")? {
             return Ok(Vec::new());
@@ -125,7 +124,7 @@ impl Store {
         read().map_err(|error| self.database_error("read the office's outbox from", &error))
     }
 
-    /// The rows for the office after this position, within its epoch and in order, at most `most` rows.
+    /// Returns the rows for the office after this position, within its epoch and in order, at most `most` rows.
     ///
     /// # Errors
     /// If it cannot be read, or a row or a file is damaged.
@@ -140,7 +139,8 @@ impl Store {
         rows.into_iter().map(|row| self.envelope(row)).collect()
     }
 
-    /// When the row after this position was written, ms since 1970; `None` if there is none.
+    /// Returns the time at which the row after this position was written, ms since 1970; `None` if there is no such
+    /// row.
     ///
     /// # Errors
     /// If it cannot be read.
@@ -157,7 +157,8 @@ impl Store {
         Ok(row.map(|row| row.unix_ms))
     }
 
-    /// Every row with the hash of its content, oldest first: `archive check` compares the office's rows with these.
+    /// Returns every row with the hash of its content, the oldest first: `archive check` compares the office's rows
+    /// with these.
     ///
     /// # Errors
     /// If it cannot be read, or a row or a file is damaged.
@@ -208,8 +209,8 @@ impl Store {
         Ok(ItemEnvelope { position, unix_ms, body })
     }
 
-    /// Returns the end of a cycle, with only the content of the cycle's row: every program version that reads the row
-    /// returns the same.
+    /// Returns the end of a cycle, with only the content of the cycle's row, so that every version of the program
+    /// returns the same content for it.
     fn cycle_end_row(&self, id: CycleId) -> Result<Body, StoreError> {
         let sql = "SELECT started_unix_s, ended_unix_s, panel, taught_version, recipe_hash, program_version, verdict, reasons
             FROM cycles WHERE id = ?1";
@@ -268,9 +269,9 @@ impl Store {
         let found = all.into_iter().find(|(id, _)| *id == number);
         let (_, found) =
             found.ok_or_else(|| StoreError::UnknownVerification { path: self.path().to_owned(), number })?;
-        // A later strike-out is not part of the measurement.
+        // The content of a verification does not include a later strike-out.
         let Verification { subject, error, limit, calibration_hash, at_unix_s, struck: _ } = found;
-        self.canonical(&VerificationSeen { subject, error, limit, calibration_hash, at_unix_s })
+        self.canonical(&OfficeVerification { subject, error, limit, calibration_hash, at_unix_s })
             .map(Body::Verification)
     }
 

@@ -39,7 +39,7 @@ pub struct NumberedEntry {
 }
 
 /// A position in the audit trail or among the requests. Lines are in the order of their time, and of their number
-/// within one millisecond: the time alone does not separate two of them.
+/// within one millisecond, because several lines may have the same time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct TrailPosition {
     /// The line's time, ms since 1970.
@@ -63,10 +63,10 @@ pub struct Incident {
 }
 
 impl Store {
-    /// Opens the store for rows that no cycle waits for: as its only writer, or beside an existing writer.
+    /// Opens the store to write rows that do not belong to a cycle: as its only writer, or beside an existing writer.
     ///
     /// # Errors
-    /// If there is no store beside a writer, or it cannot be opened.
+    /// If a writer exists but no store, or if the store cannot be opened.
     pub fn open_for_accounts(folder: &Path) -> Result<Self, StoreError> {
         Store::open_for_one_row(folder)
     }
@@ -87,7 +87,7 @@ impl Store {
         })
     }
 
-    /// Every account in its present state, by name.
+    /// Returns all accounts in their present state, by name.
     ///
     /// # Errors
     /// If they cannot be read.
@@ -116,7 +116,8 @@ impl Store {
         })
     }
 
-    /// The newest lines of the audit trail, at most `most`, the newest first; with `before`, only lines before this
+    /// Returns the newest lines of the audit trail, at most `most`, the newest first; with `before`, only lines before
+    /// this
     /// position. Requests to the cell have rows of their own ([`Store::requests`]).
     ///
     /// # Errors
@@ -131,11 +132,11 @@ impl Store {
         self.entries(sql, &[&before.unix_ms, &before.number, &i64::try_from(most).unwrap_or(i64::MAX)])
     }
 
-    /// The actions that were done, and not refused, under this name on subjects with this beginning; the newest
-    /// first.
+    /// Returns the lines of the audit trail about executed, not refused, actions with the name `what` whose subject
+    /// begins with this text; the newest first.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If they cannot be read.
     pub fn audit_of_subjects(&self, what: &str, subject_begins: &str) -> Result<Vec<NumberedEntry>, StoreError> {
         if !self.has_table("audit")? {
             return Ok(Vec::new());
@@ -160,7 +161,7 @@ impl Store {
         read().map_err(|error| self.database_error("read the accounts or the audit trail of", &error))
     }
 
-    /// Stores the changes that were found.
+    /// Stores an incident with the changes that were found.
     pub(super) fn store_incident(&mut self, found: &[String]) -> Result<(), StoreError> {
         let (at_unix_s, found) = (self.unix_s(), self.text(&found)?);
         self.commit("write an incident to", |writing| {
@@ -170,7 +171,7 @@ impl Store {
         })
     }
 
-    /// All incidents, oldest first.
+    /// Returns all incidents, the oldest first.
     ///
     /// # Errors
     /// If they cannot be read.
@@ -191,7 +192,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_newest_row_of_an_account_holds_and_the_trail_is_searched_by_subject() {
+    fn the_newest_row_of_an_account_is_valid_and_the_trail_is_searched_by_subject() {
         let folder = tempfile::tempdir().expect("a folder");
         let mut store = Store::create(&folder.path().join("store")).expect("a store");
         let line = |what: &str, subject: &str, refused: Option<&str>| AuditEntry {
@@ -232,8 +233,8 @@ mod tests {
         assert_eq!(verified.differences, [] as [String; 0]);
     }
 
-    /// Five lines of one millisecond, then a line that the clock, set back, dates before them: pages of two contain
-    /// each line once.
+    /// Five lines have the same millisecond, and a sixth line has an earlier time because the clock was set back: pages
+    /// of two contain each line once.
     #[test]
     fn pages_contain_each_line_of_one_millisecond_once() {
         let folder = tempfile::tempdir().expect("a folder");

@@ -1,4 +1,4 @@
-//! Removes old files: clips and scans of cycles that are over. Pages and records are kept for ever.
+//! Removes old files: clips and scans of ended cycles. Pages and records are kept permanently.
 
 use super::database::Store;
 use super::error::StoreError;
@@ -20,8 +20,8 @@ pub(super) const TABLES: &str = "
     ) STRICT;
 ";
 
-/// Number of files that are removed in one transaction. A cycle may begin between two transactions; then no more
-/// files are removed.
+/// Number of files that are removed in one transaction. If a cycle begins between two transactions, no more files are
+/// removed.
 const BATCH_FILES: usize = 64;
 const DAY_S: i64 = 86_400;
 
@@ -36,7 +36,7 @@ pub struct PrunedFiles {
     pub at_unix_s: Option<i64>,
 }
 
-/// A cycle that has ended.
+/// A cycle that has ended, whose files may be removed.
 struct EndedCycleFiles {
     id: i64,
     at_unix_s: i64,
@@ -44,10 +44,10 @@ struct EndedCycleFiles {
 }
 
 impl Store {
-    /// Removes clips and scans of ended cycles from the store in this folder, after the time that `keep` states;
-    /// beside its writer, and never while a cycle runs. Files stay if they wait for a person's decision (verdict
-    /// review), if they are on a page, or if another row names them. Each file is recorded in the chain before it
-    /// is removed, so that it can be distinguished from a missing one.
+    /// Removes clips and scans of ended cycles from the store in this folder, after the time that `keep` states. This
+    /// works beside the store's writer, but never while a cycle runs. Files are kept if they wait for a person's
+    /// decision (verdict review), if they are on a page, or if another row names them. Each file is recorded in the
+    /// chain before it is removed, so that it can be distinguished from a missing one.
     ///
     /// # Errors
     /// If the store cannot be read or written, or a file cannot be removed.
@@ -71,7 +71,7 @@ impl Store {
         Ok(pruned)
     }
 
-    /// The files that were removed from a cycle; `None` if there were none.
+    /// Returns the number and size of the files that were removed from a cycle; `None` if there were none.
     ///
     /// # Errors
     /// If it cannot be read.
@@ -86,8 +86,8 @@ impl Store {
         Ok(Some(pruned).filter(|pruned| pruned.files > 0))
     }
 
-    /// Cycles with clips and scans that are no longer kept. Days are counted back from the newest cycle's end and not
-    /// from today: a clock that jumps removes nothing.
+    /// Returns the cycles whose clips and scans are no longer kept. Days are counted back from the end of the newest
+    /// cycle, not from today, so that a wrong clock removes nothing.
     fn due_cycles(&self, keep: &Retention) -> Result<Vec<i64>, StoreError> {
         let read = || -> Result<Vec<EndedCycleFiles>, rusqlite::Error> {
             let sql = "SELECT id, ended_unix_s, verdict FROM cycles WHERE verdict IS NOT NULL ORDER BY id DESC";
@@ -102,7 +102,8 @@ impl Store {
             [Verdict::Pass, Verdict::Accept].iter().any(|it| it.keyword() == cycle.verdict)
         };
         let mut due = Vec::new();
-        // Counted separately: many good cycles must not push out the few failed ones, which are looked at again.
+        // The limits count passed and failed cycles separately, so that many passed cycles do not remove the few failed
+        // ones.
         for (passed, keep) in [(true, keep.passed), (false, keep.failed)] {
             let of_kind = ended.iter().filter(|cycle| has_passed(cycle) == passed);
             for (newer, cycle) in of_kind.filter(|cycle| cycle.verdict != Verdict::Review.keyword()).enumerate() {
@@ -116,7 +117,7 @@ impl Store {
         Ok(due)
     }
 
-    /// Removes these files of a cycle, first from the rows, then from the disk; false if a cycle runs.
+    /// Records these files of a cycle as removed, then removes them from the disk; returns false if a cycle runs.
     fn prune_files(
         &mut self,
         id: i64,
@@ -124,7 +125,7 @@ impl Store {
         pruned: &mut PrunedFiles,
     ) -> Result<bool, StoreError> {
         let blobs = self.blobs.folder().to_owned();
-        // A missing file was not removed by this program, and verification must report it.
+        // A file that is missing already is not recorded as removed, so that the verification reports it.
         let there: Vec<(&String, i64)> = hashes
             .iter()
             .filter_map(|hash| Some((hash, i64::try_from(blobs.join(hash).metadata().ok()?.len()).ok()?)))
@@ -133,11 +134,11 @@ impl Store {
         let may = self.commit("write the list of removed files to", |writing| {
             let sql = "SELECT count(*) FROM cycles WHERE verdict IS NULL";
             let running: i64 = writing.query_row(sql, [], |row| row.get(0))?;
-            // Within the transaction, so that no cycle can begin between this read and the rows.
+            // The check is made within the transaction, so that no cycle can begin between it and the rows.
             if running > 0 {
                 return Ok(false);
             }
-            // If a process ended between writing the rows and removing the files, the rows already exist.
+            // If an earlier process ended after writing the rows and before removing the files, the rows already exist.
             for (hash, bytes) in there.iter().filter(|(hash, _)| !gone.contains(*hash)) {
                 let sql = "INSERT INTO pruned (cycle_id, hash, bytes, at_unix_s) VALUES (?1, ?2, ?3, ?4)";
                 writing.execute(sql, params![id, hash, bytes, at_unix_s])?;
@@ -157,13 +158,13 @@ impl Store {
     }
 }
 
-/// Returns the files of a due cycle that can be removed: the pictures of its clips, and the cameras' shots. The
-/// clips' lists are not removed, since they name the pictures.
+/// Returns the files of a cycle that can be removed: the pictures of its clips, and the pictures and scans of the
+/// cameras. The lists of the clips are kept, since they name the pictures.
 fn removable_files(store: &Store, id: i64) -> Result<BTreeSet<String>, StoreError> {
     let mut old = BTreeSet::new();
     for (_, finding) in findings(store, Some(id))? {
         for shot in finding.shots {
-            if shot.name.starts_with(CLIP) {
+            if shot.name.starts_with(CLIP_LIST_NAME) {
                 old.extend(clip(store, &shot.hash));
             } else {
                 old.insert(shot.hash);
@@ -187,7 +188,7 @@ pub(super) fn named_files(store: &Store, due: &dyn Fn(i64) -> bool) -> Result<BT
     for (cycle, finding) in findings(store, None)? {
         named.extend(finding.pictures.into_iter().map(|picture| picture.hash));
         for shot in finding.shots {
-            let is_list = shot.name.starts_with(CLIP);
+            let is_list = shot.name.starts_with(CLIP_LIST_NAME);
             if is_list && !due(cycle) {
                 named.extend(clip(store, &shot.hash));
             }
@@ -209,17 +210,17 @@ fn findings(store: &Store, id: Option<i64>) -> Result<Vec<(i64, Finding)>, Store
     rows.into_iter().map(|(cycle, text)| Ok((cycle, store.parse_stored(&text)?))).collect()
 }
 
-/// Name of the list of a clip's pictures in a finding.
-const CLIP: &str = "clip.csv";
+/// Beginning of the name of a clip's list of pictures in a finding.
+const CLIP_LIST_NAME: &str = "clip.csv";
 
-/// The pictures of a clip, by its list; empty if the list is missing.
+/// Returns the pictures in the list of a clip; empty if the list is missing.
 fn clip(store: &Store, hash: &str) -> Vec<String> {
     let list = store.blob(hash).ok().and_then(|bytes| String::from_utf8(bytes).ok());
     let lines = list.as_deref().unwrap_or_default().lines().skip(1);
     lines.filter_map(|line| Some(line.split_once(',')?.0.to_owned())).collect()
 }
 
-/// The files that were removed.
+/// Returns the hashes of the files that were removed.
 pub(super) fn removed(store: &Store) -> Result<BTreeSet<String>, StoreError> {
     let read = |error: rusqlite::Error| store.database_error("read the list of removed files from", &error);
     let mut statement = store.connection.prepare("SELECT hash FROM pruned").map_err(read)?;

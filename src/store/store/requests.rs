@@ -1,11 +1,12 @@
-//! Requests: what was requested of the cell, by whom, and the reply. A row is written once, with its reply.
+//! Requests: what was requested of the cell, by whom, and the answer. A row is written once, with its answer.
 //!
 //! A request that the state machine decides is also in the journal, before its effects. If the program ended between
-//! the two writes, only the journal contains the request. The person who requested it and the reply were then not
+//! the two writes, only the journal contains the request. The person who requested it and the answer were then not
 //! recorded, and the record states this.
 //!
 //! The pages of the controller's proofs are requests, too: each proven page and each signature is a row, with the
-//! person, the date and the checksum of the programs. So is a page with a row that was found wrong. No row is changed, and each is part of the chain.
+//! person, the date and the checksum of the programs. A page on which a row was found wrong is also such a row. No row
+//! is changed, and each is part of the chain.
 
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
@@ -32,7 +33,7 @@ pub(super) const TABLES: &str = "
 pub struct NumberedRequest {
     /// The number, from 1.
     pub number: i64,
-    /// The cycle in which it was made; `None` between cycles.
+    /// The cycle in which the request was made; `None` between cycles.
     pub cycle: Option<CycleId>,
     /// The request.
     pub request: RequestRecord,
@@ -92,8 +93,8 @@ impl Store {
         })
     }
 
-    /// The newest requests of all cycles and between them, at most `most`, the newest first, each with its number and
-    /// its cycle; with `before`, only requests before this position.
+    /// Returns the newest requests in and between all cycles, at most `most`, the newest first, each with its number
+    /// and its cycle; with `before`, only requests before this position.
     ///
     /// # Errors
     /// If they cannot be read.
@@ -116,7 +117,7 @@ impl Store {
         rows.into_iter().map(request).collect()
     }
 
-    /// The requests in a cycle, in order; for lines of the journal without a row, the content of the line.
+    /// Returns the requests in a cycle, in order. A request that is only in the journal is read from its line there.
     pub(super) fn requests_in_cycle(&self, id: CycleId) -> Result<Vec<RequestRecord>, StoreError> {
         let mut asked = match self.has_table("requests")? {
             true => self.requests_where("cycle_id = ?1", "cycle_id = ?1", id)?,
@@ -147,7 +148,7 @@ impl Store {
         Ok(asked)
     }
 
-    /// The requests between the cycle before and this one, in order.
+    /// Returns the requests between the previous cycle and this one, in order.
     pub(super) fn requests_before_cycle(
         &self,
         id: CycleId,
@@ -210,7 +211,8 @@ impl Store {
     /// Returns all pages of proofs and their signatures, the newest first.
     ///
     /// # Errors
-    /// If the rows cannot be read. A row with an unknown stage is one of them: an older one must not count in its place.
+    /// If the rows cannot be read. A row with an unknown stage is an error as well, so that an older row is not used in
+    /// its place.
     pub fn proofs(&self) -> Result<Vec<ProofsPage>, StoreError> {
         if !self.has_table("requests")? {
             return Ok(vec![]);

@@ -1,15 +1,15 @@
-//! A store that was restored from a backup: the numbers of its later cycles, and the parts whose abrasions it does not
-//! know any more.
+//! A store that was restored from a backup: the numbers of its later cycles, and the parts whose number of passes it
+//! does not know any more.
 //!
 //! A backup lacks what the cell did after it was made. The reason of the epoch that begins after a restore states the
 //! last number that is known to be used, when the backup was made, and whether it is proven that nothing was abraded
-//! since then. Without this proof, no cycle of a part begins before a person has stated for this part what happened
-//! to it: the number of passes that it had in the lost cycles, or, for a part without a serial number, that another part
+//! since then. Without this proof, no cycle of a part begins before a person has stated for this part what happened to
+//! it: the number of passes that it had in the lost cycles, or, for a part without a serial number, that another part
 //! is in the fixture.
 
 use super::cycles::{CycleStart, normalised_serial};
 use super::database::Store;
-use super::error::{LostCount, StoreError};
+use super::error::{StoreError, UnknownPassCount};
 use super::{chain, search};
 use panelprep_cell::cycle::{Event, Report};
 use panelprep_cell::record::{ANOTHER_PART_TEXT, CycleId, LostPasses};
@@ -19,12 +19,12 @@ use std::fs::File;
 use std::io::Write;
 use std::path::Path;
 
-/// The reason why an epoch begins after a restore; a [`Restore`] as text follows it.
+/// Text of the reason for a new epoch after a restore; a [`Restore`] as text follows it.
 const RESTORED_ABOVE: &str = "the store was restored from a backup; cycles are numbered above ";
 const MADE: &str = "the backup was made at second ";
 const NOTHING_ABRADED: &str = "nothing was abraded since then";
-/// Marks a store that was restored and not opened since; contains a [`Restore`] as text.
-const RESTORED: &str = "panelprep.restored";
+/// Name of the file that marks a store as restored and not opened since; it contains a [`Restore`] as text.
+const RESTORED_MARK_FILE: &str = "panelprep.restored";
 
 /// A restore of a store.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,7 +38,7 @@ pub struct Restore {
 }
 
 impl Restore {
-    /// Reads it; what the text does not state is not known.
+    /// Reads a restore from its text; values that the text does not state are not known.
     fn parse(text: &str) -> Self {
         let mut parts = text.trim().split("; ");
         let last = parts.next().and_then(|number| number.parse().ok()).unwrap_or(0);
@@ -61,13 +61,13 @@ impl fmt::Display for Restore {
 }
 
 impl Store {
-    /// Marks the folder of a restored store: the store lacks the rows that were written after it was copied. Its next
-    /// start begins a new epoch and rests in Aborted.
+    /// Marks the store in this folder as restored: it lacks the rows that were written after the backup. At the next
+    /// start a new epoch begins, and the cell rests in Aborted.
     ///
     /// # Errors
     /// If it cannot be written.
     pub fn mark_restored(folder: &Path, restore: &Restore) -> Result<(), StoreError> {
-        let path = folder.join(RESTORED);
+        let path = folder.join(RESTORED_MARK_FILE);
         let write = || -> std::io::Result<()> {
             let mut file = File::create(&path)?;
             file.write_all(restore.to_string().as_bytes())?;
@@ -78,15 +78,17 @@ impl Store {
     }
 
     /// Returns what the store in the folder `replaced` shows about the time after the backup that is unpacked and
-    /// verified in `backup`. `None` if `replaced` is not a later state of the same store: its chain contains the last
-    /// link of the backup's chain, no row contradicts its chain, and its incidents are those of the backup.
+    /// verified in `backup`. Returns `None` if `replaced` is not a later state of the same store. It is a later state
+    /// if its chain contains the last link of the backup's chain, no row contradicts its chain, and its incidents are
+    /// those of the backup.
     ///
-    /// This shows that the state began as the backup did, and that no row is missing before the end that its own head
-    /// states. It does not show that this end is the newest one: an older copy of the store is a later state as well.
-    /// Since the chain contains no secret, it also does not show that no person wrote the rows after the backup and
-    /// the head anew. The caller compares the number of the last cycle with a number from another source.
+    /// A later state has the same beginning as the backup, and no row is missing before the end that its own head
+    /// states. This end need not be the newest one: an older copy of the store is a later state as well. The chain
+    /// contains no secret, so a person may also have written the rows after the backup and the head. The caller
+    /// therefore compares the number of the last cycle with a number from another source.
     pub fn compute_restore(replaced: &Path, backup: &Path, made_unix_s: i64) -> Option<Restore> {
-        // Before a connection is open: the verification closes the database's file, which releases the locks.
+        // The store is verified before a connection is open, because the verification closes the database's file, which
+        // releases the locks.
         let is_whole = Store::verify(replaced, false).is_ok_and(|verified| verified.differences.is_empty());
         if !is_whole {
             return None;
@@ -96,7 +98,7 @@ impl Store {
             return None;
         }
         let waiting = mark_in(replaced).ok()?;
-        // Permits are committed before contact.
+        // Permits are committed before contact, so equal permits prove that nothing was abraded.
         let is_nothing_abraded = waiting.is_none_or(|waiting| waiting.is_nothing_abraded)
             && later.last_permit().ok()? == store.last_permit().ok()?
             && later.restores().ok()?.len() == store.restores().ok()?.len();
@@ -106,7 +108,7 @@ impl Store {
 
     /// Returns the last number of a cycle that the store in the folder `replaced` contains, if it has an epoch of the
     /// store in `backup`. The store may be damaged or changed: the number is no evidence of what happened, but numbers
-    /// up to it may be used. `None` if it cannot be read or is another store.
+    /// up to it may have been used. Returns `None` if it cannot be read or is another store.
     pub fn last_readable_number(replaced: &Path, backup: &Path) -> Option<CycleId> {
         let (found, store) = (Store::open(replaced).ok()?, Store::open(backup).ok()?);
         let epochs = store.outbox_epochs().ok()?;
@@ -121,11 +123,11 @@ impl Store {
         let end = chain::last_link(&other.connection)
             .map_err(|error| other.database_error("read the chain of", &error))?;
         let own = self.link_hash(end.link).map_err(|error| self.database_error("read the chain of", &error))?;
-        // Every chain contains the beginning, which is link 0 and is not stored.
+        // Every chain contains its start, which is link 0 and is not stored.
         Ok(own == Some(end.hash) && self.incidents()? == other.incidents()?)
     }
 
-    /// The last number of a cycle that is known to be used; 0 if there is none.
+    /// Returns the last number of a cycle that is known to be used; 0 if there is none.
     fn last_number(&self) -> Result<i64, StoreError> {
         Ok(self.newest_cycle()?.map_or(0, |cycle| cycle.0).max(self.numbered_above()?))
     }
@@ -135,7 +137,7 @@ impl Store {
         last.map_err(|error| self.database_error("read the motions of", &error))
     }
 
-    /// Begins a new epoch if the store was restored, and leaves the cell aborted.
+    /// Begins a new epoch if the store was restored; the state is then Aborted.
     pub(super) fn begin_epoch_if_restored(&mut self) -> Result<(), StoreError> {
         let Some(marked) = mark_in(self.folder())? else { return Ok(()) };
         self.recover()?;
@@ -144,11 +146,12 @@ impl Store {
         let own = self.last_number()?;
         let restore = Restore { last_cycle: CycleId(own.max(replaced)), ..marked };
         self.begin_epoch(&format!("{RESTORED_ABOVE}{restore}"))?;
-        let path = self.folder().join(RESTORED);
+        let path = self.folder().join(RESTORED_MARK_FILE);
         std::fs::remove_file(&path).map_err(|source| StoreError::File { operation: "remove", path, source })
     }
 
-    /// The restores of this store, in order, each with the time at which the store was first opened, ms since 1970.
+    /// Returns the restores of this store, in order, each with the time at which the store was first opened, ms since
+    /// 1970.
     fn restores(&self) -> Result<Vec<(Restore, i64)>, StoreError> {
         if !self.has_table("outbox")? {
             return Ok(Vec::new());
@@ -163,36 +166,36 @@ impl Store {
         read().map_err(|error| self.database_error("read the epochs of", &error))
     }
 
-    /// The number above which cycles continue after restores; 0 if there was none.
+    /// Returns the number above which cycles are numbered after restores; 0 if there was none.
     pub(super) fn numbered_above(&self) -> Result<i64, StoreError> {
         Ok(self.restores()?.iter().map(|(restore, _)| restore.last_cycle.0).max().unwrap_or(0))
     }
 
-    /// Returns why the abrasions of this panel's part cannot be counted: cycles are lost by a restore, and since then
-    /// no start stated what happened to the part in them ([`LostCount::is_answered_by_another_part`]). An empty serial
-    /// number means a part without one.
+    /// Returns why the number of passes of this panel's part is not known: cycles were lost by a restore, and since
+    /// then no start stated what happened to the part in them
+    /// ([`UnknownPassCount::is_another_part_sufficient`]). An empty serial number means a part without one.
     ///
     /// # Errors
     /// If it cannot be read.
-    pub fn lost_count(&self, panel: &str, serial: &str) -> Result<Option<LostCount>, StoreError> {
+    pub fn unknown_pass_count(&self, panel: &str, serial: &str) -> Result<Option<UnknownPassCount>, StoreError> {
         let mut restores = self.restores()?;
         restores.retain(|(restore, _)| !restore.is_nothing_abraded);
         let Some((first, _)) = restores.first() else { return Ok(None) };
         let stated = self.last_statement((panel, serial), first.last_cycle)?;
         let is_open = |(restore, _): &&(Restore, i64)| stated.is_none_or(|stated| stated.0 <= restore.last_cycle.0);
-        Ok(restores.iter().find(is_open).map(|(restore, opened_unix_ms)| LostCount {
+        Ok(restores.iter().find(is_open).map(|(restore, opened_unix_ms)| UnknownPassCount {
             serial: serial.trim().to_owned(),
             made_unix_s: restore.made_unix_s,
             restored_unix_s: opened_unix_ms.div_euclid(1_000),
         }))
     }
 
-    /// The last cycle above this number whose start stated what happened to the part in lost cycles.
+    /// Returns the last cycle above this number whose start stated what happened to the part in lost cycles.
     fn last_statement(&self, (panel, serial): (&str, &str), above: CycleId) -> Result<Option<CycleId>, StoreError> {
         self.ensure_parts_table()?;
         let own = normalised_serial(serial);
         let accepted =
-            if LostCount::is_answered_by_another_part(serial) { ANOTHER_PART_TEXT } else { LostPasses::FILE };
+            if UnknownPassCount::is_another_part_sufficient(serial) { ANOTHER_PART_TEXT } else { LostPasses::FILE };
         let read = || -> Result<Vec<(i64, String)>, rusqlite::Error> {
             let sql =
                 "SELECT cycles.id, coalesce(serial, '') FROM cycles LEFT JOIN cycle_parts ON cycle_id = cycles.id
@@ -206,23 +209,24 @@ impl Store {
         Ok(cycles.into_iter().find(|(_, of)| normalised_serial(of) == own).map(|(id, _)| CycleId(id)))
     }
 
-    /// Refuses a cycle whose abrasions could not be counted. An air-run abrades nothing.
+    /// Refuses the start of a cycle if the number of passes of its part is not known. An air-run abrades nothing and is
+    /// never refused.
     pub(super) fn check_count(&self, start: &CycleStart) -> Result<(), StoreError> {
         let serial = search::parse_part(&start.file_texts).and_then(|part| part.serial).unwrap_or_default();
         let is_stated = |(name, text): &(String, String)| {
-            (name == ANOTHER_PART_TEXT && LostCount::is_answered_by_another_part(&serial))
+            (name == ANOTHER_PART_TEXT && UnknownPassCount::is_another_part_sufficient(&serial))
                 || (name == LostPasses::FILE && LostPasses::read(text).is_some())
         };
         if start.is_air_run || start.file_texts.iter().any(is_stated) {
             return Ok(());
         }
-        self.lost_count(&start.panel, &serial)?.map_or(Ok(()), |lost| Err(StoreError::CountUnknown(lost)))
+        self.unknown_pass_count(&start.panel, &serial)?.map_or(Ok(()), |lost| Err(StoreError::CountUnknown(lost)))
     }
 }
 
-/// Returns the mark of a store that was restored and not opened since.
+/// Returns the restore that the mark in this folder states; `None` if the store is not marked as restored.
 fn mark_in(folder: &Path) -> Result<Option<Restore>, StoreError> {
-    let path = folder.join(RESTORED);
+    let path = folder.join(RESTORED_MARK_FILE);
     match std::fs::read_to_string(&path) {
         Ok(text) => Ok(Some(Restore::parse(&text))),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),

@@ -1,4 +1,4 @@
-//! The version of the tables: checked before any write, and raised step by step.
+//! The version of the tables: it is checked before any write, and the tables are updated step by step.
 
 use super::chain::ChainPosition;
 use super::error::StoreError;
@@ -11,14 +11,15 @@ use std::path::Path;
 use std::sync::OnceLock;
 
 /// The newest schema that this program supports. 1: taught panels. 2: cycles, findings, journal, motions. 3:
-/// verifications. 4: discs. 5: strikes of verifications. 6: the chain, checkpoints, incidents, removed files. 7:
+/// verifications. 4: discs. 5: strike-outs of verifications. 6: the chain, checkpoints, incidents, removed files. 7:
 /// requests, contact paths, facts of a cycle. 8: accounts and the audit trail, parts, times of findings,
 /// acknowledgements, signatures. 9: the rows for the office.
 pub(super) const SCHEMA: i64 = 9;
-/// The first version with a chain.
-pub(super) const CHAINED: i64 = 6;
+/// The first schema with a chain.
+pub(super) const FIRST_CHAINED_SCHEMA: i64 = 6;
 
-/// Returns the database's version; 0 for an empty database. Nothing is written: a foreign database stays unchanged.
+/// Returns the schema of the database; 0 for an empty database. Nothing is written: a database of another program stays
+/// unchanged.
 pub(super) fn version(connection: &Connection, path: &Path) -> Result<i64, StoreError> {
     let failed = |error: rusqlite::Error| StoreError::database("open", path, &error);
     match read(connection).map_err(failed)? {
@@ -29,21 +30,22 @@ pub(super) fn version(connection: &Connection, path: &Path) -> Result<i64, Store
     }
 }
 
-/// Reads the schema's version and the number of tables and indices.
+/// Reads the number of the schema, and the number of tables and indices.
 fn read(connection: &Connection) -> Result<(i64, i64), rusqlite::Error> {
     let version = connection.pragma_query_value(None, "user_version", |row| row.get(0))?;
     let entries = connection.query_row("SELECT count(*) FROM sqlite_master", [], |row| row.get(0))?;
     Ok((version, entries))
 }
 
-/// A larger database is not checked page by page when it is opened: that needs a second for each 200 MB. The rows
-/// that are read are compared with the chain, and `panelprep store verify` checks the whole database.
-const CHECKED_BYTES: u64 = 64 << 20;
+/// Maximum size of a database that is checked page by page when it is opened, because the check needs a second for each
+/// 200 MB. In every database, the rows that are read are compared with the chain, and `panelprep store verify` checks
+/// the whole database.
+const MAX_CHECKED_BYTES: u64 = 64 << 20;
 
-/// Runs SQLite's own check of every page, except in a database above `CHECKED_BYTES`. Returns an error if a page
+/// Runs SQLite's own check of every page, except in a database above `MAX_CHECKED_BYTES`. Returns an error if a page
 /// is damaged.
 pub(super) fn check_pages(connection: &Connection, path: &Path) -> Result<(), StoreError> {
-    if std::fs::metadata(path).is_ok_and(|file| file.len() > CHECKED_BYTES) {
+    if std::fs::metadata(path).is_ok_and(|file| file.len() > MAX_CHECKED_BYTES) {
         return Ok(());
     }
     let damaged = |problem: String| StoreError::Damaged { path: path.to_owned(), problem };
@@ -62,9 +64,9 @@ pub(super) fn prepare(connection: &Connection) -> Result<(), rusqlite::Error> {
     connection.pragma_update(None, "foreign_keys", "ON")
 }
 
-/// Brings the tables up to date and adds the rows of a store without a chain to a chain, if that is not done yet;
-/// returns the chain's end if anything was done. Part of a transaction.
-pub(super) fn raise(transaction: &Connection) -> Result<Option<ChainPosition>, rusqlite::Error> {
+/// Updates the tables, and adds the rows of a store without a chain to a chain, in the present transaction. Returns the
+/// chain's end if anything was changed.
+pub(super) fn update(transaction: &Connection) -> Result<Option<ChainPosition>, rusqlite::Error> {
     let (found, _) = read(transaction)?;
     if found == SCHEMA {
         return Ok(None);
@@ -84,9 +86,9 @@ pub(super) fn raise(transaction: &Connection) -> Result<Option<ChainPosition>, r
         transaction.execute_batch(motions::DISC_TABLES)?;
     }
     if found < 5 {
-        transaction.execute_batch(verifications::STRIKES)?;
+        transaction.execute_batch(verifications::STRIKE_TABLES)?;
     }
-    // These tables are created before the chain, which includes every table.
+    // The tables of schemas 7 and later are created before the chain, which includes every table.
     if found < 7 {
         transaction.execute_batch(requests::TABLES)?;
         transaction.execute_batch(motions::CONTACT_TABLES)?;
@@ -104,9 +106,9 @@ pub(super) fn raise(transaction: &Connection) -> Result<Option<ChainPosition>, r
     }
     if found < 9 {
         transaction.execute_batch(outbox::TABLES)?;
-        outbox::begin_outbox(transaction, found >= CHAINED)?;
+        outbox::begin_outbox(transaction, found >= FIRST_CHAINED_SCHEMA)?;
     }
-    if found < CHAINED {
+    if found < FIRST_CHAINED_SCHEMA {
         for tables in [chain::TABLES, journal::CHECKPOINT_TABLES, people::INCIDENT_TABLES, prune::TABLES] {
             transaction.execute_batch(tables)?;
         }
@@ -116,7 +118,8 @@ pub(super) fn raise(transaction: &Connection) -> Result<Option<ChainPosition>, r
     chain::last_link(transaction).map(Some)
 }
 
-/// Returns the differences between the database's entries and this program's schema, without SQLite's own entries.
+/// Returns the differences between the tables and indices of the database and those of this program, without SQLite's
+/// own.
 pub(super) fn differences(connection: &Connection) -> Result<Vec<String>, rusqlite::Error> {
     let (ours, found) = (own_schema_entries()?, entries(connection)?);
     let gone = ours
@@ -132,19 +135,19 @@ pub(super) fn differences(connection: &Connection) -> Result<Vec<String>, rusqli
     Ok(problems)
 }
 
-/// Returns the entries of this program's own schema, which is created once per process.
+/// Returns the tables and indices of this program's own schema, which is created once per process.
 fn own_schema_entries() -> Result<&'static [(String, String)], rusqlite::Error> {
     static OWN: OnceLock<Vec<(String, String)>> = OnceLock::new();
     if let Some(known) = OWN.get() {
         return Ok(known);
     }
     let ours = Connection::open_in_memory()?;
-    raise(&ours)?;
+    update(&ours)?;
     let made = entries(&ours)?;
     Ok(OWN.get_or_init(|| made))
 }
 
-/// Returns each table, index, view and trigger with its text, without spaces.
+/// Returns the name and the SQL text of each table, index, view and trigger; the text is without spaces.
 fn entries(connection: &Connection) -> Result<Vec<(String, String)>, rusqlite::Error> {
     let sql = "SELECT type || ' ' || name, coalesce(sql, '') FROM sqlite_master WHERE name NOT LIKE 'sqlite_%'";
     let entry = |row: &rusqlite::Row<'_>| {

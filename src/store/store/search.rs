@@ -1,10 +1,10 @@
-//! The search for cycles: a query of `history` in SQL. The next page begins at a cycle's number and not at a count of
-//! rows. Cycles that begin meanwhile therefore shift no page.
+//! The search for cycles: a query of `history` in SQL. The next page begins at a cycle's number, not at a number of
+//! rows, so that new cycles do not shift the pages.
 //!
 //! The names of each cycle's part (serial number, work order, operator) are in a table that can be searched. The
 //! authoritative text is the one that the cycle stores as the file `part`; the chain covers its hash. The table is an
-//! index over those texts and is not part of the chain. It is written in the transaction that begins a cycle, made
-//! anew for cycles of earlier programs, and `store verify` compares every row with its text.
+//! index over those texts and is not part of the chain. It is written in the transaction that begins a cycle, and is
+//! created again for cycles of earlier versions of this program. `store verify` compares every row with its text.
 
 use super::blobs::Blobs;
 use super::commit::TransactionFailure;
@@ -27,7 +27,7 @@ pub(super) const PART_TABLES: &str = "
     CREATE INDEX cycle_parts_by_serial ON cycle_parts (serial COLLATE NOCASE);
 ";
 
-/// Conditions with the values of their placeholders, in order.
+/// Conditions of a query in SQL, with the values of their placeholders, in order.
 #[derive(Default)]
 struct SqlConditions {
     sql: Vec<String>,
@@ -42,7 +42,7 @@ impl SqlConditions {
         }
     }
 
-    /// A name in which `*` matches any characters.
+    /// Adds a condition for a name in which `*` matches any characters.
     fn name(&mut self, column: &str, name: Option<&String>) {
         let Some(name) = name else { return };
         if name.contains('*') {
@@ -68,7 +68,7 @@ impl SqlConditions {
             None => {}
         }
         for word in &query.words {
-            // The column's text also contains the names of its keys.
+            // Only code and message are searched, since the column's text also contains the names of its JSON keys.
             let sql = "EXISTS (SELECT 1 FROM json_each(reasons)
                        WHERE (value ->> 'code') || ' ' || (value ->> 'message') LIKE ? ESCAPE '\\')";
             all.add(sql, Some(format!("%{}%", escape_like(word))));
@@ -77,15 +77,15 @@ impl SqlConditions {
     }
 }
 
-/// The text in the form for use inside LIKE.
+/// Returns the text with escaped `%`, `_` and `\`, for a LIKE pattern.
 fn escape_like(text: &str) -> String {
     text.replace('\\', "\\\\").replace('%', "\\%").replace('_', "\\_")
 }
 
-/// SQL condition that the path was run in the air: a motion states it …
+/// SQL condition that a motion of the cycle states an air-run.
 const MOVED_IN_AIR_SQL: &str =
     "EXISTS (SELECT 1 FROM motions WHERE cycle_id = cycles.id AND motion ->> 'path' = 'air')";
-/// … or the run in the air was requested, which stores of earlier versions of this program do not record.
+/// SQL condition that an air-run was requested; stores of earlier versions of this program do not contain requests.
 const REQUESTED_AIR_RUN_SQL: &str = "EXISTS (SELECT 1 FROM requests WHERE cycle_id = cycles.id
     AND json_type(request, '$.wanted.for.air_run') IS NOT NULL AND request ->> 'answer' = 'done')";
 
@@ -106,7 +106,7 @@ impl Store {
              FROM cycles LEFT JOIN cycle_parts ON cycle_id = cycles.id
              WHERE {condition} ORDER BY cycles.id DESC LIMIT ?"
         );
-        // One additional row shows whether there is another page.
+        // One more row than the page has shows whether there is another page.
         values.push(Value::Integer(query.page_size() as i64 + 1));
         let mut statement = self.connection.prepare_cached(&sql).map_err(read)?;
         let rows = statement.query_map(params_from_iter(values), columns).map_err(read)?;
@@ -118,7 +118,8 @@ impl Store {
         Ok(Hits { hits, next })
     }
 
-    /// The number of cycles that ended with each verdict, without runs in the air and without cycles that found no part.
+    /// Returns the number of cycles that ended with each verdict, without air-runs and without cycles that found no
+    /// part.
     ///
     /// # Errors
     /// If they cannot be read.
@@ -137,7 +138,7 @@ impl Store {
         rows.into_iter().map(|(word, count)| Ok((self.parse_stored(&format!("\"{word}\""))?, count))).collect()
     }
 
-    /// Adds the verdict and the reasons, which are decoded from their texts.
+    /// Returns the hit with its verdict and its reasons, which are decoded from their texts.
     fn hit(&self, hit: Hit, [verdict, reasons]: [Option<String>; 2]) -> Result<Hit, StoreError> {
         let verdict = verdict.map(|word| self.parse_stored(&format!("\"{word}\""))).transpose()?;
         let reasons = reasons.map(|text| self.parse_stored(&text)).transpose()?.unwrap_or_default();
@@ -159,7 +160,7 @@ fn columns(row: &Row<'_>) -> Result<(Hit, [Option<String>; 2]), rusqlite::Error>
     Ok((hit, [row.get(4)?, row.get(5)?]))
 }
 
-/// The same table as a temporary table, for a store that is open for reading and was written by an earlier version
+/// The table of parts as a temporary table, for a store that is open for reading and was written by an earlier version
 /// of this program. It is removed when the store is closed.
 const TEMPORARY_TABLE_SQL: &str =
     "CREATE TEMP TABLE cycle_parts (cycle_id INTEGER PRIMARY KEY, serial TEXT, work_order TEXT, operator TEXT)";
@@ -170,7 +171,7 @@ pub(super) fn parse_part(file_texts: &[(String, String)]) -> Option<PartNames> {
     PartNames::read(text)
 }
 
-/// Writes the names of a cycle's part. Part of a transaction.
+/// Writes the names of a cycle's part, in the present transaction.
 pub(super) fn insert_part(connection: &Connection, cycle: i64, part: &PartNames) -> Result<(), TransactionFailure> {
     Ok(write_part(connection, cycle, part)?)
 }
@@ -182,8 +183,8 @@ fn write_part(connection: &Connection, cycle: i64, part: &PartNames) -> Result<(
         .map(drop)
 }
 
-/// Writes the names of every cycle that has no row. A missing or damaged text gives no names. Part of a
-/// transaction.
+/// Writes the names of the part of every cycle that has no row yet, in the present transaction. A missing or damaged
+/// text gives no names.
 pub(super) fn fill_missing_parts(connection: &Connection, blobs: &Blobs) -> Result<(), rusqlite::Error> {
     let there = part_rows(connection)?;
     for (cycle, hash) in cycles_with_part(connection)? {
@@ -222,7 +223,7 @@ pub(super) fn part_differences(connection: &Connection, blobs: &Blobs) -> Result
     let (mut rows, mut found) = (part_rows(connection)?, Vec::new());
     for (cycle, hash) in cycles_with_part(connection)? {
         let row = rows.remove(&cycle);
-        // The check of the files reports a missing or damaged text.
+        // A missing or damaged text is reported by the verification of the files.
         let Some(part) = part_text(blobs, &hash) else { continue };
         match row {
             Some(row) if row == part => {}
@@ -239,7 +240,7 @@ pub(super) fn part_differences(connection: &Connection, blobs: &Blobs) -> Result
 }
 
 impl Store {
-    /// The part of a cycle; `None` if none was named.
+    /// Returns the part of a cycle; `None` if none was named.
     ///
     /// # Errors
     /// If it cannot be read.
@@ -253,8 +254,7 @@ impl Store {
         read().map_err(|error| self.database_error("read the parts of", &error))
     }
 
-    /// Makes sure that there is a table of parts to read, also beside the store of an earlier version of this
-    /// program.
+    /// Makes sure that there is a table of parts to read, also if an earlier version of this program wrote the store.
     pub(super) fn ensure_parts_table(&self) -> Result<(), StoreError> {
         let made = || -> Result<(), rusqlite::Error> {
             if !self.connection.table_exists(None, "cycle_parts")? {

@@ -1,10 +1,9 @@
-//! Signatures: the cell's statement about each cycle that is over, and persons' statements about it; each is kept,
-//! none is changed.
+//! Signatures: the cell's statement about each ended cycle, and persons' statements about it; all are kept, and none is
+//! changed.
 //!
-//! A statement is a file under its SHA-256, as every other one, and the row that names it comes last, in one
-//! transaction: no statement is ever half signed. The preceding statement is read first and compared with the table
-//! once more inside of the transaction. The loop's journal therefore never waits for a file of the record to reach
-//! the disk.
+//! A statement is a file whose name is its SHA-256. The row that names it is written last, in one transaction, so that
+//! a statement is signed completely or not at all. The preceding statement is read first and compared with the table
+//! once more in the transaction. Therefore the loop's journal never waits until a file of the record is on the disk.
 
 use super::chain;
 use super::commit::WriteTransaction;
@@ -13,7 +12,7 @@ use super::error::StoreError;
 use super::outbox;
 use crate::office::Kind;
 use crate::signing::{
-    CHAIN_BEGIN, CellKey, HEAD_FORMAT, Meaning, PersonSignature, STATEMENT_FORMAT, SignedChainPosition,
+    CHAIN_START_HASH, CellKey, HEAD_FORMAT, Meaning, PersonSignature, STATEMENT_FORMAT, SignedChainPosition,
     SignedCycle, SignedHead, SigningError, StatedValues, Statement, StatementContent,
 };
 use panelprep_base::number_text::{printable, utc_text};
@@ -36,8 +35,8 @@ pub(super) const TABLES: &str = "
     CREATE INDEX signatures_by_cycle ON signatures (cycle_id);
 ";
 
-/// The most attempts to sign if another process signs meanwhile.
-const ATTEMPTS: usize = 10;
+/// Maximum number of attempts to sign if another process signs at the same time.
+const MAX_SIGN_ATTEMPTS: usize = 10;
 /// Length limit of a name, user or remark, in characters.
 const MAX_CHARACTERS: usize = 200;
 
@@ -104,12 +103,13 @@ const COLUMNS: &str = "id, cycle_id, kind, unix_ms, record_hash, previous_hash, 
 fn last_signature(connection: &Connection) -> Result<(i64, String), rusqlite::Error> {
     let sql = "SELECT id, record_hash FROM signatures ORDER BY id DESC LIMIT 1";
     let last = connection.query_row(sql, [], |row| Ok((row.get(0)?, row.get(1)?))).optional()?;
-    Ok(last.unwrap_or((0, CHAIN_BEGIN.to_owned())))
+    Ok(last.unwrap_or((0, CHAIN_START_HASH.to_owned())))
 }
 
 impl Store {
-    /// Signs every cycle that is over and is not signed yet, in order, in the store in this folder, also while a
-    /// service writes to it. The callback is called for each; one that cannot be signed does not stop the others.
+    /// Signs every ended cycle that is not signed yet, in order, in the store in this folder, also while a service
+    /// writes to it. The callback is called with each result; if one cycle cannot be signed, the others are still
+    /// signed.
     ///
     /// # Errors
     /// If the store cannot be opened, or its signatures cannot be read.
@@ -128,12 +128,12 @@ impl Store {
         Ok(())
     }
 
-    /// Signs the record of a cycle as this person, in the store in this folder, also while a service writes to it.
-    /// The signature is a separate statement on the cell's chain, which names the hash of the cell's statement; if
-    /// the cell has not signed the cycle yet, it does so first.
+    /// Signs the record of a cycle as this person, in the store in this folder, also while a service writes to it. The
+    /// signature is a separate statement on the cell's chain, which names the hash of the cell's statement; if the cell
+    /// has not signed the cycle yet, it does so first.
     ///
     /// # Errors
-    /// If there is no such cycle or it is not over, a text cannot be printed as given, the person has signed this
+    /// If there is no such cycle or it has not ended, a text cannot be printed as given, the person has signed this
     /// record with this meaning already, the record does not permit this meaning ([`Meaning`]: a release, or its
     /// withdrawal), or the store cannot be written.
     pub fn sign_by_person(
@@ -143,7 +143,7 @@ impl Store {
     ) -> Result<SignatureRow, StoreError> {
         let texts = [("name", Some(&signs.name)), ("user", Some(&signs.user)), ("remark", signs.remark.as_ref())];
         for (what, text) in texts.into_iter().chain(signs.values.named()) {
-            // The texts of a signature are printed.
+            // The texts of a signature are checked because they are printed.
             let Some(text) = text else { continue };
             printable(text, MAX_CHARACTERS).map_err(|problem| {
                 let found = text.escape_debug().to_string();
@@ -163,16 +163,16 @@ impl Store {
         store.sign(key, &StatementContent::Person(says))
     }
 
-    /// Signs a cycle that is over, as the cell.
+    /// Signs an ended cycle as the cell.
     ///
     /// # Errors
-    /// If there is no such cycle, it is not over, or the store cannot be written.
+    /// If there is no such cycle, it has not ended, or the store cannot be written.
     pub fn sign_cycle(&mut self, key: &CellKey, id: CycleId) -> Result<SignatureRow, StoreError> {
         let says = self.content_to_sign(id)?;
         self.sign(key, &StatementContent::Cycle(says))
     }
 
-    /// Returns the present content of a cycle to be signed.
+    /// Returns the present content of a cycle, for signing.
     pub(super) fn content_to_sign(&self, id: CycleId) -> Result<SignedCycle, StoreError> {
         let record = self.cycle(id)?;
         if record.judgement.is_none() {
@@ -187,7 +187,7 @@ impl Store {
     }
 
     fn sign(&mut self, key: &CellKey, says: &StatementContent) -> Result<SignatureRow, StoreError> {
-        for _ in 0..ATTEMPTS {
+        for _ in 0..MAX_SIGN_ATTEMPTS {
             if let Some(row) = self.try_sign(key, says)? {
                 return Ok(row);
             }
@@ -195,7 +195,7 @@ impl Store {
         Err(StoreError::SignedMeanwhile { path: self.path().to_owned() })
     }
 
-    /// `None` if another process has signed meanwhile.
+    /// Signs the content once; returns `None` if another process has signed meanwhile.
     fn try_sign(&mut self, key: &CellKey, says: &StatementContent) -> Result<Option<SignatureRow>, StoreError> {
         let read = |store: &Store, error: rusqlite::Error| store.database_error("read the signatures of", &error);
         let (before, previous) = last_signature(&self.connection).map_err(|error| read(self, error))?;
@@ -232,8 +232,7 @@ impl Store {
         Ok(is_written.then_some(row))
     }
 
-    /// All signatures of the cell, in order; a store that was written by an earlier version of this program has
-    /// none.
+    /// Returns all signatures of the cell, in order. A store of an earlier version of this program has none.
     ///
     /// # Errors
     /// If they cannot be read.
@@ -241,7 +240,7 @@ impl Store {
         self.find_signatures("?1 IS NULL", None)
     }
 
-    /// The signatures of a cycle, in order: the cell's first, then persons'.
+    /// Returns the signatures of a cycle, in order: the cell's first, then persons'.
     ///
     /// # Errors
     /// If they cannot be read.
@@ -249,7 +248,7 @@ impl Store {
         self.find_signatures("cycle_id = ?1", Some(id.0))
     }
 
-    /// The first signature after this number, and the number of signatures after it.
+    /// Returns the first signature after this number, and the total number of signatures after it.
     ///
     /// # Errors
     /// If they cannot be read.
@@ -263,10 +262,10 @@ impl Store {
         Ok(Some((first, count.unsigned_abs())))
     }
 
-    /// The persons' signatures of a cycle, in order, each with the time, ms since 1970.
+    /// Returns the persons' signatures of a cycle, in order, each with its time, ms since 1970.
     ///
     /// # Errors
-    /// If it cannot be read, or a statement is damaged.
+    /// If they cannot be read, or a statement is damaged.
     pub fn person_signatures(&self, id: CycleId) -> Result<Vec<(i64, PersonSignature)>, StoreError> {
         let mut persons = Vec::new();
         for row in self.cycle_signatures(id)?.into_iter().filter(|row| row.is_of_person) {
@@ -279,7 +278,7 @@ impl Store {
         Ok(persons)
     }
 
-    /// The present head of the chain of signatures, in canonical form, with its signature.
+    /// Returns the present head of the chain of signatures, in canonical form, with its signature.
     ///
     /// # Errors
     /// If it cannot be read.
@@ -288,7 +287,7 @@ impl Store {
         let head = SignedHead {
             form: HEAD_FORMAT.to_owned(),
             number: row.as_ref().map_or(0, |row| row.number),
-            hash: row.map_or(CHAIN_BEGIN.to_owned(), |row| row.record_hash),
+            hash: row.map_or(CHAIN_START_HASH.to_owned(), |row| row.record_hash),
             unix_ms: unix_ms(self.clock()),
             public_key: key.public_key().hex(),
         };
@@ -344,10 +343,10 @@ impl Store {
         }
     }
 
-    /// Checks that the record permits a release, or its withdrawal. A cycle that passed is released by one person
-    /// (`CycleRecord::is_released_by_one`). After any other verdict, another person must have accepted the deviation
-    /// before, and the release needs a remark. A cycle that tested no part, or whose record contradicts its verdict,
-    /// releases none.
+    /// Checks that the record permits a release, or its withdrawal. If the cycle passed, one person can release the
+    /// part (`CycleRecord::is_released_by_one`). After any other verdict, another person must have accepted the
+    /// deviation before, and the release needs a remark. A cycle that tested no part, or whose record contradicts its
+    /// verdict, permits no release.
     fn check_meaning(&self, signs: &PersonSigningRequest) -> Result<(), StoreError> {
         let refused = |problem: String| {
             Err(StoreError::MeaningNotPermitted {

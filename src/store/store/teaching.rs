@@ -1,4 +1,4 @@
-//! Taught panels as immutable, content-hashed versions.
+//! Taught panels in versions that are named by the hash of their content and are never changed.
 
 use super::commit::{TransactionFailure, WriteTransaction};
 use super::database::Store;
@@ -61,10 +61,10 @@ pub struct TaughtCorner {
     pub base_from_flange: KukaPose,
 }
 
-/// A teaching read from the store.
+/// A taught panel as read from the store.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredTeaching {
-    /// The teaching's version: 16 hexadecimal digits of its content's hash.
+    /// The version: the first 16 hexadecimal digits of the hash of the content.
     pub version: String,
     /// Time of teaching, s since 1970.
     pub taught_at_unix_s: i64,
@@ -76,13 +76,13 @@ pub struct StoredTeaching {
 struct Record {
     scan_hash: String,
     texts: [String; 5],
-    /// The hash of each picture, and the flange pose as JSON, which reads back bit for bit.
+    /// The hash of each picture, and the flange pose as JSON, which is read back bit for bit.
     corners: Vec<(String, String)>,
 }
 
 impl Record {
-    /// Returns the first 16 digits of the hash over the hashes of all parts. Hashes have a fixed length, so that
-    /// parts cannot be confused.
+    /// Returns the first 16 digits of the hash over the hashes of all inputs. Hashes have a fixed length, so that the
+    /// end of one and the beginning of the next cannot be confused.
     fn version(&self) -> String {
         let texts = self.texts.iter().map(|text| content_hash(text.as_bytes()));
         let corners = self.corners.iter().map(|(picture, pose)| format!("{picture} {}", pose.trim_end()));
@@ -92,11 +92,12 @@ impl Record {
 }
 
 impl Store {
-    /// Stores a teaching as the panel's latest and returns its version. The same content has the same version.
+    /// Stores the inputs as the latest version of the panel and returns the version. The same inputs have the same
+    /// version.
     ///
     /// # Errors
-    /// If the store is open for reading, a flange pose is not finite, or files or database cannot be written; then
-    /// no panel was changed.
+    /// If the store is open for reading, a flange pose is not finite, or files or database cannot be written; then no
+    /// panel was changed.
     pub fn teach(&mut self, teaching: &TeachingInputs) -> Result<String, StoreError> {
         if let Some(corner) = teaching.corners.iter().position(|corner| !corner.base_from_flange.is_finite()) {
             return Err(StoreError::Pose { corner: corner + 1 });
@@ -121,10 +122,11 @@ impl Store {
         Ok(version)
     }
 
-    /// A panel as it was taught: the requested version, else the latest. Every part is checked against its hash.
+    /// Returns a panel as it was taught: the requested version, or else the latest. Every input is compared with its
+    /// hash.
     ///
     /// # Errors
-    /// If there is no such panel or version, or a part of it is damaged.
+    /// If there is no such panel or version, or one of its inputs is damaged.
     pub fn taught(&self, name: &str, version: Option<&str>) -> Result<StoredTeaching, StoreError> {
         let found = self.record(name, version).map_err(|error| self.database_error("read", &error))?;
         let Some((stored_version, taught_at_unix_s, record)) = found else {
@@ -164,7 +166,7 @@ impl Store {
         Ok(StoredTeaching { version: stored_version, taught_at_unix_s, teaching })
     }
 
-    /// The names of all taught panels, in alphabetical order.
+    /// Returns the names of all taught panels, in alphabetical order.
     ///
     /// # Errors
     /// If they cannot be read.

@@ -1,5 +1,5 @@
-//! Verifications of calibrations: each is stored, none is changed. An invalid verification can be struck out: it
-//! stays stored, with the person and the reason.
+//! Verifications of calibrations: each is stored, and none is changed. An invalid verification can be struck out: it is
+//! kept, with the person and the reason.
 
 use super::database::{DATABASE, Store};
 use super::error::StoreError;
@@ -24,8 +24,8 @@ pub(super) const TABLES: &str = "
     CREATE INDEX verifications_by_subject ON verifications (subject);
 ";
 
-/// A strike names its verification; a verification can be struck out only once.
-pub(super) const STRIKES: &str = "
+/// A strike-out names its verification; a verification can be struck out only once.
+pub(super) const STRIKE_TABLES: &str = "
     CREATE TABLE verification_strikes (
         verification_id INTEGER PRIMARY KEY REFERENCES verifications (id),
         by TEXT NOT NULL,
@@ -34,8 +34,8 @@ pub(super) const STRIKES: &str = "
     ) STRICT;
 ";
 
-/// Returns the identifier of the calibration files that a verification used: of the camera's intrinsics and its
-/// mount, or of the tool, in this order.
+/// Returns the hash of the calibration files that a verification used: of the camera's intrinsics and its mount, or of
+/// the tool, in this order.
 pub fn calibration_hash(texts: &[&str]) -> String {
     let hashes: Vec<String> = texts.iter().map(|text| content_hash(text.as_bytes())).collect();
     content_hash(hashes.join(" ").as_bytes())
@@ -43,9 +43,9 @@ pub fn calibration_hash(texts: &[&str]) -> String {
 
 impl Store {
     /// Stores a verification in the store in this folder, also while a service writes to it. It is one row in a
-    /// separate transaction; SQLite makes the two writers wait for each other. A missing store is created and an
-    /// earlier program's is brought up to date, as its only writer. The verification's number is returned with the
-    /// store.
+    /// separate transaction; SQLite makes the two writers wait for each other. If no service writes to it, a missing
+    /// store is created, and the tables of an earlier version of this program are updated. Returns the store and the
+    /// verification's number.
     ///
     /// # Errors
     /// If the store cannot be opened or written, or a number is not finite.
@@ -61,7 +61,7 @@ impl Store {
     /// # Errors
     /// If the store cannot be opened or written, has no such verification, or it is struck out already.
     pub fn strike_out_in(folder: &Path, number: i64, strike: &Strike) -> Result<(Self, Verification), StoreError> {
-        // A mistyped folder name must not create a store.
+        // The store must exist: a mistyped folder name must not create a new one.
         drop(Store::open(folder)?);
         let mut store = Store::open_for_one_row(folder)?;
         let all = store.verification_history()?;
@@ -138,10 +138,10 @@ impl Store {
         })
     }
 
-    /// All verifications of a subject, in the order in which they were stored.
+    /// Returns all verifications of a subject, in the order in which they were stored.
     ///
     /// # Errors
-    /// If they cannot be read; a store of an earlier program has none, and the error states this.
+    /// If they cannot be read, or if an earlier version of this program wrote the store, without this table.
     pub fn verifications(&self, subject: &str) -> Result<Vec<Verification>, StoreError> {
         let all = self.verification_history()?.into_iter();
         Ok(all.map(|(_, verification)| verification).filter(|it| it.subject == subject).collect())
@@ -175,7 +175,8 @@ impl Store {
         rows.map_err(failed)?.collect::<Result<_, _>>().map_err(failed)
     }
 
-    /// Returns strikes by the number of their verification; none for a store of an earlier version of this program.
+    /// Returns the strike-outs by the number of their verification; none for a store of an earlier version of this
+    /// program.
     fn strikes_by_verification(&self) -> Result<BTreeMap<i64, Strike>, StoreError> {
         let failed = |error: rusqlite::Error| self.database_error("read strikes from", &error);
         if !self.connection.table_exists(None, "verification_strikes").map_err(failed)? {
@@ -191,7 +192,7 @@ impl Store {
         rows.map_err(failed)?.collect::<Result<_, _>>().map_err(failed)
     }
 
-    /// The newest verification of a subject, struck out or not; `None` if it was never verified.
+    /// Returns the newest verification of a subject, struck out or not; `None` if it was never verified.
     ///
     /// # Errors
     /// As [`Store::verifications`].

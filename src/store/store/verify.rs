@@ -1,10 +1,11 @@
 //! Verifies that the store contains the data that were written. Names changed, deleted, inserted, reordered or
 //! rolled-back data.
 //!
-//! The signatures are verified each by its key, all by their chain, and the signed records against the present rows.
-//! Rows that were changed together with the store's own chain and head contradict their signed records.
+//! Each signature is verified with its key, all signatures with their chain, and the signed records are compared with
+//! the present rows. Rows that were changed together with the store's own chain and head contradict their signed
+//! records.
 
-use super::chain::{ChainPosition, Hash, HashedTable, PARTS};
+use super::chain::{ChainPosition, HASHED_TABLES, Hash, HashedTable};
 use super::database::{DATABASE, Store};
 use super::error::StoreError;
 use super::flush::{file_hash, log_path};
@@ -17,10 +18,9 @@ use rusqlite::{Connection, Row};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// Number of links that a start verifies: in a small store all links, in a large store the links since its last
-/// checkpoint.
+/// Number of links that a start verifies: in a small store all links, in a large store those since its last checkpoint.
 const START_VERIFIED_LINKS: i64 = 20_000;
-/// Limit of messages of one kind; the others are only counted.
+/// Maximum number of messages of one kind; the others are only counted.
 const MAX_MESSAGES: usize = 200;
 
 /// The result of a verification.
@@ -28,8 +28,8 @@ const MAX_MESSAGES: usize = 200;
 pub struct StoreVerification {
     /// Differences from the written data, as text.
     pub differences: Vec<String>,
-    /// Differences that were found at an earlier start and stored as an incident, and that can no longer be detected,
-    /// for example missing lines.
+    /// Differences that an earlier start found and stored as an incident, and that can no longer be detected, for
+    /// example missing lines.
     pub earlier_differences: Vec<String>,
     /// Number of links in the chain.
     pub links: u64,
@@ -43,7 +43,7 @@ pub struct StoreVerification {
     pub keys: Vec<String>,
 }
 
-/// The fault of a row, or of a link.
+/// The kind of difference of a row or a link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum RowFault {
     Changed,
@@ -58,23 +58,25 @@ enum RowFault {
 struct ChainWalk {
     faults: Vec<(&'static str, RowFault, i64)>,
     links: Vec<String>,
-    /// The changed rows: the hash of the written content and the hash of the present content.
+    /// The changed rows, each with the hash of its written content and the hash of its present content.
     changed: Vec<(&'static str, i64, Hash, Hash)>,
     written: BTreeMap<&'static str, Vec<i64>>,
-    /// For parts that are replaced: the last hash of each row.
+    /// For tables whose columns are replaced by later writes: the last hash of each row.
     last: BTreeMap<(&'static str, i64), Hash>,
     count: u64,
 }
 
 impl Store {
-    /// Verifies the store in this folder, also while a service writes to it.
+    /// Verifies the store in this folder, also while a service writes to it; with `files`, also its files and
+    /// signatures.
     ///
     /// # Errors
-    /// If there is no store, it is an earlier program's, or its database cannot be opened at all. Unreadable
-    /// content is a finding, not an error.
+    /// If there is no store, it was written by an earlier version of this program, or its database cannot be opened.
+    /// Unreadable content is a difference, not an error.
     pub fn verify(folder: &Path, files: bool) -> Result<StoreVerification, StoreError> {
         let path = folder.join(DATABASE);
-        // This is done before a connection is open: closing a file also releases the locks of a connection.
+        // The file is hashed before a connection is open, because closing a file also releases the locks of a
+        // connection.
         let log = std::fs::metadata(log_path(&path)).map_or(0, |log| log.len());
         let hash = if log == 0 { file_hash(&path).ok() } else { None };
         let store = match Store::open(folder) {
@@ -185,7 +187,7 @@ impl Store {
         }
     }
 
-    /// Returns whether the journal states that a person must look at a change of the store.
+    /// Returns whether a change of the store was found and no person has cleared the cell since then.
     fn is_change_unreviewed(&self) -> bool {
         use panelprep_cell::cycle::{At, Cause};
         self.state().is_ok_and(|state| {
@@ -262,8 +264,8 @@ impl Store {
         Ok(self.contradictions_after(ChainPosition { link: from, hash }, false).0)
     }
 
-    /// Returns contradictions to the chain after this position, in words, and the number of links that were read.
-    /// If `whole`, rows without a link are searched for too.
+    /// Returns contradictions to the chain after this position, as text, and the number of links that were read. With
+    /// `whole`, rows without a link are searched for too.
     fn contradictions_after(&self, from: ChainPosition, whole: bool) -> (Vec<String>, u64) {
         let mut walk = ChainWalk::default();
         let walked = walk
@@ -345,7 +347,7 @@ impl ChainWalk {
 
     /// Finds rows that no link names, and rows that are named twice.
     fn find_unlinked_rows(&mut self, connection: &Connection) -> Result<(), rusqlite::Error> {
-        for part in &PARTS {
+        for part in &HASHED_TABLES {
             let mut written = self.written.remove(part.name).unwrap_or_default();
             written.sort_unstable();
             if !part.is_replaced {
@@ -353,7 +355,7 @@ impl ChainWalk {
                 self.faults.extend(twice.map(|key| (part.name, RowFault::Twice, key)));
             }
             let HashedTable { table, key, is_written_sql: condition, .. } = part;
-            // Reads the table and not an index, since an index may be damaged separately.
+            // Reads the table itself, because an index may be damaged separately.
             let sql = format!("SELECT {key} FROM {table} NOT INDEXED WHERE {condition}");
             let mut statement = connection.prepare(&sql)?;
             let mut rows = statement.query([])?;
@@ -367,7 +369,7 @@ impl ChainWalk {
         Ok(())
     }
 
-    /// Returns all findings in words; neighbouring rows are reported together.
+    /// Returns all differences as text; neighbouring rows are reported together.
     fn describe_findings(mut self) -> Vec<String> {
         let mut sentences = Vec::new();
         let exchanged: Vec<(&str, i64, i64)> = self
@@ -414,7 +416,7 @@ impl ChainWalk {
 }
 
 impl Store {
-    /// Adds contradictions to the signatures, and the number of signatures.
+    /// Verifies the signatures; adds the contradictions and the number of signatures to the result.
     fn verify_signatures(&self, verified: &mut StoreVerification) {
         let rows = match self.signatures() {
             Ok(rows) => rows,
@@ -432,7 +434,7 @@ impl Store {
         let keys: Vec<PublicKey> = named.iter().filter_map(|hex| PublicKey::from_hex(hex).ok()).collect();
         let checked = signing::verify(&all, &keys, None);
         verified.differences.extend(checked.differences);
-        // A gap at the first numbers is reported below.
+        // `check_no_gaps` reports missing signatures before the first one.
         verified
             .differences
             .extend(checked.gaps.into_iter().filter(|(first, _)| *first > 1).map(signing::missing_text));
@@ -452,7 +454,7 @@ impl Store {
         verified.keys = keys.iter().map(PublicKey::hex).collect();
     }
 
-    /// The contradictions between the present rows and a statement.
+    /// Returns the contradictions between the present rows and a statement.
     fn statement_contradictions(&self, number: u64, statement: &Statement) -> Vec<String> {
         let mut found = Vec::new();
         let place = &statement.store;
@@ -491,7 +493,7 @@ fn signed(row: &SignatureRow, bytes: Vec<u8>) -> Signed {
     Signed { name, bytes, signature: row.signature.clone(), claim: NameClaim::Number(row.number) }
 }
 
-/// Checks that numbers have no gaps; the first ones must not be missing either.
+/// Checks that no signatures before the first present one are missing.
 fn check_no_gaps(rows: &[SignatureRow]) -> Option<String> {
     let first = rows.first()?.number;
     (first > 1).then(|| format!("signatures 1 to {} are missing", first - 1))

@@ -1,5 +1,5 @@
-//! The content of a recording, and its data for people: poses and findings, as text. None of the data for people is
-//! read back.
+//! The content of a recording, and its data for people: poses and findings, as text. The data for people are not read
+//! back.
 
 use super::topic::{LogLevel, Topic};
 use panelprep_base::geometry::{
@@ -20,7 +20,7 @@ pub struct Entry {
     pub topic: Topic,
     /// Time of the exchange, ns since the recording began, on the loop's clock.
     pub at_ns: u64,
-    /// The loop's action; null if it only received an input.
+    /// The loop's action; null if the loop only received an input.
     pub action: Value,
     /// The reply or input; null if none was expected.
     pub reply: Value,
@@ -40,7 +40,7 @@ pub enum Shot {
 }
 
 impl Shot {
-    /// The topic of the shot's message.
+    /// Returns the topic of the shot's message.
     pub fn topic(&self) -> Topic {
         match self {
             Shot::Points(_) => Topic::Points,
@@ -49,7 +49,7 @@ impl Shot {
         }
     }
 
-    /// Columns and rows.
+    /// Returns the number of columns and rows.
     pub fn size_px(&self) -> [usize; 2] {
         match self {
             Shot::Points(cloud) => [cloud.width(), cloud.height()],
@@ -57,14 +57,14 @@ impl Shot {
         }
     }
 
-    /// The memory that the shot needs, bytes.
+    /// Returns the memory that the shot needs, bytes.
     pub fn bytes(&self) -> usize {
         let [width, height] = self.size_px();
         width * height * if matches!(self, Shot::Points(_)) { 15 } else { 3 }
     }
 }
 
-/// The state in which the loop began, in addition to its input files.
+/// The state at the loop's start, in addition to its input files.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordingStart {
@@ -76,7 +76,7 @@ pub struct RecordingStart {
     pub state: State,
     /// Whether time passes only while the loop waits for the robot's messages.
     pub lock_step: bool,
-    /// The loop's memory in addition to the state machine's state.
+    /// The loop's memory at the start, in addition to the state machine's state.
     pub begin: LoopMemoryStart,
     /// Error of the camera mounts at the panel, mm, 95 %, as known at the start.
     pub hand_eye_mm: Option<f64>,
@@ -88,7 +88,7 @@ pub struct RecordingStart {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum LoopMemoryStart {
-    /// No memory: the program started.
+    /// The program has just started: there is no memory.
     #[default]
     Boot,
     /// The loop had run before, and was idle.
@@ -97,7 +97,7 @@ pub enum LoopMemoryStart {
         robot: Option<Box<eki::State>>,
         /// The deadlines that were armed.
         armed: Vec<ArmedDeadline>,
-        /// The motion from a panel's nominal pose to its last pose in the cycles before, in the base frame.
+        /// The motion from the panel's nominal pose to its last pose in the earlier cycles, in the base frame.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         place: Option<KukaPose>,
     },
@@ -126,12 +126,12 @@ pub struct LostEntries {
     pub count: u64,
 }
 
-/// The content of a recording's end.
+/// The content of the last record of a recording.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct RecordingEnd {
     /// Entries that were not recorded: a recording with lost entries is incomplete.
     pub lost: Vec<LostEntries>,
-    /// The reason why the recording ends before the cycle, if it does.
+    /// The reason why the recording ended before the cycle; `None` if it did not.
     pub stopped: Option<String>,
 }
 
@@ -156,21 +156,21 @@ pub struct Lens {
 }
 
 impl Lens {
-    /// The frame of the lens's pictures and points.
+    /// Returns the frame of the lens's pictures and points.
     pub(super) fn frame(&self) -> &'static str {
         if self.topic == Topic::FlangeLens { FLANGE_FRAME } else { SCANNER_FRAME }
     }
 }
 
-/// Name of the frame of the 3D camera's pictures; the next constant is the name for the flange camera's pictures.
+/// Name of the frame of the 3D camera's pictures and points.
 pub(super) const SCANNER_FRAME: &str = "scanner";
 pub(super) const FLANGE_FRAME: &str = "flange_camera";
 
-/// The text at the beginning of each recording.
-pub(super) const UNITS: &str = "all lengths in this recording are mm: a viewer that reads them as metres shows the \
+/// The note about units at the beginning of each recording.
+pub(super) const UNITS_NOTE: &str = "all lengths in this recording are mm: a viewer that reads them as metres shows the \
                                 scene 1000 times too large";
 
-/// Form in which an entry is shown.
+/// The form in which an entry is shown to people.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum ShownText {
     Status(FramePose),

@@ -1,12 +1,13 @@
-//! The number of a recording's format, the names of the records that belong to none of its topics, and the reason why
-//! a recording cannot be used, or cannot be written.
+//! The number of a recording's format, the names of the records that belong to none of its topics, and the errors in
+//! reading or writing a recording.
 
-/// The meaning of a recording's records. A recording with another number has another meaning, and is not read.
+/// The number of the recording's format. A recording with another number has another meaning, and is read only from
+/// [`OLDEST_FORMAT`] on.
 ///
 /// 2: pictures have the camera's time, computed results have their time, a recording may begin with a cycle of a
 /// running service. 3: points have an alpha channel, and the lenses are included: both for people who view the
-/// recording. The content of 2 is read as before. 4: a compliant tool has its own topic. The content of 2 and 3 is
-/// read as before.
+/// recording. The content of 2 is read as before. 4: a compliant tool has its own topic. The content of 2 and 3 is read
+/// as before.
 pub const FORMAT: u32 = 4;
 /// The oldest format that can be read.
 pub const OLDEST_FORMAT: u32 = 2;
@@ -22,7 +23,7 @@ pub enum TapeError {
     /// The file is not an MCAP file.
     #[error("the file is not an MCAP file: {problem}")]
     NotMcap {
-        /// The problem with the recording's beginning.
+        /// The problem with the beginning of the file.
         problem: String,
     },
     /// The recording was written by another program.
@@ -53,7 +54,7 @@ pub enum TapeError {
         /// Time of the last entry, s.
         until_s: f64,
     },
-    /// The recording was ended before its cycle.
+    /// The recording ended before the end of its cycle.
     #[error("the recording was stopped {until_s:.3} s after its beginning, before its cycle ended: {why}")]
     Stopped {
         /// Time in the recording, s.
@@ -90,7 +91,7 @@ pub enum TapeError {
         /// found.
         found: u64,
     },
-    /// Times of entries that do not increase.
+    /// The times of the entries do not increase.
     #[error("the recording is not in order: a timestamp of {topic} decreases {from_s:.3} s after its beginning")]
     OutOfOrder {
         /// The topic.
@@ -98,7 +99,7 @@ pub enum TapeError {
         /// Time in the recording, s.
         from_s: f64,
     },
-    /// Bytes that differ from the written ones.
+    /// Bytes of the recording differ from the written ones.
     #[error("the recording is damaged {from_s:.3} s after its beginning: {problem}")]
     Damaged {
         /// Time in the recording, s.
@@ -106,7 +107,7 @@ pub enum TapeError {
         /// The problem in the data.
         problem: String,
     },
-    /// A message that cannot be decoded.
+    /// A message cannot be decoded.
     #[error("an entry of {topic} cannot be decoded {from_s:.3} s after the recording's beginning: {problem}")]
     Message {
         /// The topic.
@@ -124,12 +125,13 @@ pub enum TapeError {
         /// The error that was returned.
         source: mcap::McapError,
     },
-    /// A picture that cannot be compressed.
+    /// A picture cannot be compressed.
     #[error("a picture cannot be recorded: {0}")]
     Picture(#[from] panelprep_cell::files::PictureError),
 }
 
-/// The library's own words leave out the error of the system.
+/// Returns the text of an error with the texts of its causes. The library's own text leaves out the error of the
+/// operating system.
 fn append_causes(error: &dyn std::error::Error) -> String {
     let mut words = error.to_string();
     let mut cause = error.source();

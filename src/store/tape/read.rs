@@ -1,14 +1,14 @@
 //! Converts bytes to entries, one at a time: a recording may be larger than the memory.
 //!
-//! [`check_recording`] reads a recording once and refuses it if anything is missing: each message has its number and
-//! is in order, there are as many messages as the recording's end states, and there is no error before the end.
-//! [`EntryReader`] then returns its entries. Both read the records of the MCAP file in order, each with its checksums
-//! verified.
+//! [`check_recording`] reads a recording once and refuses it if anything is missing: each message has its number and is
+//! in order, there are as many messages as the recording's end states, and there is no error before the end.
+//! [`EntryReader`] then returns its entries. Both read the records of the MCAP file in order and verify the checksums
+//! of each.
 //!
-//! The beginnings of the file's records are found in parallel with the reader ([`RecordFraming`]), because an
-//! uncompressed chunk must be refused before it is read: the reader assumes that the last record of such a chunk ends
-//! with the chunk, and its count of bytes falls below zero if it does not. Our recordings have only compressed chunks;
-//! their records are unpacked by their own lengths.
+//! [`RecordFraming`] finds the beginnings of the file's records in parallel with the library's reader, because an
+//! uncompressed chunk must be refused before the reader sees it: the reader assumes that the last record of such a
+//! chunk ends with the chunk, and its count of bytes falls below zero if it does not. Recordings of this program have
+//! only compressed chunks; their records are unpacked by their own lengths.
 
 use super::entry::{Entry, RecordingStart, Shot};
 use super::error::{END, FORMAT, METADATA, OLDEST_FORMAT, START, TapeError};
@@ -48,7 +48,7 @@ enum Part {
 }
 
 impl<R: Read> EntryReader<R> {
-    /// Creates the entries of a recording that began at this time.
+    /// Creates a reader of the entries of a recording that began at this time.
     pub fn new(source: R, began_ns: u64) -> Self {
         EntryReader { records: Records::new(source), topics: BTreeMap::new(), began_ns }
     }
@@ -116,7 +116,7 @@ impl<R: Read> Iterator for EntryReader<R> {
     }
 }
 
-/// Returns whether a camera's answer is a picture or points.
+/// Returns whether a picture or points follow this entry.
 fn has_shot(entry: &Entry) -> bool {
     entry.topic == Topic::Camera && entry.reply.get("Ok").is_some_and(|shot| shot.get("size_px").is_some())
 }
@@ -148,16 +148,16 @@ fn parse_shot(topic: Topic, data: &[u8], heard: &Value) -> Result<Shot, String> 
     Ok(shot)
 }
 
-/// Bytes of one point in format 2, which had no alpha.
-const STRIDE_OF_2: usize = 15;
+/// Number of bytes of one point in format 2, which has no alpha channel.
+const FORMAT_2_STRIDE: usize = 15;
 
 fn points(cloud: &PointCloud, [width, height]: [usize; 2]) -> Result<OrganizedCloud<Camera>, String> {
     let stride = cloud.point_stride as usize;
-    if ![STRIDE_OF_2, STRIDE].contains(&stride) || !cloud.data.len().is_multiple_of(stride) {
+    if ![FORMAT_2_STRIDE, STRIDE].contains(&stride) || !cloud.data.len().is_multiple_of(stride) {
         return Err(format!("the points have {stride} bytes each, expected {STRIDE}"));
     }
-    // The data that both formats have in common come first.
-    let each = || cloud.data.chunks_exact(stride).filter_map(<[u8]>::first_chunk::<STRIDE_OF_2>);
+    // In both formats, each point begins with the same data.
+    let each = || cloud.data.chunks_exact(stride).filter_map(<[u8]>::first_chunk::<FORMAT_2_STRIDE>);
     let points_mm = each().map(|&[a, b, c, d, e, f, g, h, i, j, k, l, ..]| {
         [[a, b, c, d], [e, f, g, h], [i, j, k, l]].map(f32::from_le_bytes)
     });
@@ -168,7 +168,7 @@ fn points(cloud: &PointCloud, [width, height]: [usize; 2]) -> Result<OrganizedCl
 /// A complete recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CheckedRecording {
-    /// The state in which the loop began.
+    /// The state at the loop's start.
     pub start: RecordingStart,
     /// The loop's input files, by their names.
     pub files: BTreeMap<String, Vec<u8>>,
@@ -286,7 +286,7 @@ impl RecordingInventory {
         self.counts.iter().filter(|(topic, _)| topic.is_entry()).map(|(_, count)| count).sum()
     }
 
-    /// Returns the reason why the recording cannot be read further.
+    /// Returns the error for a recording that cannot be read further.
     fn broken_reason(&self, error: McapError) -> TapeError {
         match error {
             McapError::Io(error) if error.kind() != std::io::ErrorKind::UnexpectedEof => {
@@ -328,10 +328,10 @@ impl RecordingInventory {
     }
 }
 
-/// No record of this program is longer: the points of a full-size scan need 35 MB.
+/// Maximum length of a record. The longest records, the points of a full-size scan, have 35 MB.
 const MAX_RECORD_BYTES: usize = 256 << 20;
 
-/// Number of bytes that are read at once.
+/// Number of bytes that are read at a time.
 const PIECE_BYTES: usize = 1 << 20;
 
 /// The records of a file, in order.
@@ -352,7 +352,7 @@ impl<R: Read> Records<R> {
         Records { source, framing: RecordFraming::default(), reader: LinearReader::new_with_options(options) }
     }
 
-    /// Passes on the next record; `None` after the last one.
+    /// Calls the function with the next record; returns `None` after the last one.
     pub(super) fn next<T>(
         &mut self,
         take: impl FnOnce(Record<'_>) -> Result<T, TapeError>,
@@ -362,7 +362,7 @@ impl<R: Read> Records<R> {
                 None => return Ok(None),
                 Some(Err(error)) => return Err(RecordFault::Bytes(error)),
                 Some(Ok(LinearReadEvent::ReadRequest(needed))) => {
-                    // The buffer grows only with received bytes, whatever length a record states.
+                    // The buffer grows only by received bytes, even if a record states a greater length.
                     let into = self.reader.insert(needed.min(PIECE_BYTES));
                     let read = loop {
                         match self.source.read(into) {
@@ -392,7 +392,7 @@ enum RecordFault {
     Content(TapeError),
 }
 
-/// Returns whether an attachment's record is as long as its lengths state; its parser assumes this.
+/// Returns whether the record of an attachment is as long as the lengths in it state; its parser assumes this.
 fn is_complete_attachment(body: &[u8]) -> bool {
     let length = |at: usize| {
         let bytes = body.get(at..)?.first_chunk::<4>()?;
@@ -412,19 +412,19 @@ fn seconds(ns: u64) -> f64 {
     ns as f64 / 1e9
 }
 
-/// Number of bytes of the magic at the beginning of a file.
+/// Number of bytes of the magic number at the beginning of a file.
 const MAGIC_BYTES: u64 = 8;
-/// Bytes of a record's kind and length.
+/// Number of bytes of a record's kind and length.
 const HEAD_BYTES: usize = 9;
-/// Bytes of a chunk's head before the length of its compression's name: two times, its size, its checksum.
-const BEFORE_NAME: usize = 28;
-/// Bytes of a chunk's head including the length of its compression's name.
-const CHUNK_BYTES: usize = HEAD_BYTES + BEFORE_NAME + 4;
+/// Number of bytes in a chunk before the length of the compression's name: two times, the size, the checksum.
+const BYTES_BEFORE_NAME: usize = 28;
+/// Number of bytes of a chunk's record up to and including the length of the compression's name.
+const CHUNK_HEAD_BYTES: usize = HEAD_BYTES + BYTES_BEFORE_NAME + 4;
 
 /// Follows the records of a file through its bytes, in pieces of any size.
 #[derive(Debug)]
 struct RecordFraming {
-    /// Bytes to skip: the magic, the rest of a record.
+    /// Number of bytes to skip: the magic number, or the rest of a record.
     skip: u64,
     /// The part of a record's head that has been received.
     head: Vec<u8>,
@@ -432,7 +432,7 @@ struct RecordFraming {
 
 impl Default for RecordFraming {
     fn default() -> Self {
-        RecordFraming { skip: MAGIC_BYTES, head: Vec::with_capacity(CHUNK_BYTES) }
+        RecordFraming { skip: MAGIC_BYTES, head: Vec::with_capacity(CHUNK_HEAD_BYTES) }
     }
 }
 
@@ -450,7 +450,7 @@ impl RecordFraming {
             self.head.extend_from_slice(&bytes[..missing]);
             bytes = &bytes[missing..];
             if self.skip == 0 && self.missing_head_bytes() == 0 {
-                self.judge()?;
+                self.check_compression()?;
                 self.skip = self.length().saturating_sub((self.head.len() - HEAD_BYTES) as u64);
                 self.head.clear();
             }
@@ -463,7 +463,7 @@ impl RecordFraming {
         let needed = match self.head.first() {
             Some(&op::CHUNK) if self.head.len() >= HEAD_BYTES => {
                 let rest = usize::try_from(self.length()).unwrap_or(usize::MAX);
-                HEAD_BYTES + rest.min(CHUNK_BYTES - HEAD_BYTES)
+                HEAD_BYTES + rest.min(CHUNK_HEAD_BYTES - HEAD_BYTES)
             }
             _ => HEAD_BYTES,
         };
@@ -474,9 +474,9 @@ impl RecordFraming {
         self.head.get(1..).and_then(|rest| rest.first_chunk()).map_or(0, |length| u64::from_le_bytes(*length))
     }
 
-    fn judge(&self) -> Result<(), TapeError> {
+    fn check_compression(&self) -> Result<(), TapeError> {
         let is_chunk = self.head.first() == Some(&op::CHUNK);
-        match self.head.get(HEAD_BYTES + BEFORE_NAME..) {
+        match self.head.get(HEAD_BYTES + BYTES_BEFORE_NAME..) {
             Some([0, 0, 0, 0]) if is_chunk => {
                 Err(TapeError::Foreign { problem: "the file has a chunk that is not compressed".to_owned() })
             }
@@ -489,11 +489,11 @@ impl RecordFraming {
 mod tests {
     use super::*;
 
-    /// Returns a file with its beginning, a short record, a record of another kind that contains bytes like those
-    /// of a chunk, and then a chunk.
+    /// Returns the bytes of a file: its beginning, a short record, a record of another kind that contains bytes like
+    /// those of a chunk, and then a chunk.
     fn file(name: &[u8]) -> Vec<u8> {
         let record = |op: u8, content: &[u8]| [&[op][..], &(content.len() as u64).to_le_bytes(), content].concat();
-        let chunk = [&[7; BEFORE_NAME][..], &(name.len() as u32).to_le_bytes(), name, &[1; 20]].concat();
+        let chunk = [&[7; BYTES_BEFORE_NAME][..], &(name.len() as u32).to_le_bytes(), name, &[1; 20]].concat();
         let inside = record(op::CHUNK, &[0; 40]);
         [
             b"\x89MCAP0\r\n".to_vec(),
@@ -505,7 +505,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_chunk_that_is_not_packed_is_refused_at_any_cut() {
+    fn an_uncompressed_chunk_is_refused_in_pieces_of_any_size() {
         for step in [1, 2, 3, 8, 64, 1_000] {
             let read = |bytes: &[u8]| {
                 let mut framing = RecordFraming::default();
@@ -514,7 +514,7 @@ mod tests {
             assert!(read(&file(b"zstd")).is_ok(), "{step}");
             let error = read(&file(b"")).expect_err("refused").to_string();
             assert!(error.contains("a chunk that is not compressed"), "{step}: {error}");
-            // A chunk that ends before the name of its compression is left to the reader, which refuses it.
+            // A chunk that ends before the name of its compression is passed on to the reader, which refuses it.
             assert!(
                 read(&[&file(b"zstd")[..8], &[op::CHUNK, 3, 0, 0, 0, 0, 0, 0, 0, 1, 2, 3, op::HEADER]].concat())
                     .is_ok()

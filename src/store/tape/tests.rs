@@ -74,7 +74,7 @@ fn whole() -> Vec<u8> {
     written(&entries(), &RecordingEnd::default())
 }
 
-/// Returns the whole content of an entry, bit by bit.
+/// Returns the whole content of an entry, for a comparison bit for bit.
 fn bits(entry: &Entry) -> (Topic, String, Vec<u32>, Vec<u8>) {
     let line = json!([entry.action, entry.reply]).to_string();
     let (points, colors) = match &entry.shot {
@@ -89,7 +89,7 @@ fn bits(entry: &Entry) -> (Topic, String, Vec<u32>, Vec<u8>) {
 }
 
 #[test]
-fn what_is_written_reads_back_to_the_bit() {
+fn a_recording_reads_back_bit_for_bit() {
     let bytes = whole();
     let checked = check_recording(&bytes[..]).expect("whole");
     assert_eq!(checked.start, start());
@@ -100,9 +100,9 @@ fn what_is_written_reads_back_to_the_bit() {
     assert_eq!(back, put);
 }
 
-/// Foxglove's requirements: colours with an alpha beside them, and a lens in the same frame as the pictures. By
-/// hand, with an undistorted lens: the point (10, −20, 400) mm is seen at u = 100 · 10/400 + 3 = 5.5, v = 200 ·
-/// (−20)/400 + 20 = 10, and the same in metres.
+/// Foxglove requires colours with an alpha channel, and a lens in the same frame as the pictures. Calculated by hand,
+/// with an undistorted lens: the point (10, −20, 400) mm is seen at u = 100 · 10/400 + 3 = 5.5, v = 200 · (−20)/400 +
+/// 20 = 10, and the same in metres.
 #[test]
 fn points_have_colours_and_pictures_a_lens_for_viewers() {
     let (k1, k2, p1, p2, k3) = (0.1, 0.2, 0.3, 0.4, 0.5);
@@ -217,7 +217,8 @@ fn a_gap_is_named_with_its_topic_and_time() {
     assert!(error.to_string().contains("3 entries of /camera, the first 0.250 s"), "{error}");
 }
 
-/// A recording that ended before its cycle states why; it is complete, but it does not contain a whole cycle.
+/// A recording that ended before its cycle states why; no entry is missing in it, but it does not contain a whole
+/// cycle.
 #[test]
 fn a_recording_that_was_stopped_states_why() {
     let ending = RecordingEnd { stopped: Some("the disk has 1999 MB left".to_owned()), ..RecordingEnd::default() };
@@ -281,7 +282,7 @@ proptest! {
 
     /// A valid beginning followed by any bytes is read or refused.
     #[test]
-    fn any_bytes_are_refused_in_words(tail in prop::collection::vec(any::<u8>(), 0..300), keep in 0_usize..1_000) {
+    fn any_bytes_are_read_or_refused_with_a_text(tail in prop::collection::vec(any::<u8>(), 0..300), keep in 0_usize..1_000) {
         let mut bytes = whole();
         bytes.truncate(keep);
         bytes.extend(tail);

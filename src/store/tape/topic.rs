@@ -1,5 +1,5 @@
-//! Topics, the schemas of their messages, and the messages of Foxglove's well-known schemas with the descriptors with
-//! which other programs read them.
+//! Topics, the schemas of their messages, and the messages of Foxglove's well-known schemas, with the descriptors that
+//! other programs need to read them.
 //!
 //! Field numbers and names of the well-known schemas are those of <https://github.com/foxglove/foxglove-sdk>
 //! (`schemas/proto`); only the fields that are written are described here. All lengths are mm.
@@ -24,7 +24,7 @@ pub enum Topic {
     /// Commands to the compliant tool, and its reports.
     #[strum(serialize = "/tool")]
     Tool,
-    /// Readings of the clock that the loop uses, if they differ from the one before.
+    /// Readings of the clock that the loop uses, if they differ from the previous reading.
     #[strum(serialize = "/clock")]
     Clock,
     /// Requests to the loop.
@@ -36,7 +36,7 @@ pub enum Topic {
     /// The events of the state machine: the journal's lines.
     #[strum(serialize = "/cycle/event")]
     Event,
-    /// Findings of the stages.
+    /// Findings of the phases.
     #[strum(serialize = "/cycle/finding")]
     Finding,
     /// Other data written to the store, and data read from the store.
@@ -72,7 +72,7 @@ impl Topic {
     /// All topics.
     pub const ALL: &'static [Topic] = <Self as VariantArray>::VARIANTS;
 
-    /// The topic's name in the file.
+    /// Returns the topic's name in the file.
     pub fn name(self) -> &'static str {
         self.into()
     }
@@ -82,8 +82,7 @@ impl Topic {
         Topic::ALL.iter().copied().find(|topic| topic.name() == name)
     }
 
-    /// Returns whether the topic's messages are [`Entry`](super::Entry)s, which are required to run the recording
-    /// again.
+    /// Returns whether the topic's messages are [`Entry`](super::Entry)s, which are needed to run the recording again.
     pub fn is_entry(self) -> bool {
         !self.is_shot() && !matches!(self, Topic::ScannerLens | Topic::FlangeLens | Topic::Transform | Topic::Log)
     }
@@ -111,7 +110,7 @@ pub(super) const JSON: &str = "jsonschema";
 const ENTRY_SCHEMA: &str = r#"{"title": "panelprep.Entry", "type": "object", "properties": {
     "said": {"description": "what the loop did"}, "heard": {"description": "what came to it"}}}"#;
 
-/// The form of a message, for readers of the file.
+/// The schema of a message, for readers of the file.
 pub(super) struct Schema {
     pub name: &'static str,
     pub encoding: &'static str,
@@ -119,7 +118,7 @@ pub(super) struct Schema {
 }
 
 impl Schema {
-    /// The encoding of the topic's messages.
+    /// Returns the encoding of the topic's messages.
     pub fn message_encoding(&self) -> &'static str {
         if self.encoding == JSON { "json" } else { "protobuf" }
     }
@@ -138,7 +137,7 @@ pub struct CompressedImage {
     pub frame_id: String,
 }
 
-/// Points, packed as the fields state.
+/// Points with packed fields; the fields are described in the message.
 #[derive(Clone, PartialEq, Message)]
 pub struct PointCloud {
     #[prost(message, optional, tag = "1")]
@@ -155,7 +154,7 @@ pub struct PointCloud {
     pub data: Vec<u8>,
 }
 
-/// One number of each point.
+/// The description of one number of each point.
 #[derive(Clone, PartialEq, Message)]
 pub struct PackedElementField {
     #[prost(string, tag = "1")]
@@ -188,13 +187,13 @@ pub struct CameraCalibration {
     /// The distortion coefficients k1, k2, p1, p2, k3.
     #[prost(double, repeated, tag = "5")]
     pub d: Vec<f64>,
-    /// The camera's matrix, row by row.
+    /// The camera matrix, row by row.
     #[prost(double, repeated, tag = "6")]
     pub k: Vec<f64>,
     /// Rectification: none.
     #[prost(double, repeated, tag = "7")]
     pub r: Vec<f64>,
-    /// The matrix of the rectified picture, 3×4, row by row.
+    /// The projection matrix of the rectified picture, 3×4, row by row.
     #[prost(double, repeated, tag = "8")]
     pub p: Vec<f64>,
     #[prost(string, tag = "9")]

@@ -3,7 +3,7 @@
 
 use super::entry::{
     Entry, FLANGE_FRAME, FramePose, Lens, LostEntries, RecordingEnd, RecordingStart, SCANNER_FRAME, Shot,
-    ShownText, UNITS, entry_texts,
+    ShownText, UNITS_NOTE, entry_texts,
 };
 use super::error::{END, FORMAT, METADATA, START, TapeError};
 use super::topic::{
@@ -23,7 +23,8 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::Write;
 
-/// Bytes of one point: three numbers, three colours, and the opacity, without which Foxglove shows no colours.
+/// Number of bytes of one point: three numbers, three colours, and the alpha value, without which Foxglove shows no
+/// colours.
 pub(super) const STRIDE: usize = 16;
 const OPAQUE_ALPHA: u8 = 255;
 
@@ -43,11 +44,11 @@ pub struct Writer<W: Write> {
 }
 
 impl<W: Write> Writer<W> {
-    /// Begins with the loop's initial state, the files that it uses, the mounting of cameras and tool, and the
-    /// cameras' lenses.
+    /// Begins a recording with the loop's initial state, the files that it uses, the mounting of cameras and tool, and
+    /// the cameras' lenses.
     ///
     /// # Errors
-    /// If the disk refuses; likewise for the others.
+    /// If the disk reports an error; the same applies to the other methods.
     pub fn begin_recording(
         out: W,
         start: &RecordingStart,
@@ -86,7 +87,7 @@ impl<W: Write> Writer<W> {
             channels.insert(topic, Channel { id, written: 0 });
         }
         let mut writer = Writer { mcap, channels, began_ns: start.unix_ns, last_ns: start.unix_ns };
-        writer.show(0, &ShownText::Note { level: LogLevel::Info, message: UNITS.to_owned() })?;
+        writer.show(0, &ShownText::Note { level: LogLevel::Info, message: UNITS_NOTE.to_owned() })?;
         mounted.iter().try_for_each(|mounted| writer.show(0, &ShownText::Status(*mounted)))?;
         for lens in lenses {
             let calibration = calibration(lens, start.unix_ns);
@@ -109,7 +110,7 @@ impl<W: Write> Writer<W> {
         entry_texts(entry).iter().try_for_each(|shown| self.show(entry.at_ns, shown))
     }
 
-    /// Ends the current chunk: all entries written until now are complete, whatever happens later.
+    /// Ends the current chunk, so that all entries written until now can be read even after a crash.
     ///
     /// # Errors
     /// As [`Writer::begin_recording`].
@@ -117,7 +118,7 @@ impl<W: Write> Writer<W> {
         self.mcap.flush().map_err(write_error)
     }
 
-    /// Ends the recording and states how many messages there must be.
+    /// Ends the recording and writes the number of messages.
     ///
     /// # Errors
     /// As [`Writer::begin_recording`].
@@ -133,7 +134,7 @@ impl<W: Write> Writer<W> {
         Ok(self.mcap.into_inner().into_inner())
     }
 
-    /// Leaves out a message, as another program could.
+    /// Leaves out a message, as another program could do.
     #[cfg(test)]
     pub(super) fn skip(&mut self, topic: Topic) {
         self.channels.entry(topic).and_modify(|channel| channel.written += 1);

@@ -121,7 +121,7 @@ pub(super) const ALL: [Mutation; 19] = [
     change(
         "after a restore a part counts from the backup",
         RESTORES,
-        "self.lost_count(&start.panel, &serial)?.map_or(Ok(()), |lost| Err(StoreError::CountUnknown(lost)))",
+        "self.unknown_pass_count(&start.panel, &serial)?.map_or(Ok(()), |lost| Err(StoreError::CountUnknown(lost)))",
         "Ok(())",
     ),
 ];

@@ -25,10 +25,10 @@ const SCRIPT: &str = include_str!("drawing.js");
 const STYLE_SHEET: &str = include_str!("drawing.css");
 const BUTTONS: &str = include_str!("buttons.html");
 
-/// Writes the recipe's new text completely or not at all.
+/// A function that writes the recipe's new text completely or not at all.
 pub type WriteRecipe = dyn Fn(&str) -> Result<(), String> + Send + Sync;
 
-/// The data on which a person draws.
+/// The picture on which a person draws, and the recipe.
 pub struct DrawingSheet {
     /// The recipe's file.
     pub recipe: PathBuf,
@@ -40,7 +40,7 @@ pub struct DrawingSheet {
     pub write: Box<WriteRecipe>,
 }
 
-struct Inside {
+struct PageState {
     sheet: DrawingSheet,
     session: Session,
 }
@@ -48,10 +48,10 @@ struct Inside {
 /// Serves the page until the person is done; returns how often the recipe was saved.
 ///
 /// # Errors
-/// If the operating system refuses what the server needs.
+/// If the operating system reports an error of the server.
 pub fn serve(local: LocalServer, sheet: DrawingSheet) -> Result<u32, LocalError> {
     let (session, done) = Session::new();
-    let inside = Arc::new(Inside { sheet, session });
+    let inside = Arc::new(PageState { sheet, session });
     let text =
         |kind: &'static str, text: &'static str| get(move || async move { ([(header::CONTENT_TYPE, kind)], text) });
     let pages = Router::new()
@@ -76,7 +76,7 @@ async fn page() -> Html<String> {
     ))
 }
 
-async fn picture(State(inside): State<Arc<Inside>>) -> Response {
+async fn picture(State(inside): State<Arc<PageState>>) -> Response {
     ([(header::CONTENT_TYPE, "image/png")], inside.sheet.picture_png.clone()).into_response()
 }
 
@@ -93,7 +93,7 @@ fn refused(problems: &[String]) -> Response {
     (StatusCode::UNPROCESSABLE_ENTITY, Json(json!({ "problems": problems }))).into_response()
 }
 
-async fn drawing(State(inside): State<Arc<Inside>>) -> Response {
+async fn drawing(State(inside): State<Arc<PageState>>) -> Response {
     let sheet = &inside.sheet;
     match read(sheet) {
         Ok((_, recipe)) => {
@@ -106,7 +106,7 @@ async fn drawing(State(inside): State<Arc<Inside>>) -> Response {
     }
 }
 
-async fn save(State(inside): State<Arc<Inside>>, Json(drawn): Json<DrawnShapes>) -> Response {
+async fn save(State(inside): State<Arc<PageState>>, Json(drawn): Json<DrawnShapes>) -> Response {
     match write_shapes(&inside.sheet, &drawn) {
         Ok(()) => {
             inside.session.count_save();
@@ -124,7 +124,7 @@ fn write_shapes(sheet: &DrawingSheet, drawn: &DrawnShapes) -> Result<(), Vec<Str
     (sheet.write)(&edited).map_err(|problem| vec![problem])
 }
 
-async fn end(State(inside): State<Arc<Inside>>) -> Response {
+async fn end(State(inside): State<Arc<PageState>>) -> Response {
     inside.session.end()
 }
 
@@ -190,7 +190,7 @@ mod tests {
     const DRAWN: &str = r#"{"corners_px":[[12,10],[90,10],[90.26,60],[10,60]],"rows":4,"columns":3,"masked_px":[[[20,20],[30,20],[30,30],[20,30]]],"outline_px":[[2,2],[97,2],[97,70],[2,70]],"held_px":[[[40,0],[60,0],[60,6],[40,6]]]}"#;
 
     #[test]
-    fn what_a_person_draws_comes_into_the_recipe() {
+    fn drawn_shapes_are_written_to_the_recipe() {
         let page = open();
         let (status, found) = page.ask("GET", "drawing.json", "");
         assert!(status == 200 && found.contains(r#""corners_px":[[10.0,10.0],[90.0,10.0]"#), "{status} {found}");
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_region_changes_nothing() {
+    fn an_invalid_region_changes_nothing() {
         let page = open();
         let crossed = DRAWN.replace("[12,10],[90,10]", "[90,10],[12,10]");
         let twisted = DRAWN.replace("[2,2],[97,2]", "[97,2],[2,2]");
@@ -236,7 +236,7 @@ mod tests {
         assert_eq!(page.recipe(), RECIPE);
     }
 
-    /// Another page in the same browser does not know the key and does not use this host name.
+    /// A page of another site in the same browser does not know the key, and its requests name another host.
     #[test]
     fn no_other_client_is_served() {
         let page = open();

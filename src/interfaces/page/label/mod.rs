@@ -99,11 +99,11 @@ pub struct LabelSheet {
     pub size_px: [usize; 2],
     /// The grids to show, if they are known.
     pub grids: Vec<GridOutline>,
-    /// The storage of labels.
+    /// The place where labels are stored.
     pub keep: Arc<dyn LabelStorage>,
 }
 
-struct Inside {
+struct PageState {
     sheet: LabelSheet,
     session: Session,
 }
@@ -111,10 +111,10 @@ struct Inside {
 /// Serves the page until the person is done; returns how often labels were saved.
 ///
 /// # Errors
-/// If the operating system refuses what the server needs.
+/// If the operating system reports an error of the server.
 pub fn serve(local: LocalServer, sheet: LabelSheet) -> Result<u32, LocalError> {
     let (session, done) = Session::new();
-    let inside = Arc::new(Inside { sheet, session });
+    let inside = Arc::new(PageState { sheet, session });
     let mut pages = Router::new();
     for (name, kind, text) in FILES {
         pages = pages.route(&local.path(name), get(move || async move { ([(header::CONTENT_TYPE, kind)], text) }));
@@ -134,7 +134,7 @@ fn refused(status: StatusCode, problems: &[String]) -> Response {
     (status, Json(json!({ "problems": problems }))).into_response()
 }
 
-async fn clip(State(inside): State<Arc<Inside>>) -> Response {
+async fn clip(State(inside): State<Arc<PageState>>) -> Response {
     let LabelSheet { folder, shots, size_px, grids, keep } = &inside.sheet;
     let shots: Vec<_> = shots
         .iter()
@@ -150,7 +150,7 @@ async fn clip(State(inside): State<Arc<Inside>>) -> Response {
     }
 }
 
-async fn picture(State(inside): State<Arc<Inside>>, Path(number): Path<String>) -> Response {
+async fn picture(State(inside): State<Arc<PageState>>, Path(number): Path<String>) -> Response {
     let LabelSheet { folder, shots, .. } = &inside.sheet;
     let shot = number.parse::<usize>().ok().and_then(|number| shots.get(number.checked_sub(1)?));
     let Some(shot) = shot else {
@@ -179,14 +179,14 @@ fn browser_picture(bytes: Vec<u8>) -> Result<(&'static str, Vec<u8>), String> {
     png.map(|png| ("image/png", png)).map_err(|error| error.to_string())
 }
 
-async fn handle_draft(State(inside): State<Arc<Inside>>, Json(said): Json<Statement>) -> Response {
+async fn handle_draft(State(inside): State<Arc<PageState>>, Json(said): Json<Statement>) -> Response {
     match inside.sheet.keep.store_draft(&said) {
         Ok(()) => Json(json!({ "kept": true })).into_response(),
         Err(problem) => refused(StatusCode::UNPROCESSABLE_ENTITY, &[problem]),
     }
 }
 
-async fn save(State(inside): State<Arc<Inside>>, Json(said): Json<Statement>) -> Response {
+async fn save(State(inside): State<Arc<PageState>>, Json(said): Json<Statement>) -> Response {
     match inside.sheet.keep.save(&said) {
         Ok(saved) => {
             inside.session.count_save();
@@ -196,7 +196,7 @@ async fn save(State(inside): State<Arc<Inside>>, Json(said): Json<Statement>) ->
     }
 }
 
-async fn end(State(inside): State<Arc<Inside>>) -> Response {
+async fn end(State(inside): State<Arc<PageState>>) -> Response {
     inside.session.end()
 }
 
@@ -307,7 +307,7 @@ mod tests {
     const SAID: &str = r#"{"author":"","clean":false,"breaks":[{"closes_s":null,"shapes":[{"from_s":1.0,"corners_px":[[0.0,0.0],[3.5,0.0]]}]}]}"#;
 
     #[test]
-    fn what_is_drawn_is_kept_and_what_is_right_is_saved() {
+    fn drafts_are_stored_and_valid_labels_are_saved() {
         let page = open();
         for (file, words) in
             [("", "Breaks in"), ("label.js", "pointerdown"), ("label.css", ".corner"), ("film.js", "picture/")]
@@ -333,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn each_picture_comes_as_a_browser_shows_it() {
+    fn each_picture_is_sent_in_a_format_for_browsers() {
         let page = open();
         for (number, kind) in [("1", "image/png"), ("2", "image/jpeg"), ("3", "image/png")] {
             let (status, answer) = page.ask("GET", &format!("picture/{number}"), "");
@@ -347,8 +347,8 @@ mod tests {
         assert!(status == 422 && answer.contains("4.png: No such file"), "{status} {answer}");
     }
 
-    /// EXIF data that state by which rotation the picture must be shown: one entry, the tag 0x0112.
-    fn turned(orientation: u8) -> Vec<u8> {
+    /// Returns EXIF data that state the rotation in which the picture must be shown: one entry, with the tag 0x0112.
+    fn exif_with_orientation(orientation: u8) -> Vec<u8> {
         let entry = [0x01, 0x12, 0, 3, 0, 0, 0, 1, 0, orientation, 0, 0];
         [&b"MM\0*\0\0\0\x08\0\x01"[..], &entry, &[0; 4]].concat()
     }
@@ -366,13 +366,13 @@ mod tests {
     /// A camera that hangs upside down, or on its side, states this in its pictures, and browsers rotate them. Labels are
     /// drawn on pixels, so the picture is sent with the same pixels and without rotation data, for each file format.
     #[test]
-    fn a_picture_is_shown_as_its_pixels_are() {
+    fn pictures_are_sent_without_exif_rotation() {
         let rgb = (0..8_u8).map(|index| [index * 30, 255 - index * 30, 90]).collect();
         let picture = panelprep_base::geometry::ColorPicture { width: 4, height: 2, rgb };
         let (plain_jpeg, plain_png) =
             (files::write_color_jpeg(&picture).expect("packed"), files::write_color_png(&picture).expect("packed"));
         for orientation in [3, 6, 8] {
-            let exif = turned(orientation);
+            let exif = exif_with_orientation(orientation);
             let segment = [&b"Exif\0\0"[..], &exif].concat();
             let length = u16::try_from(segment.len() + 2).expect("short").to_be_bytes();
             let jpeg = [&plain_jpeg[..2], &[0xff, 0xe1], &length, &segment, &plain_jpeg[2..]].concat();
@@ -394,7 +394,7 @@ mod tests {
         }
     }
 
-    /// Another page in the same browser does not know the key and does not use this host name.
+    /// A page of another site in the same browser does not know the key, and its requests name another host.
     #[test]
     fn no_other_client_is_served() {
         let page = open();

@@ -1,7 +1,7 @@
 //! Commands: which are accepted, which are refused, and the effect of a flood of commands.
 
 use super::super::*;
-use super::{at, born, published, shown};
+use super::{at, born, published, values_in_state};
 use prost::Message as _;
 
 /// Returns a message that writes this value to a metric.
@@ -10,7 +10,7 @@ fn written(name: Option<&str>, alias: Option<u64>, value: Option<WireType>) -> V
     Payload { timestamp: Some(5), metrics: vec![metric], seq: None }.encode_to_vec()
 }
 
-fn yes(name: &str) -> Vec<u8> {
+fn write_true(name: &str) -> Vec<u8> {
     written(Some(name), None, Some(WireType::Boolean(true)))
 }
 
@@ -25,27 +25,27 @@ fn refusal(acts: &[NodeAction]) -> String {
 
 /// Each command is accepted under its name, its alias and both; there is no start command.
 #[test]
-fn allowed_commands_are_asked_for() {
+fn allowed_commands_are_requested() {
     for (command, alias) in [(NodeCommand::Hold, 1_001), (NodeCommand::Stop, 1_002), (NodeCommand::Abort, 1_003)] {
         let (name, yes) = (command.name(), Some(WireType::Boolean(true)));
         for (name, alias) in [(Some(name), None), (None, Some(alias)), (Some(name), Some(alias))] {
             let acts = send_command(&mut born(true), &written(name, alias, yes.clone()), 1);
             assert_eq!(acts, [NodeAction::Ask { command, is_noted: true }]);
         }
-        let why = refusal(&send_command(&mut born(false), &self::yes(name), 1));
+        let why = refusal(&send_command(&mut born(false), &self::write_true(name), 1));
         assert!(why.contains("is not permitted by [sparkplug] commands") && why.contains(name), "{why}");
     }
     for name in ["Node Control/Start", "Node Control/Reset", "Node Control/Clear", "Node Control/Unhold", "Start"] {
-        let why = refusal(&send_command(&mut born(true), &yes(name), 1));
+        let why = refusal(&send_command(&mut born(true), &write_true(name), 1));
         assert!(why.contains("valid: Node Control/Rebirth, Node Control/Hold"), "{why}");
     }
 }
 
 #[test]
-fn a_rebirth_states_everything_again_under_the_same_number() {
+fn a_rebirth_publishes_all_values_under_the_same_number() {
     let mut node = born(false);
-    node.step(NodeEvent::Seen(shown("held")), at(10));
-    let acts = send_command(&mut node, &yes("Node Control/Rebirth"), 20);
+    node.step(NodeEvent::Seen(values_in_state("held")), at(10));
+    let acts = send_command(&mut node, &write_true("Node Control/Rebirth"), 20);
     let [(kind, birth)] = &published(&acts)[..] else { panic!("{acts:?}") };
     assert_eq!((kind.as_str(), birth.seq), ("NBIRTH", Some(0)));
     assert!(birth.metrics.iter().any(|one| one.value == Some(WireType::Text("held".to_owned()))));
@@ -55,15 +55,15 @@ fn a_rebirth_states_everything_again_under_the_same_number() {
     );
 
     // A second request immediately afterwards waits, and no data are sent before it.
-    assert_eq!(send_command(&mut node, &yes("Node Control/Rebirth"), 30), []);
-    assert_eq!(node.step(NodeEvent::Seen(shown("idle")), at(500)), []);
-    let acts = node.step(NodeEvent::Seen(shown("idle")), at(1_020));
+    assert_eq!(send_command(&mut node, &write_true("Node Control/Rebirth"), 30), []);
+    assert_eq!(node.step(NodeEvent::Seen(values_in_state("idle")), at(500)), []);
+    let acts = node.step(NodeEvent::Seen(values_in_state("idle")), at(1_020));
     assert_eq!(published(&acts).iter().map(|(kind, _)| kind.as_str()).collect::<Vec<_>>(), ["NBIRTH"]);
-    let acts = node.step(NodeEvent::Seen(shown("held")), at(1_500));
+    let acts = node.step(NodeEvent::Seen(values_in_state("held")), at(1_500));
     assert_eq!(published(&acts)[0].1.seq, Some(1), "and on it goes");
 }
 
-/// Every other message has no effect, and its line in the audit trail states why.
+/// Every other message has no effect, and a line in the audit trail states why.
 #[test]
 fn other_messages_are_refused() {
     let stop = NodeCommand::Stop.name();
@@ -93,15 +93,15 @@ fn other_messages_are_refused() {
         assert!(why.contains(words), "{words}: {why}");
     }
     let long = "\u{1b}[31m".repeat(1_000);
-    let why = refusal(&send_command(&mut born(true), &yes(&long), 1));
+    let why = refusal(&send_command(&mut born(true), &write_true(&long), 1));
     assert!(why.len() < 1_000 && !why.contains('\u{1b}'), "{why}");
 }
 
 /// A command that the broker retained may be from yesterday. The other topics are not subscribed: a message on one of
 /// them was sent by a faulty broker.
 #[test]
-fn a_broker_that_lies_is_not_believed() {
-    let payload = yes(NodeCommand::Stop.name());
+fn retained_commands_and_other_topics_are_refused() {
+    let payload = write_true(NodeCommand::Stop.name());
     let topic = "spBv1.0/G/NCMD/cell";
     let acts = born(true).step(NodeEvent::Received { topic, payload: &payload, is_retained: true }, at(1));
     assert!(refusal(&acts).contains("its age is unknown"));
@@ -113,11 +113,11 @@ fn a_broker_that_lies_is_not_believed() {
     }
 }
 
-/// Ten thousand stops and ten thousand meaningless messages in ten seconds: the cell receives at most one request a
-/// second, and the last stop is not lost. The audit trail has a bounded number of lines and one that counts the
-/// others.
+/// Ten thousand stops and ten thousand meaningless messages in ten seconds: the cell receives at most one request per
+/// second, and the last stop is not lost. The audit trail has a limited number of lines, and one line with the number
+/// of the others.
 #[test]
-fn a_flood_is_bounded_and_swallows_no_stop() {
+fn a_flood_of_commands_is_limited_and_loses_no_stop() {
     let mut node = born(true);
     let (mut asked, mut notes) = (vec![], vec![]);
     let mut keep = |acts: Vec<NodeAction>, ms: u64| {
@@ -130,19 +130,19 @@ fn a_flood_is_bounded_and_swallows_no_stop() {
         }
     };
     for ms in 0..10_000 {
-        keep(send_command(&mut node, &yes(NodeCommand::Stop.name()), ms), ms);
+        keep(send_command(&mut node, &write_true(NodeCommand::Stop.name()), ms), ms);
         keep(send_command(&mut node, b"nonsense", ms), ms);
         if ms % 500 == 0 {
-            keep(node.step(NodeEvent::Seen(shown("idle")), at(ms)), ms);
+            keep(node.step(NodeEvent::Seen(values_in_state("idle")), at(ms)), ms);
         }
     }
-    keep(node.step(NodeEvent::Seen(shown("idle")), at(10_500)), 10_500);
+    keep(node.step(NodeEvent::Seen(values_in_state("idle")), at(10_500)), 10_500);
     assert!(asked.iter().all(|(command, _)| *command == NodeCommand::Stop));
     assert!((10..=11).contains(&asked.len()), "{asked:?}");
     assert_eq!(asked[0].1, 0, "the first one continues at once");
     assert!(asked.last().is_some_and(|(_, ms)| *ms >= 9_999), "and so does the last one: {asked:?}");
     assert_eq!(notes.len(), 20);
-    let acts = node.step(NodeEvent::Seen(shown("idle")), at(60_000));
+    let acts = node.step(NodeEvent::Seen(values_in_state("idle")), at(60_000));
     let why = refusal(&acts);
     assert!(why.starts_with("9980 further messages"), "{why}");
     assert!(send_command(&mut node, b"nonsense", 60_001).len() == 1, "a new minute");
@@ -150,17 +150,23 @@ fn a_flood_is_bounded_and_swallows_no_stop() {
 
 /// A waiting command ends with its connection, and is not passed on in a later connection.
 #[test]
-fn what_waits_ends_with_the_connection() {
+fn waiting_commands_end_with_their_connection() {
     for command in [NodeCommand::Hold, NodeCommand::Stop, NodeCommand::Abort] {
         let mut node = born(true);
         let asked = |acts: &[NodeAction]| acts.iter().filter(|act| matches!(act, NodeAction::Ask { .. })).count();
-        assert_eq!(asked(&send_command(&mut node, &yes(command.name()), 1)), 1);
-        assert_eq!(asked(&send_command(&mut node, &yes(command.name()), 500)), 0, "it waits");
+        assert_eq!(asked(&send_command(&mut node, &write_true(command.name()), 1)), 1);
+        assert_eq!(asked(&send_command(&mut node, &write_true(command.name()), 500)), 0, "it waits");
         node.step(NodeEvent::Lost, at(600));
         node.step(NodeEvent::Connecting, at(100_000));
-        let acts =
-            [node.step(NodeEvent::Subscribed, at(100_000)), node.step(NodeEvent::Seen(shown("idle")), at(180_000))];
+        let acts = [
+            node.step(NodeEvent::Subscribed, at(100_000)),
+            node.step(NodeEvent::Seen(values_in_state("idle")), at(180_000)),
+        ];
         assert_eq!(asked(&acts.concat()), 0, "{command:?} of minutes ago");
-        assert_eq!(asked(&send_command(&mut node, &yes(command.name()), 180_001)), 1, "a new one is passed on");
+        assert_eq!(
+            asked(&send_command(&mut node, &write_true(command.name()), 180_001)),
+            1,
+            "a new one is passed on"
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! The node without a broker: its output, message by message.
+//! The node without a broker: its messages, one by one.
 
 mod commanded;
 mod walks;
@@ -9,7 +9,7 @@ use panelprep_cell::cycle::{At, Hold, Phase, Robot, State, Why};
 use prost::Message as _;
 use std::collections::BTreeSet;
 
-/// Creates a node of the group G, with a primary host or without.
+/// Creates a node of the group G, with or without a primary host.
 fn node(primary_host: Option<&str>, commands_allowed: bool, aliases: bool) -> EdgeNode {
     let ids = CellIds {
         group_id: "G".to_owned(),
@@ -19,13 +19,13 @@ fn node(primary_host: Option<&str>, commands_allowed: bool, aliases: bool) -> Ed
     EdgeNode::new(NodeSetup { ids, commands_allowed, aliases })
 }
 
-/// The same time for the wall clock and the monotonic clock.
+/// Returns the same time for the wall clock and the monotonic clock.
 fn at(ms: u64) -> NodeTime {
     NodeTime { unix_ms: 1_700_000_000_000 + ms, steady_ms: ms }
 }
 
 /// Returns the cell's values in this state.
-fn shown(state: &str) -> Vec<Value> {
+fn values_in_state(state: &str) -> Vec<Value> {
     let hold = Hold { why: Why::Asked, resume: Phase::Locate };
     let at = [At::Stopped, At::Idle, At::Starting, At::Held(hold)]
         .into_iter()
@@ -35,7 +35,7 @@ fn shown(state: &str) -> Vec<Value> {
     values(&CellView { now, ..CellView::default() })
 }
 
-/// Returns the messages among some actions, each with the kind in its topic.
+/// Returns the published messages of some actions, each with the kind in its topic.
 fn published(acts: &[NodeAction]) -> Vec<(String, Payload)> {
     let message = |act: &NodeAction| match act {
         NodeAction::Publish(message) => {
@@ -52,7 +52,7 @@ fn published(acts: &[NodeAction]) -> Vec<(String, Payload)> {
 fn born(commands_allowed: bool) -> EdgeNode {
     let mut node = node(None, commands_allowed, true);
     node.step(NodeEvent::Connecting, at(0));
-    node.step(NodeEvent::Seen(shown("idle")), at(0));
+    node.step(NodeEvent::Seen(values_in_state("idle")), at(0));
     assert_eq!(published(&node.step(NodeEvent::Subscribed, at(0))).len(), 1);
     node
 }
@@ -64,7 +64,7 @@ fn metric<'p>(payload: &'p Payload, name: &str) -> &'p Metric {
 /// Calculated by hand, from the specification's protobuf: the time (08) 1 700 000 000 000 is 80 D0 95 FF BC 31 as a
 /// varint; a metric (12) has name (0A), time (18), type 4 (20 04) and long value 0 (58 00).
 #[test]
-fn a_death_is_these_bytes() {
+fn a_death_has_the_bytes_of_the_specification() {
     let mut node = node(None, false, true);
     node.step(NodeEvent::Connecting, at(0));
     let will = node.last_will(at(0));
@@ -77,12 +77,12 @@ fn a_death_is_these_bytes() {
 /// Every metric has name, type, time, and a value or the flag for no value. All aliases are different, and a
 /// rebirth has none.
 #[test]
-fn a_birth_has_everything() {
+fn a_birth_contains_every_metric() {
     for (aliases, commands_allowed) in [(true, true), (true, false), (false, true)] {
         let mut node = node(None, commands_allowed, aliases);
         node.step(NodeEvent::Connecting, at(0));
         node.step(NodeEvent::Subscribed, at(1));
-        let acts = node.step(NodeEvent::Seen(shown("held")), at(2));
+        let acts = node.step(NodeEvent::Seen(values_in_state("held")), at(2));
         let [NodeAction::Publish(message)] = &acts[..] else { panic!("{acts:?}") };
         assert_eq!(message.topic, "spBv1.0/G/NBIRTH/cell");
         let (_, payload) = &published(&acts)[0];
@@ -111,10 +111,10 @@ fn a_birth_has_everything() {
 /// A data message contains only changed values, each under its alias without a name; if nothing changed, there is no
 /// message.
 #[test]
-fn data_are_what_changed() {
+fn data_messages_contain_only_changes() {
     let mut node = born(false);
-    assert_eq!(node.step(NodeEvent::Seen(shown("idle")), at(10)), []);
-    let acts = node.step(NodeEvent::Seen(shown("starting")), at(20));
+    assert_eq!(node.step(NodeEvent::Seen(values_in_state("idle")), at(10)), []);
+    let acts = node.step(NodeEvent::Seen(values_in_state("starting")), at(20));
     let (kind, payload) = &published(&acts)[0];
     assert_eq!((kind.as_str(), payload.seq, payload.timestamp), ("NDATA", Some(1), Some(at(20).unix_ms)));
     let told: Vec<_> = payload.metrics.iter().map(|one| (one.alias, one.value.clone())).collect();
@@ -130,46 +130,46 @@ fn data_are_what_changed() {
 
 /// A host that cannot use aliases receives names and types.
 #[test]
-fn without_aliases_data_are_named() {
+fn without_aliases_data_contain_names_and_types() {
     let mut node = node(None, false, false);
     node.step(NodeEvent::Connecting, at(0));
     node.step(NodeEvent::Subscribed, at(0));
-    node.step(NodeEvent::Seen(shown("idle")), at(0));
-    let acts = node.step(NodeEvent::Seen(shown("held")), at(1));
+    node.step(NodeEvent::Seen(values_in_state("idle")), at(0));
+    let acts = node.step(NodeEvent::Seen(values_in_state("held")), at(1));
     let (_, payload) = &published(&acts)[0];
     assert_eq!(metric(payload, "State/number").datatype, Some(4));
     assert!(payload.metrics.iter().all(|one| one.alias.is_none()));
 }
 
-/// The number of a connection counts to 255 and continues at 0, as does the sequence number of a message. Each
-/// birth begins at 0.
+/// The number of a connection counts to 255 and continues at 0, and so does the sequence number of a message. Each
+/// birth has the sequence number 0.
 #[test]
-fn numbers_count_on() {
+fn numbers_continue_at_0_after_255() {
     let mut node = node(None, false, true);
     for connection in 0..300_u64 {
         node.step(NodeEvent::Connecting, at(connection));
         let will = Payload::decode(&*node.last_will(at(0)).payload).expect("a payload");
         assert_eq!((will.metrics.len(), will.seq), (1, None));
         assert_eq!(metric(&will, "bdSeq").value, Some(WireType::Long(connection % 256)));
-        node.step(NodeEvent::Seen(shown("idle")), at(connection));
+        node.step(NodeEvent::Seen(values_in_state("idle")), at(connection));
         let acts = node.step(NodeEvent::Subscribed, at(connection));
         let (_, birth) = &published(&acts)[0];
         assert_eq!(metric(birth, "bdSeq").value, Some(WireType::Long(connection % 256)));
         assert_eq!(birth.seq, Some(0));
         node.step(NodeEvent::Lost, at(connection));
-        assert_eq!(node.step(NodeEvent::Seen(shown("held")), at(connection)), [], "nothing is sent");
+        assert_eq!(node.step(NodeEvent::Seen(values_in_state("held")), at(connection)), [], "nothing is sent");
     }
     let mut node = born(false);
     for message in 1..600_u64 {
         let state = if message % 2 == 0 { "idle" } else { "held" };
-        let acts = node.step(NodeEvent::Seen(shown(state)), at(message));
+        let acts = node.step(NodeEvent::Seen(values_in_state(state)), at(message));
         assert_eq!(published(&acts)[0].1.seq, Some(message % 256));
     }
 }
 
 /// The node ends its session with its death, under the same connection number as its births.
 #[test]
-fn it_leaves_with_its_death() {
+fn the_node_ends_its_session_with_its_death() {
     let mut node = born(false);
     let acts = node.step(NodeEvent::Leaving, at(5));
     assert_eq!(acts.last(), Some(&NodeAction::Disconnect));
@@ -185,19 +185,19 @@ fn it_leaves_with_its_death() {
     );
 }
 
-fn host_says(node: &mut EdgeNode, text: &str, ms: u64) -> Vec<NodeAction> {
+fn host_statement(node: &mut EdgeNode, text: &str, ms: u64) -> Vec<NodeAction> {
     let payload = text.as_bytes();
     node.step(NodeEvent::Received { topic: "spBv1.0/STATE/scada", payload, is_retained: true }, at(ms))
 }
 
-/// Nothing is published before the primary host is online; if it goes offline, the node publishes its death and
-/// connects anew. A statement of an earlier connection of the host does not count.
+/// Nothing is published before the primary host is online. If it goes offline, the node publishes its death and
+/// connects again. A statement about an earlier connection of the host has no effect.
 #[test]
-fn the_primary_host_is_waited_for() {
+fn nothing_is_published_while_the_primary_host_is_offline() {
     let mut node = node(Some("scada"), false, true);
     assert_eq!(node.subscriptions(), ["spBv1.0/G/NCMD/cell", "spBv1.0/STATE/scada"]);
     node.step(NodeEvent::Connecting, at(0));
-    node.step(NodeEvent::Seen(shown("idle")), at(0));
+    node.step(NodeEvent::Seen(values_in_state("idle")), at(0));
     assert_eq!(node.step(NodeEvent::Subscribed, at(0)), []);
     let other = NodeEvent::Received {
         topic: "spBv1.0/STATE/other",
@@ -205,15 +205,15 @@ fn the_primary_host_is_waited_for() {
         is_retained: true,
     };
     assert_eq!(published(&node.step(other, at(1))), [], "another host");
-    assert_eq!(host_says(&mut node, r#"{"online":false,"timestamp":100}"#, 2), []);
-    assert_eq!(host_says(&mut node, r#"{"online":true,"timestamp":99}"#, 3), [], "older than what was heard");
-    let acts = host_says(&mut node, r#"{"online":true,"timestamp":100,"more":1}"#, 4);
+    assert_eq!(host_statement(&mut node, r#"{"online":false,"timestamp":100}"#, 2), []);
+    assert_eq!(host_statement(&mut node, r#"{"online":true,"timestamp":99}"#, 3), [], "older than what was heard");
+    let acts = host_statement(&mut node, r#"{"online":true,"timestamp":100,"more":1}"#, 4);
     assert_eq!(published(&acts)[0].0, "NBIRTH");
-    assert_eq!(host_says(&mut node, r#"{"online":false,"timestamp":99}"#, 5), [], "of an earlier connection");
+    assert_eq!(host_statement(&mut node, r#"{"online":false,"timestamp":99}"#, 5), [], "of an earlier connection");
     assert!(node.is_born());
-    let acts = host_says(&mut node, r#"{"online":false,"timestamp":100}"#, 6);
+    let acts = host_statement(&mut node, r#"{"online":false,"timestamp":100}"#, 6);
     assert_eq!((published(&acts)[0].0.as_str(), acts.last()), ("NDEATH", Some(&NodeAction::Disconnect)));
-    assert_eq!(node.step(NodeEvent::Seen(shown("held")), at(7)), []);
+    assert_eq!(node.step(NodeEvent::Seen(values_in_state("held")), at(7)), []);
     node.step(NodeEvent::Lost, at(8));
 
     node.step(NodeEvent::Connecting, at(9));
@@ -222,14 +222,14 @@ fn the_primary_host_is_waited_for() {
         [],
         "the host is not known to be online at this connection"
     );
-    assert_eq!(host_says(&mut node, r#"{"online":true,"timestamp":50}"#, 11), []);
-    let acts = host_says(&mut node, r#"{"online":true,"timestamp":200}"#, 12);
+    assert_eq!(host_statement(&mut node, r#"{"online":true,"timestamp":50}"#, 11), []);
+    let acts = host_statement(&mut node, r#"{"online":true,"timestamp":200}"#, 12);
     let (kind, birth) = &published(&acts)[0];
     assert_eq!((kind.as_str(), &metric(birth, "bdSeq").value), ("NBIRTH", &Some(WireType::Long(1))));
 }
 
 #[test]
-fn what_no_host_states_is_refused() {
+fn an_invalid_host_state_is_refused() {
     for text in
         ["", "ONLINE", "{}", r#"{"online":1,"timestamp":2}"#, r#"{"online":true,"timestamp":-1}"#, "[true,2"]
     {
@@ -237,24 +237,24 @@ fn what_no_host_states_is_refused() {
         let mut node = node(Some("scada"), false, true);
         node.step(NodeEvent::Connecting, at(0));
         node.step(NodeEvent::Subscribed, at(0));
-        node.step(NodeEvent::Seen(shown("idle")), at(0));
-        let acts = host_says(&mut node, text, 1);
+        node.step(NodeEvent::Seen(values_in_state("idle")), at(0));
+        let acts = host_statement(&mut node, text, 1);
         let [NodeAction::Note(note)] = &acts[..] else { panic!("{acts:?}") };
         assert!(note.refused.as_ref().is_some_and(|why| why.contains("\"timestamp\"")), "{note:?}");
     }
 }
 
-/// The names also differ for a host that ignores upper and lower case, and none of them is the name of a command or of
-/// the connection number.
+/// The names are also different for a host that ignores upper and lower case, and none of them is the name of a command
+/// or of the connection number.
 #[test]
-fn names_are_distinguished() {
+fn metric_names_are_unique() {
     let names: Vec<_> = METRICS.iter().map(|one| one.name.to_lowercase()).collect();
     assert_eq!(names.iter().collect::<BTreeSet<_>>().len(), names.len());
     assert!(names.iter().all(|name| !name.starts_with("node control/") && name != "bdseq"));
     assert_eq!(values(&CellView::default()).len(), METRICS.len());
 }
 
-/// The numbers are those of `packml`, which has its own tests for all of them.
+/// The state numbers are those of `packml`, whose own tests check all of them.
 #[test]
 fn state_and_mode_are_reported_by_number_and_word() {
     let mut state = State { at: At::Idle, ..State::INITIAL };
@@ -274,7 +274,7 @@ fn state_and_mode_are_reported_by_number_and_word() {
 }
 
 #[test]
-fn the_mode_is_not_guessed() {
+fn the_mode_is_null_without_reports_of_the_robot() {
     let heard = |robot: Robot| {
         let mut state = State::INITIAL;
         state.facts.robot = robot;
@@ -285,7 +285,7 @@ fn the_mode_is_not_guessed() {
 
 /// A value that is not a number is published as null.
 #[test]
-fn a_number_that_is_none_is_null() {
+fn a_number_that_is_not_finite_is_null() {
     let kept = StoreView { disc_worn_mm2: Some(f64::NAN), free_mb: Some(1_799), ..StoreView::default() };
     let all = values(&CellView { kept, ..CellView::default() });
     let of = |name: &str| &all[METRICS.iter().position(|one| one.name == name).expect("it is there")];

@@ -1,7 +1,7 @@
 //! Random walks: for any sequence of events, the broker receives a valid Sparkplug session.
 
 use super::super::*;
-use super::{at, metric, node, published, shown};
+use super::{at, metric, node, published, values_in_state};
 use proptest::prelude::*;
 use prost::Message as _;
 
@@ -18,7 +18,7 @@ enum Step {
     Leave,
 }
 
-/// Mostly the next step of a healthy broker, so that the walk reaches births and data.
+/// Returns a random step: mostly the next step of a healthy broker, so that the walk reaches births and data.
 fn step() -> impl Strategy<Value = Step> {
     prop_oneof![
         3 => Just(Step::Connect),
@@ -32,7 +32,7 @@ fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
-/// The model that a host application builds from the messages of one connection.
+/// The data that a host application collects from the messages of one connection.
 #[derive(Default)]
 struct Host {
     /// The connection number in the will.
@@ -43,7 +43,7 @@ struct Host {
 }
 
 impl Host {
-    fn hears(&mut self, kind: &str, payload: &Payload) {
+    fn receive(&mut self, kind: &str, payload: &Payload) {
         match kind {
             "NBIRTH" => {
                 assert_eq!(payload.seq, Some(0));
@@ -77,14 +77,14 @@ const STATES: [&str; 4] = ["stopped", "idle", "starting", "held"];
 
 proptest! {
     #[test]
-    fn the_broker_receives_a_session(
+    fn the_broker_receives_a_valid_session(
         with_host in any::<bool>(),
         walk in proptest::collection::vec((step(), 0..800_u64), 1..120),
     ) {
         let mut node = node(with_host.then_some("scada"), true, true);
         let (mut host, mut ms, mut connected) = (Host::default(), 0, false);
-        // The newest state seen, and whether the primary host has stated that it is online since the connection
-        // began.
+        // The newest state that was read, and whether the primary host has stated that it is online since the
+        // connection began.
         let (mut seen, mut online) = (None, false);
         for (step, passed) in walk {
             ms += passed;
@@ -111,7 +111,7 @@ proptest! {
                 Step::Lose => NodeEvent::Lost,
                 Step::See(state) => {
                     seen = Some(STATES[usize::from(*state)]);
-                    NodeEvent::Seen(shown(STATES[usize::from(*state)]))
+                    NodeEvent::Seen(values_in_state(STATES[usize::from(*state)]))
                 }
                 Step::Host { .. } | Step::Rebirth | Step::Bytes(_) if !connected => continue,
                 Step::Host { online: is_online, .. } => {
@@ -132,14 +132,14 @@ proptest! {
             for (kind, payload) in published(&acts) {
                 prop_assert!(connected, "{kind} without a connection");
                 prop_assert!(!with_host || online || kind == "NDEATH", "{kind} without its host");
-                host.hears(&kind, &payload);
+                host.receive(&kind, &payload);
             }
-            // Each time the cell's values are read, a host that receives the messages has every value.
+            // After each reading of the cell's values, the host has every value.
             if host.born && matches!(step, Step::See(_)) {
                 let word = METRICS.iter().position(|one| one.name == "State/word").expect("it is there");
                 let reported = host.values[word].clone();
                 let lags = reported != seen.map(|state| WireType::Text(state.to_owned()));
-                // Data are held back only while a rebirth waits for its time.
+                // Data are held back only until a delayed rebirth is published.
                 prop_assert!(!lags || node.waits_for_rebirth());
             }
             if ends || acts.contains(&NodeAction::Disconnect) {

@@ -1,5 +1,5 @@
-//! The permitted waypoints of a contact path limit the grids that it may have touched, however it ended. The disc
-//! wears with the paths.
+//! The permitted waypoints of a contact path limit the grids that it may have touched, for every end of the motion. The
+//! paths wear the disc.
 
 use super::journal::progress;
 use super::*;
@@ -26,7 +26,7 @@ fn earlier(cycle: CycleId, grid: &str, is_sure: bool) -> EarlierPass {
 
 /// The progress of another action, or of an earlier motion, does not count for this one.
 #[test]
-fn an_open_contact_is_bounded_by_what_was_reported_and_permitted() {
+fn touched_grids_are_limited_by_reported_and_permitted_waypoints() {
     let (folder, mut store) = new_store();
     let id = store.begin_cycle(&super::cycles::start()).expect("begun");
     store.open_contact(&MOTION, Some(id), (&path(), 16)).expect("opened");
@@ -50,10 +50,10 @@ fn an_open_contact_is_bounded_by_what_was_reported_and_permitted() {
     assert!(store.store_permit(30).is_err(), "no motion is open");
 }
 
-/// A cycle that crashed, a cycle that was stopped with its finding, then a cycle that passes: after that the next
-/// part is present.
+/// The first cycle crashed, the second was stopped and has a finding, and a later one passed: then the next part is
+/// present.
 #[test]
-fn what_may_have_been_abraded_counts_until_the_part_has_a_result() {
+fn possible_abrasions_count_until_the_part_passes() {
     let (_folder, mut store) = new_store();
     let begin = |store: &mut Store| store.begin_cycle(&super::cycles::start()).expect("begun");
     let one = begin(&mut store);
@@ -108,12 +108,12 @@ fn what_may_have_been_abraded_counts_until_the_part_has_a_result() {
     assert_eq!(store.earlier_abrasions(seven).expect("read"), [], "the part had a result, and is taken out");
 }
 
-/// Adds a finished air-run: a pass without a film.
+/// Concludes a cycle as an air-run: with the verdict pass and without a film.
 fn air_run(store: &mut Store, id: CycleId) {
     store.conclude(id, Verdict::Pass, &[]).expect("concluded");
 }
 
-/// Adds a cycle that ends by its film.
+/// Concludes a cycle with a film of this verdict.
 pub fn film(store: &mut Store, id: CycleId, verdict: Verdict) {
     let found = Finding::new(Kind::Inspect, 0, Judgement { verdict, reasons: vec![] });
     store.store_finding(id, &found).expect("kept");
@@ -121,7 +121,7 @@ pub fn film(store: &mut Store, id: CycleId, verdict: Verdict) {
 }
 
 /// Adds a cycle of this part that was interrupted in contact.
-pub fn cut_short(store: &mut Store, (serial, epoch): (&str, u32), another: bool) -> CycleId {
+pub fn add_interrupted_cycle(store: &mut Store, (serial, epoch): (&str, u32), another: bool) -> CycleId {
     let id = store.begin_cycle(&start_of(serial, another)).expect("begun");
     let motion = Motion { epoch, ..MOTION };
     store.open_contact(&motion, Some(id), (&path(), 16)).expect("opened");
@@ -141,13 +141,13 @@ pub fn start_of(serial: &str, another: bool) -> CycleStart {
     start
 }
 
-/// Abrasions are counted for one part, which is identified by its serial number, without regard to blanks and case,
+/// Abrasions are counted for each part. A part is identified by its serial number, without regard to blanks and case,
 /// and by a person's statement. A result of one part does not end the count of another part.
 #[test]
-fn a_count_is_of_one_part_and_falls_by_nothing_else() {
+fn abrasions_are_counted_for_each_part() {
     let (_folder, mut store) = new_store();
-    let one = cut_short(&mut store, ("SN ü17", 3), false);
-    let without_serial = cut_short(&mut store, ("", 4), false);
+    let one = add_interrupted_cycle(&mut store, ("SN ü17", 3), false);
+    let without_serial = add_interrupted_cycle(&mut store, ("", 4), false);
     let mut counted = |serial: &str, another| {
         let id = store.begin_cycle(&start_of(serial, another)).expect("begun");
         let mut cycles: Vec<i64> =
@@ -180,13 +180,13 @@ fn a_count_is_of_one_part_and_falls_by_nothing_else() {
     assert_eq!(after("SN 18"), [without_serial].into());
 }
 
-/// A part without a serial number that failed may be the one in the next start: its passes count until a start states
-/// another part, or until it passes. A serial number that is left out hides no fail either.
+/// A part without a serial number that failed may also be the part of the next start: its passes count until a start
+/// states another part, or until it passes. They also count if the serial number is left out after a fail.
 #[test]
 fn a_fail_ends_no_count_without_a_serial_number() {
     let (_folder, mut store) = new_store();
     let failed = |store: &mut Store, (serial, epoch), another| {
-        let id = cut_short(store, (serial, epoch), another);
+        let id = add_interrupted_cycle(store, (serial, epoch), another);
         let next = store.begin_cycle(&start_of(serial, false)).expect("begun");
         film(store, next, Verdict::Fail);
         id
@@ -235,7 +235,7 @@ fn a_cycle_keeps_its_clock_and_its_recording() {
     assert_eq!((record.clocks, record.recording), (clocks.map(Some), Some(file)));
 }
 
-/// Calculated by hand: 100 + 250.5, then a new disc and 40.
+/// Calculated by hand, mm²: 100 + 250.5, then a new disc and 40.
 #[test]
 fn wear_adds_up_until_a_new_disc_is_mounted() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -254,7 +254,7 @@ fn wear_adds_up_until_a_new_disc_is_mounted() {
 }
 
 #[test]
-fn a_reader_wears_no_disc() {
+fn a_store_open_for_reading_records_no_wear() {
     let folder = tempfile::tempdir().expect("a folder");
     drop(Store::create(folder.path()).expect("a new store"));
     let mut store = Store::open(folder.path()).expect("for reading");

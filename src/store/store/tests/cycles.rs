@@ -48,7 +48,7 @@ fn finding(picture: &str) -> Finding {
 }
 
 #[test]
-fn a_cycle_is_restored_completely_and_to_the_bit() {
+fn a_cycle_reads_back_bit_for_bit() {
     let (folder, mut store) = new_store();
     let id = store.begin_cycle(&start()).expect("begun");
     let running = store.cycle(id).expect("there");
@@ -82,7 +82,7 @@ fn a_cycle_is_restored_completely_and_to_the_bit() {
     let codes: Vec<&str> = judgement.reasons.iter().map(|reason| &*reason.code).collect();
     assert_eq!((judgement.verdict, codes), (Verdict::Review, vec!["overlap", "passes"]), "no person decided");
     assert!(record.started_unix_s > 1_700_000_000 && record.ended_unix_s >= Some(record.started_unix_s));
-    // The bytes of the inputs are found by the record alone.
+    // The inputs can be read with the hashes in the record alone.
     assert_eq!(store.blob(&record.recipe_hash).expect("kept"), start().recipe_text.as_bytes());
     let files: Vec<_> =
         record.files.iter().map(|file| (file.name.as_str(), store.blob(&file.hash).expect("kept"))).collect();
@@ -91,7 +91,7 @@ fn a_cycle_is_restored_completely_and_to_the_bit() {
 }
 
 #[test]
-fn what_does_not_fit_is_refused() {
+fn invalid_rows_of_a_cycle_are_refused() {
     let (_folder, mut store) = new_store();
     let id = store.begin_cycle(&start()).expect("begun");
     let picture = store.store_blob(b"jpeg").expect("kept");
@@ -150,7 +150,7 @@ fn words(asked: &[RequestRecord]) -> Vec<(RequestedAction, Option<Answer>)> {
 /// Between two cycles a disc is mounted and a clear is refused. In the second cycle a request is refused. Another
 /// request is interrupted by the end of the program before its answer is stored.
 #[test]
-fn requests_are_where_they_were_asked_with_their_answers() {
+fn requests_belong_to_their_cycle_with_their_answers() {
     let (folder, mut store) = new_store();
     let one = store.begin_cycle(&start()).expect("begun");
     ask(&mut store, Request::Start { max_passes: 2, max_moves: 3, dries: false }, Some(one), Answer::Done);
@@ -196,7 +196,7 @@ fn requests_are_where_they_were_asked_with_their_answers() {
     ));
 }
 
-/// Five requests of one millisecond: pages of two contain each request once.
+/// Five requests have the same millisecond: pages of two contain each request once.
 #[test]
 fn pages_contain_each_request_of_one_millisecond_once() {
     let (_folder, mut store) = new_store();
@@ -217,7 +217,8 @@ fn page(stage: ProofStage, programs_sum: i32, result: ProofsResult) -> ProofsPag
     ProofsPage { stage, programs_sum, page_sha256: "ab".repeat(32), by: "Ada".to_owned(), result }
 }
 
-/// The newest signature counts, unless a row was found wrong after it, whatever was stored before it; a proven page is no signature.
+/// The newest signature is returned, with the first stage on which a row was found wrong after it. Other rows do not
+/// matter, and a proven page is not a signature.
 #[test]
 fn the_newest_signature_is_read_back() {
     let (folder, store) = new_store();
@@ -236,12 +237,12 @@ fn the_newest_signature_is_read_back() {
         (page(A, 7, Signed), signed(A, 7, None)),
         (page(B, 7, Signed), signed(B, 7, None)),
         (page(C, 7, Proven), signed(B, 7, None)),
-        // A row was found wrong later, in two runs: the first stage counts.
+        // Rows were found wrong later, in two runs: the lower stage is returned.
         (page(B, 7, Wrong), signed(B, 7, Some(B))),
         (page(A, 7, Wrong), signed(B, 7, Some(A))),
         (page(C, 7, Wrong), signed(B, 7, Some(A))),
         (page(B, 7, Proven), signed(B, 7, Some(A))),
-        // The programs were changed: the proofs begin again.
+        // The programs were changed: the proofs start again.
         (page(A, 8, Signed), signed(A, 8, None)),
     ] {
         Store::store_proofs_in(&folder, &row, who.clone()).expect("stored");
@@ -251,9 +252,9 @@ fn the_newest_signature_is_read_back() {
     assert_eq!((pages.len(), &pages[0], &pages[9]), (10, &page(A, 8, Signed), &page(A, 7, Proven)));
 }
 
-/// A row whose stage this version does not know hides no older signature: nothing counts as signed.
+/// A row with a stage that this version does not know is an error, so that an older signature is not used in its place.
 #[test]
-fn an_unknown_stage_is_no_older_signature() {
+fn a_signature_of_an_unknown_stage_is_an_error() {
     let (folder, store) = new_store();
     drop(store);
     let folder = folder.path().join("store");
@@ -303,7 +304,7 @@ fn verifications_are_kept_by_subject_and_the_last_one_counts() {
 }
 
 #[test]
-fn a_verification_that_is_struck_out_stays_with_who_and_why() {
+fn a_struck_out_verification_stays_with_person_and_reason() {
     let (folder, mut store) = new_store();
     let all = [verified("scanner", 0.1), verified("scanner", 203.5)];
     all.iter().for_each(|verification| store.store_verification(verification).expect("kept"));

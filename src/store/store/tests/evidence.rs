@@ -1,6 +1,6 @@
 //! Changes made outside this program are detected and named.
 
-use super::super::chain::PARTS;
+use super::super::chain::HASHED_TABLES;
 use super::super::{chain, head};
 use super::journal::progress;
 use super::*;
@@ -9,7 +9,7 @@ use panelprep_cell::cycle::{At, Motion, Outcome, Path as MotionPath};
 use panelprep_cell::record::{Budget, Finding, Kind};
 
 /// Creates a closed store in which every table has rows.
-pub fn whole() -> TempDir {
+pub fn filled_store() -> TempDir {
     let (folder, mut store) = new_store();
     store.recover().expect("recovers");
     store.teach(&teaching("wing")).expect("taught");
@@ -47,9 +47,9 @@ pub fn verify(folder: &TempDir) -> StoreVerification {
     Store::verify(&store_in(folder), true).expect("verified")
 }
 
-/// Changes the database as another program would; the tests ignore the hash of the database file, which also shows the
-/// change.
-pub fn behind_its_back(folder: &TempDir, sql: &str) {
+/// Changes the database as another program would. The tests ignore the difference in the hash of the database file,
+/// which every change causes.
+pub fn change_outside_the_program(folder: &TempDir, sql: &str) {
     let connection = Connection::open(store_in(folder).join(DATABASE)).expect("opens");
     connection.pragma_update(None, "foreign_keys", "OFF").expect("set");
     connection.execute_batch(sql).unwrap_or_else(|error| panic!("{sql}: {error}"));
@@ -64,8 +64,8 @@ fn rows_alone(found: &StoreVerification) -> Vec<&str> {
         .collect()
 }
 
-/// A new table or column must be added to the chain. The table of parts is an index over texts that are in the
-/// chain, and is compared with them.
+/// Every table and column is in the chain, including new ones. The table of parts is an index over texts that are in
+/// the chain, and is compared with them.
 #[test]
 fn every_column_of_every_table_is_in_the_chain() {
     let (_folder, store) = new_store();
@@ -76,15 +76,15 @@ fn every_column_of_every_table_is_in_the_chain() {
     let columns: Vec<(String, String)> = columns.collect::<Result<_, _>>().expect("read");
     assert!(columns.len() > 40, "{columns:?}");
     for (table, column) in columns {
-        let parts = PARTS.iter().filter(|part| part.table == table);
+        let parts = HASHED_TABLES.iter().filter(|part| part.table == table);
         let held = parts.clone().any(|part| part.key == column || part.columns.contains(&column.as_str()));
         assert!(held, "{table}.{column} is in no part of the chain");
     }
 }
 
 #[test]
-fn a_store_that_was_not_changed_is_whole() {
-    let folder = whole();
+fn an_unchanged_store_has_no_differences() {
+    let folder = filled_store();
     let found = verify(&folder);
     assert_eq!((found.differences.clone(), found.earlier_differences.len()), (vec![], 0));
     assert!(found.links > 150 && found.files > 5, "{found:?}");
@@ -97,7 +97,7 @@ fn a_store_that_was_not_changed_is_whole() {
     assert_eq!(verify(&folder).differences, [] as [String; 0]);
 }
 
-/// Each change has a word that the finding must contain.
+/// Each change, with a text that the difference must contain.
 #[test]
 fn every_deletion_edit_and_exchange_is_named() {
     let exchange =
@@ -135,19 +135,19 @@ fn every_deletion_edit_and_exchange_is_named() {
         ("DROP INDEX findings_by_cycle", "index findings_by_cycle was changed or is missing"),
     ];
     for (sql, words) in planted {
-        let folder = whole();
-        behind_its_back(&folder, sql);
+        let folder = filled_store();
+        change_outside_the_program(&folder, sql);
         let found = verify(&folder);
         let reported = rows_alone(&found);
         assert!(reported.iter().any(|found| found.contains(words)), "{sql}: {reported:?}");
     }
 }
 
-/// A person who can write the chain anew still does not have the head outside of the database.
+/// A person who can write the whole chain again still cannot change the head outside of the database.
 #[test]
 fn a_rewritten_chain_contradicts_its_head() {
-    let folder = whole();
-    behind_its_back(&folder, "UPDATE cycles SET verdict = 'pass'");
+    let folder = filled_store();
+    change_outside_the_program(&folder, "UPDATE cycles SET verdict = 'pass'");
     let connection = Connection::open(store_in(&folder).join(DATABASE)).expect("opens");
     connection.execute("DELETE FROM chain", []).expect("forged");
     let forged = chain::adopt_rows(&connection).expect("forged");
@@ -155,8 +155,8 @@ fn a_rewritten_chain_contradicts_its_head() {
     let found = verify(&folder);
     let reported = rows_alone(&found);
     assert!(matches!(reported[..], [words] if words.contains("rolled back")), "{forged:?} {reported:?}");
-    // A chain with the same number of links, but another verdict.
-    let folder = whole();
+    // The chain has the same number of links, but another verdict.
+    let folder = filled_store();
     let connection = Connection::open(store_in(&folder).join(DATABASE)).expect("opens");
     let sql = "UPDATE cycles SET verdict = 'pass' WHERE id = 4";
     connection.execute(sql, []).expect("changed");
@@ -175,11 +175,11 @@ fn a_rewritten_chain_contradicts_its_head() {
     assert!(matches!(rows_alone(&found)[..], [words] if words.contains("the chain was rewritten")), "{found:?}");
 }
 
-/// One bit is changed in every page, at many positions. The file's hash detects every change; rows, links and
-/// SQLite name most of them.
+/// One bit is changed in every page, at many positions. The hash of the file shows every change; rows, links and SQLite
+/// show most of them.
 #[test]
-fn a_flipped_bit_in_any_page_is_found() {
-    let folder = whole();
+fn a_flipped_bit_in_any_page_is_detected() {
+    let folder = filled_store();
     let path = store_in(&folder).join(DATABASE);
     let bytes = fs::read(&path).expect("the database");
     let (pages, mut flips, mut named) = (bytes.len() / 4096, 0, 0);
@@ -202,10 +202,11 @@ fn a_flipped_bit_in_any_page_is_found() {
     assert_eq!(verify(&folder).differences, [] as [String; 0]);
 }
 
-/// A changed bit in any byte of the head is reported, and the store still opens if the other copy explains it.
+/// A changed bit in any byte of the head is reported, and the store can still be opened if the other copy names its
+/// position.
 #[test]
-fn a_flipped_bit_in_the_head_is_found() {
-    let folder = whole();
+fn a_flipped_bit_in_the_head_is_detected() {
+    let folder = filled_store();
     let path = store_in(&folder).join(head::FILE);
     let bytes = fs::read(&path).expect("the head");
     for place in 0..bytes.len() {
@@ -217,11 +218,11 @@ fn a_flipped_bit_in_the_head_is_found() {
     }
 }
 
-/// A settled head with one transaction missing is not the result of a crash.
+/// The last transaction is missing and the head names no possible next position: a crash cannot have this result.
 #[test]
-fn the_last_line_alone_cannot_be_cut_off() {
-    let folder = whole();
-    behind_its_back(
+fn a_missing_last_transaction_is_detected() {
+    let folder = filled_store();
+    change_outside_the_program(
         &folder,
         "DELETE FROM chain WHERE link = (SELECT max(link) FROM chain); DELETE FROM verification_strikes",
     );
@@ -229,24 +230,24 @@ fn the_last_line_alone_cannot_be_cut_off() {
     assert!(found.differences.iter().any(|words| words.contains("rolled back: 1 entries")), "{found:?}");
 }
 
-/// The content of a store from an earlier version of this program is added to a chain, once.
+/// The rows of a store of an earlier version of this program are added to a chain, once.
 #[test]
-fn a_store_without_a_chain_is_taken_into_one() {
-    let folder = whole();
+fn a_store_without_a_chain_is_added_to_a_chain() {
+    let folder = filled_store();
     let drop_all = "DROP TABLE chain; DROP TABLE checkpoints; DROP TABLE incidents; DROP TABLE pruned; DROP TABLE permits; \
                     DROP TABLE contacts; DROP TABLE cycle_facts; DROP TABLE requests; DROP TABLE cycle_parts; \
                     DROP TABLE finding_times; DROP TABLE acknowledgements; DROP TABLE accounts; DROP TABLE audit; DROP TABLE signatures; \
                     DROP TABLE outbox; DROP TABLE outbox_epochs; PRAGMA user_version = 5";
-    behind_its_back(&folder, drop_all);
+    change_outside_the_program(&folder, drop_all);
     let path = store_in(&folder);
-    // A head that contradicts the store shows that the store was rolled back, and was not left by an earlier program.
+    // A head that contradicts the store is evidence of a rollback, not of an earlier version of this program.
     let store = Store::create(&path).expect("opens");
     assert!(store.changed().iter().any(|words| words.contains("rolled back")), "{:?}", store.changed());
     drop(store);
-    // A store without a head was left by an earlier version of this program.
-    let folder = whole();
+    // A store without a head was written by an earlier version of this program.
+    let folder = filled_store();
     let path = store_in(&folder);
-    behind_its_back(&folder, drop_all);
+    change_outside_the_program(&folder, drop_all);
     fs::remove_file(path.join(head::FILE)).expect("removed");
     let mut store = Store::create(&path).expect("opens");
     assert_eq!(store.changed(), [] as [String; 0]);
@@ -254,6 +255,6 @@ fn a_store_without_a_chain_is_taken_into_one() {
     drop(store);
     let found = verify(&folder);
     assert!(found.differences.is_empty() && found.links > 130, "{found:?}");
-    behind_its_back(&folder, "UPDATE cycles SET verdict = 'pass' WHERE id = 1");
+    change_outside_the_program(&folder, "UPDATE cycles SET verdict = 'pass' WHERE id = 1");
     assert!(verify(&folder).differences.iter().any(|words| words.contains("end of cycle 1")));
 }

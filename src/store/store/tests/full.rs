@@ -1,4 +1,5 @@
-//! A full disk: pictures are dropped, the journal continues with its reserve, and a start reports what to delete.
+//! A full disk: pictures are dropped, the journal continues with its reserve, and a start reports which files to
+//! delete.
 //!
 //! Old files: which are removed, and which are never removed.
 
@@ -11,7 +12,7 @@ use panelprep_cell::record::{CycleId, Finding, KeptFile, Kind, Picture};
 use std::process::Command;
 use std::time::{Duration, SystemTime};
 
-/// A small disk of its own, if this user may mount one.
+/// A small separate disk, if this user may mount one.
 pub struct SmallDisk(TempDir);
 
 impl SmallDisk {
@@ -53,10 +54,10 @@ impl Drop for SmallDisk {
     }
 }
 
-/// Another program fills the disk during contact: the retract, the hold and the stop are journaled, and pictures
-/// are dropped. A person who starts the program on the full disk is informed what to delete.
+/// Another program fills the disk during contact: the retract, the hold and the stop are written to the journal, and
+/// pictures are dropped. A start on the full disk reports which files to delete.
 #[test]
-fn the_journal_continues_where_the_disk_is_full() {
+fn the_journal_continues_on_a_full_disk() {
     let Some(disk) = SmallDisk::mount(140) else { return };
     let path = disk.0.path().join("store");
     let mut store = Store::create(&path).expect("a new store");
@@ -81,13 +82,13 @@ fn the_journal_continues_where_the_disk_is_full() {
     assert!(!store.has_free_space());
     drop(store);
 
-    // Starts in the space that the reserve has freed.
+    // The store opens in the space of the released reserve.
     let mut store = Store::create(&path).expect("opens on a full disk");
     assert_eq!(store.changed(), [] as [String; 0]);
     let recovered = store.recover().expect("recovers");
     assert!(store.is_disk_full());
     drop(store);
-    // A start without any space gives an error that reports this, each time, and causes no damage.
+    // Every start without any free space returns the error of the full disk, and causes no damage.
     disk.fill();
     for _ in 0..40 {
         match Store::create(&path) {
@@ -111,7 +112,8 @@ fn the_journal_continues_where_the_disk_is_full() {
     assert_eq!(Store::verify(&path, true).expect("verified").differences, [] as [String; 0]);
 }
 
-/// Creates a cycle with a scan, a clip of three pictures and a picture on its page; returns the cameras' shots.
+/// Creates a cycle with a scan, a clip of three pictures and a picture on its page; returns the hashes of the scan and
+/// the clip's pictures.
 fn cycle(store: &mut Store, number: u32, verdict: Option<Verdict>) -> (CycleId, Vec<String>) {
     let id = store.begin_cycle(&super::cycles::start()).expect("begun");
     let put = |what: String| store.store_blob(what.as_bytes()).expect("kept");
@@ -141,7 +143,7 @@ fn newest(cycles: usize, failed: usize) -> Retention {
 }
 
 #[test]
-fn old_clips_and_scans_go_and_everything_else_stays() {
+fn only_old_clips_and_scans_are_removed() {
     let (folder, mut store) = new_store();
     let path = folder.path().join("store");
     let ended = [Verdict::Pass, Verdict::Fail, Verdict::Review, Verdict::Pass, Verdict::Aborted, Verdict::Pass];
@@ -150,7 +152,7 @@ fn old_clips_and_scans_go_and_everything_else_stays() {
     assert_eq!(Store::prune(&path, &Retention::default()).expect("nothing"), PrunedFiles::default());
     let there = |number: usize| kept(&folder, &cycles[number].1);
 
-    // Removal works while a writer has the store open.
+    // Files are removed while a writer has the store open.
     let pruned = Store::prune(&path, &newest(1, 1)).expect("removed");
     assert_eq!((pruned.files, pruned.bytes), (12, 3 * (6 + 3 * 9)));
     assert_eq!(
@@ -163,7 +165,7 @@ fn old_clips_and_scans_go_and_everything_else_stays() {
     assert_eq!((of.files, store.pruned_files(cycles[2].0).expect("read")), (4, None));
     let found = Store::verify(&path, true).expect("verified");
     assert_eq!((found.differences, found.pruned), (vec![], 12), "removed is not missing");
-    // Every record reads back, with its page's pictures.
+    // Every record can be read, with the pictures of its page.
     for (id, _) in &cycles {
         let record = store.cycle(*id).expect("there");
         assert!(store.blob(&record.findings[0].pictures[0].hash).is_ok());
@@ -197,7 +199,7 @@ fn nothing_is_removed_while_a_cycle_runs() {
 
 /// A file that two cycles name stays while one of the cycles is kept.
 #[test]
-fn what_is_named_twice_stays() {
+fn a_file_of_two_cycles_stays_while_one_is_kept() {
     let (folder, mut store) = new_store();
     let path = folder.path().join("store");
     let (_, first) = cycle(&mut store, 7, Some(Verdict::Pass));
@@ -209,7 +211,7 @@ fn what_is_named_twice_stays() {
 
 /// Days are counted back from the newest cycle; a clock that jumps to the next century removes nothing.
 #[test]
-fn days_are_counted_to_the_newest_cycle() {
+fn days_are_counted_back_from_the_newest_cycle() {
     const DAY: Duration = Duration::from_secs(86_400);
     let (folder, mut store) = new_store();
     let path = folder.path().join("store");
@@ -228,10 +230,10 @@ fn days_are_counted_to_the_newest_cycle() {
     assert_eq!((kept(&folder, &old), kept(&folder, &failed)), (0, 4));
 }
 
-/// A process that ends between the rows and the files has removed the files only in the chain; the next process
-/// removes them from the disk.
+/// A process that ended between the rows and the files has only recorded the files as removed; the next process removes
+/// them from the disk.
 #[test]
-fn what_a_killed_process_left_is_removed_by_the_next() {
+fn files_left_by_a_killed_process_are_removed_by_the_next() {
     let (folder, mut store) = new_store();
     let path = folder.path().join("store");
     let (_, first) = cycle(&mut store, 0, Some(Verdict::Pass));

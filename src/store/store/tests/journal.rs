@@ -1,9 +1,9 @@
-//! The journal and the motions: the next process folds the journal that a process has left.
+//! The journal and the motions: a new process folds the journal of the process before.
 //!
-//! A start reads the journal from its last checkpoint on, with the same result as a start that reads the whole
-//! journal. After kill -9, the journal contains all acknowledged lines, and at most one more.
+//! A start reads the journal from its last checkpoint, with the same result as a start that reads the whole journal.
+//! After kill -9, the journal contains all acknowledged lines, and at most one more.
 
-use super::evidence::{behind_its_back, store_in, verify};
+use super::evidence::{change_outside_the_program, store_in, verify};
 use super::*;
 use panelprep_cell::cycle::{
     self, Action, Answer, At, Cause, Effect, Event, Film, Grade, Id, Outcome, Report, Request, Robot, State, step,
@@ -17,7 +17,7 @@ pub fn progress(done: u32) -> Event {
     Event::Reported(Report::Progress { id: Id(u64::MAX - 1), done })
 }
 
-/// Returns the answers of a healthy cell; every second film is broken.
+/// Returns the answers of a cell without faults; on every second film there are breaks.
 pub fn answer(act: Action, film: u32) -> Answer {
     match act {
         Action::CheckStandstill | Action::EndEpoch { .. } => Answer::Standstill { done: 0 },
@@ -32,7 +32,7 @@ pub fn answer(act: Action, film: u32) -> Answer {
     }
 }
 
-/// A healthy cell and its operator, with unexpected events in between.
+/// A random walk: a cell without faults and its operator, with unexpected events in between.
 struct Walk {
     state: State,
     armed: Vec<Event>,
@@ -44,7 +44,7 @@ impl Walk {
         Walk { state: State::INITIAL, armed: Vec::new(), films: 0 }
     }
 
-    fn likely(&mut self) -> Event {
+    fn usual_event(&mut self) -> Event {
         match (self.state.due, self.state.at) {
             _ if self.state.facts.robot != Robot::Ready => Event::Reported(Report::Robot(Robot::Ready)),
             (Some(due), _) => {
@@ -59,18 +59,18 @@ impl Walk {
         }
     }
 
-    fn surprise(&mut self, kind: u8) -> Event {
+    fn unexpected_event(&mut self, kind: u8) -> Event {
         match kind {
             0 => Event::Asked(Request::Hold),
             1 => Event::Asked(Request::Stop),
             2 => Event::Asked(Request::Abort),
             3 => Event::Reported(Report::Robot(Robot::LinkLost)),
             4 => Event::Reported(Report::Boot),
-            _ => self.likely(),
+            _ => self.usual_event(),
         }
     }
 
-    /// Executes the state machine's step and stores the events that wait for their time.
+    /// Executes a step of the state machine and keeps the events that follow later.
     fn step(&mut self, event: Event) -> Vec<Effect> {
         let (state, effects) = step(self.state, event);
         self.state = state;
@@ -86,7 +86,7 @@ impl Walk {
     }
 }
 
-/// The store's part of the loop: the running cycle, and the effects that are commits.
+/// The part of the loop that uses the store: the running cycle, and the effects that are commits.
 struct Loop {
     store: Store,
     running: Option<CycleId>,
@@ -119,10 +119,10 @@ impl Loop {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// For all events and wherever the process ended, the store folds to the state machine's own state, and its rows
-    /// of motions and cycles agree with the journal.
+    /// For all sequences of events and every end of the process, the journal folds to the state of the state machine,
+    /// and the rows of motions and cycles agree with the journal.
     #[test]
-    fn what_is_appended_folds_as_in_memory(
+    fn the_journal_folds_to_the_state_in_memory(
         surprises in prop::collection::vec(0_u8..40, 1..160),
         performed in 0_usize..4,
     ) {
@@ -131,10 +131,10 @@ proptest! {
         let mut memory = Vec::new();
         let last = surprises.len() - 1;
         for (index, kind) in surprises.into_iter().enumerate() {
-            let event = walk.surprise(kind);
+            let event = walk.unexpected_event(kind);
             memory.push(event);
             prop_assert_eq!(cell.append(&event, walk.state.at), memory.len() as u64);
-            // The process ends after the last event, with only some of its effects executed.
+            // The process ends after the last event, when only some of its effects are executed.
             let count = if index == last { performed } else { usize::MAX };
             walk.step(event).iter().take(count).for_each(|effect| cell.perform(effect));
         }
@@ -150,11 +150,11 @@ proptest! {
     }
 }
 
-/// Runs a healthy cell until the motion to the corner has begun.
+/// Runs a cell without faults until the motion to the corner has begun.
 fn until_moving(cell: &mut Loop) -> (Walk, cycle::Motion) {
     let mut walk = Walk::new();
     for _ in 0..60 {
-        let event = walk.likely();
+        let event = walk.usual_event();
         cell.append(&event, walk.state.at);
         walk.step(event).iter().for_each(|effect| cell.perform(effect));
         if let Some(intent) = walk.state.intent {
@@ -177,7 +177,7 @@ fn an_open_motion_is_aborted_after_a_restart_until_a_person_clears_it() {
     assert_eq!(recovered.at, At::Aborted { cause: Cause::Interrupted });
     assert!(store.has_open_motion().expect("read"));
 
-    // The next process: boot, robot ready, clear, and the robot reports standstill.
+    // Events of the next process: boot, robot ready, clear, standstill.
     let mut cell = Loop { running: store.open_cycles().expect("read").first().copied(), store };
     let mut walk = Walk { state: cycle::fold_journal(cell.store.journal().expect("read")), ..Walk::new() };
     let mut event = Event::Reported(Report::Boot);
@@ -187,7 +187,7 @@ fn an_open_motion_is_aborted_after_a_restart_until_a_person_clears_it() {
         if walk.state.at == At::Stopped {
             break;
         }
-        event = walk.likely();
+        event = walk.usual_event();
     }
     assert_eq!(walk.state.at, At::Stopped);
     assert!(!cell.store.has_open_motion().expect("read"));
@@ -211,7 +211,7 @@ fn a_motion_that_the_journal_does_not_know_stops_the_start() {
 }
 
 #[test]
-fn a_line_that_was_changed_lost_or_put_in_is_found() {
+fn a_changed_lost_or_inserted_line_is_detected() {
     let planted = [
         "UPDATE journal SET event = replace(event, '7', '8') WHERE sequence = 7",
         "UPDATE journal SET unix_ms = unix_ms + 1 WHERE sequence = 7",
@@ -231,10 +231,10 @@ fn a_line_that_was_changed_lost_or_put_in_is_found() {
     }
 }
 
-/// The disk is full, also after the reserve was released: the append is an error, acknowledged lines are still
-/// present afterwards, and the journal continues as soon as there is room.
+/// The disk is full even after the reserve was released: the append is an error, acknowledged lines are still present
+/// afterwards, and the journal continues as soon as there is free space.
 #[test]
-fn a_full_disk_takes_the_reserve_and_then_nothing() {
+fn a_full_disk_uses_the_reserve_and_then_refuses() {
     let (folder, mut store) = new_store();
     let pages: i64 = store.connection.pragma_query_value(None, "page_count", |row| row.get(0)).expect("counted");
     store.connection.pragma_update_and_check(None, "max_page_count", pages + 3, |_| Ok(())).expect("set");
@@ -265,7 +265,7 @@ fn a_full_disk_takes_the_reserve_and_then_nothing() {
 
 /// A start reads the journal from the last checkpoint, and reaches the same state.
 #[test]
-fn a_checkpoint_folds_as_the_whole_journal() {
+fn a_checkpoint_gives_the_state_of_the_whole_journal() {
     let (folder, mut store) = new_store();
     store.recover().expect("recovers");
     for done in 0..2_500 {
@@ -285,7 +285,7 @@ fn a_checkpoint_folds_as_the_whole_journal() {
     assert_eq!(folded, panelprep_cell::cycle::fold_journal(store.journal().expect("whole")));
 }
 
-/// The duration of a start with this number of lines in the journal: `cargo test -- --ignored --nocapture
+/// Measures the duration of a start with this number of lines in the journal: `cargo test -- --ignored --nocapture
 /// a_million`.
 fn started(lines: u32) -> [std::time::Duration; 3] {
     let (folder, mut store) = new_store();
@@ -304,7 +304,7 @@ fn started(lines: u32) -> [std::time::Duration; 3] {
 
 #[test]
 #[ignore = "a minute: it writes a million lines"]
-fn a_start_at_a_million_lines_reads_the_last_of_them() {
+fn a_start_with_a_million_lines_reads_only_the_last() {
     let took = started(1_000_000);
     eprintln!("start at a million lines: {took:?} (the first one folds all of them)");
     assert!(took[2].as_secs_f64() < 2.0, "{took:?}");
@@ -318,22 +318,22 @@ fn a_start_does_not_read_the_whole_journal() {
     store.recover().expect("recovers");
     store.append(&progress(1), None).expect("written");
     drop(store);
-    // A change that only a reader of the whole journal would detect.
-    behind_its_back(&folder, "UPDATE journal SET event = '{}' WHERE sequence = 7");
+    // Only a reader of the whole journal would detect this change.
+    change_outside_the_program(&folder, "UPDATE journal SET event = '{}' WHERE sequence = 7");
     let mut store = Store::create(&store_in(&folder)).expect("opens");
     assert_eq!(store.recover().expect("the tail alone").at, At::Stopped);
     assert!(store.journal().is_err());
     drop(store);
     assert!(verify(&folder).differences.iter().any(|words| words.contains("journal line 7 ")));
-    // A recent change is detected at once.
-    behind_its_back(&folder, "UPDATE checkpoints SET folded = replace(folded, 'stopped', 'idle')");
+    // A recent change is detected at the start.
+    change_outside_the_program(&folder, "UPDATE checkpoints SET folded = replace(folded, 'stopped', 'idle')");
     let store = Store::create(&store_in(&folder)).expect("opens");
     assert!(store.changed().iter().any(|words| words.contains("checkpoint 30000")), "{:?}", store.changed());
 }
 
 const FOLDER: &str = "PANELPREP_TEST_APPENDS_TO";
 
-/// Not a separate test: the child, which appends until it is killed, and reports each line.
+/// Not a separate test: the child process, which appends and reports lines until it is killed.
 #[test]
 #[ignore = "run by the test below as a process of its own"]
 fn appends_until_killed() {
@@ -377,8 +377,8 @@ fn a_killed_process_leaves_a_prefix_without_duplicates() {
             }
             acknowledged =
                 line.strip_prefix("appended ").and_then(|count| count.parse::<u64>().ok()).or(acknowledged);
-            // Between 1 and 28 lines, then the kill hits the child at any point; its output of the meantime is read
-            // too.
+            // 1 to 28 lines later the child is killed at an arbitrary point; the lines that it reported until then are
+            // read too.
             if acknowledged == Some(before + 1 + kill * 3) {
                 child.kill().expect("killed");
             }

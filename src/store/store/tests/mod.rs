@@ -41,7 +41,7 @@ fn teaching(name: &str) -> TeachingInputs {
 }
 
 #[test]
-fn what_was_taught_returns_to_the_bit_after_a_restart() {
+fn a_taught_panel_reads_back_bit_for_bit_after_a_restart() {
     let (folder, mut store) = new_store();
     let version = store.teach(&teaching("wing")).expect("taught");
     drop(store);
@@ -91,7 +91,7 @@ fn every_part_is_in_the_version() {
 }
 
 #[test]
-fn an_unknown_panel_or_version_lists_what_there_is() {
+fn an_unknown_panel_or_version_lists_the_known_ones() {
     let (_folder, mut store) = new_store();
     let refusal = |store: &Store, name, version| store.taught(name, version).expect_err("unknown").to_string();
     assert!(refusal(&store, "wing", None).contains("run panelprep teach first"));
@@ -106,7 +106,7 @@ fn an_unknown_panel_or_version_lists_what_there_is() {
 }
 
 #[test]
-fn a_damaged_blob_is_named_and_never_comes_out() {
+fn a_damaged_blob_is_named_and_never_returned() {
     let (folder, mut store) = new_store();
     store.teach(&teaching("wing")).expect("taught");
     let hash = store.store_blob(b"second").expect("there already");
@@ -125,7 +125,7 @@ fn a_damaged_blob_is_named_and_never_comes_out() {
 }
 
 #[test]
-fn a_row_that_was_changed_behind_the_stores_back_is_refused() {
+fn a_row_changed_outside_the_program_is_refused() {
     let (_folder, mut store) = new_store();
     store.teach(&teaching("wing")).expect("taught");
     store.connection.execute("UPDATE taught_panels SET recipe_text = 'rows = 2'", []).expect("changed");
@@ -134,7 +134,7 @@ fn a_row_that_was_changed_behind_the_stores_back_is_refused() {
 }
 
 #[test]
-fn nothing_half_written_stays() {
+fn an_incomplete_write_leaves_no_rows() {
     let (folder, mut store) = new_store();
     let mut broken = teaching("wing");
     broken.corners[1].base_from_flange.b_deg = f64::NAN;
@@ -156,7 +156,7 @@ fn nothing_half_written_stays() {
 
 /// The thread that stores a clip and the cycle's own record may store the same picture.
 #[test]
-fn two_threads_may_keep_the_same_content_at_once() {
+fn two_threads_can_store_the_same_content() {
     let (_folder, store) = new_store();
     let picture = vec![7_u8; 2_000_000];
     let start = std::sync::Barrier::new(8);

@@ -1,12 +1,12 @@
 //! Opening: for reading, for writing, with a store of an earlier version of this program, and with a damaged store.
 //!
-//! After a crash, a copy or a lost file, a missing part is reported, and there is no alarm if nothing is missing.
+//! After a crash, a copy or a lost file, missing data are reported, and nothing is reported if no data are missing.
 //! Copies are made during writing, of a store that was changed, and before the tables of an earlier version of this
 //! program are updated.
 
 use super::super::database::Step;
 use super::super::head;
-use super::evidence::{store_in, verify, whole};
+use super::evidence::{filled_store, store_in, verify};
 use super::journal::progress;
 use super::*;
 use panelprep_base::verdict::Verdict;
@@ -14,7 +14,7 @@ use panelprep_cell::cycle::{At, Cause, Event, Motion, Path as MotionPath, Report
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-/// The tables of the first schema; frozen.
+/// The tables of the first schema; they must not be changed here.
 const SCHEMA_1: &str = "
     CREATE TABLE taught_panels (
         id INTEGER PRIMARY KEY, name TEXT NOT NULL, version TEXT NOT NULL, taught_at_unix_s INTEGER NOT NULL,
@@ -30,7 +30,7 @@ const SCHEMA_1: &str = "
 ";
 
 /// Converts the store in this folder to the state of the first version of this program.
-pub fn become_the_first_schema(path: &std::path::Path) {
+pub fn convert_to_the_first_schema(path: &std::path::Path) {
     let old = path.join("old.sqlite");
     let connection = Connection::open(&old).expect("made");
     connection.execute_batch(SCHEMA_1).expect("the first schema");
@@ -48,7 +48,7 @@ fn a_store_of_the_first_schema_keeps_its_panels_and_gets_the_new_tables() {
     let version = store.teach(&teaching("wing")).expect("taught");
     drop(store);
     let path = folder.path().join("store");
-    become_the_first_schema(&path);
+    convert_to_the_first_schema(&path);
 
     // Reading changes nothing; opening for writing updates the tables.
     let reader = Store::open(&path).expect("the earlier store");
@@ -91,7 +91,7 @@ fn a_mistyped_folder_is_named_and_stays_absent() {
 
 /// One byte of each page is changed: the store is refused, or all data that are read are the written data.
 #[test]
-fn a_flipped_byte_is_found_or_harms_nothing() {
+fn a_flipped_byte_is_detected_or_changes_no_data() {
     let (folder, mut store) = new_store();
     let path = folder.path().join("store");
     store.teach(&teaching("wing")).expect("taught");
@@ -121,11 +121,11 @@ fn a_flipped_byte_is_found_or_harms_nothing() {
     assert!(pages > 5 && found > pages, "{found} found in {pages} pages");
 }
 
-/// An older database under a newer head, first opened by a command that writes one row: the next start still rests
-/// in Aborted, and the verification continues to report it.
+/// An older database under a newer head is first opened by a command that writes one row. The next start still rests in
+/// Aborted, and the verification continues to report the change.
 #[test]
-fn a_change_that_a_small_command_finds_waits_for_a_person_too() {
-    let folder = whole();
+fn a_change_found_by_a_command_keeps_the_cell_in_aborted() {
+    let folder = filled_store();
     let path = store_in(&folder);
     drop(Store::create(&path).expect("opens"));
     let before = fs::read(path.join(DATABASE)).expect("the database");
@@ -142,10 +142,10 @@ fn a_change_that_a_small_command_finds_waits_for_a_person_too() {
     assert!(waits.differences.iter().any(|words| words.contains("rolled back")), "{waits:?}");
 }
 
-/// A copy without its log: its content is old, and the start rests until a person clears it.
+/// A copy without the log contains old data: after the start the cell rests in Aborted until a person clears it.
 #[test]
 fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
-    let folder = whole();
+    let folder = filled_store();
     let path = store_in(&folder);
     let mut store = Store::create(&path).expect("opens");
     store.recover().expect("recovers");
@@ -153,7 +153,7 @@ fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
     let motion = Motion { epoch: 9, path: MotionPath::Contact, plan: 1, waypoints: 100 };
     store.append(&progress(1), None).expect("written");
     store.open_intent(&motion, None).expect("opened");
-    // The state that a killed process leaves; the log is lost afterwards.
+    // The files are as a killed process leaves them; then the log is lost.
     std::mem::forget(store);
     let copy = tempfile::tempdir().expect("a folder");
     let lost = copy.path().join("store");
@@ -167,7 +167,7 @@ fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
     assert!(store.changed()[0].contains("rolled back: 2 entries"), "{:?}", store.changed());
     assert_eq!(store.recover().expect("recovers").at, At::Aborted { cause: Cause::StoreChanged });
     drop(store);
-    // The next start finds nothing new, and rests in the same state.
+    // The next start finds no new change, and rests in the same state.
     let mut store = Store::create(&lost).expect("opens");
     assert_eq!(store.changed(), [] as [String; 0]);
     assert_eq!(store.recover().expect("recovers").at, At::Aborted { cause: Cause::StoreChanged });
@@ -194,21 +194,21 @@ fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
 }
 
 #[test]
-fn a_head_that_is_gone_and_a_database_that_is_gone_are_reported() {
-    let folder = whole();
+fn a_missing_head_and_a_missing_database_are_reported() {
+    let folder = filled_store();
     fs::remove_file(store_in(&folder).join(head::FILE)).expect("removed");
     assert!(verify(&folder).differences[0].contains("is missing"));
     let mut store = Store::create(&store_in(&folder)).expect("opens");
     assert!(matches!(store.recover().expect("recovers").at, At::Aborted { .. }));
     drop(store);
-    let folder = whole();
+    let folder = filled_store();
     fs::remove_file(store_in(&folder).join(DATABASE)).expect("removed");
     let mut store = Store::create(&store_in(&folder)).expect("a new one");
     assert!(store.changed()[0].contains("rolled back"), "{:?}", store.changed());
     assert!(matches!(store.recover().expect("recovers").at, At::Aborted { .. }));
 }
 
-/// The files as a kill leaves them at each of 200 moments around commits, each in its own folder.
+/// The files are copied as a kill leaves them, at each of 200 moments around commits, each copy into a separate folder.
 #[test]
 fn no_kill_between_commit_and_head_is_a_false_alarm() {
     let (folder, mut store) = new_store();
@@ -221,7 +221,7 @@ fn no_kill_between_commit_and_head_is_a_false_alarm() {
         let to = to.join(format!("{number:03} {step:?}"));
         fs::create_dir_all(to.join("blobs")).expect("made");
         for name in [DATABASE, "panelprep.sqlite-wal", head::FILE] {
-            // Through another process: closing a file here would also release SQLite's locks.
+            // A separate process copies: closing a file in this process would also release SQLite's locks.
             let copied = std::process::Command::new("cp").arg(from.join(name)).arg(&to).status().expect("cp");
             assert!(copied.success() || name.ends_with("-wal"));
         }
@@ -253,9 +253,9 @@ fn no_kill_between_commit_and_head_is_a_false_alarm() {
     assert!(count.load(Ordering::Relaxed) >= 200 && seen == [67; 3]);
 }
 
-/// A lock does not depend on a file that a person may remove.
+/// The lock does not depend on a file that a person may remove.
 #[test]
-fn a_second_writer_is_refused_though_the_lock_file_is_gone() {
+fn a_second_writer_is_refused_without_the_lock_file() {
     let (folder, mut store) = new_store();
     let path = store_in(&folder);
     store.append(&progress(1), None).expect("written");
@@ -268,9 +268,9 @@ fn a_second_writer_is_refused_though_the_lock_file_is_gone() {
     Store::create(&path).expect("free again");
 }
 
-/// A label is stored with the clock's time, also before 1970.
+/// Rows are stored with the time of the clock, even if it is before 1970.
 #[test]
-fn a_clock_of_1960_stops_nothing() {
+fn a_clock_before_1970_is_accepted() {
     let (folder, mut store) = new_store();
     store.clock = || std::time::UNIX_EPOCH - std::time::Duration::from_secs(10 * 365 * 86_400);
     store.teach(&teaching("wing")).expect("taught");
@@ -286,10 +286,10 @@ fn a_clock_of_1960_stops_nothing() {
     assert_eq!(verify(&folder).differences, [] as [String; 0]);
 }
 
-/// While a thread writes lines, each copy contains the store at one moment, with the content that
-/// it reports.
+/// While a thread writes lines, each copy contains the state of the store at one moment, with the number of links that
+/// the copy states.
 #[test]
-fn a_copy_beside_a_writer_is_the_store_of_one_moment() {
+fn a_copy_beside_a_writer_has_the_state_of_one_moment() {
     let (folder, mut store) = new_store();
     let path = folder.path().join("store");
     let version = store.teach(&teaching("wing")).expect("taught");
@@ -323,7 +323,7 @@ fn a_copy_beside_a_writer_is_the_store_of_one_moment() {
         copier.join().expect("each copy is whole")
     });
     assert!(lines > 0, "it wrote meanwhile");
-    // With its files, the copy is a complete store.
+    // Together with its files, the copy is a complete store.
     let to = folder.path().join("copy19");
     fs::rename(path.join("blobs"), to.join("blobs")).expect("moved");
     assert_eq!(Store::verify(&to, true).expect("verified").differences, [] as [String; 0]);
@@ -350,7 +350,7 @@ fn a_store_that_was_changed_is_reported_and_not_copied() {
     assert!(copied.deviations.iter().any(|words| words.contains("rolled back")), "{copied:?}");
     assert!(!folder.path().join("copy").exists());
 
-    // A changed row that no head shows: the copy is verified, too.
+    // A row was changed without a contradiction to a head: the copy is verified, too.
     drop(Store::create(&path).expect("opens"));
     let connection = Connection::open(path.join(DATABASE)).expect("opens");
     connection.execute("UPDATE journal SET unix_ms = 7 WHERE sequence = 3", []).expect("changed");
@@ -362,12 +362,12 @@ fn a_store_that_was_changed_is_reported_and_not_copied() {
 /// The database of an earlier version of this program is copied beside the store before it is changed. The copy is
 /// made once and opens unchanged.
 #[test]
-fn an_earlier_programs_database_is_kept_before_its_tables_are_changed() {
+fn an_earlier_database_is_copied_before_its_tables_are_changed() {
     let (folder, mut store) = new_store();
     let path = folder.path().join("store");
     store.teach(&teaching("wing")).expect("taught");
     drop(store);
-    become_the_first_schema(&path);
+    convert_to_the_first_schema(&path);
     fs::remove_file(path.join("panelprep.head")).expect("the first program wrote none");
     let refused = Store::copy_rows(&path, &folder.path().join("copy")).expect_err("an earlier one").to_string();
     assert!(refused.contains("has schema 1, this program needs schema 9. Start the service once"), "{refused}");
@@ -392,7 +392,7 @@ fn an_earlier_programs_database_is_kept_before_its_tables_are_changed() {
     drop(Store::create(&path).expect("once is enough"));
     assert_eq!(kept().len(), 1);
 
-    // The old database is restored and updated again: an equal copy is not stored twice, a different copy is stored
+    // The old database is restored and updated again: an equal copy is not stored again, and a different copy is stored
     // beside it.
     let put_back = |bytes: &[u8]| {
         fs::write(path.join(DATABASE), bytes).expect("put back");
@@ -411,12 +411,12 @@ fn an_earlier_programs_database_is_kept_before_its_tables_are_changed() {
 
 /// Without space for the copy nothing is changed.
 #[test]
-fn without_room_for_the_copy_the_tables_stay_as_they_are() {
+fn without_space_for_the_copy_the_tables_are_not_changed() {
     let Some(disk) = super::full::SmallDisk::mount(40) else { return };
     let (folder, mut store) = new_store();
     store.teach(&teaching("wing")).expect("taught");
     drop(store);
-    become_the_first_schema(&folder.path().join("store"));
+    convert_to_the_first_schema(&folder.path().join("store"));
     // The database is larger than the free space beside it.
     let database = folder.path().join("store").join(DATABASE);
     let connection = Connection::open(&database).expect("opens");

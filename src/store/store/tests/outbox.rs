@@ -62,7 +62,7 @@ fn the_end_of_a_cycle_a_signature_and_a_verification_are_numbered_as_they_are_wr
         files.iter().map(|file| (file.name.as_str(), &file.gone)).collect::<Vec<_>>(),
         [("recipe", &None), ("cell", &None)]
     );
-    // The rest after this position is sent, and is not sent again.
+    // Only the rows after this position are sent.
     assert_eq!(
         store.outbox_rows_after(&second.position, 10).expect("the rest").as_slice(),
         std::slice::from_ref(third)
@@ -97,7 +97,7 @@ fn a_row_that_a_person_deletes_is_found_and_a_new_epoch_begins() {
 
 /// A store of the previous version of this program, with its chain.
 #[test]
-fn what_an_earlier_program_kept_is_taken_in_and_chained() {
+fn rows_of_an_earlier_version_are_added_to_outbox_and_chain() {
     let (folder, mut store) = new_store();
     let path = folder.path().join("store");
     let key = CellKey::from_random_bytes(&[7; 32]);
@@ -119,12 +119,13 @@ fn what_an_earlier_program_kept_is_taken_in_and_chained() {
     let kinds: Vec<Kind> = found.into_iter().map(|(_, kind)| kind).collect();
     assert_eq!(kinds, [Kind::Cycle, Kind::Cycle, Kind::Signature, Kind::Signature]);
     drop(store);
-    // The cell's signatures name links of a chain that this test has changed.
+    // The cell's signatures name links of the chain, which this test has changed.
     let found = Store::verify(&path, true).expect("verified").differences;
     assert!(found.iter().all(|words| words.contains("differs from the link that signature")), "{found:?}");
 }
 
-/// Leaves a chain as an earlier program wrote it, without the rows for the office, and a head that agrees with it.
+/// Rewrites the chain as an earlier version of this program would have written it: without the rows for the office, and
+/// with a head that agrees with it.
 pub fn chain_without_outbox(path: &Path) {
     let connection = Connection::open(path.join(DATABASE)).expect("opened");
     let links: Vec<(String, i64, [u8; 32])> = connection

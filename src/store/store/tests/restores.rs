@@ -1,25 +1,25 @@
-//! After a restore no number of a cycle is used again, and no part is abraded on a count that may be too low.
+//! After a restore no number of a cycle is used again, and no part is abraded if its number of passes may be too low.
 
 use super::super::chain::{self, ChainPosition};
 use super::super::flush::file_hash;
 use super::super::head::HeadFile;
-use super::contacts::{cut_short, film, start_of};
-use super::evidence::behind_its_back;
+use super::contacts::{add_interrupted_cycle, film, start_of};
+use super::evidence::change_outside_the_program;
 use super::*;
 use panelprep_base::verdict::Verdict;
 use panelprep_cell::cycle::{At, Cause};
 use panelprep_cell::record::{CycleId, LostPasses};
 use std::path::PathBuf;
 
-/// When the backups were made: 2027-01-15, s since 1970.
+/// Time of the backups: 2027-01-15, s since 1970.
 const MADE_UNIX_S: i64 = 1_800_000_000;
 
-/// A restore after which nothing is known about the time since the backup, except the last number of a cycle.
+/// Returns a restore after which nothing is known about the time since the backup, except the last number of a cycle.
 fn lost(last_cycle: i64) -> Restore {
     Restore { last_cycle: CycleId(last_cycle), made_unix_s: Some(MADE_UNIX_S), is_nothing_abraded: false }
 }
 
-/// A restore after which it is proven that nothing was abraded since the backup.
+/// Returns a restore after which it is proven that nothing was abraded since the backup.
 fn nothing_abraded(last_cycle: i64) -> Restore {
     Restore { is_nothing_abraded: true, ..lost(last_cycle) }
 }
@@ -27,7 +27,7 @@ fn nothing_abraded(last_cycle: i64) -> Restore {
 /// Returns a closed store with cycle 1, in which one grid of the part SN1 was abraded.
 fn after_one() -> (TempDir, PathBuf) {
     let (folder, mut store) = new_store();
-    assert_eq!(cut_short(&mut store, ("SN1", 3), false), CycleId(1));
+    assert_eq!(add_interrupted_cycle(&mut store, ("SN1", 3), false), CycleId(1));
     let path = folder.path().join("store");
     (folder, path)
 }
@@ -90,7 +90,7 @@ fn with_lost_passes(serial: &str, passes: u8) -> CycleStart {
     start
 }
 
-fn refused(store: &mut Store, start: &CycleStart) -> LostCount {
+fn refused(store: &mut Store, start: &CycleStart) -> UnknownPassCount {
     match store.begin_cycle(start) {
         Err(StoreError::CountUnknown(lost)) => lost,
         other => panic!("{other:?}"),
@@ -107,10 +107,10 @@ fn a_restored_store_begins_a_new_epoch_once() {
     assert_ne!(epochs[0].epoch, epochs[1].epoch);
 }
 
-/// There is a backup of cycle 1; the store that it replaces had reached cycle 12. At every start the cell rests in
-/// Aborted until a person has checked it. No number is used twice, by this restore or by another one.
+/// The backup contains cycle 1; the replaced store had reached cycle 12. After every start the cell rests in Aborted
+/// until a person has checked it. No number is used twice, after this restore or after another one.
 #[test]
-fn a_restored_store_asks_a_person_and_continues_above_the_last_number() {
+fn a_restored_store_waits_for_a_person_and_continues_above_the_last_number() {
     let (_folder, path, store) = restored_after_one(&lost(12));
     drop(store);
     for _ in 0..2 {
@@ -128,22 +128,22 @@ fn a_restored_store_asks_a_person_and_continues_above_the_last_number() {
     assert_eq!(store.begin_cycle(&start_of("", true)).expect("begun"), CycleId(15));
 }
 
-/// SN1 had one pass before the backup and may have had more after it. No cycle of SN1 begins on the count of 1, neither
-/// does one of any other part, until a start states what happened to this part. An air-run abrades nothing.
+/// SN1 had one pass before the backup and may have had more after it. No cycle of SN1 or of any other part begins until
+/// a start states what happened to this part. An air-run abrades nothing.
 #[test]
-fn no_part_begins_on_the_count_of_a_restored_store() {
+fn no_part_begins_with_an_unknown_pass_count() {
     let (_folder, path, mut store) = restored_after_one(&lost(7));
     let one = CycleId(1);
-    let lost_count = refused(&mut store, &start_of("SN1", false));
-    assert_eq!((lost_count.serial.as_str(), lost_count.made_unix_s), ("SN1", Some(MADE_UNIX_S)));
+    let unknown = refused(&mut store, &start_of("SN1", false));
+    assert_eq!((unknown.serial.as_str(), unknown.made_unix_s), ("SN1", Some(MADE_UNIX_S)));
     let opened_unix_s = store.unix_s();
-    let since_s = opened_unix_s - lost_count.restored_unix_s;
+    let since_s = opened_unix_s - unknown.restored_unix_s;
     assert!((0..600).contains(&since_s), "restored {since_s} s ago");
     assert_eq!(refused(&mut store, &start_of("", false)).serial, "");
     store.begin_cycle(&CycleStart { is_air_run: true, ..start_of("SN1", false) }).expect("an air-run");
     refused(&mut store, &start_of("SN1", false));
 
-    // One known pass of one grid, and two stated ones of every grid. They count for later cycles as well.
+    // There is one known pass of one grid, and two stated passes of every grid. They count for later cycles as well.
     let two = store.begin_cycle(&with_lost_passes("sn1 ", 2)).expect("stated");
     store.conclude(two, Verdict::Aborted, &[]).expect("concluded");
     let three = store.begin_cycle(&start_of("SN1", false)).expect("it is known now");
@@ -158,21 +158,21 @@ fn no_part_begins_on_the_count_of_a_restored_store() {
     assert_eq!(of_serial.iter().map(|cycle| (cycle.cycle, cycle.passes)).collect::<Vec<_>>(), [(one, 1), (two, 2)]);
     assert_eq!(of_serial[1].removed_um, None, "its depth is not known");
 
-    // A second restore loses cycles again.
+    // After a second restore, cycles are lost again.
     drop(store);
     let mut store = restored(&path, &lost(20));
     refused(&mut store, &start_of("SN1", false));
 }
 
-/// A serial number names one part. The statement that it is another part than before does not state how often it was
-/// abraded; a number of passes does. For a part without a serial number both are answers.
+/// A serial number names one part. The statement "another part" does not contain how often this part was abraded; a
+/// number of passes does. For a part without a serial number both statements are sufficient.
 #[test]
-fn another_part_answers_only_for_a_part_without_a_serial_number() {
+fn another_part_is_sufficient_only_without_a_serial_number() {
     let (_folder, _path, mut store) = restored_after_one(&lost(7));
     for serial in ["SN1", "SN2"] {
         assert_eq!(refused(&mut store, &start_of(serial, true)).serial, serial);
     }
-    // A start that stated it before, as an earlier version of this program accepted it, is no answer either.
+    // A start with this statement that an earlier version of this program accepted is not sufficient either.
     let air_run = CycleStart { is_air_run: true, ..start_of("SN2", true) };
     store.begin_cycle(&air_run).expect("an air-run");
     refused(&mut store, &start_of("SN2", false));
@@ -184,9 +184,9 @@ fn another_part_answers_only_for_a_part_without_a_serial_number() {
     store.begin_cycle(&start_of("", false)).expect("stated before");
 }
 
-/// A person wrote 300 passes, or another program wrote the text: it is no statement, and no cycle begins.
+/// A person wrote 300 passes, or another program wrote the text: it is not a valid statement, and no cycle begins.
 #[test]
-fn a_statement_that_cannot_be_read_is_none() {
+fn an_unreadable_statement_does_not_count() {
     let (_folder, _path, mut store) = restored_after_one(&lost(0));
     for text in ["passes = 300\n", "passes = -1\n", "", "passes = 1\nmore = 2\n"] {
         let mut start = start_of("SN1", false);
@@ -199,7 +199,7 @@ fn a_statement_that_cannot_be_read_is_none() {
 
 /// The replaced store shows its last number, and whether anything was abraded since the backup.
 #[test]
-fn the_replaced_store_shows_what_is_known() {
+fn the_replaced_store_shows_its_last_number_and_abrasions() {
     let (folder, path) = after_one();
     let backup = folder.path().join("backup");
     copied(&path, &backup);
@@ -207,7 +207,7 @@ fn the_replaced_store_shows_what_is_known() {
     assert_eq!(shown(), Some(nothing_abraded(1)), "the same state");
     add_film(&path);
     assert_eq!(shown(), Some(nothing_abraded(2)), "a film alone abrades nothing");
-    cut_short(&mut Store::create(&path).expect("opened"), ("SN1", 5), false);
+    add_interrupted_cycle(&mut Store::create(&path).expect("opened"), ("SN1", 5), false);
     assert_eq!(shown(), Some(lost(3)), "a contact after the backup");
 
     // If it is proven that nothing was abraded, the counts continue.
@@ -216,10 +216,10 @@ fn the_replaced_store_shows_what_is_known() {
     assert_eq!((three, store.earlier_abrasions(three).expect("read").len()), (CycleId(3), 1));
 }
 
-/// A store shows nothing unless it contains the backup's last link, has no other incidents and contradicts its own
-/// chain nowhere. It still shows which numbers may be used, if it is a store of this cell.
+/// A store is evidence only if it contains the backup's last link, has no other incidents and does not contradict its
+/// own chain. If it is a store of this cell, it still shows which numbers may have been used.
 #[test]
-fn what_is_no_later_state_of_the_backup_shows_nothing() {
+fn a_store_that_is_no_later_state_shows_nothing() {
     let (folder, path) = after_one();
     let at = |name: &str| folder.path().join(name);
     copied(&path, &at("earlier"));
@@ -230,7 +230,8 @@ fn what_is_no_later_state_of_the_backup_shows_nothing() {
     assert_eq!((shown(&path), number(&path)), (Some(nothing_abraded(2)), Some(2)));
     assert_eq!((shown(&at("earlier")), number(&at("earlier"))), (None, Some(1)), "an earlier state");
 
-    // The same beginning, other cycles since then: more links than the backup, and another one in the place of its last.
+    // A store with the same beginning but other cycles since then: it has more links than the backup, and another link
+    // at the backup's last number.
     copied(&at("earlier"), &at("branch"));
     (0..3).for_each(|_| add_film(&at("branch")));
     assert_eq!((shown(&at("branch")), number(&at("branch"))), (None, Some(4)), "a branch");
@@ -247,25 +248,25 @@ fn what_is_no_later_state_of_the_backup_shows_nothing() {
     copied(&path, &at("rewritten"));
     forge(&at("rewritten"), "UPDATE cycles SET panel = 'fin' WHERE id = 1");
     assert_eq!(shown(&at("rewritten")), None, "a row before the backup with a chain and a head of its own");
-    cut_short(&mut Store::create(&path).expect("opened"), ("SN1", 5), false);
+    add_interrupted_cycle(&mut Store::create(&path).expect("opened"), ("SN1", 5), false);
     assert_eq!(shown(&path), Some(lost(3)));
-    behind_its_back(&folder, "DELETE FROM permits WHERE id > 1");
+    change_outside_the_program(&folder, "DELETE FROM permits WHERE id > 1");
     assert_eq!((shown(&path), number(&path)), (None, Some(3)), "the permit of the contact is deleted");
     fs::write(path.join(DATABASE), b"no database").expect("spoilt");
     assert_eq!((shown(&path), number(&path)), (None, None));
 }
 
-/// What a later state does not show: that it is the newest one, and that no person with the right to write wrote its
-/// end anew. The restore therefore compares its last number with the one that a person states. An older copy shows
-/// another number than the cell's last; a forged end with the right number is accepted.
+/// A later state is no evidence that it is the newest one, or that no person wrote its end. The restore therefore
+/// compares its last number with the number that a person states. An older copy shows another number than the cell's
+/// last; a forged end with the right number is accepted.
 #[test]
-fn an_older_copy_and_a_forged_end_look_like_a_later_state() {
+fn an_older_copy_and_a_forged_end_are_accepted_as_later_state() {
     let (folder, path) = after_one();
     let at = |name: &str| folder.path().join(name);
     copied(&path, &at("backup"));
     add_film(&path);
     copied(&path, &at("older"));
-    cut_short(&mut Store::create(&path).expect("opened"), ("SN1", 5), false);
+    add_interrupted_cycle(&mut Store::create(&path).expect("opened"), ("SN1", 5), false);
     let shown = |replaced: &Path| Store::compute_restore(replaced, &at("backup"), MADE_UNIX_S);
     assert_eq!(shown(&path), Some(lost(3)));
     assert_eq!(shown(&at("older")), Some(nothing_abraded(2)), "its number is not 3");

@@ -1,5 +1,4 @@
-//! A search finds exactly the cycles that it describes, also the parts in stores of earlier versions of this
-//! program.
+//! A search finds exactly the cycles that match it, also by the parts in stores of earlier versions of this program.
 
 use super::*;
 use crate::history::{Acknowledgement, Hits, Query, RequiredEnd};
@@ -18,7 +17,7 @@ fn begin(store: &mut Store, panel: &str, part: &PartNames) -> CycleId {
     store.begin_cycle(&start).expect("begun")
 }
 
-/// Creates four cycles: 1 and 2 of SN-1, 3 of SN-10, which runs, and 4 without a part.
+/// Creates four cycles: 1 and 2 with the part SN-1, 3 with SN-10, which still runs, and 4 without a part.
 fn four() -> (TempDir, Store) {
     let (folder, mut store) = new_store();
     store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_secs(1_000);
@@ -88,7 +87,7 @@ fn a_cycle_is_found_with_its_part_verdict_and_reasons() {
     assert_eq!(store.cycle_part(CycleId(4)).expect("read"), None);
 }
 
-/// Pages of one cycle: a cycle that begins in between is on none of the later pages.
+/// With one cycle on each page, a cycle that begins in between is not on a later page.
 #[test]
 fn pages_follow_each_other_while_cycles_begin() {
     let (_folder, mut store) = four();
@@ -107,12 +106,13 @@ fn pages_follow_each_other_while_cycles_begin() {
     assert_eq!(seen, [4, 3, 2, 1]);
 }
 
-/// Leaves the tables of schema 7 in a store without findings; otherwise the chain would miss the findings' times.
+/// SQL that changes a store without findings to the tables of schema 7; with findings, the chain would name missing
+/// times.
 pub const SCHEMA_7: &str = "DROP TABLE cycle_parts; DROP TABLE finding_times; DROP TABLE acknowledgements; DROP TABLE accounts; \
                         DROP TABLE audit; DROP TABLE signatures; DROP TABLE outbox; DROP TABLE outbox_epochs; PRAGMA user_version = 7";
 
 #[test]
-fn the_parts_of_an_earlier_programs_store_are_found_reading_and_after_it_is_raised() {
+fn the_parts_in_a_store_of_an_earlier_version_are_found() {
     let (folder, store) = four();
     drop(store);
     let path = folder.path().join("store");
@@ -139,7 +139,7 @@ fn the_parts_of_an_earlier_programs_store_are_found_reading_and_after_it_is_rais
 
 /// The table is an index: a change in it is detected by comparison with the authoritative text.
 #[test]
-fn a_part_that_was_changed_is_named() {
+fn a_changed_part_is_named() {
     for (sql, words) in [
         ("UPDATE cycle_parts SET serial = 'SN-2' WHERE cycle_id = 1", "changed: the part of cycle 1 differs"),
         ("DELETE FROM cycle_parts WHERE cycle_id = 2", "deleted: the part of cycle 2"),
@@ -155,7 +155,7 @@ fn a_part_that_was_changed_is_named() {
 }
 
 #[test]
-fn the_time_of_a_finding_is_kept_beside_it_and_is_in_the_chain() {
+fn the_time_of_a_finding_is_stored_and_in_the_chain() {
     let (folder, mut store) = four();
     let id = CycleId(3);
     let judgement = Judgement { verdict: Verdict::Accept, reasons: vec![] };
@@ -173,7 +173,7 @@ fn the_time_of_a_finding_is_kept_beside_it_and_is_in_the_chain() {
 }
 
 #[test]
-fn acknowledgements_are_kept_for_good_with_the_time_at_which_they_came() {
+fn acknowledgements_are_stored_permanently_with_their_time() {
     let (folder, mut store) = four();
     let seen = |code: &str| Acknowledgement {
         unix_ms: 0,
@@ -202,8 +202,8 @@ fn acknowledgements_are_kept_for_good_with_the_time_at_which_they_came() {
     assert!(found.iter().any(|words| words.contains("deleted: acknowledgement 1 is missing")), "{found:?}");
 }
 
-/// The times come from the store: the time of the finding, and the time of the reset after the end. A running cycle
-/// after this cycle begins later.
+/// The times come from the store: the time of the finding, and the time of the reset after the end. A later cycle,
+/// which still runs, begins after the reset.
 #[test]
 fn an_alarm_lasts_until_the_cell_is_reset_or_the_next_cycle_begins() {
     let (_folder, mut store) = new_store();

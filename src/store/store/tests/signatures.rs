@@ -27,7 +27,7 @@ fn cycle(store: &mut Store, serial: Option<&str>) -> CycleId {
     id
 }
 
-/// Creates a closed store with three signed cycles; a person signed the second as not released.
+/// Creates a closed store with three signed cycles; a person signed the second one as not released.
 fn signed() -> (TempDir, PathBuf) {
     let (folder, mut store) = new_store();
     store.recover().expect("recovers");
@@ -114,7 +114,7 @@ fn a_person_signs_a_record_once_for_each_meaning() {
     assert_eq!(found(&path), [] as [String; 0]);
 }
 
-/// A part whose cycle did not pass is released by two persons, with a reason; and a release can be withdrawn.
+/// Two persons release a part whose cycle did not pass, with a reason; and a release can be withdrawn.
 #[test]
 fn a_cycle_that_failed_is_released_by_two_persons_with_a_reason() {
     let (_folder, path) = signed();
@@ -172,10 +172,10 @@ fn a_cycle_that_passed_is_released_by_one_and_one_without_a_part_by_none() {
     assert!(refused.expect_err("refused").to_string().contains("the signature's lamp is"));
 }
 
-/// If a person who knows the program writes the chain and the head anew for changed rows, the signed records
+/// A person who knows the program changes rows and writes the chain and the head to match them: the signed records
 /// contradict these rows.
 #[test]
-fn rows_changed_with_their_chain_contradict_what_was_signed() {
+fn rows_changed_with_their_chain_contradict_the_signed_records() {
     let (_folder, path) = signed();
     let connection = Connection::open(path.join(DATABASE)).expect("opens");
     let sql =
@@ -221,7 +221,7 @@ fn a_changed_statement_signature_or_row_is_named() {
     );
 }
 
-/// Signing does not write a new head over a head that contradicts the rows: the next start finds the rollback.
+/// If the head contradicts the rows, signing writes no new head, so that the next start finds the rollback.
 #[test]
 fn a_store_that_was_rolled_back_is_not_signed() {
     let (folder, mut store) = new_store();
@@ -240,8 +240,8 @@ fn a_store_that_was_rolled_back_is_not_signed() {
     assert!(store.changed().iter().any(|words| words.contains("rolled back")), "{:?}", store.changed());
 }
 
-/// A finding stored after a cycle's end does not change the cycle's verdict; if it contradicts a pass, the store
-/// does not verify.
+/// A finding that is stored after a cycle's end does not change the cycle's verdict. If it contradicts the verdict
+/// pass, the verification reports it.
 #[test]
 fn a_signed_pass_over_a_rejected_finding_does_not_verify() {
     let (folder, mut store) = new_store();
@@ -262,7 +262,7 @@ fn a_signed_pass_over_a_rejected_finding_does_not_verify() {
     assert_eq!(told, [words, no_film]);
 }
 
-/// The store accepts no verdict that is better than the cycle's findings, and names all their reasons.
+/// The stored verdict is never better than the cycle's findings, and has all their reasons.
 #[test]
 fn a_cycle_is_concluded_by_its_worst_finding() {
     let (_folder, mut store) = new_store();
@@ -281,7 +281,7 @@ fn a_cycle_is_concluded_by_its_worst_finding() {
 
 /// A store of schema 7 has no table of signatures.
 #[test]
-fn cycles_of_an_earlier_program_are_signed_once_the_store_is_brought_up_to_date() {
+fn cycles_of_an_earlier_version_are_signed_after_the_update() {
     let (folder, mut store) = new_store();
     store.recover().expect("recovers");
     let id = store.begin_cycle(&super::cycles::start()).expect("begun");
@@ -302,7 +302,7 @@ fn cycles_of_an_earlier_program_are_signed_once_the_store_is_brought_up_to_date(
 }
 
 #[test]
-fn the_key_is_made_once_for_its_owner_alone() {
+fn the_key_is_created_once_and_only_its_owner_can_read_it() {
     let folder = tempfile::tempdir().expect("a folder");
     let store = folder.path();
     let first = cell_key(store, &KeyLocation::InStore).expect("made");
@@ -357,7 +357,7 @@ fn passes_of_a_serial_are_counted_over_its_cycles() {
 
 const FOLDER: &str = "PANELPREP_TEST_SIGNS_IN";
 
-/// Not a separate test: the child, which signs until it is killed, and reports each signature.
+/// Not a separate test: the child process, which signs and reports each signature until it is killed.
 #[test]
 #[ignore = "run by the tests below as a process of its own"]
 fn signs_until_killed() {
