@@ -8,7 +8,7 @@ use super::args::{Common, Doctor};
 use super::calibrate::now_unix_s;
 use super::fault::Fault;
 use super::load::{self, CellFiles};
-use super::plant::OfficeStatus;
+use super::plant::{self, OfficeStatus, PlantConnections};
 use super::report::{self, StoredCycle};
 use super::{cycle_files, disk, doctor, record};
 use panelprep_base::config::Problems;
@@ -32,8 +32,8 @@ use std::sync::Arc;
 
 /// The parts that all interfaces share.
 pub struct SharedInterfaceParts {
-    pub(super) parts: InterfaceContext,
-    pub(super) record_transfers: RecordTransfers,
+    parts: InterfaceContext,
+    record_transfers: RecordTransfers,
 }
 
 impl SharedInterfaceParts {
@@ -45,6 +45,14 @@ impl SharedInterfaceParts {
         let setup = Arc::new(FolderSource::new(files, common, &record_transfers));
         SharedInterfaceParts { parts: InterfaceContext { gateway, people, alarms, setup }, record_transfers }
     }
+}
+
+/// Connects the cell to the systems of a plant that its file names.
+///
+/// # Errors
+/// If a connection cannot be started, or the program was built without these systems.
+pub fn plant_connections(files: &CellFiles, fronts: &SharedInterfaceParts) -> Result<PlantConnections, Fault> {
+    plant::connect(files, &fronts.parts, &fronts.record_transfers.office)
 }
 
 /// Sends signed records to the quality system, if the cell's file names one.
@@ -120,7 +128,7 @@ const RECIPE: &str = "recipe";
 
 /// The status of the transfers of records out of the cell.
 #[derive(Debug, Clone, Default)]
-pub(super) struct RecordTransfers {
+struct RecordTransfers {
     /// State of the transfer to the office.
     pub office: OfficeStatus,
     /// Transfers to the quality system.

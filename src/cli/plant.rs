@@ -2,16 +2,12 @@
 
 pub use super::archive::{run as run_archive, run_fleet};
 use super::fault::Fault;
-use super::interfaces::SharedInterfaceParts;
 use super::load::CellFiles;
 use panelprep_service::daemon::{
-    OfficeParts, OfficeSender, OpcUaParts, OpcUaServer, SparkplugEdge, SparkplugParts,
+    InterfaceContext, OfficeParts, OfficeSender, OpcUaParts, OpcUaServer, SparkplugEdge, SparkplugParts,
 };
 
 pub use panelprep_service::daemon::OfficeStatus;
-
-/// Whether this program has these connections.
-pub const IS_BUILT: bool = true;
 
 /// The connections; they end when this is dropped.
 pub struct PlantConnections {
@@ -24,11 +20,15 @@ pub struct PlantConnections {
 ///
 /// # Errors
 /// If a connection cannot be started.
-pub fn connect(files: &CellFiles, fronts: &SharedInterfaceParts) -> Result<PlantConnections, Fault> {
+pub fn connect(
+    files: &CellFiles,
+    context: &InterfaceContext,
+    status: &OfficeStatus,
+) -> Result<PlantConnections, Fault> {
     Ok(PlantConnections {
-        _office: office_sender(files, fronts)?,
-        _sparkplug: edge_node(files, fronts)?,
-        _opcua: opcua_server(files, fronts)?,
+        _office: office_sender(files, context, status)?,
+        _sparkplug: edge_node(files, context)?,
+        _opcua: opcua_server(files, context)?,
     })
 }
 
@@ -36,15 +36,14 @@ pub fn connect(files: &CellFiles, fronts: &SharedInterfaceParts) -> Result<Plant
 ///
 /// # Errors
 /// If the sender cannot be started.
-fn office_sender(files: &CellFiles, fronts: &SharedInterfaceParts) -> Result<Option<OfficeSender>, Fault> {
+fn office_sender(
+    files: &CellFiles,
+    context: &InterfaceContext,
+    status: &OfficeStatus,
+) -> Result<Option<OfficeSender>, Fault> {
     let Some(office) = files.cell.office().cloned() else { return Ok(None) };
     let folder = files.store_folder().to_owned();
-    let parts = OfficeParts {
-        office,
-        folder,
-        front: Some(fronts.parts.clone()),
-        status: fronts.record_transfers.office.clone(),
-    };
+    let parts = OfficeParts { office, folder, front: Some(context.clone()), status: status.clone() };
     OfficeSender::start(parts).map(Some).map_err(Fault::stage)
 }
 
@@ -52,17 +51,17 @@ fn office_sender(files: &CellFiles, fronts: &SharedInterfaceParts) -> Result<Opt
 ///
 /// # Errors
 /// If it cannot be started.
-fn edge_node(files: &CellFiles, fronts: &SharedInterfaceParts) -> Result<Option<SparkplugEdge>, Fault> {
+fn edge_node(files: &CellFiles, context: &InterfaceContext) -> Result<Option<SparkplugEdge>, Fault> {
     let Some(node) = files.cell.sparkplug().cloned() else { return Ok(None) };
     tracing::info!("MQTT Sparkplug: edge node {} of the group {}", node.edge_node_id, node.group_id);
-    SparkplugEdge::serve(SparkplugParts { node, front: fronts.parts.clone() }).map(Some).map_err(Fault::stage)
+    SparkplugEdge::serve(SparkplugParts { node, front: context.clone() }).map(Some).map_err(Fault::stage)
 }
 
 /// Serves the cell by OPC UA, if its file names an address for it.
 ///
 /// # Errors
 /// If the operating system refuses.
-fn opcua_server(files: &CellFiles, fronts: &SharedInterfaceParts) -> Result<Option<OpcUaServer>, Fault> {
-    let parts = OpcUaParts { settings: files.cell.opcua().clone(), front: fronts.parts.clone() };
+fn opcua_server(files: &CellFiles, context: &InterfaceContext) -> Result<Option<OpcUaServer>, Fault> {
+    let parts = OpcUaParts { settings: files.cell.opcua().clone(), front: context.clone() };
     OpcUaServer::serve(parts).map_err(Fault::stage)
 }

@@ -6,12 +6,12 @@
 use super::args::{Common, CountArguments, Run};
 use super::cycle_files::{self, Calibrated, TaughtRecipe};
 use super::fault::{DeviceFault, Fault, RecordFault};
-use super::interfaces::{SharedInterfaceParts, line_front, operator_page, push_sender};
+use super::interfaces::{SharedInterfaceParts, line_front, operator_page, plant_connections, push_sender};
 use super::live::CellDevices;
 use super::load::{CellFiles, calibrated_serial};
 use super::output::Outcome;
 use super::report::{self, StoredCycle};
-use super::{disk, plant, record, recording, zivid};
+use super::{disk, record, recording, zivid};
 use panelprep_base::supervision::Supervisor;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::cycle::{self, At, Cause, State};
@@ -78,7 +78,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let fronts = SharedInterfaceParts::new((&files, common), gateway);
     let page = operator_page(&files, &fronts, view.clone())?;
     let push = push_sender(&files, &fronts)?;
-    let plant = plant::connect(&files, &fronts)?;
+    let plant = plant_connections(&files, &fronts)?;
     let line = line_front(&files, &fronts, &live.robot)?;
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
     let (ended, pages) = mpsc::channel();

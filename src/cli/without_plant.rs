@@ -2,14 +2,11 @@
 
 use super::args::{Archive, Fleet};
 use super::fault::{DeviceFault, Fault};
-use super::interfaces::SharedInterfaceParts;
 use super::load::CellFiles;
 use super::output::Outcome;
 use panelprep_base::verdict::Reason;
+use panelprep_service::daemon::InterfaceContext;
 use panelprep_store::office::RecipeOffer;
-
-/// Whether this program has these connections.
-pub const IS_BUILT: bool = false;
 
 /// The connections: none.
 pub struct PlantConnections;
@@ -34,7 +31,11 @@ impl OfficeStatus {
 ///
 /// # Errors
 /// If the file names one.
-pub fn connect(files: &CellFiles, _fronts: &SharedInterfaceParts) -> Result<PlantConnections, Fault> {
+pub fn connect(
+    files: &CellFiles,
+    _context: &InterfaceContext,
+    _status: &OfficeStatus,
+) -> Result<PlantConnections, Fault> {
     let tables = files.cell.plant_tables();
     if tables.is_empty() {
         Ok(PlantConnections)

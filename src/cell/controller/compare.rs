@@ -7,8 +7,8 @@
 
 use super::data::DataComparison;
 use super::data_list::{DataList, Number, declarations};
+use super::names::{COMMANDS, CONFIG, Difference, Differences, MOTION, STATES, SUBMIT, USER, is_named};
 use super::sum::text_sum;
-use super::{COMMANDS, CONFIG, Difference, Differences, MOTION, STATES, SUBMIT, USER, is_named};
 use crate::cell::{Cell, RobotKind};
 use panelprep_kuka::eki::{CELLCMD, CELLSTAT, ChannelFile, Element};
 use panelprep_kuka::krl::{StatedCall, StatedRoutine, parse};

@@ -2,7 +2,9 @@
 //! off, flags, timers, axes, space and speeds.
 
 use super::data_list::{DataList, Number, stated_key};
-use super::{AIR_ACCELERATION_M_S2, CONFIG, Difference, Differences, RETRACT_M_S2, RETRACT_MM, RETRACT_MM_S};
+use super::names::{
+    AIR_ACCELERATION_M_S2, CONFIG, Difference, Differences, RETRACT_M_S2, RETRACT_MM, RETRACT_MM_S,
+};
 use crate::cell::{Cell, Output};
 use std::collections::{BTreeMap, BTreeSet};
 

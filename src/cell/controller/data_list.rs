@@ -1,7 +1,7 @@
 //! Reads a data list as numbers by name and index, and compares its declarations with those of this program's own
 //! file: an engineer changes the numbers, never the names, types and visibility, which the controller's programs need.
 
-use super::{CONFIG, Differences};
+use super::names::{CONFIG, Differences};
 use panelprep_base::config::Problem;
 use panelprep_kuka::krl::{DeclaredVariable, StatedValue, UnreadValue, parse};
 use std::collections::{BTreeMap, BTreeSet};

@@ -3,13 +3,14 @@
 //! A cell is described three times: in the cell's file on the PC, in `cell_config.dat` and in the two EthernetKRL
 //! files on the controller. `compare` finds every contradiction between them and among the controller's programs,
 //! `data` those of the data list with the cell's file. `data_list` reads the numbers and declarations of a data list,
-//! and `sum` computes the checksum with which the controller's programs identify themselves. This file has the names
-//! of the controller's files, the numbers with which the PC plans, and the type of a contradiction. Nothing here
+//! and `sum` computes the checksum with which the controller's programs identify themselves. `names` has the names of
+//! the controller's files, the numbers with which the PC plans, and the type of a contradiction. Nothing here
 //! communicates with a controller: which programs it executes is another question, which its checksum answers.
 
 mod compare;
 mod data;
 mod data_list;
+mod names;
 #[cfg(any(test, feature = "testing"))]
 #[cfg_attr(feature = "testing", allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 pub mod planted;
@@ -20,64 +21,8 @@ mod tests;
 
 pub use compare::{Comparison, ControllerFiles, among_programs, compare};
 pub use data_list::highest_acceleration_m_s2;
+pub use names::{
+    AIR_ACCELERATION_M_S2, COMMANDS, CONFIG, DATA, Difference, MOTION, PROGRAMS, RETRACT_M_S2, RETRACT_MM,
+    RETRACT_MM_S, STATES, SUBMIT, USER, is_named,
+};
 pub use sum::{SumError, program_sum};
-
-use panelprep_base::config::Problem;
-
-/// Name of the data list that a cell engineer edits.
-pub const CONFIG: &str = "cell_config.dat";
-/// Name of the data list of the protocol.
-pub const DATA: &str = "cell_data.dat";
-/// Name of the command channel's file.
-pub const COMMANDS: &str = "CELLCMD.xml";
-/// Name of the state channel's file.
-pub const STATES: &str = "CELLSTAT.xml";
-/// Name of the robot program; its interrupts name flags and a timer by their numbers.
-pub const MOTION: &str = "cell_motion.src";
-/// Name of the program with the cell's own subroutines.
-pub const USER: &str = "cell_user.src";
-/// Name of KUKA's own program of the submit interpreter, which calls the cycle of `cell_submit.src`.
-pub const SUBMIT: &str = "sps.sub";
-/// Names of the release's files whose texts are in the sum, in the order of the sum. `CONFIG` is in the sum by its
-/// values, and `USER` by the value CELL_USER_REVISION, which states the sum of its text.
-pub const PROGRAMS: [&str; 6] =
-    [DATA, "cell_judge.src", "cell_link.src", MOTION, "cell_submit.src", "cell_tell.src"];
-
-/// Returns whether a file, given with or without its folder, has this name. Upper and lower case are the same, as on
-/// the controller.
-pub fn is_named(file: &str, name: &str) -> bool {
-    file.rsplit(['/', '\\']).next().unwrap_or(file).eq_ignore_ascii_case(name)
-}
-
-/// At a stop in contact the controller's program lifts the tool off by this distance, mm: CELL_RETRACT_MM.
-pub const RETRACT_MM: f64 = 50.0;
-/// The speed of this retract, mm/s: CELL_RETRACT_VEL. In a cell whose own limit is lower, the retract may be slower.
-pub const RETRACT_MM_S: f64 = 200.0;
-/// The lowest acceleration of this retract, m/s²: CELL_RETRACT_ACC. The worst case of Abort in the safety concept is
-/// calculated with it: the arm needs 0.2 / 2 = 0.1 s to reach 0.2 m/s, and the same time to stop again.
-pub const RETRACT_M_S2: f64 = 2.0;
-/// The acceleration of each motion in the air, m/s²: CELL_ACC_MAX must allow it.
-pub const AIR_ACCELERATION_M_S2: f64 = 1.0;
-
-/// A contradiction between two files.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Difference {
-    /// The name of the controller's file, without its folder.
-    pub file: &'static str,
-    /// Line and key, the value that was found, the expected value, and what to do.
-    pub problem: Problem,
-}
-
-/// The differences found so far.
-#[derive(Default)]
-struct Differences(Vec<Difference>);
-
-impl Differences {
-    fn push(&mut self, difference: Difference) {
-        self.0.push(difference);
-    }
-
-    fn note(&mut self, file: &'static str, line: usize, key: impl Into<String>, message: impl Into<String>) {
-        self.0.push(Difference { file, problem: Problem { line, key: key.into(), message: message.into() } });
-    }
-}

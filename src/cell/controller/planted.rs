@@ -1,7 +1,7 @@
 //! Planted mistakes: each is one edit of a shipped file or of the example cell. `check` and `doctor --kuka` must both
 //! name each of them.
 
-use super::{COMMANDS, CONFIG, DATA, MOTION, STATES, SUBMIT, USER};
+use super::names::{COMMANDS, CONFIG, DATA, MOTION, STATES, SUBMIT, USER};
 
 /// The example cell, with a controller.
 pub const CELL: &str = include_str!("../../../config/cell-example.toml");

@@ -8,7 +8,7 @@
 //! safety configuration.
 
 use super::data_list::DataList;
-use super::{CONFIG, DATA, PROGRAMS, USER, is_named};
+use super::names::{CONFIG, DATA, PROGRAMS, USER, is_named};
 
 /// The modulus of the sum, as in the controller's programs.
 const MODULUS: i64 = 1_000_003;

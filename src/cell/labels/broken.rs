@@ -6,8 +6,8 @@
 //! `times.png` has the time of a break as a colour. A pixel that broke has blue 255; red · 256 + green is the time in
 //! hundredths of a second since the first fully wet picture. Any other pixel is black.
 
-use super::Break;
 use super::check::ClipFrame;
+use super::statement::Break;
 use panelprep_base::geometry::{ColorPicture, Mask, Pixel, polygon};
 
 /// The pixels that broke, with their times.

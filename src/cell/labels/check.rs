@@ -1,7 +1,7 @@
 //! Checks whether a person's statement about a clip is possible, and reports all problems at once, each with the break
 //! to which it belongs.
 
-use super::{Break, Shape, Statement};
+use super::statement::{Break, Shape, Statement};
 use panelprep_base::geometry::{Pixel, polygon};
 
 /// The maximum length of a name, characters.

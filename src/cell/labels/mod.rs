@@ -23,16 +23,14 @@
 
 mod broken;
 mod check;
+mod statement;
 
 #[cfg(test)]
 mod tests;
 
 pub use broken::{BrokenPixels, broken_pixels, decoded, time_to_color};
 pub use check::{ClipFrame, MAX_SINCE_WET_S, Problem, problems};
-
-use panelprep_base::geometry::Pixel;
-use serde::{Deserialize, Serialize};
-use serde_json::json;
+pub use statement::{Break, FormError, LabelFile, Shape, Statement, VERSION, read, write};
 
 /// The labels' file.
 pub const LABELS: &str = "labels.json";
@@ -42,147 +40,3 @@ pub const DRAFT_FILE: &str = "labels.draft.json";
 pub const MASK: &str = "mask.png";
 /// The file of the times: see [`time_to_color`].
 pub const TIMES_FILE: &str = "times.png";
-
-/// The outline of a break, valid from a time onward.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Shape {
-    /// Time from which the break has this outline, s of the clip.
-    pub from_s: f64,
-    /// The corners of the outline, px; the last corner is joined to the first.
-    pub corners_px: Vec<[f64; 2]>,
-}
-
-/// One place where the film broke.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Break {
-    /// The time from which on the film is closed again, s of the clip; `None` if it is open at the clip's end.
-    pub closes_s: Option<f64>,
-    /// The outlines of the break in the order of time; the break begins with the first outline.
-    pub shapes: Vec<Shape>,
-}
-
-/// A person's statement about a clip.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Statement {
-    /// The person's name.
-    pub author: String,
-    /// Whether the person has looked at the whole clip, and nothing broke.
-    pub clean: bool,
-    /// The places where the film broke.
-    pub breaks: Vec<Break>,
-}
-
-impl Break {
-    /// Returns whether the break is open at this time, s of the clip.
-    pub fn is_open_at(&self, time_s: f64) -> bool {
-        let has_begun = self.shapes.first().is_some_and(|first| first.from_s <= time_s);
-        has_begun && self.closes_s.is_none_or(|closes_s| time_s < closes_s)
-    }
-
-    /// Returns the corners of the break at this time, px; none before the break begins. The corners are returned
-    /// whether or not the break has closed again.
-    pub fn corners_at(&self, time_s: f64) -> Vec<Pixel> {
-        let begun = self.shapes.partition_point(|shape| shape.from_s <= time_s);
-        let Some(shape) = begun.checked_sub(1).and_then(|index| self.shapes.get(index)) else { return Vec::new() };
-        let corners = || shape.corners_px.iter().copied();
-        match self.shapes.get(begun) {
-            Some(next) if next.corners_px.len() == shape.corners_px.len() => {
-                let share = (time_s - shape.from_s) / (next.from_s - shape.from_s);
-                let between = |([u, v], [next_u, next_v]): ([f64; 2], [f64; 2])| {
-                    Pixel::at(u + (next_u - u) * share, v + (next_v - v) * share)
-                };
-                corners().zip(next.corners_px.iter().copied()).map(between).collect()
-            }
-            _ => corners().map(|[u, v]| Pixel::at(u, v)).collect(),
-        }
-    }
-}
-
-/// The version of the file format that is written, and the only one that is read.
-pub const VERSION: u32 = 1;
-
-/// The content of the label file: see the [module](super).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct LabelFile {
-    /// The version of the file format.
-    pub version: u32,
-    /// The person's name.
-    pub author: String,
-    /// The time at which the file was saved, UTC.
-    pub saved_at: String,
-    /// The hash of the clip.
-    pub clip_sha256: String,
-    /// Columns and rows of the clip's pictures.
-    pub size_px: [usize; 2],
-    /// Whether no film broke.
-    pub clean: bool,
-    /// The marked breaks.
-    pub breaks: Vec<Break>,
-}
-
-/// The reason why a file is not a label file.
-#[derive(Debug, thiserror::Error)]
-pub enum FormError {
-    /// The file has another format version.
-    #[error("the label file has version {found}; this program reads version {VERSION}")]
-    Version {
-        /// The version in the file.
-        found: u32,
-    },
-    /// The file is not a valid JSON object.
-    #[error("the content is not a valid label file: {0}")]
-    Syntax(#[from] serde_json::Error),
-}
-
-impl LabelFile {
-    /// Returns the person's statement.
-    pub fn statement(self) -> Statement {
-        Statement { author: self.author, clean: self.clean, breaks: self.breaks }
-    }
-}
-
-/// Reads a `labels.json`. Whether the labels fit the clip is not checked: see [`problems`](problems).
-///
-/// # Errors
-/// If the file does not contain such an object, with the line, or has another version.
-pub fn read(bytes: &[u8]) -> Result<LabelFile, FormError> {
-    #[derive(Deserialize)]
-    struct Version {
-        version: u32,
-    }
-    let Version { version } = serde_json::from_slice(bytes)?;
-    match version {
-        VERSION => Ok(serde_json::from_slice(bytes)?),
-        found => Err(FormError::Version { found }),
-    }
-}
-
-/// Returns the file's text. Reading this text gives an equal file. Each shape is one line.
-pub fn write(file: &LabelFile) -> String {
-    let LabelFile { version, author, saved_at, clip_sha256, size_px, clean, breaks } = file;
-    let shapes = |one: &Break| {
-        let lines: Vec<String> = one
-            .shapes
-            .iter()
-            .map(|shape| format!("      {}", json!({"from_s": shape.from_s, "corners_px": shape.corners_px})))
-            .collect();
-        lines.join(",\n")
-    };
-    let lines: Vec<String> = breaks
-        .iter()
-        .map(|one| format!("    {{\"closes_s\": {}, \"shapes\": [\n{}\n    ]}}", json!(one.closes_s), shapes(one)))
-        .collect();
-    format!(
-        "{{\n  \"version\": {version},\n  \"author\": {},\n  \"saved_at\": {},\n  \"clip_sha256\": {},\n  \"size_px\": {},\n  \
-         \"clean\": {clean},\n  \"breaks\": [{}]\n}}\n",
-        json!(author),
-        json!(saved_at),
-        json!(clip_sha256),
-        json!(size_px),
-        if lines.is_empty() { String::new() } else { format!("\n{}\n  ", lines.join(",\n")) },
-    )
-}

@@ -4,8 +4,10 @@
 //! region's centre. With an outline, the panel is everything inside that polygon and on the panel's surface, even if
 //! many points are missing. At places that a holder or clamp touches, neither surface nor outline is used.
 
+use super::error::{LearnError, WrongCorner};
+use super::nominal_pose::nominal_pose;
 use super::region::Region;
-use super::{LearnError, WrongCorner, nominal_pose, segment};
+use super::segment;
 use crate::imaging::outer_contours;
 use crate::recipe::Recipe;
 use nalgebra::Point2;

@@ -5,10 +5,12 @@
 //! intersection of the reference pixel's ray with the plane of the surface beside it. From this position the expected
 //! pixel follows for every camera pose, not only for the nominal one.
 
+use super::error::LearnError;
+use super::extent;
 use super::extent::{OutlineFrom, PanelExtent};
+use super::nominal_pose::nominal_pose;
 use super::region::{GridId, Region};
 use super::segment::QuadraticSheet;
-use super::{LearnError, MAX_HALF_WIDTH_PX, extent, nominal_pose};
 use crate::recipe::Recipe;
 use nalgebra::Point2;
 use panelprep_base::geometry::{
@@ -21,6 +23,9 @@ const SURFACE_HALF_WIDTH_PX: usize = 5;
 
 /// Half the widths of the neighbourhood over a hole, px, tried in this order.
 const HOLE_HALF_WIDTHS_PX: [usize; 3] = [80, 160, 320];
+/// If points are missing, the neighbourhood for fitting a plane is doubled up to this size, px: some 15 mm, over which
+/// a panel is nearly flat.
+const MAX_HALF_WIDTH_PX: usize = 40;
 /// Largest residual of the points about the second-order surface over a hole, rms, mm; with more, the panel has
 /// another shape.
 const MAX_SURFACE_RESIDUAL_MM: f64 = 0.5;

@@ -12,7 +12,8 @@
 //! A request states the number of findings on which it was decided ([`RequestRecord::findings`]), so that the order is
 //! recorded.
 
-use super::{Answer, Check, CycleId, Finding, Kind, RequestRecord, RequestedAction, Severity};
+use super::requests::{Answer, RequestRecord, RequestedAction};
+use super::{Check, CycleId, Finding, Kind, Severity};
 use crate::cycle::Request;
 use panelprep_base::number_text::utc_text;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};

@@ -4,7 +4,6 @@
 use super::check::Check;
 use crate::cli::connecting::connected;
 use crate::cli::fault::DeviceFault;
-use crate::cli::plant::IS_BUILT;
 use panelprep_base::disk;
 use panelprep_base::trust::{self, TrustError};
 use panelprep_cell::cell::{Broker, BrokerLogin, Cell, authority};
@@ -19,7 +18,7 @@ const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
 pub(super) fn check_connections(cell: &Cell) -> Vec<Check> {
     let mut checks = Vec::new();
     let tables = cell.plant_tables();
-    if !IS_BUILT && !tables.is_empty() {
+    if !cfg!(feature = "plant") && !tables.is_empty() {
         let fault = DeviceFault::BuiltWithoutPlant { what: tables.join(", ") };
         checks.push(Check::failed("plant", fault.to_string(), "use the program of the package"));
     }

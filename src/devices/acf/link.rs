@@ -1,11 +1,12 @@
 //! The link to a tool over TCP: a thread of its own, for which nothing waits.
 
-use super::{ConnectedTool, ToolReport, session_limits};
+use super::tool::{ConnectedTool, ToolReport, session_limits};
 use panelprep_base::supervision::{SupervisedThread, WatchedThread, supervise};
 use panelprep_cell::cell::{CompliantTool, ToolAddress};
 use panelprep_cell::force::{ForceSetPoint, LinkLossCause, Session, SessionLimits, State, ToolReading};
 use panelprep_kuka::eki::Time;
-use std::io::{self, ErrorKind, Read, Write};
+use std::io;
+use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

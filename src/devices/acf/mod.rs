@@ -1,6 +1,6 @@
 //! The compliant tool: a FerRobotics ACF over TCP, and a mock of this tool inside the program.
 //!
-//! - this file: a compliant tool as the loop uses it, its commands and its reports
+//! - `tool`: a compliant tool as the loop uses it, its commands and its reports
 //! - `link`: a thread of its own that keeps the session; its received data is read without waiting
 //! - `mock`: a tool as bytes in and bytes out, with faults, also faults that begin during a path; its stroke ends when
 //!   the disc touches; and the same tool behind a TCP port, for tests of the link
@@ -12,60 +12,21 @@
 mod link;
 mod mock;
 mod simulated;
+mod tool;
 
 pub use link::{AcfLink, AcfStartError};
 pub use mock::{MockAcf, MockAcfServer, PlannedToolFault, PlannedToolFaultError, ToolFault, ToolSurroundings};
 pub use simulated::{SimulatedAcf, SimulatedPanel, Surroundings};
-
-use panelprep_cell::cell::CompliantTool;
-use panelprep_cell::force::{ForceSetPoint, LinkLossCause, SessionLimits, ToolReading};
-use serde::{Deserialize, Serialize};
-use std::time::Duration;
-
-/// A report of a tool.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum ToolReport {
-    /// A reading, with its age, ms.
-    Reading {
-        /// Its report.
-        reading: ToolReading,
-        /// Age of the reading, ms.
-        age_ms: u32,
-    },
-    /// The link to the tool is lost; reported once.
-    Lost(LinkLossCause),
-}
-
-/// A compliant tool that is connected by a link. No call blocks for an answer of the tool.
-pub trait ConnectedTool: Send {
-    /// Commands the force with which the tool presses from now on.
-    fn set_force(&mut self, press: ForceSetPoint);
-    /// Returns the next report of the tool; `None` if there is none.
-    fn next_report(&mut self) -> Option<ToolReport>;
-}
-
-/// Returns the limits that a session with this tool uses.
-pub fn session_limits(tool: &CompliantTool) -> SessionLimits {
-    SessionLimits {
-        login: tool.login.clone(),
-        id: tool.id,
-        period: Duration::from_millis(u64::from(tool.period_ms)),
-        reply_within: Duration::from_millis(u64::from(tool.reply_ms)),
-        rest_set_point: ForceSetPoint::retracted(tool.min_force_n),
-    }
-}
+pub use tool::{ConnectedTool, ToolReport, session_limits};
 
 #[cfg(test)]
 mod tests {
     //! The link over a real socket, with each fault; and the mock's actuator, calculated by hand.
 
     use super::*;
-    use panelprep_cell::cell::CompliantTool;
-    use panelprep_cell::cell::{Cell, ToolAddress};
+    use panelprep_cell::cell::{Cell, CompliantTool, ToolAddress};
     use panelprep_cell::force::ForceSetPoint;
-    use std::time::Duration;
-    use std::time::Instant;
+    use std::time::{Duration, Instant};
 
     fn tool() -> CompliantTool {
         let cell = Cell::check("f", "[tool]\nkind = 'simulated'").unwrap_or_else(|problems| panic!("{problems}"));

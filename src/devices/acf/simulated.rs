@@ -1,7 +1,7 @@
 //! The tool of the simulated cell: session and mock in the world's time, which passes only while the loop waits.
 
 use super::mock::{MockAcf, PlannedToolFault, ToolFault, ToolSurroundings};
-use super::{ConnectedTool, ToolReport, session_limits};
+use super::tool::{ConnectedTool, ToolReport, session_limits};
 use crate::cameras::Arm;
 use crate::world::SimulatedWorld;
 use panelprep_base::geometry::{Flange, Rigid, Tool};

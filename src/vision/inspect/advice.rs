@@ -14,9 +14,10 @@
 //! a brighter pixel is a reflection. A place that looks dry and then wet again within a few seconds was a glint, a drop
 //! or a flicker: `persist_s` must be longer. A place that stays dry longer has broken, and does not count here.
 
+use super::error::InspectError;
 use super::gate::MIN_CHANGE_TO_NOISE;
 use super::score::{Score, score};
-use super::{InspectError, thesis};
+use super::thesis;
 use panelprep_base::geometry::{ColorPicture, Mask, median};
 use panelprep_cell::panel::GridId;
 use panelprep_cell::recipe;

@@ -7,8 +7,8 @@
 //! stays. The dry picture distinguishes the two. A place that was dry then was as bright as its surroundings. A place
 //! that was wet then was darker: its ratio to the brightness of its surroundings was closer to τ than to 1.
 
-use super::InspectError;
 use super::break_mask::{FeatureSizes, FinalMask, ModelObservations, break_ratio_range, determine_breaks};
+use super::error::InspectError;
 use super::footprint::{Footprint, Window};
 use super::gate::{JudgedFilm, judge};
 use super::observed::{ComparisonReference, GridInspection, Observation};

@@ -10,7 +10,7 @@
 //! If the panel appears larger than at teaching, pixels between projected ones, which have no surface of their own,
 //! belong to the region too. A gap of one pixel is closed, so the panel may appear up to twice as large.
 
-use super::InspectError;
+use super::error::InspectError;
 use nalgebra::Point2;
 use opencv::core::{Mat, MatTraitConstManual};
 use opencv::imgproc;

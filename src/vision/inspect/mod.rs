@@ -19,6 +19,7 @@
 mod advice;
 mod break_mask;
 mod conclude;
+mod error;
 mod footprint;
 mod gate;
 mod model;
@@ -38,78 +39,11 @@ mod watch;
 
 pub use advice::{Advice, Channel, FlashDetector, GridContrast, Sampler, best_threshold};
 pub use conclude::{Break, Inspection};
+pub use error::InspectError;
 pub use footprint::{Footprint, GridFootprint};
 pub use gate::{MAX_OUTLINE_OFFSET_PX, MIN_CHANGE_TO_NOISE, name, too_coarse};
 pub use observed::{CellDemands, ComparisonReference, Demands, GridInspection, Observation, picture_interval_s};
-use panelprep_base::phase::Phase;
-use panelprep_cell::imaging::ImagingError;
 pub use quality::{Flaw, FlawedPictures, Quality};
 pub use score::{Confusion, Score, score, score_within};
 pub use tuning::{MIN_CONTRAST_TO_NOISE, Tuning, thesis_checks};
 pub use watch::{FilmView, FilmWatch, PictureResult};
-
-/// The reason why pictures could not be inspected. A test without a result is not an error but has the verdict
-/// `invalid`.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum InspectError {
-    /// The picture is from another camera, or its size was changed.
-    #[error(
-        "the picture has {found_width}×{found_height} px, but the camera was calibrated for {width}×{height} px, \
-         so the grids cannot be projected; record the pictures with the size of the calibration"
-    )]
-    PictureSize {
-        /// Columns found.
-        found_width: usize,
-        /// Rows found.
-        found_height: usize,
-        /// Columns calibrated.
-        width: usize,
-        /// Rows calibrated.
-        height: usize,
-    },
-    /// No point of the region projects into the picture.
-    #[error(
-        "the region lies outside of the picture at the panel's present pose; check that the pose belongs to this \
-         clip"
-    )]
-    RegionNotInPicture,
-    /// Pictures out of order.
-    #[error("the picture at {time_s} s follows a picture at {previous_s} s; times must increase")]
-    TimeOrder {
-        /// The time of the picture, s.
-        time_s: f64,
-        /// The time of the previous picture, s.
-        previous_s: f64,
-    },
-    /// A phase occurred again after it had ended.
-    #[error(
-        "the picture at {time_s} s is of phase {phase} but follows a picture of phase {previous}; the order is \
-         dry, spray, wet"
-    )]
-    PhaseOrder {
-        /// The time of the picture, s.
-        time_s: f64,
-        /// Its phase.
-        phase: Phase,
-        /// Phase of the previous picture.
-        previous: Phase,
-    },
-    /// The film has too many pictures.
-    #[error("the clip has more than {most} wet pictures; take fewer pictures per second")]
-    TooManyPictures {
-        /// Largest allowed number of pictures.
-        most: usize,
-    },
-    /// A film that lasts too long.
-    #[error("the clip has wet pictures more than {most_s} s after the first one; end the clip sooner")]
-    TooLong {
-        /// Longest allowed duration, s.
-        most_s: f64,
-    },
-    /// There is no wet picture.
-    #[error("the clip has no picture of phase wet; the first fully wet picture is the reference of the test")]
-    NoWetPicture,
-    /// OpenCV refused a picture.
-    #[error(transparent)]
-    Imaging(#[from] ImagingError),
-}

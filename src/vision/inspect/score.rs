@@ -1,6 +1,7 @@
 //! Compares the breaks that were found with a ground truth that the test did not use.
 
-use super::{InspectError, Inspection};
+use super::Inspection;
+use super::error::InspectError;
 use panelprep_base::geometry::Mask;
 
 /// Agreement of two masks, each value 0…1. If there is nothing to find and nothing was found, all values are 1.

@@ -19,7 +19,7 @@
 //! broken: water that runs over the place later does not clean it. A flash in fewer consecutive pictures is not a
 //! break.
 
-use super::InspectError;
+use super::error::InspectError;
 use super::footprint::{Footprint, Window};
 use opencv::core::{CV_8U, Mat, MatTraitConst, MatTraitConstManual, Rect};
 use opencv::{core, imgproc};

@@ -1,13 +1,14 @@
 //! The test while it runs: accepts pictures one by one.
 
+use super::error::InspectError;
 use super::footprint::{Footprint, InspectedPart};
 use super::gate::displaced_panel_reason;
 use super::model::{FilmParameters, MAX_FILM_S, MAX_PICTURES, Model};
 use super::observed::Demands;
 use super::quality::Quality;
 use super::steady::DryOutline;
+use super::thesis;
 use super::thesis::NOT_BROKEN;
-use super::{InspectError, thesis};
 use panelprep_base::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid};
 use panelprep_base::phase::Phase;
 use panelprep_base::verdict::Reason;

@@ -21,12 +21,13 @@ use super::camera_check::CameraCheck;
 use super::covariance::{PoseCovariance, WeakestMotion, covariance, worst_mm};
 use super::deviation::Deviation;
 use super::edges::EdgeReading;
+use super::error::LocateError;
 use super::fit::{FitInputs, IterationEnd, Residuals, Samples};
 use super::grid::{Grid, RigidF32, camera_point};
 use super::model::Model;
+use super::pieces;
 use super::pieces::Piece;
 use super::search::{PointObservation, covered_share, observe_point};
-use super::{LocateError, pieces};
 use nalgebra::Matrix6;
 use panelprep_base::geometry::statistics::{NORMAL_TWO_SIDED_95, PANEL_MAX_95};
 use panelprep_base::geometry::{

@@ -14,9 +14,10 @@
 //! The cause of a pose's uncertainty determines the remedy: more of the panel in view, a place nearer to the taught
 //! one, or a 3D camera with a measured scale.
 
+use super::error::LocateError;
 use super::evidence::Fit;
 use super::fit::CONVERGED_STEP_MM;
-use super::{CompetingPose, LocateError, OutlineEvidence};
+use super::{CompetingPose, OutlineEvidence};
 use panelprep_base::number_text::{distinguishable_percents, distinguishable_texts, fixed_decimals};
 use panelprep_base::verdict::{Check, Judgement, LimitSource, Reason, Severity, Verdict};
 use panelprep_cell::recipe;

@@ -4,7 +4,7 @@
 //! The outline is found in the taught scan's colours and depths (`taught_outline`). All data that depend only on the
 //! taught panel are derived once, before there is a scan.
 
-use super::LocateError;
+use super::error::LocateError;
 use super::grid::{Grid, RigidF32, camera_point};
 use super::pieces::centroid_and_normal;
 use super::print_features::TaughtMarks;

@@ -7,7 +7,7 @@
 //! An edge with one triangle is a border: of the panel, of a hole, or of a gap between faces that should meet. At a
 //! gap, two borders run beside each other.
 
-use super::{ListedPart, NominalError};
+use super::error::{ListedPart, NominalError};
 use nalgebra::{Point3, Vector3};
 use panelprep_base::geometry::{Base, Drawing, LengthUnit, Point, Rigid, TriangleMesh};
 use std::collections::HashMap;

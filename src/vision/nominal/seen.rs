@@ -9,7 +9,7 @@
 //! with each of them is computed in double precision (Möller, Trumbore 1997, "Fast, minimum storage ray–triangle
 //! intersection"), so that the error of the search does not affect the depth.
 
-use super::NominalError;
+use super::error::NominalError;
 use super::part::{Part, PartEdges, bounds};
 use glam::Vec3A;
 use nalgebra::{Point3, Vector3};
