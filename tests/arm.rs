@@ -20,7 +20,7 @@ use std::process::Command;
 
 const BOARD: &str = "--board 9x6 --square-mm 25";
 const POSES: usize = 13;
-/// Limit of draws: the arm reaches one in twelve of the drawn poses.
+/// Maximum number of draws; the arm reaches one in twelve of the drawn poses.
 const MAX_DRAWS: usize = 400;
 const TIP_MM: [f64; 3] = [2.0, -3.0, 140.0];
 
@@ -94,14 +94,14 @@ fn pictures<A: Side>(
         .expect("written");
 }
 
-/// Touches of corners of the fixed board, with the tool turned differently, by the real arm.
+/// Returns the touches of corners of the fixed board by the real arm, each with another orientation of the tool.
 fn touches(cell: &BoardCell, (arm, errors): (&Arm, &[f64; ARM_NUMBERS])) -> String {
     let board = Board::parse("9x6", 25.0).expect("a board");
     let tip = Point::<Flange>::at(TIP_MM[0], TIP_MM[1], TIP_MM[2]);
     let mut text = String::new();
     for (index, (column, row)) in [(0, 0), (8, 0), (8, 5), (0, 5), (4, 2), (2, 4)].into_iter().enumerate() {
         let corner = (cell.base_from_board() * board.corner(column, row).expect("a corner")).mm.coords;
-        // The board is tilted and turned differently each time, as far as the arm allows.
+        // The tool is tilted and rotated differently each time, as far as the arm allows.
         let turns = (0..200).map(|draw| {
             let angle = 1.7 * index as f64 + 0.9 * f64::from(draw);
             UnitQuaternion::from_scaled_axis(Vector3::x() * std::f64::consts::PI)
@@ -176,7 +176,7 @@ fn an_arm_is_calibrated_from_pictures_axes_and_touched_corners() {
 
 /// A corner that the board does not have, and one of a camera that is not calibrated, are reported with the file.
 #[test]
-fn a_touch_of_what_is_not_there_is_reported() {
+fn a_touch_of_an_unknown_corner_or_camera_is_reported() {
     let still = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
     let cell = BoardCell::new(5, BoardPrint::chessboard(9, 6, 25.0), still).with_reduction(3);
     let (arm, errors) = wrong_arm(8);

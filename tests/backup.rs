@@ -12,7 +12,7 @@ fn verify(folder: &Path, cell: &str) -> Value {
     told
 }
 
-/// A page without the sentence that states when it was made.
+/// Returns a page without the sentence that states when it was made.
 fn page(folder: &Path, cell: &str, cycle: i64) -> String {
     let (exit, told) = json(folder, &format!("page {cycle} --cell {cell} --out page.html"));
     assert_eq!(exit, 0, "{told}");
@@ -53,7 +53,7 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     service.signal(rustix::process::Signal::TERM);
     assert_eq!(service.ended().code(), Some(0));
 
-    // On another machine: the same rows, and the same pages from them.
+    // The store that is restored on another machine has the same rows, and the pages made from them are the same.
     let (exit, output) = json(folder, "restore second.tar.zst --cell other/cell.toml");
     assert!(exit == 2 && output["reasons"].to_string().contains("--last-cycle"), "{output}");
     let (exit, output) = json(folder, "restore second.tar.zst --cell other/cell.toml --last-cycle 2");
@@ -82,7 +82,8 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     let (exit, told) = json(folder, &format!("{cycle} --another-part"));
     assert!(exit == 0 && told["cycle_id"].as_i64().is_some_and(|id| id >= 3), "{told}");
 
-    // The backup made during the running cycle is a store with a cycle that was cut short, and reports this.
+    // The backup made during the running cycle contains a store whose cycle was cut short, and the restore reports
+    // this.
     let (exit, output) = json(folder, in_place);
     assert_eq!(exit, 0, "{output}");
     assert!(output["kept"].to_string().contains("cell/store.before-restore-1"), "{output}");
@@ -91,7 +92,7 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     assert_eq!(service.state(), "aborted", "{}", service.log());
 }
 
-/// One bit of a backup is changed: the command prints a message, its exit code is 1, and nothing is changed.
+/// If one bit of a backup is changed, the command prints a message, ends with exit code 1, and changes nothing.
 #[test]
 fn a_damaged_backup_is_reported_and_changes_nothing() {
     let folder = super::commands::rendered("clean");
@@ -110,7 +111,7 @@ fn a_damaged_backup_is_reported_and_changes_nothing() {
     assert!(exit == 1 && told["found"].to_string().contains("is not a backup"), "{told}");
 }
 
-/// Other programs can also open it, if they are installed.
+/// Other programs, if they are installed, can also open the archive.
 #[test]
 fn an_archive_is_a_tar_file() {
     let folder = super::commands::rendered("clean");

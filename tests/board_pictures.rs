@@ -1,8 +1,8 @@
 //! Boards in poor pictures: out of focus, noisy, pale, with glare, tilted, small, in the dark, among clutter; for
 //! the tests and for `make bench-calib`.
 //!
-//! A separate renderer, which shares only the camera's model with the simulator's: a pixel is the mean of 36 rays
-//! where ink changes, then come lamp, glare, blur and noise, in this order.
+//! A separate renderer, which shares only the camera model with the simulator. Where the ink changes, a pixel is the
+//! mean of 36 rays; then lamp, glare, blur and noise are applied, in this order.
 #![allow(dead_code)] // Each of the two uses its part.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -21,7 +21,7 @@ pub struct Hard {
     pub noise: f64,
     /// White minus black, grey levels.
     pub contrast: f64,
-    /// Whether a tenth of the board shines white.
+    /// Whether glare covers a tenth of the board.
     pub glare: bool,
     /// Tilt of the board, degrees.
     pub tilt_deg: f64,
@@ -63,8 +63,8 @@ pub fn camera(width_px: usize) -> PinholeCamera {
     }
 }
 
-/// The ink of a board at a point in squares from its upper left printed corner: 0 black, 1 white; `None` beside its
-/// rim.
+/// The print of a board. It gives the ink at a point in squares from the upper left printed corner: 0 is black, 1 is
+/// white; outside of the board's rim it gives `None`.
 struct Print {
     board: Board,
     cells: Vec<Vec<bool>>,
@@ -340,10 +340,10 @@ pub enum Judged {
     Nothing,
 }
 
-/// Error above which a corner is at a wrong position, px.
-pub const OFF_PX: f64 = 0.5;
+/// Error from which a corner counts as at a wrong position, px.
+pub const MIN_WRONG_PX: f64 = 0.5;
 
-/// Judges corners; for boards that look the same after a turn, turned corners are accepted.
+/// Judges corners; for boards that look the same after a rotation, rotated corners are accepted.
 pub fn judge(board: &Board, rendered: &Rendered, found: Option<&detect::Corners>) -> Judged {
     let Some(found) = found else { return Judged::Nothing };
     let far = rendered.truth.last().map(|(q, ..)| q.mm).unwrap_or_default();
@@ -372,7 +372,7 @@ pub fn judge(board: &Board, rendered: &Rendered, found: Option<&detect::Corners>
     });
     let seen = rendered.truth.iter().filter(|(_, _, seen)| *seen).count();
     match judged.min_by(|a, b| a.0.total_cmp(&b.0)) {
-        Some((worst, ..)) if worst > OFF_PX => Judged::Wrong(worst),
+        Some((worst, ..)) if worst > MIN_WRONG_PX => Judged::Wrong(worst),
         Some((_, 0, rms)) => Judged::Found(rms),
         Some((_, missing, rms)) if 10 * missing <= seen => Judged::Nearly(rms, missing),
         Some((_, missing, _)) => Judged::Part(missing),
@@ -380,8 +380,8 @@ pub fn judge(board: &Board, rendered: &Rendered, found: Option<&detect::Corners>
     }
 }
 
-/// Draws a mixture of difficulties with which a person can still see the board. The blur is limited to a part of the
-/// shorter side of a square, or of a marker's cell.
+/// Draws a mixture of difficulties with which a person can still see the board. The blur is limited to a fraction of
+/// the shortened side of a square, or of a marker's cell.
 pub fn mixture(board: &Board, camera: &PinholeCamera, seed: u64) -> Hard {
     let mut random = Pcg64::seed_from_u64(seed ^ 0xB0A2D);
     let mut between = |low: f64, high: f64| low + (high - low) * random.random::<f64>();

@@ -15,7 +15,7 @@ use panelprep::cell::{FlangeCameraMount, ScannerMount};
 use std::path::Path;
 
 /// Uses full-size rendered pictures, with the true lens and with the lens that this program calibrated.
-fn mount_comes_back<A: Side>(seed: u64) {
+fn check_mount_against_truth<A: Side>(seed: u64) {
     let cell = boards::cell(seed, GOOD_ROBOT);
     let shots = A::shots(&cell, POSES);
     let corners = boards::rendered::<A>(&cell, &shots);
@@ -31,12 +31,12 @@ fn mount_comes_back<A: Side>(seed: u64) {
 
 #[test]
 fn many_rendered_poses_give_both_mounts() {
-    mount_comes_back::<ScannerMount>(1);
-    mount_comes_back::<FlangeCameraMount>(2);
+    check_mount_against_truth::<ScannerMount>(1);
+    check_mount_against_truth::<FlangeCameraMount>(2);
 }
 
 #[test]
-fn a_robot_half_a_millimetre_off_is_reported_honestly() {
+fn the_error_of_an_inaccurate_robot_is_reported() {
     for seed in [1, 2] {
         let cell = boards::cell(seed, BAD_ROBOT);
         let shots = FlangeCameraMount::shots(&cell, POSES);
@@ -48,7 +48,7 @@ fn a_robot_half_a_millimetre_off_is_reported_honestly() {
 }
 
 #[test]
-fn what_does_not_fit_is_found_and_named() {
+fn each_calibration_fault_is_found_and_named() {
     for (fault, words) in boards::FAULTS.iter().enumerate() {
         for seed in [1, 2] {
             let fixed = boards::faulty::<ScannerMount>(seed, fault);
@@ -70,7 +70,7 @@ fn three_touched_points_place_the_panel() {
 
 /// Pictures from a real camera, if Debian's opencv-doc is installed or `make bench-calib` has fetched it.
 #[test]
-fn real_pictures_give_opencv_s_own_camera() {
+fn real_pictures_give_the_camera_of_opencv() {
     let Some(folder) = opencv_doc() else {
         eprintln!("skipped: Debian's opencv-doc is not there; `make bench-calib` fetches it");
         return;
@@ -99,9 +99,9 @@ fn real_pictures_give_opencv_s_own_camera() {
         "ok     opencv-doc, own corners: fx {:.3} ± {:.3}, cx {:.3} ± {:.3}, {:.3} px rms, {aside} pictures set aside",
         chosen.camera.fx_px, chosen.deviations[0], chosen.camera.cx_px, chosen.deviations[2], chosen.rms_px
     );
-    // OpenCV states 1.358 px for fx. Its divisor counts 702 corners instead of 1404 coordinates, each less 87
-    // unknowns. The pictures that were left out deviate more than the pictures that were used, and the stated
-    // deviation of the lens includes them.
+    // OpenCV states a standard deviation of 1.358 px for fx. It divides by 702 corners less 87 unknowns, and not by
+    // 1404 coordinates less 87 unknowns. The pictures that were left out deviate more than the pictures that were used,
+    // and the stated deviation of the lens includes them.
     let inside = 1.358 * (615.0_f64 / 1317.0).sqrt();
     assert!((inside..1.6 * inside).contains(&found.deviations[0]), "{inside}, {}", found.deviations[0]);
     assert!(found.left_out_rms_px > found.rms_px && found.left_out_rms_px < 1.5 * found.rms_px);

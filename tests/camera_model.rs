@@ -1,4 +1,4 @@
-//! The camera model compared with OpenCV's model, with which calibrations are made.
+//! The camera model compared with OpenCV's model, which the calibrations use.
 
 use opencv::calib3d;
 use opencv::core::{Mat, Point2d, Point3d, Vector};

@@ -160,7 +160,7 @@ fn fixture(name: &str) -> PathBuf {
 }
 
 /// Scans that PCL's tools wrote, with a calibration and recipe as a user would write them. The truth is in
-/// `fixtures/README.md`: moved by (5, −3, 6) mm and turned by 3° about the camera's x and z axes at (0, 0, 400).
+/// `fixtures/README.md`: moved by (5, −3, 6) mm and rotated by 3° about the camera's x and z axes at (0, 0, 400).
 #[test]
 fn scans_written_by_pcl_are_taught_located_and_planned() {
     let folder = tempfile::tempdir().expect("a folder");

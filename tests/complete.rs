@@ -39,7 +39,7 @@ fn spoil_recipe(recipe: &mut DocumentMut, key: &str) {
 /// One item is made invalid at a time: it is the only error of `check --for cycle`, and `cycle` refuses it with the
 /// same key.
 #[test]
-fn what_check_finds_incomplete_no_cycle_begins_with() {
+fn no_cycle_begins_with_files_that_check_finds_incomplete() {
     let folder = rendered("good");
     let folder = folder.path();
     let (cell, recipe) = (folder.join("cell/cell.toml"), folder.join("cell/recipe.toml"));
@@ -103,7 +103,7 @@ fn what_check_finds_incomplete_no_cycle_begins_with() {
 /// If a value in [path] is refused, only this value is reported: the further requirements of [removal] are not
 /// known.
 #[test]
-fn a_wrong_path_is_no_missing_force() {
+fn an_invalid_path_value_is_not_reported_as_a_missing_force() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let recipe = |step: &str, force: &str| {

@@ -8,7 +8,7 @@ use std::process::Command;
 
 /// Every delivered file is read without a problem, and recognized as its kind of file.
 #[test]
-fn the_files_that_ship_are_right() {
+fn the_shipped_files_are_valid() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
     let mut kinds = Vec::new();
     for folder in [root.clone(), root.join("panels")] {
@@ -28,9 +28,9 @@ fn the_files_that_ship_are_right() {
     assert_eq!(kinds, [Some("archive"), Some("cell"), Some("cell"), Some("recipe")]);
 }
 
-/// The files to be loaded on the controller have neither errors nor traps, separately and together.
+/// The files to be loaded on the controller have neither errors nor warnings, separately and together.
 #[test]
-fn the_channel_files_that_ship_are_right() {
+fn the_shipped_channel_files_are_valid() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/kuka");
     let texts = ["CELLCMD.xml", "CELLSTAT.xml"].map(|name| fs::read_to_string(folder.join(name)).expect("it"));
     for report in check_files(&[("CELLCMD.xml", &texts[0]), ("CELLSTAT.xml", &texts[1])], None) {
@@ -38,10 +38,10 @@ fn the_channel_files_that_ship_are_right() {
     }
 }
 
-/// The delivered programs, and one error in them, as a user sees it; a file that cannot be read does not hide other
-/// errors.
+/// Checks the delivered programs, without and with one error, as a user does; a file that cannot be read does not hide
+/// other errors.
 #[test]
-fn the_programs_that_ship_are_right_and_one_bad_file_hides_no_other() {
+fn the_shipped_programs_are_valid_and_one_bad_file_hides_no_other() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/kuka");
     let run = |folder: &Path, files: &[&str]| {
         let mut program = Command::new(env!("CARGO_BIN_EXE_panelprep"));
@@ -90,11 +90,10 @@ fn the_programs_that_ship_are_right_and_one_bad_file_hides_no_other() {
     );
 }
 
-/// The unit permits the calls that the program itself makes beyond its groups (nice, for the link and for
-/// computing). It is hardened as far as it states: an exposure of 1.2 at most, if systemd is available here to
-/// judge it.
+/// The unit permits the calls that the program itself makes beyond its groups (nice, for the link and for computing).
+/// It is hardened as it states: its exposure is at most 1.2, if systemd is available here to compute it.
 #[test]
-fn the_unit_that_ships_is_hardened_and_lets_the_program_live() {
+fn the_shipped_unit_is_hardened_and_permits_the_calls_of_the_program() {
     let unit = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/panelprep.service");
     let text = fs::read_to_string(&unit).expect("it is there");
     let at = |line: &str| text.lines().position(|found| found == line).unwrap_or_else(|| panic!("no {line}"));
@@ -121,7 +120,7 @@ fn the_unit_that_ships_is_hardened_and_lets_the_program_live() {
 /// The samples of Zivid settings are recognized as such; a file for the film in which the camera's projector is on is
 /// refused at this line.
 #[test]
-fn the_camera_settings_that_ship_are_right() {
+fn the_shipped_camera_settings_are_valid() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/zivid");
     for (name, says) in [("scan.yml", "3D shots with colour"), ("film.yml", "pictures of the film")] {
         let text = fs::read_to_string(root.join(name)).expect("it ships");
@@ -137,7 +136,7 @@ fn the_camera_settings_that_ship_are_right() {
 /// installed here, it accepts every line of both files. Without systemd none of this is checked, and the test
 /// states that.
 #[test]
-fn the_unit_for_a_zivid_is_one_that_systemd_takes() {
+fn systemd_accepts_the_unit_for_a_zivid() {
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
     let more = fs::read_to_string(config.join("panelprep-zivid.conf")).expect("it ships");
     for device in ["drm", "nvidia", "nvidiactl", "nvidia-uvm"] {

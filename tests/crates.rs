@@ -52,7 +52,7 @@ fn drawing(all: &Dependencies) -> String {
     for name in all.keys() {
         rows.entry(height(all, name)).or_default().push(name);
     }
-    // Users of the simulator are on the right, where the lines past other rows go down.
+    // Crates that depend on the simulator are on the right, where the lines that pass other rows go down.
     rows.values_mut().for_each(|row| row.sort_by_key(|name| reached(all, name).contains("sim")));
     let top = rows.keys().copied().max().unwrap_or(0);
     let place = |name: &str| {

@@ -31,7 +31,7 @@ fn wrong(folder: &Path, arguments: &str) -> Vec<[String; 3]> {
         checks.len() >= 2 && wrong.iter().all(|[_, found, advice]| !found.is_empty() && !advice.is_empty()),
         "{told}"
     );
-    // A mock controller has no signed proofs, whatever else is right; a test of its own reads that row.
+    // A mock controller never has signed proofs; another test checks this row.
     wrong.into_iter().filter(|[name, ..]| name != "proofs").collect()
 }
 
@@ -53,7 +53,7 @@ fn planted(folder: &Path, (file, from, to): (&str, &str, &str), words: [&str; 3]
 }
 
 #[test]
-fn a_cell_without_trouble_has_none_and_each_planted_one_is_named() {
+fn doctor_reports_each_planted_fault_and_none_in_a_good_cell() {
     let folder = rendered("good");
     let folder = folder.path();
     // Before teaching, the store is missing, and nothing is stated about either calibration.
@@ -126,7 +126,7 @@ fn a_cell_without_trouble_has_none_and_each_planted_one_is_named() {
 /// Distinguishes controllers behind two sockets that are absent, silent, send wrong data, or are right, and checks a
 /// controller's own files.
 #[test]
-fn what_answers_in_place_of_a_controller_is_distinguished() {
+fn absent_silent_wrong_and_right_controllers_are_distinguished() {
     let folder = rendered("clean");
     let folder = folder.path();
     assert_eq!(json(folder, TEACH).0, 0);
@@ -135,7 +135,8 @@ fn what_answers_in_place_of_a_controller_is_distinguished() {
     controller_files(folder);
     let with_files = format!("{DOCTOR} --kuka .");
     one_wrong(folder, &with_files, ["robot", "refuses", "submit interpreter"]);
-    // No proof is signed: the row says so, and what comes next. Stated by hand, the store has no page of it.
+    // No proof is signed: the row states this and the next step. If the cell's file states a signed stage, the row
+    // states that the store has no page of it.
     let proofs = |words: &str| {
         let (_, told) = json(folder, &with_files);
         let checks = told["checks"].as_array().expect("checks");

@@ -92,7 +92,7 @@ fn a_cell_without_a_service_is_cleared() {
 
 /// The next command accepts the file that `--out` wrote.
 #[test]
-fn places_go_from_file_to_file() {
+fn the_next_command_accepts_the_file_of_out() {
     let folder = rendered("clean");
     let folder = folder.path();
     assert_eq!(json(folder, TEACH).0, 0);

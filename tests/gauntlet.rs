@@ -190,7 +190,7 @@ fn leant(pose: Rigid<Base, Tool>, deg: f64) -> Rigid<Base, Tool> {
     KukaPose { a_deg: if kuka.a_deg > 0.0 { kuka.a_deg + deg } else { kuka.a_deg - deg }, ..kuka }.to_rigid()
 }
 
-/// Runs this many good paths, and each of them once more with a defect.
+/// Runs this number of good paths, and each of them once more with a defect.
 pub fn run(paths: usize) -> Outcome {
     let gates = Gates::new();
     let mut random = Pcg64Mcg::seed_from_u64(11);

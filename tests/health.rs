@@ -1,4 +1,5 @@
-//! A cycle starts only on calibrations that were verified: not on none, an old one, a bad one, or one of other files.
+//! A cycle starts only with verified calibrations: not without a verification, nor with one that is old, bad, or of
+//! other files.
 
 use super::commands::{TEACH, VERIFY, json, rendered};
 use panelprep::calib::health::Verification;
@@ -80,7 +81,8 @@ fn a_cycle_starts_only_on_verified_calibrations() {
     refused(folder, &["verification_limit"]);
     assert_eq!(json(folder, &format!("{TOUCH} --points cell/target/touched.toml")).0, 0);
 
-    // A stricter limit, other files, and a verification of the day before yesterday.
+    // The cycle also does not start with a stricter limit, with other files, or with a verification of the day before
+    // yesterday.
     let (rendered, strict) =
         ("verify_limit_mm = 0.8", format!("verify_limit_mm = {:?}", (error_mm / 2.0).max(0.05)));
     replace(folder, "cell/cell.toml", rendered, &strict);
@@ -103,7 +105,7 @@ fn a_cycle_starts_only_on_verified_calibrations() {
 /// verification that was stored can be struck out. It stays in the store with the person and the reason, and no older
 /// verification replaces it.
 #[test]
-fn a_look_that_gives_no_information_is_refused_or_struck_out() {
+fn a_useless_verification_is_refused_or_struck_out() {
     let folder = rendered("good");
     let folder = folder.path();
     assert_eq!(json(folder, TEACH).0, 0);
@@ -146,7 +148,7 @@ fn a_look_that_gives_no_information_is_refused_or_struck_out() {
 
 /// An input that cannot be verified is an error, and the store contains nothing from this input.
 #[test]
-fn a_look_without_its_target_is_refused() {
+fn a_verification_without_its_target_is_refused() {
     let folder = rendered("good");
     let folder = folder.path();
     for (arguments, words) in [

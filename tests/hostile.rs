@@ -1,5 +1,5 @@
-//! Clients of the service that are slow, silent, endless or wrong on purpose. A stop still gets through, and these
-//! clients write nothing in places where only the service writes.
+//! Clients of the service that are slow, silent, endless or wrong on purpose. A stop is still accepted, and these
+//! clients cannot write where only the service writes.
 
 mod clients;
 
@@ -13,7 +13,7 @@ use std::time::Duration;
 /// Runs forty hostile clients and two hundred silent connections. Each stop and each abort is accepted at its first
 /// attempt.
 #[test]
-fn a_stop_comes_through_hostile_clients() {
+fn a_stop_is_accepted_despite_hostile_clients() {
     let folder = taught("clean");
     let folder = folder.path();
     let service = Service::start(folder);
@@ -45,10 +45,10 @@ fn a_stop_comes_through_hostile_clients() {
     service.done("clear");
 }
 
-/// A client can only request a recording in a new file outside of the store, which is named by its whole plain path.
-/// No text of a client begins a line of the log.
+/// A client can request a recording only in a new file outside of the store, which is named by its full path. No text
+/// of a client begins a line of the log.
 #[test]
-fn no_client_names_a_file_of_the_store_or_forges_a_line() {
+fn no_client_writes_into_the_store_or_forges_a_log_line() {
     let folder = taught("clean");
     let folder = folder.path();
     let service = Service::start(folder);

@@ -23,7 +23,7 @@ fn begin(folder: &Path, arguments: &str) -> Child {
         .expect("the program starts")
 }
 
-/// Each file that each command reads is replaced by a pipe to which no process writes.
+/// Each file that each command reads is replaced by a pipe to which no process writes: the command refuses it.
 #[test]
 fn no_reader_waits_for_a_pipe() {
     let folder = rendered("clean");
@@ -71,7 +71,7 @@ fn no_reader_waits_for_a_pipe() {
 
 /// A picture that determines a position must be one in which damage is detected. The message states what to do.
 #[test]
-fn jpeg_measures_no_place() {
+fn no_position_is_measured_in_a_jpeg() {
     let folder = rendered("clean");
     let folder = folder.path();
     for name in ["taught_corner", "corner", "target/scanner", "target/flange_camera"] {

@@ -75,7 +75,7 @@ fn each_fixture_is_judged_as_its_first_lines_state() {
 /// Hostile programs are checked unchanged, by the program itself, which may use a gigabyte of address space. It
 /// answers in time and does not abort.
 #[test]
-fn hostile_programs_are_answered() {
+fn hostile_programs_are_checked_in_time() {
     let folder = tempfile::tempdir().expect("a folder");
     for (number, text) in hostile_programs().into_iter().enumerate() {
         let file = format!("a{number}.src");
@@ -91,7 +91,7 @@ fn hostile_programs_are_answered() {
     }
 }
 
-/// Returns the mechanism: a message without its names and numbers.
+/// Returns the kind of error that a message reports: the message without its names and numbers.
 fn mechanism(message: &str) -> String {
     let of_name = |sign: char| "_$'\"[".contains(sign) || sign.is_ascii_digit();
     let word = |word: &str| match word.chars().any(of_name) {

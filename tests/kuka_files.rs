@@ -1,5 +1,5 @@
 //! Checks the controller's programs as text: their form, and their agreement with the EthernetKRL files, the client,
-//! the mock controller and the installation page. These tests do not replace a controller; they keep slips out of the
+//! the mock controller and the installation page. These tests do not replace a controller; they find slips in the
 //! programs.
 
 mod agree;
@@ -81,7 +81,7 @@ const EKI: [&str; 11] = [
     "EKI_SEND",
     "EKI_CLOSE",
 ];
-/// Every system variable that the programs use; the installation page asks the user to prove the important ones.
+/// Every system variable that the programs use; the installation page asks the user to check the important ones.
 const SYSTEM: [&str; 36] = [
     "$ACC",
     "$ACC_AXIS",
@@ -142,7 +142,7 @@ fn each(files: &[File], mut visit: impl FnMut(&Routine, &Statement)) {
 }
 
 #[test]
-fn the_text_is_what_a_controller_reads() {
+fn the_text_of_the_programs_has_a_valid_form() {
     let files = files();
     let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
     assert_eq!(
@@ -184,7 +184,7 @@ fn the_text_is_what_a_controller_reads() {
 }
 
 #[test]
-fn what_opens_is_closed_in_its_order() {
+fn blocks_are_closed_in_the_order_of_their_opening() {
     let pairs =
         [("IF", "ENDIF"), ("LOOP", "ENDLOOP"), ("WHILE", "ENDWHILE"), ("FOR", "ENDFOR"), ("SWITCH", "ENDSWITCH")];
     for routine in files().iter().flat_map(|file| &file.routines) {
@@ -278,7 +278,7 @@ fn every_name_is_declared_and_every_call_fits() {
             assert!(!data.contains_key(local) && !routines.contains_key(local), "{}: {local}", routine.name);
         }
     });
-    // Every program is used.
+    // Every program is called.
     let code: Vec<String> =
         files.iter().flat_map(File::statements).flat_map(|statement| statement.words()).collect();
     let entry = [

@@ -30,7 +30,7 @@ fn body(answer: &str) -> Value {
     serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {answer}"))
 }
 
-/// Ends the page; returns the command's object and its printed text.
+/// Closes the page; returns the command's object and its printed text.
 fn ended(
     mut page: (std::process::Child, std::io::BufReader<std::process::ChildStderr>, String),
 ) -> (Value, String) {
@@ -76,7 +76,7 @@ fn close(found: &Value, expected: f64) -> bool {
 
 /// From the first view to the score: the breaks that the person draws are the ground truth for the other commands.
 #[test]
-fn a_clip_is_labelled_and_is_its_own_truth() {
+fn a_clip_is_labelled_and_scored_against_its_labels() {
     let folder = located();
     let folder = folder.path();
     let clip_folder = folder.join("cell/clip");
@@ -151,7 +151,7 @@ fn a_clip_is_labelled_and_is_its_own_truth() {
     changed(folder);
 }
 
-/// The commands that accept a truth accept the labelled clip.
+/// The commands that accept a ground truth accept the labelled clip.
 fn scored(folder: &Path, labelled: &Mask) {
     let inspect = format!("inspect {CELL} --located located.json");
     let (exit, output) = json(folder, &format!("{inspect} --clip cell/clip --truth cell/clip --pictures pictures"));
@@ -210,7 +210,7 @@ fn changed(folder: &Path) {
 }
 
 #[test]
-fn what_is_no_clip_is_refused_in_words() {
+fn a_folder_that_is_no_clip_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let clip = folder.join("clip");

@@ -15,9 +15,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
 
-/// Layers of a crate at most.
+/// Maximum number of layers in a crate.
 const MAX_LAYERS: usize = 5;
-/// Crates without rooms: their `lib.rs` is the room.
+/// Crates that are not divided into top-level modules; each counts as one module.
 const WHOLE: [&str; 2] = ["sim", "devices"];
 
 /// The modules with access to the world outside of the program; all others are pure.
@@ -39,9 +39,10 @@ const EDGE_ONLY: [&str; 8] = [
 /// A crate below `src/`, or the one of the program.
 struct Member {
     folder: PathBuf,
-    /// The name of a crate without top-level rooms: all of its files are one room with this name.
+    /// The name of a crate that is not divided into top-level modules: all of its files count as one module with this
+    /// name.
     whole: Option<String>,
-    /// Each room's layer, as the paragraphs of `lib.rs` give it.
+    /// The layer of each top-level module, as the paragraphs of `lib.rs` give it.
     layers: BTreeMap<String, usize>,
 }
 
@@ -54,7 +55,7 @@ impl Member {
         Member { folder, whole, layers }
     }
 
-    /// Returns a file's module, below the name of its room.
+    /// Returns a file's module, below the name of its top-level module.
     fn module(&self, file: &Path) -> Vec<String> {
         let relative = file.strip_prefix(&self.folder).expect("in the crate").with_extension("");
         let parts = relative.iter().filter_map(|part| part.to_str()).filter(|part| !["mod", "lib"].contains(part));
@@ -182,7 +183,7 @@ impl<'ast> Visit<'ast> for Paths {
     }
 }
 
-/// Returns what a file of `module` does that its layer does not allow.
+/// Returns each use in a file of `module` that its layer does not allow.
 fn wrongs(code: &str, module: &[&str], layers: &BTreeMap<String, usize>) -> Vec<String> {
     let home = module[0];
     let is_pure = !EDGE.contains(&home);
@@ -233,7 +234,7 @@ fn every_module_names_only_layers_above_it() {
         for file in member.files() {
             let module = member.module(&file);
             let parts: Vec<&str> = module.iter().map(String::as_str).collect();
-            // The head of a crate, and the program's `main.rs`.
+            // The `lib.rs` of a crate and the program's `main.rs` are in no layer.
             let Some(&room) = parts.first().filter(|room| **room != "main") else { continue };
             assert!(
                 member.layers.contains_key(room),
@@ -296,8 +297,8 @@ fn files_of_a_crate_name_each_other_one_way_only() {
     assert!(found.is_empty(), "{}", found.join("\n"));
 }
 
-/// Returns the circles of a crate that consists of these files; each file is a module's path and its code.
-fn circles_of(files: &[(&str, &str)]) -> Vec<String> {
+/// Returns the dependency cycles of a crate that consists of these files; each file is a module's path and its code.
+fn cycles_of_files(files: &[(&str, &str)]) -> Vec<String> {
     let mut all = Crate::default();
     for (path, code) in files {
         let module: Vec<String> = path.split("::").filter(|part| !part.is_empty()).map(str::to_owned).collect();
@@ -307,7 +308,7 @@ fn circles_of(files: &[(&str, &str)]) -> Vec<String> {
 }
 
 #[test]
-fn planted_circles_are_found() {
+fn planted_dependency_cycles_are_found() {
     let parent = ("room", "mod a; mod b; pub use a::A; pub struct Own;");
     let circles = [
         (
@@ -322,13 +323,13 @@ fn planted_circles_are_found() {
         ("a glob", "use super::b::*; pub struct A;", "use super::*; pub struct B(A);", "room, room::a, room::b"),
     ];
     for (what, a, b, expected) in circles {
-        let found = circles_of(&[("", "pub mod room;"), parent, ("room::a", a), ("room::b", b)]);
+        let found = cycles_of_files(&[("", "pub mod room;"), parent, ("room::a", a), ("room::b", b)]);
         assert_eq!(found, [expected], "{what}");
     }
 }
 
 #[test]
-fn what_is_no_circle_is_allowed() {
+fn dependencies_without_a_cycle_are_allowed() {
     let parent = ("room", "mod a; mod b; pub use a::A;");
     let allowed = [
         ("one way", "pub struct A;", "use super::A; pub struct B;"),
@@ -345,7 +346,7 @@ fn what_is_no_circle_is_allowed() {
         ),
     ];
     for (what, a, b) in allowed {
-        let found = circles_of(&[("", "pub mod room;"), parent, ("room::a", a), ("room::b", b)]);
+        let found = cycles_of_files(&[("", "pub mod room;"), parent, ("room::a", a), ("room::b", b)]);
         assert_eq!(found, Vec::<String>::new(), "{what}");
     }
 }

@@ -125,7 +125,7 @@ pub fn is_allowed(licence: &str) -> bool {
 }
 
 #[test]
-fn everything_that_is_linked_has_a_licence_that_the_package_may_carry() {
+fn every_linked_crate_has_a_licence_that_the_package_may_contain() {
     let linked = linked();
     let names: Vec<&str> = linked.iter().filter_map(|it| it.name.split(' ').next()).collect();
     // Some crates that must be in the list, and some that only tests or builds use.

@@ -24,8 +24,8 @@ fn with_line(folder: &Path) {
     std::fs::write(file, text + LINE_OUTPUTS + LINE).expect("written");
 }
 
-/// After one reset by a person the line has two parts prepared, each greasy on arrival; no person does anything. A
-/// third start, while the recipe is missing, is refused and reported, and the line does not request it again.
+/// After one reset by a person the line has two parts prepared, each greasy on arrival, without any further action of a
+/// person. A third start, while the recipe is missing, is refused and reported, and the line does not request it again.
 #[test]
 fn a_line_has_its_parts_prepared() {
     let folder = taught("good");

@@ -106,7 +106,7 @@ impl Bench {
         refine::refine(located, self.cell.flange_camera(), &views).unwrap_or_else(|error| panic!("{error}"))
     }
 
-    /// Distance of a corner from its true position, in the plane of the camera that sees it, mm.
+    /// Returns the distance of a corner from its true position, in the plane of the camera that sees it, mm.
     fn error_in_plane_mm(&self, found: Rigid<Base, Panel>, corners: &Corners, index: usize) -> f64 {
         let truth = self.cell.truth();
         let camera_from_base = corners.seen[index].0.inverse();
@@ -163,7 +163,7 @@ fn a_far_panel_is_found() {
 }
 
 #[test]
-fn no_panel_and_a_wrong_one_are_rejected_in_words() {
+fn no_panel_and_a_wrong_one_are_rejected_with_reasons() {
     for (scene, codes) in [
         (Scene::NoPanel, ["no_panel"].as_slice()),
         (
@@ -189,7 +189,7 @@ fn no_panel_and_a_wrong_one_are_rejected_in_words() {
 }
 
 #[test]
-fn one_and_two_threads_give_the_same_bits() {
+fn one_and_two_threads_give_bit_identical_results() {
     let bench = Bench::new(3, Scene::Good, 4);
     let scan = bench.cell.scan();
     let with = |threads: usize| {
@@ -211,7 +211,7 @@ fn pictures(trial: &TrialScene, judgement: &Judgement, fit: Option<&Fit>) -> usi
     drawn.into_iter().filter(|it| *it.picture.as_ref().expect("drawn") != picture).count()
 }
 
-/// Teaches a panel of any shape and locates it in a scene that may have something wrong.
+/// Teaches a panel of any shape and locates it in a scene that may have a defect.
 fn tried(trial: &TrialScene) -> (Judgement, Option<Fit>) {
     let (taught, recipe) = learnt(trial);
     let (camera, base_from_camera) = (trial.camera(), trial.base_from_camera());
@@ -245,7 +245,7 @@ fn learnt_with(trial: &TrialScene, keys: &str) -> (TaughtPanel, Recipe) {
     (taught, recipe)
 }
 
-/// Finds twenty shapes at half size anywhere in the box, at any turn, tilted by up to 30°, among other objects.
+/// Finds twenty shapes at half size anywhere in the box, at any rotation, tilted by up to 30°, among other objects.
 #[test]
 fn panels_of_many_shapes_are_found_at_any_place_where_they_are() {
     let accepted = (1..=20).filter(|&seed| {
@@ -265,11 +265,11 @@ fn drawn(trial: &TrialScene) -> (TaughtPanel, Recipe) {
     learnt_with(trial, &format!(", outline_px = {corners:?}"))
 }
 
-/// Only its outline holds a flat plate sideways. A holder in the plate's own plane, which was absent at teaching,
-/// makes no step in depth. If the recipe names the holder's position, the plate is found within the stated error;
-/// otherwise it is not accepted.
+/// The sideways position of a flat plate is determined only by its outline. A holder in the plate's own plane, which
+/// was absent at teaching, makes no step in depth. If the recipe names the holder's position, the plate is found within
+/// the stated error; otherwise it is not accepted.
 #[test]
-fn a_holder_in_the_panels_plane_is_left_out_where_it_is_named() {
+fn a_named_holder_in_the_panels_plane_is_left_out() {
     for seed in [1, 6] {
         let (alone, held) = (TrialScene::flat_scene(seed, 2), TrialScene::flat_scene(seed, 2).with_holder());
         let place: Vec<[[f64; 2]; 4]> =
@@ -321,11 +321,11 @@ fn a_hole_at_a_grids_edge_is_bridged() {
     }
 }
 
-/// Bright discs on a flat plate fix its sideways position better than its outline alone: the sideways error shrinks
-/// and stays within the stated error. A plate that looks the same in a mirror, with the discs of its mirror image,
-/// is not accepted.
+/// Bright discs on a flat plate determine its sideways position better than its outline alone: the sideways error
+/// shrinks and stays within the stated error. A plate that looks the same in a mirror, with the discs of its mirror
+/// image, is not accepted.
 #[test]
-fn marks_hold_a_flat_panel_and_distinguish_it_from_its_mirror_image() {
+fn marks_locate_a_flat_panel_and_distinguish_it_from_its_mirror_image() {
     for seed in [2, 5] {
         let trial = TrialScene::flat_scene(seed, 1).with_marks();
         let (judgement, fit) = tried(&trial);
@@ -356,7 +356,7 @@ fn marks_hold_a_flat_panel_and_distinguish_it_from_its_mirror_image() {
 /// by this from scan to scan, the stated error includes it. The error without this part is reported separately from
 /// the error at the taught place.
 #[test]
-fn what_a_camera_is_off_in_its_scale_is_in_the_stated_error() {
+fn the_stated_error_includes_the_scale_error_of_the_camera() {
     let trial = TrialScene::good_scene(3, 4).with_scale_error([0.0, 0.0005]);
     let (scan, camera, base_from_camera) = (trial.scan(), trial.camera(), trial.base_from_camera());
     let (taught, recipe) = learnt(&trial);

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::Command;
 
 #[test]
-fn what_is_left_out_is_there() {
+fn each_test_that_is_left_out_exists() {
     let list = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/long.txt")).expect("the list");
     let program = std::env::current_exe().expect("this program");
     let known = Command::new(program).arg("--list").output().expect("the tests' names").stdout;

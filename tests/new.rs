@@ -72,7 +72,7 @@ fn each_kind_of_cell_is_written_as_check_accepts_it() {
 }
 
 #[test]
-fn no_file_is_written_over_and_a_wrong_answer_writes_none() {
+fn no_file_is_overwritten_and_a_wrong_answer_writes_none() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     for (command, words) in [

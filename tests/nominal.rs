@@ -1,5 +1,5 @@
-//! A panel that is taught from its drawing, on the simulated cell, whose truth is known: beside the same panel taught by
-//! a scan.
+//! A panel that is taught from its drawing, on the simulated cell, whose truth is known; compared with the same panel
+//! taught by a scan.
 
 use super::commands::{json, panelprep};
 use panelprep::files::{read_mesh, write_stl};
@@ -69,12 +69,12 @@ impl<'a> Taught<'a> {
     }
 }
 
-/// The largest distance of the panel's points, as `base_from_panel` places them, from where the calibrated camera sees
-/// them, mm.
+/// Returns the largest distance, mm, between the panel's points, as `base_from_panel` places them, and the same points
+/// as the calibrated camera measures them.
 ///
-/// The calibrated mount of the camera is in error. In the frame of a panel that was taught by a scan its points have
-/// that error, too, and in the frame of the drawing, which is then the panel's, they have not. What counts is where the
-/// tool meets them.
+/// The calibrated mount of the camera has an error. The points of a panel that was taught by a scan have the same error
+/// in its frame. The points of a drawing, whose frame is then the panel's, do not have it. The test compares the
+/// positions at which the tool meets the points.
 fn contact_error_mm(cell: &Cell, base_from_panel: Rigid<Base, Panel>, is_drawn: bool) -> f64 {
     let truth = cell.truth();
     let base_from_base = cell.calibrated_base_from_camera() * truth.base_from_camera.inverse();
@@ -89,8 +89,8 @@ fn contact_error_mm(cell: &Cell, base_from_panel: Rigid<Base, Panel>, is_drawn: 
     truth.surface_points().into_iter().map(off_mm).fold(0.0, f64::max)
 }
 
-/// Taught from its drawing, the displaced panel is accepted, and the tool meets it as well as if it had been taught by
-/// a scan, within 0.02 mm, or better: a drawing has no noise.
+/// If a panel is taught from its drawing, the displaced panel is accepted. The error at the contact is at most 0.02 mm
+/// larger than if the panel is taught by a scan; it may be smaller, because a drawing has no noise.
 #[test]
 fn a_panel_from_its_drawing_is_found_as_one_that_was_scanned() {
     for seed in [1, 2, 3] {
@@ -102,7 +102,7 @@ fn a_panel_from_its_drawing_is_found_as_one_that_was_scanned() {
         assert!(matches!(by_drawing.panel.reference, TaughtSource::Drawing));
         let [scanned, located] = [by_scan.locate(&scan), by_drawing.locate(&scan)];
         let judgement = gate::judge(&located, &by_drawing.recipe);
-        // Without a fixture in the drawing, a camera that moved since cannot be noticed: nothing else is doubted.
+        // The drawing contains no fixture, so a moved camera cannot be detected; this alone must not lead to a review.
         assert_eq!(judgement.verdict, Verdict::Accept, "seed {seed}: {judgement:?}");
         let scanned_mm = contact_error_mm(&cell, scanned.base_from_panel, false);
         let drawn_mm = contact_error_mm(&cell, located.base_from_panel, true);
@@ -133,7 +133,8 @@ fn region_mm() -> [[f64; 3]; 4] {
     })
 }
 
-/// The drawing's frame lies where the panel truly carries it, within what is stated, and the mount's error of 0.3 mm.
+/// Checks that the drawing's frame lies at the panel's true pose, within the stated error plus the mount's error of 0.3
+/// mm.
 fn assert_base_from_drawing(located: &serde_json::Value) {
     let cell = Cell::new(1, Scene::Good, 4);
     assert_eq!(located["base_from_panel"], located["base_from_drawing"], "the panel's frame is the drawing's");
@@ -147,8 +148,8 @@ fn assert_base_from_drawing(located: &serde_json::Value) {
     assert!(found.distance_at_mm(cell.drawing().1, Point::new(nalgebra::Point3::origin())) > 5.0, "it has moved");
 }
 
-/// The command: without a unit and without its place the drawing is refused, nothing is kept, and then it teaches the
-/// panel, corners included; `locate` accepts the scan.
+/// The command refuses the drawing if its unit or its place is missing, and stores nothing. With both it teaches the
+/// panel, corners included, and `locate` accepts the scan.
 #[test]
 fn teach_from_a_drawing_and_locate() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -241,7 +241,7 @@ fn nonsense_on_the_port_changes_nothing() {
     let address = with_opcua(folder, "");
     let service = Service::start(folder);
     service.wait("it listens", |_| acknowledges(&address));
-    assert!(open_is_answered(&address), "the channel of this test is one that the server opens");
+    assert!(check_open_channel_is_answered(&address), "the channel of this test is one that the server opens");
     std::thread::scope(|scope| {
         for seed in 0..4 {
             let address = &address;
@@ -272,7 +272,7 @@ fn nonsense_on_the_port_changes_nothing() {
     assert!(turned_away, "a hundred connections of one address are too many, and the audit trail says so");
 }
 
-fn open_is_answered(address: &str) -> bool {
+fn check_open_channel_is_answered(address: &str) -> bool {
     let mut stream = TcpStream::connect(address).expect("it listens");
     stream.set_read_timeout(Some(Duration::from_secs(10))).expect("set");
     stream.write_all(&[hello(address), open_channel()].concat()).expect("sent");

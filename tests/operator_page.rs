@@ -200,8 +200,8 @@ pub fn trace(folder: &Path) -> Vec<String> {
     let events = store.journal().expect("a journal").into_iter().map(|event| format!("{event:?}"));
     let from_start = events.skip_while(|event| !event.contains("Start {"));
     let motions = record.motions.iter().map(|motion| format!("{:?} {:?}", motion.motion, motion.outcome));
-    // The findings' verdicts only: the time at which a person starts is not part of the cell's clock, and drops and
-    // glints of the simulated film differ with it.
+    // Only the verdicts of the findings: the time at which a person starts the cycle is not synchronised with the
+    // cell's clock, and the drops and glints of the simulated film depend on that time.
     let findings = record
         .findings
         .iter()

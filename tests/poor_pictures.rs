@@ -104,7 +104,7 @@ fn other_boards_in_poor_pictures_are_found() {
 
 /// Neither clutter nor texture nor stripes are taken for a board of any kind.
 #[test]
-fn no_board_is_seen_where_none_is() {
+fn no_board_is_found_in_pictures_without_a_board() {
     for text in ["9x6", "circles:9x7:25", "charuco:9x7:18:4X4_50"] {
         let board = Board::parse(text, (!text.starts_with("circles")).then_some(25.0)).expect("a board");
         for seed in 1..=3 {

@@ -20,7 +20,7 @@ fn unread(folder: &Path, arguments: &str, both: bool) -> (Option<i32>, String) {
 }
 
 #[test]
-fn a_reader_that_leaves_ends_no_command() {
+fn a_reader_that_closes_its_end_ends_no_command() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     fs::write(folder.join("cell.toml"), include_str!("../config/cell.toml")).expect("written");
@@ -69,7 +69,7 @@ fn a_mock_on_other_ports_than_its_cell_is_refused() {
 
 /// A cell without calibrations: the message names the command that makes them.
 #[test]
-fn the_cell_that_ships_states_what_makes_it_ready() {
+fn the_shipped_cell_names_the_commands_that_complete_it() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     fs::create_dir(folder.join("config")).expect("a folder");

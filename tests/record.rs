@@ -42,7 +42,7 @@ fn phase(folder: &Path) -> String {
     state["phase"].as_str().unwrap_or_default().to_owned()
 }
 
-/// Starts a cycle, and kills the service this long after the abrasion began.
+/// Starts a cycle, and kills the service this time after the beginning of the abrasion.
 fn killed_in_contact(folder: &Path, after: Duration) -> MotionRecord {
     let service = Service::start(folder);
     if service.state() == "aborted" {

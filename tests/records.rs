@@ -19,12 +19,12 @@ fn block(heading: &str, kind: &str) -> String {
     block.split("```").next().expect("its end").to_owned()
 }
 
-/// Runs a line of the manual in a folder; returns whether it ended well.
+/// Runs a line of the manual in a folder; returns whether it succeeded.
 fn shell(folder: &Path, line: &str) -> bool {
     Command::new("sh").args(["-c", line]).current_dir(folder).output().expect("a shell").status.success()
 }
 
-fn script_finds_it_whole(folder: &Path) -> (bool, String) {
+fn script_finds_no_change(folder: &Path) -> (bool, String) {
     script_on(folder, "records", "records/public-key.pem")
 }
 
@@ -49,7 +49,7 @@ fn verify(folder: &Path, more: &str) -> (i32, Vec<String>) {
 
 /// The script is short enough for an auditor to read before running it.
 #[test]
-fn the_manuals_script_is_read_in_a_minute() {
+fn the_manuals_script_is_short() {
     let lines = block("## Without this program", "python").lines().filter(|line| !line.trim().is_empty()).count();
     assert!(lines <= 65, "{lines} lines");
 }
@@ -62,7 +62,7 @@ fn both_refuse(at: &Path, what: &str, change: &dyn Fn(&Path), [program, script]:
     change(&records);
     let (exit, found) = verify(at, "");
     assert!(exit == 1 && found.iter().any(|words| words.contains(program)), "{what}: {found:?}");
-    let (is_whole, words) = script_finds_it_whole(at);
+    let (is_whole, words) = script_finds_no_change(at);
     assert!(!is_whole && words.contains(script), "{what}: {words}");
     fs::remove_dir_all(&records).expect("removed");
     fs::rename(&whole, &records).expect("as it was");
@@ -220,7 +220,7 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     let records = at.join("records");
     assert!(shell(&records, &openssl), "{openssl}");
     assert!(shell(&records, &openssl.replace("cycle-1.", "cycle-1-page.")), "the signed page likewise");
-    assert_eq!(script_finds_it_whole(at), (true, "2 records are as they were signed\n".to_owned()));
+    assert_eq!(script_finds_no_change(at), (true, "2 records are as they were signed\n".to_owned()));
     let (exit, output) = json(at, &format!("store verify {CELL}"));
     assert_eq!((exit, output["signatures"].as_i64()), (0, Some(2)), "{output}");
     let page = fs::read_to_string(at.join("cell/store/reports/cycle-000001.html")).expect("the page");
@@ -244,14 +244,14 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     let (exit, found) = verify(at, "");
     assert!(exit == 1 && found[0].contains("cycle-1.json was changed"), "{found:?}");
     assert!(!shell(&records, &openssl));
-    let (is_whole, words) = script_finds_it_whole(at);
+    let (is_whole, words) = script_finds_no_change(at);
     assert!(!is_whole && words.contains("cycle-1.json was changed"), "{words}");
     fs::write(&file, whole).expect("as it was");
     fs::remove_file(records.join("cycle-1-signature-2.json")).expect("removed");
     let (exit, found) = verify(at, "--head records/head.json");
     assert!(exit == 1 && found.iter().any(|words| words.contains("rolled back")), "{found:?}");
 
-    // The part has had its allowed passes; another part has not.
+    // The part has had its allowed number of passes; another part has not.
     let recipe = at.join("cell/recipe.toml");
     let text = fs::read_to_string(&recipe).expect("the recipe");
     let least = text.replace("[process]\n", "[process]\nmax_passes_per_grid = 1\nmax_passes_per_part = 1\n");
@@ -280,6 +280,6 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     for all in ["--head records/head.json", "--all"] {
         assert_eq!(verify(at, all), (1, vec!["record number 3 is missing".to_owned()]), "{all}");
     }
-    let (is_whole, words) = script_finds_it_whole(at);
+    let (is_whole, words) = script_finds_no_change(at);
     assert!(is_whole && words.ends_with("not in this folder\n3 records are as they were signed\n"), "{words}");
 }

@@ -54,7 +54,7 @@ fn a_whole_cycle_by_the_wall_clock_passes_after_abrasion() {
 
 /// A simulated camera must never be used while a real arm moves, whatever the arm's address looks like.
 #[test]
-fn simulated_cameras_beside_a_robot_elsewhere_are_refused() {
+fn simulated_cameras_are_refused_with_a_remote_robot() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     assert_eq!(json(folder, "render --seed 3 --reduction 8 --seconds 5 --out cell").0, 0);
@@ -123,7 +123,7 @@ fn a_path_on_a_real_controller_needs_the_signed_stage() {
 /// An integrator's own programs run beside the shipped ones. Statements that the mock does not execute are named at
 /// the start, and a call that reaches one ends at its line.
 #[test]
-fn own_programs_are_executed_or_the_line_that_is_not_is_named() {
+fn own_programs_are_executed_and_unsupported_lines_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     fs::write(folder.join("cell.toml"), include_str!("../config/cell.toml")).expect("written");

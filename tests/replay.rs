@@ -74,7 +74,7 @@ fn a_recording_written_again_is_the_same_cycle() {
 
 /// Each point of the scan is a hundredth of a millimetre farther: the findings differ, and the replay reports this.
 #[test]
-fn another_scan_is_seen_in_what_is_found() {
+fn a_changed_scan_changes_the_findings() {
     let (_folder, file) = changed(REJECTED, |entry| {
         if let Some(Shot::Points(cloud)) = &mut entry.shot {
             let farther = cloud.raw_points_mm().iter().map(|&[x, y, z]| [x, y, z + 0.01]).collect();
@@ -93,7 +93,7 @@ fn another_scan_is_seen_in_what_is_found() {
 
 /// The recorded command sends the robot to another position: exactly that number differs.
 #[test]
-fn another_command_is_named_with_both_numbers() {
+fn a_changed_command_is_reported_with_both_numbers() {
     let mut done = false;
     let (_folder, file) = changed(REJECTED, |entry| {
         if let Some(angle) = entry.action.pointer_mut("/send/move_j/joints/a2_deg").filter(|_| !done) {
@@ -110,7 +110,7 @@ fn another_command_is_named_with_both_numbers() {
 /// A person's request is changed: recording and replay diverge, and the replay reports the point at which they
 /// diverge.
 #[test]
-fn another_request_parts_them() {
+fn a_changed_request_makes_recording_and_replay_diverge() {
     let (_folder, file) = changed(REJECTED, |entry| {
         if entry.topic == Topic::Request && entry.reply.pointer("/for/start").is_some() {
             entry.reply = serde_json::json!({ "for": "abort" });
@@ -122,7 +122,7 @@ fn another_request_parts_them() {
 }
 
 #[test]
-fn what_cannot_be_replayed_is_refused_in_words() {
+fn a_recording_that_cannot_be_replayed_is_refused_with_a_reason() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("bad.mcap");
     let bytes = fs::read(fixture(REJECTED)).expect("the fixture");

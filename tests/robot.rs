@@ -79,7 +79,7 @@ fn each_function_goes_through_its_gate() {
 /// Before an epoch sets a tool, the controller has none. The tool that is calibrated on the flange counts
 /// nevertheless: a box around its tip stops a motion of the axes, and a straight motion with another tool.
 #[test]
-fn a_motion_keeps_clear_what_is_mounted_on_the_flange() {
+fn a_motion_keeps_the_tool_on_the_flange_out_of_boxes() {
     use panelprep::geometry::{Base, Flange, KukaPose, Rigid, Tool};
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
@@ -168,7 +168,7 @@ fn a_stand_alone_mock_keeps_its_pose_between_commands() {
     cell(folder, &eki);
     let (exit, output, _) = robot(folder, "state");
     assert_eq!((exit, codes(&output)), (3, vec!["no_controller"]), "{output}");
-    // If the service answers, the service has the controller.
+    // If the service answers, only the service may use the controller.
     std::fs::create_dir(folder.join("store")).expect("a folder");
     let service = std::os::unix::net::UnixListener::bind(folder.join("store/panelprep.sock")).expect("a socket");
     let (exit, output, _) = robot(folder, "state");
@@ -198,7 +198,7 @@ fn a_stand_alone_mock_keeps_its_pose_between_commands() {
 
 /// The program tries what a client can try and asks a person for the rest. The page contains both.
 #[test]
-fn what_is_to_be_proven_is_gone_through() {
+fn the_proofs_are_tried_or_asked_of_a_person() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let eki = eki_files(folder, [54_602, 54_603]);

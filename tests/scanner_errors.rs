@@ -1,5 +1,5 @@
-//! `panelprep calibrate scanner` as a user runs it: a 3D camera that bends its scans finds the panel at its true pose
-//! after the camera's errors are measured.
+//! `panelprep calibrate scanner` as a user runs it: a 3D camera whose scans are distorted finds the panel at its true
+//! pose after the camera's errors are measured.
 
 use super::commands::{TEACH, json};
 use super::goal::Figure;
@@ -32,7 +32,7 @@ fn located(folder: &Path) -> (f64, Value) {
 }
 
 #[test]
-fn a_bent_scanner_is_straightened_by_scans_of_a_board() {
+fn the_errors_of_a_3d_camera_are_corrected_by_scans_of_a_board() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let render = "render --seed 3 --reduction 4 --seconds 5 --board-scans 12 --scanner-error-mm 2 --out cell";
@@ -71,7 +71,7 @@ fn a_bent_scanner_is_straightened_by_scans_of_a_board() {
 
 /// Seven scans give a verdict, and a picture without depth gives an error.
 #[test]
-fn too_little_is_a_verdict_and_a_picture_an_error() {
+fn too_few_scans_give_a_verdict_and_a_picture_gives_an_error() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     assert_eq!(json(folder, "render --seed 3 --reduction 4 --seconds 5 --board-scans 7 --out cell").0, 0);

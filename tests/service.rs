@@ -296,7 +296,7 @@ fn a_signal_stops_the_cycle_and_ends_in_stopped() {
 /// Each store has one service. Input that does not follow the protocol is refused in words and does not delay other
 /// clients.
 #[test]
-fn strangers_at_the_socket_do_no_harm() {
+fn invalid_requests_at_the_socket_do_no_harm() {
     let folder = taught("clean");
     let folder = folder.path();
     let service = Service::start(folder);

@@ -1,4 +1,4 @@
-//! `panelprep shoot` as a person uses it who has only the cameras on the bench.
+//! `panelprep shoot`, used by a person who has only cameras on a bench.
 
 use super::commands::json;
 use serde_json::Value;
@@ -9,8 +9,8 @@ fn number(told: &Value, key: &str) -> f64 {
     told[key].as_f64().unwrap_or(f64::NAN)
 }
 
-/// A cell without any calibration takes scans, pictures, corners and a film with simulated cameras. A recorded
-/// camera, also without a calibration, then plays the film and the scans.
+/// A cell without any calibration takes scans, pictures, corners and a film with simulated cameras. A recorded camera,
+/// also without a calibration, then replays the film and the scans.
 #[test]
 fn cameras_without_a_calibration_take_pictures() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -164,8 +164,8 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
     let birth = host.until("another birth", |message| message["kind"] == "NBIRTH");
     assert_eq!(birth["metrics"]["State/word"]["value"], "complete");
 
-    // A host holds a cycle. A command that the cell's state machine does not accept is refused for a host as for
-    // everyone else.
+    // A host holds a cycle. A command that the cell's state machine does not accept is refused for a host as for every
+    // other client.
     host.does("write Node Control/Hold");
     let asked = |request| requests(folder).into_iter().find(|asked| asked.wanted == RequestedAction::For(request));
     service.wait("a refusal", |_| asked(Request::Hold).is_some());

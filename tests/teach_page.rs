@@ -71,7 +71,7 @@ pub fn browsed(url: &str, awaited: &str) -> Option<String> {
 
 /// The whole teaching in real time: scan, region, corners; the panel is stored.
 #[test]
-fn a_panel_is_taught_by_what_is_taken_and_drawn_now() {
+fn a_panel_is_taught_by_a_new_scan_and_a_drawn_region() {
     let folder = rendered("good");
     let folder = folder.path();
     let before = std::fs::read_to_string(folder.join("cell/recipe.toml")).expect("a recipe");
@@ -114,7 +114,7 @@ fn a_panel_is_taught_by_what_is_taken_and_drawn_now() {
         assert!(folder.join("shots").join(file).is_file(), "{file}");
     }
 
-    // On existing files, the test draws a place at the panel's upper edge where the panel is held, and an outline
+    // Now the files exist. The test draws a place at the panel's upper edge where the panel is held, and an outline
     // that is removed again.
     let (child, mut reported, url) = opened(folder, &format!("{TEACH} --draw"));
     let corners: Vec<Vec<f64>> = serde_json::from_value(drawn["corners_px"].clone()).expect("four corners");

@@ -79,7 +79,7 @@ fn a_file_that_cannot_be_read_is_reported_by_its_line() {
 
 /// In a mistyped folder, only the command that adds an account makes a store.
 #[test]
-fn to_list_accounts_makes_no_store() {
+fn listing_accounts_creates_no_store() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     fs::write(folder.join("cell.toml"), CELL).expect("written");

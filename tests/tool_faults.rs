@@ -7,7 +7,7 @@ use serde_json::Value;
 use std::fs;
 
 /// Longest time from the fault until the tool's output is off, ms.
-const OFF_MS: u64 = 500;
+const MAX_SWITCH_OFF_MS: u64 = 500;
 
 fn codes(result: &Value) -> Vec<&str> {
     let reasons = result["reasons"].as_array().expect("a list");
@@ -31,7 +31,7 @@ fn a_tool_that_fails_in_contact_is_off_in_time_and_named() {
         assert!(codes(&result).contains(&code), "{fault}: {:?}", codes(&result));
         let after = &result["after_tool_fault"];
         let off_ms = after["off_ms"].as_u64().expect("the sander was on and is off");
-        assert!(off_ms > 0 && off_ms <= OFF_MS, "{fault}: {after}");
+        assert!(off_ms > 0 && off_ms <= MAX_SWITCH_OFF_MS, "{fault}: {after}");
         assert!(after["lifted_ms"].as_u64().is_some_and(|lifted| lifted >= off_ms), "{fault}: {after}");
         assert!(!codes(&result).contains(&"waypoints"), "{fault}: {}", result["reasons"]);
         let part = |reason: &&Value| reason["code"] == "part";

@@ -212,7 +212,7 @@ pub fn fit_for_people(line: &str, text: &str) {
     assert_eq!(zero, None, "{line}: {text}");
 }
 
-/// Returns a command's place in the walk's order; other commands are at the star.
+/// Returns a command's place in the walk's order; commands that are not listed are at `*`.
 fn place(name: &str) -> usize {
     let of = |wanted: &str| ORDER.iter().position(|known| *known == wanted);
     of(name).or(of("*")).expect("a star")

@@ -49,7 +49,8 @@ impl Mock {
     }
 }
 
-/// Changes a taught cell: its robot is at the other end of two sockets, and its cameras play a folder.
+/// Changes the files of a taught cell so that its robot is reached over two sockets and its cameras replay the pictures
+/// of a folder.
 pub fn over_sockets(folder: &Path, [command, state]: [u16; 2]) {
     for (file, shipped) in [
         ("CELLCMD.xml", include_str!("../config/kuka/CELLCMD.xml")),

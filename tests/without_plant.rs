@@ -1,4 +1,4 @@
-//! A cell works without its plant, and with wrong files for it: the log and doctor state what is wrong.
+//! A cell works without its plant's servers, and with wrong files for them: the log and doctor state what is wrong.
 
 use super::commands::{json, rendered};
 use super::service::Service;

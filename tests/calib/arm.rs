@@ -1,11 +1,11 @@
-//! A cell whose arm differs from its drawing, from its calibration to a cycle with it.
+//! A cell whose arm differs from its nominal geometry, from its calibration to a cycle with it.
 
 use serde_json::Value;
 use std::process::Command;
 
-/// A cell whose arm differs from its drawing is calibrated, and a whole cycle is as good as with an arm without
-/// errors. Its recording replays. Without the correction the mount of the 3D camera is refused: with such an arm
-/// the board's squares have another size.
+/// A cell whose arm differs from its nominal geometry is calibrated, and a whole cycle is as good as with an arm
+/// without errors. Its recording replays. Without the correction the mount of the 3D camera is refused: with such an
+/// arm the board's squares have another size.
 #[test]
 fn a_cycle_by_an_arm_that_is_not_as_it_is_drawn() {
     let folder = tempfile::tempdir().expect("a folder");

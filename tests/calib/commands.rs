@@ -147,8 +147,8 @@ fn three_points_from_files() {
     );
 }
 
-/// If the 3D camera measured the board, its own points give a second mount. Intrinsics of another camera show in
-/// the distance between the two mounts.
+/// If the 3D camera measured the board, its own points give a second mount. Wrong intrinsics are noticed by the
+/// distance between the two mounts.
 #[test]
 fn the_3d_camera_s_own_points_give_a_second_mount() {
     let cell = small_cell();
@@ -178,7 +178,7 @@ fn the_3d_camera_s_own_points_give_a_second_mount() {
     };
     write(folder, "other.toml", Intrinsics::from_camera(other).to_toml());
     let (exit, found, _) = panelprep(folder, &format!("{command} --intrinsics other.toml"));
-    // The robot's motions are enough to show the mistake.
+    // The robot's motions are sufficient to detect the mistake.
     let reasons = found["reasons"].to_string();
     assert!(
         exit == 1 && (reasons.contains("second_result") || reasons.contains("focal_length_differs")),
@@ -186,8 +186,8 @@ fn the_3d_camera_s_own_points_give_a_second_mount() {
     );
 }
 
-/// Calibrates the tool's point and axis from a poses file. Calculated by hand: the tip is 150 mm out along the
-/// flange's Z.
+/// Calibrates the tool's point and axis from a poses file. Calculated by hand: the tip is 150 mm from the flange along
+/// its Z axis.
 #[test]
 fn a_tool_from_files() {
     let folder = tempfile::tempdir().expect("a folder");

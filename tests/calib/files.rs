@@ -39,7 +39,7 @@ pub fn save(folder: &Path, name: &str, picture: &GrayPicture) {
     write(folder, name, write_gray_png(picture).expect("a picture"));
 }
 
-/// Returns a cell at a quarter of the size, with a board that is still seen well; the tests with it do not test
+/// Returns a cell at a quarter of the size, in whose pictures the board is still found; tests that use it do not test
 /// accuracy.
 pub fn small_cell() -> BoardCell {
     BoardCell::new(5, BoardPrint::chessboard(5, 4, 40.0), GOOD_ROBOT).with_reduction(4)

@@ -1,4 +1,5 @@
-//! Files that give no calibration: the message states what is needed and is given soon, and nothing is written.
+//! Files from which no calibration can be computed: a message states within a short time what is needed, and nothing is
+//! written.
 
 use super::files::{panelprep, pose_text, poses_of, save, small_cell, write};
 use crate::boards::GOOD_ROBOT;
@@ -80,10 +81,10 @@ fn bad_input_is_reported_and_writes_nothing() {
     }
 }
 
-/// A lens that was calibrated only in the middle of the picture is written with that part, and `check` reports it. A
-/// verification with a board outside of that part is refused and not stored.
+/// The file of a lens that was calibrated only in the middle of the picture contains the outline of that part, and
+/// `check` reports it. A verification with a board outside of that part is refused and not stored.
 #[test]
-fn outside_of_what_a_lens_was_seen_in_nothing_is_measured() {
+fn nothing_is_measured_outside_of_the_calibrated_part_of_a_lens() {
     let cell = small_cell();
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
@@ -121,11 +122,11 @@ fn outside_of_what_a_lens_was_seen_in_nothing_is_measured() {
     assert!(reported.contains("lens calibrated to 0.30 px in 11 % of the picture"), "{reported}");
 }
 
-/// Full-size pictures without the requested board: another board, fine texture, a plain ground. Whatever it shows,
-/// no picture takes more than two seconds of processor time in this build (one in an optimised build), and each
-/// search reports that it is running.
+/// Full-size pictures without the requested board: another board, fine texture, a plain ground. No picture takes more
+/// than two seconds of processor time in this build (one in an optimised build), and each search reports that it is
+/// running.
 #[test]
-fn a_look_without_its_board_ends_soon() {
+fn a_search_for_an_absent_board_ends_in_time() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let cell = BoardCell::new(5, BoardPrint::chessboard(5, 4, 40.0), GOOD_ROBOT);
@@ -170,8 +171,8 @@ fn a_look_without_its_board_ends_soon() {
             60.0 * minutes.parse::<f64>().expect("minutes") + seconds.parse::<f64>().expect("seconds")
         });
         let taken_s: f64 = taken.sum();
-        // A search that followed wrong candidates took minutes before; `cargo bench --bench boards` measures the
-        // search's speed.
+        // An earlier search took minutes, because it followed wrong candidates; `cargo bench --bench boards` measures
+        // the search's speed.
         assert!(taken_s < 20.0, "{name}: {taken_s} s");
     }
 }

@@ -59,7 +59,7 @@ fn a_labelled_set_is_scored_and_a_clip_gives_advice() {
 /// states this. A recipe that requires the cell's 5 mm² needs a person's decision when it is taught, and gives no
 /// valid test on a clip or in the cycle. Without `--located`, a panel that is not at its nominal place is not judged.
 #[test]
-fn a_break_that_may_be_missed_and_a_panel_elsewhere_are_no_test() {
+fn breaks_too_small_to_see_and_a_displaced_panel_give_no_valid_test() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let (exit, files) = json(folder, "render --seed 3 --reduction 4 --seconds 8 --out cell");

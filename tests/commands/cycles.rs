@@ -62,7 +62,7 @@ fn reaches_every_floor(command: &str) {
     let step = (number("/abrade/0/step_over_mm/min"), number("/abrade/0/step_over_mm/max"));
     assert!(5.0 < step.0 && step.0 <= step.1 && step.1 < 12.5, "{result}");
     assert!(number("/budget_mm/locate") > 0.0 && number("/budget_mm/fit") > 0.0, "{result}");
-    // The boards were looked at and touched before, so no part of the budget is missing.
+    // The boards were seen and touched before, so no part of the error budget is missing.
     let parts = ["hand_eye", "locate", "fit", "robot"].map(|part| number(&format!("/budget_mm/{part}")));
     let total_mm = parts.iter().map(|mm| mm * mm).sum::<f64>().sqrt();
     assert!(total_mm < 0.6 && (number("/budget_mm/total") - total_mm).abs() < 1e-9, "{result}");
@@ -89,7 +89,7 @@ fn the_demo_rejects_a_wrong_panel_without_a_move_toward_it() {
 /// A recording that cannot be opened stops the command before a cycle is begun, so that no cycle is left to be
 /// concluded and signed later.
 #[test]
-fn a_recording_that_cannot_be_begins_no_cycle() {
+fn no_cycle_begins_if_its_recording_cannot_be_opened() {
     let folder = rendered("good");
     let at = folder.path();
     taught_and_verified(at);

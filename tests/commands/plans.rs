@@ -33,7 +33,7 @@ fn every_pattern_is_planned_on_the_rendered_cell() {
     }
 }
 
-/// A rejected plan becomes no program, and an existing program is not used in its place.
+/// No program is written from a rejected plan, and an existing program is not used in its place.
 #[test]
 fn a_rejected_plan_becomes_no_program() {
     let folder = rendered("good");
@@ -82,14 +82,14 @@ fn a_hole_under_the_region_is_named_by_teach_and_check() {
     let file = folder.join("cell/taught_scan.pcd");
     let cloud = files::read_any_cloud(&std::fs::read(&file).expect("a scan"), None).expect("a scan");
     let (width, height) = (cloud.width(), cloud.height());
-    // Half-way from the region's middle to its first corner, because the panel is searched for under the middle
-    // itself.
+    // The hole is half-way from the region's middle to its first corner, because the search for the panel uses the
+    // middle itself.
     let middle_px = [0, 1].map(|axis| (mean(axis) + number(&corners[0][axis])) / 2.0);
     let (middle, half) = (middle_px.map(|px| px.round() as usize), 7);
     let is_hole =
         |index: usize| (index % width).abs_diff(middle[0]) <= half && (index / width).abs_diff(middle[1]) <= half;
     let points = cloud.raw_points_mm().iter().enumerate();
-    // The background as seen through the hole: along the same ray, a fifth farther away.
+    // The background is seen through the hole: along the same ray, a fifth farther away.
     let points = points.map(|(index, &at)| if is_hole(index) { at.map(|mm| 1.2 * mm) } else { at }).collect();
     let holed = OrganizedCloud::new(width, height, points, cloud.picture().rgb).expect("organised");
     std::fs::write(&file, files::write_pcd(&holed)).expect("written");

@@ -84,7 +84,7 @@ fn refuses(folder: &Path, arguments: &str, words: &[&str]) {
 /// `look` shows a scan. `teach` shows what cannot be taught, with all problems at once. A cell that runs cycles
 /// needs a corner.
 #[test]
-fn a_scan_is_shown_and_so_is_what_cannot_be_taught() {
+fn a_scan_and_the_reasons_against_teaching_it_are_shown() {
     let folder = rendered("clean");
     let folder = folder.path();
     let (exit, output) = json(folder, "look --scan cell/taught_scan.pcd --pictures seen");
@@ -126,7 +126,7 @@ fn a_scan_is_shown_and_so_is_what_cannot_be_taught() {
 }
 
 #[test]
-fn a_missing_or_wrong_panel_is_rejected_in_words() {
+fn a_missing_or_wrong_panel_is_rejected_with_a_reason() {
     for scene in ["no-panel", "wrong-panel"] {
         let folder = rendered(scene);
         assert_eq!(json(folder.path(), TEACH).0, 0);

@@ -5,7 +5,8 @@
 pub const TEACH: &str = "teach --cell cell/cell.toml --recipe cell/recipe.toml --scan cell/taught_scan.pcd \
                      --corner cell/taught_corner.png --flange cell/taught_flange.json";
 
-/// Verifies with the stationary boards, as every morning: the scanner's board and the flange camera's board.
+/// The commands that verify both cameras with the stationary boards, as every morning: the scanner's board and the
+/// flange camera's board.
 pub const VERIFY: [&str; 2] = [
     "calibrate verify --cell cell/cell.toml --camera scanner --board 5x4 --square-mm 40 \
      --target cell/target/scanner.toml --image cell/target/scanner.png",

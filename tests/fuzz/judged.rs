@@ -31,7 +31,7 @@ fn corpus(target: &Target) -> Vec<Vec<u8>> {
     files.iter().map(|file| std::fs::read(file).expect("a file")).collect()
 }
 
-/// Returns the reason why an execution was not as it must be, if there is one.
+/// Returns what is wrong with an execution; `None` if nothing is.
 fn wrong(target: &Target, bytes: &[u8]) -> Option<String> {
     let before = computed();
     let ended = catch_unwind(AssertUnwindSafe(|| (target.run)(bytes)));
@@ -56,7 +56,7 @@ fn keep(target: &Target, bytes: &[u8], why: &str) -> String {
 }
 
 #[test]
-fn no_reader_falls_over_bytes_that_are_not_valid() {
+fn no_reader_fails_on_invalid_bytes() {
     let changes = std::env::var("FUZZ_CHANGES").ok().and_then(|text| text.parse().ok()).unwrap_or(CHANGES);
     let mut found = Vec::new();
     for (index, target) in TARGETS.iter().enumerate() {
@@ -80,7 +80,7 @@ fn no_reader_falls_over_bytes_that_are_not_valid() {
 
 /// Checks that the judge sees a reader that panics, and a reader that does not return in time.
 #[test]
-fn a_reader_that_falls_over_is_reported() {
+fn a_reader_that_fails_is_reported() {
     let panics = Target { name: "panics", run: |bytes| assert!(bytes.len() < 3, "too long"), seeds: Vec::new };
     assert_eq!(wrong(&panics, b"ab"), None);
     assert_eq!(wrong(&panics, b"abc").as_deref(), Some("it panics: too long"));
@@ -96,7 +96,7 @@ fn a_reader_that_falls_over_is_reported() {
 
 /// Checks that `make fuzz` searches in every target.
 #[test]
-fn the_search_knows_every_target() {
+fn make_fuzz_searches_in_every_target() {
     let makefile =
         std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("Makefile")).expect("it is there");
     let listed = makefile.lines().find_map(|line| line.strip_prefix("FUZZ_TARGETS := ")).expect("the list");
@@ -116,7 +116,7 @@ impl std::io::Read for Sparing<'_> {
 
 /// A recording's record claims 250 MB and is cut: it is refused, and this memory is not allocated.
 #[test]
-fn a_record_that_claims_much_takes_no_room() {
+fn a_record_with_a_false_size_allocates_no_memory() {
     let mut file = b"\x89MCAP0\r\n\x01".to_vec();
     file.extend(250_000_000_u64.to_le_bytes());
     assert!(panelprep::tape::check_recording(Sparing(&file)).is_err());

@@ -1,4 +1,4 @@
-//! The readers of bytes from outside, fed with unintended bytes: the corpus in `fixtures/fuzz/`, the seeds, and
+//! The readers of bytes from outside, tested with unexpected bytes: the corpus in `fixtures/fuzz/`, the seeds, and
 //! seeded changes of both. `make fuzz` searches further, guided by coverage (`main.rs`).
 
 mod change;

@@ -169,7 +169,7 @@ pub fn poses() -> Vec<Vec<u8>> {
     [pose, located, flange].iter().map(|value| value.to_string().into_bytes()).collect()
 }
 
-/// A recording without checksums and chunks, so that they do not reveal every change.
+/// Returns recordings without checksums and chunks, because a checksum would reveal every change.
 pub fn recordings() -> Vec<Vec<u8>> {
     let whole = shipped("fixtures/rejected.mcap");
     let checked = tape::check_recording(&whole[..]).expect("a recording of ours");
@@ -245,8 +245,8 @@ fn integrators() -> Vec<Vec<u8>> {
     files.iter().filter(|file| file.is_file()).map(|file| std::fs::read(file).expect("a file")).collect()
 }
 
-/// Returns programs that are short enough for changes to keep them whole, each nested a thousand times deeper than
-/// a person writes.
+/// Returns programs that are nested a thousand times deeper than a person writes, and short enough that a change leaves
+/// most of each program intact.
 pub fn hostile_programs() -> Vec<Vec<u8>> {
     let body = |lines: &str| format!("DEF a()\nINT i\nBOOL b\ni=0\n{lines}END\n");
     let nested = |open: &str, inside: &str, close: &str, depth: usize| {
@@ -315,7 +315,7 @@ pub fn sealed(bytes: &[u8]) -> Vec<u8> {
     [bytes, &0x184D_2A50_u32.to_le_bytes(), &48_u32.to_le_bytes(), b"panelprep seal 1", &hash].concat()
 }
 
-/// Returns a frame of the 3D camera's worker, and heads of other frames.
+/// Returns a frame of the 3D camera's worker, and headers of other frames.
 pub fn frames() -> Vec<Vec<u8>> {
     let mut frame = Vec::new();
     wire::write(&mut frame, (wire::FrameKind::Reply, 7), b"\"clip_begun\"", &[&[1; 12]]).expect("memory");
@@ -362,7 +362,7 @@ pub fn tools() -> Vec<Vec<u8>> {
     ])
 }
 
-/// Commands to an edge node of MQTT Sparkplug, and a host's reports about itself.
+/// Returns commands to an edge node of MQTT Sparkplug, and a host's messages about its own state.
 pub fn node_commands() -> Vec<Vec<u8>> {
     let metric = |name: Option<&str>, alias, value| Metric {
         name: name.map(str::to_owned),

@@ -1,8 +1,8 @@
 //! A session that is driven by bytes: a controller that sends anything at any time, and a program that requests
 //! anything.
 //!
-//! A byte chooses the next event, and the bytes after it choose its numbers. The controller of this test follows
-//! its requests, so that a run makes progress, and errs in any number if a byte demands it.
+//! A byte chooses the next event, and the bytes after it choose its numbers. The controller of this test follows the
+//! requests, so that a run makes progress; if a byte demands it, any number that the controller sends is wrong.
 
 use panelprep::eki::{
     CELLCMD, CELLSTAT, Channel, ChannelFile, ClockMode, Command, CommandId, LinkLimits, LinkLoss, MoveLin, Report,
@@ -13,7 +13,7 @@ use std::sync::OnceLock;
 
 const BASE: KukaPose = KukaPose { x_mm: 400.0, y_mm: 0.0, z_mm: 12.5, a_deg: 0.5, b_deg: 0.0, c_deg: 0.0 };
 const TOOL: KukaPose = KukaPose { x_mm: 0.0, y_mm: 0.0, z_mm: 120.0, a_deg: 0.0, b_deg: 0.0, c_deg: 0.0 };
-/// Maximum number of steps of one run; more steps do not find more.
+/// Maximum number of steps of one run; more steps find no further errors.
 const MAX_STEPS: usize = 2_000;
 const ABORT: i64 = 11;
 const RESET: i64 = 12;
@@ -61,7 +61,7 @@ impl Bytes<'_> {
         self.next().unwrap_or(0)
     }
 
-    /// Returns the right number, a number near it, or one at the ends of its range.
+    /// Returns the right number, a number near it, or one at an end of its range.
     fn near(&mut self, right: i64) -> i64 {
         match self.or_zero() {
             0..=200 => right,
@@ -84,7 +84,7 @@ struct ControllerState {
     done: i64,
 }
 
-/// The requirements that hold whatever is sent.
+/// The requirements that the session satisfies, whatever it receives.
 #[derive(Default)]
 struct Judge {
     /// The last epoch whose opening was requested, the highest that was reported open, and the highest that was
@@ -312,7 +312,7 @@ impl Run<'_> {
     }
 }
 
-/// The numeric value of an attribute that the session itself has written.
+/// Returns the numeric value of an attribute that the session itself has written.
 fn number(text: &str, name: &str) -> i64 {
     let from = text.find(&format!(" {name}=\"")).expect("the attribute") + name.len() + 3;
     let until = text[from..].find('"').expect("quoted") + from;

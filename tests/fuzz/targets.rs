@@ -247,7 +247,7 @@ fn picture(bytes: &[u8]) {
     if let Ok(picture) = files::read_color(bytes) {
         assert_eq!(picture.rgb.len(), picture.width * picture.height);
     }
-    // A picture that is read for a measurement has the camera's size.
+    // A picture that is read for a measurement must have the camera's size.
     if let Ok(picture) = files::read_measured_gray(bytes, &CAMERA) {
         assert_eq!((picture.width, picture.height, picture.gray.len()), (40, 30, 1_200));
     }
@@ -305,7 +305,7 @@ fn archive(bytes: &[u8]) {
     }
 }
 
-/// Reads the bytes as frames, and as the head of a complete frame.
+/// Reads the bytes as frames, and as the header of a complete frame.
 fn worker(mut bytes: &[u8]) {
     let head = bytes;
     drop(serde_json::from_slice::<message::Request>(head));
@@ -349,9 +349,9 @@ fn born_node() -> EdgeNode {
     node
 }
 
-/// A message of an MQTT broker on each topic of a node that is born, three times within a second. It causes at most
-/// one request of each kind, and only a birth is published. A refused message has a line of the audit trail, as long
-/// as the limit of lines in a minute allows this.
+/// Passes the bytes to a node that is born, as a message of an MQTT broker on each topic, three times within a second.
+/// They cause at most one request of each kind, and only a birth is published. A refused message has a line of the
+/// audit trail, as long as the limit of lines in a minute allows this.
 fn node(bytes: &[u8]) {
     let (mut node, ncmd) = (born_node(), "spBv1.0/G/NCMD/cell");
     let mut acts = Vec::new();

@@ -157,8 +157,8 @@ fn the_numbers_are_those_of_client_and_mock() {
     assert_eq!(of("CELL_WATCHDOG_MS"), limits.watchdog.as_millis() as f64);
     assert!(of("CELL_STATE_MS") <= limits.heartbeat.as_millis() as f64);
     assert!(of("CELL_RING_N") >= 2.0 * limits.window_commands as f64, "a ring that the client cannot fill");
-    // The client closes the connection to a silent controller after 1 s. The controller waits longer, so that it is
-    // not the first.
+    // The client closes the connection to a silent controller after 1 s. The controller waits longer, so that the
+    // client closes first.
     assert!(of("CELL_SILENT_MS") > 1000.0);
     for (ours, mocks, unit) in [
         ("CELL_WATCHDOG_MS", "WATCHDOG_MS", 1.0),
@@ -270,7 +270,7 @@ fn the_mapped_signals_are_those_of_the_example_cell() {
 /// Calculates the checksum: sum times 31 plus the byte, modulo 1000003, over the programs that are not edited,
 /// without their headers.
 #[test]
-fn the_checksum_is_of_these_programs() {
+fn the_stated_checksum_is_that_of_the_programs() {
     let files = files();
     let mut sum = 0u64;
     for file in files.iter().filter(|file| !["cell_config.dat", "cell_user.src"].contains(&file.name.as_str())) {
@@ -295,7 +295,7 @@ fn the_checksum_is_of_these_programs() {
 
 /// The installation page names every file, every refusal that a person may see, and both folds.
 #[test]
-fn the_page_is_complete() {
+fn the_installation_page_is_complete() {
     let page = page();
     for file in files() {
         assert!(page.contains(&format!("`{}`", file.name)), "{}", file.name);

@@ -1,11 +1,11 @@
-//! The order of statements on which a stop depends, and which statements may be where.
+//! The order of statements on which a stop depends, and the places at which each kind of statement is allowed.
 
 use super::krl::{Routine, files};
 use super::{each, routines};
 
 /// A variable that has no value stops the program when EKI_Get writes to it.
 #[test]
-fn what_is_read_into_has_a_value_before() {
+fn each_variable_has_a_value_before_eki_get_writes_to_it() {
     let mut looked_at = 0;
     for routine in files().iter().flat_map(|file| &file.routines) {
         for (index, statement) in routine.body.iter().enumerate() {
@@ -32,7 +32,7 @@ fn in_order(routine: &Routine, codes: &[&str]) {
 
 /// A stop depends on the order of two statements.
 #[test]
-fn the_order_that_a_stop_depends_on_is_kept() {
+fn the_order_on_which_a_stop_depends_is_kept() {
     let files = files();
     let routines = routines(&files);
     in_order(
@@ -114,9 +114,9 @@ fn body(name: &str) -> Vec<String> {
     routines[name].body.iter().map(|statement| statement.code.clone()).collect()
 }
 
-/// Rules that the mock implements in the same way. Each one once differed between the two sides.
+/// Rules that the mock implements in the same way. The programs and the mock once differed in each of them.
 #[test]
-fn the_rules_that_the_mock_shares_are_written_as_it_keeps_them() {
+fn the_programs_follow_the_same_rules_as_the_mock() {
     // An epoch ends when its client disconnects, whether the robot is busy or not.
     assert_eq!(body("CELL_LOST"), ["IF CELL_OPEN THEN", "CELL_STOP(FALSE)", "ENDIF"]);
     let has = |routine: &str, codes: &[&str]| {
@@ -190,7 +190,7 @@ fn the_rules_that_the_mock_shares_are_written_as_it_keeps_them() {
 
 /// Each kind of statement appears only in allowed places.
 #[test]
-fn motion_waits_and_frames_are_where_they_may_be() {
+fn motion_waits_and_frames_are_only_in_allowed_places() {
     let allowed = [
         ("PTP", &["CELL_MOTION", "CELL_EXECUTE"][..]),
         ("LIN", &["CELL_EXECUTE", "CELL_RETREAT"]),

@@ -28,7 +28,7 @@ struct Module {
 /// For each file, the files that it names, and the names that it uses for this.
 type Edges = BTreeMap<ModulePath, BTreeMap<ModulePath, BTreeSet<String>>>;
 
-/// A set of files each of which reaches all others.
+/// A dependency cycle: a set of files each of which names all others, directly or through others.
 pub struct Circle {
     /// `calib::fit, calib::gate`.
     pub members: String,

@@ -98,11 +98,11 @@ pub enum Side {
     Robot,
 }
 
-/// The traffic of the cell, for the judges.
+/// An observer of the cell's traffic, for the judges.
 pub trait Watch {
     /// Called with a command's epoch and id when the command leaves the client.
     fn sent(&mut self, _epoch: u32, _id: u32, _now_ms: u64) {}
-    /// A report of the session.
+    /// Called with each report of the session.
     fn on_report(&mut self, _report: &Report, _cell: &Insides<'_>) {}
     /// Called after each step.
     fn look(&mut self, _cell: &Insides<'_>) {}
@@ -211,7 +211,7 @@ impl Cell {
         self.run(400, &mut Blind);
     }
 
-    /// Lets time pass until this is reported; returns false if it was not.
+    /// Lets time pass until this is reported; returns false if it was not reported in time.
     pub fn until(&mut self, patience_ms: u64, found: impl Fn(&Report) -> bool) -> bool {
         let end_ms = self.now_ms + patience_ms;
         loop {
@@ -275,9 +275,9 @@ impl Cell {
         watch.look(&insides);
     }
 
-    /// The client's process ends, and another one begins with this session. The system closes its connections, but
-    /// not after a power cut. Then the controller receives nothing more, and notices the end of the old connections
-    /// only when the new ones are made.
+    /// Ends the client's process and begins another one with this session. The system closes the connections, but not
+    /// after a power cut: then the controller receives nothing more, and notices the end of the old connections only
+    /// when the new ones are made.
     pub fn restart_client(&mut self, session: Session, is_power_cut: bool) {
         self.session = session;
         self.reports.clear();

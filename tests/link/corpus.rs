@@ -1,5 +1,5 @@
-//! The hostile corpus: every line of `fixtures/eki/hostile.txt`, written out for every field that it means, gets
-//! exactly the verdict that is written there.
+//! The hostile corpus: every line of `fixtures/eki/hostile.txt` is applied to each field that it concerns, and must get
+//! exactly the verdict that it states.
 
 use super::cell::wire;
 use panelprep::eki::Framer;

@@ -9,9 +9,9 @@ use panelprep::eki::{Channel, CommandId, Report};
 const POINTS: usize = 40;
 const SPEED_M_S: f64 = 0.1;
 /// Longest time from the cut until the pad is off the surface, ms.
-const OFF_MS: u64 = 500;
+const MAX_LEAVE_TIME_MS: u64 = 500;
 /// Height from which the pad counts as off the surface: more than any pad is pressed in, mm.
-const OFF_MM: f64 = 2.0;
+const MIN_OFF_HEIGHT_MM: f64 = 2.0;
 
 #[derive(Debug, Clone, Copy)]
 enum Cut {
@@ -49,7 +49,7 @@ fn sanding() -> (Cell, Oracles, CommandId) {
 fn cut_and_judge(cut: Cut, mut cell: Cell, mut oracles: Oracles, at: &str) {
     let ended = cell.session.epoch();
     let cut_ms = cell.now_ms;
-    let touches = |cell: &Cell| height_mm(&cell.controller) < OFF_MM;
+    let touches = |cell: &Cell| height_mm(&cell.controller) < MIN_OFF_HEIGHT_MM;
     match cut {
         Cut::Closed(channel, side, loses) => cell.cut(channel, side, loses),
         Cut::Silent => cell.controller.apply_fault(Fault::Unplug { for_ms: None }),
@@ -57,10 +57,10 @@ fn cut_and_judge(cut: Cut, mut cell: Cell, mut oracles: Oracles, at: &str) {
     while cell.now_ms < cut_ms + 3_000 {
         cell.step(cut_ms + 3_000, &mut oracles);
         assert_eq!(oracles.violation, None, "{cut:?} {at}");
-        let is_late = cell.now_ms > cut_ms + OFF_MS;
+        let is_late = cell.now_ms > cut_ms + MAX_LEAVE_TIME_MS;
         assert!(!(is_late && touches(&cell)), "{cut:?} {at}: on the panel after {} ms", cell.now_ms - cut_ms);
     }
-    let after = cell.executed().iter().filter(|step| step.time_ms > cut_ms + OFF_MS).count();
+    let after = cell.executed().iter().filter(|step| step.time_ms > cut_ms + MAX_LEAVE_TIME_MS).count();
     assert_eq!(after, 0, "{cut:?} {at}: executed after the cut");
     assert_ne!(cell.session.epoch(), ended, "{cut:?} {at}: the epoch is still open");
     // If the cable is intact, the link is connected again and has moved nothing.
@@ -99,10 +99,10 @@ fn a_link_cut_at_any_message_never_moves_an_ended_epoch() {
     }
 }
 
-/// Cut between the last point and its report: the path is not reported as done, and the state contains how far it
-/// was.
+/// If the link is cut between the last point and its report, the path is not reported as done, and the state contains
+/// how far the path was executed.
 #[test]
-fn an_end_that_was_not_reported_is_not_claimed() {
+fn a_path_whose_end_was_not_reported_is_not_reported_as_done() {
     let (mut cell, _, last) = sanding();
     while cell.executed().len() < POINTS {
         cell.step(u64::MAX, &mut Blind);

@@ -43,7 +43,7 @@ pub fn documents(draw: &mut Pcg64, epoch: i32, received: i32) -> Vec<Result<Stri
         6 => vec![Ok(document(epoch, received + 2, good))],
         7 => vec![Ok(document(next, 1, good))],
         8 => vec![Ok(document(epoch - 1, received + 1, good))],
-        // A line before base and tool are set; contact with tool number 0; a line out of the box; a contact too far
+        // A line before base and tool are set; contact with tool number 0; a line outside of the box; a contact too far
         // away.
         9 => vec![request(12, next), Ok(document(next, 1, (2, 0, 0, 0.0, 0.0, 0.0)))],
         10 => {
@@ -60,7 +60,7 @@ pub fn documents(draw: &mut Pcg64, epoch: i32, received: i32) -> Vec<Result<Stri
             .chain((1..=104).map(|id| Ok(document(next, id, (8, 0, 0, 0.0, 0.0, 0.0)))))
             .collect(),
         12 => vec![Ok(format!("<Cmd Id=\"{}\" Ep=\"{epoch}\" Op=\"6\" N2=\"0\"></Cmd>", received + 1))],
-        // A line in the air that is longer than a step, behind what the client sent: perhaps the tool runs.
+        // A line in the air that is longer than a step, after the client's own commands: the tool may be running.
         13 if received % 2 == 1 => vec![Ok(document(epoch, received + 1, (2, 0, 0, 0.0, 0.0, 20_000.0)))],
         13 => vec![Err("<Req Id=\"1\" Op=\"10\"></Req>".to_owned())],
         14 => vec![request(12, next), request(12, next.saturating_add(1))],

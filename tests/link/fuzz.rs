@@ -82,7 +82,7 @@ fn pieces<'a>(stream: &'a [u8], cuts: &[usize]) -> Vec<&'a [u8]> {
 }
 
 #[test]
-fn damaged_streams_are_read_alike_at_any_cut_and_never_panic() {
+fn damaged_streams_give_the_same_result_at_any_cut_and_no_panic() {
     let (streams, wire) = (good_streams(), wire());
     let (mut whole, mut broken, mut refused) = (0, 0, 0);
     for seed in 0..STREAMS {
@@ -112,7 +112,7 @@ fn damaged_streams_are_read_alike_at_any_cut_and_never_panic() {
     assert!(whole > 1_000 && broken > 1_000 && refused > 1_000, "{whole} {broken} {refused}");
 }
 
-/// The session with any damaged stream ends its link, or continues; it never opens an epoch by itself.
+/// The session ends its link with any damaged stream, or continues; it never opens an epoch by itself.
 #[test]
 fn a_session_survives_any_stream() {
     let streams = good_streams();
@@ -132,7 +132,7 @@ fn a_session_survives_any_stream() {
     }
 }
 
-/// Sends damaged commands to the controller: no rubbish moves the arm, and a good client is served afterwards.
+/// Sends damaged commands to the controller: none of them moves the arm, and a good client is served afterwards.
 #[test]
 fn a_controller_survives_any_stream() {
     let good = "<Cmd Id=\"1\" Ep=\"1\" Op=\"2\" N1=\"0\" N2=\"0\" R1=\"2.000000\" R2=\"0.000000\"><P X=\"1.000000\" Y=\"0.000000\" \

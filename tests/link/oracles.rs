@@ -12,17 +12,17 @@ const BRAKE_MS: u64 = 260;
 /// Time limit for the retract by 50 mm from the panel at 0.2 m/s, after braking; the second value is for an arm
 /// that is slowed to a fifth of that speed.
 const RETRACT_MS: u64 = 800;
-const SLOW_RETRACT_MS: u64 = 1_600;
-/// Longest time from the client's end of an epoch to the arm's: the watchdog, the commands on their way, and
+const MAX_SLOW_RETRACT_MS: u64 = 1_600;
+/// Longest time from the client's end of an epoch to the arm's standstill: the watchdog, the commands in transit, and
 /// braking, ms.
-const END_MS: u64 = 400 + 400 + BRAKE_MS;
+const MAX_EPOCH_END_MS: u64 = 400 + 400 + BRAKE_MS;
 /// The longest time after which the connection of a client that sends nothing is closed and the epoch ends, ms.
 const SILENCE_MS: u64 = 3_000 + 400;
 /// Time in which the pad must be off the surface after a stop in contact, ms.
-const LEAVE_MS: u64 = 100;
+const MAX_LEAVE_MS: u64 = 100;
 /// Contact without motion.
 const DWELL_MS: u64 = 200;
-const WINDOW_MS: f64 = 1_000.0;
+const MAX_WINDOW_MS: f64 = 1_000.0;
 /// Outputs that the end of an epoch switches off, and the time after the end, ms.
 const OFF_AFTER_MS: [(u16, u64); 4] = [(1, 60_000), (2, 0), (4, 30_000), (TOOL_OUTPUT, 0)];
 
@@ -32,7 +32,7 @@ const PROGRAMS_MS: u64 = 300;
 /// Additional delay before a starved robot interpreter begins to brake.
 const STARVED_MS: u64 = 60;
 /// Longest time for which the arm continues without its link, if the programs are executed.
-const UNLINKED_MS: u64 = 400 + BRAKE_MS;
+const MAX_UNLINKED_MS: u64 = 400 + BRAKE_MS;
 
 /// The first thing that was wrong.
 pub type Violation = Option<String>;
@@ -53,9 +53,9 @@ pub struct Oracles {
     pub delay_ms: u64,
     /// Returns whether the tool is on the panel, if the panel differs from the one of these tests.
     pub is_low: Option<fn(&Controller) -> bool>,
-    /// Bits of the outputs for which silence counts as if a command were queued, while one of them is on.
+    /// Bits of the harmful outputs: while one of them is on, silence is judged as if a command were queued.
     pub harmful_outputs: u32,
-    /// Whether one of these outputs was on at the last report to the client.
+    /// Whether one of the harmful outputs was on at the last report to the client.
     is_harmful: bool,
     points: BTreeMap<(u32, u32), MoveLin>,
     /// Duration of the motion to each point, ms.
@@ -116,7 +116,7 @@ impl Oracles {
         }
     }
 
-    /// The controller's count of epochs begins anew, and the present process may know none of them.
+    /// Notes that the controller's count of epochs begins anew, and that the present process may know none of them.
     pub fn epochs_begin_anew(&mut self) {
         self.begins_anew = true;
     }
@@ -135,12 +135,12 @@ impl Oracles {
         cell.controller.epoch() <= self.strange_epoch
     }
 
-    /// The allowed duration of a retract that begins then.
+    /// Returns the longest allowed duration of a retract that begins at this time.
     fn retract_ms(&self, from_ms: u64) -> u64 {
         match self.slowed_until_ms.saturating_sub(from_ms) {
             0 => RETRACT_MS,
             // At the lowest speed the retract has hardly begun when the arm reaches its previous speed again.
-            slowed_ms => SLOW_RETRACT_MS.max(slowed_ms + RETRACT_MS),
+            slowed_ms => MAX_SLOW_RETRACT_MS.max(slowed_ms + RETRACT_MS),
         }
     }
 
@@ -148,8 +148,8 @@ impl Oracles {
     /// retract: 1 mm at 0.2 m/s takes 5 ms, and 500 ms at 1 %.
     fn leave_ms(&self, from_ms: u64) -> u64 {
         match self.slowed_until_ms > from_ms {
-            true => LEAVE_MS.max(500 / u64::from(self.slowed_to_percent.max(1))),
-            false => LEAVE_MS,
+            true => MAX_LEAVE_MS.max(500 / u64::from(self.slowed_to_percent.max(1))),
+            false => MAX_LEAVE_MS,
         }
     }
 
@@ -177,7 +177,7 @@ impl Oracles {
             self.wrong(now_ms, format!("an ended epoch moved the arm: command {id} of epoch {epoch}, {stop:?}"));
         }
         if let Some(ended_ms) = self.ended_ms.get(&epoch).copied()
-            && now_ms > ended_ms + END_MS + self.delay_ms
+            && now_ms > ended_ms + MAX_EPOCH_END_MS + self.delay_ms
         {
             self.wrong(
                 now_ms,
@@ -198,8 +198,8 @@ impl Oracles {
         let controller = cell.controller;
         let (now_ms, joints) = (cell.now_ms, controller.joints());
         let before = *self.joints.get_or_insert(joints);
-        // So small a change is the block coincidence at the arm's present position: $AXIS_ACT_MEAS is rounded to 32
-        // bits.
+        // Such a small change comes from the block coincidence at the arm's present position: $AXIS_ACT_MEAS is rounded
+        // to 32 bits.
         if before == joints || (is_program(cell) && apart_deg(&before, &joints) < 1e-3) {
             return;
         }
@@ -220,7 +220,7 @@ impl Oracles {
         let ends = after_ms <= brake_ms || retracts;
         let epoch = controller.epoch();
         if is_program(cell)
-            && now_ms > self.linked_ms + UNLINKED_MS + retract_ms
+            && now_ms > self.linked_ms + MAX_UNLINKED_MS + retract_ms
             && controller.counts().0 > 0
             && !controller.is_stopped()
         {
@@ -236,13 +236,13 @@ impl Oracles {
         }
         if let Some(ended_ms) = self.ended_ms.get(&epoch.cast_unsigned())
             && has_work
-            && now_ms > ended_ms + END_MS + self.delay_ms
+            && now_ms > ended_ms + MAX_EPOCH_END_MS + self.delay_ms
         {
             self.wrong(now_ms, format!("the arm moves in epoch {epoch}, which the client ended at {ended_ms} ms"));
         }
     }
 
-    /// The tool never stays on the panel: not during a path, and not after a stop with the drives on.
+    /// Checks that the tool never stays on the panel: not during a path, and not after a stop with the drives on.
     fn judge_contact(&mut self, cell: &Insides<'_>) {
         let trace = cell.controller.trace();
         let fresh = &trace[self.traced..];
@@ -270,7 +270,7 @@ impl Oracles {
             && low
             // The override also scales the retract. The disc is switched off by then, and leaves the panel once the
             // arm is faster.
-            && now_ms > stop.time_ms.max(self.slowed_until_ms) + LEAVE_MS + more_ms
+            && now_ms > stop.time_ms.max(self.slowed_until_ms) + MAX_LEAVE_MS + more_ms
         {
             self.wrong(now_ms, format!("on the panel {} ms after {stop:?}", self.leave_ms(stop.time_ms)));
         }
@@ -299,7 +299,7 @@ impl Oracles {
         let keys = (epoch, done.cast_unsigned() + 1)..=(epoch, received.cast_unsigned());
         if ahead > 6 {
             let motion_ms: f64 = self.lasts_ms.range(keys).map(|(_, ms)| ms).sum();
-            if motion_ms > WINDOW_MS + 100.0 {
+            if motion_ms > MAX_WINDOW_MS + 100.0 {
                 let what = format!(
                     "{motion_ms:.0} ms of motion wait at the robot, commands {done} to {received} of epoch {epoch}"
                 );
@@ -319,7 +319,7 @@ impl Oracles {
         if !cell.controller.can_move() || is_strangers {
             self.unable_ms = cell.now_ms;
         }
-        let since_ms = closed_ms.max(self.unable_ms) + END_MS + self.delay_ms + self.unheeded_ms;
+        let since_ms = closed_ms.max(self.unable_ms) + MAX_EPOCH_END_MS + self.delay_ms + self.unheeded_ms;
         let late_ms = self.late_end_ms(cell, closed_ms);
         for (output, after_ms) in OFF_AFTER_MS {
             // If nothing is queued, and neither tool nor water is on, silence ends the epoch only when the

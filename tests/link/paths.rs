@@ -51,8 +51,8 @@ fn ten_thousand_points_run_without_a_stop() {
     assert!((190_000..206_000).contains(&took_ms), "{took_ms} ms");
 }
 
-/// At a fifth of its speed the robot is only late: all points are executed once, the queue never runs empty, and
-/// nothing times out.
+/// At a fifth of its speed the robot is only late: all points are executed once, the queue never runs empty, and no
+/// time limit is exceeded.
 #[test]
 fn a_slow_robot_is_waited_for() {
     let mut cell = Cell::ready(setup(Clock::Free), 0.15);
@@ -70,7 +70,7 @@ fn a_slow_robot_is_waited_for() {
 /// At a fiftieth of its speed a point takes a second instead of 20 ms. In contact, the epoch is ended and the pad
 /// leaves the panel. In the air, this is reported and the client waits.
 #[test]
-fn a_robot_that_lingers_in_contact_is_taken_off() {
+fn a_robot_that_is_too_slow_in_contact_leaves_the_panel() {
     for in_contact in [true, false] {
         let mut cell = Cell::ready(setup(Clock::Free), 0.15);
         let last = cell.session.queue_path(&pass(60, 3.0, in_contact)).expect("a good path");
@@ -90,7 +90,7 @@ fn a_robot_that_lingers_in_contact_is_taken_off() {
 
 /// If the client is too slow in contact, the controller stops by itself, away from the panel.
 #[test]
-fn a_client_that_stalls_in_contact_is_not_waited_for() {
+fn the_controller_does_not_wait_for_a_client_that_stalls_in_contact() {
     let mut cell = Cell::ready(setup(Clock::Free), 0.1);
     cell.session.queue_path(&pass(80, 3.0, true)).expect("a good path");
     cell.run(600, &mut Blind);

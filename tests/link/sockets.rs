@@ -78,7 +78,7 @@ fn a_half_open_connection_is_noticed_on_both_ends() {
         Report::LinkLost { why } => Some(why.clone()),
         _ => None,
     });
-    // The unanswered abort ends the connections before the silence does.
+    // The unanswered abort ends the connections before the time limit for silence does.
     assert!(matches!(why, LinkLoss::AbortNotAnswered { waited_ms: 400..900 }), "{why}");
     wait(&mut link, |report| matches!(report, Report::Connected { .. }).then_some(()));
     let executed = server.handle().with_controller(|controller| {

@@ -68,7 +68,7 @@ struct Walk {
 /// Outputs of a line, other than those that commands switch.
 const LINE_OUTPUTS: [u16; 6] = [40, 41, 42, 43, 44, 45];
 
-/// Some walks have a line: its outputs disturb nothing.
+/// Returns whether the walk has a line; its outputs disturb nothing.
 fn has_line(seed: u64) -> bool {
     seed % 32 == 10
 }

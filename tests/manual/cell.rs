@@ -1,6 +1,6 @@
 //! A cell whose devices are reached only over their real interfaces. The controller is reached by EthernetKRL and
 //! executes its own programs. The camera on the flange uses GigE Vision over the loopback interface, and the scanner
-//! uses the tests' Zivid library, which plays shots. The pictures of both come from `scenery`.
+//! uses the tests' Zivid library, which emulates a camera. The pictures of both come from `scenery`.
 
 use super::scenery::{CellContents, Flicker, REDUCTION, SEED, Scenery};
 use panelprep::cell;
@@ -68,7 +68,7 @@ impl Cell {
         Ok(Cell { scenery, answers, server: None, _flange_camera: flange_camera, feed })
     }
 
-    /// Returns the file that describes the played Zivid camera.
+    /// Returns the file that describes the emulated Zivid camera.
     pub fn zivid(&self) -> String {
         let camera = self.scenery.boards.scanner();
         let (width, height) = (camera.width_px, camera.height_px);
@@ -119,7 +119,7 @@ impl Cell {
         assert!(self.handle().with_controller(|arm| arm.jog_to(joints)), "the arm stands");
     }
 
-    /// A person jogs the arm to a pose for the first picture of the calibration board.
+    /// Jogs the arm to a pose for the first picture of the calibration board, as a person does.
     pub fn jog_to_board(&self) {
         let boards = &self.scenery.boards;
         let flanges: Vec<Rigid<Base, Flange>> = match self.scenery.contents() {
@@ -137,7 +137,7 @@ impl Cell {
         self.jog(&self.scenery.nominal.corner_views()[index].base_from_flange);
     }
 
-    /// The pose from which the arm sees the board of the verification.
+    /// Returns the pose from which the arm sees the board of the verification.
     pub fn verify_pose(&self) -> Joints {
         joints_at(&self.scenery.nominal.flange_target().base_from_flange).expect("within reach")
     }

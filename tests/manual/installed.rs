@@ -1,6 +1,6 @@
-//! A computer on which the package is installed: its files as `Cargo.toml` lists them, in a folder that replaces
-//! `/`, and stand-ins for the system programs that the manual names. A stand-in refuses a package, unit or group
-//! that we do not have.
+//! A computer on which the package is installed: its files as `Cargo.toml` lists them, in a folder that replaces `/`,
+//! and stand-ins for the system programs that the manual names. A stand-in refuses a package, unit or group that does
+//! not exist.
 
 use std::fs;
 use std::os::unix::fs::{PermissionsExt, symlink};

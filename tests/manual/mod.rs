@@ -189,7 +189,7 @@ impl Walk {
         Output { status, stdout: reads.join().expect("read"), stderr }
     }
 
-    /// Another person has started a cycle, and it is running.
+    /// Starts a cycle, as another person does, and waits until it is running.
     fn begin_cycle(&self) {
         self.cell.put(CellContents::Panel(1));
         let began = Instant::now();

@@ -46,15 +46,15 @@ pub fn steps(text: &str) -> Vec<Step> {
 }
 
 #[test]
-fn a_page_is_read_as_what_is_there_and_what_is_typed() {
+fn the_steps_of_a_page_are_read() {
     let text = "# A\n\n<!-- cell: a board -->\n```sh\na b\nc\n```\ntext `d`\n```\nnot this\n```\n";
     let command = |text: &str| Step::Command(text.to_owned());
     assert_eq!(steps(text), [Step::Cell("a board".to_owned()), command("a b"), command("c")]);
 }
 
-/// Every page is in the contents, and every link and picture of a page exists.
+/// Every page is in the table of contents, and every link and picture of a page exists.
 #[test]
-fn the_pages_are_whole() {
+fn every_page_link_and_picture_exists() {
     let names = names();
     let mut there: Vec<String> = fs::read_dir(folder())
         .expect("the manual")
@@ -115,7 +115,7 @@ fn wrong(line: &str, program: &clap::Command) -> Option<String> {
 /// Every command that a page names, also in the middle of a sentence, is a command of the program, with valid
 /// options.
 #[test]
-fn the_pages_name_no_command_that_is_not_there() {
+fn the_pages_name_only_existing_commands() {
     use clap::CommandFactory as _;
     let program = panelprep::cli::args::Arguments::command();
     assert!(wrong("panelprep calibrate verify --camera scanner --target FILE", &program).is_none());

@@ -12,7 +12,7 @@ fn place(words: &str) -> Option<(usize, usize)> {
     pages::names().iter().enumerate().find_map(|(at, name)| Some((at, page(name).find(words)?)))
 }
 
-/// What is wrong with the order: each step must follow the one before it, so that no step needs a later one.
+/// Returns what is wrong with the order: each step must follow the one before it, so that no step needs a later one.
 fn out_of_order(steps: &[&str]) -> Vec<String> {
     // The safety concept comes before the work, and names what is done later.
     let pairs = steps.windows(2).map(|two| ((two[0], place(two[0])), (two[1], place(two[1]))));
@@ -45,7 +45,7 @@ fn the_manual_follows_the_stages_of_the_proofs() {
     assert!(!page("cameras.md").contains("AUT"));
 }
 
-/// A number of the controller's files, as it is stated there.
+/// Returns a number of the controller's files, as it is stated there.
 fn stated(text: &str, name: &str) -> f64 {
     let rest = text.split(&format!("{name}=")).nth(1).expect(name);
     rest.lines().next().expect("a line").trim().parse().expect("a number")

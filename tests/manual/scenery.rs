@@ -96,7 +96,7 @@ impl Scenery {
         *self.stands.lock().expect("no thread failed")
     }
 
-    /// The flange's pose, unless the flange moves.
+    /// Returns the flange's pose, unless the flange moves.
     fn flange(&self) -> Option<Rigid<Base, Flange>> {
         let (handle, _) = self.arm.get()?;
         handle.with_controller(|arm| (!arm.is_moving()).then(|| arm.flange_pose()))
@@ -173,7 +173,7 @@ impl Scenery {
         }
     }
 
-    /// Makes one exposure for the played camera. If nothing can be seen, the connection ends and the camera fails.
+    /// Makes one exposure for the emulated camera. If nothing can be seen, the connection ends and the camera fails.
     pub fn answer(&self, mut asked: UnixStream) {
         let mut wish = [0; 3];
         if asked.read_exact(&mut wish).is_err() {

@@ -52,8 +52,7 @@ fn contradictions_changes_and_garbage_are_reported_and_replace_nothing() {
     assert!(found.contains("does not match the signature of its cell"), "{found}");
 }
 
-/// Publishes as a sender whose messages the broker no longer recognizes: after the broker's hour, or a sender that
-/// never gave their names.
+/// Publishes without message names, as a sender whose names the broker forgot after an hour, or that never gave any.
 fn publish_without_names(plant: &Plant, parts: &[Chunk]) {
     runtime().block_on(async {
         let client = async_nats::connect(format!("127.0.0.1:{}", plant.broker_port)).await.expect("connected");

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 /// Every record arrives exactly once, whatever is killed meanwhile.
 #[test]
-fn nothing_is_lost_or_kept_twice_where_everything_is_killed_in_turn() {
+fn each_record_arrives_once_although_everything_is_killed_in_turn() {
     let Some(mut plant) = Plant::start() else { return };
     let mut cell = Cell::new();
     for round in 0..6 {
@@ -80,7 +80,7 @@ fn what_a_broker_or_a_database_forgets_is_sent_again() {
 
 /// A record is reported as being in the office only when all of its files are there too, in any order of arrival.
 #[test]
-fn a_record_counts_with_its_files() {
+fn a_record_is_complete_only_with_its_files() {
     let Some(plant) = Plant::start() else { return };
     let mut cell = Cell::new();
     cell.cycles(1);
@@ -134,7 +134,7 @@ fn wait_until_sent(progress: &Path, number: u64) {
 
 /// A cell with a new name, and a cell with a new office, send everything there.
 #[test]
-fn under_another_name_and_to_another_office_everything_is_sent() {
+fn a_new_cell_name_or_a_new_office_receives_all_records() {
     let (Some(plant), Some(other)) = (Plant::start(), Plant::start()) else { return };
     let mut cell = Cell::new();
     cell.cycles(4);

@@ -36,7 +36,7 @@ impl Drop for Plant {
 }
 
 impl Plant {
-    /// `None`, with a message, if the servers are not installed.
+    /// Starts the office; prints a message and returns `None` if the servers are not installed.
     pub fn start() -> Option<Self> {
         let (Some(_), Some(programs)) = (nats_server(), postgres_programs()) else {
             eprintln!("not run: nats-server or PostgreSQL is not installed");

@@ -36,7 +36,7 @@ fn the_manual_lists_every_metric() {
 /// The table of assertions contains each assertion once, each named test exists, and the table's summary counts
 /// correctly.
 #[test]
-fn the_assertions_name_tests_that_are_there() {
+fn the_assertions_name_existing_tests() {
     let page = "sparkplug-assertions.md";
     let all = rows(page, "| `");
     let names: BTreeSet<&str> = all.iter().map(|row| row[0].as_str()).collect();

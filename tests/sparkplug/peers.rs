@@ -59,8 +59,8 @@ impl Drop for Broker {
 }
 
 impl Broker {
-    /// Starts a broker with one user and TLS. Its certificate is made here; the authority's certificate is `ca.pem`
-    /// in the folder.
+    /// Starts a broker with one user and TLS. Its certificate is made here; the certificate authority's certificate is
+    /// `ca.pem` in the folder.
     pub fn start(folder: &Path) -> Self {
         let [port, tls_port] = [free_port(), free_port()];
         certificates(folder);
@@ -109,7 +109,7 @@ fn run(folder: &Path, port: u16) -> Child {
     child
 }
 
-/// Makes an authority, and a certificate for the broker on this computer.
+/// Creates a certificate authority, and a certificate for the broker on this computer.
 fn certificates(folder: &Path) {
     let authority_key = rcgen::KeyPair::generate().expect("a key");
     let mut authority = rcgen::CertificateParams::new(vec![]).expect("parameters");

@@ -7,7 +7,7 @@ use panelprep::geometry::{Base, Flange, KukaPose, Panel, Rigid, Tool};
 use std::collections::BTreeMap;
 
 /// Tolerance for single precision and for the rotation of the controller's own frames, mm.
-const OFF_MM: f64 = 0.05;
+const MAX_END_ERROR_MM: f64 = 0.05;
 
 /// The required end of a line: the tool's pose, the tool's frame on the flange, and the largest allowed rounding,
 /// mm.
@@ -67,7 +67,7 @@ impl Aims {
             let (target, tool, blend_mm) = self.aims.get(&key)?;
             let off_mm = (step.base_from_flange * *tool).origin().distance_mm(target.origin());
             let (epoch, id) = key;
-            (off_mm > blend_mm + OFF_MM)
+            (off_mm > blend_mm + MAX_END_ERROR_MM)
                 .then(|| format!("command {id} of epoch {epoch} ended {off_mm:.3} mm off its point"))
         })
     }

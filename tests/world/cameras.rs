@@ -17,12 +17,12 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
 /// Share of a greasy spot's area that the disc must cover before the spot is gone.
-const HEALED_FROM: f64 = 0.9;
+const MIN_HEALED_SHARE: f64 = 0.9;
 /// Interval between rendered pictures of the film, s.
-const STEP_S: f64 = 2.0;
+const PICTURE_INTERVAL_S: f64 = 2.0;
 /// Factor by which films of this cell break faster than the renderer's, so that five seconds show as much as a
 /// minute.
-const HASTE: f64 = 8.0;
+const FILM_SPEED_FACTOR: f64 = 8.0;
 /// Maximum number of stored pictures of each kind.
 const MAX_CACHED_PICTURES: usize = 4_000;
 
@@ -92,7 +92,7 @@ impl Cameras {
         }
         let now_ms = world.now_ms();
         let (taken_ms, time_s) = taken.unwrap_or((now_ms, now_ms as f64 / 1e3));
-        let step = (film_s(water, taken_ms) / STEP_S).round() as i64;
+        let step = (film_s(water, taken_ms) / PICTURE_INTERVAL_S).round() as i64;
         let picture = film_picture(world.stands.looks(), &self.healed, step);
         let picture = if world.is_dark() { black(&picture) } else { (*picture).clone() };
         Picture2d { picture, time_s }
@@ -104,7 +104,7 @@ impl Cameras {
         let disc_mm = fixture.cycle.recipe.path().disc_diameter_mm();
         let touched = TouchedPoints::reached_by_disc(&world.trace(on_ms), fixture.truth(), disc_mm);
         let takes_off = world.stands != CellContents::Stubborn;
-        let share = |spot| takes_off && touched.covered_share(spot) >= HEALED_FROM;
+        let share = |spot| takes_off && touched.covered_share(spot) >= MIN_HEALED_SHARE;
         self.healed = fixture.truth().spots.iter().map(share).collect();
         self.healed_at_ms = Some(on_ms);
     }
@@ -138,7 +138,7 @@ impl Cameras {
         if is_shut { black(&picture) } else { (*picture).clone() }
     }
 
-    /// Returns the answer of a harmed camera, if it differs from a good camera's.
+    /// Returns the answer of a camera with this fault, if it differs from a good camera's.
     fn harmed(&mut self, harm: CameraHarm, command: CameraCommand) -> Option<Result<CameraAnswer, CameraFault>> {
         let flange = matches!(command, CameraCommand::CornerPicture);
         let camera = if flange { "the flange camera" } else { "the scanner" };
@@ -221,7 +221,9 @@ fn film_s(water: Option<(u64, Option<u64>)>, now_ms: u64) -> f64 {
     let Some((on_ms, off_ms)) = water else { return -1.0 - seconds(now_ms % 4_000) };
     let reached_s = SPRAY_FROM_S + seconds(off_ms.unwrap_or(now_ms).saturating_sub(on_ms));
     match off_ms {
-        Some(off_ms) if reached_s >= WET_FROM_S => WET_FROM_S + HASTE * seconds(now_ms.saturating_sub(off_ms)),
+        Some(off_ms) if reached_s >= WET_FROM_S => {
+            WET_FROM_S + FILM_SPEED_FACTOR * seconds(now_ms.saturating_sub(off_ms))
+        }
         _ => reached_s.min(WET_FROM_S),
     }
 }
@@ -237,7 +239,7 @@ fn film_picture(stands: CellContents, healed: &Healed, step: i64) -> Arc<ColorPi
         let left = scene.spots().iter().zip(healed).filter(|(_, healed)| !**healed).map(|(spot, _)| spot.clone());
         Arc::new(scene.film_with_spots(&left.collect::<Vec<_>>()))
     });
-    let picture = Arc::new(film.picture(step as f64 * STEP_S));
+    let picture = Arc::new(film.picture(step as f64 * PICTURE_INTERVAL_S));
     if rendered.film.len() < MAX_CACHED_PICTURES {
         rendered.film.insert(key, picture.clone());
     }

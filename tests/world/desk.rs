@@ -20,9 +20,9 @@ use std::sync::mpsc::channel;
 use tokio::sync::oneshot;
 use tokio::sync::oneshot::error::TryRecvError;
 
-/// The user who runs the cycles, people who press anything, and a page that requests the state.
+/// User ids: of the operator who runs the cycles, of people who press anything, and of a page that requests the state.
 pub const OPERATOR: u32 = 1_000;
-pub const SOMEBODY: u32 = 1_001;
+pub const ANOTHER_PERSON: u32 = 1_001;
 const PAGE: u32 = 33;
 /// User id of a person at a second screen.
 const SECOND: u32 = 1_002;
@@ -33,7 +33,7 @@ const PAGE_ROUNDS: u64 = 4;
 const MAX_QUEUED_PER_USER: usize = 8;
 const MAX_QUEUED: usize = 32;
 /// Number of rounds of the loop until an accepted request is answered.
-const ANSWERED_IN: u32 = 2;
+const MAX_ANSWER_ROUNDS: u32 = 2;
 
 /// The contents of a screen: the number of the state machine's step, and its state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -138,7 +138,7 @@ impl Desk {
                 urgent,
                 queued: !is_same,
                 rounds: 0,
-                at_most: before as u32 + ANSWERED_IN,
+                at_most: before as u32 + MAX_ANSWER_ROUNDS,
                 reply: answer,
             }),
             (Err(RequestQueueError::Full { .. }), false) => {}

@@ -195,7 +195,7 @@ pub fn was_full() -> bool {
     with(|watched| watched.was_full).unwrap_or(false)
 }
 
-/// Writes the contents that a power cut leaves into this folder, depending on a seed.
+/// Writes into this folder the contents that a power cut leaves; the seed determines which.
 pub fn after_power_cut(to: &Path, seed: u64) {
     let was = libc_calls::listen(false);
     let _ = std::fs::remove_dir_all(to);

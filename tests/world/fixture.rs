@@ -21,7 +21,7 @@ const CELL_SEED: u64 = 3;
 
 /// A point that differs from the empty cell by more than this belongs to the panel, mm; this number of pixels
 /// around it are kept.
-const DIFFERENT_MM: f64 = 2.0;
+const MIN_DIFFERENCE_MM: f64 = 2.0;
 const AROUND_PX: usize = 4;
 
 /// The file that reserves space and contains no data.
@@ -99,7 +99,7 @@ impl Fixture {
         Fixture { cell, setup, cycle, scenes, truth, store }
     }
 
-    /// The simulated cell with its contents.
+    /// Returns the simulated cell with these contents.
     pub fn scene(&self, stands: CellContents) -> &sim::Cell {
         &self.scenes[stands.looks() as usize]
     }
@@ -156,14 +156,14 @@ fn files(root: &Path, folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     found
 }
 
-/// A folder for this process, in memory if the system has one.
+/// Returns a folder for this process, in memory if the system has one.
 pub fn folder(name: &str) -> PathBuf {
     let memory = Path::new("/dev/shm");
     let parent = if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
     parent.join(format!("panelprep-world-{}", std::process::id())).join(name)
 }
 
-/// Short times and wide tolerances, within the limits of a recipe.
+/// Returns a recipe with short times and wide tolerances, within the limits of a recipe.
 fn recipe(sim: &sim::Cell) -> Recipe {
     let region = sim.region();
     let text = format!(
@@ -213,7 +213,7 @@ fn cropped(
     let differs = |column: usize, row: usize| {
         let z = |cloud: &OrganizedCloud<Camera>| cloud.point(column, row).map(|point| point.mm.z);
         match (z(with), z(empty)) {
-            (Some(with), Some(empty)) => (with - empty).abs() > DIFFERENT_MM,
+            (Some(with), Some(empty)) => (with - empty).abs() > MIN_DIFFERENCE_MM,
             (with, empty) => with.is_some() != empty.is_some(),
         }
     };

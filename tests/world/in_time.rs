@@ -1,20 +1,20 @@
-//! The actions that the state machine must do in time, judged by the true state of robot, controller and disk. There
-//! is no work with a robot that is not ready and no endless wait for an answer. No cycle outlives a controller's start
-//! or continues with a full disk.
+//! The actions that the state machine must perform in time, judged by the true state of robot, controller and disk. The
+//! cell does not work with a robot that is not ready and does not wait endlessly for an answer. No cycle continues
+//! after a restart of the controller or with a full disk.
 
 use super::disk;
 use super::inside::Inside;
 use panelprep::cycle::{Action, At, Id, Robot, State};
 
-/// Longest time for an answer that needs only a state of the controller, ms; `COMPUTED_MS` is the longest time for
-/// a computed answer.
+/// Longest time for an answer that needs only a state of the controller, ms; `MAX_COMPUTED_ANSWER_MS` is the longest
+/// time for a computed answer.
 const ANSWER_MS: u64 = 5_000 + 500;
-const COMPUTED_MS: u64 = 60_000 + 500;
+const MAX_COMPUTED_ANSWER_MS: u64 = 60_000 + 500;
 /// Time after which the loop must know that the robot cannot move, ms, and number of the loop's checks by then.
-const UNABLE_MS: u64 = 1_000;
-const UNABLE_LOOKS: u32 = 20;
+const MAX_UNABLE_MS: u64 = 1_000;
+const UNABLE_CHECKS: u32 = 20;
 /// Longest time until the cell is held because the disk is full, ms.
-const HELD_MS: u64 = 1_500;
+const MAX_HOLD_DELAY_MS: u64 = 1_500;
 
 /// Observations of one process.
 #[derive(Debug, Default)]
@@ -59,7 +59,7 @@ impl InTime {
             | Action::EndEpoch { .. }
             | Action::SetFrames(_)
             | Action::Switch(_) => ANSWER_MS,
-            _ => COMPUTED_MS,
+            _ => MAX_COMPUTED_ANSWER_MS,
         };
         world.counts.judged("answers in time");
         let waited_ms = now_ms - since_ms - (world.written_ms - written_ms).min(now_ms - since_ms);
@@ -75,7 +75,7 @@ impl InTime {
             world.wrong("a robot that is not ready", format!("{:?} with the robot {robot:?}", state.at));
         }
         let now_ms = world.now_ms();
-        // A stalled link does not receive this condition.
+        // While the link is stalled, the cell does not learn that the controller cannot move the arm.
         let hears = now_ms > world.cell.client_stalls_until_ms;
         if world.cell.controller.can_move() || !works(state.at) || world.is_strange() || !hears {
             self.unable = None;
@@ -83,7 +83,7 @@ impl InTime {
         }
         let (since_ms, looks) = self.unable.get_or_insert((now_ms, 0));
         *looks += 1;
-        if now_ms > *since_ms + UNABLE_MS && *looks > UNABLE_LOOKS {
+        if now_ms > *since_ms + MAX_UNABLE_MS && *looks > UNABLE_CHECKS {
             let what = format!("{:?}, and since {since_ms} ms the controller cannot move the arm", state.at);
             world.wrong("a robot that is not ready", what);
         }
@@ -116,7 +116,7 @@ impl InTime {
         }
         let Some((since_ms, written_ms)) = self.full.filter(|_| works) else { return self.full = None };
         world.counts.judged("a full disk");
-        if world.now_ms() > since_ms + HELD_MS + (world.written_ms - written_ms) {
+        if world.now_ms() > since_ms + MAX_HOLD_DELAY_MS + (world.written_ms - written_ms) {
             let what =
                 format!("the disk was found full at {since_ms} ms, and the cell continues in {:?}", state.at);
             world.wrong("a full disk", what);

@@ -36,8 +36,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 const START: Joints =
     Joints { a1_deg: 0.0, a2_deg: -120.0, a3_deg: 145.0, a4_deg: 0.0, a5_deg: -25.0, a6_deg: 90.0 };
 /// The tool is on the panel if its tip is this near to the surface, mm.
-const LOW_MM: f64 = 1.0;
-/// The controller's watchdog, a message on its way, and the time of its program, ms.
+const MAX_CONTACT_HEIGHT_MM: f64 = 1.0;
+/// Sum of the times of the controller's watchdog, of a message in transit, and of the controller's program, ms.
 const WATCHDOG_DELAY_MS: u64 = 400 + 300;
 
 /// The waypoints that the record permits for a contact path.
@@ -46,7 +46,7 @@ pub enum Permit {
     /// The path begins, with this number of waypoints.
     Begins(u32),
     /// The path continues to this number of waypoints.
-    GoesOn(u32),
+    Continues(u32),
     /// The permission is over.
     Ends,
 }
@@ -73,8 +73,8 @@ pub struct Inside {
     pub lasts_until_ms: u64,
     /// Time until which the effects of all faults last, except feedbacks that do not follow their outputs, ms.
     pub others_last_until_ms: u64,
-    /// Whether a fault has struck whose effect may come later: half a message in a buffer, a base that will be wrong
-    /// at its next setting.
+    /// Whether a fault has struck whose effect may come later: half a message in a buffer, or a base that will be wrong
+    /// when it is set next.
     pub lingers: bool,
     /// Whether the reported pose of the arm may be false.
     pub places_lie: bool,
@@ -146,7 +146,7 @@ impl Shared {
 }
 
 fn is_low(controller: &Controller) -> bool {
-    height_mm(controller) < LOW_MM
+    height_mm(controller) < MAX_CONTACT_HEIGHT_MM
 }
 
 /// Returns the height of the tool's tip above the panel, mm.
@@ -333,10 +333,10 @@ impl Inside {
     pub fn permits(&mut self, permit: Permit) {
         self.permitted = match (permit, self.permitted) {
             (Permit::Begins(count), _) => Some((self.cell.controller.executed_motions().len(), count)),
-            (Permit::GoesOn(count), Some((before, _))) => Some((before, count)),
-            (Permit::GoesOn(_), None) | (Permit::Ends, _) => None,
+            (Permit::Continues(count), Some((before, _))) => Some((before, count)),
+            (Permit::Continues(_), None) | (Permit::Ends, _) => None,
         };
-        if !matches!(permit, Permit::GoesOn(_)) {
+        if !matches!(permit, Permit::Continues(_)) {
             self.contact = None;
         }
     }
@@ -389,8 +389,8 @@ impl Inside {
         }
     }
 
-    /// Motions that were executed since the present contact path was opened; `None` if another client has sent
-    /// something.
+    /// Returns the number of motions that were executed since the present contact path was opened; `None` if another
+    /// client has sent something.
     pub fn executed_on_path(&self) -> Option<usize> {
         let (before, _) = self.permitted.filter(|_| !self.is_strange())?;
         Some(self.executed_since(before))
@@ -465,7 +465,7 @@ impl Inside {
         !around.is_lit(self.now_ms()) || around.is_lens_shut(self.now_ms())
     }
 
-    /// The positions of the tool, up to that moment.
+    /// Returns the positions of the tool up to this time.
     pub fn trace(&self, until_ms: u64) -> Vec<ContactSample> {
         self.cell.controller.trace().iter().filter(|sample| sample.time_ms <= until_ms).copied().collect()
     }

@@ -8,13 +8,13 @@ use panelprep::verdict::Verdict;
 
 /// Time limit for a stop, which ends within `[limits] stop_deadline_s`, and an abort that follows within the
 /// watchdog and a retract, ms.
-const STOP_MS: u64 = 10_000 + ABORT_MS;
-const ABORT_MS: u64 = 3_000;
-/// A fact may be this much older than the controller's outputs: a state on its way, and the controller's own
-/// program, ms.
-const LATE_MS: u64 = 300;
+const STOP_MS: u64 = 10_000 + MAX_ABORT_MS;
+const MAX_ABORT_MS: u64 = 3_000;
+/// Largest age of a fact compared with the controller's outputs: the delay of a state in transit, and the time of the
+/// controller's own program, ms.
+const MAX_FACT_AGE_MS: u64 = 300;
 /// Longest time for a reaction to contrary feedback: half a second of waiting, and the delay of messages, ms.
-const DEAD_MS: u64 = 500 + 2 * LATE_MS;
+const MAX_CONTRARY_FEEDBACK_MS: u64 = 500 + 2 * MAX_FACT_AGE_MS;
 const PARKED_DEG: f64 = 0.2;
 
 /// Judges each state that the loop shows.
@@ -34,7 +34,7 @@ pub fn look(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Req
 fn stops(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Request, u64)>) {
     let Some((request, since_ms)) = *stopping else { return };
     let is_over = state.at.is_at_rest();
-    let bound_ms = if request == cycle::Request::Stop { STOP_MS } else { ABORT_MS };
+    let bound_ms = if request == cycle::Request::Stop { STOP_MS } else { MAX_ABORT_MS };
     // The time for which faults block link and controller is added to the allowed time of a stop.
     let bound_ms = bound_ms + world.lasts_until_ms.saturating_sub(since_ms).min(20_000);
     world.counts.judged("stop");
@@ -68,7 +68,7 @@ fn leaves_the_panel(world: &mut Inside, state: &State) {
     }
     world.counts.judged("no contact without tool and extraction");
     let (now_ms, since_ms) = (world.now_ms(), *world.dead_since_ms.get_or_insert(world.now_ms()));
-    if now_ms > since_ms + DEAD_MS {
+    if now_ms > since_ms + MAX_CONTRARY_FEEDBACK_MS {
         let what = format!("the tool or the extraction has stood still since {since_ms} ms, and contact continues");
         world.wrong("no contact without tool and extraction", what);
     }
@@ -80,7 +80,7 @@ fn agrees(world: &mut Inside, state: &State) {
     let is_calm = world.cell.all_heard()
         && facts.robot == Robot::Ready
         && !world.is_strange()
-        && world.now_ms() > world.lasts_until_ms + LATE_MS
+        && world.now_ms() > world.lasts_until_ms + MAX_FACT_AGE_MS
         && !world.is_troubled();
     if !is_calm {
         world.ended_since_ms = None;
@@ -93,7 +93,7 @@ fn agrees(world: &mut Inside, state: &State) {
     }
     let has_ended = open.is_some() && world.cell.controller.is_stopped();
     world.ended_since_ms = has_ended.then(|| world.ended_since_ms.unwrap_or(world.now_ms()));
-    if world.ended_since_ms.is_some_and(|since_ms| world.now_ms() > since_ms + LATE_MS) {
+    if world.ended_since_ms.is_some_and(|since_ms| world.now_ms() > since_ms + MAX_FACT_AGE_MS) {
         world.wrong("facts", format!("the session's epoch {open:?} is open, the controller has ended it"));
     }
     let [light_on, water_on, lens_shut, _, tool_on] = [1, 2, 3, 4, 5].map(|output| world.is_on(output));

@@ -27,7 +27,7 @@ use std::time::Duration;
 const MAX_KILL_DELAY: Duration = Duration::from_millis(45);
 /// Maximum number of processes on one store.
 const MAX_PROCESSES: u64 = 12;
-/// Precedes a process's report about itself.
+/// Prefix of the line with which a process reports a violation; `END` is the line of a process that ended without one.
 const WRONG: &str = "wrong ";
 const END: &str = "end";
 

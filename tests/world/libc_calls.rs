@@ -34,7 +34,7 @@ pub fn listen(on: bool) -> bool {
     LISTENS.try_with(|listens| listens.replace(on)).unwrap_or(false)
 }
 
-/// Does the call; `disk` is asked before and informed after.
+/// Performs the call; `disk` is asked before and informed after.
 fn done(call: &Call<'_>, act: impl FnOnce() -> c_long) -> c_long {
     if !listen(false) {
         return act();

@@ -1,4 +1,4 @@
-//! One simulation of everything between a person's request and the panel: table, loop, link, robot program, arm,
+//! One simulation of everything between a person's request and the panel: state table, loop, link, robot program, arm,
 //! cameras, water, people, store and disk, in one process and one thread, by one seed and in virtual time.
 //!
 //! ```text
@@ -152,8 +152,8 @@ impl World {
         Outcome { counts, violation: world.violation.clone(), trace }
     }
 
-    /// Returns the controller's shipped programs, which some worlds execute in place of their model. The turns of
-    /// the two interpreters are drawn from the seed.
+    /// Returns the controller's shipped programs, which some worlds execute in place of their model. The seed
+    /// determines how the two interpreters are scheduled.
     fn programs(&self) -> Option<Programs> {
         static SHIPPED: LazyLock<Programs> = LazyLock::new(|| Programs::shipped().expect("right programs"));
         if self.seed % INTERPRETED.0 != INTERPRETED.1 || matches!(self.sabotage, Some(Sabotage::Controller(_))) {
@@ -174,7 +174,7 @@ impl World {
             CellContents::Clean,
             CellContents::Nothing,
         ][draw.random_range(0..5)];
-        // A stubborn panel shows only in a cycle that runs to its end without faults.
+        // Whether a panel is stubborn is visible only in a cycle that runs to its end without faults.
         let is_whole = self.seed.is_multiple_of(4);
         let is_stubborn =
             is_whole && Pcg64::seed_from_u64(self.seed ^ 0x57ab).random_range(0..STUBBORN_ONE_IN) == 0;

@@ -3,7 +3,7 @@
 //!
 //! A world also checks the state machine here, which shows its state each time the loop fetches the next request.
 
-use super::desk::{Desk, OPERATOR, SOMEBODY, Shown};
+use super::desk::{ANOTHER_PERSON, Desk, OPERATOR, Shown};
 use super::disk;
 use super::fixture::Fixture;
 use super::in_time::InTime;
@@ -40,12 +40,12 @@ const MAX_STEPS_BEHIND: usize = 64;
 /// Number of attempts to continue a held cycle.
 const MAX_ATTEMPTS: u32 = 3;
 
-/// The aim of the people for the process.
+/// The aim of the people in the present process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Aim {
-    /// Cycles, while faults strike; this number is enough.
+    /// To run this number of cycles while faults strike.
     Cycles(u64),
-    /// All faults have ended: one more cycle, to its end if `whole` is set, otherwise to its first phase.
+    /// To run one more cycle after all faults have ended: to its end if `whole` is set, otherwise to its first phase.
     Recover { whole: bool },
     /// The person leaves.
     Leave,
@@ -118,7 +118,7 @@ impl People {
         }
     }
 
-    /// A new process knows nothing about earlier requests.
+    /// Forgets the earlier requests, which a new process does not know.
     pub fn forget(&mut self) {
         (self.desk, self.has_left) = (None, false);
         (self.working, self.stopping) = (None, None);
@@ -159,7 +159,7 @@ impl People {
             world.wrong("end", format!("the world does not end: {at:?}, {aim:?}, troubled {troubled}"));
         }
         while let Some(press) = world.pressed.pop_front() {
-            whats(press, world.stated()).into_iter().for_each(|what| desk.ask(SOMEBODY, what));
+            whats(press, world.stated()).into_iter().for_each(|what| desk.ask(ANOTHER_PERSON, what));
         }
         let now = Shown::from_state(state);
         if self.shown.back() != Some(&now) {

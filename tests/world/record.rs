@@ -20,7 +20,7 @@ use std::sync::Arc;
 const SMALL_PX: usize = 8;
 /// Distance from the panel that the arm must reach before its next other motion, mm. A path in contact ends
 /// `approach_mm` off the panel, and the arm first moves the same distance again.
-const LEFT_MM: f64 = 60.0;
+const MIN_LEAVING_DISTANCE_MM: f64 = 60.0;
 
 /// The record's port.
 pub struct Record<'s> {
@@ -89,7 +89,7 @@ impl Record<'_> {
             }
             RecordCommand::OpenIntent(motion) => {
                 let height_mm = world.height_mm();
-                let is_near = height_mm < LEFT_MM && motion.path != Path::Retract;
+                let is_near = height_mm < MIN_LEAVING_DISTANCE_MM && motion.path != Path::Retract;
                 // If the epoch is another one, something else happened in between.
                 if self.contact_epoch.take() == Some(motion.epoch) && is_near {
                     let what =
@@ -191,7 +191,7 @@ impl Port<RecordCommand> for Record<'_> {
         let reported = CommandSummary::from_command(&command);
         let permit = match &command {
             RecordCommand::OpenContact { permitted, .. } => Some(Permit::Begins(*permitted)),
-            RecordCommand::Permit(permitted) => Some(Permit::GoesOn(*permitted)),
+            RecordCommand::Permit(permitted) => Some(Permit::Continues(*permitted)),
             RecordCommand::CloseIntent { .. } => Some(Permit::Ends),
             _ => None,
         };

@@ -12,7 +12,7 @@ use panelprep::record::CycleId;
 use panelprep::store::Store;
 use std::path::{Path, PathBuf};
 
-/// Exists in a restored store that has not been opened since.
+/// A file that exists in a restored store that has not been opened since.
 const RESTORED: &str = "panelprep.restored";
 
 /// A store's state at some moment.

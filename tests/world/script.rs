@@ -55,7 +55,7 @@ pub enum CameraHarm {
     Dark,
     /// The camera reports that it is too hot.
     Hot,
-    /// The camera takes this much longer, ms.
+    /// The camera answers later by this time, ms.
     Late(u64),
 }
 
@@ -127,7 +127,7 @@ pub enum Fault {
     Power { writing: u32, power: Power },
     /// A fault of this number of writes to the disk, which begins at the nth write from now on.
     Disk { writing: u32, harm: DiskHarm, times: u32 },
-    /// Each write takes this much longer, for this time; the link continues meanwhile.
+    /// Each write takes longer by `late_ms`, for the time `for_ms`; the link continues meanwhile.
     SlowDisk { late_ms: u64, for_ms: u64 },
     /// This number of messages with commands of an ended epoch arrive once more.
     Replay(u32),

@@ -44,7 +44,7 @@ impl Around {
         self.runs(LENS, now_ms)
     }
 
-    /// Returns whether there is light, which takes half a second.
+    /// Returns whether the light has been on for half a second, the time that it needs.
     pub fn is_lit(&self, now_ms: u64) -> bool {
         self.outputs.get(&LIGHT).is_some_and(|(on, since_ms)| *on && now_ms >= since_ms + 500)
     }

@@ -5,8 +5,8 @@
 use panelprep::cycle::{Event, Outcome, Path, Report};
 use panelprep::daemon::{RecordAnswer, RecordCommand};
 
-/// A path that is cut short, or whose ends are turned, may sweep this factor more than was planned.
-const MORE: f64 = 1.2;
+/// Factor by which a path that is cut short, or whose ends are turned, may sweep more than was planned.
+const MAX_SWEEP_FACTOR: f64 = 1.2;
 const EXACT_MM2: f64 = 0.01;
 
 /// The messages of this process to the record.
@@ -70,7 +70,8 @@ impl Wear {
                     return Some(format!("{done} waypoints are on the record, {executed:?} were executed"));
                 }
                 let counted_mm2 = self.worn_mm2? - before_mm2?;
-                let most_mm2 = if may_be_lied_to { f64::INFINITY } else { MORE * self.path_mm2 + EXACT_MM2 };
+                let most_mm2 =
+                    if may_be_lied_to { f64::INFINITY } else { MAX_SWEEP_FACTOR * self.path_mm2 + EXACT_MM2 };
                 let is_wrong = !(-EXACT_MM2..=most_mm2).contains(&counted_mm2);
                 is_wrong.then(|| format!("a path of {} mm² is counted as {counted_mm2} mm²", self.path_mm2))
             }

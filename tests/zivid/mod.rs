@@ -1,4 +1,4 @@
-//! The Zivid camera behind real workers that use the played camera: the consequence of each fault of the camera and
+//! The Zivid camera behind real workers that use the emulated camera: the consequence of each fault of the camera and
 //! of the process.
 
 mod kills;
@@ -63,7 +63,7 @@ fn each_planted_fault_of_the_camera_is_named() {
     assert!(message.starts_with("C3 the 3D camera is hot and paused for 2500 ms during a picture"), "{message}");
 }
 
-/// Returns a camera on the network, played from these lines, and its workers.
+/// Returns an emulated camera on the network, described by these lines, and its workers.
 fn on_the_network(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (CameraSetup, WorkerLauncher) {
     let (setup, _) = stub::camera(folder, [width, height], lines);
     let named = format!("PANELPREP_ZIVID_STUB={}", folder.join("camera.zfc").display());
@@ -73,9 +73,9 @@ fn on_the_network(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (C
     (CameraSetup { source: Source::Only, ..setup }, command_launcher("/usr/bin/env".into(), arguments.into()))
 }
 
-/// A camera that is connected and does not open is not reported with "is its cable in?".
+/// The message about a camera that is connected and cannot be opened does not ask "is its cable in?".
 #[test]
-fn a_camera_that_is_there_and_does_not_open_states_why() {
+fn a_connected_camera_that_cannot_be_opened_states_why() {
     let cases = [
         (
             "firmwareUpdateRequired",
@@ -102,7 +102,7 @@ fn a_camera_that_is_there_and_does_not_open_states_why() {
     scanner.take_scan().expect("and delivers");
 }
 
-/// Calculated by hand: 30 °C at the first exposure, which warms up, and half a degree more at each later one. The
+/// Calculated by hand: 30 °C at the first exposure, which is the warm-up, and half a degree more at each later one. The
 /// samples expose for 10 ms in 3D and 20 ms for the film.
 #[test]
 fn each_shot_states_its_own_temperature_and_exposure() {
@@ -124,10 +124,10 @@ fn each_shot_states_its_own_temperature_and_exposure() {
     assert_eq!((light.flicker, light.frequency.as_str()), (Flicker::Grid50Hz, "100"));
 }
 
-/// The film's pictures have the camera's own times. A reader that pauses then receives the newest three pictures,
-/// after a gap as long as the pause.
+/// The film's pictures have the camera's own times. A reader that pauses then receives the newest three pictures, after
+/// a gap as long as the pause.
 #[test]
-fn a_film_that_is_not_watched_has_a_gap() {
+fn a_film_that_is_not_read_has_a_gap() {
     let (folder, scanner) = ready("", |_| ());
     let flange = RecordedFlangeCamera::open(folder.path(), lens()).expect("it has no pictures");
     let mut eyes = Cameras { scanner, flange };
@@ -152,7 +152,7 @@ fn lens() -> PinholeCamera {
 /// A crash at each first shot: after three restarts the camera stays down and reports this, also at a person's
 /// reset.
 #[test]
-fn a_camera_that_crashes_its_process_each_time_is_left_alone() {
+fn a_camera_that_crashes_each_time_stays_down() {
     let folder = tempfile::tempdir().expect("a folder");
     let (setup, launch) = stub::camera(folder.path(), SMALL, "fault 1 crash\n");
     let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
@@ -190,7 +190,7 @@ fn five_kills_are_five_named_faults() {
 
 /// The worker cannot be started by hand: its standard input is then not a socket.
 #[test]
-fn the_role_is_the_programs_own() {
+fn the_worker_cannot_be_started_by_hand() {
     let ran = std::process::Command::new(env!("CARGO_BIN_EXE_panelprep"))
         .args(["zivid-worker", "--library", "x.so"])
         .stdin(std::process::Stdio::null())

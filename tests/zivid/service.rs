@@ -77,11 +77,11 @@ fn the_service_outlives_its_camera() {
     assert!(service.ended().success());
 }
 
-/// The reports of doctor about a Zivid, in addition to whether the camera delivers shots: the flicker of the light,
-/// the fact that it is not known yet whether the camera is warm, and the graphics processor. A film by the projector's
-/// light is refused with file, line and key.
+/// The reports of doctor about a Zivid, in addition to whether the camera delivers shots: the flicker of the light, the
+/// graphics processor, and whether the camera is warm, which is not known yet. A film by the projector's light is
+/// refused with file, line and key.
 #[test]
-fn doctor_looks_at_light_warmth_and_settings() {
+fn doctor_checks_light_warm_up_and_settings() {
     let folder = rendered("good");
     with_zivid(folder.path());
     let camera = folder.path().join("cell/camera.zfc");

@@ -1,4 +1,4 @@
-//! The camera library with the played camera, and cameras behind real workers; for tests and the bench.
+//! The camera library with the emulated camera, and cameras behind real workers; for tests and the bench.
 
 use panelprep::devices::zivid::{
     AnswerTimeouts, CameraSetup, Restarts, Size, Source, WorkerLauncher, command_launcher,
@@ -11,7 +11,7 @@ mod built;
 
 pub use built::{PICTURE, SCAN, library};
 
-/// Returns a camera of this size that is played from a file of these lines, and its launcher: this program runs as
+/// Returns an emulated camera of this size, described by a file of these lines, and its launcher: this program runs as
 /// the worker.
 pub fn camera(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (CameraSetup, WorkerLauncher) {
     let file = folder.join("camera.zfc");

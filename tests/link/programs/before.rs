@@ -12,7 +12,7 @@ use rayon::prelude::*;
 const BEFORE: &str = "fixtures/kuka_before";
 const SHIPS: &str = "config/kuka";
 
-/// Loads the programs before the repair and the shipped programs, with this meaning.
+/// Loads the programs before the repair and the shipped programs, with this choice of undocumented behaviour.
 fn both(meaning: UndocumentedBehaviour) -> [Programs; 2] {
     [BEFORE, SHIPS].map(|folder| {
         let mut programs = load(&texts(folder));
@@ -21,10 +21,10 @@ fn both(meaning: UndocumentedBehaviour) -> [Programs; 2] {
     })
 }
 
-/// Faults that a random walk shows, each in a meaning that public documents leave open: the walk over the old programs
-/// gives this error.
+/// Faults that a random walk shows, each with one choice of a behaviour that public documents leave open: the walk over
+/// the old programs gives this error.
 #[test]
-fn walks_show_the_faults_of_before() {
+fn random_walks_find_the_faults_before_the_repair() {
     let standard = UndocumentedBehaviour::default();
     let rows: [(&str, UndocumentedBehaviour, u64, &str); 2] = [
         (
@@ -70,7 +70,7 @@ fn comes_back(programs: Programs) -> bool {
 /// Before the repair, only the loss of a client that had been seen was noticed; a channel with a client that had not
 /// been seen stayed closed for ever.
 #[test]
-fn a_client_that_vanishes_within_a_cycle_closes_no_channel_for_good() {
+fn a_client_that_disconnects_within_a_cycle_closes_no_channel_permanently() {
     for immediate_reopen_fails in [false, true] {
         let meaning = UndocumentedBehaviour { immediate_reopen_fails, ..UndocumentedBehaviour::default() };
         assert_eq!(both(meaning).map(comes_back), [false, true], "{immediate_reopen_fails}");
@@ -79,7 +79,7 @@ fn a_client_that_vanishes_within_a_cycle_closes_no_channel_for_good() {
 
 /// If another program was stopped by the drives, it stays at the position at which it was stopped.
 #[test]
-fn a_foreign_program_is_left_alone() {
+fn a_stopped_foreign_program_keeps_its_position() {
     let resets = |programs: Programs| {
         let mut controller = started(programs);
         controller.select_foreign_program();
@@ -131,7 +131,7 @@ fn the_stop_key_in_contact_switches_the_tool_off() {
     assert!(ships.is_some_and(|ms| ms <= 100), "{ships:?}");
 }
 
-/// At the first start of a controller, no channel was ever initialised.
+/// At the first start of a controller, no channel has ever been initialised.
 #[test]
 fn no_channel_is_cleared_before_it_was_initialised() {
     let meaning = UndocumentedBehaviour { clear_of_unknown_stops: true, ..UndocumentedBehaviour::default() };
@@ -155,7 +155,7 @@ fn every_version_of_the_page_has_the_system_variables() {
     }
 }
 
-/// Cycles of the submit interpreter in 1.2 s without a client, if each begins as soon as the last has ended.
+/// Counts the cycles of the submit interpreter in 1.2 s without a client, if each begins as soon as the last has ended.
 #[test]
 fn without_a_client_the_submit_interpreter_waits() {
     let cycles = |mut programs: Programs| {
@@ -178,7 +178,7 @@ fn without_a_client_the_submit_interpreter_waits() {
 
 /// A user subroutine sees the axis speed that `set_acc_speed` requested.
 #[test]
-fn the_axes_speed_of_set_acc_speed_is_applied() {
+fn the_axis_speed_of_set_acc_speed_is_applied() {
     let seen = |folder: &str| {
         let mut texts = texts(folder);
         for (name, text) in &mut texts {
@@ -198,7 +198,7 @@ fn the_axes_speed_of_set_acc_speed_is_applied() {
 
 /// Sends a single blended line in the air; more points are promised, but none is sent.
 #[test]
-fn a_lone_blended_line_starts() {
+fn a_single_blended_line_starts() {
     let meaning = UndocumentedBehaviour { lone_approximation_waits: true, ..UndocumentedBehaviour::default() };
     let moved = |programs: Programs| {
         let mut raw = Raw::opened(programs);
@@ -213,7 +213,7 @@ fn a_lone_blended_line_starts() {
 /// stop closes the epoch before it raises its flag. Between the two, the earlier robot program left the epoch in
 /// contact.
 #[test]
-fn no_stop_in_contact_goes_without_a_retract() {
+fn every_stop_in_contact_is_followed_by_a_retract() {
     let seeds =
         |programs: &Programs| (0..400).into_par_iter().filter(|seed| is_left_in_contact(programs, *seed)).count();
     let [before, ships] = both(UndocumentedBehaviour::default()).map(|programs| seeds(&programs));
@@ -268,7 +268,7 @@ const UNDONE: [Undone; 2] = [
 
 /// For each fix that a walk can show, one random walk fails if only this fix is undone.
 #[test]
-fn each_mend_is_missed_where_it_is_undone() {
+fn each_repair_that_is_undone_is_detected() {
     let ships = load(&texts(SHIPS));
     let anew: Option<u64> = std::env::var("KRL_FIND").ok().and_then(|walks| walks.parse().ok());
     for undone in &UNDONE {

@@ -18,13 +18,13 @@ use std::sync::{Arc, Mutex};
 /// Number of scripts in each test run.
 const SCRIPTS: u64 = 250;
 /// Time limit for the link to be connected again, ms.
-const BACK_MS: u64 = 15_000;
+const MAX_RECONNECT_MS: u64 = 15_000;
 /// Time limit for an epoch.
 const EPOCH_MS: u64 = 15_000;
 /// Time from an epoch's end until all faults are removed and the arm is still, ms.
 const SETTLE_MS: u64 = 5_000;
 /// Off the panel.
-const OFF_MM: f64 = 1.0;
+const MAX_CONTACT_HEIGHT_MM: f64 = 1.0;
 /// Outputs that the end of an epoch switches off at once.
 const HARMFUL: [u16; 2] = [2, cell::TOOL_OUTPUT];
 
@@ -78,7 +78,7 @@ impl Run {
 
     fn part(&mut self, part: &Part) -> EpochTrace {
         let mut trace = EpochTrace::default();
-        let end_ms = self.cell.now_ms + BACK_MS;
+        let end_ms = self.cell.now_ms + MAX_RECONNECT_MS;
         while !trace.opened && self.cell.now_ms < end_ms {
             if self.cell.session.open_epoch().is_err() {
                 let _ = self.cell.session.abort();
@@ -131,7 +131,8 @@ impl Run {
         let outputs = self.cell.controller.outputs();
         trace.harmful =
             self.cell.session.epoch().is_none() && HARMFUL.iter().any(|number| outputs.get(number) == Some(&true));
-        trace.on_panel = part.contact && !trace.executed.is_empty() && height_mm(&self.cell.controller) < OFF_MM;
+        trace.on_panel =
+            part.contact && !trace.executed.is_empty() && height_mm(&self.cell.controller) < MAX_CONTACT_HEIGHT_MM;
         trace.connected = self.cell.session.is_connected();
         trace
     }

@@ -14,7 +14,7 @@ pub struct Coverage {
 /// Lines that no walk reaches: file, a piece of the line, and the reason.
 const UNREACHABLE: [(&str, &str, &str); 2] = [
     ("cell_motion.src", "CELL_E_OPERATION", " (CELL_WHY_NOT refuses it before)"),
-    // In the CASE of an output on the path, if the motion ends between two statements of this command.
+    // Only reached in the CASE of an output on the path, if the motion ends between two statements of this command.
     ("cell_motion.src", "$OUT[CMD.N1]=(CMD.N2==1)", " (no walk has met this moment yet)"),
 ];
 

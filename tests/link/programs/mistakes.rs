@@ -305,7 +305,7 @@ fn finds(programs: &Programs, seeds: std::ops::Range<u64>) -> Option<(u64, Strin
 /// Each mistake is found by a scene, or by a walk in which the shipped programs violate no rule. `KRL_FIND=400`
 /// searches for such walks again; `KRL_NAME=speed` limits this to mistakes with this word in their name.
 #[test]
-fn mistakes_that_are_planted_are_found() {
+fn planted_mistakes_in_the_programs_are_found() {
     let anew: Option<u64> = std::env::var("KRL_FIND").ok().and_then(|walks| walks.parse().ok());
     let ships = load(&texts("config/kuka"));
     let mut missed = Vec::new();

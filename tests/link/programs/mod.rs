@@ -1,4 +1,4 @@
-//! The shipped programs are executed in seeded walks of the real client, in every meaning that public documents
+//! The shipped programs are executed in seeded walks of the real client, with every behaviour that public documents
 //! leave open.
 
 mod before;
@@ -42,7 +42,8 @@ pub fn load(texts: &[(String, String)]) -> Programs {
     Programs::load(&named).expect("right programs")
 }
 
-/// Returns the meaning for this walk: each switch is a bit of the seed, so that 1,024 walks cover all combinations.
+/// Returns the undocumented behaviour for this walk: each switch is a bit of the seed, so that 1,024 walks cover all
+/// combinations.
 pub fn meaning(seed: u64) -> UndocumentedBehaviour {
     let bit = |place: u32| seed >> place & 1 == 1;
     UndocumentedBehaviour {
@@ -94,7 +95,7 @@ pub fn many(seeds: Range<u64>, mask: u64, programs: &Programs) -> (Vec<(u64, Str
 }
 
 /// More walks: `KRL_WALKS=20000`, starting at another seed: `KRL_FROM=5000`. To see the end of one walk:
-/// `KRL_SEED=148`. In fewer meanings: `KRL_MASK=0`.
+/// `KRL_SEED=148`. With fewer variants of undocumented behaviour: `KRL_MASK=0`.
 #[test]
 fn no_walk_of_the_shipped_programs_violates_a_rule() {
     let shipped = texts("config/kuka");

@@ -10,7 +10,7 @@ use panelprep::krl::{Cell, UndocumentedBehaviour};
 const ORDERS: u64 = 150;
 
 /// Least height above the panel at which a retract of 50 mm ends, mm.
-const RETRACTED_MM: f64 = 40.0;
+const MIN_RETRACT_HEIGHT_MM: f64 = 40.0;
 /// Number of aborts, each one tick later than the previous one.
 const ABORTS: u64 = 80;
 
@@ -19,7 +19,7 @@ const CONFIGURED_TOOL_OUTPUT: i32 = 21;
 
 type Scene = fn(&Programs) -> bool;
 
-/// Each scene is right if it returns TRUE.
+/// A scene passes if it returns TRUE.
 const SCENES: [(&str, Scene); 27] = [
     ("thirty commands at once are all executed", |programs| {
         let mut raw = Raw::opened(programs.clone());
@@ -139,7 +139,7 @@ const SCENES: [(&str, Scene); 27] = [
         raw.run(300);
         raw.controller.connect(Channel::Command)
     }),
-    ("an ended epoch leaves the whole ring free", |programs| leaves_the_ring_free(programs)),
+    ("an ended epoch leaves the whole ring free", |programs| reports_the_free_places_of_the_ring(programs)),
     ("a base that is reported as executed is reported as set", |programs| {
         (0..ORDERS).all(|seed| echoes_the_base(programs, seed))
     }),
@@ -152,7 +152,7 @@ const SCENES: [(&str, Scene); 27] = [
         raw.begin();
         raw.run(2_000);
         let tool_off = raw.controller.outputs().get(&TOOL_OUTPUT) == Some(&false);
-        begun && tool_off && height_mm(&raw.controller) > RETRACTED_MM
+        begun && tool_off && height_mm(&raw.controller) > MIN_RETRACT_HEIGHT_MM
     }),
     ("another program that was selected before the controller started is not reset", |programs| {
         // The submit interpreter's first cycle follows at once; if it came later, the watchdog's timer would show that
@@ -192,7 +192,7 @@ const SCENES: [(&str, Scene); 27] = [
         raw.run(100);
         let tool_off = raw.controller.outputs().get(&TOOL_OUTPUT) == Some(&false);
         raw.run(2_000);
-        begun && tool_off && raw.int("CELL_ERR") == 11 && height_mm(&raw.controller) > RETRACTED_MM
+        begun && tool_off && raw.int("CELL_ERR") == 11 && height_mm(&raw.controller) > MIN_RETRACT_HEIGHT_MM
     }),
     ("a line that ends outside of the box is refused", |programs| {
         let mut raw = Raw::opened(as_configured(programs));
@@ -275,12 +275,12 @@ fn leaves_after_an_abort(programs: &Programs, tick: u64) -> bool {
     raw.run(12 * (tick % 8));
     raw.request(11, raw.controller.epoch() + 1);
     raw.run(1_000);
-    height_mm(&raw.controller) > RETRACTED_MM
+    height_mm(&raw.controller) > MIN_RETRACT_HEIGHT_MM
 }
 
-/// Sends more commands than the ring has places, and then starts the robot program again: acknowledgements report the
+/// Sends more commands than the ring buffer holds, and then starts the robot program again: acknowledgements report the
 /// true number of free places. A client accepts no other number.
-fn leaves_the_ring_free(programs: &Programs) -> bool {
+fn reports_the_free_places_of_the_ring(programs: &Programs) -> bool {
     let mut raw = Raw::opened(programs.clone());
     for _ in 0..12 {
         (0..10).for_each(|_| raw.command(6, [1, 0], [0.0, 0.0], [0.0; 6]));
@@ -326,7 +326,7 @@ fn echoes_the_base(programs: &Programs, seed: u64) -> bool {
     told.split("<St ").all(is_right)
 }
 
-/// Returns the name of the first scene that goes wrong.
+/// Returns the name of the first scene that fails.
 pub fn first_wrong(programs: &Programs) -> Option<&'static str> {
     SCENES.iter().find(|(_, scene)| !scene(programs)).map(|(name, _)| *name)
 }
@@ -368,7 +368,7 @@ impl Raw {
 
 /// Two faults that walks on both controllers have found: each scene fails if only its fix is undone.
 #[test]
-fn scenes_miss_the_mends_that_the_model_has_asked_for() {
+fn scenes_fail_if_a_repair_is_undone() {
     let undone = [
         (
             "an ended epoch leaves the whole ring free",
@@ -393,7 +393,7 @@ fn scenes_miss_the_mends_that_the_model_has_asked_for() {
 /// The PC computes the checksum from the files, and the controller from its loaded values. The two are equal for
 /// the shipped files and for edited ones.
 #[test]
-fn the_sum_of_the_files_is_that_of_the_programs() {
+fn the_checksum_of_the_files_is_that_of_the_loaded_programs() {
     for (from, to) in [("CELL_OUT[1]=17", "CELL_OUT[1]=17"), ("CELL_OFF_MS[1]=60000", "CELL_OFF_MS[1]=61000")] {
         let mut texts = super::texts("config/kuka");
         texts[0].1 = texts[0].1.replacen(from, to, 1);
@@ -405,7 +405,7 @@ fn the_sum_of_the_files_is_that_of_the_programs() {
 }
 
 #[test]
-fn every_scene_ends_well_with_the_programs_that_ship() {
+fn every_scene_passes_with_the_shipped_programs() {
     let programs = super::load(&super::texts("config/kuka"));
     assert_eq!(first_wrong(&programs), None);
 }

@@ -103,9 +103,9 @@ impl Walk {
         }
     }
 
-    /// Sets the count of states close to its end.
+    /// Sets the number of states close to the end of its range.
     fn turn_over(&mut self) {
-        // One less than the last: the program may be between its check of the count and its step.
+        // One less than the last number: the program may be between the check of the number and its increment.
         self.cell.controller.set_shared("CELL_SEQ", i32::MAX - 1 - self.draw.random_range(0..4));
     }
 

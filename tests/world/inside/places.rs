@@ -4,7 +4,7 @@
 use super::super::fixture::{CellContents, Fixture};
 use super::super::sabotage::Sabotage;
 use super::super::script::{self, Fault};
-use super::{Inside, LOW_MM, START};
+use super::{Inside, MAX_CONTACT_HEIGHT_MM, START};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
 use panelprep::devices::mock::{self, Mode};
 use panelprep::eki::{CommandId, Epoch};
@@ -13,14 +13,14 @@ use panelprep::stages::abrade::deviation_limit_mm;
 use std::collections::VecDeque;
 
 /// Distance from the panel within which the tip must never come in a motion by axes, mm.
-const NEAR_MM: f64 = 5.0;
+const MIN_AXIS_MOTION_DISTANCE_MM: f64 = 5.0;
 /// Delay of a state on its way, and of the controller's programs, ms.
 const OVERRIDE_MS: u64 = 300 + 250;
 const MEASURED_MS: u64 = 600;
 /// A contact path ends at once at this multiple of the deviation that a person must review.
-const FAR_OFF_LIMITS: f64 = 4.0;
+const MAX_DEVIATION_FACTOR: f64 = 4.0;
 /// The middle of the panel in its own frame, mm.
-const MIDDLE_MM: [f64; 3] = [560.0, 0.0, 360.0];
+const PANEL_MIDDLE_MM: [f64; 3] = [560.0, 0.0, 360.0];
 /// Number of stored motions by axes.
 const AXIS_MOTIONS: usize = 8;
 
@@ -142,7 +142,7 @@ impl Inside {
         }
         self.counts.judged("no motion from an unknown place");
         let (height_mm, beside_mm) = above_panel(&self.cell.controller.flange_pose());
-        if height_mm < NEAR_MM && beside_mm < NEAR_MM {
+        if height_mm < MIN_AXIS_MOTION_DISTANCE_MM && beside_mm < MIN_AXIS_MOTION_DISTANCE_MM {
             let what = format!(
                 "{under_way} of epoch {epoch:?} moves the axes, and the tip is {height_mm:.1} mm off the panel"
             );
@@ -156,7 +156,7 @@ impl Inside {
             self.cell.controller.override_percent() != 100 || self.now_ms() < self.places.hidden_override_until_ms;
         if !(is_other && self.is_in_contact(moved)) {
             // Nothing moves between two ticks, so a lack of motion does not reset the time.
-            if !is_other || self.cell.controller.is_stopped() || self.height_mm() >= LOW_MM {
+            if !is_other || self.cell.controller.is_stopped() || self.height_mm() >= MAX_CONTACT_HEIGHT_MM {
                 self.places.overridden_since_ms = None;
             }
             return;
@@ -174,10 +174,11 @@ impl Inside {
 
     /// Checks that contact ends if the measured pose is far from the path.
     fn judge_measured(&mut self, moved: bool) {
-        let far_mm = FAR_OFF_LIMITS * deviation_limit_mm(Fixture::get().cycle.recipe.path());
-        let is_far = self.cell.controller.pose_deviation_mm() > far_mm + LOW_MM && self.is_calm_but_for_feedback();
+        let far_mm = MAX_DEVIATION_FACTOR * deviation_limit_mm(Fixture::get().cycle.recipe.path());
+        let is_far = self.cell.controller.pose_deviation_mm() > far_mm + MAX_CONTACT_HEIGHT_MM
+            && self.is_calm_but_for_feedback();
         if !(is_far && self.is_in_contact(moved)) {
-            if !is_far || self.cell.controller.is_stopped() || self.height_mm() >= LOW_MM {
+            if !is_far || self.cell.controller.is_stopped() || self.height_mm() >= MAX_CONTACT_HEIGHT_MM {
                 self.places.measured_since_ms = None;
             }
             return;
@@ -194,7 +195,7 @@ impl Inside {
 
     /// Returns whether the tip is on the panel and has just moved, with its epoch still open.
     fn is_in_contact(&self, moved: bool) -> bool {
-        moved && !self.cell.controller.is_stopped() && self.height_mm() < LOW_MM
+        moved && !self.cell.controller.is_stopped() && self.height_mm() < MAX_CONTACT_HEIGHT_MM
     }
 }
 
@@ -211,7 +212,7 @@ fn above_panel(base_from_flange: &Rigid<Base, Flange>) -> (f64, f64) {
 fn near_panel(height_mm: f64) -> Option<Joints> {
     let fixture = Fixture::get();
     let truth = fixture.truth();
-    let middle: Point<Panel> = Point::at(MIDDLE_MM[0], MIDDLE_MM[1], MIDDLE_MM[2]);
+    let middle: Point<Panel> = Point::at(PANEL_MIDDLE_MM[0], PANEL_MIDDLE_MM[1], PANEL_MIDDLE_MM[2]);
     let normal = truth.normal(middle).mm.normalize();
     let tip = middle.mm - normal * (truth.distance_mm(middle) - height_mm);
     let z = -normal;

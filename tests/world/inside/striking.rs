@@ -9,7 +9,7 @@ use super::places::Jog;
 use panelprep::eki::Channel;
 use std::sync::PoisonError;
 
-/// Time after which the cell's own program is selected again when a person worked with another one.
+/// Time after which the cell's own program is selected again if a person worked with another one, ms.
 const HOME_MS: u64 = 3_000;
 /// Time after which an abort that was not obeyed is sent again, ms.
 const ABORT_RETRY_MS: u64 = 300;

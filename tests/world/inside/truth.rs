@@ -1,5 +1,5 @@
-//! The controller's true actions, whatever it and the client report. A cause that must end an epoch ends it, the
-//! client learns of it, and neither of the two holds on to a dead link.
+//! The controller's true actions, whatever it and the client report. A cause that must end an epoch ends it, the client
+//! learns of it, and neither of the two keeps a dead link open.
 
 use super::super::link_cell::TICK_MS;
 use super::Inside;
@@ -9,20 +9,20 @@ use panelprep::eki::{CommandId, Epoch};
 /// The operation of the request by which a client ends an epoch.
 const ABORT: i32 = 11;
 /// Time limit for the end of an epoch, by the model and by the programs, whose scheduler may starve them, ms.
-const ENDS_MS: u64 = 50;
-const PROGRAMS_END_MS: u64 = 250;
-/// Duration from which the programs detect a condition, ms.
-const SEEN_MS: u64 = 100;
+const MAX_MODEL_END_MS: u64 = 50;
+const MAX_PROGRAMS_END_MS: u64 = 250;
+/// A condition that lasts at least this long is always detected by the programs, ms.
+const MIN_DETECTED_MS: u64 = 100;
 /// Longest delay of a state, ms: a state comes each 100 ms, and the programs may be late.
-const STATE_DELAY_MS: u64 = 250;
+const MAX_STATE_DELAY_MS: u64 = 250;
 /// Time limit for the client to know that its epoch has ended, ms.
-const KNOWN_MS: u64 = 700;
+const MAX_KNOWLEDGE_DELAY_MS: u64 = 700;
 /// Longest time until the client closes a silent connection, ms: after a second of silence.
-const GIVEN_UP_MS: u64 = 1_000 + 50;
+const MAX_CLIENT_SILENCE_MS: u64 = 1_000 + 50;
 /// Longest time until the controller closes a silent connection, ms: after three seconds of silence.
-const PLACE_MS: u64 = 3_000 + 400;
+const MAX_CONTROLLER_SILENCE_MS: u64 = 3_000 + 400;
 /// Longest duration of a controller's fault with its restart, ms.
-const FAULTY_MS: u64 = 6_000;
+const MAX_FAULTY_MS: u64 = 6_000;
 
 /// The events at the controller, and the reactions that must follow.
 #[derive(Debug, Default)]
@@ -86,21 +86,21 @@ impl Inside {
             }
             Fault::Stall { for_ms } => {
                 let for_ms = for_ms.unwrap_or_default();
-                self.truth.faulty_until_ms = self.truth.faulty_until_ms.max(self.now_ms() + for_ms + FAULTY_MS);
+                self.truth.faulty_until_ms = self.truth.faulty_until_ms.max(self.now_ms() + for_ms + MAX_FAULTY_MS);
             }
             _ => {}
         }
         if !matches!(fault, Fault::EStop { .. } | Fault::Guard { .. } | Fault::Drives { .. }) {
-            // The condition that was to end the epoch may no longer find the controller running.
+            // The controller may have stopped before it could react to a condition that was to end the epoch.
             self.truth.must_end.retain(|must| must.by_ms < since_ms);
         }
-        self.truth.faulty_until_ms = self.truth.faulty_until_ms.max(self.now_ms() + FAULTY_MS);
+        self.truth.faulty_until_ms = self.truth.faulty_until_ms.max(self.now_ms() + MAX_FAULTY_MS);
     }
 
     /// Returns whether a condition of this duration is detected: the programs check for it in each cycle of an
     /// interpreter that may be starved.
     fn is_seen(&self, for_ms: Option<u64>) -> bool {
-        self.cell.controller.robot_state().is_none() || for_ms.is_none_or(|for_ms| for_ms >= SEEN_MS)
+        self.cell.controller.robot_state().is_none() || for_ms.is_none_or(|for_ms| for_ms >= MIN_DETECTED_MS)
     }
 
     /// Notes the reactions that must follow another client's request to the controller.
@@ -117,7 +117,7 @@ impl Inside {
         let epoch = controller.epoch();
         let is_open = self.open_epoch().is_some_and(|open| open.0.cast_signed() == epoch);
         if is_open && !controller.is_stopped() {
-            let ends_ms = if controller.robot_state().is_some() { PROGRAMS_END_MS } else { ENDS_MS };
+            let ends_ms = if controller.robot_state().is_some() { MAX_PROGRAMS_END_MS } else { MAX_MODEL_END_MS };
             self.truth.must_end.push(MustEnd { epoch, since_ms, by_ms: since_ms + ends_ms, why });
         }
     }
@@ -150,7 +150,7 @@ impl Inside {
     fn judge_knowledge(&mut self) {
         let controller = &self.cell.controller;
         let is_open = self.open_epoch().is_some_and(|open| open.0.cast_signed() == controller.epoch());
-        let hears = self.cell.silence_ms().is_some_and(|silence_ms| silence_ms < STATE_DELAY_MS);
+        let hears = self.cell.silence_ms().is_some_and(|silence_ms| silence_ms < MAX_STATE_DELAY_MS);
         if !(is_open && controller.is_stopped() && hears) || self.is_strange() {
             self.truth.unnoticed_since_ms = None;
             return;
@@ -158,7 +158,7 @@ impl Inside {
         let now_ms = self.now_ms();
         let since_ms = *self.truth.unnoticed_since_ms.get_or_insert(now_ms);
         self.counts.judged("an ended epoch is known");
-        if now_ms > since_ms + KNOWN_MS {
+        if now_ms > since_ms + MAX_KNOWLEDGE_DELAY_MS {
             let what = format!("the controller ended the epoch at {since_ms} ms, and the client has it open");
             self.wrong("an ended epoch is known", what);
         }
@@ -168,7 +168,7 @@ impl Inside {
     fn judge_silence(&mut self) {
         if let Some(silence_ms) = self.cell.silence_ms() {
             self.counts.judged("a silent link");
-            if silence_ms > GIVEN_UP_MS {
+            if silence_ms > MAX_CLIENT_SILENCE_MS {
                 self.wrong("a silent link", format!("the client has heard nothing for {silence_ms} ms and stays"));
             }
         }
@@ -178,7 +178,7 @@ impl Inside {
     pub(super) fn judge_places(&mut self) {
         let Some(unreached_ms) = self.cell.unreached_ms() else { return };
         self.counts.judged("the place of a client");
-        if unreached_ms > PLACE_MS && self.now_ms() > self.truth.faulty_until_ms {
+        if unreached_ms > MAX_CONTROLLER_SILENCE_MS && self.now_ms() > self.truth.faulty_until_ms {
             let what = format!("no person has reached the controller for {unreached_ms} ms, and a place is taken");
             self.wrong("the place of a client", what);
         }

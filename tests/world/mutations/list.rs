@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 #[test]
-fn each_change_names_text_that_its_file_holds_once() {
+fn each_mutation_names_text_that_its_file_contains_once() {
     let repository = Path::new(env!("CARGO_MANIFEST_DIR"));
     for (mutation, edit) in all().flat_map(|mutation| mutation.edits().map(move |edit| (mutation, edit))) {
         let Mutation { name, .. } = mutation;

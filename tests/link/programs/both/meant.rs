@@ -4,14 +4,14 @@ use super::EpochTrace;
 use super::script::{Disturbance, Part, STEP_MM};
 use panelprep::devices::mock::{ExecutedMotion, Fault};
 
-/// Allowed difference in the number of motions until a stop: 0.3 s at most, from the watchdogs' different last
-/// messages.
-const LATER: usize = 8;
+/// Allowed difference in the number of motions that were executed before a stop. The watchdogs of the model and of the
+/// programs may have received different last messages, so that the two stops are up to 0.3 s apart.
+const MAX_COUNT_DIFFERENCE: usize = 8;
 /// Number of motions that the client sends ahead.
 const WINDOW: usize = 50;
-/// Deviation at a rounded corner, mm. A corner that was not planned in time is passed exactly, so that a path may
-/// differ by this distance.
-const CORNER_MM: f64 = 0.4 * STEP_MM + 0.01;
+/// Limit of the difference at a rounded corner, mm. A corner that was not planned in time is passed exactly, so that
+/// one path is rounded there and the other is not.
+const MAX_CORNER_DIFFERENCE_MM: f64 = 0.4 * STEP_MM + 0.01;
 
 /// Kinds of permitted differences.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -55,7 +55,7 @@ impl Both<'_> {
         differ(Kind::Order, one.iter().zip(other).any(|(one, other)| one.id != other.id));
         let apart = one.len().abs_diff(other.len());
         let both_finished = model.finished && programs.finished;
-        differ(Kind::Executed, apart > if both_finished { 0 } else { LATER });
+        differ(Kind::Executed, apart > if both_finished { 0 } else { MAX_COUNT_DIFFERENCE });
         differ(
             Kind::Outputs,
             both_finished && model.before == programs.before && model.outputs != programs.outputs,
@@ -63,7 +63,7 @@ impl Both<'_> {
         let off_mm = |(one, other): (&ExecutedMotion, &ExecutedMotion)| {
             one.base_from_flange.origin().distance_mm(other.base_from_flange.origin())
         };
-        differ(Kind::Place, one.iter().zip(other).map(off_mm).fold(0.0, f64::max) > CORNER_MM);
+        differ(Kind::Place, one.iter().zip(other).map(off_mm).fold(0.0, f64::max) > MAX_CORNER_DIFFERENCE_MM);
         found
     }
 

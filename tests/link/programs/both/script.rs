@@ -121,7 +121,7 @@ pub fn wrong(draw: &mut Pcg64, motions: usize) -> (Moment, Disturbance) {
     let moment = match draw.random_range(0..10) {
         0 => Moment::First,
         1 => Moment::Last,
-        // Early enough before the end that each disturbance is noticed before the end.
+        // The moment is early enough that each disturbance is noticed before the end.
         _ => Moment::Behind(draw.random_range(1..motions / 4)),
     };
     (moment, disturbance)
