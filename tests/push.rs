@@ -279,7 +279,9 @@ fn a_server_is_trusted_by_its_certificate_and_knows_the_cell_by_its_token() {
     std::fs::write(folder.join("ca.pem"), own.cert.pem()).expect("written");
     reported("the server responded 401 Unauthorized: no such token");
     *step.lock().expect("whole") = Does::Answers("307 Temporary Redirect\r\nlocation: https://elsewhere/x\r\n|");
-    reported("the server redirects to https://elsewhere/x; write the address that accepts records into [push] to");
+    reported(
+        "the server redirects to https://elsewhere/x; write the address that accepts records as `to` in [push]",
+    );
     *step.lock().expect("whole") = Does::Takes;
     server.wait_for("cycle-2.json");
     assert!(server.taken().authorizations.iter().all(|sent| sent.as_deref() == Some("Bearer a-token")));

@@ -41,20 +41,21 @@ pub(super) struct AbrasionWork {
     touched: BTreeMap<GridId, (usize, u8)>,
     /// The last pass in which a grid was abraded completely.
     done: BTreeMap<GridId, u8>,
-    /// The limit of abrasions of a grid, from the last plan's recipe.
+    /// The maximum number of abrasions of a grid, from the last plan's recipe.
     most_passes: usize,
     /// The area that the disc in use has swept so far, from the store, mm².
     pub worn_mm2: f64,
-    /// The removal by the passes of this cycle so far, if it is known.
+    /// The material that the passes of this cycle have removed so far, if it is known.
     removed: Option<RemovalMap>,
-    /// The taught pixels that the disc touched in this cycle, or may have touched: the dry picture does not show
-    /// their present appearance.
+    /// The taught pixels that the disc touched in this cycle, or may have touched: the dry picture does not show their
+    /// present appearance.
     sanded: Option<Arc<Mask>>,
     /// The passes of earlier cycles of this panel that touched a grid, or may have touched it.
     pub earlier: Vec<EarlierPass>,
     /// Whether the cycle is an air-run.
     pub is_air: bool,
-    /// The gate's grade of the last contact path; `None` while the path is in progress, and before the first one.
+    /// The gate's grade of the last contact path that was executed; `None` while a path is in progress, and before the
+    /// first path.
     pub executed_grade: Option<Grade>,
 }
 
@@ -71,9 +72,9 @@ impl AbrasionWork {
         )
     }
 
-    /// Returns this work on the surface of `other`, if `other` has a surface.
+    /// Returns this work with the surfaces of `other`, if `other` has them.
     pub(super) fn with_surface_of(self, other: AbrasionWork) -> Self {
-        // If the same work was done before, it was done on the surface of the same scan.
+        // The same work in an earlier cycle used the surface of the same scan.
         AbrasionWork { taught: self.taught.or(other.taught), fit: other.fit.or(self.fit), ..self }
     }
 
@@ -106,12 +107,13 @@ impl AbrasionWork {
         Some((first.into_iter().map(reached).collect(), reached_s.collect(), wears_mm2))
     }
 
-    /// Notes that the motion of the plan with this number begins. It may touch the whole planned area, whatever the
-    /// robot reports later.
+    /// Notes that the motion of the plan with this number begins. The motion may touch the whole planned area, whatever
+    /// the robot reports later.
     pub fn note_contact_start(&mut self, cycle: &CycleSetup, number: u64) {
         let Some(plan) = self.plan(number) else { return };
-        // All of the plan and not its executed part: a place that counts as sanded only loses its dry look, one that is
-        // missed is judged by a look that is gone.
+        // The whole plan is added, not only its executed part. If an untouched place counts as sanded, it only loses
+        // its dry reference. If a touched place does not count as sanded, it is judged by a dry reference that is no
+        // longer true.
         let touched = touching::taught_pixels(plan, &cycle.panel, cycle.recipe.path());
         let before = self.sanded.take();
         let is_sanded = |index: usize| before.as_ref().is_some_and(|before| before.inside[index]);
@@ -151,7 +153,7 @@ impl AbrasionWork {
         if let Some(drawing) = today.drawing {
             record.figure(&figure_alone(drawing))?;
         }
-        // From here on every path lies on today's surface: the panel may be bent against the taught one.
+        // From here on, every path lies on today's surface: the panel may have another shape than the taught panel.
         let fit = self.fit.insert(Arc::new(today.fit)).clone();
         let kinematics = Kinematics::new(&cycle.cell.arm);
         let stand = cycle.corner_tour().reach_setup(&kinematics, panel);
@@ -164,7 +166,7 @@ impl AbrasionWork {
             .rms_mm
             .map_or(fit.deviation.p95_mm, |rms_mm| fit.deviation.p95_mm.max(NORMAL_TWO_SIDED_95 * rms_mm));
         record.budget(&Budget { fit_mm: Some(fit_mm), ..Budget::default() })?;
-        // A doubtful localization stays doubtful, however well the arm reaches the grids.
+        // If the localization is doubtful, the result stays doubtful, however well the arm reaches the grids.
         let both = if own == Grade::Accept { found } else { own };
         Ok(Answer::Graded(both))
     }
@@ -181,7 +183,7 @@ impl AbrasionWork {
         }
     }
 
-    /// Returns the taught surface; if the surface is refused, its picture is recorded.
+    /// Returns the taught surface; if the surface is refused, records its picture.
     fn as_taught(
         &mut self,
         cycle: &CycleSetup,
@@ -201,7 +203,8 @@ impl AbrasionWork {
         }
     }
 
-    /// Plans a path over the failed grids that this pass has not yet abraded; in pass 0, an air-run, over all grids.
+    /// Plans a path over the failed grids that this pass has not abraded yet; in pass 0, which is an air-run, over all
+    /// grids.
     pub fn plan_failed_grids(
         &mut self,
         cycle: &CycleSetup,
@@ -209,13 +212,13 @@ impl AbrasionWork {
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
         let failed: Vec<GridId> = match (pass, perception.inspections.last()) {
-            // An air-run has no film, and its path covers the whole region.
+            // An air-run has no film, so its path covers the whole region.
             (0, _) => cycle.panel.region.ids().collect(),
             (_, Some(film)) => film.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect(),
             (_, None) => return Ok(Answer::Failed(Trouble::Unexpected)),
         };
-        // The former plan is gone before the new one is tried, so that a refused plan leaves no path that could be
-        // sent.
+        // The former plan is deleted before a new one is calculated: after a refused plan there is no path that could
+        // be sent.
         self.plan = None;
         self.most_passes = cycle.recipe.process().max_passes_per_grid();
         let max_passes = self.most_passes;
@@ -266,9 +269,10 @@ impl AbrasionWork {
         })
     }
 
-    /// Returns what a pass abrades of these failed grids: the grids, or areas around their breaks. An area may extend
-    /// into a grid that did not fail, and this grid then counts as abraded; so no area extends into a grid that was
-    /// abraded as often as allowed, or that an interrupted path of this pass has abraded already.
+    /// Returns the surface that a pass abrades because of these failed grids: whole grids, or areas around their
+    /// breaks. An area may extend into a grid that did not fail, and this grid then counts as abraded. So no area
+    /// extends into a grid that has reached the limit of abrasions, or that an interrupted path of this pass has
+    /// abraded already.
     fn treated(
         &self,
         cycle: &CycleSetup,
@@ -291,12 +295,12 @@ impl AbrasionWork {
         pass > 0 && self.times(grid) >= most && last != Some(pass)
     }
 
-    /// Returns how often a grid was abraded, in this cycle and in earlier cycles that count.
+    /// Returns the number of abrasions of a grid, in this cycle and in the earlier cycles that count.
     fn times(&self, grid: &GridId) -> usize {
         self.touched.get(grid).map_or(0, |(times, _)| *times) + self.earlier_passes(grid).count()
     }
 
-    /// The passes of earlier cycles that count for this grid.
+    /// Returns the passes of earlier cycles that count for this grid.
     fn earlier_passes(&self, grid: &GridId) -> impl Iterator<Item = &EarlierPass> {
         let grid = grid.to_string();
         self.earlier.iter().filter(move |earlier| earlier.grid.as_ref().is_none_or(|known| *known == grid))
@@ -307,7 +311,9 @@ impl AbrasionWork {
         let words = |grid: &GridId, earlier: &EarlierPass| {
             let EarlierPass { cycle, pass, .. } = earlier;
             if earlier.is_stated {
-                return format!("{grid} abraded in lost cycles, as the start of cycle {cycle} stated, pass {pass}");
+                return format!(
+                    "{grid} abraded in cycles that the restored store lacks, as stated at the start of cycle {cycle}, pass {pass}"
+                );
             }
             let how = if earlier.is_sure { "abraded" } else { "perhaps abraded" };
             format!("{grid} {how} in cycle {cycle}, pass {pass}")
@@ -334,8 +340,9 @@ impl AbrasionWork {
         Box::new(check.or_reject(PASSES_USED, || message))
     }
 
-    /// Plans over these places, or over these failed grids as a whole if this costs less, with the tool turned so that
-    /// the arm reaches them best, and lets every gate judge the plan.
+    /// Plans over these areas if this puts less surface under the disc and takes less time, otherwise over the whole
+    /// failed grids. The tool is rotated to the angle at which the arm reaches the path best. Every gate judges the
+    /// plan.
     fn plan_grids(
         &self,
         cycle: &CycleSetup,
@@ -372,17 +379,17 @@ impl AbrasionWork {
     fn store_plan(&mut self, plan: Plan) -> (u64, u32) {
         let all = waypoints(&plan);
         let text: Vec<String> = all.iter().map(|waypoint| format!("{:?}", waypoint.pose())).collect();
-        // The number follows from the poses: a replay that plans another path also has another number, and differs
-        // visibly.
+        // The number is computed from the poses: if a replay plans another path, the plan's number differs and the
+        // replay reports it.
         let hash = content_hash(text.join("\n").as_bytes());
-        // Sixteen hexadecimal digits always give a number of 64 bits.
+        // Sixteen hexadecimal digits always fit into a number of 64 bits.
         let number = hash.get(..16).and_then(|digits| u64::from_str_radix(digits, 16).ok()).unwrap_or_default();
         self.plan = Some((number, plan));
         (number, u32::try_from(all.len().saturating_sub(1)).unwrap_or(u32::MAX))
     }
 
     /// Evaluates the executed part of the plan's path, from the number of all waypoints, the number of executed
-    /// waypoints, and the robot's reports. Also returns the disc wear, mm².
+    /// waypoints, and the robot's reports. Also returns the wear of the disc, mm².
     pub fn evaluate_executed(
         &mut self,
         cycle: &CycleSetup,
@@ -406,7 +413,7 @@ impl AbrasionWork {
         }
         for grid in abraded.completed.iter().chain(&abraded.incomplete) {
             let (times, last) = self.touched.entry(*grid).or_insert((0, 0));
-            // The rest of an interrupted pass is the same abrasion of the grid, not a second one.
+            // The rest of an interrupted pass is the same abrasion of the grid, and is not counted again.
             *times += usize::from(*last != pass);
             *last = pass;
         }

@@ -1,5 +1,5 @@
-//! Begins the actions of the table, and handles the reports of the robot and the computed results that must arrive
-//! before an action is answered. The actions that move the arm are in `moves`.
+//! Begins the actions of the state table. Handles the reports of the robot and the computed results for which an action
+//! waits before it is answered. The actions that move the arm are in `moves`.
 
 use super::answers::reason;
 use super::computing::{WorkInput, WorkOutcome, WorkResult};
@@ -14,8 +14,8 @@ use panelprep_cell::cycle::{Action, Answer, Event, Frames, Id, Report, Switch, T
 use panelprep_cell::record::Kind;
 use panelprep_kuka::eki::{Command, CommandId, Epoch, QueueError, SetTcp, State, TcpKind};
 
-/// The number of robot states within which a stop that waits in the queue is processed: the loop processes at least
-/// one request for every two robot states.
+/// Maximum number of robot states until the loop has processed a stop that waits in the queue: the loop processes at
+/// least one request for every two robot states.
 const MAX_STATES_BEFORE_STOP: u8 = 3;
 
 impl LoopMemory<'_> {
@@ -32,7 +32,7 @@ impl LoopMemory<'_> {
             | Action::Film
             | Action::SelfTest => self.compute(id, act),
             Action::Assess => {
-                // If it is not known what the tool did, nothing continues on that basis.
+                // If it is not known whether the tool ran, the cycle does not continue.
                 let unknown = Answer::Failed(Trouble::Unexpected);
                 self.answer_action(id, self.abrasion.executed_grade.map_or(unknown, Answer::Graded));
                 Ok(())
@@ -63,7 +63,7 @@ impl LoopMemory<'_> {
 
     /// Starts the computation for an action.
     fn compute(&mut self, id: Id, act: Action) -> Result<(), DaemonError> {
-        // Read anew for each action, since the disc may have been changed during a hold.
+        // The wear is read again for each action, since the disc may have been changed during a hold.
         self.abrasion.worn_mm2 = self.ports.record.disc_worn_mm2()?;
         self.abrasion.is_air = self.state.job.air;
         if matches!(act, Action::Plan { .. }) {
@@ -92,7 +92,7 @@ impl LoopMemory<'_> {
         self.wait(id, act, Condition::Computing);
     }
 
-    /// Accepts a computed result if it is still expected.
+    /// Accepts a computed result if an action still waits for it.
     pub(super) fn accept_result(&mut self, worked: WorkResult) -> Result<(), DaemonError> {
         let WorkResult { id, outcome: found, artifacts, notes, .. } = worked;
         let is_due =
@@ -111,8 +111,8 @@ impl LoopMemory<'_> {
             (WorkOutcome::Answer(answer), artifacts) => {
                 match (act, artifacts) {
                     (_, None) => {}
-                    // Only the film's own results: the copy that the thread worked on is older than what the loop knows
-                    // by now.
+                    // Only the results of the film are taken over: the other data of the computing thread are older
+                    // than those of the loop.
                     (Action::Film, Some((film, _))) => self.perception.add_film(film),
                     (_, Some((perception, abrasion))) => (self.perception, self.abrasion) = (perception, abrasion),
                 }
@@ -133,14 +133,15 @@ impl LoopMemory<'_> {
         Ok(())
     }
 
-    /// Ends the self-test: combines the faults that the thread found with those that the loop itself sees.
+    /// Ends the self-test: combines the faults that the computing thread found with those that the loop itself finds.
     fn end_self_test(&mut self, id: Id, found: Vec<(Trouble, Reason)>) -> Result<(), DaemonError> {
         let robot = self.state.facts.robot;
         let unready = (robot != cycle::Robot::Ready).then(|| (Trouble::Refused, operator_texts::robot(robot)));
         let full = self.ports.record.disk_space_problems().into_iter().map(|reason| (Trouble::Store, reason));
         let wrong: Vec<(Trouble, Reason)> =
-            unready.into_iter().chain(found).chain(full).chain(self.tool_unfit()).collect();
-        // All reasons are recorded, although the first one decides: the operator corrects them in one round.
+            unready.into_iter().chain(found).chain(full).chain(self.tool_problem()).collect();
+        // The first reason determines the answer, but all reasons are recorded, so that the operator can correct all of
+        // them at once.
         let answer = wrong.first().map_or(Answer::Done, |(trouble, _)| Answer::Failed(*trouble));
         if !wrong.is_empty() {
             self.record_problem(Kind::SelfTest, wrong.into_iter().map(|(_, reason)| reason).collect())?;
@@ -166,8 +167,8 @@ impl LoopMemory<'_> {
     ) -> Result<(), DaemonError> {
         match waits {
             Ok(waits) => self.wait(id, act, waits),
-            // A stop is sent to the robot before the state table processes it. In this case the state table then stops
-            // the cycle, and nothing has failed.
+            // A stop is sent to the robot before the state table processes it. The epoch has then ended without a
+            // fault, and the state table stops the cycle.
             Err(QueueError::NoEpoch) => self.wait(id, act, Condition::NoEpoch { states: MAX_STATES_BEFORE_STOP }),
             Err(error) => self.fail_unsent(id, &error)?,
         }
@@ -180,8 +181,8 @@ impl LoopMemory<'_> {
         Ok(())
     }
 
-    /// Records a finding that does not come from a stage: a problem of the cell, described for a person. Such a
-    /// finding does not judge the panel.
+    /// Records a finding that does not come from a stage: a problem of the cell, described for a person. Such a finding
+    /// is no judgement of the panel.
     pub(super) fn record_problem(&mut self, kind: Kind, reasons: Vec<Reason>) -> Result<(), RecordError> {
         let judgement = Judgement::new(vec![], reasons);
         self.record(Finding::new(kind, self.state.job.pass, judgement))
@@ -232,7 +233,7 @@ impl LoopMemory<'_> {
         Ok(Condition::Feedback { last, proof })
     }
 
-    /// Checks in the robot's state whether the result of the pending action is available.
+    /// Checks whether this state of the robot completes the pending action.
     pub(super) fn check_pending(&mut self, state: &State) -> Result<(), DaemonError> {
         let Some(PendingAction { id, act, waits }) = self.pending_action.take() else { return Ok(()) };
         let is_still = !state.moving;

@@ -20,11 +20,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Number of newest cycles for which alarms are shown.
-const MAX_CYCLES: usize = 50;
-/// Shortest interval between checks of the cell, for the requests of all interfaces.
+const MAX_ALARM_CYCLES: usize = 50;
+/// Shortest interval between two checks of the cell, for all interfaces together.
 const MIN_CHECK_INTERVAL: Duration = Duration::from_secs(60);
 
-/// The identification of an alarm by a person.
+/// Identifies an alarm.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AlarmId {
     /// The alarm's cycle; `None` for an alarm between cycles.
@@ -41,12 +41,12 @@ pub struct Alarms {
     people: Arc<AccountService>,
     active: StandingAlarms,
     last_check: Mutex<Option<Instant>>,
-    /// The current problems of the connections to the plant, by the connection's name.
+    /// The present problem of each connection to the plant, by the connection's name.
     connection_problems: Mutex<BTreeMap<&'static str, String>>,
 }
 
 impl Alarms {
-    /// Creates the alarms for the store that `people` uses.
+    /// Creates the alarms of the store to which `people` has access.
     pub fn new(people: Arc<AccountService>) -> Self {
         Alarms {
             people,
@@ -56,8 +56,8 @@ impl Alarms {
         }
     }
 
-    /// All alarms: active ones first, then by priority and time. This runs on the calling thread, which may wait
-    /// for the disk.
+    /// Returns all alarms: active ones first, then by priority and time. This runs on the calling thread, which may
+    /// wait for the disk.
     ///
     /// # Errors
     /// If the store cannot be read.
@@ -65,12 +65,12 @@ impl Alarms {
         self.people.read(|store| self.all_from_store(store))
     }
 
-    /// As [`Alarms::all`], for a caller that already reads this store.
+    /// Returns all alarms as [`Alarms::all`] does, for a caller that has opened this store already.
     ///
     /// # Errors
     /// If the store cannot be read.
     pub fn all_from_store(&self, store: &Store) -> Result<Vec<Alarm>, StoreError> {
-        let newest = store.search(&Query { limit: MAX_CYCLES, ..Query::default() })?;
+        let newest = store.search(&Query { limit: MAX_ALARM_CYCLES, ..Query::default() })?;
         let mut all = self.active.alarms(&store.acknowledgements(None)?);
         for hit in newest.hits {
             all.extend(store.alarms(hit.cycle)?);
@@ -81,8 +81,8 @@ impl Alarms {
         Ok(all)
     }
 
-    /// The active alarms, in the order in which they were raised. An alarm of a cycle ends when the next cycle
-    /// begins, so only the newest cycle can have any.
+    /// Returns the active alarms in the order in which they were raised. An alarm of a cycle ends when the next cycle
+    /// begins, so only the newest cycle can have active alarms.
     ///
     /// # Errors
     /// If the store cannot be read.
@@ -96,7 +96,7 @@ impl Alarms {
         Ok(all)
     }
 
-    /// Checks the cell if it was not checked within the last minute; a camera may need some time.
+    /// Checks the cell if it was not checked within the last minute; the check of a camera may take some time.
     pub fn check_cell(&self, setup: &dyn SetupSource, cameras: Option<&SharedCameras>) {
         {
             let mut looked = self.last_check.lock().unwrap_or_else(PoisonError::into_inner);
@@ -112,8 +112,8 @@ impl Alarms {
         self.active.update_alarms(&found, now_unix_ms());
     }
 
-    /// Records that a connection to the plant has this problem, or no problem any more. The problem becomes an alarm
-    /// if it still exists when the cell is checked. Returns whether it differs from the last recorded one.
+    /// Records that a connection to the plant has this problem, or no longer has one. The problem becomes an alarm if
+    /// it still exists at the next check of the cell. Returns whether it differs from the last recorded one.
     pub fn set_connection_problem(&self, of: &'static str, problem: Option<&str>) -> bool {
         let mut troubles = self.lock_connection_problems();
         match problem {
@@ -154,16 +154,16 @@ impl Alarms {
     }
 }
 
-/// Largest number of cleared alarms in the list: the newest ones stay.
+/// Largest number of cleared alarms in the list; the oldest ones are removed.
 const MAX_CLEARED_ALARMS: usize = 100;
-/// The code of a camera that gives no picture.
+/// The reason code of a camera that delivers no picture.
 const CAMERA: &str = "camera";
 
 /// The alarms between cycles.
 #[derive(Debug, Default)]
 struct StandingAlarms(Mutex<Vec<Alarm>>);
 
-/// The problems found; `None` for the cameras if they were not checked.
+/// The problems found. For the cameras, `None` means that they were not checked.
 #[derive(Debug, Default)]
 struct FoundProblems {
     pub cell: Vec<Reason>,
@@ -208,8 +208,8 @@ impl StandingAlarms {
     }
 }
 
-/// Returns whether an alarm and a reason describe the same problem: the numbers in the text change with time, the
-/// words do not.
+/// Returns whether an alarm and a reason describe the same problem: the numbers in the text change with time, the words
+/// do not.
 fn is_same_problem(alarm: &Alarm, reason: &Reason) -> bool {
     let words = |text: &str| text.chars().filter(|c| !c.is_ascii_digit() && *c != '.').collect::<String>();
     alarm.code == reason.code && words(&alarm.message) == words(&reason.message)
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn an_alarm_lasts_until_what_gave_it_is_gone() {
+    fn an_alarm_lasts_until_its_cause_is_gone() {
         let standing = StandingAlarms::default();
         let scarce = "disk_scarce";
         standing.update_alarms(&found(&[(scarce, "9999.5 MB are free")], Some(&[])), 10);
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_was_not_looked_at_stays_as_it_was() {
+    fn alarms_of_an_unchecked_camera_are_unchanged() {
         let standing = StandingAlarms::default();
         standing.update_alarms(&found(&[], Some(&["the scanner: no answer", "the flange camera: no answer"])), 10);
         standing.update_alarms(&found(&[], None), 20);
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn the_list_does_not_grow_for_ever() {
+    fn the_number_of_cleared_alarms_is_limited() {
         let standing = StandingAlarms::default();
         for at in 0..500 {
             standing.update_alarms(&found(&[("disk_scarce", "little is free")], None), 2 * at);

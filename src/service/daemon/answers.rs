@@ -1,4 +1,4 @@
-//! The result of a phase, in the form for the state table and in the form for the record.
+//! Converts the result of a phase to the answer for the state table and to the finding for the record.
 
 use super::error::DaemonError;
 use super::ports::{CameraFault, Figure, Record};
@@ -8,10 +8,10 @@ use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::cycle::{Answer, Grade, Trouble};
 use panelprep_cell::record::Kind;
 
-/// The answer if the result of a required earlier action is missing.
+/// The answer if the result of an earlier action is required and missing.
 pub(super) const MISSING: Answer = Answer::Failed(Trouble::Unexpected);
 
-/// Returns a drawing for the record. The drawing decides nothing: if it could not be made, the picture without a
+/// Returns a drawing for the record. No decision depends on the drawing: if it could not be made, the picture without a
 /// drawing is used.
 pub(super) fn figure(drawing: ResultDrawing, bare: &ColorPicture) -> Figure {
     let ResultDrawing { name, caption, picture } = drawing;
@@ -24,7 +24,7 @@ pub(super) fn figure(drawing: ResultDrawing, bare: &ColorPicture) -> Figure {
     }
 }
 
-/// A drawing without a picture below it.
+/// Returns a drawing that has no picture below it.
 pub(super) fn figure_alone(drawing: ResultDrawing) -> Figure {
     figure(drawing, &ColorPicture::uniform(1, 1, [245; 3]))
 }
@@ -52,8 +52,8 @@ pub(super) fn camera_fault_answer(
     Ok(Answer::Failed(Trouble::Camera))
 }
 
-/// Records a picture that cannot be evaluated. After the scan, such a picture rejects the panel; before contact and in
-/// a film, a person must check the panel.
+/// Records a picture that cannot be evaluated, and returns the answer. After the scan, such a picture rejects the
+/// panel; before contact and in a film, a person must check the panel.
 pub(super) fn unusable_picture_answer(
     kind: Kind,
     pass: u8,

@@ -1,5 +1,5 @@
-//! Low-priority threads for the web and plant interfaces: they take no processor time from the loop and the robot's
-//! link. If a library panics on data from a network, its thread restarts and the cell continues.
+//! Low-priority threads for the web and plant interfaces: they take no processor time from the loop and from the
+//! robot's link. If a library panics on data from a network, the thread restarts and the cell continues.
 
 use panelprep_base::supervision;
 use std::io;
@@ -10,13 +10,13 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::sync::oneshot;
 use tokio::time::{sleep, timeout};
 
-/// Delay before a restart after a panic.
+/// Delay before the thread restarts after a panic.
 const RESTART_DELAY: Duration = Duration::from_secs(1);
 /// Polling interval.
 const POLL_INTERVAL: Duration = Duration::from_secs(1);
 /// Maximum delay before a retry. After a failure the delay is one second, then two, four, and so on.
 const MAX_RETRY_DELAY: Duration = Duration::from_secs(60);
-/// Maximum time for which the program's end waits for blocking work.
+/// Maximum time for which the end of the program waits for blocking work.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Amount by which the priority of the background threads is lowered.
@@ -31,19 +31,19 @@ pub(super) fn lower_priority() {
     let _ = rustix::process::setpriority_process(None, NICE);
 }
 
-/// The description of a thread with its own runtime.
+/// The settings of a thread with its own runtime.
 pub(super) struct Plan {
     /// The thread's name.
     pub name: &'static str,
-    /// The task of the thread, for the log.
+    /// The name of the thread's task, for the log.
     pub task: &'static str,
-    /// Number of threads that may wait for the disk, the look-up of host names and similar.
+    /// Number of threads for work that blocks, such as access to the disk and the look-up of host names.
     pub blocking_threads: usize,
-    /// Stack size for nested calls; `None` is the system's usual size.
+    /// Stack size, for deeply nested calls; `None` is the system's default size.
     pub stack_bytes: Option<usize>,
 }
 
-/// A running thread. When this is dropped, the thread is requested to end, and the drop waits for its end.
+/// A running thread. Dropping it requests the thread to end, and waits for the end.
 #[derive(Debug)]
 pub(super) struct Background {
     end_sender: Option<oneshot::Sender<()>>,
@@ -51,8 +51,8 @@ pub(super) struct Background {
 }
 
 impl Background {
-    /// Starts the thread. It works until `begin` returns, which happens when the thread is requested to end. A panic
-    /// in the thread is not a fault of the cell: `begin` is called again.
+    /// Starts the thread. It works until `begin` returns, which happens when the thread is requested to end. A panic in
+    /// the thread is not a fault of the cell: `begin` is called again.
     ///
     /// # Errors
     /// If the operating system cannot start a thread.
@@ -64,7 +64,7 @@ impl Background {
         let (end, ended) = oneshot::channel();
         let work = move || {
             run_until_end(&runtime, what, ended, begin);
-            // A pending look-up of a host's name delays nothing.
+            // The end does not wait for a pending look-up of a host name.
             runtime.shutdown_timeout(SHUTDOWN_TIMEOUT);
         };
         let builder = thread::Builder::new().name(name.to_owned());
@@ -78,7 +78,7 @@ impl Background {
     /// Starts a thread that works in rounds; it can end between any two steps of a round.
     ///
     /// # Errors
-    /// As [`Background::start`].
+    /// If the operating system cannot start a thread.
     pub fn spawn_rounds<W: Rounds>(plan: Plan, begin: impl Fn() -> W + Send + 'static) -> io::Result<Self> {
         let what = plan.task;
         Background::start(plan, async move |ended| {
@@ -113,12 +113,12 @@ fn run_until_end(
     }
 }
 
-/// Work in rounds with a server that may be unavailable.
+/// Work that is done in rounds, with a server that may be unavailable.
 pub(super) trait Rounds {
     /// Performs one round; returns whether more work is ready at once.
     async fn run_round(&mut self) -> Result<bool, String>;
 
-    /// Discards all connections after a failure, so that they are made again.
+    /// Discards all connections after a failure, so that the next round opens new ones.
     fn forget(&mut self);
 
     /// Reports the result of a round; returns true if the error changed.
@@ -155,7 +155,7 @@ mod tests {
 
     /// The work panics twice, continues on its third start, and ends when it is requested to end.
     #[test]
-    fn what_panics_starts_again_until_it_is_ended() {
+    fn a_thread_restarts_after_a_panic_until_it_is_ended() {
         let (end, ended) = oneshot::channel();
         let runs = std::thread::spawn(move || {
             let (begun, end) = (Cell::new(0), Cell::new(Some(end)));

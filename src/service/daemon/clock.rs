@@ -1,4 +1,4 @@
-//! The time of day, for the texts of the page.
+//! The wall-clock time, for the texts of the page.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 

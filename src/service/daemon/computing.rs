@@ -1,16 +1,15 @@
-//! The actions that need cameras or computation. Each is one piece of work that receives its inputs and returns its
-//! result.
+//! The actions that need cameras or computation. Each action is one piece of work, with inputs and a result.
 //!
-//! A [`WorkInput`] owns copies of the artifacts that it reads or changes. It notes what is to be recorded instead of
-//! recording it. If work was abandoned in the meantime, it is therefore dropped completely: no part of its [`WorkResult`]
-//! is installed or recorded. Work is done one piece at a time, in the order in which it was submitted, since all work
-//! shares the cameras. The queue is processed on its own thread while the loop continues to answer, or by the loop
-//! itself if time stops during the computation.
+//! A [`WorkInput`] owns copies of the artifacts that it reads or changes. It collects the data for the record instead
+//! of recording them. So if the work was abandoned in the meantime, its [`WorkResult`] is dropped as a whole, and no
+//! part of it is used or recorded. The pieces of work are done one at a time, in the order in which they were
+//! submitted, since all of them share the cameras. The queue is processed on its own thread while the loop continues to
+//! answer, or by the loop itself if time stops during the computation.
 //!
-//! A film is evaluated in steps of one picture, and its state stays here. With the wall clock, one step follows the
-//! other automatically, at the latest `PICTURE_POLL_INTERVAL` after a step without a new picture, regardless of the
-//! robot and the loop. In lock step the loop requests each step, so that virtual time determines which picture is
-//! evaluated.
+//! A film is evaluated in steps of one picture, and its state stays here. With the wall clock, each step starts
+//! automatically after the one before, at the latest `PICTURE_POLL_INTERVAL` after a step without a new picture,
+//! whatever the robot and the loop do. In lock step the loop requests each step, so that virtual time determines which
+//! picture is evaluated.
 
 mod memory;
 mod worker;
@@ -32,30 +31,30 @@ use std::thread;
 use std::time::Duration;
 use worker::Worker;
 
-/// Maximum duration of a piece of work; a longer one hangs. By then the state table has long stopped waiting for its
-/// answer, the robot is at standstill, and work that hangs prevents every later action.
+/// Maximum duration of a piece of work; if it takes longer, it hangs. The state table has then stopped waiting for the
+/// answer long before, and the robot is at standstill. Work that hangs prevents every later action.
 const WORK_TIMEOUT: Duration = Duration::from_secs(180);
 
-/// Amount by which the priority of computing is lowered below that of the loop and the robot's link.
+/// Nice value of the computing thread: its priority is below that of the loop and the robot's link.
 pub(super) const NICE: i32 = 19;
 
 /// Pause after a step of a film in which no new picture was found.
 const PICTURE_POLL_INTERVAL: Duration = Duration::from_millis(2);
 
-/// The queue of work, with the executor that processes it.
+/// The queue of work, and the executor that processes it.
 pub struct Computing<'p> {
-    /// Whether time stops while something is computed. With the wall clock a film continues automatically.
+    /// Whether time stops during a computation. With the wall clock a film continues automatically.
     lock_step: bool,
     /// The number of the piece of work whose result is still awaited.
     awaited_id: Arc<AtomicU64>,
     executor: Executor<'p>,
 }
 
-/// A value of `due` that is not the number of any piece of work: no result is awaited.
+/// The value of `awaited_id` if no result is awaited; no piece of work has this number.
 const NO_RESULT_AWAITED: u64 = u64::MAX;
 
 enum Executor<'p> {
-    /// The loop itself computes when it accepts a result.
+    /// The loop computes the result itself when it accepts it.
     Inline { worker: Box<Worker<'p>>, queue: VecDeque<WorkInput>, remembers: Option<(Memory, SceneKey)> },
     /// A separate thread.
     Thread {
@@ -68,7 +67,7 @@ enum Executor<'p> {
 }
 
 impl<'p> Computing<'p> {
-    /// Computes when the loop accepts a result: the loop waits.
+    /// Creates an executor that computes when the loop accepts a result; the loop waits for it.
     pub fn inline(cameras: Box<dyn CameraPort + Send + 'p>, lock_step: bool) -> Self {
         // The calibrations need no check here: the command that runs one cycle has just read them.
         let worker = Box::new(Worker::new(cameras, Box::new(Vec::new), None));
@@ -80,8 +79,8 @@ impl<'p> Computing<'p> {
         }
     }
 
-    /// Returns the same executor, but results that were computed before are not computed again. For simulations of
-    /// many cycles with one setup.
+    /// Returns the same executor with a memory: results that were computed before are not computed again. For
+    /// simulations of many cycles with one setup.
     pub fn with_memory(mut self, memory: Memory, scene_key: SceneKey) -> Self {
         if let Executor::Inline { remembers, worker, .. } = &mut self.executor {
             worker.enable_film_memory(memory.films());
@@ -92,8 +91,8 @@ impl<'p> Computing<'p> {
 
     /// Starts a thread that computes; call this from the loop's thread. With the wall clock the thread has a lower
     /// priority than the loop and the robot's link, and the loop computes its own part without other threads. The
-    /// thread ends when no more work is submitted. Nothing waits for its end, since a camera may hang. The pictures
-    /// that it evaluates are shown to viewers on `view`.
+    /// thread ends when no more work is submitted. The program does not wait for its end, since a camera may hang. The
+    /// pictures that the thread evaluates are shown to viewers on `view`.
     ///
     /// # Errors
     /// If the operating system cannot start a thread.
@@ -103,7 +102,7 @@ impl<'p> Computing<'p> {
         supervisor: &Supervisor,
         view: LiveView,
     ) -> Result<Self, DaemonError> {
-        // A thread belongs to its pool permanently, so the pool is never dropped.
+        // A thread cannot leave its pool, so the pool is never dropped.
         let alone = (!lock_step).then(|| use_thread_pool(1)).flatten();
         Box::leak(Box::new(alone));
         let (queue, taken) = mpsc::channel();
@@ -126,7 +125,7 @@ impl<'p> Computing<'p> {
 
     /// Starts the computation.
     pub(super) fn submit(&mut self, work: WorkInput) {
-        // Before the work is queued: the thread must find its own number when it begins.
+        // Set before the work is queued: the thread must find the number of this work when it begins.
         self.awaited_id.store(work.id.0, Ordering::Relaxed);
         match &mut self.executor {
             Executor::Inline { queue, .. } => queue.push_back(work),
@@ -149,7 +148,7 @@ impl<'p> Computing<'p> {
         }
     }
 
-    /// Returns the id of the next available result; waits at most this time for one.
+    /// Returns the id of the next available result; waits at most `patience` for one.
     pub(super) fn ready(&mut self, patience: Duration) -> Option<Id> {
         match &mut self.executor {
             Executor::Inline { queue, .. } => queue.front().map(|work| work.id),
@@ -163,8 +162,8 @@ impl<'p> Computing<'p> {
                     *result = match results.recv_timeout(patience) {
                         Ok(worked) => worked,
                         Err(RecvTimeoutError::Timeout) => return None,
-                        // An answer all the same: the table is waiting, and a computation that died is a fault of this
-                        // action, not a silence.
+                        // The loop receives an answer in this case too: the state table waits for it, and a computation
+                        // that died is a fault of this action.
                         Err(RecvTimeoutError::Disconnected) => Some(Box::new(lost_result(id))),
                     };
                     if self.lock_step || result.as_ref().is_none_or(|worked| worked.is_last()) {
@@ -177,7 +176,7 @@ impl<'p> Computing<'p> {
         }
     }
 
-    /// Takes the result that is ready.
+    /// Takes the result that `ready` has reported.
     pub(super) fn ready_result(&mut self) -> Option<WorkResult> {
         match &mut self.executor {
             Executor::Inline { worker, queue, remembers } => {
@@ -203,11 +202,11 @@ impl<'p> Computing<'p> {
     }
 }
 
-/// Gives the calling thread a pool of `count` threads for parallel computations, including itself; 0 means one
+/// Creates a pool of `count` threads for parallel computations of the calling thread, which is one of them; 0 means one
 /// thread for each processor. All threads of the pool have the priority of the calling thread. Rayon's global pool
-/// inherits the priority of its first caller: a loop that waits for it is late for the robot while other programs
-/// use the processors. Returns `None` if the thread already has a pool or the system provides no threads: then the
-/// global pool computes.
+/// inherits the priority of its first caller: a loop that waits for it is late for the robot while other programs use
+/// the processors. Returns `None` if the thread already has a pool or the system provides no threads; the global pool
+/// then computes.
 fn use_thread_pool(count: usize) -> Option<rayon::ThreadPool> {
     let name = |_| "computing".to_owned();
     rayon::ThreadPoolBuilder::new().num_threads(count).use_current_thread().thread_name(name).build().ok()
@@ -239,8 +238,8 @@ impl Thread {
         self.sign.report_done();
     }
 
-    /// Performs one piece of work; with the wall clock, a film to its end. Returns an error if the results are not
-    /// received any more.
+    /// Does one piece of work; with the wall clock, evaluates a film to its end. Returns an error if the results are
+    /// not received any more.
     fn perform_work(&mut self, work: WorkInput) -> Result<(), mpsc::SendError<Option<Box<WorkResult>>>> {
         let (id, act, pass, setup) = (work.id, work.action, work.pass, work.setup.clone());
         let mut next = Some(work);
@@ -249,7 +248,8 @@ impl Thread {
             let worked = self.worker.perform(work);
             self.sign.report_resting();
             if !self.lock_step && !worked.is_last() {
-                // A film that is no longer needed would keep the camera from the next action until its end.
+                // If a film that is no longer needed continued to its end, it would block the camera for the next
+                // action.
                 if self.awaited_id.load(Ordering::Relaxed) != id.0 {
                     return self.tell.send(None);
                 }
@@ -265,7 +265,7 @@ impl Thread {
     }
 }
 
-/// Returns the result for work whose thread has ended by a fault; the fault was reported where it occurred.
+/// Returns the result for work whose thread ended because of a fault, which is already logged.
 fn lost_result(id: Id) -> WorkResult {
     let found = Ok(WorkOutcome::Answer(Answer::Failed(Trouble::Computing)));
     WorkResult { id, outcome: found, artifacts: None, notes: vec![], is_of_film: false }
@@ -282,7 +282,8 @@ mod tests {
         (0..1_000).into_par_iter().map(|_| thread::current().id()).collect()
     }
 
-    /// Returns the calling thread, which requests this number of threads, and the threads that compute for it.
+    /// Returns the calling thread, which creates a pool with this number of threads, and the threads that compute for
+    /// it.
     fn threads_used(count: usize) -> (ThreadId, HashSet<ThreadId>) {
         let asked = move || {
             let own = use_thread_pool(count);
@@ -301,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn threads_of_ones_own_have_ones_priority() {
+    fn pool_threads_have_the_priority_of_their_caller() {
         let niceness = || rustix::process::getpriority_process(None).expect("its own");
         let of_all = thread::spawn(move || {
             rustix::process::setpriority_process(None, NICE).expect("anybody may step back");

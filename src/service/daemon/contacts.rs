@@ -1,8 +1,9 @@
-//! The record of contact. Before a path begins, the record states what the path will touch and wear; before the path
-//! continues, how far it may go. What the path did is recorded when the robot has reported its end.
+//! The record of contact. Before a path begins, the record states the grids that the path will touch and the wear of
+//! the disc. Before the path continues, the record states how far it may continue. The executed part is recorded when
+//! the robot has reported the end of the path.
 //!
-//! Waypoints are permitted some seconds of motion ahead of the robot's reports, well beyond what may be in progress.
-//! So after a crash at any moment the record limits what may have been executed.
+//! The permitted waypoints are some seconds of motion ahead of the robot's reports, which is much more than can be in
+//! progress. So after a crash at any time, the record limits the part of the path that may have been executed.
 
 use super::error::DaemonError;
 use super::ports::{RecordCommand, RobotPort};
@@ -12,8 +13,8 @@ use panelprep_cell::record::ContactPath;
 use panelprep_kuka::eki::CommandId;
 
 impl LoopMemory<'_> {
-    /// Records that a motion may begin. Before contact, the whole path is counted as wear of the disc, so that the
-    /// wear is not lost if a crash interrupts the path.
+    /// Records that a motion may begin. Before contact, the wear of the disc by the whole path is counted, so that it
+    /// is not lost if a crash interrupts the path.
     pub(super) fn open_intent(&mut self, motion: &Motion) -> Result<(), DaemonError> {
         if motion.path != Path::Contact {
             return Ok(self.ports.record.perform_and_forget(RecordCommand::OpenIntent(*motion))?);
@@ -25,7 +26,7 @@ impl LoopMemory<'_> {
             self.cycle_setup().into_iter().for_each(|cycle| abrasion.note_contact_start(cycle, motion.plan));
             self.abrasion = abrasion;
         }
-        // If the plan is not known, nothing is sent.
+        // If the plan is not known, no waypoint is permitted.
         let (grids, reached_s, wears_mm2) = planned.unwrap_or_default();
         self.path_progress = PathProgress::new(reached_s, self.cell.limits.window_s());
         self.path_progress.reserved_mm2 = wears_mm2;
@@ -36,12 +37,12 @@ impl LoopMemory<'_> {
         Ok(self.ports.record.perform_and_forget(RecordCommand::OpenContact { motion, path, permitted })?)
     }
 
-    /// Permits the robot more waypoints, once this permission is recorded.
+    /// Permits the robot more waypoints, after the permission is recorded.
     pub(super) fn permit_more(&mut self, sent: SentPath, done: u32) -> Result<(), DaemonError> {
         let is_contact = sent.path() == Path::Contact;
         let Some(wanted) = self.path_progress.new_permission(done).filter(|_| is_contact) else { return Ok(()) };
-        // Recorded before it is permitted: after a crash the grids behind this point count as untouched, which must be
-        // true.
+        // Recorded before the waypoints are permitted: after a crash, the grids beyond the last permitted waypoint
+        // count as untouched, and this must be true.
         self.ports.record.perform_and_forget(RecordCommand::Permit(wanted))?;
         self.path_progress.permitted = wanted;
         let last =
@@ -53,11 +54,11 @@ impl LoopMemory<'_> {
         Ok(())
     }
 
-    /// Records how a motion ended. If the robot did not report it, everything that was counted beforehand remains
+    /// Records how a motion ended. If the robot did not report the end, everything that was counted beforehand remains
     /// counted.
     pub(super) fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), DaemonError> {
         let underway = std::mem::take(&mut self.path_progress);
-        // After a Clear nothing reports how far the arm went, so that the reserved wear and the permitted grids stay
+        // After a Clear there is no report of how far the arm moved, so the reserved wear and the permitted grids stay
         // counted.
         if motion.path == Path::Contact && outcome != Outcome::Cleared {
             self.record_contact_result(motion, done, underway.reserved_mm2)?;
@@ -66,7 +67,7 @@ impl LoopMemory<'_> {
         Ok(self.ports.record.perform_and_forget(RecordCommand::CloseIntent { motion, outcome, done })?)
     }
 
-    /// Records the result of a contact path, from the poses that the robot reported, and its wear of the disc.
+    /// Records the result of a contact path, and its wear of the disc, from the poses that the robot reported.
     fn record_contact_result(&mut self, motion: &Motion, done: u32, reserved_mm2: f64) -> Result<(), DaemonError> {
         let (mut abrasion, trace) = (std::mem::take(&mut self.abrasion), std::mem::take(&mut self.trace));
         let found = self.cycle_setup().map(|cycle| {
@@ -84,8 +85,8 @@ impl LoopMemory<'_> {
 mod tests {
     use super::*;
 
-    /// Calculated by hand: a waypoint each 0.2 s and a window of 1 s, so 20 waypoints in four windows. More are
-    /// permitted when 10 or fewer are left.
+    /// Calculated by hand: a waypoint every 0.2 s and a window of 1 s give 20 waypoints in four windows. More are
+    /// permitted when fewer than 10 are left.
     #[test]
     fn waypoints_are_permitted_some_windows_ahead() {
         let mut underway = PathProgress::new((0..=100).map(|n| 0.2 * f64::from(n)).collect(), 1.0);
@@ -98,10 +99,10 @@ mod tests {
         assert_eq!(underway.new_permission(99), None);
     }
 
-    /// Even if the motions between waypoints last long, a minimum number of waypoints is permitted; otherwise the arm
-    /// would have to wait for the next permission.
+    /// A minimum number of waypoints is permitted even if the motions between them take long; otherwise the arm would
+    /// have to wait for the next permission.
     #[test]
-    fn some_are_permitted_whatever_they_last() {
+    fn a_minimum_number_of_waypoints_is_permitted() {
         let underway = PathProgress::new((0..=100).map(|n| 5.0 * f64::from(n)).collect(), 1.0);
         assert_eq!(underway.permitted, 16);
         assert_eq!((underway.new_permission(7), underway.new_permission(9)), (None, Some(25)));

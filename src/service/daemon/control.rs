@@ -1,10 +1,10 @@
 //! A single point of control: a selector switch at the cell determines which side may command the cell (ISO 10218-2).
 //!
 //! The input `local_control` of `[io.feedbacks]` is on while the switch is in the position local. Stop, Abort and Hold
-//! are accepted from every side. Clear, Unhold, Accept and the first Start after a start of the program or a Clear need
-//! a person at the cell: they are accepted in the position local, from the page, the socket or a command. Every other
-//! request that begins something is accepted only from the selected side. A cell without that input has no selection,
-//! and every interface may command the cell as its accounts permit.
+//! are accepted from every side. Clear, Unhold, Accept and the first Start after a start of the program or after a
+//! Clear need a person at the cell: they are accepted only with the switch at local, and only from the page, the socket
+//! or a command. Every other request that begins something is accepted only from the selected side. A cell without that
+//! input has no selection: every interface may command the cell within the permissions of its accounts.
 
 use super::wiring::is_input_on;
 use panelprep_base::verdict::Reason;
@@ -59,8 +59,8 @@ impl Control {
         })
     }
 
-    /// Updates the state after an accepted request: after the first start, further starts are free; after a Clear, the
-    /// next start counts as the first one again.
+    /// Updates the state after an accepted request: after the first Start, the selected side may start; after a Clear,
+    /// the next Start counts as the first one again.
     pub fn on_request_accepted(&mut self, request: Request) {
         match request {
             Request::Start { .. } | Request::AirRun { .. } => self.is_started = true,
@@ -70,8 +70,9 @@ impl Control {
     }
 }
 
-/// Whether a request from this interface comes from a person at the cell, as far as the program can know. A person who
-/// uses the page or the socket from elsewhere is limited by the switch, which a person at the cell has set.
+/// Returns whether a request from this interface comes from a person at the cell, as far as the program can determine
+/// it. A person may use the page or the socket from elsewhere; the switch, which a person at the cell sets, then limits
+/// the requests.
 fn is_local_request(front: RequestSource) -> bool {
     match front {
         RequestSource::Socket
@@ -121,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn what_stops_is_taken_from_every_side() {
+    fn stop_requests_are_accepted_from_every_side() {
         let control = Control::new(Some(0));
         for request in [Request::Stop, Request::Abort, Request::Hold] {
             for front in [RequestSource::Socket, RequestSource::OpcUa, RequestSource::Line] {

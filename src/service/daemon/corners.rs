@@ -1,11 +1,12 @@
-//! The corner loop: which taught corners are viewed, what their pictures show together, and whether they are still at
-//! their expected positions just before contact.
+//! The corner loop: which taught corners are viewed, what their pictures together show, and whether the corners are
+//! still at their expected positions just before contact.
 //!
-//! Two corners determine the panel's shift and rotation; more corners improve the result little. The first corners in
-//! the order of teaching whose moves pass the gate are used. View n looks at the n-th of these corners; after the last
-//! one, the views begin again at the first. So both loops continue from view to view until each chosen corner was
-//! seen, and the first loop until each was at its expected position. The second loop must see all corners that
-//! determine the pose after the first loop: only one of them is then not enough.
+//! Two corners determine the panel's shift and rotation; more corners improve the result little. The loop uses the
+//! first corners, in the order of teaching, whose moves pass the gate. View n shows the n-th of these corners; after
+//! the last corner, the views begin again at the first one. The loop that corrects the pose and the loop that verifies
+//! it continue until each chosen corner was seen; the first of them also until each corner was at its expected
+//! position. The loop that verifies must see all corners by which the pose was corrected: one corner is then not
+//! enough.
 
 use super::setup::CycleSetup;
 use crate::stages::corners::{Sighting, max_views};
@@ -18,7 +19,7 @@ pub(super) struct CornerLoop {
     selected: Vec<usize>,
     /// The corner to which the camera is sent.
     aimed: usize,
-    /// Whether the move to every other corner is refused by the gate.
+    /// Whether the gate refuses the moves to all other corners.
     is_exhausted: bool,
     /// The last picture of each corner.
     pub(super) sightings: Vec<Sighting>,
@@ -34,7 +35,7 @@ impl CornerLoop {
         self.aimed
     }
 
-    /// The corners that may be chosen at a view, in order; empty if the view's corner was chosen before.
+    /// Returns the corners that may be chosen for a view, in order; empty if the view's corner was chosen before.
     pub fn candidates(&self, view: u8, cycle: &CycleSetup) -> Vec<usize> {
         let view = usize::from(view);
         if view > 0 && (view >= self.required_count(cycle) || view > self.selected.len()) {
@@ -56,7 +57,7 @@ impl CornerLoop {
         self.left_out.push((corner, why.to_owned()));
     }
 
-    /// Returns the corners by which the panel's pose was corrected, in the order of the views; none before the
+    /// Returns the corners by which the panel's pose was corrected, in the order of the views; empty before the
     /// correction.
     pub fn correction_corners(&self) -> &[usize] {
         &self.held
@@ -74,14 +75,13 @@ impl CornerLoop {
         (self.aimed, self.is_exhausted) = (corner, false);
     }
 
-    /// Ends a choice without a result: no candidate's move passes the gate, so that only the corners chosen before
-    /// remain.
+    /// Ends a choice without a result: no candidate's move passes the gate, and only the corners chosen before remain.
     pub fn end_selection(&mut self, view: u8) {
         self.selected.truncate(usize::from(view).max(1));
         self.is_exhausted = true;
     }
 
-    /// Sets the aim to the corner of a view; after the last chosen corner, the views begin again at the first one.
+    /// Aims at the corner of a view; after the last chosen corner, the views begin again at the first one.
     pub fn advance_to_view(&mut self, view: u8) {
         if let Some(&corner) = self.selected.get(usize::from(view) % self.selected.len().max(1)) {
             self.aimed = corner;
@@ -98,7 +98,7 @@ impl CornerLoop {
         if self.is_exhausted { self.selected.len().min(all) } else { all }
     }
 
-    /// Makes the chosen corners that were seen the corners that determine the panel's pose.
+    /// Marks the chosen corners that were seen as the corners by which the panel's pose is corrected.
     pub fn hold(&mut self) {
         self.held = self.selected.clone();
         self.held.retain(|corner| self.sightings.iter().any(|seen| seen.corner == *corner));
@@ -108,7 +108,7 @@ impl CornerLoop {
         self.sightings.len() < self.required_count(cycle)
     }
 
-    /// Returns a reason if no move leads any more to a corner by which the pose was corrected: that corner cannot
+    /// Returns a reason if no permitted move leads to a corner by which the pose was corrected: that corner cannot
     /// confirm the pose.
     pub fn missing_corner_reason(&self) -> Option<Reason> {
         let is_seen = |corner: &&usize| self.sightings.iter().any(|seen| seen.corner == **corner);
@@ -140,10 +140,10 @@ mod tests {
     use panelprep_base::geometry::{Pixel, Point, Rigid, Vector};
     use panelprep_cell::panel::{CornerTeaching, TaughtCorner, panel_from_base_at_teaching};
 
-    /// Corners 2 and 1 determine the pose of the panel. Before contact, no motion leads to the first corner: the second
-    /// corner alone is not enough.
+    /// Corners 2 and 1 determine the pose of the panel. Before contact, no permitted motion leads to the first corner,
+    /// and the second corner alone is not enough.
     #[test]
-    fn what_held_the_place_must_be_seen_again() {
+    fn corners_of_the_correction_must_be_seen_again() {
         let place = panel_from_base_at_teaching().inverse();
         let (reference_px, panel_from_camera) =
             (Pixel::at(0.0, 0.0), Rigid::from_isometry_unchecked(*place.isometry()));

@@ -1,9 +1,8 @@
 //! A robot port that works with true poses: reports and commands are corrected by the arm's measured errors.
 //!
 //! The controller computes with the nominal geometry of its arm. With the correction that the cell's file names, every
-//! pose on this side of the link is the arm's true pose. The link and a recording carry the controller's own numbers.
-//! For an arm without a correction all numbers pass unchanged, to the last bit. Axis angles are the same on both
-//! sides.
+//! pose on this side of the link is the arm's true pose. The link and a recording contain the controller's own numbers.
+//! For an arm without a correction all numbers pass unchanged, bit for bit. Axis angles are the same on both sides.
 
 use super::ports::{Port, RobotAnswer, RobotCommand, RobotPort};
 use panelprep_base::geometry::{Base, Flange, Joints, KukaPose, Panel, Rigid, Tool};
@@ -18,7 +17,7 @@ pub(super) struct CalibratedRobot<'r> {
     arm: Option<Kinematics>,
     base: Rigid<Base, Panel>,
     flange_from_tool: Rigid<Flange, Tool>,
-    /// The axis positions now, and after the command that was sent last.
+    /// The present axis positions, and those after the command that was sent last.
     joints: Option<Joints>,
     ahead: Option<(CommandId, Joints)>,
     reported_tcp: Option<KukaPose>,
@@ -49,18 +48,18 @@ impl<'r> CalibratedRobot<'r> {
         self.joints = Some(joints);
     }
 
-    /// Returns the corrected points for the controller, and the axes at the last of them.
+    /// Returns the corrected points for the controller, and the axis positions at the last of them.
     fn correct_path(&self, points: Vec<MoveLin>) -> Result<(Vec<MoveLin>, Option<Joints>), QueueError> {
         let Some(arm) = &self.arm else { return Ok((points, None)) };
-        // From the end of what was sent and not from the reported axes: several paths may wait, and the correction
-        // depends on the arm's attitude.
+        // The correction depends on the arm's posture, and several paths may wait. So it begins with the axis positions
+        // after the last sent command and not with the reported ones.
         let stands = self.ahead.map(|(_, joints)| joints).or(self.joints);
         let mut at = stands.ok_or(QueueError::Uncorrected { point: 1 })?;
         let mut sent = Vec::with_capacity(points.len());
         for (index, point) in points.into_iter().enumerate() {
             let wanted = self.base * point.pose.to_rigid::<Panel, Tool>() * self.flange_from_tool.inverse();
-            // One point that the arm cannot correct refuses the path: without correction it would be the only wrong
-            // place on the panel.
+            // If one point cannot be corrected, the whole path is refused: this point would be the only wrong place on
+            // the panel.
             let (flange, joints) =
                 arm.sent_flange(&wanted, &at).ok_or(QueueError::Uncorrected { point: index + 1 })?;
             at = joints;
@@ -70,7 +69,7 @@ impl<'r> CalibratedRobot<'r> {
         Ok((sent, Some(at)))
     }
 
-    /// Sends a path, or one linear motion, with corrected numbers for the controller.
+    /// Sends a path, or one linear motion, with corrected poses for the controller.
     fn path(&mut self, points: Vec<MoveLin>, send: impl FnOnce(Vec<MoveLin>) -> RobotCommand) -> RobotAnswer {
         let (points, end) = match self.correct_path(points) {
             Ok(sent) => sent,
@@ -149,7 +148,7 @@ mod tests {
     use panelprep_kuka::eki::{MoveJ, SetTcp, TcpKind};
     use std::collections::VecDeque;
 
-    /// The data that are sent over the link in both directions.
+    /// The data that are sent over the link, in both directions.
     #[derive(Default)]
     struct Wire {
         sent: Vec<Command>,
@@ -170,7 +169,7 @@ mod tests {
 
     const HOME: [f64; 6] = [0.0, -90.0, 90.0, 0.0, -30.0, 0.0];
 
-    /// An arm whose axis 1 is 0.001 rad beyond its reported position.
+    /// Returns an arm whose axis 1 is 0.001 rad beyond its reported position.
     fn turned() -> cell::Arm {
         let mut errors = [0.0; 32];
         errors[2] = 0.001;
@@ -194,11 +193,11 @@ mod tests {
         wire.sent.iter().filter_map(line).collect()
     }
 
-    /// Calculated by hand: the arm is turned 0.001 rad too far about the Z axis of the base. So at x = 480 mm the
-    /// commanded point is 0.48 mm less along y, and turned back by 0.0573 degrees. A report from there is converted
-    /// back to the requested pose.
+    /// Calculated by hand: the arm is rotated 0.001 rad too far about the Z axis of the base. So at x = 480 mm, the
+    /// commanded point has a y that is 0.48 mm smaller, and is rotated back by 0.0573 degrees. A report from there is
+    /// converted back to the requested pose.
     #[test]
-    fn a_line_is_sent_so_that_the_real_arm_comes_where_it_should() {
+    fn a_line_is_sent_with_the_correction_of_the_arm() {
         let mut wire = Wire::default();
         let standing = eki_state(HOME, KukaPose::default());
         wire.reports.push_back(Report::State(Box::new(standing)));
@@ -242,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn an_arm_as_it_is_drawn_is_sent_and_believed_to_the_bit() {
+    fn without_a_correction_all_poses_pass_unchanged() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}"));
         let mut wire = Wire::default();
         let told = eki_state(HOME, KukaPose { x_mm: 1.0 / 3.0, ..pose(7.0) });

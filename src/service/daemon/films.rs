@@ -1,9 +1,9 @@
 //! The evaluation of a film, and a memory of films for simulations of many cycles: equal pictures at equal times give
 //! equal results.
 //!
-//! A film is evaluated picture by picture. If films are remembered, its pictures are only stored as they arrive, and
-//! the film is evaluated, or its result recalled, after the last one. The conditions for accepting a picture are
-//! checked as the picture arrives; if they fail, the film is evaluated from there on. With the thesis's method, a
+//! A film is evaluated picture by picture. If films are remembered, the pictures are only stored as they arrive. After
+//! the last one, the film is evaluated, or its result is read from the memory. The conditions for accepting a picture
+//! are checked as the picture arrives; if they fail, the film is evaluated from there on. With the thesis's method, a
 //! different fault may be reported at the end instead.
 
 use super::answers::figure;
@@ -20,8 +20,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Maximum number of remembered films: each contains a time for every pixel. Any further film is evaluated each
-/// time.
+/// Maximum number of remembered films: each contains a time for every pixel. Any further film is always evaluated.
 const MAX_FILMS: usize = 1_000;
 /// Maximum number of pictures of a remembered film; a longer film is evaluated as its pictures arrive.
 const MAX_PICTURES: usize = 1_000;
@@ -47,7 +46,7 @@ pub(super) struct FilmMemory {
 
 #[derive(Debug, Default)]
 struct MemoryEntries {
-    /// The inputs with which a film was begun without an error.
+    /// The panel data with which a film was begun without an error.
     places: BTreeSet<String>,
     films: BTreeMap<String, JudgedFilm>,
 }
@@ -55,7 +54,7 @@ struct MemoryEntries {
 /// A picture, its time, s, and its phase.
 type Shot = (Arc<ColorPicture>, f64, Phase);
 
-/// The panel in a film.
+/// The data of the panel that a film shows.
 #[derive(Debug, Clone)]
 pub(super) struct FilmedPanel {
     /// The panel's pose.
@@ -77,7 +76,7 @@ impl FilmWatch {
     /// Begins a film of the panel at this pose, with its dry picture.
     ///
     /// # Errors
-    /// If the region is not in the picture, or the picture is not from the camera.
+    /// If the region is not in the picture, or the picture does not have the camera's size.
     pub fn begin_film(
         cycle: &CycleSetup,
         panel: &FilmedPanel,
@@ -97,7 +96,7 @@ impl FilmWatch {
         Ok(FilmWatch::AtOnce(Box::new(filming)))
     }
 
-    /// Notes the time at which the camera begins to film.
+    /// Records the time at which the camera begins to film.
     pub fn set_start(&mut self, time_s: f64) {
         match self {
             FilmWatch::AtOnce(filming) => filming.set_start(time_s),
@@ -108,7 +107,7 @@ impl FilmWatch {
     /// Adds the next wet picture.
     ///
     /// # Errors
-    /// If its size is not the camera's, or it comes out of order.
+    /// If its size is not the camera's, or its time is before that of the last picture.
     pub fn push(
         &mut self,
         (cycle, panel): (&CycleSetup, &FilmedPanel),
@@ -131,7 +130,7 @@ impl FilmWatch {
         }
     }
 
-    /// The newest picture, the pixels that broke so far and the grids that failed so far.
+    /// Returns the newest picture, the pixels that broke so far and the grids that failed so far.
     pub fn current_breaks(&self) -> Option<(Arc<ColorPicture>, Mask, Vec<GridId>)> {
         match self {
             FilmWatch::AtOnce(filming) => filming.current_breaks(),
@@ -185,14 +184,14 @@ impl FilmMemory {
 }
 
 impl FilmedPanel {
-    /// The panel's data on which a film depends, as text.
+    /// Returns the panel's data on which a film's result depends, as text.
     fn inputs(&self) -> String {
         format!("{:?} {:x}", self.place, mask_hash(self.sanded.as_deref()))
     }
 }
 
-/// Returns the other data on which a film's result depends, besides the panel: its pictures, and their times after the
-/// first wet one.
+/// Returns the other data on which a film's result depends, as text: its pictures, and their times after the first wet
+/// one.
 fn inputs(shots: &[Shot], begins_s: Option<f64>) -> String {
     let first_s = shots.iter().find(|(.., phase)| *phase == Phase::Wet).map_or(0.0, |(_, time_s, _)| *time_s);
     let one = |(picture, time_s, phase): &Shot| {
@@ -203,7 +202,7 @@ fn inputs(shots: &[Shot], begins_s: Option<f64>) -> String {
     format!("{late_s:?}{}", shots.iter().map(one).collect::<String>())
 }
 
-/// Returns a number that differs for different masks of the taught pixels and for no mask.
+/// Returns a hash of a mask of the taught pixels, or of no mask.
 pub(super) fn mask_hash(mask: Option<&Mask>) -> u64 {
     let mut hasher = DefaultHasher::new();
     mask.map(|mask| &mask.inside).hash(&mut hasher);

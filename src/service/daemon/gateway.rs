@@ -1,7 +1,8 @@
-//! The service as its interfaces see it: an interface passes on a request and its origin, and waits for one reply.
+//! The entry point of the service for its interfaces: an interface passes on a request and its origin, and waits for
+//! one reply.
 //!
-//! The origin is the operating system's user at the other end of a connection, by number and name.
-//! [`InterfaceContext`] is what all interfaces share: page, plant and office see the same cell.
+//! The origin is the operating system's user at the other end of a connection, by number and name. [`InterfaceContext`]
+//! has the parts that all interfaces share: page, plant and office show the same cell.
 
 use super::alarms::Alarms;
 use super::camera_lease::SharedCameras;
@@ -20,10 +21,10 @@ use std::time::Duration;
 use tokio::sync::oneshot;
 use tokio::time::timeout;
 
-/// Time limit for the loop's reply; a longer time means that the loop is faulty.
+/// Time limit for the loop's reply; if it takes longer, the loop is faulty.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(5);
-/// Time limit for the name of the user who requests something. A stop goes to the robot when it enters the queue, so
-/// it waits for its name only as long as an intact disk needs.
+/// Time limit for reading the name of the user who makes a request. A stop is sent to the robot when it enters the
+/// queue, so it waits for the name only as long as an intact disk takes.
 const NAME_TIMEOUT: Duration = Duration::from_secs(1);
 const NAME_TIMEOUT_OF_STOP: Duration = Duration::from_millis(20);
 
@@ -37,25 +38,25 @@ pub struct Gateway {
     loader: Arc<Loader>,
     /// The service's cameras, after they are opened.
     pub(super) cameras: Option<SharedCameras>,
-    /// Gives the names of users.
+    /// Looks up the names of users.
     names: Arc<NameLookup>,
 }
 
 impl Gateway {
-    /// Creates a gateway. Requests go to this queue, this loader prepares starts, and these cameras are lent while
-    /// the cell rests.
+    /// Creates a gateway: requests go to `queue`, `loader` prepares starts, and `cameras` are lent while the cell
+    /// rests.
     pub fn new(queue: RequestSender, loader: Arc<Loader>, cameras: Option<SharedCameras>) -> Self {
         Gateway { queue, loader, cameras, names: Arc::new(user_name) }
     }
 
-    /// Passes on a request and returns the reply. It runs on a runtime of tokio that has a blocking thread for the
+    /// Passes on a request and returns the reply. It must run on a tokio runtime that has a blocking thread for the
     /// loader.
     pub async fn request(&self, what: RequestKind, who: RequestAuthor) -> Reply {
         let (what, who) = match what {
             // The user's name is not looked up here: the state is requested many times a second, and the name is read
             // from a file.
             RequestKind::State => (RequestKind::State, who),
-            // The files are read here and not in the loop, which must answer the robot while the disk is slow.
+            // The files are read here and not in the loop, which must answer the robot even if the disk is slow.
             RequestKind::Start(start) => {
                 let (recipe, who) = (start.recipe.clone(), self.named(who).await);
                 match self.prepare(start).await {
@@ -90,7 +91,7 @@ impl Gateway {
         match timeout(REPLY_TIMEOUT, answer).await {
             Ok(Ok(reply)) => reply,
             Ok(Err(_)) => failed("ended", "the service ended before it could answer"),
-            // Not "refused": the request is in the queue and may still happen.
+            // The reply is not "refused": the request is in the queue and may still be executed.
             Err(_) => failed(
                 "silent",
                 "the control loop of the service does not respond; check the state and the log of the service",
@@ -103,7 +104,7 @@ impl Gateway {
         named_within(who, self.names.clone(), NAME_TIMEOUT).await
     }
 
-    /// Passes on a request that was refused here or in an interface, for the record.
+    /// Passes a request to the loop for the record, if it was refused here or in an interface.
     pub(super) fn keep_refused(&self, wanted: RequestedAction, who: RequestAuthor, reasons: Vec<Reason>) {
         #[expect(
             clippy::let_underscore_must_use,
@@ -125,16 +126,16 @@ impl Gateway {
     }
 }
 
-/// Looks up the name for a user's number. It may wait for the disk.
+/// Returns the name for a user's number; may wait for the disk.
 type NameLookup = dyn Fn(u32) -> Option<String> + Send + Sync;
 
-/// The user at the other end of this connection to the service's socket, still without a name.
+/// Returns the user at the other end of this connection to the service's socket, still without a name.
 pub(super) fn socket_peer(connection: impl AsFd) -> RequestAuthor {
     let uid = rustix::net::sockopt::socket_peercred(connection).ok().map(|peer| peer.uid.as_raw());
     RequestAuthor { front: RequestSource::Socket, uid, user: None, from: None }
 }
 
-/// The user who runs this program, with a command that runs one cycle or clears an abort.
+/// Returns the user who runs this program, for a command that runs one cycle or clears an abort.
 pub fn current_user() -> RequestAuthor {
     with_name(RequestAuthor {
         front: RequestSource::Command,
@@ -152,8 +153,8 @@ fn with_name(who: RequestAuthor) -> RequestAuthor {
     }
 }
 
-/// Returns the same user with the name that the lookup gives. It runs on a separate thread: a disk that hangs must not
-/// delay the request of any user. After the time limit, the user has no name and is known by the number alone.
+/// Returns the same user with the name from the look-up, which runs on a separate thread: a disk that hangs must not
+/// delay the request of any user. After the time limit, the user is known by the number alone.
 async fn named_within(who: RequestAuthor, lookup: Arc<NameLookup>, limit: Duration) -> RequestAuthor {
     let Some(uid) = who.uid else { return who };
     let found = timeout(limit, tokio::task::spawn_blocking(move || lookup(uid))).await;
@@ -170,7 +171,7 @@ pub(super) fn format_for_log(who: &RequestAuthor) -> String {
     }
 }
 
-/// The name for a number in the list of users. A directory service is not queried, since it may hang.
+/// Returns the name for a number in the list of users. A directory service is not queried, since it may hang.
 fn user_name(uid: u32) -> Option<String> {
     let list = disk::read(Path::new("/etc/passwd")).ok()?;
     find_user_name(&String::from_utf8_lossy(&list), uid)
@@ -191,7 +192,7 @@ fn find_user_name(list: &str, uid: u32) -> Option<String> {
 pub struct InterfaceContext {
     /// The destination of requests.
     pub gateway: Gateway,
-    /// The persons who may log in, and the interfaces' access to the store.
+    /// The accounts of people who may log in, and the interfaces' access to the store.
     pub people: Arc<AccountService>,
     /// The alarms of the cell.
     pub alarms: Arc<Alarms>,
@@ -200,7 +201,8 @@ pub struct InterfaceContext {
 }
 
 impl InterfaceContext {
-    /// Checks for alarms between cycles if no one has done so within the last minute; a camera may need some time.
+    /// Checks for alarms between cycles if they were not checked within the last minute; the check of a camera may take
+    /// some time.
     pub(super) fn check_alarms(&self) {
         self.alarms.check_cell(&*self.setup, self.gateway.cameras.as_ref());
     }
@@ -213,7 +215,7 @@ mod tests {
     use panelprep_cell::cycle;
     use panelprep_cell::record::RequestSource;
 
-    /// The list of users lies on a disk that hangs: a stop is in the queue, and so at the robot, within 100 ms, with
+    /// If the list of users is on a disk that hangs, a stop is in the queue, and so at the robot, within 100 ms, with
     /// the user's number instead of a name. If the disk answers, the stop has the name.
     #[test]
     fn a_stop_does_not_wait_for_the_disk_with_the_names() {
@@ -233,13 +235,13 @@ mod tests {
         let (disk, hangs) = std::sync::mpsc::channel::<()>();
         let hangs = std::sync::Mutex::new(hangs);
         assert_eq!(named(Arc::new(move |_| hangs.lock().ok()?.recv().ok().map(|()| String::new()))), None);
-        // The waiting thread ends with its channel, and the runtime can end.
+        // The waiting thread ends when its channel is dropped, and the runtime can end.
         drop(disk);
     }
 
-    /// A request that an interface refuses by the user's role is recorded, too, with its author and reason.
+    /// A request that an interface refuses because of the user's role is recorded, too, with its author and reason.
     #[test]
-    fn what_a_front_refuses_goes_to_the_record() {
+    fn a_refusal_by_an_interface_is_recorded() {
         let (sender, queue) = request_queue();
         let loader: Arc<Loader> = Arc::new(|_| Err(vec![]));
         let gateway = Gateway::new(sender, loader, None);

@@ -1,7 +1,7 @@
-//! The handshake with a line by digital signals of the robot's controller. A thread reads the inputs and the cell ten
-//! times a second, sets outputs, and makes the requests that `panelprep_cell::line` decides, through the gateway like
-//! every interface. Nothing in the loop waits for it. If it does not run, the controller's program reports a fault to
-//! the line once its link is gone.
+//! The handshake with a production line by digital signals of the robot's controller. Ten times a second a thread reads
+//! the inputs and the state of the cell, sets the outputs, and makes the requests that `panelprep_cell::line` decides,
+//! through the gateway like every interface. The loop never waits for this thread. If the thread does not run, the
+//! controller's program reports a fault to the line when the link is lost.
 
 use super::background::lower_priority;
 use super::gateway::Gateway;
@@ -27,9 +27,9 @@ use tokio::time::{MissedTickBehavior, interval};
 
 /// Interval at which the controller reports its inputs.
 const UPDATE_INTERVAL: Duration = Duration::from_millis(100);
-/// Threads that read the recipe and wait for the store's disk.
+/// Number of threads that read the recipe and wait for the store's disk.
 const BLOCKING_THREADS: usize = 2;
-/// How long the end of the program waits for these threads.
+/// Maximum time for which the end of the program waits for these threads.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// The parts that the handshake needs.
@@ -49,14 +49,14 @@ pub struct LineParts {
 }
 
 impl LineParts {
-    /// Returns the bits of the line's inputs, if the cell names both.
+    /// Returns the bits of the line's inputs, if the cell names both inputs.
     pub fn bits(io: &InputsOutputs) -> Option<[u32; 2]> {
         let [part_present, start_request] = LINE_INPUTS.map(|name| io.input_bit(name));
         Some([part_present?, start_request?])
     }
 }
 
-/// The handshake with the line; it is served until this is dropped.
+/// The handshake with the line; it runs until this is dropped.
 #[derive(Debug)]
 pub struct LineFront {
     end: Option<oneshot::Sender<()>>,
@@ -64,7 +64,7 @@ pub struct LineFront {
 }
 
 impl LineFront {
-    /// Begins to read the line.
+    /// Starts the handshake.
     ///
     /// # Errors
     /// If the system provides no thread.
@@ -98,7 +98,7 @@ async fn run_handshake(parts: LineParts) {
     let mut tick = interval(UPDATE_INTERVAL);
     tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut last_reported = None;
-    // A signal cannot name a recipe, so the recipe with which the service was started is used.
+    // A signal cannot name a recipe, so the recipe of the service's start is used.
     let recipe = parts.recipe().await;
     loop {
         tick.tick().await;
@@ -171,8 +171,8 @@ impl LineParts {
         let _ = tokio::task::spawn_blocking(move || people.audit(&entry)).await;
     }
 
-    /// Starts a cycle with the recipe and the part that the cell's file names. A recipe that was changed since the
-    /// service started is refused.
+    /// Returns the start of a cycle with the recipe and the part that the cell's file names. A recipe that was changed
+    /// since the service started is refused.
     async fn start(&self, recipe: &Result<RecipeText, String>) -> Result<RequestKind, String> {
         let Line { serial, order, operator, .. } = self.line.clone();
         let wanted = recipe.as_ref().map_err(|problem| add_restart_advice(problem))?;
@@ -192,7 +192,7 @@ impl LineParts {
         }))
     }
 
-    /// Reads the recipe that the cell's file names, as the recipe's file is now.
+    /// Reads the present text of the recipe that the cell's file names.
     async fn recipe(&self) -> Result<RecipeText, String> {
         let file = self.line.recipe.clone();
         let name = file.display().to_string();
@@ -204,15 +204,15 @@ impl LineParts {
     }
 }
 
-/// Adds to a problem that the service must be restarted to use the recipe as it is now.
+/// Adds to a problem that the service must be restarted to use the present recipe.
 fn add_restart_advice(problem: &str) -> String {
     format!("{problem}; restart the service if the line is to use the current recipe")
 }
 
 #[cfg(test)]
 mod tests {
-    //! The handshake over the robot's link, with a controller that executes its own programs: the line's inputs and
-    //! outputs are the controller's.
+    //! Tests the handshake over the robot's link, with a controller that executes its own programs: the line's inputs
+    //! and outputs are those of the controller.
 
     use super::{LineFront, LineParts};
     use crate::daemon::gateway::Gateway;
@@ -233,7 +233,7 @@ mod tests {
     use std::thread::JoinHandle;
     use std::time::{Duration, Instant};
 
-    /// Long enough for a busy machine.
+    /// Time limit that is long enough on a busy machine.
     const TIMEOUT: Duration = Duration::from_secs(60);
     /// Numbers of the inputs part present and start request, and of the six outputs.
     const INPUTS: [u16; 2] = [30, 31];
@@ -316,7 +316,7 @@ mod tests {
             *self.state.lock().expect("whole") = (state, verdict);
         }
 
-        /// Waits until the line reads exactly these outputs.
+        /// Waits until the line's signals are exactly these outputs.
         fn line_reads(&self, signals: &[LineSignal]) {
             let (wanted, since) = (LineSignals::from_signals(signals), Instant::now());
             loop {
@@ -333,7 +333,7 @@ mod tests {
         }
     }
 
-    /// The loop's part of the link: it reads reports and stores the last state.
+    /// Reads reports and stores the last state, as the loop does.
     fn receive_reports(mut link: BlockingLink, last: &LastState, is_over: &AtomicBool) {
         while !is_over.load(Ordering::Relaxed) {
             match link.next(Duration::from_millis(20)) {
@@ -344,7 +344,7 @@ mod tests {
         }
     }
 
-    /// The loop's part of requests: it reports its state, and a reset leads to idle.
+    /// Answers requests as the loop does: reports the state, and a reset leads to idle.
     fn answer(
         (queue, is_over): (&RequestQueue, &AtomicBool),
         state: &Mutex<(&'static str, Option<Verdict>)>,
@@ -365,11 +365,11 @@ mod tests {
         }
     }
 
-    /// Tests three sequences: a start by a signal edge with the recipe and order of the cell's file, which is refused and
-    /// reported; a completed cycle, whose part is then removed, and a reset; and a fault once no thread maintains the
-    /// link.
+    /// Tests three sequences: a start by a signal edge with the recipe and work order of the cell's file, which is
+    /// refused and reported; a completed cycle, whose part is then removed, and a reset; and a fault when no thread
+    /// serves the link.
     #[test]
-    fn a_line_leads_the_cell_by_signals() {
+    fn a_production_line_controls_the_cell_by_signals() {
         use LineSignal::{CycleDone, Fail, Fault, Pass, Ready};
         let mut bench = Bench::new();
         bench.line_sets(true, true);
@@ -400,7 +400,7 @@ mod tests {
         bench.resets.recv_timeout(TIMEOUT).expect("the part is gone");
         bench.line_reads(&[Ready]);
 
-        // The program ends: the controller's own program informs the line.
+        // The program ends: the controller's own program reports it to the line.
         drop(bench.front.take());
         bench.is_over.store(true, Ordering::Relaxed);
         bench.link.take().expect("it runs").join().expect("it ends");

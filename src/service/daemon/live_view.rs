@@ -1,7 +1,7 @@
-//! The present view of the cameras, and the newest cycle in three dimensions (the points that the scan measured, and
-//! the planned paths), for people who watch.
+//! The live view for people: the newest picture of the cameras, and the newest cycle in three dimensions (the points
+//! that the scan measured, and the planned paths).
 //!
-//! The computing thread offers a picture; a viewer fetches the newest one and draws it on a separate thread. Nothing
+//! The computing thread offers a picture; a viewer fetches the newest one and draws it on a separate thread. No thread
 //! waits for a viewer: if there was no viewer recently, nothing is copied, and a picture that was not fetched is
 //! replaced. The scene is stored in the service's memory only, and belongs to the newest cycle.
 
@@ -14,9 +14,9 @@ use panelprep_toolpath::path::Plan;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
-/// Shortest time between two pictures.
+/// Shortest time between two pictures that are offered.
 const MIN_PICTURE_INTERVAL: Duration = Duration::from_millis(450);
-/// Time after the last request for a picture during which a person counts as watching.
+/// Time after the last request for a picture during which a client counts as a viewer.
 const VIEWER_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// The newest picture. Clones share the same picture.
@@ -47,7 +47,7 @@ pub struct LiveFrame {
 pub struct LiveFilm {
     /// Seconds since the film's first picture.
     pub film_time_s: f64,
-    /// The pixels that broke so far. Pixels that turn out to be a glint are removed at the end.
+    /// The pixels that broke so far. Pixels that are later found to be glints are removed at the end.
     pub broken_so_far: Mask,
     /// The grids that failed so far.
     pub failed_so_far: Vec<GridId>,
@@ -56,7 +56,7 @@ pub struct LiveFilm {
 }
 
 impl LiveFrame {
-    /// Returns the picture with the known data drawn on it.
+    /// Returns the picture with the data drawn on it.
     ///
     /// # Errors
     /// If it cannot be drawn.
@@ -123,7 +123,7 @@ pub(super) struct LiveScene(Arc<Mutex<SceneContent>>);
 
 #[derive(Debug, Default)]
 struct SceneContent {
-    /// The cycle to which the scene belongs: each cycle has its own scene.
+    /// The cycle to which the scene belongs; a new cycle begins a new scene.
     cycle: Weak<CycleSetup>,
     points: Option<Arc<Vec<u8>>>,
     paths: Vec<ScenePath>,
@@ -138,12 +138,12 @@ pub(super) struct ScenePath {
     pub pass: u8,
     /// The TCP at each waypoint in the panel's frame, mm, and whether the disc is in contact with the panel there.
     pub waypoints: Vec<([f32; 3], bool)>,
-    /// The overall direction in which the panel's face points, in the panel's frame: opposite to the tool's axis.
+    /// The direction in which the panel's front points on average, in the panel's frame: opposite to the tool's axis.
     pub facing: [f64; 3],
 }
 
 impl LiveScene {
-    /// Returns the points of the scan as packed by `points`, if there was a scan, and the paths in the order in
+    /// Returns the points of the scan in the format of `points`, if there was a scan, and the paths in the order in
     /// which they were planned.
     pub fn newest_scan(&self) -> (Option<Arc<Vec<u8>>>, Vec<ScenePath>) {
         let inside = self.lock();
@@ -194,8 +194,8 @@ impl LiveScene {
     }
 }
 
-/// Returns the points of a scan in the panel's frame, every nth of each row and column. A point has three
-/// little-endian 32-bit floats, mm, then red, green, blue and an unused byte. A graphics processor can read this
+/// Returns the points of a scan in the panel's frame, every n-th point of each row and column. A point consists of
+/// three little-endian 32-bit floats, mm, then red, green, blue and an unused byte. A graphics processor can read this
 /// format directly.
 fn points(scan: &OrganizedCloud<Camera>, panel_from_camera: &Rigid<Panel, Camera>) -> Vec<u8> {
     let (width, height) = (scan.width(), scan.height());
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scan_is_packed_in_the_panels_frame_without_what_is_missing() {
+    fn a_scan_is_packed_in_the_panels_frame_without_missing_points() {
         let points_mm = vec![[1.0, 2.0, 3.0], [f32::NAN; 3], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]];
         let colors = vec![[1, 2, 3], [4, 5, 6], [7, 8, 9], [10, 11, 12]];
         let scan = OrganizedCloud::new(2, 2, points_mm, colors).expect("counts agree");

@@ -1,4 +1,5 @@
-//! The main loop: an event, the step of the state table, its effects; then the next event.
+//! The main loop: it takes an event, computes the step of the state table, performs the effects of the step, and
+//! continues with the next event.
 //!
 //! ```text
 //! requests ─┐                    ┌─ record: journal first, then everything else
@@ -7,26 +8,26 @@
 //! ```
 //!
 //! The state table decides (see `cycle`); the loop performs. The data of an action (the scan's fit, the refined pose,
-//! the film, the plan) stays in the loop and never enters the state table, which receives ids, counts and grades. Actions
-//! that see and compute use one queue (`computing`): a thread empties it while the loop continues to answer, or, in a
-//! replay and in the simulated cell of one command, the loop itself does. If an action was abandoned in the meantime,
-//! its result changes nothing. The robot's link has a thread of its own, and the controller stops automatically if it
-//! receives no data from this thread.
+//! the film, the plan) stay in the loop and never enter the state table, which receives ids, counts and grades. Actions
+//! that use a camera or compute share one queue (`computing`). A thread processes the queue while the loop continues to
+//! answer; in a replay and in the simulated cell of one command, the loop itself does. If an action was abandoned in
+//! the meantime, its result changes nothing. The robot's link has a thread of its own, and the controller stops
+//! automatically if it receives no data from this thread.
 //!
 //! The loop uses the robot's time. In lock step this is the mock controller's virtual clock, so that sprays, films and
-//! deadlines need no real time; this clock stops while something is computed.
+//! deadlines need no real time; this clock stops during a computation.
 //!
-//! `setup` is the loop's input. `running` is its memory, with the action in progress, the path that was sent and how far
-//! a contact path may continue. `answers` converts a phase's findings into the state table's answer and the record's
-//! finding; `tool_state` is the known state of a compliant tool. `run`, `actions`, `moves`, `contacts` and
+//! `setup` is the loop's input. `running` is its memory, with the action in progress, the path that was sent, and the
+//! limit up to which a contact path may continue. `answers` converts a phase's findings to the state table's answer and
+//! the record's finding; `tool_state` is the known state of a compliant tool. `run`, `actions`, `moves`, `contacts` and
 //! `robot_reports` perform the effects.
 //!
 //! A service, a single cycle and a replay use this same loop with different `ports`. Around the loop of the service are
-//! `request` (the one request of every interface) · `socket` (the interface on this computer) · `protocol` (a line in,
-//! a line out) · `gateway` (a request in, a reply out) · `request_queue` (waiting requests, by their urgency) ·
-//! `request_handler` (requests, signals and systemd, as the loop sees them) · `camera_lease` (the cameras, for others,
-//! between cycles) · `operator_texts` (states and refusals for people). `replay` records the data that pass through the
-//! ports, and runs a cycle again from a recording.
+//! `request` (the one request type of every interface) · `socket` (the interface on this computer) · `protocol` (a line
+//! in, a line out) · `gateway` (a request in, a reply out) · `request_queue` (waiting requests, by their urgency) ·
+//! `request_handler` (requests, signals and systemd, for the loop) · `camera_lease` (the cameras, lent between cycles)
+//! · `operator_texts` (states and refusals for people). `replay` records the data that pass through the ports, and runs
+//! a cycle again from a recording.
 
 mod abrasion;
 mod actions;

@@ -1,4 +1,4 @@
-//! Motions: each path passes the gate as a whole, is then sent, and is then monitored until the robot is at rest at
+//! Motions: the gate judges each path as a whole; the path is then sent, and monitored until the robot is at rest at
 //! its end.
 
 use super::error::DaemonError;
@@ -19,19 +19,19 @@ use panelprep_toolpath::path::{Kinematics, PanelPoses, judge_joints, reach, rout
 use std::sync::Arc;
 
 /// Largest deviation of the TCP from the commanded pose, mm and degrees.
-const DEVIATION_MM: f64 = 1.0;
-const DEVIATION_DEG: f64 = 0.5;
+const MAX_DEVIATION_MM: f64 = 1.0;
+const MAX_DEVIATION_DEG: f64 = 0.5;
 /// Largest deviation of each axis from a commanded named pose, degrees: ten times the resolution that a controller
 /// reports. The limit is the same as in `single_interlocks`, so that the arm counts as parked in the same cases.
-const AXIS_DEVIATION_DEG: f64 = 0.1;
+const MAX_AXIS_DEVIATION_DEG: f64 = 0.1;
 
 /// Speed and acceleration of the axes between named poses, % of their maximum.
-const AXIS_PERCENT: u8 = 20;
+const AXIS_SPEED_PERCENT: u8 = 20;
 
-/// The start of a motion of all axes.
+/// The place at which a motion of the axes begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum AxisMotionStart {
-    /// Any place: the configured distances from obstacles hold.
+    /// Any place: the configured distances from obstacles apply.
     Anywhere,
     /// The end of a checked path, which may be nearer to the panel.
     PathEnd,
@@ -39,7 +39,7 @@ enum AxisMotionStart {
 
 impl LoopMemory<'_> {
     pub(super) fn begin_move(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
-        // A motion that is refused before it is sent has executed nothing, regardless of the previous path.
+        // A motion that is refused before it is sent has executed no waypoint, whatever the previous path executed.
         (self.sent_path, self.executed_at_stop) = (None, 0);
         let on_foam = self.cycle_setup().is_some_and(|setup| setup.on_foam);
         let needed = proof_gate::stage_of_motion(motion.path, on_foam);
@@ -48,11 +48,10 @@ impl LoopMemory<'_> {
             self.answer_action(id, Answer::Failed(Trouble::Gate));
             return Ok(());
         }
-        if !self.tool_lets_go(id, motion.path)? {
+        if !self.tool_permits_motion(id, motion.path)? {
             return Ok(());
         }
-        // Zeros are a valid pose for every computation that follows; only together are they the sign of a program that
-        // was not started.
+        // Each zero alone is a valid value; only all of them together show that the robot program was not started.
         if self.robot_state.is_some_and(|state| state.tip_is_unknown()) {
             let message = "the controller reports a pose of all zeros, so the arm's pose is not known; start the \
                            robot program";
@@ -63,7 +62,8 @@ impl LoopMemory<'_> {
         if self.begin_warning(id, motion)? {
             return Ok(());
         }
-        // By axes: the way to the park pose must be possible from any pose, also if no line within the box leads there.
+        // The park pose is reached by a motion of the axes: it must be possible from any pose, even if no line within
+        // the box leads there.
         if motion.path == Path::Park {
             let poses: Vec<Joints> = self.cell.ready_pose.into_iter().chain([self.cell.park_pose]).collect();
             return self.move_by_axes(id, motion, &poses);
@@ -86,8 +86,8 @@ impl LoopMemory<'_> {
         self.move_by_lines(id, motion)
     }
 
-    /// Begins the warning before this motion, if one is required: horn or lamp are on for a time before the first
-    /// motion after a rest. Returns whether it is required.
+    /// Begins the warning before this motion, if one is required: the warning output is on for a time before the first
+    /// motion after a rest. Returns whether a warning is required.
     fn begin_warning(&mut self, id: Id, motion: Motion) -> Result<bool, DaemonError> {
         let Some((number, _)) = self.cell.warning_output.filter(|_| !self.has_warned) else { return Ok(false) };
         let sent = self.ports.robot.send(Command::SetDigout(Signal { number, on: true }));
@@ -95,8 +95,8 @@ impl LoopMemory<'_> {
         Ok(true)
     }
 
-    /// Continues the warning: the time counts from the first state that reports the output as on, and the motion
-    /// begins when this time is over.
+    /// Continues the warning: its time begins with the first state that reports the output as on. After this time, the
+    /// motion begins.
     pub(super) fn warning(
         &mut self,
         (id, motion): (Id, Motion),
@@ -107,7 +107,7 @@ impl LoopMemory<'_> {
         let now = self.ports.robot.now();
         let is_on = state.done >= last && state.outputs >> bit & 1 == 1;
         if until.is_none_or(|until| now < until) {
-            // A time that counts from the command could be over before the horn sounds.
+            // If the time began with the command, it could be over before the horn sounds.
             let until = until.or_else(|| is_on.then(|| now + seconds(self.cell.limits.warning_s())));
             self.wait(id, Action::Move(motion), Condition::Warned { last, until });
             return Ok(());
@@ -119,8 +119,8 @@ impl LoopMemory<'_> {
         }
     }
 
-    /// Returns why the axes cannot move from their present position to these poses, one after the other, without a
-    /// collision with an obstacle; empty if they can.
+    /// Returns the reasons why the axes cannot move from their present position to these poses, one after the other,
+    /// without a collision with an obstacle; empty if they can.
     fn axis_motion_refusals(
         &self,
         poses: &[Joints],
@@ -128,7 +128,10 @@ impl LoopMemory<'_> {
         obstacles: Option<Arc<Obstacles>>,
     ) -> Vec<Reason> {
         let Some(state) = self.robot_state else {
-            return vec![Reason::new("no_route", "the arm's pose is not known")];
+            return vec![Reason::new(
+                "no_route",
+                "the arm's pose is not known; check the connection to the controller",
+            )];
         };
         let reasons: Vec<Reason> = poses.iter().flat_map(|pose| judge_joints(pose).reasons).collect();
         if !reasons.is_empty() {
@@ -148,8 +151,8 @@ impl LoopMemory<'_> {
         Ok(is_permitted)
     }
 
-    /// Returns the first infeasibility on the path of the axes from the reported ones to these poses, one after the
-    /// other.
+    /// Returns the first reason why the motion of the axes from the reported positions to these poses, one after the
+    /// other, is not possible.
     fn first_infeasibility(
         &self,
         state: &State,
@@ -173,9 +176,9 @@ impl LoopMemory<'_> {
         })
     }
 
-    /// Returns the points on the flange whose distances are checked. They belong to the sander and the camera of the
-    /// cell, and not to the active tool: after a start the controller may have any tool. Without a cycle only the active
-    /// tool is known.
+    /// Returns the points on the flange whose distances from obstacles are checked. They belong to the sander and the
+    /// camera of the cell, and not to the active tool: after a start, any tool may be active in the controller. Without
+    /// a cycle only the active tool is known.
     fn mounted(&self, state: &State) -> Vec<Rigid<Flange, Tool>> {
         let Some(cycle) = &self.cycle else { return vec![state.flange_from_tool.to_rigid()] };
         let camera = Rigid::from_isometry_unchecked(*cycle.calibrations.flange_from_camera.isometry());
@@ -183,13 +186,13 @@ impl LoopMemory<'_> {
     }
 
     fn move_by_axes(&mut self, id: Id, motion: Motion, poses: &[Joints]) -> Result<(), DaemonError> {
-        if !self.leaves_clear_of_the_panel(poses)? {
+        if !self.park_motion_is_permitted(poses)? {
             self.answer_action(id, Answer::Failed(Trouble::Gate));
             return Ok(());
         }
         let mut sent = Ok(CommandId(0));
         for pose in poses {
-            // Every pose was checked before the first is sent, since the arm does not wait for a later refusal.
+            // All poses were checked before the first one is sent, since the arm would not wait for a later refusal.
             sent = sent.and_then(|_| self.ports.robot.send(move_j(*pose)));
         }
         let end = poses.last().copied().map(PathEndPose::Joints);
@@ -197,23 +200,25 @@ impl LoopMemory<'_> {
     }
 
     /// Checks the motion to the park pose, with the panel as an obstacle. At the end of a path of this program the tool
-    /// may come as near to the panel as [`reach::departing`] permits. Elsewhere, after a stop, an
-    /// abort or a start of the program, the arm may be anywhere, and the tool may be at the panel: the axes move only
-    /// if the whole motion keeps the configured distances; otherwise a person must move the arm away.
-    fn leaves_clear_of_the_panel(&mut self, poses: &[Joints]) -> Result<bool, DaemonError> {
+    /// may be as near to the panel as [`reach::departing`] permits. Elsewhere, after a stop, an abort or a start of the
+    /// program, the arm may be anywhere, and the tool may be at the panel: the axes move only if the whole motion keeps
+    /// the configured distances; otherwise a person must move the arm away.
+    fn park_motion_is_permitted(&mut self, poses: &[Joints]) -> Result<bool, DaemonError> {
         let state = self.robot_state;
-        // A person may have jogged the arm since the end of the path: the axes show whether it is still there.
-        let is_there =
-            |pose: &Joints| state.is_some_and(|state| state.joints.max_difference_deg(pose) <= AXIS_DEVIATION_DEG);
+        // A person may have jogged the arm after the end of the path: the axis positions show whether it is still
+        // there.
+        let is_there = |pose: &Joints| {
+            state.is_some_and(|state| state.joints.max_difference_deg(pose) <= MAX_AXIS_DEVIATION_DEG)
+        };
         let is_at_path_end = self.axes_at_path_end.iter().any(is_there) && !poses.iter().any(is_there);
         let is_known = self.axes_at_path_end.iter().chain(poses).any(is_there);
         let cycle = self.cycle.clone();
         if state.is_none() || (cycle.is_none() && !is_known) {
             let message = "the arm's pose or the panel's position is not known; move the arm to the park pose \
-                           with `panelprep robot move-j park` while a person watches the way";
+                           with `panelprep robot move-j park` while a person watches the motion";
             return self.is_permitted(vec![Reason::new("unknown_place", message)]);
         }
-        // Before the first cycle no path of this program led to a panel.
+        // Before the first cycle, no path of this program has led to a panel.
         let obstacles = cycle.map(|cycle| self.obstacles_at_rest(&cycle));
         let start = if is_at_path_end { AxisMotionStart::PathEnd } else { AxisMotionStart::Anywhere };
         let refusals = self.axis_motion_refusals(poses, start, obstacles);
@@ -231,12 +236,14 @@ impl LoopMemory<'_> {
         })
     }
 
-    /// Returns what the last scan showed, or, without a scan in this cycle, the panel at its last known pose.
+    /// Returns the obstacles that the last scan showed, or, without a scan in this cycle, the panel at its last known
+    /// pose.
     fn obstacles_at_rest(&self, cycle: &CycleSetup) -> Arc<Obstacles> {
         self.perception.obstacles().cloned().unwrap_or_else(|| self.last_known_panel(cycle))
     }
 
-    /// Returns the panel as the earlier cycles last found one displaced; if none found one, at its nominal pose.
+    /// Returns the panel at the displacement that the earlier cycles found last; if they found none, at its nominal
+    /// pose.
     fn last_known_panel(&self, cycle: &CycleSetup) -> Arc<Obstacles> {
         let moved: Rigid<Base, Base> =
             self.last_panel_motion.map_or_else(Rigid::identity, |motion| motion.to_rigid());
@@ -251,7 +258,7 @@ impl LoopMemory<'_> {
     /// that passes the gate. For the next view, it is the first such route to one of the other corners; if there is
     /// none, the chosen corners are viewed again in turn. Verify uses only the corners by which the pose was
     /// corrected.
-    fn chosen_route(&mut self, motion: Motion) -> Option<GatedPath> {
+    fn choose_route(&mut self, motion: Motion) -> Option<GatedPath> {
         let Path::Corner { view } = motion.path else { return self.gate_current_path(motion) };
         self.perception.corners.begin_selection(view);
         let candidates = self.perception.corners.candidates(view, self.cycle_setup()?);
@@ -272,7 +279,7 @@ impl LoopMemory<'_> {
             self.perception.corners.exclude_corner(corner, &why);
         }
         match candidates.first() {
-            // No candidate passes: choose the first one, so that its refusal is reported.
+            // No candidate passes the gate: the first one is chosen, so that its refusal is reported.
             Some(&first) if view == 0 => self.perception.corners.choose(view, first),
             Some(_) => self.perception.corners.end_selection(view),
             None => {}
@@ -282,7 +289,7 @@ impl LoopMemory<'_> {
     }
 
     pub(super) fn move_by_lines(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
-        let Some(gated) = self.chosen_route(motion) else {
+        let Some(gated) = self.choose_route(motion) else {
             self.record_problem(
                 Kind::Gate,
                 vec![Reason::new("no_route", "the panel's pose, the plan or the arm's pose is not known")],
@@ -298,21 +305,21 @@ impl LoopMemory<'_> {
         }
         let count = u32::try_from(gated.points.len()).unwrap_or(u32::MAX);
         let sent = self.ports.robot.send(Command::SetAccSpeed(speed_command(gated.speed)));
-        // Only in contact: each permission is recorded first, so that a crash cannot leave more sanded than the record
-        // states.
+        // Permissions exist only in contact: each one is recorded first, so that after a crash no more is sanded than
+        // the record states.
         let permitted =
             Some(self.path_progress.permitted).filter(|few| motion.path == Path::Contact && *few < count);
         let sent = sent.and_then(|_| self.ports.robot.send_path(move_lin(&gated.points), permitted));
         self.start_motion(id, motion, sent, (count, gated.end_pose.map(PathEndPose::Tip)))
     }
 
-    /// Returns the path as it is sent; `None` if its start or its end is not known.
+    /// Returns the path as it is sent, with the gate's judgement; `None` if its start or its end is not known.
     fn gate_current_path(&self, motion: Motion) -> Option<GatedPath> {
         let (cycle, state) = (self.cycle_setup()?, self.robot_state?);
         let place = self.perception.panel_pose();
         let poses = place.map(|now| PanelPoses { now, nominal: cycle.panel.nominal_pose });
         let pad: Rigid<Panel, Tool> = state.base_from_tcp.to_rigid();
-        // The panel is an obstacle on the way to a view of it, and not on a path that leads to its surface.
+        // The panel is an obstacle for a motion to a view of it, but not for a path that leads to its surface.
         let obstacles = matches!(motion.path, Path::Corner { .. }).then(|| self.obstacles_at_rest(cycle));
         let standing = &StartState {
             limits: &cycle.cell.limits,
@@ -343,7 +350,8 @@ impl LoopMemory<'_> {
             }
             Path::Retract => {
                 let back = nalgebra::Vector3::z() * -settings.approach_mm();
-                // From the reported pose, not from the planned end: after a stop the pad is anywhere on the path.
+                // The path begins at the reported pose and not at the planned end: after a stop the pad is anywhere on
+                // the path.
                 let to = pad
                     * Rigid::<Tool, Tool>::identity()
                         .followed_by_displacement(panelprep_base::geometry::Vector::new(back));
@@ -371,7 +379,7 @@ impl LoopMemory<'_> {
         self.wait_or_fail(id, Action::Move(motion), sent.map(|_| Condition::PathEnd))
     }
 
-    /// Handles the report that the commands up to this one are executed.
+    /// Handles the report that all commands up to this one are executed.
     pub(super) fn on_executed(&mut self, done: CommandId) -> Result<(), DaemonError> {
         let Some(sent) = &mut self.sent_path else { return Ok(()) };
         let waypoints = sent.waypoints(done);
@@ -384,7 +392,7 @@ impl LoopMemory<'_> {
         Ok(())
     }
 
-    /// Handles the end of the epoch with the robot at rest; all commands of the epoch up to this one were executed.
+    /// Handles the end of the epoch with the robot at rest; the commands of the epoch up to this one were executed.
     pub(super) fn on_standstill(&mut self, done: CommandId) {
         if let Some(sent) = self.sent_path.take() {
             self.executed_at_stop = sent.waypoints(done).max(sent.reported);
@@ -412,10 +420,10 @@ impl LoopMemory<'_> {
         Ok(())
     }
 
-    /// Returns the deviation of the arm from its commanded end.
+    /// Returns reasons if the arm is not at its commanded end.
     fn deviation(&self, sent: SentPath, state: &State) -> Vec<Reason> {
         let (off_mm, off_deg, allowed_deg) = match sent.end {
-            PathEndPose::Joints(end) => (0.0, state.joints.max_difference_deg(&end), AXIS_DEVIATION_DEG),
+            PathEndPose::Joints(end) => (0.0, state.joints.max_difference_deg(&end), MAX_AXIS_DEVIATION_DEG),
             PathEndPose::Tip(end) => {
                 let camera = matches!(sent.motion.path, Path::Corner { .. });
                 let base = if camera { Some(Rigid::identity()) } else { self.perception.panel_pose().map(as_base) };
@@ -424,7 +432,11 @@ impl LoopMemory<'_> {
                     return vec![Reason::new("deviation", message)];
                 };
                 let tip = base_from_active * state.base_from_tcp.to_rigid::<Base, Tool>();
-                (tip.origin().distance_mm(end.origin()), (tip.inverse() * end).rotation_angle().0, DEVIATION_DEG)
+                (
+                    tip.origin().distance_mm(end.origin()),
+                    (tip.inverse() * end).rotation_angle().0,
+                    MAX_DEVIATION_DEG,
+                )
             }
         };
         let message = || {
@@ -432,21 +444,22 @@ impl LoopMemory<'_> {
             if let PathEndPose::Joints(_) = sent.end {
                 return format!("an axis is {deg}° from its commanded angle (limit {allowed}°)");
             }
-            let [mm, allowed_mm] = distinguishable_texts(off_mm, DEVIATION_MM, 3);
+            let [mm, allowed_mm] = distinguishable_texts(off_mm, MAX_DEVIATION_MM, 3);
             format!("the arm is {mm} mm and {deg}° from its commanded pose (limits {allowed_mm} mm and {allowed}°)")
         };
-        let far = !(off_mm <= DEVIATION_MM && off_deg <= allowed_deg);
+        let far = !(off_mm <= MAX_DEVIATION_MM && off_deg <= allowed_deg);
         if far { vec![Reason::new("deviation", message())] } else { vec![] }
     }
 }
 
-/// Returns the panel's pose as the base that was set: the TCP is reported in this base.
+/// Converts the panel's pose to the type of a base: the panel's frame was set as the base, and the TCP is reported in
+/// it.
 fn as_base(place: Rigid<Base, Panel>) -> Rigid<Base, Base> {
     Rigid::from_isometry_unchecked(*place.isometry())
 }
 
 fn move_j(joints: Joints) -> Command {
-    Command::MoveJ(MoveJ { joints, axis_speed_percent: f64::from(AXIS_PERCENT) })
+    Command::MoveJ(MoveJ { joints, axis_speed_percent: f64::from(AXIS_SPEED_PERCENT) })
 }
 
 /// Converts a path's motions to commands.
@@ -460,6 +473,6 @@ pub(super) fn move_lin(motions: &[LinearMotion]) -> Vec<MoveLin> {
 
 /// Converts a path's speeds to a command.
 pub(super) fn speed_command(PathSpeed { speed_m_s, acceleration_m_s2 }: PathSpeed) -> SetAccSpeed {
-    let (axis_speed_percent, axis_acceleration_percent) = (AXIS_PERCENT, AXIS_PERCENT);
+    let (axis_speed_percent, axis_acceleration_percent) = (AXIS_SPEED_PERCENT, AXIS_SPEED_PERCENT);
     SetAccSpeed { speed_m_s, acceleration_m_s2, axis_speed_percent, axis_acceleration_percent }
 }

@@ -1,11 +1,11 @@
 //! Transfer of the cell's records to the office: a separate thread reads the data that the store has for the office,
-//! sends it to the broker, and asks which data the office has. Nothing in the cell waits for this thread, and no
-//! answer of the office changes the cell's work: data is only sent again, or an alarm is raised.
+//! sends it to the broker, and asks which data the office has. Nothing in the cell waits for this thread, and no answer
+//! of the office changes what the cell does: data are only sent again, or an alarm is raised.
 //!
-//! [`OfficeStatus`] is the report to people, `StateReporter` determines the state of the cell that the office
-//! receives, and `MissingRecords` decides when a record that the office still lacks is sent again, although the broker
-//! accepted it. In one round of `Sender` new records go to the broker, and the office's answer comes back; the
-//! progress is stored in the store's folder (`transfer`).
+//! [`OfficeStatus`] is the status for people, and `StateReporter` determines the state of the cell that the office
+//! receives. `MissingRecords` decides when a record that the office does not have, although the broker accepted it, is
+//! sent again. In one round, `Sender` sends new records to the broker and receives the office's answer; the progress is
+//! stored in the store's folder (`transfer`).
 
 use super::background::{Background, Plan, Rounds};
 use super::clock::now_unix_ms;
@@ -57,7 +57,7 @@ pub struct OfficeParts {
     pub office: Office,
     /// The store's folder.
     pub folder: PathBuf,
-    /// The interface that provides the state to report; `None` if no service runs.
+    /// The interfaces' context, which provides the state to report; `None` if no service runs.
     pub front: Option<InterfaceContext>,
     /// The status that is shown to people.
     pub status: OfficeStatus,
@@ -74,8 +74,8 @@ pub struct OfficeStatus(Arc<Mutex<StatusData>>);
 struct StatusData {
     /// The records that the office does not have yet.
     waiting: TransferBacklog,
-    /// Epochs for which the office reports a higher record number than the store ever had: epoch, the office's number,
-    /// the store's number.
+    /// Epochs of which the office has more records than the store ever had: epoch, the office's last record number, the
+    /// store's last record number.
     newer_epochs: Vec<(String, u64, u64)>,
     /// The recipes that the office offers.
     offers: Vec<RecipeOffer>,
@@ -103,12 +103,12 @@ impl OfficeStatus {
         self.change(|stands| stands.offers = offers);
     }
 
-    /// Returns the recipe that the office offers for this panel, according to the last answers of the office.
+    /// Returns the recipe that the office last offered for this panel.
     pub fn recipe_offer(&self, panel: &str) -> Option<RecipeOffer> {
         self.change(|stands| stands.offers.iter().find(|offer| offer.panel == panel).cloned())
     }
 
-    /// Returns the problems for the alarms between cycles: a record that waits longer than `behind_min`, and an
+    /// Returns the problems for the alarms between cycles: a record that has waited longer than `behind_min`, and an
     /// office that has more records than the cell.
     pub fn reasons(&self, behind_min: usize, now_unix_ms: i64) -> Vec<Reason> {
         let StatusData { waiting, newer_epochs: more, offers: _ } = self.change(|stands| stands.clone());
@@ -130,7 +130,7 @@ const MIN_REPORT_INTERVAL: Duration = Duration::from_secs(2);
 /// Interval at which alarms are read.
 const ALARM_POLL_INTERVAL: Duration = Duration::from_secs(5);
 
-/// Determines the state of the cell when a report is due.
+/// Determines the state of the cell for each report.
 struct StateReporter {
     front: InterfaceContext,
     last_report: Option<Instant>,
@@ -143,7 +143,7 @@ impl StateReporter {
         StateReporter { front, last_report: None, lasting_alarms: Vec::new(), last_alarm_check: None }
     }
 
-    /// Returns the state of the cell; `None` if it was reported a moment ago.
+    /// Returns the state of the cell; `None` if it was reported less than `MIN_REPORT_INTERVAL` ago.
     pub async fn now(&mut self, cell: &CellName, last: &[Position]) -> Option<CellState> {
         if self.last_report.is_some_and(|reported| reported.elapsed() < MIN_REPORT_INTERVAL) {
             return None;
@@ -167,7 +167,7 @@ impl StateReporter {
         (state.cycle, state.waypoint) = (reply.cycle_id, reply.waypoint.zip(reply.of).map(|(at, of)| [at, of]));
         let reason = |reason: Reason| ReasonText { code: reason.code.into_owned(), message: reason.message };
         state.reasons = reply.reasons.into_iter().map(reason).collect();
-        // A reason for which a cycle waits is also an alarm, so it is left out here.
+        // A reason for which a cycle waits is also an alarm, so it is not reported twice.
         state.standing =
             self.lasting_alarms.iter().filter(|reported| !state.reasons.contains(reported)).cloned().collect();
         state.last = last.to_vec();
@@ -175,8 +175,8 @@ impl StateReporter {
     }
 }
 
-/// Returns the lasting alarms that a person must know. Runs on the calling thread, which may wait for a camera or
-/// the disk.
+/// Returns the active alarms that a person must know. Runs on the calling thread, which may wait for a camera or the
+/// disk.
 fn lasting_alarms(front: &InterfaceContext) -> Vec<ReasonText> {
     front.check_alarms();
     let lasting = front.people.read(|store| front.alarms.active_in_order(store)).unwrap_or_else(|error| {
@@ -191,13 +191,14 @@ fn lasting_alarms(front: &InterfaceContext) -> Vec<ReasonText> {
         .collect()
 }
 
-/// A missing record is first sent again after the alarm's delay divided by this number, then after twice as long each
-/// time.
+/// A missing record is first sent again after the alarm's delay divided by this number; each further delay is twice as
+/// long.
 const FIRST_RETRY_DIVISOR: u32 = 6;
-/// The longest time between two repetitions.
+/// The longest interval between two repetitions.
 const MAX_RETRY_INTERVAL: Duration = Duration::from_secs(2 * 3_600);
 
-/// Since when the office has made no progress with an epoch, although it lacks records; `None` if it lacks none.
+/// The time since when the office has received no further record of an epoch, although it lacks records; `None` if it
+/// lacks none.
 #[derive(Debug, Clone, Copy, Default)]
 struct MissingRecords(Option<StalledSince>);
 
@@ -209,8 +210,8 @@ struct StalledSince {
 }
 
 impl MissingRecords {
-    /// Records whether the office lacks records, and up to which number it has all. Returns whether the next record
-    /// must be sent again.
+    /// Records whether the office lacks records, and the number up to which it has all of them. Returns whether the
+    /// next record must be sent again.
     pub fn is_resend_due(&mut self, (lacks, archived): (bool, u64), behind_min: usize) -> bool {
         self.is_resend_due_at((lacks, archived), behind_min, Instant::now())
     }
@@ -233,13 +234,13 @@ impl MissingRecords {
     }
 }
 
-/// The file in the store's folder that records how far the records were sent.
+/// The file in the store's folder that records the position up to which the records were sent.
 const PROGRESS: &str = "office.json";
 /// Number of records that are read at a time.
 const BATCH_RECORDS: usize = 200;
-/// Largest number of bytes that are being sent at a time.
+/// Largest number of bytes that are being sent at the same time.
 const MAX_IN_FLIGHT_BYTES: usize = 32 << 20;
-/// Largest number of files of which the sender remembers that they are already in this stream: most records name the
+/// Largest number of files for which the sender remembers that it has sent them in this stream: most records name the
 /// same recipe and calibrations.
 const MAX_FILES: usize = 50_000;
 /// Interval at which the office is queried.
@@ -247,7 +248,7 @@ const POLL_INTERVAL: Duration = Duration::from_secs(5);
 /// Interval at which offers of recipes are requested.
 const OFFER_POLL_INTERVAL: Duration = Duration::from_secs(30);
 
-/// Sends the items of this cell to the office.
+/// Sends the records and files of this cell to the office.
 struct Sender {
     office: Office,
     folder: PathBuf,
@@ -259,12 +260,12 @@ struct Sender {
     last_request: Option<Instant>,
     files: BTreeSet<String>,
     last_offer_request: Option<Instant>,
-    /// Since when the office has lacked the same record of an epoch, although the broker accepted it.
+    /// The time since when the office has lacked the same record of an epoch, although the broker accepted it.
     missing_records: BTreeMap<String, MissingRecords>,
 }
 
 impl Rounds for Sender {
-    /// Sends the new records.
+    /// Sends the new records, and requests the office's answers.
     async fn run_round(&mut self) -> Result<bool, String> {
         let last = self.last_positions()?;
         let was = self.progress.clone();
@@ -337,8 +338,8 @@ impl Sender {
         Ok(false)
     }
 
-    /// Asks which recipes the office offers for the panels taught to this cell. If an offer cannot be obtained, it
-    /// is requested again later.
+    /// Requests the recipes that the office offers for the panels taught in this cell. If an offer cannot be obtained,
+    /// it is requested again later.
     async fn request_offers(&mut self) {
         if self.last_offer_request.is_some_and(|offered| offered.elapsed() < OFFER_POLL_INTERVAL) {
             return;
@@ -367,15 +368,15 @@ impl Sender {
         self.store()?.outbox_epochs().map_err(|error| error.to_string())
     }
 
-    /// Asks which records of each epoch the office has. Missing records are sent again.
+    /// Requests the numbers of the records that the office has of each epoch. Missing records are sent again.
     async fn request_positions(&mut self, last: &[Position]) -> Result<(), String> {
         let Some(link) = &self.link else { return Ok(()) };
         let stream = link.stream().await.map_err(|error| error.to_string())?;
         self.progress.set_stream(&stream);
         let (mut more, mut again) = (Vec::new(), Vec::new());
         for last in last {
-            // An office that never answered about an epoch has no records of this epoch: it may be a different office
-            // than before.
+            // An office that never answered for an epoch has no records of it: it may be a different office than
+            // before.
             let archived = link.archived_number(&last.epoch).await.map_err(|error| error.to_string())?.unwrap_or(0);
             match self.progress.process_archived(&last.epoch, archived, last.number) {
                 ReportOutcome::Known => {
@@ -408,7 +409,8 @@ impl Sender {
         Ok(())
     }
 
-    /// Sends some records after this position, each record after its files, and waits until the broker has them.
+    /// Sends some records after this position, each record after its files, and waits until the broker has received
+    /// them.
     async fn send(&mut self, after: &Position) -> Result<(), String> {
         let envelopes = self.store()?.outbox_rows_after(after, BATCH_RECORDS).map_err(|error| error.to_string())?;
         let mut under_way: Vec<(Position, Vec<PendingMessage>)> = Vec::new();
@@ -457,7 +459,7 @@ impl Sender {
                         self.files.insert(file.hash.clone());
                         whole.push((ChunkOwner::File(file.hash.clone()), content));
                     }
-                    // The office does not wait for a file that is reported as lost.
+                    // The message states that the file is missing, so the office does not wait for it.
                     Err(error) => {
                         tracing::warn!("cannot send the file {} to the office: {error}", file.name);
                         file.gone = Some("damaged in the cell's store".to_owned());
@@ -482,8 +484,8 @@ impl Sender {
         Ok(sending)
     }
 
-    /// Sends the first records that the office lacks once more, with their files: a broker that accepted them may have
-    /// lost them.
+    /// Sends the first records that the office lacks once more, with their files: the broker may have lost them after
+    /// it accepted them.
     async fn resend_missing(&mut self, epoch: &str) -> Result<(), String> {
         let archived = Position { epoch: epoch.to_owned(), number: self.progress.last_archived(epoch) };
         tracing::warn!(
@@ -536,10 +538,10 @@ mod tests {
         assert_eq!(late(&status)[0].code, "office_contradicts");
     }
 
-    /// With an alarm after 60 min, a record is sent again after 10 min, 20 min later and 40 min later; the times begin
-    /// anew when the office makes progress.
+    /// With an alarm after 60 min, a record is sent again after 10 min, after 20 min more and after 40 min more; the
+    /// delays begin again when the office makes progress.
     #[test]
-    fn it_is_sent_again_after_longer_and_longer_times() {
+    fn a_missing_record_is_resent_at_increasing_intervals() {
         let (mut lacking, begin) = (MissingRecords::default(), Instant::now());
         let mut due =
             |told, minute: u64| lacking.is_resend_due_at(told, 60, begin + Duration::from_secs(60 * minute));

@@ -1,11 +1,11 @@
-//! States, refusals and causes in words for the people at the cell: what the situation is, and what to do.
+//! States, refusals and causes in words for the people at the cell: the situation, and what to do.
 
 use panelprep_base::verdict::Reason;
 use panelprep_cell::cycle::{
     At, Cause, Epoch, Event, Hold, Refusal, Report, Request, Robot, State, Trouble, Why, step,
 };
 
-/// Returns the word by which `panelprep ctl` requests this.
+/// Returns the word for this request in `panelprep ctl`.
 pub fn request_keyword(request: Request) -> &'static str {
     match request {
         Request::Reset => "reset",
@@ -38,7 +38,8 @@ pub(super) fn missing_step_reason(request: Request) -> Reason {
     Reason::new("bad_request", message)
 }
 
-/// Returns why a decision on this step is not accepted now. `was` is the text that this step showed, if it is known.
+/// Returns why a decision on this step is not accepted now. `was` is the description of this step as it was shown, if
+/// it is known.
 pub(super) fn outdated_step_reason(request: Request, (step, was): (u64, Option<&str>), now: &State) -> Reason {
     let was = was.unwrap_or("a state unknown to this service");
     let message = format!(
@@ -51,7 +52,7 @@ pub(super) fn outdated_step_reason(request: Request, (step, was): (u64, Option<&
     Reason::new("outdated", message)
 }
 
-/// Returns what a step shows: the state, its phase, and why the cell is in it.
+/// Describes a step: the state, its phase, and the reason for the state.
 pub(super) fn describe_step(state: &State) -> String {
     let phase = match state.at {
         At::Held(hold) | At::Holding(hold) => format!(", {}", hold.resume.keyword()),
@@ -61,7 +62,7 @@ pub(super) fn describe_step(state: &State) -> String {
     format!("{}{phase}{why}", describe_place(state.at))
 }
 
-/// Returns the state and its phase, such as `execute, refine`.
+/// Describes the state with its phase, such as `execute, refine`.
 pub(super) fn describe_place(at: At) -> String {
     match at {
         At::Execute(inside) => format!("{}, {}", at.keyword(), inside.keyword()),
@@ -69,8 +70,8 @@ pub(super) fn describe_place(at: At) -> String {
     }
 }
 
-/// Returns the commands of the requests that the state table would accept now: the buttons of the page, the nodes of
-/// the plant and the text of a refusal name the same ones.
+/// Returns the commands of the requests that the state table would accept now. The buttons of the page, the nodes of
+/// the plant and the text of a refusal use the same list.
 pub(super) fn possible_requests(state: &State) -> Vec<&'static str> {
     let all = [
         Request::Reset,
@@ -129,7 +130,7 @@ pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
     }
 }
 
-/// Returns the reason that describes the robot's condition, such as why it is not ready.
+/// Returns the reason that describes the robot's condition, for example why it is not ready.
 pub(super) fn robot(robot: Robot) -> Reason {
     let (code, message) = match robot {
         Robot::Unknown => ("robot_unknown", "nothing was received from the robot controller yet"),
@@ -186,12 +187,12 @@ pub(super) fn trouble_reason(trouble: Trouble) -> Reason {
     Reason::new(code, message)
 }
 
-/// Returns the reason for a cycle that was ended on request: this is not a fault, and nothing has to be cleared.
+/// Returns the reason for a cycle that was ended on request: this is not a fault, and the cell need not be cleared.
 pub(super) fn stopped_reason() -> Reason {
     Reason::new("stopped", "stopped on request before the cycle's end")
 }
 
-/// Returns why this event ended a cycle, if the cycle did not reach its own end. `at` is the resulting state.
+/// Returns why this event ended a cycle, if the cycle did not complete. `at` is the resulting state.
 pub(super) fn end_reason(event: Event, at: At) -> Option<Reason> {
     match (event, at) {
         (Event::Reported(Report::Boot), _) => {
@@ -203,7 +204,8 @@ pub(super) fn end_reason(event: Event, at: At) -> Option<Reason> {
     }
 }
 
-/// Returns why the cycle is in this state, if that is not obvious, with the remedy, and what may still run or move.
+/// Returns why the cycle is in this state, if that is not obvious, with the remedy, and which devices may still run or
+/// move.
 pub fn state_reason(state: &State) -> Vec<Reason> {
     let why = match state.at {
         At::Aborting { cause } | At::Aborted { cause } | At::Clearing { cause } => Some(aborted(cause)),
@@ -213,7 +215,7 @@ pub fn state_reason(state: &State) -> Vec<Reason> {
     why.into_iter().chain(unproven_commands(state)).collect()
 }
 
-/// Returns the commands that were sent before the robot came to rest here, and that it has not confirmed.
+/// Returns reasons for the commands that were sent before the robot came to rest here, and that it has not confirmed.
 fn unproven_commands(state: &State) -> Vec<Reason> {
     let At::Aborted { .. } = state.at else { return vec![] };
     let mut reasons = Vec::new();

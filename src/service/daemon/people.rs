@@ -1,12 +1,13 @@
-//! People who log in, for every interface that has a log-in: their accounts, the pause after wrong passwords, and the
-//! audit trail.
+//! The people who log in, for every interface that has a log-in: their accounts, the pause after wrong passwords, and
+//! the audit trail.
 //!
-//! One instance serves all interfaces, so that a person who tries passwords at two interfaces is counted once. It
+//! One instance serves all interfaces, so that the attempts of a person at two interfaces are counted together. It
 //! reads and writes the store through its own connections; no part of the loop waits for it. Passwords are hashed one
 //! at a time.
 //!
-//! [`FailedLogins`] limits the lines about wrong log-ins, at the cell and at the office: of a flood a few lines
-//! remain, and the number of the others when the minute is over, even if no other log-in follows.
+//! [`FailedLogins`] limits the lines about failed log-ins, at the cell and at the office: if there are many, only some
+//! of them have a line, and the number of the others is written when the minute is over, even if no other log-in
+//! follows.
 
 use panelprep_cell::accounts;
 use panelprep_cell::accounts::{Account, AuditEntry, LineLimit, Lockout, MaxLinesPerMinute};
@@ -27,12 +28,12 @@ pub enum LoginResult {
     Wrong(&'static str),
     /// Log-in to the account is blocked for this many more seconds. The password was not checked.
     Pauses(f64),
-    /// The name does not have the form of an account's name, or the program is ending.
+    /// The name does not have the form of an account name, or the program is ending.
     Unknown,
 }
 
-/// Identifies an account during one of its sessions: another role or a new password changes the stamp, and so does
-/// disabling the account.
+/// Identifies an account during one of its sessions: the stamp changes if the account gets another role or a new
+/// password, or is disabled.
 pub(super) fn account_stamp(account: &Account) -> String {
     let Account { role, password_hash, is_enabled, .. } = account;
     let digest = content_hash(format!("{}\n{is_enabled}\n{password_hash}", role.keyword()).as_bytes());
@@ -45,13 +46,13 @@ pub struct AccountService {
     store: StoreAccess,
     hashing: PasswordHashing,
     lockout: Mutex<Lockout>,
-    /// The limit of lines about wrong log-ins in the audit trail.
+    /// The limit of lines about failed log-ins in the audit trail.
     failed_logins: FailedLogins,
     started: Instant,
 }
 
 impl AccountService {
-    /// Creates the access to the people of the store in this folder, which need not exist yet.
+    /// Creates the access to the accounts of the store in this folder, which need not exist yet.
     pub fn new(folder: PathBuf) -> Self {
         AccountService {
             store: StoreAccess::new(folder),
@@ -62,12 +63,12 @@ impl AccountService {
         }
     }
 
-    /// Returns seconds of a monotonic clock.
+    /// Returns the time of a monotonic clock, s.
     pub fn now_s(&self) -> f64 {
         self.started.elapsed().as_secs_f64()
     }
 
-    /// Returns the recent attempts with wrong passwords.
+    /// Locks the recent attempts with wrong passwords.
     fn lock_lockout(&self) -> MutexGuard<'_, Lockout> {
         // A poisoned lock is harmless: every change under it is complete.
         self.lockout.lock().unwrap_or_else(PoisonError::into_inner)
@@ -94,7 +95,7 @@ impl AccountService {
         self.store.write(write)
     }
 
-    /// Writes a line of the audit trail; if the disk refuses, the line is written to the service's log.
+    /// Writes a line of the audit trail; if the disk cannot be written, the line is written to the service's log.
     pub fn audit(&self, entry: &AuditEntry) {
         if let Err(error) = self.write(|store| store.store_audit(entry)) {
             let (what, who) = (&entry.what, entry.who.as_deref().unwrap_or("a person who is not logged in"));
@@ -102,8 +103,8 @@ impl AccountService {
         }
     }
 
-    /// Writes a line about a wrong log-in, or only counts it if there are many, so that attempts do not fill the
-    /// disk. The number of those without a line is written when the minute is over. Runs on the calling thread.
+    /// Writes a line about a failed log-in, or only counts it if there are many, so that attempts do not fill the disk.
+    /// The number of failed log-ins without a line is written when the minute is over. Runs on the calling thread.
     pub fn audit_failed_login(self: &Arc<Self>, entry: &AuditEntry) {
         let counted = self.failed_logins.count();
         if let Some(left_out) = counted.left_out {
@@ -113,13 +114,13 @@ impl AccountService {
             self.audit(entry);
         }
         if let Some(after) = counted.report_after {
-            self.report_left_out(after, entry.clone());
+            self.report_left_out_later(after, entry.clone());
         }
     }
 
-    /// Waits this long on a thread of its own, then writes how many log-ins had no line. At most one such thread waits
-    /// for each minute.
-    fn report_left_out(self: &Arc<Self>, after: Duration, last: AuditEntry) {
+    /// Waits for this time on a separate thread, then writes the number of failed log-ins without a line. At most one
+    /// such thread waits for each minute.
+    fn report_left_out_later(self: &Arc<Self>, after: Duration, last: AuditEntry) {
         let people = Arc::downgrade(self);
         let wait = move || {
             thread::sleep(after);
@@ -143,8 +144,9 @@ impl AccountService {
         }
     }
 
-    /// Checks a name and a password, and counts a wrong one. It computes on the calling thread for a while. Call it
-    /// only within [`AccountService::hashing`], so that each attempt takes the results of earlier attempts into account.
+    /// Checks a name and a password, and counts a wrong password. The computation takes a while on the calling thread.
+    /// Call it only within [`AccountService::hashing`], so that each attempt takes the results of earlier attempts into
+    /// account.
     pub fn check_password(&self, name: &str, password: &str) -> LoginResult {
         let account = self.account(name);
         let who = (name, account.is_some());
@@ -170,12 +172,12 @@ impl AccountService {
         self.hashing.run(work).await
     }
 
-    /// Judges a name and a password when it is their turn, and counts a wrong one.
+    /// Checks a name and a password when it is their turn, and counts a wrong password.
     pub async fn attempt_login(self: &Arc<Self>, name: &str, password: String) -> LoginResult {
         if accounts::checked_name(name).is_err() {
             return LoginResult::Unknown;
         }
-        // A person whose log-in is blocked does not occupy the turn of another person.
+        // An attempt for an account whose log-in is blocked does not delay the attempts of others.
         if let Some(left_s) = self.pauses_s(name) {
             return LoginResult::Pauses(left_s);
         }
@@ -184,7 +186,7 @@ impl AccountService {
     }
 }
 
-/// Returns the line that counts wrong log-ins without a line of their own; one of them was `last`.
+/// Returns the line that states the number of failed log-ins without a line of their own; `last` was one of them.
 fn left_out_line(left_out: u64, last: &AuditEntry) -> AuditEntry {
     let line = AuditEntry::for_completed_action(None, None, last.from.clone(), &last.what);
     AuditEntry { refused: Some(left_out_text(left_out)), ..line }
@@ -201,8 +203,9 @@ impl Default for PasswordHashing {
 }
 
 impl PasswordHashing {
-    /// Runs work with passwords, one at a time, on a thread that ends with the work. A hash needs 19 MiB and most of a
-    /// processor, and a thread that stays alive would retain as much memory. Returns `None` if the program ends.
+    /// Runs work with passwords, one piece at a time, on a thread that ends with the work. A hash needs 19 MiB and most
+    /// of the time of a processor, and a thread that stays alive would retain this memory. Returns `None` if the
+    /// program ends.
     pub async fn run<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
         let _turn = self.0.acquire().await.ok()?;
         let (sender, result) = oneshot::channel();
@@ -212,17 +215,17 @@ impl PasswordHashing {
     }
 }
 
-/// Maximum number of wrong log-ins per minute that have their own line.
+/// Maximum number of failed log-ins per minute that have their own line.
 const MAX_LINES: MaxLinesPerMinute = MaxLinesPerMinute { done: 0, refused: 20 };
 
-/// The wrong log-ins of this minute.
+/// The failed log-ins of this minute.
 #[derive(Debug)]
 pub(super) struct FailedLogins {
     lines: Mutex<LineLimit>,
     begun: Instant,
 }
 
-/// Consequences of a failed log-in.
+/// The consequences of a failed log-in for the audit trail.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Counted {
     /// Number of lines that were left out in the minute before, to be written first.
@@ -234,17 +237,17 @@ pub(super) struct Counted {
 }
 
 impl FailedLogins {
-    /// Starts without a wrong log-in; the first minute began at this time.
+    /// Creates a count without failed log-ins; the first minute began at this time.
     pub fn new(begun: Instant) -> Self {
         FailedLogins { lines: Mutex::new(LineLimit::new(MAX_LINES, 0)), begun }
     }
 
-    /// Counts a wrong log-in.
+    /// Counts a failed log-in.
     pub fn count(&self) -> Counted {
         self.count_at(self.now_ms())
     }
 
-    /// Returns the number of lines that were left out in a minute that is over, if it was not yet returned.
+    /// Returns the number of lines that were left out in the last complete minute, if it was not yet returned.
     pub fn over(&self) -> Option<u64> {
         self.lines().end_elapsed_minute(self.now_ms())
     }
@@ -253,7 +256,7 @@ impl FailedLogins {
         let mut lines = self.lines();
         let left_out = lines.end_elapsed_minute(now_ms);
         let is_written = lines.admit_line(true);
-        // The first line that is left out requests the report for all that follow in this minute.
+        // The first line that is left out requests the report of all that are left out in this minute.
         let is_first = !is_written && lines.left_out() == 1;
         let report_after = is_first.then(|| Duration::from_millis(lines.rest_ms(now_ms)));
         Counted { left_out, is_written, report_after }
@@ -319,9 +322,9 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 mod tests {
     use super::*;
 
-    /// Simultaneous attempts are judged one after the other, and the sixth one is not judged any more.
+    /// Simultaneous attempts are checked one after the other, and the sixth one is not checked any more.
     #[tokio::test]
-    async fn of_six_wrong_passwords_at_one_time_the_sixth_is_not_looked_at() {
+    async fn the_sixth_of_six_simultaneous_wrong_passwords_is_not_checked() {
         let folder = tempfile::tempdir().expect("a folder");
         let people = Arc::new(AccountService::new(folder.path().join("store")));
         let tries = (0..6).map(|_| {
@@ -338,10 +341,10 @@ mod tests {
         assert!(matches!(again, LoginResult::Pauses(left_s) if left_s > 50.0), "it pauses on: {again:?}");
     }
 
-    /// A thousand wrong log-ins within a minute give twenty lines; the others are only counted, and their number is
+    /// A thousand failed log-ins within a minute give twenty lines; the others are only counted, and their number is
     /// written when the minute is over.
     #[test]
-    fn a_flood_of_failed_logins_is_a_few_lines() {
+    fn many_failed_logins_give_few_lines() {
         let folder = tempfile::tempdir().expect("a folder");
         drop(Store::create(&folder.path().join("store")).expect("a store"));
         let people = Arc::new(AccountService::new(folder.path().join("store")));
@@ -355,7 +358,7 @@ mod tests {
 
     /// The number of log-ins without a line is written when the minute is over, although no other log-in follows.
     #[test]
-    fn a_flood_that_stops_is_counted_when_its_minute_is_over() {
+    fn left_out_logins_are_written_when_their_minute_is_over() {
         let folder = tempfile::tempdir().expect("a folder");
         drop(Store::create(&folder.path().join("store")).expect("a store"));
         let mut people = AccountService::new(folder.path().join("store"));
@@ -379,8 +382,8 @@ mod tests {
         }
     }
 
-    /// Counted by hand: 20 of 25 log-ins have a line. The 21st, at 300 ms, requests the report at 60,000 ms. No other
-    /// one does in this minute.
+    /// Calculated by hand: 20 of 25 log-ins have a line. The 21st, at 300 ms, requests the report at 60,000 ms. No
+    /// later one in this minute requests another report.
     #[test]
     fn the_first_line_that_is_left_out_requests_the_report() {
         let failed = FailedLogins::new(Instant::now());

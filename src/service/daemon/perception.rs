@@ -1,7 +1,7 @@
 //! Perception of the panel: its pose, and the result of the film. The artifacts are stored here.
 //!
-//! Corner pictures correct the panel's pose by all corners, and show before contact whether the corners are still at
-//! their positions.
+//! Corner pictures correct the panel's pose by all corners together. Before contact, they show whether the corners are
+//! still at their positions.
 
 use super::answers::{MISSING, camera_fault_answer, figure, grade_judgement, reason, unusable_picture_answer};
 use super::corners::CornerLoop;
@@ -49,11 +49,11 @@ pub(super) struct Perception {
     pub film_picture: Option<Arc<ColorPicture>>,
 }
 
-/// A film that is being watched.
+/// A film in progress.
 #[derive(Debug)]
 pub(super) struct FilmInProgress {
     filming: FilmWatch,
-    /// The panel in the film.
+    /// The panel in this film.
     pub panel: FilmedPanel,
     /// The time of the film's first picture, by the camera's clock, s.
     first_s: Option<f64>,
@@ -64,7 +64,7 @@ pub(super) struct FilmInProgress {
 }
 
 impl FilmInProgress {
-    /// The newest picture, the pixels that broke so far and the grids that failed so far.
+    /// Returns the newest picture, the pixels that broke so far and the grids that failed so far.
     pub fn current_breaks(&self) -> Option<(Arc<ColorPicture>, Mask, Vec<GridId>)> {
         self.filming.current_breaks()
     }
@@ -76,18 +76,18 @@ impl Perception {
         self.place
     }
 
-    /// Discards the pictures after a cycle, since they are in the record; the pose of the panel is retained.
+    /// Discards the pictures after a cycle, since they are in the record; the pose of the panel stays.
     pub fn forget_pictures(&mut self) {
         (self.dry, self.film_picture) = (None, None);
         self.inspections.clear();
     }
 
-    /// Returns the pose in which the flange camera should see the corner as it was taught (Eq. 3.22).
+    /// Returns the pose from which the flange camera should see the corner as it was taught (Eq. 3.22).
     pub fn corner_pose(&self, cycle: &CycleSetup) -> Option<Rigid<Base, FlangeCamera>> {
         Some(self.place? * cycle.corners.get(self.corners.aimed_corner())?.teaching_data.panel_from_camera)
     }
 
-    /// Returns the pose of the panel relative to the arm, with the corners by which it was corrected.
+    /// Returns the pose of the panel in the arm's base, with the corners by which it was corrected.
     pub fn approach(&self) -> Option<Approach<'_>> {
         let (corners, obstacles) = (self.corners.correction_corners(), self.obstacles());
         self.place.map(|base_from_panel| Approach { base_from_panel, corners, obstacles })
@@ -110,25 +110,24 @@ impl Perception {
         format!("{located:?} {located_mm:?} {place:?} {corners:?}")
     }
 
-    /// Returns the data of `pose_inputs` with the result of the film.
+    /// Returns the data of `pose_inputs` and the result of the film.
     pub(super) fn inputs(&self) -> String {
         let inspections = &self.inspections;
         let failed: Vec<_> = inspections
             .last()
             .map_or(vec![], |film| film.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect());
-        // Areas around breaks follow from the places that broke, and not only from the failed grids.
+        // Areas around breaks depend on the pixels that broke, and not only on the failed grids.
         let broken = inspections.last().map(|film| film.mask());
         format!("{} {failed:?} {:x}", self.pose_inputs(), mask_hash(broken.as_ref()))
     }
 
-    /// Copies the films of another perception, and also its dry picture unless `without_dry`, as for a new
-    /// localization.
+    /// Copies the films of another perception; with `without_dry`, as for a new localization, without its dry picture.
     pub(super) fn copy_films(&mut self, other: &Perception, without_dry: bool) {
         self.dry = if without_dry { None } else { other.dry.clone() };
         (self.inspections, self.film_picture) = (other.inspections.clone(), other.film_picture.clone());
     }
 
-    /// Adds the results of a film that was watched separately.
+    /// Adds the results of a film that was evaluated separately.
     pub fn add_film(&mut self, film: Perception) {
         self.inspections.extend(film.inspections);
         if film.film_picture.is_some() {
@@ -136,18 +135,18 @@ impl Perception {
         }
     }
 
-    /// Takes a 3D shot and locates the panel in it. The film results of the panel's grids are retained.
+    /// Takes a 3D scan and locates the panel in it. The film results of the panel's grids stay.
     pub fn locate(
         &mut self,
         cycle: &CycleSetup,
         eyes: &mut dyn CameraPort,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
-        // Forgotten before the shot: if the camera fails, no action may use the place of the former scan.
+        // Deleted before the scan: if the camera fails, no action may use the pose of the former scan.
         (self.located, self.located_mm, self.place, self.obstacles) = (None, None, None, None);
         (self.dry, self.corners, self.todays_scan) = (None, CornerLoop::default(), Arc::default());
         let errors = &cycle.calibrations.scan_errors;
-        // The taught panel is prepared while the camera takes its scan.
+        // The model of the taught panel is prepared while the camera scans.
         let scan = std::thread::scope(|threads| {
             threads.spawn(|| cycle.taught_model());
             eyes.scan()
@@ -217,8 +216,8 @@ impl Perception {
         }
     }
 
-    /// Begins to watch the film, and starts the camera's film; `sanded` are the taught pixels that were sanded
-    /// after the dry picture was taken.
+    /// Begins the film on the camera and its evaluation; `sanded` are the taught pixels that were sanded after the dry
+    /// picture was taken.
     pub fn film(
         &self,
         cycle: &CycleSetup,
@@ -245,8 +244,8 @@ impl Perception {
         }
     }
 
-    /// Fetches the film's next picture if one is due; after the last one, judges the film. Times are the camera's
-    /// own.
+    /// Fetches the film's next picture if one is due; after the last picture, judges the film. Times are those of the
+    /// camera's clock.
     pub fn evaluate_next_picture(
         &mut self,
         cycle: &CycleSetup,
@@ -261,7 +260,8 @@ impl Perception {
             Ok(None) => return Ok(Ok(filming)),
             Err(error) => return camera_fault_answer(Kind::Inspect, pass, &error, record).map(Err),
         };
-        // Recorded before it is judged, so that a film that ends with an error can be judged again from the record.
+        // Recorded before the evaluation, so that a film that ends with an error can be evaluated again from the
+        // record.
         record.frame(&picture, time_s, Phase::Wet)?;
         let begun = Instant::now();
         let added = match filming.filming.push((cycle, &filming.panel), &picture, time_s) {
@@ -284,7 +284,7 @@ impl Perception {
         if since_s < cycle.film_demands().filmed_s() {
             return Ok(Ok(filming));
         }
-        // If ending the film fails because the camera is lost, all the needed pictures have already been delivered.
+        // If the camera is lost at the end of the film, all required pictures have already been delivered.
         let dropped = eyes
             .end_film()
             .inspect_err(|error| tracing::warn!("cannot end the recording of the film: {error}"))
@@ -312,8 +312,8 @@ impl Perception {
 }
 
 impl Perception {
-    /// Takes a corner picture from `base_from_camera`, and corrects the panel's pose by all corner pictures. `moves`
-    /// is the number of moves made before.
+    /// Takes a corner picture from `base_from_camera`, and corrects the panel's pose by all corner pictures. `moves` is
+    /// the number of earlier moves.
     pub fn refine(
         &mut self,
         cycle: &CycleSetup,
@@ -352,7 +352,7 @@ impl Perception {
         let grade = grade_judgement(&found.judgement);
         record.finding(&found)?;
         self.place = Some(corrected);
-        // A rejected corner is not viewed again from nearer.
+        // A rejected corner is not viewed again from a shorter distance.
         if correction.is_another_view_useful && grade != Grade::Reject {
             return Ok(Answer::LookOn);
         }
@@ -360,8 +360,8 @@ impl Perception {
         Ok(Answer::Graded(grade))
     }
 
-    /// Views the corners again, wet or dry, and checks whether they are still at the positions that the localization
-    /// gives.
+    /// Views the corners again, wet or dry, and checks whether they are at the positions that the localization
+    /// predicts.
     pub fn verify(
         &mut self,
         cycle: &CycleSetup,
@@ -389,14 +389,14 @@ impl Perception {
         }
         let grade = grade_judgement(&verification.judgement);
         let goes_on = grade == Grade::Accept && self.corners.is_missing(cycle);
-        // If other views follow this one, not all corners must have been seen yet.
+        // If other views follow this one, some corners may not have been seen yet.
         let needed = (!goes_on).then_some(self.corners.correction_corners().len());
         record.finding(&verification.finding(pass, needed))?;
         Ok(if goes_on { Answer::LookOn } else { Answer::Graded(grade) })
     }
 
-    /// Finds the corner to which the camera was sent in the picture of a view; `place` states where the corner is
-    /// expected.
+    /// Finds the corner to which the camera was sent in the picture of a view; `place` is the pose that predicts the
+    /// corner's position.
     fn find_corner(
         &mut self,
         (cycle, view): (&CycleSetup, u8),
@@ -411,7 +411,7 @@ impl Perception {
         Ok(found)
     }
 
-    /// Records a picture in which no corner was found, without a drawing on it.
+    /// Records a picture in which no corner was found, without a drawing.
     fn unseen_corner(
         &self,
         (kind, pass): (Kind, u8),
@@ -426,7 +426,7 @@ impl Perception {
     }
 }
 
-/// Returns the view of the 3D camera, with the panel at its pose.
+/// Returns the view of the 3D camera, with the panel at its located pose.
 pub(super) fn view<'a>(
     cycle: &'a CycleSetup,
     picture: &'a ColorPicture,

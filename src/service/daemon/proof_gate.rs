@@ -1,8 +1,8 @@
-//! No motion of a real controller in automatic mode before the stage of the proofs that it needs is signed.
+//! A real controller moves in automatic mode only after the required stage of the proofs is signed.
 //!
-//! This is the one place where the program decides it: the loop asks before each start and before each motion of each
-//! front, and the single functions ask before each motion. The controller's own state shows whether it is a mock; its
-//! address shows nothing, and a controller that has not reported yet counts as a real one.
+//! The program decides this only here. The loop checks it before each start and before each motion, for all interfaces,
+//! and the single functions check it before each motion. The controller's own state shows whether it is a mock; its
+//! address does not, and a controller that has not reported yet counts as a real one.
 
 use panelprep_base::verdict::Reason;
 use panelprep_cell::cell::{self, ProofStage};
@@ -12,22 +12,22 @@ use panelprep_kuka::eki::State;
 /// Decides whether the proofs permit a motion.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ProofGate {
-    /// The controller of the cell's file, with the newest signed page.
+    /// The controller of the cell's file, with the newest signed page of its proofs.
     Controller(cell::Robot),
-    /// A recorded cycle, which moves nothing: the gate was passed when it was recorded.
+    /// A recorded cycle, which moves nothing: this gate was passed when it was recorded.
     Replay,
 }
 
 impl ProofGate {
-    /// Returns why a motion that needs this stage is refused; `None` if it is permitted.
+    /// Returns why a motion that requires this stage is refused; `None` if it is permitted.
     pub fn refusal(&self, needed: ProofStage, state: Option<&State>) -> Option<Reason> {
         let ProofGate::Controller(robot) = self else { return None };
         refusal(robot, needed, state)
     }
 }
 
-/// Returns why this controller may not execute a motion that needs this stage; `None` if it may. `state` is the last
-/// one that it reported.
+/// Returns why this controller must not execute a motion that requires this stage; `None` if it may. `state` is the
+/// last state that the controller reported.
 pub(super) fn refusal(robot: &cell::Robot, needed: ProofStage, state: Option<&State>) -> Option<Reason> {
     if state.is_some_and(State::is_simulated) {
         return None;
@@ -36,7 +36,7 @@ pub(super) fn refusal(robot: &cell::Robot, needed: ProofStage, state: Option<&St
     Some(Reason::new("stage_not_signed", unsigned.to_string()))
 }
 
-/// Returns the stage that a motion in automatic mode needs.
+/// Returns the stage that a motion in automatic mode requires.
 pub(super) fn stage_of_motion(path: Path, on_foam: bool) -> ProofStage {
     match path {
         Path::Contact if on_foam => ProofStage::B,
@@ -45,7 +45,7 @@ pub(super) fn stage_of_motion(path: Path, on_foam: bool) -> ProofStage {
     }
 }
 
-/// Returns the stage that the start of a cycle needs; `None` for a request that starts none.
+/// Returns the stage that the start of a cycle requires; `None` for a request that starts no cycle.
 pub(super) fn stage_of_request(request: Request, on_foam: bool) -> Option<ProofStage> {
     match request {
         Request::Start { .. } => Some(stage_of_motion(Path::Contact, on_foam)),
@@ -60,7 +60,7 @@ mod tests {
     use crate::daemon::tests::standing_state;
     use panelprep_cell::cell::{Cell, SignedPage};
 
-    /// A boot id of a controller's clock: 26 years after 2000.
+    /// A boot id from the clock of a real controller: 26 years after 2000.
     const REAL_BOOT: i32 = 820_000_000;
 
     fn robot(host: &str, signed: Option<ProofStage>) -> cell::Robot {
@@ -70,9 +70,10 @@ mod tests {
         Cell::check("cell.toml", &text).expect("good").with_signed_page(page).robot().clone()
     }
 
-    /// A tunnel ends at an address of this computer: the state alone shows that a real controller answers.
+    /// A tunnel to a real controller has an address of this computer: only the state shows that a real controller
+    /// answers.
     #[test]
-    fn the_address_permits_nothing() {
+    fn a_local_address_alone_permits_no_motion() {
         let [mock, real, not_begun] = [1, REAL_BOOT, 0].map(cell_state);
         for host in ["127.0.0.1", "localhost", "172.31.1.147"] {
             let unsigned = robot(host, None);

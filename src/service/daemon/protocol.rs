@@ -6,22 +6,22 @@
 //! {"answer":"refused","state":"idle","phase":null,"epoch":4,"step":18,"cycle_id":null,"verdict":null,"recording":null,"reasons":[…]}
 //! ```
 //!
-//! The protocol is strict: an unknown word, an unknown or repeated key, more than one object, or a line that is too
-//! long or has no end is refused. The refusal states what is allowed, and no part of the line is executed. A recipe is
-//! sent as its text, so that a client needs no file that the service can read. This module reads and writes no socket:
-//! see `socket`.
+//! The protocol is strict: a line is refused if it contains an unknown word, an unknown or repeated key, or more than
+//! one object, is too long, or has no line end. The refusal states what is allowed, and no part of the line is
+//! executed. A recipe is sent as text, so that a client needs no file that the service can read. This module reads and
+//! writes no socket: see `socket`.
 
 use super::camera_lease::ShotRequest;
 use super::request::{RequestKind, StartRequest};
 use panelprep_cell::cycle::Request;
 use serde::{Deserialize, Serialize};
 
-/// Maximum length of a line, with its end: a recipe and its escapes. Only a start may be that long.
+/// Maximum length of a line with its line end: that of a recipe with escaped characters. Only a start may be that long.
 pub const MAX_BYTES: usize = 256 * 1_024;
 /// Maximum length of any other line.
 pub(super) const MAX_SHORT_BYTES: usize = 4 * 1_024;
 
-/// Returns whether a line with this beginning may be as long as a start.
+/// Returns whether a line that begins like this may be as long as a start.
 pub(super) fn is_long_line_allowed(beginning: &[u8]) -> bool {
     let word = b"\"start\"";
     let searched = &beginning[..beginning.len().min(MAX_SHORT_BYTES)];
@@ -56,7 +56,7 @@ enum Line {
     },
 }
 
-/// The reason why a line was not understood.
+/// The reason why a line is refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ProtocolError {
     /// The line is too long.
@@ -65,7 +65,7 @@ pub enum ProtocolError {
         /// Maximum length of a line, bytes.
         most: usize,
     },
-    /// The line took too long.
+    /// The line was not complete in time.
     #[error("the request line was not complete in time; send the whole line at once")]
     Slow,
     /// The connection was closed because other connections needed its slot.
@@ -74,24 +74,24 @@ pub enum ProtocolError {
          the request line at once, and try again"
     )]
     GaveWay,
-    /// The line ended before its end mark.
+    /// The line has no line end.
     #[error("the request line has no line end")]
     NoEnd,
-    /// The line is not an allowed request.
+    /// The line is not a valid request.
     #[error("not understood: {problem}")]
     NotUnderstood {
         /// The problem.
         problem: String,
     },
-    /// Only the program itself may make this request.
+    /// Clients of the socket must not make this request.
     #[error("this request is not accepted through the socket")]
     NotForClients,
 }
 
-/// Reads a line, with its end.
+/// Reads a line with its line end.
 ///
 /// # Errors
-/// If it is too long, has no end, or is not exactly one allowed object.
+/// If it is too long, has no line end, or is not exactly one valid object.
 pub fn read_request(line: &[u8]) -> Result<RequestKind, ProtocolError> {
     if line.len() > MAX_BYTES {
         return Err(ProtocolError::TooLong { most: MAX_BYTES });
@@ -114,10 +114,10 @@ pub fn read_request(line: &[u8]) -> Result<RequestKind, ProtocolError> {
     })
 }
 
-/// Returns the line that makes this request, with its end.
+/// Returns the line for this request, with its line end.
 ///
 /// # Errors
-/// If a client of the socket may not make this request.
+/// If a client of the socket must not make this request.
 pub fn request_line(what: &RequestKind) -> Result<String, ProtocolError> {
     let line = match what {
         RequestKind::State => Line::State {},
@@ -153,7 +153,7 @@ mod tests {
 
     /// A request that is read and written again gives the same line, byte for byte.
     #[test]
-    fn each_request_reads_back() {
+    fn each_written_request_is_read_unchanged() {
         let start =
             r#"{"ask":"start","recipe":"panel.toml","text":"panel = \"a\\b\"\n","record":RECORD,"part":PART}"#;
         let part = r#"{"serial":"SN \"7\"","operator":"Ännä"}"#;
@@ -188,9 +188,9 @@ mod tests {
         assert_eq!(request_line(&RequestKind::Leave), Err(ProtocolError::NotForClients));
     }
 
-    /// Each line, with a word that its error message must contain.
+    /// Each invalid line, with a word that its error message must contain.
     #[test]
-    fn hostile_lines_ask_for_nothing() {
+    fn invalid_lines_cause_no_request() {
         let deep = format!("{}1{}\n", "[".repeat(100_000), "]".repeat(100_000));
         let cases: [(&[u8], &str); 23] = [
             (b"", "no line end"),
@@ -227,7 +227,7 @@ mod tests {
     }
 
     proptest! {
-        /// Any bytes are either read or refused; a line that was cut is refused.
+        /// Any sequence of bytes is either read or refused; an incomplete line is refused.
         #[test]
         fn any_bytes_are_read_or_refused(bytes in proptest::collection::vec(any::<u8>(), 0..200), cut in 0_usize..28) {
             let _ = read_request(&bytes);

@@ -1,12 +1,12 @@
-//! Signed records by HTTP to a quality system: the files that `panelprep record export` writes, each put below an
-//! address of its own.
+//! Transfer of signed records by HTTP to a quality system: the files that `panelprep record export` writes are put,
+//! each at an address of its own below the configured address.
 //!
-//! The transfer runs on a thread of its own, for which nothing waits. Each signature's files are put in this order:
+//! The transfer runs on a separate thread, for which nothing waits. The files of each signature are put in this order:
 //! the files that the record names, the page, the signature, and last the record itself. So if a record is present,
-//! everything that it names is present too. A file is put again if its answer was lost. The file then has the same
-//! address and the same bytes, except the page, which also shows later signatures.
+//! everything that it names is present too. A file is put again if the server's answer was lost. The file then has the
+//! same address and the same bytes, except the page, which also shows later signatures.
 //!
-//! [`PushStatus`] is the report to people, `Connection` is the HTTP connection to the server, and one round of
+//! [`PushStatus`] is the status for people, `Connection` is the HTTP connection to the server, and one round of
 //! `Sender` puts the next file. The progress is stored in the store's folder (`transfer`).
 
 use super::background::{Background, Plan, Rounds};
@@ -94,7 +94,7 @@ impl PushStatus {
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Time limit for one file and its answer.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(60);
-/// Maximum number of bytes of an answer that are read, and that are reported.
+/// Maximum number of bytes of an answer that are read, and maximum number of its characters that are reported.
 const MAX_BYTES: usize = 16 * 1_024;
 const MAX_CHARACTERS: usize = 200;
 
@@ -122,8 +122,8 @@ impl Connection {
         Ok(Connection { target_folder: push.target_folder.clone(), authorization, tls, sender: None })
     }
 
-    /// Puts a file below the folder. If an open connection of an earlier request turns out to be closed, a new one is
-    /// opened.
+    /// Puts a file below the configured address. If the connection of an earlier request turns out to be closed, opens
+    /// a new one.
     ///
     /// # Errors
     /// If the server cannot be reached, or does not accept the file.
@@ -153,7 +153,7 @@ impl Connection {
         timeout(CONNECT_TIMEOUT, connecting).await.map_err(late)?
     }
 
-    /// Sends a file and returns the answer. The connection is retained if it can be used again.
+    /// Sends a file and returns the answer. The connection stays open if it can be used again.
     async fn send_file(
         &mut self,
         mut sender: SendRequest<Body>,
@@ -207,13 +207,14 @@ async fn begin_connection(
     Ok(sender)
 }
 
-/// Returns the status, and the answer's text for people: its first line, or the address to which the server redirects.
+/// Returns the status code, and a text for people: the first line of the answer, or the address to which the server
+/// redirects.
 async fn read_response(response: Response<hyper::body::Incoming>) -> (StatusCode, String) {
     let status = response.status();
     if status.is_redirection() {
         let place = response.headers().get(LOCATION).and_then(|place| place.to_str().ok()).unwrap_or("nowhere");
         let words =
-            format!("the server redirects to {place}; write the address that accepts records into [push] to");
+            format!("the server redirects to {place}; write the address that accepts records as `to` in [push]");
         return (status, words.chars().filter(|c| !c.is_control()).collect());
     }
     let bytes = to_bytes(Body::new(response.into_body()), MAX_BYTES).await.unwrap_or_default();
@@ -222,9 +223,9 @@ async fn read_response(response: Response<hyper::body::Incoming>) -> (StatusCode
     (status, line.chars().filter(|c| !c.is_control()).take(MAX_CHARACTERS).collect())
 }
 
-/// The file in the store's folder that records up to which signature the files were put.
+/// The file in the store's folder that records the signature up to which the files were put.
 const PROGRESS: &str = "push.json";
-/// The text with which the names of pictures, recipes and calibrations begin.
+/// The prefix of the names of pictures, recipes and calibrations.
 const FILES: &str = "files/";
 /// Largest number of remembered names of such files: most records name the same recipe and calibrations.
 const MAX_FILES: usize = 50_000;
@@ -232,7 +233,7 @@ const JSON: &str = "application/json";
 const PDF: &str = "application/pdf";
 const BYTES: &str = "application/octet-stream";
 
-/// The last signature up to which this server has everything.
+/// The last signature for which this server has all files.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default)]
 struct Progress {
@@ -250,7 +251,7 @@ struct File {
     bytes: Bytes,
 }
 
-/// Returns the page of a cycle, and the part that the cell signs.
+/// Returns the page of a cycle as PDF, and the part that the cell signs.
 fn page_files(cycle: CycleId, RecordPdf { pdf, page, signature }: RecordPdf) -> Vec<File> {
     let stem = signing::page_stem(cycle);
     let file = |name: String, kind, bytes: Vec<u8>| File { name, kind, bytes: bytes.into() };
@@ -261,7 +262,7 @@ fn page_files(cycle: CycleId, RecordPdf { pdf, page, signature }: RecordPdf) -> 
     ]
 }
 
-/// The task that sends records.
+/// Sends the signed records.
 struct Sender {
     push: PushSettings,
     folder: PathBuf,
@@ -301,7 +302,7 @@ impl Sender {
 
 impl Rounds for Sender {
     async fn run_round(&mut self) -> Result<bool, String> {
-        // The connection's own files are read even if nothing is to be put, so that errors in them are reported at
+        // The files of the connection are read even if nothing is to be put, so that errors in them are reported at
         // once.
         let mut connection = match self.connection.take() {
             Some(connection) => connection,
@@ -329,7 +330,7 @@ impl Rounds for Sender {
                 self.progress = Progress { to, number, record_hash };
                 transfer::write_progress(&self.folder, PROGRESS, &self.progress)?;
                 // Pictures, recipes and calibrations have the same name in every record, so these names stay in the
-                // list.
+                // set.
                 self.stored_names.retain(|name| name.starts_with(FILES));
                 if self.stored_names.len() >= MAX_FILES {
                     self.stored_names.clear();
@@ -350,8 +351,8 @@ impl Rounds for Sender {
 }
 
 impl Sender {
-    /// Continues after the last completed signature. If the store was restored from a backup, other signatures have
-    /// the same numbers, and all of them are put again.
+    /// Continues after the last completed signature. If the store was restored from a backup, other signatures may have
+    /// the same numbers: all signatures are then put again.
     fn resume_position(&mut self, store: &Store) -> Result<(), String> {
         let Progress { number, record_hash, .. } = &self.progress;
         if *number == 0 {
@@ -368,8 +369,8 @@ impl Sender {
         Ok(())
     }
 
-    /// Returns the first file of a cycle's page that was not put yet: the PDF, and the part that the cell signs.
-    /// The page is made once for each signature.
+    /// Returns the first file of a cycle's page that was not put yet: the PDF, or the part that the cell signs. The
+    /// page is made once for each signature.
     async fn next_page_file(&mut self, row: &SignatureRow) -> Result<Option<File>, String> {
         if self.page.as_ref().is_none_or(|(number, _)| *number != row.number) {
             let (records, cycle) = (self.records.clone(), row.cycle);
@@ -385,7 +386,7 @@ impl Sender {
     }
 
     /// Returns the first file of a signature that was not put yet. A file that is damaged, or was deleted after its
-    /// retention time, is skipped: `record verify` reports it.
+    /// retention time, is left out: `record verify` reports it.
     async fn next_file(&mut self, store: &Store, row: &SignatureRow) -> Result<Option<File>, String> {
         let record = store.blob(&row.record_hash).map_err(|error| error.to_string())?;
         if let StatementContent::Cycle(cycle) = Statement::read(&record).map_err(|error| error.to_string())?.says {

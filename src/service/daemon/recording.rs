@@ -1,4 +1,4 @@
-//! Records the loop's data in the store.
+//! Writes the loop's data to the store.
 
 use super::ports::{
     Figure, Finding, Note, PictureStore, Port, RecordAnswer, RecordCommand, RecordError, StoredPicture,
@@ -13,18 +13,18 @@ use panelprep_store::store::{Store, StoreError};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Minimum free disk space for the beginning of a cycle, MB: enough for its pictures and for the longest journal of a
-/// day.
+/// Minimum free disk space at the beginning of a cycle, MB: enough for the cycle's pictures and for the longest journal
+/// of a day.
 pub const FLOOR_MB: u64 = 1_000;
 /// Number of pictures of a clip that are compressed at the same time.
 const BATCH_PICTURES: usize = 8;
 
-/// Writes a cycle's pages into a store; between cycles only the journal is written.
+/// Writes the record of a cycle into a store; between cycles, only the journal is written.
 #[derive(Debug)]
 pub struct StoreRecord<'a> {
     store: &'a mut Store,
     cycle: Option<CycleId>,
-    /// The last line of the journal with a request, until the answer is recorded.
+    /// The position in the journal of the last request, until its answer is recorded.
     line: Option<RequestPosition>,
     pages: Pages,
     is_full_reported: bool,
@@ -35,7 +35,8 @@ pub struct StoreRecord<'a> {
 struct RequestPosition {
     line: u64,
     cycle: Option<CycleId>,
-    /// Findings of the cycle when the request was made: its effects may add some before its answer is recorded.
+    /// Number of findings of the cycle when the request was made: its effects may add some before its answer is
+    /// recorded.
     findings: u64,
 }
 
@@ -43,11 +44,11 @@ struct RequestPosition {
 #[derive(Debug, Default)]
 struct Pages {
     budget: Budget,
-    /// The pictures to which the next finding refers.
+    /// The pictures that belong to the next finding.
     pictures: Vec<Picture>,
     shots: Vec<KeptFile>,
-    /// The clip so far, with its files named by their hashes; `waiting` contains its last pictures, which are not
-    /// stored yet.
+    /// The clip so far: its files, named by their hashes. `waiting` contains its last pictures, which are not stored
+    /// yet.
     clip: Vec<ClipEntry>,
     waiting: Vec<(Arc<ColorPicture>, f64, Phase)>,
     /// Number of findings of the cycle so far.
@@ -55,7 +56,7 @@ struct Pages {
 }
 
 impl<'a> StoreRecord<'a> {
-    /// Creates a record that writes to this cycle, or to none.
+    /// Creates a record that writes to this cycle, or to no cycle.
     pub fn new(store: &'a mut Store, cycle: impl Into<Option<CycleId>>) -> Self {
         StoreRecord { store, cycle: cycle.into(), line: None, pages: Pages::default(), is_full_reported: false }
     }
@@ -76,7 +77,7 @@ impl<'a> StoreRecord<'a> {
         Ok(())
     }
 
-    /// Ends the clip: its list is stored and named like a picture. A clip without a wet picture is not stored.
+    /// Ends the clip: stores its list, and names the list like a picture. A clip without a wet picture is not stored.
     fn store_clip(&mut self) -> Result<(), RecordError> {
         self.store_waiting_pictures()?;
         let entries = std::mem::take(&mut self.pages.clip);
@@ -89,10 +90,10 @@ impl<'a> StoreRecord<'a> {
     }
 }
 
-/// Stores pictures in this store from any thread.
+/// Returns a function that stores pictures in this store from any thread.
 ///
 /// # Errors
-/// If the store is open for reading.
+/// If the store is open only for reading.
 pub fn picture_store(store: &Store) -> Result<PictureStore, StoreError> {
     let writer = store.blob_writer()?;
     Ok(Box::new(move |picture| {
@@ -168,12 +169,13 @@ impl StoreRecord<'_> {
 
     fn finding(&mut self, finding: Finding) -> Result<(), RecordError> {
         let Some(cycle) = self.cycle else { return Ok(()) };
-        // A finding refers to the pictures before it, which must be in the store when its row is written.
+        // A finding refers to the pictures before it, so these must be in the store before the finding's row is
+        // written.
         self.store_clip()?;
         let (pictures, shots) = (std::mem::take(&mut self.pages.pictures), std::mem::take(&mut self.pages.shots));
         let mut kept = Finding { pictures, shots, ..finding };
-        // A value that is not a finite number counts as not measured. A failed fit must not prevent the record of
-        // its rejection.
+        // A value that is not a finite number counts as not measured: a failed fit must not prevent the record of its
+        // rejection.
         let dropped = self.store.dropped_pictures();
         if dropped > 0 {
             kept.details.insert("pictures_not_kept_since_the_disk_was_full".to_owned(), dropped.into());
@@ -195,8 +197,8 @@ impl StoreRecord<'_> {
     fn frame(&mut self, picture: Arc<ColorPicture>, time_s: f64, phase: Phase) -> Result<(), RecordError> {
         if self.cycle.is_some() {
             self.pages.waiting.push((picture, time_s, phase));
-            // In batches: compressing one picture after the other is slower than the camera, and a whole clip does not
-            // fit into memory.
+            // Stored in batches: compressing one picture after the other is slower than the camera, and a whole clip
+            // does not fit into memory.
             if self.pages.waiting.len() >= BATCH_PICTURES {
                 self.store_waiting_pictures()?;
             }
@@ -244,7 +246,7 @@ impl StoreRecord<'_> {
 
     fn conclude(&mut self, verdict: Verdict, because: &[Reason]) -> Result<RecordAnswer, RecordError> {
         let Some(cycle) = self.cycle else { return Ok(RecordAnswer::Concluded(verdict)) };
-        // The stored verdict is returned: the signature and the page must state what is on the disk.
+        // The stored verdict is returned, so that the signature and the page state the verdict on the disk.
         let kept = self.store.conclude(cycle, verdict, because).map_err(record_error)?;
         Ok(RecordAnswer::Concluded(kept.verdict))
     }

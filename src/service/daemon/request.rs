@@ -1,8 +1,9 @@
-//! The single request type: every interface submits it to the service, and the loop processes it; and the reply to it.
+//! The request type of all interfaces, which submit it to the service, and which the loop processes; and the reply to
+//! it.
 //!
-//! An interface (the socket today) states what is requested and by whom; [`super::Gateway`] prepares a start, queues
-//! the request and waits for the reply. Signals and scripted runs submit the same type. A request on which the cycle's
-//! table decides contains a [`cycle::Request`].
+//! An interface states what is requested and by whom; [`super::Gateway`] prepares a start, queues the request and waits
+//! for the reply. Signals and scripted runs submit the same type. A request on which the cycle's state table decides
+//! contains a [`cycle::Request`].
 
 use super::camera_lease::ShotRequest;
 use super::operator_texts;
@@ -20,7 +21,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use tokio::sync::oneshot;
 
-/// One request, on its way from an interface to the loop.
+/// A request on its way from an interface to the loop.
 #[derive(Debug)]
 pub struct Request {
     /// The requested action.
@@ -32,13 +33,13 @@ pub struct Request {
 }
 
 impl Request {
-    /// Creates a request for whose reply no client waits.
+    /// Creates a request without a client that waits for the reply.
     pub fn new(what: RequestKind, who: RequestAuthor) -> Self {
         Request { what, requester: who, reply: None }
     }
 
-    /// Creates the request of a SIGTERM or SIGINT. The first signal stops the cell, the second one aborts; the
-    /// service ends once the cell is at rest.
+    /// Creates the request of a SIGTERM or SIGINT. The first signal stops the cycle, the second one aborts it; the
+    /// service ends when the cell is at rest.
     pub fn signal() -> Self {
         Request::new(RequestKind::Leave, RequestAuthor::from_source(RequestSource::Signal))
     }
@@ -53,8 +54,8 @@ pub enum RequestKind {
     Start(StartRequest),
     /// Begins a cycle whose files have been read.
     Begin(Box<PreparedCycle>),
-    /// A request that was refused before it reached the loop: a start whose files are wrong, or a user whose role does
-    /// not permit the request. The loop only records it.
+    /// A request that was refused before it reached the loop: a start whose files are invalid, or a request that the
+    /// user's role does not permit. The loop only records it.
     Refused {
         /// The requested action.
         wanted: RequestedAction,
@@ -63,13 +64,14 @@ pub enum RequestKind {
     },
     /// Records that a new disc was mounted. Possible while the cell is at rest.
     NewDisc,
-    /// A request on which the table of the cycle decides.
+    /// A request on which the cycle's state table decides.
     Table(cycle::Request),
-    /// A person's decision for the state table, based on the state at this step of the table ([`cycle::State::step`]).
+    /// A person's decision for the state table, which is valid only if the table is still at this step
+    /// ([`cycle::State::step`]).
     Decided {
         /// The request: accept, unhold or clear.
         request: cycle::Request,
-        /// The step for which the person decided.
+        /// The step on which the person decided.
         step: u64,
     },
     /// A request to hold the cycle, with the reason that a person gave.
@@ -77,16 +79,16 @@ pub enum RequestKind {
         /// Reason of the hold, as the person stated it.
         why: String,
     },
-    /// A decision that was based on a step other than the present one. The loop only records it.
+    /// A decision on a step that is not the present one. The loop only records it.
     Outdated {
         /// The request.
         request: cycle::Request,
-        /// The changes since the request was made.
+        /// The reasons, with the changes since that step.
         reasons: Vec<Reason>,
     },
     /// Requests pictures from the cell's cameras, while the cell rests without a cycle.
     Shoot(ShotRequest),
-    /// Ends the program, if the cell is at rest.
+    /// Ends the program if the cell is at rest.
     Leave,
 }
 
@@ -112,7 +114,7 @@ impl RequestKind {
                 format!("start by {recipe}")
             }
             RequestKind::Refused { wanted: RequestedAction::NewDisc, .. } => "new-disc".to_owned(),
-            // No front requests it: `robot prove` stores it by itself.
+            // No interface requests it: `robot prove` stores it itself.
             RequestKind::Refused { wanted: RequestedAction::Proofs { stage, .. }, .. } => {
                 format!("proofs of stage {stage}")
             }
@@ -124,8 +126,8 @@ impl RequestKind {
         }
     }
 
-    /// Returns this request as the record names it, if an interface refuses it; `None` if it changes nothing of the
-    /// cell.
+    /// Returns the record's form of this request, for an interface that refuses it; `None` if the request changes
+    /// nothing in the cell.
     pub(super) fn wanted(&self) -> Option<RequestedAction> {
         match self {
             RequestKind::Table(request) | RequestKind::Decided { request, .. } => {
@@ -165,40 +167,40 @@ pub struct StartRequest {
     pub recipe: String,
     /// Its text.
     pub text: String,
-    /// The place in which the cycle is recorded, if it is recorded.
+    /// The destination of the cycle's recording; `None` if the cycle is not recorded.
     #[serde(default)]
     pub record: Option<RecordIn>,
     /// The part in the cell, with its work order and operator.
     #[serde(default)]
     pub part: Option<PartNames>,
-    /// Whether a person states that the part in the fixture is not the part of the earlier cycles: abrasions are then
-    /// counted from zero.
+    /// Whether a person states that the part in the fixture is not the part of the earlier cycles: its abrasions are
+    /// then counted from zero.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub another_part: bool,
-    /// How many passes the part had in cycles that a restored store lacks, as a person stated it.
+    /// The number of passes that the part had in cycles that a restored store lacks, as a person stated it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lost_passes: Option<u8>,
     /// Whether the person stated on the operator's page that the guard is closed and no person is inside the cell. Only the
     /// page asks for it; a client's line cannot state it.
     #[serde(skip)]
     pub is_stated_clear: bool,
-    /// Whether the text may differ from the text in the recipes' folder. The interface decides this by the person's
+    /// Whether the text may differ from the file in the recipes' folder. The interface decides this by the person's
     /// role; a client's line cannot state it.
     #[serde(skip)]
     pub own_text: RecipeTextPermission,
 }
 
-/// Whether a start may bring a recipe text that is not in the recipes' folder.
+/// Whether a start may contain a recipe text that is not in the recipes' folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum RecipeTextPermission {
-    /// Only a recipe of the folder is accepted, by name and content.
+    /// Only a recipe of the folder is accepted: its name and content must agree.
     #[default]
     Refused,
-    /// Any text; the record states that it is not from the folder.
+    /// Any text is accepted; the record states that it is not from the folder.
     Allowed,
 }
 
-/// The place in which a cycle is recorded.
+/// The destination of a cycle's recording.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RecordIn {
@@ -211,7 +213,7 @@ pub enum RecordIn {
 /// A cycle with its files read and checked; the loop can begin it.
 #[derive(Debug)]
 pub struct PreparedCycle {
-    /// The request to the table to begin.
+    /// The request to the cycle's state table to begin the cycle.
     pub request: cycle::Request,
     /// Recipe, taught panel and calibrations.
     pub setup: CycleSetup,
@@ -219,7 +221,7 @@ pub struct PreparedCycle {
     pub start: CycleStart,
     /// How the cycle is recorded, if it is recorded.
     pub recording: Option<RecordingPlan>,
-    /// Remarks on the start for the record, although the start is accepted.
+    /// Remarks on an accepted start, for the record.
     pub remarks: Vec<Reason>,
 }
 
@@ -231,12 +233,12 @@ pub enum RequestResult {
     Done,
     /// The request is refused: it is not possible now, or not in this form.
     Refused,
-    /// The condition of the cell does not allow the request.
+    /// The request failed because of the condition of the cell.
     Fault,
 }
 
 impl RequestResult {
-    /// The exit code of `panelprep ctl`.
+    /// Returns the exit code of `panelprep ctl`.
     pub fn code(self) -> u8 {
         match self {
             RequestResult::Done => 0,
@@ -252,7 +254,7 @@ impl RequestResult {
 pub struct Reply {
     /// Result of the request.
     pub answer: RequestResult,
-    /// The PackML word; `None` if the loop was not asked.
+    /// The state in PackML's terms; `None` if the loop was not asked.
     pub state: Option<String>,
     /// The phase inside Execute; if the cycle is held, the phase in which it continues.
     pub phase: Option<String>,
@@ -260,11 +262,11 @@ pub struct Reply {
     pub panel: Option<String>,
     /// The cycle's number of abrasions so far.
     pub pass: Option<u8>,
-    /// Seconds of the film in progress.
+    /// Duration of the film in progress so far, s.
     pub film_s: Option<f64>,
     /// Number of executed waypoints of the path in progress.
     pub waypoint: Option<u32>,
-    /// Total number of waypoints.
+    /// Total number of waypoints of this path.
     pub of: Option<u32>,
     /// The page of the last cycle, once it is written.
     pub page: Option<PathBuf>,
@@ -273,7 +275,7 @@ pub struct Reply {
     pub axes_deg: Option<[f64; 6]>,
     /// The last epoch of the robot.
     pub epoch: Option<u32>,
-    /// The step of the cycle's state table that this reply shows; the requests accept, unhold and clear must state it.
+    /// The step of the cycle's state table in this reply; the requests accept, unhold and clear must state it.
     #[serde(default)]
     pub step: Option<u64>,
     /// The cycle that runs, or the last one since the service started.
@@ -282,7 +284,7 @@ pub struct Reply {
     pub verdict: Option<Verdict>,
     /// The recording of the cycle, if there is one.
     pub recording: Option<RecordingResult>,
-    /// The action that was done, if the state does not show it.
+    /// What was done, if the state does not show it.
     pub done: Option<String>,
     /// The reason why the request was refused, or why the cell is in this state.
     pub reasons: Vec<Reason>,
@@ -296,7 +298,7 @@ pub struct Reply {
 pub struct PageData {
     /// The state of the cycle's state table.
     pub table: Option<State>,
-    /// Words of the requests that the table would accept now.
+    /// The words of the requests that the state table would accept now.
     pub possible: Vec<&'static str>,
     /// The panel's grids; none before the first cycle.
     pub grids: Arc<[GridId]>,
@@ -307,20 +309,20 @@ pub struct PageData {
 }
 
 impl Reply {
-    /// Returns the sentences of all reasons as one text.
+    /// Returns the messages of all reasons as one text.
     pub(super) fn joined_reasons(&self) -> String {
         let sentences: Vec<&str> = self.reasons.iter().map(|reason| reason.message.as_str()).collect();
         sentences.join("; ")
     }
 
-    /// Returns whether the loop may not have received the request, so that the interface records it. A service that
-    /// ended may have recorded it as well: two lines are better than none.
+    /// Returns whether the loop may not have received the request, so that the interface must record it. A service that
+    /// ended may have recorded it as well: two lines in the record are better than none.
     pub(super) fn may_be_unrecorded(&self) -> bool {
         let codes = ["busy", "ended", "bad_request"];
         self.state.is_none() && self.reasons.first().is_some_and(|reason| codes.contains(&&*reason.code))
     }
 
-    /// Creates an answer that does not come from the loop.
+    /// Creates a refusal that does not come from the loop.
     pub fn refused(answer: RequestResult, reasons: Vec<Reason>) -> Self {
         Reply {
             answer,

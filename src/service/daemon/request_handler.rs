@@ -1,12 +1,12 @@
-//! Processing of requests in the service: passes them to the loop, answers the clients that wait, and reports the
-//! state of the cell to systemd.
+//! Processing of requests in the service: passes them to the loop, answers the clients that wait, and reports the state
+//! of the cell to systemd.
 //!
-//! The loop calls the handler in every iteration. The handler then also asks the supervisor about the other threads,
-//! so that the life sign to systemd (`WATCHDOG=1`) proves that all of them work. SIGTERM or SIGINT stops the cell, a
-//! second one aborts; the service ends from Stopped or Aborted only.
+//! The loop calls the handler in every iteration. The handler then also asks the supervisor about the other threads, so
+//! that the heartbeat to systemd (`WATCHDOG=1`) proves that all of them work. SIGTERM or SIGINT stops the cycle, and a
+//! second one aborts it; the service ends from Stopped or Aborted only.
 //!
-//! While the store cannot be opened, as on a full disk, there is no loop: [`wait_for`] answers requests, does nothing
-//! else, and tries again.
+//! While the store cannot be opened, for example on a full disk, there is no loop: [`wait_for`] then only answers
+//! requests, and tries again to open the store.
 
 use super::camera_lease::SharedCameras;
 use super::live_view::LiveView;
@@ -34,24 +34,24 @@ use tokio::sync::oneshot;
 pub struct EndedCycle {
     /// Id of the cycle.
     pub id: CycleId,
-    /// The recording of the cycle, which may still be being written.
+    /// The recording of the cycle, which may still be in progress.
     pub recording: Option<Recording>,
 }
 
-/// The parts of the service, outside of its loop, that requests use.
+/// The parts of the service outside its loop that requests use.
 #[derive(Debug)]
 pub struct ServiceParts {
     /// The switch that determines which cycle is recorded.
     pub recording: RecordingSwitch,
     /// Checks whether all threads work.
     pub supervisor: Supervisor,
-    /// The channel by which the page of an ended cycle is ordered.
+    /// The channel that orders the page of an ended cycle.
     pub pages: Sender<EndedCycle>,
     /// The page that was written last.
     pub written: LastWrittenPage,
     /// The cameras, which are lent while the cell rests.
     pub cameras: Option<SharedCameras>,
-    /// The live view for people who watch.
+    /// The live view for viewers.
     pub view: LiveView,
 }
 
@@ -65,7 +65,7 @@ fn phase(at: At) -> Option<Phase> {
     }
 }
 
-/// Returns who requests this hold, and why if a reason is given.
+/// Returns a reason that states who requests this hold, and why if the person stated it.
 fn holder(hold: &Request) -> Reason {
     let who = hold.requester.user.clone().unwrap_or_else(|| hold.requester.to_string());
     match &hold.what {
@@ -74,17 +74,18 @@ fn holder(hold: &Request) -> Reason {
     }
 }
 
-/// Number of life signs that a working loop sends to systemd within the watchdog time: if one is late, more than half
+/// Number of heartbeats that a working loop sends to systemd within the watchdog time: if one is late, more than half
 /// of this time is left.
 const WATCHDOG_SIGNALS: u32 = 4;
-/// How long the loop waits for a request while the cell rests.
-const IDLE_WAIT: Duration = Duration::from_millis(20);
+/// Time for which the loop waits for a request while the cell rests.
+const IDLE_POLL_TIMEOUT: Duration = Duration::from_millis(20);
 
 /// Largest number of requests for the state that are answered in one iteration of the loop.
 const MAX_STATE_REQUESTS: usize = 64;
 
-/// Number of the table's steps for which the state shown is remembered: more than a cycle has between two holds.
-const MAX_STEPS: usize = 64;
+/// Number of the last steps of the state table whose description is remembered: more than a cycle has between two
+/// holds.
+const MAX_REMEMBERED_STEPS: usize = 64;
 
 /// The data of a start that the loop has accepted.
 #[derive(Debug)]
@@ -103,43 +104,43 @@ pub struct RequestHandler {
     /// Whether the accepted request is a reset.
     waits_for_reset: bool,
     signals: u8,
-    /// The number of signals for which a request was sent to the table.
+    /// The number of signals that already led to a request to the state table.
     handled_signals: u8,
     /// The state that was last reported to systemd.
     reported_state: Option<At>,
-    /// The interval at which systemd expects a sign of the loop, and the time of the last sign.
+    /// The interval at which systemd expects a heartbeat, and the time of the last one.
     watchdog: Option<(Duration, Instant)>,
     parts: ServiceParts,
-    /// The loop's own sign of life for the supervisor.
+    /// The loop's own heartbeat for the supervisor.
     sign: SupervisedThread,
     cycle: Option<CycleId>,
     verdict: Option<Verdict>,
-    /// The panel of the cycle, and of the start that the loop has accepted.
+    /// The panel of the cycle, or of the start that the loop has accepted.
     panel: Option<String>,
     accepted_start: Option<AcceptedStart>,
     /// The grids of the panel of the last cycle; `film_total_s` is the planned duration of its film, s.
     grids: Arc<[GridId]>,
     film_total_s: Option<f64>,
-    /// Seconds of the film in progress.
+    /// Duration of the film in progress so far, s.
     film_s: Option<f64>,
-    /// The action that was done, for the reply.
+    /// What was done, for the reply.
     done: Option<String>,
     /// The cycle whose page is due once the cell is at rest.
     ended: Option<CycleId>,
-    /// The problems found last; `earlier_problems` contains those from before the last request.
+    /// The problems that were found last; `earlier_problems` contains those from before the last request.
     problems: Vec<Reason>,
     earlier_problems: Vec<Reason>,
     /// The author of the last requested hold, with the reason if one was given.
     holder: Option<Reason>,
-    /// The state that the loop last showed.
+    /// The state that the loop last reported.
     state: State,
-    /// The last steps of the table, each with the state that it showed.
+    /// The last steps of the state table, each with its description.
     steps: VecDeque<(u64, String)>,
 }
 
 impl RequestHandler {
-    /// Creates the handler for the requests of this queue. `left` is the cycle that an earlier process did not end.
-    /// The handler reports to systemd that the loop works, as long as the supervisor finds that all threads work.
+    /// Creates the handler for the requests of this queue. `left` is the cycle that an earlier process did not end. The
+    /// handler reports to systemd that the loop works, as long as the supervisor finds that all threads work.
     pub fn new(queue: RequestQueue, left: Option<CycleId>, parts: ServiceParts) -> Self {
         let (sign, _) = supervise("loop", Duration::MAX);
         let watchdog = sd_notify::watchdog_enabled().map(|allowed| (allowed / WATCHDOG_SIGNALS, Instant::now()));
@@ -209,7 +210,7 @@ impl RequestHandler {
         PageData { table: Some(*state), possible, grids, film_total_s, is_review }
     }
 
-    /// Returns why the cell is in this state, and the problems found last.
+    /// Returns the reasons for the cell's state, and the problems found last.
     fn reasons(&self, state: &State) -> Vec<Reason> {
         let is_requested = matches!(state.at, At::Held(hold) | At::Holding(hold) if hold.why == cycle::Why::Asked);
         let holder = self.holder.iter().filter(|_| is_requested);
@@ -257,7 +258,7 @@ impl RequestHandler {
         }
     }
 
-    /// Passes a decision to the table if the step on which the decision is based is the present one.
+    /// Passes a decision to the state table if it was made on the present step.
     fn pass_decision(&self, request: cycle::Request, step: u64, state: &State) -> RequestKind {
         if step == state.step {
             return RequestKind::Table(request);
@@ -269,13 +270,13 @@ impl RequestHandler {
         }
     }
 
-    /// Remembers the state shown at each step, so that a decision based on an earlier step is refused with the
-    /// change since then.
+    /// Remembers the description of each step, so that the refusal of a decision on an earlier step can state what has
+    /// changed.
     fn remember_step(&mut self, state: &State) {
         if self.steps.back().is_some_and(|(step, _)| *step == state.step) {
             return;
         }
-        if self.steps.len() == MAX_STEPS {
+        if self.steps.len() == MAX_REMEMBERED_STEPS {
             self.steps.pop_front();
         }
         self.steps.push_back((state.step, operator_texts::describe_step(state)));
@@ -285,9 +286,9 @@ impl RequestHandler {
     fn pass_to_loop(&mut self, mut request: Request) -> Request {
         self.waiting = request.reply.take();
         self.waits_for_reset = matches!(request.what, RequestKind::Table(cycle::Request::Reset));
-        // If the request is refused, these notes are restored.
+        // If the loop refuses the request, this data is restored.
         self.earlier_problems = self.problems.clone();
-        // A hold of a cycle that is held already is refused, and its author did not hold it.
+        // A hold is refused if the cycle is already held, so its author is not the person who held the cycle.
         if request.what.table_request() == Some(cycle::Request::Hold)
             && !matches!(self.state.at, At::Held(_) | At::Holding(_))
         {
@@ -302,7 +303,7 @@ impl RequestHandler {
             }
             RequestKind::Begin(prepared) => {
                 let setup = &prepared.setup;
-                // The data are only noted here: the state table may refuse the start while another cycle runs.
+                // The data are only remembered here: the state table may refuse the start while another cycle runs.
                 self.accepted_start = Some(AcceptedStart {
                     panel: setup.panel_name().to_owned(),
                     grids: setup.panel.grids.iter().map(|grid| grid.id).collect(),
@@ -352,7 +353,7 @@ impl RequestHandler {
         self.remember_step(state);
         self.sign.report_working();
         self.parts.supervisor.check_threads()?;
-        // The request that was returned in the loop's last round was accepted: otherwise it would have been
+        // The request that was returned in the last iteration of the loop was accepted: otherwise it would have been
         // answered already.
         self.send_answer(RequestResult::Done, self.reasons(state), state);
         self.publish_status(state);
@@ -366,7 +367,7 @@ impl RequestHandler {
         if let Some(request) = self.signal_request(state) {
             return Ok(Some(request));
         }
-        let mut patience = if state.at.is_at_rest() { IDLE_WAIT } else { Duration::ZERO };
+        let mut patience = if state.at.is_at_rest() { IDLE_POLL_TIMEOUT } else { Duration::ZERO };
         // All requests for the state are answered in one iteration, so that they do not delay other requests.
         for _ in 0..MAX_STATE_REQUESTS {
             let Some(request) = self.queue.next(patience) else { break };
@@ -449,8 +450,8 @@ impl RequestHandler {
             Refusal::Robot(_) | Refusal::Failed(_) => RequestResult::Fault,
         };
         if matches!(refusal, Refusal::Failed(_)) {
-            // The request was accepted and failed later: the problems that it found stay in the answer. It may fail
-            // before its reply is due.
+            // The request was accepted and failed later: the problems that it caused belong to its answer, even if they
+            // are found before its reply is due.
             self.problems.insert(0, reason);
             if self.waits_for_reset {
                 self.send_answer(exit, self.problems.clone(), &state);
@@ -486,8 +487,9 @@ impl LastWrittenPage {
 /// Time between two attempts to open the store.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Answers each request with the reason why nothing can be done, until `attempt` succeeds; `None` if a signal ends the
-/// wait. The state in the reply is Aborted: nothing moves, and the last action of the cell cannot be read.
+/// Answers each request with the reason why nothing can be executed, until `attempt` succeeds; returns `None` if a
+/// signal ends the wait. The state in the reply is Aborted: nothing moves, and the last action of the cell cannot be
+/// read.
 pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, Reason>) -> Option<T> {
     let mut is_reported = false;
     loop {
@@ -504,7 +506,7 @@ pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, 
         if matches!(what, RequestKind::Leave) {
             return None;
         }
-        // A request without a reply channel was answered already, and there is no open store that could record it.
+        // A request without a reply channel was answered already, and no store is open that could record it.
         for reply in queue.take_followers().into_iter().chain(reply) {
             let answer =
                 if matches!(what, RequestKind::State) { RequestResult::Done } else { RequestResult::Fault };

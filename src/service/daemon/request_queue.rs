@@ -1,11 +1,12 @@
 //! The queue of requests to the loop, in the order of their urgency.
 //!
-//! A stop, an abort and a signal go before everything else and are always accepted. Of the other requests, only a few
-//! of each user wait at one time, so that a client that sends requests continuously cannot block the other clients.
+//! A stop, an abort and a signal have priority over all other requests and are always accepted. Of the other requests,
+//! only a few of each user wait at the same time, so that a client that sends requests continuously cannot block the
+//! other clients.
 //!
-//! An urgent request is also sent to the robot directly when it enters the queue: the abort frame waits neither for
-//! the loop nor for a disk on which the loop waits. The loop then finds the request, writes it to the journal and does
-//! everything else that belongs to a stop.
+//! An urgent request is also sent to the robot directly when it enters the queue: the abort frame waits neither for the
+//! loop nor for a disk on which the loop waits. The loop then takes the request from the queue, writes it to the
+//! journal and does everything else that belongs to a stop.
 
 use super::request::{Reply, Request, RequestKind};
 use panelprep_devices::robot::StopLine;
@@ -48,8 +49,8 @@ struct Inside {
 type Followers = Vec<oneshot::Sender<Reply>>;
 
 impl Inside {
-    /// Adds an urgent request. The same stop or abort by the same person is one request, however many times it is
-    /// sent: continuous requests of one person must not block the others. Signals are not merged, because they are
+    /// Adds an urgent request. Repeated stops, or repeated aborts, of the same person are merged into one request, so
+    /// that continuous requests of one person cannot block the others. Signals are not merged, because they are
     /// counted.
     fn push_urgent(&mut self, request: Request) {
         let is_same = |(waiting, _): &&mut (Request, Followers)| match (&waiting.what, &request.what) {
@@ -70,8 +71,8 @@ impl Inside {
         Some(request)
     }
 
-    /// Returns the next non-urgent request whose client still waits, or that never needed a reply.
-    fn waited_for(&mut self) -> Option<Request> {
+    /// Returns the next non-urgent request whose client still waits, or that needs no reply.
+    fn pop_waiting(&mut self) -> Option<Request> {
         loop {
             let request = self.others.pop_front()?;
             if !request.reply.as_ref().is_some_and(oneshot::Sender::is_closed) {
@@ -87,13 +88,13 @@ impl Inside {
     }
 }
 
-/// The reason why a request was not taken.
+/// The reason why a request was not accepted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum RequestQueueError {
     /// The loop has ended.
     #[error("the service has ended")]
     Ended,
-    /// Too many requests wait.
+    /// Too many requests are waiting.
     #[error(
         "{waiting} requests are already waiting for a reply; try again later (stop and abort are always accepted)"
     )]
@@ -111,7 +112,7 @@ pub fn request_queue() -> (RequestSender, RequestQueue) {
 
 impl Shared {
     fn lock(&self) -> MutexGuard<'_, Inside> {
-        // Every change is completed under the lock.
+        // A poisoned lock is harmless: every change under it is complete.
         self.inside.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -120,7 +121,7 @@ impl RequestSender {
     /// Adds a request to the queue according to its urgency.
     ///
     /// # Errors
-    /// If the loop has ended or too many requests wait.
+    /// If the loop has ended or too many requests are waiting.
     pub fn send(&self, request: Request) -> Result<(), RequestQueueError> {
         let mut inside = self.0.lock();
         if inside.is_closed {
@@ -130,7 +131,8 @@ impl RequestSender {
         if is_urgent {
             inside.push_urgent(request);
         } else {
-            // Counted for each user first, so that one client with many requests does not lock out the operator.
+            // The limit of each user is checked first, so that one client with many requests does not block the
+            // operator.
             let of_user = inside.others.iter().filter(|other| other.requester == request.requester).count();
             let waiting = if of_user < MAX_QUEUED_PER_USER { inside.others.len() } else { of_user };
             if of_user >= MAX_QUEUED_PER_USER || waiting >= MAX_QUEUED {
@@ -148,8 +150,8 @@ impl RequestSender {
         Ok(())
     }
 
-    /// Sets the line by which urgent requests go to the robot first, from now on. Only the first line that is set
-    /// is used.
+    /// Sets the connection by which urgent requests reach the robot directly, from now on. Only the first one that is
+    /// set is used.
     pub fn set_urgent_line(&self, line: StopLine) {
         #[expect(clippy::let_underscore_must_use, reason = "a program has one robot")]
         let _ = self.0.stop_line.set(line);
@@ -157,14 +159,14 @@ impl RequestSender {
 }
 
 impl RequestQueue {
-    /// Returns the most urgent request; waits at most this long for one. Requests whose client timed out are
-    /// discarded and never executed late: the operator was informed of the failure and may be at the panel. Stop
-    /// and Abort are executed in any case.
+    /// Returns the most urgent request; waits at most this long for one. Requests whose client no longer waits are
+    /// discarded and never executed late: the operator was informed of the failure and may be at the panel. Stop and
+    /// Abort are executed in any case.
     pub fn next(&self, patience: Duration) -> Option<Request> {
         let until = Instant::now() + patience;
         let mut inside = self.0.lock();
         loop {
-            let request = inside.pop_urgent().or_else(|| inside.waited_for());
+            let request = inside.pop_urgent().or_else(|| inside.pop_waiting());
             let left = until.saturating_duration_since(Instant::now());
             if request.is_some() || left.is_zero() {
                 return request;
@@ -175,7 +177,8 @@ impl RequestQueue {
 }
 
 impl RequestQueue {
-    /// Takes the reply channels of the other clients that wait for the reply to the last urgent request.
+    /// Returns the reply channels of the other clients that wait for the reply to the last urgent request, and removes
+    /// them.
     pub fn take_followers(&self) -> Vec<oneshot::Sender<Reply>> {
         std::mem::take(&mut self.0.lock().followers)
     }
@@ -185,7 +188,7 @@ impl Drop for RequestQueue {
     fn drop(&mut self) {
         let mut inside = self.0.lock();
         inside.is_closed = true;
-        // Dropping a request informs the client that waits that there is no reply.
+        // If a request is dropped, its client is informed that there is no reply.
         (inside.urgent, inside.others, inside.followers) = Default::default();
     }
 }
@@ -218,7 +221,7 @@ mod tests {
         (0..100).any(|_| link.next(Duration::from_secs(5)).is_some_and(|report| is_it(&report)))
     }
 
-    /// The loop does not take the request, as if it waited for its disk: the robot is stopped all the same. A hold
+    /// The loop does not take the request, as if it waited for its disk: the robot is stopped nevertheless. A hold
     /// waits for the loop.
     #[test]
     fn a_stop_goes_to_the_robot_before_the_loop_sees_it() {
@@ -270,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_client_waits_for_any_more_is_not_done_but_a_stop_is() {
+    fn without_a_waiting_client_only_a_stop_is_executed() {
         let (sender, queue) = request_queue();
         let who = || RequestAuthor { front: RequestSource::Socket, uid: Some(7), user: None, from: None };
         for request in [cycle::Request::Reset, Stop, cycle::Request::Clear, Hold] {
@@ -278,7 +281,7 @@ mod tests {
             let what = RequestKind::Table(request);
             sender.send(Request { what, requester: who(), reply: Some(reply) }).expect("a place");
             if request == Hold {
-                // The client of this request still waits for its answer.
+                // The client of this request still waits for its reply.
                 std::mem::forget(answer);
             }
         }
@@ -287,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn what_stops_goes_first_and_always_finds_a_place() {
+    fn urgent_requests_come_first_and_are_always_accepted() {
         let (sender, queue) = request_queue();
         let send = |uid, request| {
             let who = RequestAuthor { front: RequestSource::Socket, uid: Some(uid), user: None, from: None };

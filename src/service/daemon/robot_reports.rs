@@ -1,10 +1,10 @@
-//! Reports of the robot and of its compliant tool. A report of the robot becomes an event of the table, the answer to
-//! the pending action, or both.
+//! Reports of the robot and of its compliant tool. A report of the robot becomes an event of the state table, the
+//! answer to the pending action, or both.
 //!
-//! The tool receives the command that the arm's position requires, and its reports may end a contact path. In each
-//! iteration of the loop the tool's reports are read and compared with the state expected at the arm's position. A
-//! deviation is recorded as a finding, the tool is held back, and the state table ends the path: tool off and retract
-//! by the robot's own program.
+//! The tool receives the command for the present position of the arm, and its reports may end a contact path. In each
+//! iteration of the loop the tool's reports are read and compared with the state that is expected at the arm's
+//! position. A deviation is recorded as a finding, the tool is retracted, and the state table ends the path: the
+//! robot's own program switches the tool off and retracts the arm.
 
 use super::answers::reason;
 use super::error::DaemonError;
@@ -24,11 +24,11 @@ use panelprep_kuka::eki::{CONTACT_OVERRIDE_PERCENT, Mode, Refusal, StopCause, Ti
 use panelprep_toolpath::path::routes::waypoints;
 use panelprep_toolpath::path::trace::{PoseReport, path_deviation_mm};
 
-/// A deviation above this multiple of the review limit ends a path in contact at once.
+/// Ratio of the deviation that ends a contact path at once to the deviation that leads to a review.
 const ABORT_DEVIATION_RATIO: f64 = 4.0;
 
 impl LoopMemory<'_> {
-    /// Turns a report into events of the table and into the answer of the pending action.
+    /// Converts a report to events of the state table and to the answer of the pending action.
     pub(super) fn on_report(&mut self, report: eki::Report) -> Result<(), DaemonError> {
         use eki::Report as R;
         match report {
@@ -53,7 +53,7 @@ impl LoopMemory<'_> {
                 );
             }
             R::Progress { done } => self.on_executed(done)?,
-            // The end is handled when the state reports that the robot is at rest there.
+            // The end of a path is handled when a state reports that the robot is at rest there.
             R::PathDone { .. } => {}
             R::Standstill { done } => self.on_standstill(done),
             R::Refused { refusal, id } => {
@@ -96,11 +96,11 @@ impl LoopMemory<'_> {
     fn handle_state(&mut self, state: &eki::State) -> Result<(), DaemonError> {
         self.robot_state = Some(*state);
         self.track_contact_path(state)?;
-        // After the motion is followed: a state can show both the end of a path and an open guard, and the path has
-        // ended first.
+        // Handled after the motion: if a state shows both the end of a path and an open guard, the path has ended
+        // first.
         self.on_robot_condition(condition(state, self.cell.programs_sum));
         let is_full = state.override_percent == CONTACT_OVERRIDE_PERCENT;
-        // Only changes become events: each event is a line of the journal, and states come ten times a second.
+        // Only changes become events: each event is a line of the journal, and states arrive ten times a second.
         if self.full_override.replace(is_full) != Some(is_full) {
             self.events.push_back(Event::Reported(Report::FullOverride(is_full)));
         }
@@ -114,15 +114,15 @@ impl LoopMemory<'_> {
         self.check_pending(state)
     }
 
-    /// Compares the reported state with what was proven.
+    /// Compares the reported state with the proven states of the outputs.
     fn watch_outputs(&mut self, state: &eki::State) -> Result<(), DaemonError> {
         let contrary = self.feedback_contradiction.update(&self.cell.wiring, &self.state.facts, state);
         let Some(switch) = contrary else { return Ok(()) };
         self.feedback_contradiction = FeedbackContradiction::default();
         let why = contrary_reason(switch, &self.cell.wiring, state);
         if self.state.at.is_at_rest() || matches!(self.state.at, At::Completing { .. }) {
-            // At rest, the shown reason must stay the one for which the cell rests. For a cycle that has its
-            // result, the contradiction has no consequence.
+            // At rest, the displayed reason must remain the one for which the cell rests. If a cycle has its result
+            // already, the contradiction has no effect on it.
             tracing::warn!("{}", why.message);
         } else {
             self.record_problem(Kind::Robot, vec![why])?;
@@ -157,15 +157,15 @@ impl LoopMemory<'_> {
         }
     }
 
-    /// Records the reason for which the link ended the epoch, and reports the end to the table.
+    /// Records the reason for which the link ended the epoch, and reports the end to the state table.
     fn on_epoch_over(&mut self, trouble: Trouble, words: Reason) -> Result<(), DaemonError> {
         self.record_problem(Kind::Robot, vec![words])?;
         self.events.push_back(Event::Reported(Report::EpochOver { trouble: Some(trouble) }));
         Ok(())
     }
 
-    /// Records the measured position of the tool on a contact path, and aborts the path if the position is far from
-    /// the plan.
+    /// Adds the measured position of the tool on a contact path to the trace, and aborts the path if the position is
+    /// too far from the plan.
     fn track_contact_path(&mut self, state: &eki::State) -> Result<(), DaemonError> {
         let contact = |pending: &PendingAction| match (pending.act, &pending.waits) {
             (Action::Move(motion), Condition::PathEnd) => motion.path == Path::Contact,
@@ -188,7 +188,7 @@ impl LoopMemory<'_> {
     }
 
     /// Returns the measured distance of the TCP from the planned path, and its limit, mm, if the distance exceeds the
-    /// limit. Smaller deviations are judged with the whole path.
+    /// limit. Smaller deviations are judged at the end of the path.
     fn path_deviation_mm(&self, sent: SentPath, done: u32, state: &eki::State) -> Option<(f64, f64)> {
         let cycle = self.cycle_setup()?;
         let allowed_mm = ABORT_DEVIATION_RATIO * deviation_limit_mm(cycle.recipe.path());
@@ -214,8 +214,8 @@ fn condition(state: &eki::State, programs_sum: Option<i32>) -> cycle::Robot {
 }
 
 impl LoopMemory<'_> {
-    /// Reads the tool's reports and sends it the command that is due; returns true if an event results.
-    pub(super) fn attend_tool(&mut self, now: Time) -> Result<bool, DaemonError> {
+    /// Reads the tool's reports, and sends the tool the command that is due; returns true if this causes an event.
+    pub(super) fn update_tool(&mut self, now: Time) -> Result<bool, DaemonError> {
         let cell = self.cell.clone();
         let Some(tool) = &cell.tool else { return Ok(false) };
         let lost = self.press_state.on_report(self.ports.tool.next_report(), now);
@@ -254,7 +254,7 @@ impl LoopMemory<'_> {
         Some(sent.waypoints(self.robot_state?.done) as usize)
     }
 
-    /// Returns the downward component of the tool's direction, −1…1.
+    /// Returns the vertical component of the tool's direction, −1…1; it is positive downwards.
     fn tool_downwards(&self) -> f64 {
         let base_from_tool = self
             .robot_state
@@ -262,7 +262,7 @@ impl LoopMemory<'_> {
         base_from_tool.map_or(0.0, |base_from_tool| down_cosine(&base_from_tool))
     }
 
-    /// Starts the set-points of a contact path.
+    /// Begins the force set-points of a contact path.
     pub(super) fn begin_pressing(&mut self, motion: Motion) {
         let (cell, Some(cycle)) = (self.cell.clone(), self.cycle.clone()) else { return };
         let Some(tool) = &cell.tool else { return };
@@ -274,7 +274,7 @@ impl LoopMemory<'_> {
 
     /// Returns whether the tool's state permits the arm to move towards the panel; if not, the action fails and the
     /// reason is recorded.
-    pub(super) fn tool_lets_go(&mut self, id: Id, path: Path) -> Result<bool, RecordError> {
+    pub(super) fn tool_permits_motion(&mut self, id: Id, path: Path) -> Result<bool, RecordError> {
         let cell = self.cell.clone();
         let Some(tool) = cell.tool.as_ref().filter(|_| matches!(path, Path::Approach | Path::Contact)) else {
             return Ok(true);
@@ -286,8 +286,8 @@ impl LoopMemory<'_> {
         Ok(false)
     }
 
-    /// Returns what the self-test finds wrong with the tool.
-    pub(super) fn tool_unfit(&mut self) -> Option<(Trouble, Reason)> {
+    /// Returns the problem that the self-test finds at the tool.
+    pub(super) fn tool_problem(&mut self) -> Option<(Trouble, Reason)> {
         let (cell, now) = (self.cell.clone(), self.ports.robot_now());
         self.press_state.motion_refusal(cell.tool.as_ref()?, now).map(|why| (Trouble::Force, why))
     }

@@ -1,5 +1,5 @@
-//! The loop itself: the same for a service, for a single cycle and for a replay. Each request is recorded with its
-//! author and its result.
+//! The loop itself: the same for a service, a single cycle and a replay. Each request is recorded with its author and
+//! its result.
 
 use super::abrasion::AbrasionWork;
 use super::answers::reason;
@@ -25,20 +25,20 @@ use panelprep_vision::inspect::Inspection;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Shortest time between two recorded stops or aborts that change nothing, for each person.
+/// Shortest interval between two recorded stops or aborts of the same person that have no effect.
 const MIN_REFUSAL_INTERVAL: Duration = Duration::from_secs(1);
 
 /// The ports to which the loop is connected.
 pub struct LoopPorts<'a> {
     /// The robot.
     pub robot: &'a mut dyn RobotPort,
-    /// The compliant tool; not used if the tool is a spring.
+    /// The compliant tool; not used if the cell has no compliant tool.
     pub tool: &'a mut dyn ToolPort,
     /// The record.
     pub record: &'a mut dyn RecordPort,
     /// The source of requests.
     pub requests: &'a mut dyn RequestPort,
-    /// The queue for pictures and computations; it owns the cameras.
+    /// The queue of camera and computing work; it owns the cameras.
     pub computing: Computing<'a>,
     /// Whether time passes only while the loop waits for the robot's next report.
     pub lock_step: bool,
@@ -48,11 +48,11 @@ pub struct LoopPorts<'a> {
 pub struct LoopStart {
     /// The cell.
     pub cell: Arc<CellSetup>,
-    /// The one cycle that is run; `None` if cycles are requested, one after the other.
+    /// The cycle, if only this one is run; `None` if cycles are requested one after the other.
     pub cycle: Option<Arc<CycleSetup>>,
-    /// The state that results from the journal.
+    /// The state at the end of the journal.
     pub state: State,
-    /// Values that the loop remembers in addition to the state.
+    /// The loop's memory in addition to the state.
     pub before: LoopMemoryStart,
 }
 
@@ -65,9 +65,9 @@ pub struct LoopOutcome {
     pub verdict: Option<Verdict>,
     /// The pose of the panel.
     pub base_from_panel: Option<Rigid<Base, Panel>>,
-    /// The inspections of the water film, in order.
+    /// The inspections of the water film, in order of time.
     pub inspections: Vec<Arc<Inspection>>,
-    /// The number of passes in which each grid was abraded, for the grids that were abraded.
+    /// The number of passes that abraded each grid, for the grids that were abraded.
     pub passes: Vec<(GridId, usize)>,
 }
 
@@ -125,14 +125,14 @@ impl LoopMemory<'_> {
 
     /// Processes one event: writes the journal, calculates the step and performs its effects.
     pub(super) fn process_event(&mut self, event: Event) -> Result<(), DaemonError> {
-        // Before the journal: a client that repeats a stop many times a second would fill the disk with lines that
-        // change nothing.
+        // Checked before the journal is written: a client that repeats a stop many times a second would fill the disk
+        // with lines that have no effect.
         if let Some((request, refusal)) = self.refused_just_now(event) {
             self.ports.requests.publish(LoopEvent::Refused(request, refusal));
             return Ok(());
         }
-        // The journal is written before the step: after a power cut the fold must know everything that the cell was
-        // commanded to do.
+        // The journal is written before the step: after a power failure, the state that is computed from the journal
+        // must contain everything that the cell was commanded to do.
         self.ports.record.perform_and_forget(RecordCommand::Event(event))?;
         tracing::debug!(?event);
         if let Event::Reported(Report::Answered { id, .. }) = event {
@@ -154,12 +154,12 @@ impl LoopMemory<'_> {
         if state.job.running && !before.job.running {
             self.record_clock()?;
         }
-        // An action that is no longer due is abandoned.
+        // An action that the state table no longer requires is abandoned.
         if self.pending_action.take_if(|pending| state.due.is_none_or(|due| due.id != pending.id)).is_some() {
             self.computing.abandon();
         }
         let ends = effects.contains(&Effect::Conclude { verdict: Verdict::Aborted });
-        // In the order of the table: an intent is on the disk before its motion is sent.
+        // The effects are performed in the state table's order: an intent is on the disk before its motion is sent.
         effects.into_iter().try_for_each(|effect| self.perform(event, effect))?;
         self.record_request(event, refused)?;
         if ends && event == Event::Asked(cycle::Request::Stop) {
@@ -174,9 +174,9 @@ impl LoopMemory<'_> {
         Ok(())
     }
 
-    /// Returns the refusal if this is a stop or an abort that changes nothing, and the same request of the same person
-    /// was refused and recorded just before. Stop and abort may be requested at any time, and each line of the record
-    /// uses the disk.
+    /// Returns the refusal if this is a stop or an abort that has no effect, and the same request of the same person
+    /// was refused and recorded a moment ago. Stop and abort may be requested at any time, and each line of the record
+    /// uses disk space.
     fn refused_just_now(&mut self, event: Event) -> Option<(cycle::Request, Refusal)> {
         let Event::Asked(request @ (cycle::Request::Stop | cycle::Request::Abort)) = event else { return None };
         let (_, effects) = step(self.state, event);
@@ -208,7 +208,7 @@ impl LoopMemory<'_> {
             if let Some(why) = self.ports.record.disk_full_reason() {
                 self.is_disk_full = true;
                 if matches!(self.state.at, At::Completing { .. } | At::Complete { .. }) {
-                    // A full disk has no consequence for a cycle that has its result.
+                    // A full disk has no effect on a cycle that has its result already.
                     tracing::warn!("{}", why.message);
                     self.ports.requests.publish(LoopEvent::Noted(vec![why]));
                 } else {
@@ -216,7 +216,7 @@ impl LoopMemory<'_> {
                 }
                 return Ok(Some(Event::Reported(Report::Trouble(Trouble::DiskFull))));
             }
-            // After each request, the deadlines, the tool and the robot are processed first, however many requests
+            // After each request, the deadlines, the tool and the robot are processed first, even if more requests
             // wait.
             let has_turn = !std::mem::take(&mut self.has_accepted_request);
             let request = if has_turn { self.ports.requests.next(&self.state)? } else { None };
@@ -230,7 +230,7 @@ impl LoopMemory<'_> {
                 }
             }
             let now = self.ports.robot.now();
-            // Deadlines come before the robot's next report: an answer that arrives after its time must not count
+            // Deadlines are processed before the robot's next report: a report after the deadline must not count only
             // because it was read first.
             if let Some(report) = self.deadlines.take_expired(now) {
                 self.record_unproven_switch(report)?;
@@ -239,11 +239,11 @@ impl LoopMemory<'_> {
             let computes =
                 self.pending_action.as_ref().is_some_and(|pending| matches!(pending.waits, Condition::Computing));
             if computes && self.lock_step {
-                // Virtual time does not pass here, so that the speed of the computer has no influence.
+                // Virtual time does not pass here, so the speed of the computer has no influence.
                 self.accept_computation(COMPUTATION_POLL_TIMEOUT)?;
                 continue;
             }
-            if self.attend_tool(now)? {
+            if self.update_tool(now)? {
                 continue;
             }
             if let Some(report) = self.ports.robot.next()? {
@@ -252,7 +252,7 @@ impl LoopMemory<'_> {
         }
     }
 
-    /// Processes a request: returns the event that the request causes, or handles the request here.
+    /// Processes a request: returns the event that it causes, or executes it here.
     fn process_request(
         &mut self,
         Request { what, requester: who, .. }: Request,
@@ -304,14 +304,14 @@ impl LoopMemory<'_> {
                     (Answer::Refused, reasons),
                 )?;
             }
-            // The gateway and the request handler answer these.
+            // These requests are answered by the gateway and the request handler.
             RequestKind::Decided { .. } | RequestKind::State | RequestKind::Start(_) | RequestKind::Shoot(_) => {}
         }
         Ok(RequestOutcome::Done)
     }
 
-    /// Returns why the proofs of the controller do not permit this start. Each motion is judged once more when it
-    /// begins; here nothing was recorded and no film was made yet.
+    /// Returns why the proofs of the controller do not permit this start. Each motion is checked again when it begins;
+    /// at this point, nothing is recorded and no film is made yet.
     fn unproven_start(&self, request: cycle::Request, what: &RequestKind) -> Option<Reason> {
         let setup = match what {
             RequestKind::Begin(prepared) => Some(&prepared.setup),
@@ -321,7 +321,7 @@ impl LoopMemory<'_> {
         self.cell.proofs.refusal(needed, self.robot_state.as_ref())
     }
 
-    /// Returns whether the disk was found full and still is; if so, informs the client.
+    /// Returns whether the disk was found full and is still full; if so, informs the client.
     fn is_disk_still_full(&mut self) -> bool {
         let wrong = if self.is_disk_full { self.ports.record.disk_space_problems() } else { vec![] };
         self.is_disk_full = !wrong.is_empty();
@@ -343,10 +343,10 @@ impl LoopMemory<'_> {
         Ok(true)
     }
 
-    /// Accepts a prepared cycle and submits its start to the state table. If the state table refuses, or the record
+    /// Accepts a prepared cycle and returns the event of its start. If the state table refuses the start, or the record
     /// cannot begin, nothing is changed.
     fn begin_cycle(&mut self, prepared: PreparedCycle) -> Option<Event> {
-        // The step is tried first: a cycle that the table refuses must not have a row in the record.
+        // The step is computed first: if the state table refuses the cycle, no row may be in the record.
         let event = Event::Asked(prepared.request);
         let (_, effects) = step(self.state, event);
         if effects.iter().any(|effect| matches!(effect, Effect::Refuse { .. })) {
@@ -355,7 +355,7 @@ impl LoopMemory<'_> {
         match self.ports.record.begin(prepared.start) {
             Ok(cycle) => {
                 let (robot, armed) = (self.robot_state.map(Box::new), self.deadlines.to_recording());
-                // The next panel may have another frame: both share the motion from the nominal pose.
+                // The next panel may have another frame: both frames share the displacement from the nominal pose.
                 let nominal = self.cycle_setup().map(|cycle| cycle.panel.nominal_pose);
                 let moved = self.perception.panel_pose().zip(nominal);
                 let moved = moved.map(|(place, nominal)| KukaPose::from_rigid(&(place * nominal.inverse())));
@@ -373,7 +373,7 @@ impl LoopMemory<'_> {
         self.cycle = Some(Arc::new(prepared.setup));
         self.remarks = prepared.remarks;
         (self.perception, self.abrasion, self.verdict) = (Perception::default(), AbrasionWork::default(), None);
-        // Earlier reports of the tool are not part of this cycle's recording: the tool is read and commanded anew.
+        // Earlier reports of the tool are not part of this cycle's recording: the tool is read and commanded again.
         (self.trace, self.sent_path, self.press_state) = (Trace::default(), None, PressState::default());
         self.executed_at_stop = 0;
         Some(event)
@@ -398,8 +398,8 @@ impl LoopMemory<'_> {
                     operator_texts::end_reason(event, self.state.at).filter(|_| verdict == Verdict::Aborted);
                 let kept = self.ports.record.conclude(verdict, because.into_iter().collect())?;
                 if kept != verdict {
-                    // Only a program error leads here, because the state table ends no cycle with a better verdict
-                    // than its findings. The worse verdict is used, to be on the safe side.
+                    // Only an error in the program leads here, because the state table never ends a cycle with a better
+                    // verdict than its findings. For safety, the worse verdict is used.
                     tracing::error!(
                         table = verdict.keyword(),
                         record = kept.keyword(),
@@ -422,7 +422,7 @@ impl LoopMemory<'_> {
         let (job, limits) = (self.cycle_setup(), &self.cell.limits);
         let process = job.map(|job| job.recipe.process());
         seconds(match (deadline, process) {
-            (Deadline::Answer, _) => self.answer_s(),
+            (Deadline::Answer, _) => self.answer_timeout_s(),
             (Deadline::Stop, _) => limits.stop_deadline_s(),
             (Deadline::Token, _) => limits.token_s(),
             (Deadline::Rinse, Some(process)) => process.rinse_s(),
@@ -434,14 +434,14 @@ impl LoopMemory<'_> {
     }
 
     /// Returns the time limit of the action that is due, s.
-    fn answer_s(&self) -> f64 {
+    fn answer_timeout_s(&self) -> f64 {
         match self.state.due.map(|due| due.act) {
             Some(Action::Move(motion)) => {
                 let path_s = self.abrasion.plan(motion.plan).map_or(0.0, |plan| plan.duration_s);
-                MOVE_S + MAX_DURATION_RATIO * path_s
+                AIR_MOTION_TIMEOUT_S + MAX_DURATION_RATIO * path_s
             }
             Some(Action::Film) => {
-                self.cycle_setup().map_or(0.0, |job| job.film_demands().filmed_s()) + FILM_SPARE_S
+                self.cycle_setup().map_or(0.0, |job| job.film_demands().filmed_s()) + FILM_TIMEOUT_MARGIN_S
             }
             Some(
                 Action::Locate
@@ -450,7 +450,7 @@ impl LoopMemory<'_> {
                 | Action::Plan { .. }
                 | Action::DryPicture
                 | Action::SelfTest,
-            ) => COMPUTING_S,
+            ) => COMPUTING_TIMEOUT_S,
             _ => FEEDBACK_S,
         }
     }
@@ -458,30 +458,31 @@ impl LoopMemory<'_> {
 
 /// The outcome of a request.
 enum RequestOutcome {
-    /// The request becomes an event for the table.
+    /// The request becomes an event for the cycle's state table.
     TableEvent(Event),
     /// The request was handled here.
     Done,
-    /// The program is to end, if the cell is at rest.
+    /// The program must end, if the cell is at rest.
     Leave,
 }
 
-/// Time limits for an answer, s: of a switch with its feedback, a computation, a motion through the air, and a film
-/// beyond its observation.
+/// Time limits for an answer, s: of a switch with its feedback, of a computation, of a motion through the air, and of a
+/// film in addition to its observation time.
 const FEEDBACK_S: f64 = 5.0;
-const COMPUTING_S: f64 = 60.0;
-const MOVE_S: f64 = 120.0;
-const FILM_SPARE_S: f64 = 10.0;
-/// Time limit if no recipe states one, as before the first cycle: the longest that a recipe may state.
+const COMPUTING_TIMEOUT_S: f64 = 60.0;
+const AIR_MOTION_TIMEOUT_S: f64 = 120.0;
+const FILM_TIMEOUT_MARGIN_S: f64 = 10.0;
+/// Time limit if there is no recipe, as before the first cycle: the longest one that a recipe may state.
 const DEFAULT_TIME_LIMIT_S: f64 = 600.0;
-/// How long the loop waits for a computation before it checks its other inputs.
+/// Maximum time for which the loop waits for a computation before it checks its other inputs.
 const COMPUTATION_POLL_TIMEOUT: Duration = Duration::from_millis(5);
-/// A contact path may last this many times its duration at its feed: turns are slower.
+/// Maximum duration of a contact path, as a multiple of its duration at the planned feed: the arm is slower at changes
+/// of direction.
 const MAX_DURATION_RATIO: f64 = 5.0;
 
 impl LoopMemory<'_> {
-    /// Records a request after an event's effects: what the event requested, and whether it was refused. A reset
-    /// that fails later is a separate line, since it was accepted before.
+    /// Records a request after its event's effects, and whether the request was refused. A reset that fails later is
+    /// recorded on a separate line, since it was accepted before.
     pub(super) fn record_request(
         &mut self,
         event: Event,

@@ -1,5 +1,5 @@
-//! The memory of the loop, with the action in progress and the event for which it waits, the path that was sent last
-//! and how far a contact path in progress may continue, and the armed deadlines.
+//! The memory of the loop: the action in progress and the event for which it waits, the path that was sent last, the
+//! limit up to which a contact path may continue, and the armed deadlines.
 
 use super::abrasion::AbrasionWork;
 use super::computing::Computing;
@@ -39,12 +39,12 @@ impl OtherPorts<'_> {
     }
 }
 
-/// The memory of the loop; the memory of the table is [`State`].
+/// The memory of the loop; the memory of the state table is [`State`].
 pub(super) struct LoopMemory<'p> {
     pub cell: Arc<CellSetup>,
     /// The setup of the cycle; `None` before the first cycle.
     pub cycle: Option<Arc<CycleSetup>>,
-    /// The loop was started to run this one cycle only.
+    /// Whether the loop runs only this one cycle.
     pub is_single: bool,
     pub lock_step: bool,
     pub computing: Computing<'p>,
@@ -59,32 +59,32 @@ pub(super) struct LoopMemory<'p> {
     pub press_state: PressState,
     pub pending_action: Option<PendingAction>,
     pub sent_path: Option<SentPath>,
-    /// The motion from a panel's nominal pose to the pose last known in the earlier cycles, in the base.
+    /// The displacement of the panel from its nominal pose, as the earlier cycles last found it, in the base.
     pub last_panel_motion: Option<KukaPose>,
-    /// The axes at the end of the last path. `None` after a stop, an abort, a lost robot or a start of the program,
-    /// and during a motion.
+    /// The axis positions at the end of the last path. `None` after a stop, an abort, a lost robot or a start of the
+    /// program, and during a motion.
     pub axes_at_path_end: Option<Joints>,
     /// Remarks for the record on the last accepted start.
     pub remarks: Vec<Reason>,
-    /// Executed waypoints of the path whose epoch was ended last. They are retained until the next motion, because the
-    /// answer that reports them may be dropped in favour of another one.
+    /// Number of executed waypoints of the path whose epoch was ended last. It is kept until the next motion, because
+    /// another answer may replace the answer that reports it.
     pub executed_at_stop: u32,
     pub robot_state: Option<eki::State>,
     pub condition: cycle::Robot,
-    /// The last report to the table about the override; `None` before the first report.
+    /// The last report to the state table about the override; `None` before the first report.
     pub full_override: Option<bool>,
-    /// Contradictions between a reported state and what was proven.
+    /// Contradictions between the reported states and the proven states of the outputs.
     pub feedback_contradiction: FeedbackContradiction,
     pub verdict: Option<Verdict>,
     /// The author of the request that the loop took last.
     pub requester: RequestAuthor,
     /// Which side may command the cell.
     pub control: Control,
-    /// The cell has warned of motion since it last rested.
+    /// Whether the cell has warned of a motion since it last rested.
     pub has_warned: bool,
     /// Whether the disk was full at the last check.
     pub is_disk_full: bool,
-    /// The loop has taken a request, and the robot has not been read since.
+    /// Whether the loop has accepted a request since it last read the robot.
     pub has_accepted_request: bool,
     /// The last refused stop or abort, its author, and when it was recorded.
     pub last_refused: Option<(cycle::Request, RequestAuthor, Time)>,
@@ -132,7 +132,7 @@ impl<'p> LoopMemory<'p> {
         }
     }
 
-    /// Continues from the point at which another loop began a cycle.
+    /// Restores the memory with which another loop began a cycle.
     pub(super) fn restore_memory(&mut self, before: LoopMemoryStart) {
         if let LoopMemoryStart::Cycle { robot, armed, place } = before {
             self.last_panel_motion = place;
@@ -160,42 +160,42 @@ pub(super) struct PendingAction {
 /// The events for which an action can wait.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Condition {
-    /// Waits for the robot at rest.
+    /// Waits until the robot is at rest.
     Standing,
     /// The requested epoch.
     Epoch,
-    /// Waits for the end of the epoch, with tool and water proven off; `done` is the number of executed waypoints,
-    /// once it is reported.
+    /// Waits for the end of the epoch, with tool and water proven to be off; `done` is the number of executed waypoints
+    /// after it is reported.
     EpochEnd { done: Option<u32> },
-    /// Waits until the commands for base and tool are executed and the controller reports both.
+    /// Waits until the commands for base and tool are executed and the controller reports the new frames.
     Frames(CommandId),
-    /// Waits until outputs are set and the feedback proves them.
+    /// Waits until the outputs are set and the feedback proves it.
     Feedback { last: CommandId, proof: SwitchProof },
-    /// Waits until the cell has warned of the motion for long enough, counted from the first state in which the
-    /// output is on.
+    /// Waits until the warning of the motion was on for long enough, counted from the first state that reports the
+    /// output as on.
     Warned {
         /// The command that switches the warning output on.
         last: CommandId,
-        /// The end of the warning; `None` before the output is on.
+        /// The end of the warning time; `None` before the output is on.
         until: Option<Time>,
     },
-    /// Waits for the report of the stop that ended the epoch before the command could be sent. If there is no such
-    /// stop, the action has failed.
+    /// The command could not be sent, because the epoch had ended. Waits for the report of the stop that ended the
+    /// epoch; if there was no stop, the action fails.
     NoEpoch {
-        /// Number of robot states that are awaited until the action has failed.
+        /// Number of further robot states until the action fails.
         states: u8,
     },
-    /// Waits until the arm is in the pose from which a linear motion may begin.
+    /// Waits until the arm is in the ready pose, from which a linear motion may begin.
     Ready(CommandId),
     /// Waits for the end of a path.
     PathEnd,
     /// A computation.
     Computing,
-    /// In lock step: waits for the robot's next state, and so for the time of the film's next picture.
+    /// In lock step: waits for the robot's next state, so that time passes until the film's next picture.
     Film,
 }
 
-/// The end of a path.
+/// The commanded end of a path.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum PathEndPose {
     Joints(Joints),
@@ -219,12 +219,12 @@ impl SentPath {
         self.motion.path
     }
 
-    /// Returns the number of the command for the path's first waypoint.
+    /// Returns the number of the command that executes the path's first waypoint.
     pub fn first_command(&self) -> CommandId {
         self.first
     }
 
-    /// Returns the number of executed waypoints if all commands up to this one are executed.
+    /// Returns the number of executed waypoints, if the commands up to this one are executed.
     pub fn waypoints(&self, done: CommandId) -> u32 {
         if matches!(self.motion.path, Path::Contact | Path::Air) {
             (done.0 + 1).saturating_sub(self.first.0).min(self.motion.waypoints)
@@ -234,21 +234,21 @@ impl SentPath {
     }
 }
 
-/// Duration of the motion that is permitted ahead, in windows of the link. If it is less than `MIN_WINDOWS`, more
-/// waypoints are permitted, up to `MAX_WINDOWS`.
+/// Minimum duration of the permitted motion ahead of the arm, in windows of the link. If less is left, more waypoints
+/// are permitted, up to `MAX_WINDOWS`.
 const MIN_WINDOWS: f64 = 2.0;
 
 const MAX_WINDOWS: f64 = 4.0;
 
-/// Smallest number of waypoints that are permitted ahead, whatever their duration.
-const MIN_AHEAD: u32 = 16;
+/// Minimum number of waypoints that are permitted ahead, whatever their duration.
+const MIN_AHEAD_WAYPOINTS: u32 = 16;
 
 /// The data of the contact path in progress that the record needs.
 #[derive(Debug, Default)]
 pub(super) struct PathProgress {
     /// Wear of the disc that is already counted for this path, mm².
     pub reserved_mm2: f64,
-    /// The time at which each waypoint is reached at the planned feed, s; the first is the air point at which the
+    /// The time at which each waypoint is reached at the planned feed, s; the first one is the air point at which the
     /// path begins.
     reached_s: Vec<f64>,
     window_s: f64,
@@ -271,19 +271,20 @@ impl PathProgress {
         self.reached_s.get(waypoint as usize).or(self.reached_s.last()).copied().unwrap_or(0.0)
     }
 
-    /// Returns the new number of permitted waypoints after this many are executed; `None` if no more need to be
+    /// Returns the new number of permitted waypoints when `done` waypoints are executed; `None` if no more need to be
     /// permitted now.
     pub fn new_permission(&self, done: u32) -> Option<u32> {
         let (all, now_s) = (self.waypoint_count(), self.time_of_waypoint_s(done));
         let ahead_s = self.time_of_waypoint_s(self.permitted) - now_s;
         if self.permitted >= all
-            || (ahead_s >= MIN_WINDOWS * self.window_s && self.permitted >= done.saturating_add(MIN_AHEAD / 2))
+            || (ahead_s >= MIN_WINDOWS * self.window_s
+                && self.permitted >= done.saturating_add(MIN_AHEAD_WAYPOINTS / 2))
         {
             return None;
         }
         let until_s = now_s + MAX_WINDOWS * self.window_s;
         let by_time = u32::try_from(self.reached_s.partition_point(|at_s| *at_s < until_s)).unwrap_or(u32::MAX);
-        let wanted = by_time.max(done.saturating_add(MIN_AHEAD)).min(all);
+        let wanted = by_time.max(done.saturating_add(MIN_AHEAD_WAYPOINTS)).min(all);
         (wanted > self.permitted).then_some(wanted)
     }
 }
@@ -303,17 +304,17 @@ pub(super) struct Deadlines {
 
 impl Deadlines {
     pub fn arm(&mut self, id: Id, which: Deadline, at: Time) {
-        // One deadline of each kind: an older one belongs to an action that has ended.
+        // There is one deadline of each kind: an older one belongs to an action that has ended.
         self.armed.retain(|armed| armed.deadline != which);
         self.armed.push(ArmedDeadline { id, deadline: which, time: at });
     }
 
-    /// Disarms the deadline of an action that was answered.
+    /// Removes the deadline of an action that was answered.
     pub fn disarm(&mut self, id: Id) {
         self.armed.retain(|armed| !(armed.id == id && armed.deadline == Deadline::Answer));
     }
 
-    /// The armed deadlines, for a recording.
+    /// Returns the armed deadlines for a recording.
     pub fn to_recording(&self) -> Vec<tape::ArmedDeadline> {
         let to_armed = |armed: &ArmedDeadline| {
             let at_ns = u64::try_from(armed.time.since_start().as_nanos()).unwrap_or(u64::MAX);
@@ -322,7 +323,7 @@ impl Deadlines {
         self.armed.iter().map(to_armed).collect()
     }
 
-    /// The deadlines from a recording.
+    /// Creates the deadlines from a recording.
     pub fn from_recording(recorded: &[tape::ArmedDeadline]) -> Self {
         let mut deadlines = Deadlines::default();
         for armed in recorded {
@@ -331,7 +332,7 @@ impl Deadlines {
         deadlines
     }
 
-    /// Returns the earliest deadline that is over, and disarms it.
+    /// Returns the earliest deadline that is over, and removes it.
     pub fn take_expired(&mut self, now: Time) -> Option<Report> {
         let first = self
             .armed
@@ -354,7 +355,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_earliest_comes_first_and_a_new_one_replaces_the_old() {
+    fn the_earliest_deadline_comes_first_and_a_new_one_replaces_the_old_one() {
         let mut deadlines = Deadlines::default();
         deadlines.arm(Id(1), Deadline::Spray, Time::from_ms(300));
         deadlines.arm(Id(2), Deadline::Answer, Time::from_ms(200));
@@ -372,7 +373,7 @@ mod tests {
 
     /// A recording contains the armed deadlines, and a replay arms them again.
     #[test]
-    fn what_was_reported_is_armed_again() {
+    fn deadlines_of_a_recording_are_armed_again() {
         let mut deadlines = Deadlines::default();
         deadlines.arm(Id(1), Deadline::Drain, Time::from_ms(300));
         deadlines.arm(Id(2), Deadline::Settle, Time::from_ms(200));

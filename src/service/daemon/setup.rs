@@ -22,25 +22,26 @@ use std::sync::{Arc, OnceLock};
 pub struct Calibrations {
     /// The 3D camera.
     pub scanner: PinholeCamera,
-    /// The camera's own errors.
+    /// The errors of the 3D camera itself.
     pub scan_errors: ScanErrors,
     /// Its pose.
     pub base_from_camera: Rigid<Base, Camera>,
     /// The flange camera.
     pub flange_camera: PinholeCamera,
-    /// How the camera is mounted on the flange.
+    /// The pose of the flange camera on the flange.
     pub flange_from_camera: Rigid<Flange, FlangeCamera>,
     /// The pose of the contact point of the sanding tool.
     pub flange_from_tool: Rigid<Flange, Tool>,
-    /// Uncertainty of the hand-eye calibrations of both cameras at the panel, mm, 95 %, if their files state it.
+    /// Uncertainty of the hand-eye calibrations of both cameras at the panel, mm, 95 %, if the calibration files state
+    /// it.
     pub hand_eye_mm: Option<f64>,
-    /// Uncertainty of robot and tool, mm, 95 %, if the tool was touched against known points.
+    /// Uncertainty of robot and tool, mm, 95 %, if the tool touched known points.
     pub robot_mm: Option<f64>,
     /// The removal model of the disc, if it is calibrated.
     pub removal: Option<Model>,
 }
 
-/// Values of the cell's file that hold for every cycle and between cycles.
+/// Values of the cell's file that apply to every cycle and between cycles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CellSetup {
     /// The cell's limits.
@@ -49,19 +50,19 @@ pub struct CellSetup {
     pub arm: Arm,
     /// Outputs and feedbacks.
     pub wiring: Wiring,
-    /// The bit of `In` in the state message that reads the selector switch; it is on in the position local.
+    /// The bit of `In` in the state message for the selector switch; it is on in the position local.
     pub control_bit: Option<u32>,
-    /// The output that warns before the first motion, with its bit of the state message's `Out`.
+    /// The output that warns before the first motion, with its bit in `Out` of the state message.
     pub warning_output: Option<(u16, u32)>,
-    /// The compliant tool, if the sanding tool is one.
+    /// The compliant tool, if the cell has one.
     pub tool: Option<CompliantTool>,
-    /// The checksum of the controller's programs with which the cell was accepted, if one was kept.
+    /// The checksum of the controller's programs that were accepted, if the cell's file states it.
     pub programs_sum: Option<i32>,
     /// Whether the proofs of the controller permit a motion.
     pub proofs: ProofGate,
     /// The pose in which the arm parks.
     pub park_pose: Joints,
-    /// `[poses.ready]`: on the way to and from the park pose, if the cell names one.
+    /// `[poses.ready]`: the pose through which the arm moves to and from the park pose, if the cell has one.
     pub ready_pose: Option<Joints>,
 }
 
@@ -97,7 +98,7 @@ impl CellSetup {
     }
 }
 
-/// The data of one cycle: the loop and the computing thread share it, and it does not change while the cycle runs.
+/// The data of one cycle. The loop and the computing thread share them; they do not change while the cycle runs.
 #[derive(Debug, Clone)]
 pub struct CycleSetup {
     /// The cell.
@@ -113,20 +114,20 @@ pub struct CycleSetup {
     pub calibrations: Calibrations,
     /// The area of the picture in which the flange camera's lens is calibrated.
     pub lens: LensExtent,
-    /// Depth that earlier cycles removed from this part.
+    /// The depth that earlier cycles removed from this part.
     pub removed_before: EarlierRemoval,
-    /// Foam lies in the cell instead of a panel: contact needs a lower stage of the proofs.
+    /// Whether foam lies in the cell in place of a panel: contact then needs a lower stage of the proofs.
     pub on_foam: bool,
 }
 
 impl CycleSetup {
-    /// Joins the cell, the recipe, the taught panel with its corners, and the calibrations with the calibrated area of
-    /// the flange camera's lens.
+    /// Combines the cell, the recipe, the taught panel with its corners, and the calibrations with the calibrated area
+    /// of the flange camera's lens.
     ///
     /// # Errors
-    /// If no corner was taught, or one was taught in an area of the picture in which the lens is not calibrated: the
-    /// camera views the corner there again. If the recipe states a force and the tool has none, or the other way
-    /// round.
+    /// If no corner was taught, or if one was taught in an area of the picture in which the lens is not calibrated: the
+    /// camera would view the corner there again. If the recipe states a force and the cell has no compliant tool, or if
+    /// it has one and the recipe states no force.
     pub fn new(
         cell: Arc<CellSetup>,
         recipe: Recipe,
@@ -159,8 +160,8 @@ impl CycleSetup {
         CycleSetup { on_foam, ..self }
     }
 
-    /// Returns the taught panel as the localization uses it, or why it cannot be used; the first call calculates
-    /// it.
+    /// Returns the taught panel as the localization uses it, or the reason why it cannot be used; the first call
+    /// computes it.
     pub fn taught_model(&self) -> &Result<TaughtModel, LocateError> {
         let range = self.calibrations.scan_errors.range;
         self.taught_model.get_or_init(|| TaughtModel::from_panel(&self.panel, range))
@@ -176,7 +177,7 @@ impl CycleSetup {
         self.cell.clone()
     }
 
-    /// Returns the arm's tour over the views of the taught corners.
+    /// Returns the arm's tour through the views of the taught corners.
     pub fn corner_tour(&self) -> CornerTour<'_> {
         CornerTour {
             limits: &self.cell.limits,
@@ -194,7 +195,7 @@ impl CycleSetup {
         Sander::new(self.calibrations.flange_from_tool, self.recipe.path())
     }
 
-    /// Returns the demands on a film.
+    /// Returns the requirements for a film.
     pub fn film_demands(&self) -> Demands {
         Demands::from_recipe(&self.recipe, &self.cell.limits)
     }

@@ -1,10 +1,10 @@
-//! One function of the robot at a time, for commissioning: `panelprep robot …`.
+//! Single functions of the robot, one at a time, for commissioning: `panelprep robot …`.
 //!
 //! Each function runs in an epoch of its own, which ends with the function: the controller then switches the tool off,
 //! and base and tool are unknown again. A linear motion is checked as a whole by the same gate as the cycle's paths.
 //! Motions and outputs must satisfy the cycle's own list of interlocks (`single_interlocks`). Unlike a cycle's motions,
 //! these may run in T1, with a person at the enabling switch. These functions are not in the journal: no later action
-//! depends on them, and a controller that loses its client stops by itself.
+//! depends on them, and a controller that loses its client stops automatically.
 
 use super::corrected::CalibratedRobot;
 use super::moves::{self, move_lin};
@@ -24,17 +24,17 @@ use panelprep_toolpath::path::routes::{self, StartState};
 use panelprep_toolpath::path::{Kinematics, judge_joints, reach};
 use std::time::{Duration, Instant};
 
-/// Time limit for the first answer of a controller, by the wall clock: it may still be closing the connection of the
-/// previous client.
+/// Time limit for the first answer of a controller, by the wall clock: the controller may still be closing the
+/// connection of its previous client.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(4);
 /// Time limits for a switch, a frame or a subroutine, and for a motion through the air, by the robot's clock.
 const COMMAND_TIMEOUT: Duration = Duration::from_secs(30);
 const MOTION_TIMEOUT: Duration = Duration::from_secs(300);
-/// Time limit for the next state, by the robot's clock.
+/// Time limit for the robot's next state, by the robot's clock.
 const STATE_TIMEOUT: Duration = Duration::from_secs(1);
-/// Largest number of reports that may wait before the one that states why the link was lost.
+/// Largest number of reports that may be waiting before the report that states why the link was lost.
 const MAX_REPORTS: usize = 32;
-/// Time limit for the arm to come to rest before a function, by the robot's clock.
+/// Time limit for the arm to come to rest before a function begins, by the robot's clock.
 const STANDSTILL_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// The reason why a function was not executed.
@@ -49,7 +49,7 @@ pub enum SingleError {
     /// The command cannot be sent.
     #[error(transparent)]
     Queue(#[from] QueueError),
-    /// The gate refuses the function.
+    /// The gate rejects the function.
     #[error("the gate refuses: {}", describe_judgement(.0))]
     Gate(Judgement),
     /// The robot did not execute the function.
@@ -58,7 +58,7 @@ pub enum SingleError {
     /// The link was lost during the function.
     #[error("the link to the controller was lost: {0}; the controller stops the robot by itself")]
     LinkLost(LinkLoss),
-    /// The function exceeds its time limit.
+    /// The function exceeded its time limit.
     #[error("the command was not complete after {} s of the robot's time; the robot was commanded to stop", .0.as_secs())]
     Late(Duration),
 }
@@ -80,16 +80,16 @@ pub struct SingleLine {
     pub speed_mm_s: f64,
 }
 
-/// Something that is mounted on the flange, as it was calibrated.
+/// An item that is mounted on the flange, at its calibrated pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mounted {
-    /// The name of the mounted thing, such as the sanding tool.
+    /// The name of the mounted item, such as the sanding tool.
     pub name: &'static str,
     /// The pose of the tip of the mounted item.
     pub flange_from_tip: Rigid<Flange, Tool>,
 }
 
-/// A connected robot, for single functions.
+/// A connected robot that executes single functions.
 pub struct SingleRobot<'r> {
     robot: CalibratedRobot<'r>,
     state: State,
@@ -116,18 +116,18 @@ impl<'r> SingleRobot<'r> {
         Err(why.map_or(SingleError::Silent, SingleError::NoController))
     }
 
-    /// Adds the items mounted on the flange: every motion keeps them clear of the objects in the cell, regardless
-    /// of the controller's tool.
+    /// Adds the items mounted on the flange: every motion keeps them away from the objects in the cell, whatever tool
+    /// is active in the controller.
     #[must_use]
     pub fn with_mounted(self, mounted: Vec<Mounted>) -> Self {
         SingleRobot { mounted, ..self }
     }
 
-    /// Checks whether the arm is the one of the cell's file: the reported TCP pose must agree with the one calculated
-    /// from the axes.
+    /// Checks whether the arm is the one in the cell's file: the reported TCP pose must agree with the one that is
+    /// computed from the axis positions.
     ///
     /// # Errors
-    /// If it does not, with the distance between the two.
+    /// If they do not agree, with the distance between the two.
     pub fn check_arm_identity(&self, cell: &Cell) -> Result<(), Reason> {
         let state = &self.state;
         let tip = state.active_base.to_rigid::<Base, Base>() * state.base_from_tcp.to_rigid::<Base, Tool>();
@@ -139,22 +139,23 @@ impl<'r> SingleRobot<'r> {
         )
     }
 
-    /// Returns the last state that the controller reported; if the arm has a correction, with the true TCP pose.
+    /// Returns the last state that the controller reported. If the arm has a correction, the state contains the true
+    /// TCP pose.
     pub fn state(&self) -> &State {
         &self.state
     }
 
-    /// Returns the TCP pose as the controller reports it, in the active base, if the arm has a correction: the
-    /// reported pose then differs from the true one.
+    /// Returns the TCP pose as the controller reports it, in the active base, if the arm has a correction: this pose
+    /// then differs from the true one.
     pub fn reported_tcp(&self) -> Option<KukaPose> {
         self.robot.reported_tcp()
     }
 
-    /// Executes any function except a motion, an output or a subroutine; these have their own gates below.
+    /// Executes any function except a motion, an output or a subroutine, which have their own checks below.
     ///
     /// # Errors
     /// If the controller has other programs than the accepted ones, or if the function cannot be sent, is refused, or
-    /// is not done in time.
+    /// is not complete in time.
     pub fn set(&mut self, command: Command, cell: &Cell) -> Result<(), SingleError> {
         require_accept(Judgement::new(self.other_programs(cell).into_iter().collect(), vec![]))?;
         match command {
@@ -169,10 +170,10 @@ impl<'r> SingleRobot<'r> {
         self.wait_executed(id, COMMAND_TIMEOUT)
     }
 
-    /// Calls a subroutine of the controller. The subroutine may move the arm, so it has the gates of a motion.
+    /// Calls a subroutine of the controller. The subroutine may move the arm, so the checks of a motion apply.
     ///
     /// # Errors
-    /// As [`SingleRobot::set`], and if the gate refuses.
+    /// As [`SingleRobot::set`], and if the gate rejects the function.
     pub fn call(&mut self, index: u16, cell: &Cell) -> Result<(), SingleError> {
         self.check_motion(cell)?;
         self.check_arm_identity(cell).map_err(gate)?;
@@ -185,7 +186,7 @@ impl<'r> SingleRobot<'r> {
     /// Moves the axes.
     ///
     /// # Errors
-    /// As [`SingleRobot::set`], and if the gate refuses.
+    /// As [`SingleRobot::set`], and if the gate rejects the motion.
     pub fn move_joints(&mut self, joints: Joints, axis_speed_percent: u8, cell: &Cell) -> Result<(), SingleError> {
         self.check_motion(cell)?;
         require_accept(judge_joints(&joints))?;
@@ -218,11 +219,10 @@ impl<'r> SingleRobot<'r> {
         }
         self.open_epoch()?;
         self.send(Command::SetBase(line.base))?;
-        // Frames are set before the check, because the tip's position in them comes from the controller; nothing moves
-        // by that.
+        // The frames are set before the check, because the controller reports the TCP pose in them; this moves nothing.
         let id = self.send(Command::SetTcp(line.tool))?;
         self.wait_executed(id, COMMAND_TIMEOUT)?;
-        // The motion starts from the TCP pose that the controller reports with these frames.
+        // The motion begins at the TCP pose that the controller reports in these frames.
         let from: Rigid<Base, Tool> = self.state.base_from_tcp.to_rigid();
         let standing = StartState {
             limits,
@@ -244,8 +244,8 @@ impl<'r> SingleRobot<'r> {
                 |infeasible| gate(Reason { message: format!("with {name}: {}", infeasible.message), ..infeasible }),
             )?;
         }
-        // The interlocks are those of the motion to the first corner, which are common to all linear motions through
-        // the air.
+        // The interlocks are those of the motion to the first corner, which apply to all linear motions through the
+        // air.
         self.check_interlocks("a straight motion", single_interlocks::motion(Path::Corner { view: 0 }), cell)?;
         self.send(Command::SetAccSpeed(moves::speed_command(gated.speed)))?;
         let sent = self.robot.send_path(move_lin(&gated.points), None);
@@ -253,12 +253,12 @@ impl<'r> SingleRobot<'r> {
         self.wait_executed(id, MOTION_TIMEOUT)
     }
 
-    /// Sets an output, and leaves this epoch open for the given time, so that the output stays set.
+    /// Sets an output, and keeps this epoch open for the given time, so that the output stays set.
     ///
     /// # Errors
-    /// As [`SingleRobot::set`], and if an interlock is open.
+    /// As [`SingleRobot::set`], and if an interlock is not satisfied.
     pub fn set_output(&mut self, name: &str, on: bool, cell: &Cell, keep: Duration) -> Result<(), SingleError> {
-        // Also to switch off: with other programs, the number may be that of another output.
+        // Also checked before an output is switched off: with other programs, its number may belong to another output.
         require_accept(Judgement::new(self.other_programs(cell).into_iter().collect(), vec![]))?;
         let number = output_number(name, cell.inputs_outputs())?;
         self.open_epoch()?;
@@ -274,16 +274,16 @@ impl<'r> SingleRobot<'r> {
         Ok(())
     }
 
-    /// Checks the cycle's interlocks for this action against a new state of the robot, not the state at the start of
+    /// Checks the cycle's interlocks for this action with a new state of the robot, not with the state at the start of
     /// the epoch.
     fn check_interlocks(&mut self, name: &str, act: Action, cell: &Cell) -> Result<(), SingleError> {
-        // A fresh state: a guard that opened a moment ago is not in the one that is in memory.
+        // A new state is read: the stored state does not show a guard that was opened a moment ago.
         let last_sequence = self.state.sequence;
         while self.state.sequence == last_sequence {
             self.receive()?;
         }
         let judged = single_interlocks::judge(name, act, &self.state, cell);
-        // A person may have turned the mode switch since the motion was first checked.
+        // A person may have changed the operating mode since the motion was first checked.
         let unproven = self.unproven(cell).filter(|_| matches!(act, Action::Move(_)));
         match unproven {
             Some(why) => Err(SingleError::Gate(Judgement::new(vec![why], vec![]))),
@@ -294,19 +294,19 @@ impl<'r> SingleRobot<'r> {
     /// Checks that the proofs of the controller permit motions in its present mode.
     ///
     /// # Errors
-    /// If the stage that they need is not signed.
+    /// If the required stage is not signed.
     pub fn check_proofs(&self, cell: &Cell) -> Result<(), SingleError> {
         self.unproven(cell).map_or(Ok(()), |why| Err(gate(why)))
     }
 
     /// Returns why the proofs do not permit a motion in automatic mode. In T1 a person holds the enabling switch; T2 is
-    /// refused by its own rule.
+    /// refused by a rule of its own.
     fn unproven(&self, cell: &Cell) -> Option<Reason> {
         let is_by_hand = matches!(self.state.mode, Mode::T1 | Mode::T2);
         proof_gate::refusal(cell.robot(), ProofStage::A, Some(&self.state)).filter(|_| !is_by_hand)
     }
 
-    /// Checks that a motion is permitted, under a person's control or without one.
+    /// Checks that the state of the controller and its switches permit a motion, in T1 or in automatic mode.
     fn check_motion(&self, cell: &Cell) -> Result<(), SingleError> {
         let state = &self.state;
         let is_local = cell.inputs_outputs().input_bit(LOCAL_CONTROL).is_none_or(|bit| is_input_on(state, bit));
@@ -345,13 +345,13 @@ impl<'r> SingleRobot<'r> {
             Reason::new(
                 "other_programs",
                 "the controller's programs are others than those with which the cell was accepted ([robot] programs_sum); find out \
-                 who changed them, then `panelprep doctor --kuka DIR`",
+                 who changed them, then run `panelprep doctor --kuka DIR`",
             )
         })
     }
 
     fn open_epoch(&mut self) -> Result<(), SingleError> {
-        // After its last client has just left, a controller is still coming to rest.
+        // When its last client has just disconnected, a controller is still coming to rest.
         let rests_until = self.robot.now() + STANDSTILL_TIMEOUT;
         while self.state.moving && self.robot.now() < rests_until {
             self.receive()?;
@@ -361,7 +361,7 @@ impl<'r> SingleRobot<'r> {
         while self.state.epoch != asked {
             if let Some(Report::EpochNotOpened { asked, found }) = self.receive()? {
                 return Err(SingleError::Robot(format!(
-                    "the controller is in epoch {found}, requested was epoch {asked}"
+                    "the controller is in epoch {found}, but epoch {asked} was requested"
                 )));
             }
             self.check_deadline(until, COMMAND_TIMEOUT)?;
@@ -372,7 +372,8 @@ impl<'r> SingleRobot<'r> {
     /// Waits until a command is executed and the arm is at rest.
     fn wait_executed(&mut self, id: CommandId, allowed: Duration) -> Result<(), SingleError> {
         let until = self.robot.now() + allowed;
-        // Executed is not at rest: an arm with blending has its last command done while it still brakes.
+        // A command can be executed before the arm is at rest: with blending, the last command is complete while the
+        // arm still brakes.
         while self.state.done < id || self.state.moving {
             match self.receive()? {
                 Some(Report::Refused { refusal, .. }) => return Err(self.stopped_error(refusal.to_string())),
@@ -395,7 +396,7 @@ impl<'r> SingleRobot<'r> {
         sent.map_err(|error| self.not_sent_error(error))
     }
 
-    /// Returns why nothing was sent: if there is no link any more, the reason for its loss.
+    /// Returns why nothing was sent: if the link is lost, the reason for its loss.
     fn not_sent_error(&mut self, error: QueueError) -> SingleError {
         if error == QueueError::NotConnected {
             for _ in 0..MAX_REPORTS {
@@ -408,7 +409,7 @@ impl<'r> SingleRobot<'r> {
     }
 
     /// Returns the error for a function that the robot did not execute for this reason. The robot's next state is read
-    /// first, so that the error is shown together with this state.
+    /// first, so that the error is displayed with this state.
     fn stopped_error(&mut self, why: String) -> SingleError {
         let (before, until) = (self.state.sequence, self.robot.now() + STATE_TIMEOUT);
         while self.state.sequence == before && self.robot.now() < until {
@@ -485,10 +486,10 @@ mod tests {
 
     const AT: Joints = Joints { a1_deg: 20.0, a2_deg: -90.0, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 60.0, a6_deg: 0.0 };
 
-    /// A controller that reports this state, and is never sent anything.
-    struct Says(State);
+    /// A controller that always reports this state, and must never receive a command.
+    struct FixedStateRobot(State);
 
-    impl Port<RobotCommand> for Says {
+    impl Port<RobotCommand> for FixedStateRobot {
         fn perform(&mut self, command: RobotCommand) -> RobotAnswer {
             match command {
                 RobotCommand::Next => RobotAnswer::Report(Ok(Some(Report::State(Box::new(self.0))))),
@@ -498,14 +499,14 @@ mod tests {
         }
     }
 
-    /// A TCP that is 205 mm farther out, another robot root, and axes in radians do not belong to the cell's arm.
-    /// Neither a motion of the axes nor a subroutine is started.
+    /// Each of these does not belong to the cell's arm: a TCP that is 205 mm farther away, another robot root, and axes
+    /// in radians. Neither a motion of the axes nor a subroutine is started.
     #[test]
-    fn another_arm_than_the_cells_does_not_move() {
+    fn an_arm_other_than_the_cells_does_not_move() {
         let cell = Cell::check("cell.toml", "").expect("good");
         let tip = KukaPose::from_rigid(&Kinematics::new(cell.arm()).base_from_flange(&AT).expect("finite"));
         let state = State { joints: AT, base_from_tcp: tip, ..standing_state() };
-        let single = |state: State| Says(state);
+        let single = |state: State| FixedStateRobot(state);
         let mut right = single(state);
         assert_eq!(
             SingleRobot::connect(&mut right, cell.arm()).expect("it answers").check_arm_identity(&cell),
@@ -528,7 +529,7 @@ mod tests {
         }
     }
 
-    /// A real controller without a signed stage moves in T1 alone, also at an address of this computer.
+    /// Without a signed stage, a real controller moves only in T1, even at an address of this computer.
     #[test]
     fn a_motion_in_automatic_mode_needs_stage_a() {
         use panelprep_cell::cell::SignedPage;
@@ -549,7 +550,7 @@ mod tests {
             (Mode::External, mock_boot, unsigned("127.0.0.1"), true),
             (Mode::Automatic, real_boot, signed, true),
         ] {
-            let mut robot = Says(State { joints: AT, mode, boot, ..standing_state() });
+            let mut robot = FixedStateRobot(State { joints: AT, mode, boot, ..standing_state() });
             let mut single = SingleRobot::connect(&mut robot, cell.arm()).expect("it answers");
             for moved in [single.move_joints(AT, 10, &cell), single.call(0, &cell)] {
                 let Err(SingleError::Gate(judgement)) = moved else { panic!("another gate refuses: {moved:?}") };
@@ -560,10 +561,10 @@ mod tests {
         }
     }
 
-    /// Another sum than the accepted one refuses every function that sends something: nothing is sent. The accepted sum
-    /// leads to the next gate.
+    /// With another checksum than the accepted one, every function that sends a command is refused, and nothing is
+    /// sent. With the accepted checksum, the next gate decides.
     #[test]
-    fn other_programs_than_the_accepted_ones_are_sent_nothing() {
+    fn nothing_is_sent_to_programs_that_were_not_accepted() {
         let text = |sum: i32| {
             format!(
                 "[robot]\nkind = \"eki\"\nhost = \"krc\"\nprograms_sum = {sum}\n[io.outputs]\nlight = 1\ntool = 5\n"
@@ -572,7 +573,7 @@ mod tests {
         let cell_of = |sum| Cell::check("cell.toml", &text(sum)).unwrap_or_else(|problems| panic!("{problems}"));
         let state = State { joints: AT, programs_checksum: 5, ..standing_state() };
         let refused = |act: &dyn Fn(&mut SingleRobot<'_>) -> Result<(), SingleError>, cell: &Cell| {
-            let mut robot = Says(state);
+            let mut robot = FixedStateRobot(state);
             let mut single = SingleRobot::connect(&mut robot, cell.arm()).expect("it answers");
             let Err(SingleError::Gate(judgement)) = act(&mut single) else { panic!("not refused") };
             judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect::<Vec<_>>()

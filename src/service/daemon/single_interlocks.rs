@@ -1,9 +1,9 @@
-//! The interlocks of single functions: the cycle's own list of interlocks, checked against the controller's present
+//! The interlocks of single functions: the cycle's own list of interlocks, checked with the controller's present
 //! reports.
 //!
-//! A single function has less information than a cycle: no drain time, no approach point, no localization. A condition
-//! that is not known counts as not satisfied. So only a cycle can switch on the tool's output, and water can be
-//! switched on only while the arm is at the pose `park`.
+//! A single function has fewer facts than a cycle: no drain time, no approach point, no localization. A condition that
+//! is not known counts as not satisfied. So only a cycle can switch on the tool's output, and water can be switched on
+//! only while the arm is at the pose `park`.
 
 use super::wiring::{DeviceReading, RINSE, Wiring};
 use panelprep_base::geometry::Joints;
@@ -16,7 +16,7 @@ use panelprep_kuka::eki::{CONTACT_OVERRIDE_PERCENT, State};
 
 /// Largest distance of an axis from `park` at which the arm counts as parked, degrees: ten times the resolution
 /// that a controller reports.
-const PARKED_DEG: f64 = 0.1;
+const MAX_PARKED_DEVIATION_DEG: f64 = 0.1;
 
 /// Returns the cycle's switch that belongs to an output's name; switching off is always allowed.
 pub(super) fn switch_of_output(name: &str) -> Option<Switch> {
@@ -31,20 +31,21 @@ pub(super) fn switch_of_output(name: &str) -> Option<Switch> {
     known.into_iter().find(|(output, _)| *output == name).map(|(_, switch)| switch)
 }
 
-/// Returns a motion with the same interlocks as the cycle's motion along this path.
+/// Returns a motion that has the same interlocks as the cycle's motion along this path.
 pub(super) fn motion(path: Path) -> Action {
     Action::Move(Motion { epoch: 0, path, plan: 0, waypoints: 1 })
 }
 
-/// Returns a rejection if an interlock of the action is open; `name` is the function that the person requested.
+/// Returns a rejection if an interlock of the action is not satisfied; `name` is the function that the person
+/// requested.
 pub(super) fn judge(name: &str, act: Action, state: &State, cell: &Cell) -> Judgement {
     let open = open_interlocks(act, &facts(state, cell));
     let reason = |need: &&str| Reason::new("interlock", format!("{name} needs {need}"));
     Judgement::new(open.iter().map(reason).collect(), vec![])
 }
 
-/// Returns the facts that a single function has about the cell: its epoch is open, and base and tool were confirmed in
-/// this epoch.
+/// Returns the facts about the cell that a single function knows: its epoch is open, and base and tool were confirmed
+/// in this epoch.
 fn facts(state: &State, cell: &Cell) -> Facts {
     let io = cell.inputs_outputs();
     let wiring = Wiring::from_available_io(io);
@@ -80,7 +81,7 @@ fn facts(state: &State, cell: &Cell) -> Facts {
 }
 
 fn is_at_pose(joints: &Joints, pose: &Joints) -> bool {
-    joints.degrees().iter().zip(pose.degrees()).all(|(is, asked)| (is - asked).abs() <= PARKED_DEG)
+    joints.degrees().iter().zip(pose.degrees()).all(|(is, asked)| (is - asked).abs() <= MAX_PARKED_DEVIATION_DEG)
 }
 
 #[cfg(test)]
@@ -104,10 +105,10 @@ mod tests {
         judge("it", act, &state, &cell()).reasons.is_empty()
     }
 
-    /// Every combination of feedbacks and outputs, with the arm parked and not parked. By hand, motion needs water
-    /// off and tool off; water needs the arm parked, the lens shut and the tool off. Only a cycle may use the
-    /// tool's output; light, lens and extraction need nothing. Each state is proven by its output and its feedback:
-    /// if one contradicts the other, nothing is proven.
+    /// Tests every combination of feedbacks and outputs, with the arm parked and not parked. Expected values by hand: a
+    /// motion needs water and tool off; water needs the arm parked, the lens shutter closed and the tool off. Only a
+    /// cycle may use the tool's output; light, lens shutter and extraction need nothing. Each state is proven by its
+    /// output and its feedback together: if one contradicts the other, nothing is proven.
     #[test]
     fn a_single_function_does_nothing_that_a_cycle_may_not() {
         for (inputs, outputs) in (0..16).flat_map(|inputs| (0..32).map(move |outputs| (inputs, outputs))) {
@@ -138,7 +139,7 @@ mod tests {
 
     /// An output without a feedback is not proven off; an output that the cell does not have cannot be on.
     #[test]
-    fn what_nothing_proves_is_open() {
+    fn an_output_without_a_feedback_is_not_proven_off() {
         let without = |line: &str| Cell::check("cell.toml", &CELL.replace(line, "")).expect("good");
         let refused = |cell: &Cell| {
             let judgement = judge("a motion", motion(Path::Park), &State { inputs: 1, ..standing_state() }, cell);

@@ -1,13 +1,13 @@
-//! Slots for connections that wait for a peer: the service's socket and the pages assign them.
+//! Slots for connections that wait for a peer's data: the service's socket and the pages assign them.
 //!
-//! There are enough slots for normal use. If no slot is free, a new connection is still never refused. The user, or
-//! the address, with the most slots must then give one up: that of its connection that has been silent for longest. A
-//! client that requests a stop writes its line at once, so the line is read before its connection is closed.
+//! There are enough slots for normal use. If no slot is free, a new connection is accepted nevertheless, and another
+//! one is closed: of the user or address with the most slots, the connection that has been silent for the longest time.
+//! A client that requests a stop writes its line at once, so the line is read before its connection is closed.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::oneshot;
 
-/// Largest number of connections that are read at one time: of one owner, and in total.
+/// Largest number of connections that are read at the same time: of one owner, and in total.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MaxConnections {
     /// Connections of one user or one address.
@@ -16,7 +16,7 @@ pub(super) struct MaxConnections {
     pub total: usize,
 }
 
-/// All slots; `Of` is the owner of a connection. All clones share the same slots.
+/// All slots; `Of` is the type of a connection's owner. All clones share the same slots.
 #[derive(Debug)]
 pub(super) struct Slots<Of>(Arc<Mutex<Inside<Of>>>);
 
@@ -35,7 +35,7 @@ struct OccupiedSlot<Of> {
     wanted: oneshot::Sender<()>,
 }
 
-/// One of the slots; the slot becomes free again when this is dropped.
+/// One of the slots; it becomes free when this is dropped.
 #[derive(Debug)]
 pub(super) struct Slot<Of> {
     number: u64,
@@ -63,7 +63,7 @@ impl<Of> Clone for ActivityHandle<Of> {
 }
 
 impl<Of> Slots<Of> {
-    /// Creates this many slots, all of them free.
+    /// Creates this number of slots, all of them free.
     pub fn new(most: MaxConnections) -> Self {
         Slots(Arc::new(Mutex::new(Inside { most, last: 0, taken: Vec::new() })))
     }
@@ -74,7 +74,7 @@ impl<Of> Slots<Of> {
 }
 
 impl<Of: Copy + PartialEq> Slots<Of> {
-    /// Assigns a slot to a connection of this owner; if there is none, another connection gives way.
+    /// Assigns a slot to a connection of this owner; if none is free, another connection must give up its slot.
     pub fn acquire(&self, of: Of) -> Slot<Of> {
         let mut inside = self.lock();
         let held = |inside: &Inside<Of>, of| inside.taken.iter().filter(|taken| taken.owner == of).count();
@@ -104,7 +104,7 @@ impl<Of: PartialEq> Inside<Of> {
 }
 
 impl<Of> Slot<Of> {
-    /// Waits until another connection needs the slot.
+    /// Waits until another connection needs this slot.
     pub async fn wait_until_wanted(&mut self) {
         #[expect(clippy::let_underscore_must_use, reason = "a dropped sender also means that the slot is needed")]
         let _ = (&mut self.wanted).await;
@@ -117,7 +117,7 @@ impl<Of> Slot<Of> {
 }
 
 impl<Of> ActivityHandle<Of> {
-    /// Marks the connection as active just now: it becomes the last one that must give way.
+    /// Marks the connection as active now: it is then the last one that must give up its slot.
     pub fn now(&self) {
         let mut inside = self.slots.lock();
         if let Some(at) = inside.taken.iter().position(|taken| taken.number == self.number) {
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn of_one_user_the_connection_that_waits_longest_gives_way() {
+    fn the_longest_waiting_connection_of_a_user_gives_up_its_slot() {
         let slots = Slots::new(LIMITS);
         let mut silent: Vec<Slot<u32>> = (0..LIMITS.per_owner).map(|_| slots.acquire(7)).collect();
         let mut other = slots.acquire(8);
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn of_all_users_the_greediest_gives_way() {
+    fn the_user_with_the_most_slots_gives_one_up() {
         let slots = Slots::new(LIMITS);
         let mut greedy: Vec<Slot<u32>> = (0..60).map(|_| slots.acquire(7)).collect();
         let mut others: Vec<Slot<u32>> =
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn the_most_recently_active_client_gives_way_last() {
+    fn the_most_recently_active_client_gives_up_its_slot_last() {
         let slots = Slots::new(MaxConnections { per_owner: 2, total: 4 });
         let (mut first, mut second) = (slots.acquire(7), slots.acquire(7));
         first.activity_handle().now();

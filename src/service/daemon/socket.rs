@@ -1,16 +1,17 @@
-//! The service's Unix socket: an interface whose clients send one line and receive one line for each connection.
+//! The service's Unix socket: an interface on which each connection carries one line from the client and one line in
+//! answer.
 //!
-//! The file's mode decides who may connect: its owner and group (0660). A socket that a killed service left is
-//! replaced if no service answers on it; any other file is not touched.
+//! The file's owner, group and mode (0660) decide who may connect. The socket of a killed service is replaced if no
+//! service answers on it; any other file is left unchanged.
 //!
-//! A client may be slow or silent, or send data without end, by a fault or on purpose; a stop must be executed in
+//! A client may be slow or silent, or send data continuously, by a fault or on purpose; a stop must be executed in
 //! every case. One thread reads all connections at once and never waits for one of them. Each connection has one
-//! deadline for its whole line. If no slot is free, the connection that has been silent for longest gives up its own
-//! (`slots`). Only a start may be a long line. Each line that was read goes to the `gateway`, which queues it by its
-//! urgency and reads recipes on a thread of their own.
+//! deadline for its whole line. If no slot is free, the connection that has been silent for the longest time must give
+//! up its slot (`slots`). Only a start may be a long line. Each complete line goes to the `gateway`, which queues it by
+//! its urgency and reads recipes on a separate thread.
 //!
 //! The cell's file gives the users in the socket's group one role (`AccessRule`). The user who runs the service, and
-//! root, may request everything: they can do it without the socket as well. Every person who has access to the cell
+//! root, may request everything: they could do it without the socket as well. Every person who has access to the cell
 //! may request stop and abort.
 
 use super::camera_lease::{SharedCameras, ShotRequest};
@@ -36,20 +37,20 @@ use tokio::net::{UnixListener, UnixStream};
 use tokio::runtime::{Builder, Runtime};
 use tokio::time::{interval, sleep, timeout};
 
-/// Owner and group may send requests.
+/// Mode of the socket: owner and group may send requests.
 const SOCKET_MODE: u32 = 0o660;
-/// Time limit for a client to send its whole line, and separately to receive its answer.
+/// Time limit for a client to send its whole line, and another one to receive its answer.
 const CLIENT_TIMEOUT: Duration = Duration::from_secs(2);
-/// Largest number of connections of one user, and of all, that are read at one time.
+/// Largest number of connections that are read at the same time, of one user and in total.
 const SLOTS: MaxConnections = MaxConnections { per_owner: 64, total: 256 };
-/// How long a connection that must give way is still read.
+/// Time limit to receive the rest of a request on a connection whose slot another client needs.
 const DRAIN_TIMEOUT: Duration = Duration::from_millis(50);
 /// Interval at which the socket's thread reports that it works, and the longest permitted time without such a report.
 const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(250);
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(4);
-/// Number of threads that read recipes: one reads, and one more reports that a recipe is being read.
+/// Number of threads that read recipes: one reads, and another one can report that a recipe is being read.
 const READER_THREADS: usize = 2;
-/// The nice value of the socket's thread, which gives it priority over other work of the machine: it has little to
+/// The nice value of the socket's thread, which gives it priority over other programs of the computer: it has little to
 /// do, and its input may be a stop.
 const NICE: i32 = -5;
 
@@ -88,7 +89,7 @@ pub struct Socket {
 }
 
 impl Socket {
-    /// Listens on the socket, and passes the requests to the gateway. The supervisor watches the socket's thread.
+    /// Listens on the socket, and passes the requests to the gateway. The supervisor monitors the socket's thread.
     /// Users who have access through the socket's group have this role; without a role they may request everything.
     ///
     /// # Errors
@@ -144,7 +145,8 @@ fn remove_stale_socket(path: &Path) -> Result<(), SocketError> {
         }
         Ok(_) => {}
     }
-    // Asked and not guessed from the file: a file stays after a kill, but only a living service accepts.
+    // A connection is tried, since the file alone proves nothing: it remains after a kill, but only a running service
+    // accepts connections.
     match system::UnixStream::connect(path) {
         Ok(_) => Err(SocketError::InUse { path: path.to_owned() }),
         Err(error) if error.kind() == ErrorKind::ConnectionRefused => {
@@ -179,20 +181,21 @@ fn serve(
             };
             match accepted {
                 Ok((stream, _)) => {
-                    // From the kernel and not from the message, since a client could write any name there.
+                    // The user is read from the kernel and not from the message, since a client could write any name
+                    // into the message.
                     let who = gateway::socket_peer(&stream);
                     let slot = slots.acquire(who.uid);
                     let rule = AccessRule { role, service_uid };
                     tokio::spawn(serve_request((stream, who), slot, gateway.clone(), rule));
                 }
-                // For example, no file descriptor is left: the client tries again.
+                // For example, no file descriptor is free: the client tries again.
                 Err(_) => sleep(Duration::from_millis(50)).await,
             }
         }
     });
 }
 
-/// Reads one line, has it answered, and sends the answer.
+/// Reads one line, passes it on, and sends the answer.
 async fn serve_request(
     (stream, who): (UnixStream, RequestAuthor),
     mut slot: Slot<Option<u32>>,
@@ -204,12 +207,13 @@ async fn serve_request(
         tokio::select! {
             biased;
             parsed = timeout(CLIENT_TIMEOUT, &mut reading) => parsed.unwrap_or(Err(ProtocolError::Slow)),
-            // A line that is already being sent is still read: a client that gives way is silent, but a client that
-            // sends a stop is not.
+            // A line that is being sent is still read: a client that sends nothing must give up its slot, but a stop
+            // must not be lost.
             () = slot.wait_until_wanted() => timeout(DRAIN_TIMEOUT, &mut reading).await.unwrap_or(Err(ProtocolError::GaveWay)),
         }
     };
-    // Released after reading: an answer may take seconds, and the limit is for clients that send nothing.
+    // The slot is released after the line is read: an answer may take seconds, and the limit applies to clients that
+    // send nothing.
     drop(slot);
     let parsed = parsed.map(|what| match what {
         RequestKind::Start(start) => {
@@ -283,7 +287,7 @@ async fn write(stream: &UnixStream, mut line: &[u8]) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Lends the cameras to the client at the other end, on a thread of its own.
+/// Lends the cameras to the client at the other end, on a separate thread.
 fn lend_cameras(stream: UnixStream, shot: ShotRequest, cameras: SharedCameras, who: &RequestAuthor) {
     tracing::info!("{} asks: {}", gateway::format_for_log(who), shot.describe());
     let lent = stream.into_std().and_then(|stream| {
@@ -294,7 +298,7 @@ fn lend_cameras(stream: UnixStream, shot: ShotRequest, cameras: SharedCameras, w
     }
 }
 
-/// A rule for the requests of a role.
+/// The rule that determines which requests a role permits.
 #[derive(Debug, Clone, Copy)]
 struct AccessRule {
     /// The role of the socket's users; without a role they may request everything.
@@ -304,7 +308,7 @@ struct AccessRule {
 }
 
 impl AccessRule {
-    /// Returns whether this user's start may contain a recipe that is not in the folder. This requires the permission
+    /// Returns whether this user's start may contain a recipe that is not in the folder; this requires the permission
     /// to change the folder.
     pub fn recipe_text_permission(self, who: &RequestAuthor) -> RecipeTextPermission {
         match self.limiting_role(who) {
@@ -318,7 +322,7 @@ impl AccessRule {
         self.role.filter(|_| who.uid.is_none_or(|uid| uid != 0 && uid != self.service_uid))
     }
 
-    /// Returns why this user may not request it; `None` if it is allowed.
+    /// Returns why this user may not make this request; `None` if it is permitted.
     pub fn refusal(self, who: &RequestAuthor, what: &RequestKind) -> Option<Reason> {
         let role = self.limiting_role(who)?;
         let needed = needed_permission(what)?;
@@ -337,7 +341,7 @@ impl AccessRule {
     }
 }
 
-/// Returns the permission that a role needs for this request; `None` if every user may make it.
+/// Returns the permission that a role must have for this request; `None` if every user may make it.
 fn needed_permission(what: &RequestKind) -> Option<Permission> {
     match what {
         RequestKind::Table(Request::Stop | Request::Abort) => None,
@@ -380,10 +384,10 @@ mod tests {
         RequestAuthor { front: RequestSource::Socket, uid: Some(uid), user: None, from: None }
     }
 
-    /// Every role with every request of the protocol: a viewer reads, stops and aborts, an inspector also accepts, an
-    /// operator does everything except accept, and an engineer does everything.
+    /// Every role with every request of the protocol: a viewer can only read, stop and abort; an inspector can also
+    /// accept; an operator can do everything except accept; an engineer can do everything.
     #[test]
-    fn the_group_may_what_its_role_may() {
+    fn users_of_the_socket_have_the_permissions_of_its_role() {
         let table = |request: Request| match request.is_operator_decision() {
             true => RequestKind::Decided { request, step: 3 },
             false => RequestKind::Table(request),
@@ -433,9 +437,9 @@ mod tests {
         assert_eq!(Role::VARIANTS.len(), 6);
     }
 
-    /// An operator, or a person with a role that permits less, can only start recipes of the folder.
+    /// An operator, or a person whose role permits less, can only start recipes of the folder.
     #[test]
-    fn a_text_of_ones_own_needs_a_role_that_may_change_the_folder() {
+    fn a_recipe_text_needs_the_permission_to_change_the_folder() {
         let own = |role, uid| AccessRule { role, service_uid: SERVICE }.recipe_text_permission(&who(uid));
         for role in Role::VARIANTS.iter().copied() {
             let expected =

@@ -1,5 +1,5 @@
-//! What the program provides to the service: the source of recipes and calibrations, and the source of the pages of
-//! cycles and of their signatures.
+//! The data that the program provides to the service: recipes and calibrations, and the pages of cycles with their
+//! signatures.
 
 use panelprep_base::geometry::ColorPicture;
 use panelprep_base::verdict::{Reason, Verdict};
@@ -13,14 +13,14 @@ use panelprep_store::store::PersonSigningRequest;
 /// A recipe's file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecipeText {
-    /// The whole name of the file, which messages show.
+    /// The full name of the file, which messages show.
     pub name: String,
     /// Its text.
     pub text: String,
 }
 
 impl RecipeText {
-    /// Returns the SHA-256 of the recipe's text, by which a start names the recipe.
+    /// Returns the SHA-256 of the recipe's text; a start refers to the recipe by it.
     pub fn sha256(&self) -> String {
         content_hash(self.text.as_bytes())
     }
@@ -54,20 +54,20 @@ pub struct Equipment {
     pub verification: String,
 }
 
-/// An item that was examined, as `panelprep doctor` reports it.
+/// An examined item, as `panelprep doctor` reports it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ExaminedItem {
     /// Name of the item.
     pub name: String,
-    /// Whether nothing is wrong with the examined thing.
+    /// Whether the item is in order.
     pub is_right: bool,
-    /// Result of the examination.
+    /// What the examination found.
     pub found: String,
-    /// Remedy; empty if the item is in order.
+    /// The remedy; empty if the item is in order.
     pub advice: String,
 }
 
-/// The source of recipes and calibrations. Names of recipes are those of files in one folder.
+/// The source of recipes and calibrations. The names of recipes are names of files in one folder.
 pub trait SetupSource: Send + Sync {
     /// Returns the recipes that are offered.
     ///
@@ -86,34 +86,34 @@ pub trait SetupSource: Send + Sync {
     /// # Errors
     /// As [`SetupSource::recipe`].
     fn recipe_offer(&self, name: &str) -> Result<Option<RecipeOffer>, String>;
-    /// Returns the problems of a recipe as `panelprep check` reports them; empty if it is valid.
+    /// Returns the problems of a recipe as `panelprep check` reports them; empty if the recipe is valid.
     fn problems(&self, name: &str, text: &str) -> Vec<String>;
 
-    /// Returns why no cycle can start by this text although it is valid: the panel was not taught, or was taught with
+    /// Returns why no cycle can start with this text although it is valid: the panel was not taught, or was taught with
     /// another region.
     fn not_taught(&self, name: &str, text: &str) -> Option<String>;
 
     /// Writes a recipe in place of the one with this name; returns the former text.
     ///
     /// # Errors
-    /// If it is wrong or the disk refuses; the error is a text for people.
+    /// If the text is not a valid recipe or the disk cannot be written; the error is a text for people.
     fn save(&self, name: &str, text: &str) -> Result<Option<String>, String>;
 
     /// Returns the picture of the scan by which the recipe's panel was taught.
     ///
     /// # Errors
-    /// If there is no such recipe, it is wrong, or its panel was not taught; the error is a text for people.
+    /// If there is no such recipe, it is not valid, or its panel was not taught; the error is a text for people.
     fn taught_picture(&self, name: &str) -> Result<ColorPicture, String>;
 
-    /// Returns what prevents a cycle now or will prevent one soon, apart from the cameras: the disk, and the age of
+    /// Returns what prevents a cycle now or will soon prevent one, apart from the cameras: the disk, and the age of
     /// verifications.
     fn cycle_obstacles(&self) -> Vec<Reason>;
 
-    /// Examines the whole cell, as `panelprep doctor` does; nothing moves. It may need some seconds. If something
-    /// cannot be read, that is a finding.
+    /// Examines the whole cell, as `panelprep doctor` does; nothing moves. The examination may take some seconds. If
+    /// something cannot be read, the result states it.
     fn examine_cell(&self) -> Vec<ExaminedItem>;
 
-    /// Returns how a start must name its part.
+    /// Returns the rules for how a start must name its part.
     fn part_rules(&self) -> PartRules {
         PartRules::default()
     }
@@ -125,8 +125,8 @@ pub trait SetupSource: Send + Sync {
     fn list_equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String>;
 }
 
-/// Returns the recipes with their hashes, so that a start uses the recipe that was offered. A recipe that cannot be
-/// read cannot be started, and is left out.
+/// Returns the recipes with their hashes, so that a start uses exactly the recipe that was offered. A recipe that
+/// cannot be read cannot be started, and is left out.
 ///
 /// # Errors
 /// If the folder cannot be read.
@@ -163,7 +163,7 @@ pub trait RecordSource: Send + Sync {
     /// If it cannot be made; the error is a text for people.
     fn pdf(&self, cycle: CycleId) -> Result<Option<RecordPdf>, String>;
 
-    /// Signs a record as a person; returns the number of the signature.
+    /// Adds a person's signature to a record; returns the number of the signature.
     ///
     /// # Errors
     /// If the cycle is not over, the person has already given this kind of signature, or the store cannot be written;

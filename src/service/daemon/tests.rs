@@ -1,4 +1,5 @@
-//! The loop on a scripted cell: a robot that executes at once, cameras that render, a record in memory.
+//! Tests the loop with a scripted cell: a robot that executes commands at once, cameras that render pictures, and a
+//! record in memory.
 
 mod compliant;
 mod contact;
@@ -29,7 +30,7 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     };
     assert_eq!(story.stages(), stages, "{story}");
     assert!(!story.outcome.passes.is_empty() && story.outcome.passes.iter().all(|(_, times)| *times == 1));
-    // Each waypoint is executed once: the point in the air where the approach ends is the plan's first waypoint.
+    // Each waypoint is executed once: the plan's first waypoint is the point in the air at which the approach ends.
     let contact = story.motions(Path::Contact);
     assert_eq!(contact.len(), 1);
     let (motion, outcome, done) = contact[0];
@@ -37,13 +38,13 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     assert_eq!(story.contact_points, done as usize);
     let error = story.truth.placement_error_mm(&story.outcome.base_from_panel.expect("found"));
     assert!(error.max_mm < 1.5, "{error:?}");
-    // Checks the contents of the record: every limit is satisfied, every phase has its numbers, and the budget has its
-    // measured parts.
+    // Checks the content of the record: every limit is satisfied, every phase has its numbers, and the measured parts
+    // of the error budget are present.
     for number in story.findings.iter().flat_map(|finding| &finding.checks) {
         let broken = number.name.starts_with("broken film");
         assert!(broken || number.value.is_none_or(|value| number.limit.is_met_by(value)), "{number:?}");
     }
-    limits_are_told(&story);
+    check_recorded_limits(&story);
     let watched = story.findings.iter().filter_map(|finding| finding.number(name::WATCHED_TIME_NAME));
     assert!(watched.map(|seconds| seconds >= 38.0).eq([true, true]), "{story}");
     let corners = ["corner_before", "corner_after"];
@@ -55,8 +56,8 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     assert_eq!((hand_eye_mm, robot_mm), (None, None), "no person measured or stated them");
 }
 
-/// The record contains every value on which the gates decide with its limit, and each corner separately.
-fn limits_are_told(story: &fake::Story) {
+/// The record contains every value on which the gates decide, with its limit, and each corner separately.
+fn check_recorded_limits(story: &fake::Story) {
     let last = |kind: Kind| story.findings.iter().rfind(|finding| finding.kind == kind).expect("found");
     let unlimited = |kind: Kind| -> Vec<&str> {
         let numbers = last(kind).checks.iter();
@@ -130,7 +131,7 @@ fn a_refused_path_aborts_and_sends_nothing() {
 }
 
 #[test]
-fn a_hold_in_contact_is_left_through_verify_and_a_new_plan() {
+fn after_a_hold_in_contact_come_verify_and_a_new_plan() {
     let held = |state: &panelprep_cell::cycle::State| matches!(state.intent, Some(i) if i.motion.path == Path::Contact && i.done > 20);
     let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle().with(held, cycle::Request::Hold).with(
         |state| matches!(state.at, At::Held(hold) if hold.why == Why::Asked),
@@ -148,7 +149,7 @@ fn a_hold_in_contact_is_left_through_verify_and_a_new_plan() {
 /// With the recipe's reference `wet`, the second film judges the sanded areas by their wet appearance only. With
 /// `dry`, a person dries the panel after the rinse, and the whole panel has a dry reference again.
 #[test]
-fn a_new_dry_picture_is_the_reference_of_what_was_sanded() {
+fn a_new_dry_picture_is_the_reference_of_sanded_areas() {
     let wet = Fake::new(Scene::Good).run(Asks::one_cycle());
     let alone = |story: &fake::Story| -> Vec<bool> {
         let films = story.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
@@ -175,10 +176,11 @@ fn a_journal_that_cannot_be_written_stops_the_robot() {
     assert!(matches!(error, DaemonError::Record(_)), "{error}");
 }
 
-/// Calculated by hand: if a panel turns by 0.2° about its first corner, this corner does not move, and a corner 250 mm
-/// away moves by 0.9 mm. With a check of the first corner only, the pad would be lowered onto the panel.
+/// Calculated by hand: if a panel rotates by 0.2° about its first corner, this corner does not move, and a corner 250
+/// mm away moves by 0.9 mm. If only the first corner were checked, the pad would be lowered onto the panel at the wrong
+/// place.
 #[test]
-fn a_panel_that_turned_meanwhile_is_found_at_its_second_corner() {
+fn a_rotated_panel_is_detected_at_its_second_corner() {
     let story = Fake::new(Scene::Good).whose_panel_turns_when_wet(0.2).run(Asks::one_cycle());
     assert!(matches!(story.outcome.state.at, At::Held(hold) if hold.why == Why::NotVerified), "{story}");
     let verified: Vec<Verdict> = story
@@ -191,10 +193,10 @@ fn a_panel_that_turned_meanwhile_is_found_at_its_second_corner() {
     assert!(story.motions(Path::Contact).is_empty() && story.motions(Path::Approach).is_empty(), "{story}");
 }
 
-/// A post is in front of the second corner: the first corner is viewed again instead, and the correction uses this
-/// corner only.
+/// An obstacle is in front of the second corner: the first corner is viewed again instead, and the correction uses only
+/// this corner.
 #[test]
-fn a_corner_that_the_arm_does_not_come_to_is_left_out() {
+fn a_corner_without_a_permitted_move_is_left_out() {
     let mut fake = Fake::new(Scene::Clean);
     fake.more_cell = "[[keep_out]]\nname = \"post\"\nmin_mm = [300, -220, 150]\nmax_mm = [360, -120, 300]\n";
     let story = fake.run(Asks::one_cycle());
@@ -206,8 +208,8 @@ fn a_corner_that_the_arm_does_not_come_to_is_left_out() {
     assert!(why.contains("corner 2: ") && why.contains("post"), "{why}");
 }
 
-/// The plan's disc extends beyond the panel by more than the recipe allows: a person must review it, and no one
-/// does.
+/// The disc extends beyond the panel by more than the recipe allows in the plan: the cycle waits for a person's review,
+/// which never comes.
 #[test]
 fn a_doubtful_plan_is_held_for_review_without_contact() {
     let mut fake = Fake::new(Scene::Good);
@@ -220,9 +222,9 @@ fn a_doubtful_plan_is_held_for_review_without_contact() {
     assert!(story.motions(Path::Contact).is_empty() && story.motions(Path::Approach).is_empty(), "{story}");
 }
 
-/// Every motion was committed to the record before it began, in the epoch that was open.
+/// For every motion, an intent was recorded before it began, in the epoch that was open.
 #[test]
-fn intents_come_before_their_motions() {
+fn intents_are_recorded_before_their_motions() {
     let story = Fake::new(Scene::Clean).run(Asks::one_cycle());
     assert!(story.intents.len() >= 3 && story.moved_without_intent == 0, "{story}");
 }

@@ -11,13 +11,13 @@ use panelprep_devices::acf::ToolReport;
 use panelprep_kuka::eki::Time;
 use std::time::Duration;
 
-/// Maximum additional age of a reading beyond the tool's deadlines; with an older reading, the thread of the tool's
-/// link is considered failed.
+/// Maximum additional age of a reading beyond the tool's deadlines; if the reading is older, the thread of the tool's
+/// link counts as failed.
 const MAX_READING_DELAY: Duration = Duration::from_millis(150);
 /// Time by which the force may lag behind its set-point.
 const MAX_FORCE_LAG: Duration = Duration::from_millis(100);
-/// Change of the tool's share of the weight by its attitude, N, after which the tool is commanded again.
-const ATTITUDE_N: f64 = 0.2;
+/// Change of the weight component along the tool's axis, N, after which the tool is commanded again.
+const MIN_ATTITUDE_CHANGE_N: f64 = 0.2;
 
 /// The state of the tool's force control.
 #[derive(Debug, Default)]
@@ -37,7 +37,7 @@ struct ContactInProgress {
     landing_n: f64,
     ramp_s: f64,
     force_phase: ForcePhase,
-    /// The commanded contact force of the tool, N.
+    /// The set-point of the tool's contact force, N, which changes in ramps.
     ramp: SetPointRamp,
     watch: ForceWatch,
 }
@@ -75,7 +75,7 @@ impl PressState {
         };
         let is_same = |commanded: ForceSetPoint| {
             let forces = [(commanded.force_n, wanted.force_n), (commanded.no_contact_n, wanted.no_contact_n)];
-            forces.into_iter().all(|(told_n, wanted_n)| (told_n - wanted_n).abs() < ATTITUDE_N)
+            forces.into_iter().all(|(told_n, wanted_n)| (told_n - wanted_n).abs() < MIN_ATTITUDE_CHANGE_N)
         };
         if self.last_command.is_some_and(is_same) {
             return None;
@@ -84,7 +84,7 @@ impl PressState {
         Some(wanted)
     }
 
-    /// Processes a report of the tool; returns a lost link as a reason.
+    /// Processes a report of the tool; returns the reason if the link is lost.
     pub fn on_report(&mut self, news: Option<ToolReport>, now: Time) -> Option<Reason> {
         match news? {
             ToolReport::Reading { reading, age_ms } => {
@@ -94,19 +94,19 @@ impl PressState {
                 None
             }
             ToolReport::Lost(loss) => {
-                // A tool that connects again is held back and must be commanded anew.
+                // A tool that connects again is retracted and must be commanded again.
                 (self.last, self.last_command) = (None, None);
                 Some(link_loss_reason(self.loss.insert(loss)))
             }
         }
     }
 
-    /// The contact force of the last reading, N.
+    /// Returns the contact force of the last reading, N.
     pub fn contact_n(&self, tool: &CompliantTool, downwards: f64) -> Option<f64> {
         self.last.map(|(_, reading)| SensorLoad::from(tool).contact_n(reading.force_n, downwards))
     }
 
-    /// Returns why the contact path in progress must end now.
+    /// Returns the reason why the contact path in progress must end now; `None` if it may continue.
     pub fn end_reason(&mut self, tool: &CompliantTool, downwards: f64, now: Time) -> Option<Reason> {
         if let Some(why) = self.not_ready_reason(tool, now) {
             return Some(why);
@@ -117,13 +117,13 @@ impl PressState {
         watch.evaluate((&reading, contact_n), expected, &limits(tool), at)
     }
 
-    /// Returns why no motion towards the panel may begin.
+    /// Returns the reason why no motion towards the panel may begin; `None` if it may.
     pub fn motion_refusal(&self, tool: &CompliantTool, now: Time) -> Option<Reason> {
         let unready = || self.last.and_then(|(_, reading)| not_ready_reason(&reading, tool.stroke_mm));
         self.not_ready_reason(tool, now).or_else(unready)
     }
 
-    /// Notes that the path in progress is over.
+    /// Records that the path in progress has ended.
     pub fn end_contact(&mut self) {
         self.contact = None;
     }
@@ -151,7 +151,7 @@ impl PressState {
 }
 
 impl ContactInProgress {
-    /// Returns the force that the tool is to apply when the arm has reached this many waypoints.
+    /// Returns the force that the tool must apply when the arm has reached `reached` waypoints.
     fn force_at(&mut self, reached: usize, (tool, downwards): (&CompliantTool, f64), now: Time) -> ForceSetPoint {
         let aim = force_phase(&self.on_panel, reached);
         let target_n = match aim {
@@ -159,8 +159,8 @@ impl ContactInProgress {
             ForcePhase::Landing => self.landing_n,
             ForcePhase::Pressing => self.force_n,
         };
-        // From the air to the landing, the force changes to the landing force without a ramp; back to the air, it also
-        // changes without a ramp.
+        // At the landing, the force changes to the landing force without a ramp; when the disc leaves the panel, it
+        // also changes without a ramp.
         let was_held = self.force_phase == ForcePhase::HeldBack;
         let ramp_s =
             if aim == ForcePhase::HeldBack || was_held && aim == ForcePhase::Landing { 0.0 } else { self.ramp_s };
@@ -171,8 +171,8 @@ impl ContactInProgress {
         if aim == ForcePhase::HeldBack {
             return ForceSetPoint::retracted(tool.min_force_n);
         }
-        // The value is within the tool's forces at every attitude: otherwise the cell or the cycle would not have
-        // been accepted.
+        // The value is within the tool's force range at every attitude: otherwise the cell or the cycle would have been
+        // refused.
         let actuator_n = |contact_n: f64| SensorLoad::from(tool).actuator_n(contact_n, downwards);
         ForceSetPoint { force_n: actuator_n(target_n), no_contact_n: actuator_n(self.landing_n), ramp_s }
     }

@@ -1,6 +1,6 @@
-//! What the transfers out of the cell share: the data that waits (how much, since when, and why it is not sent), and
-//! the progress of a transfer in a file in the folder of the store's database. If the file is lost or damaged, the
-//! only consequence is that data are sent again.
+//! The common parts of the transfers out of the cell: the backlog of a transfer (how much data waits, since when, and
+//! why it is not sent), and its progress in a file in the folder of the store's database. If this file is lost or
+//! damaged, the only consequence is that data are sent again.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -9,7 +9,7 @@ use std::fs::File;
 use std::io::Write;
 use std::path::Path;
 
-/// The state of the queue.
+/// The data that wait for a transfer.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(super) struct TransferBacklog {
     /// The reason why nothing is sent now.
@@ -32,7 +32,7 @@ impl TransferBacklog {
         (self.count, self.since_unix_ms) = (count, since_unix_ms);
     }
 
-    /// Returns the text of the alarm if something waits for `behind_min` minutes or longer, with the cause: "3 … ; the
+    /// Returns the text of the alarm with its cause, if data have waited for `behind_min` minutes or longer: "3 … ; the
     /// oldest has waited for …". `what` names the missing data and their destination; `usual` is the cause if none is
     /// known.
     pub fn overdue_text(&self, behind_min: usize, now_unix_ms: i64, (what, usual): (&str, &str)) -> Option<String> {
@@ -46,7 +46,8 @@ impl TransferBacklog {
     }
 }
 
-/// Returns the content of the file with this name in this folder; the initial value if it has no content.
+/// Returns the content of the file with this name in this folder; the default value if the file is missing or cannot be
+/// read.
 pub(super) fn read_progress<T: DeserializeOwned + Default>(folder: &Path, name: &str) -> T {
     let bytes = panelprep_base::disk::read(&folder.join(name)).unwrap_or_default();
     serde_json::from_slice(&bytes).unwrap_or_default()
@@ -55,7 +56,7 @@ pub(super) fn read_progress<T: DeserializeOwned + Default>(folder: &Path, name: 
 /// Writes the progress, either completely or not at all.
 ///
 /// # Errors
-/// If the disk refuses, with the file's name.
+/// If the disk cannot be written; the error contains the file's name.
 pub(super) fn write_progress(folder: &Path, name: &str, progress: &impl Serialize) -> Result<(), String> {
     let (path, part) = (folder.join(name), folder.join(format!("{name}.part")));
     let written = || -> std::io::Result<()> {

@@ -1,16 +1,16 @@
 //! Switches by the names of the cell's inputs and outputs.
 //!
 //! A switch is proven if the state message reports its outputs as they were set, and its feedback with the expected
-//! value. The outputs alone show the state of the controller; the feedback shows the state of the valve, the fan or
-//! the tool behind it.
+//! value. The outputs alone show only the state of the controller; the feedback shows the state of the valve, the fan
+//! or the tool that the output controls.
 //!
 //! The proven facts about the outputs are monitored while the state table relies on them (R21). Each fact of the state
-//! table about an output was proven when it was switched: the controller reported the output, and the feedback
-//! reported its effect. While the fact holds, each state of the robot must report the same. If the states report
-//! something else for [`CONTRADICTION_LIMIT_MS`], the state table is informed. The work in progress is held, the tool
-//! is lifted off the panel, and the output is proven again before it is needed. A shorter time is tolerated because
+//! table about an output was proven when it was switched: the controller reported the output, and the feedback reported
+//! its effect. While the fact is valid, each state of the robot must report the same. If the states report something
+//! else for [`CONTRADICTION_LIMIT_MS`], the state table is informed. The work in progress is held, the tool is lifted
+//! off the panel, and the output is proven again before it is needed. A shorter contradiction is tolerated because
 //! feedbacks are not steady: a flow switch flutters, and a sander slows down when it touches the panel. An output that
-//! is being switched is monitored by its own act.
+//! is being switched is checked by its own action.
 
 use super::DaemonError;
 use panelprep_base::verdict::Reason;
@@ -18,11 +18,11 @@ use panelprep_cell::cell::{Feedback, InputsOutputs, Output};
 use panelprep_cell::cycle::{Facts, Switch};
 use panelprep_kuka::eki::{Signal, State};
 
-/// The output that rinses off the dust, if it has its own.
+/// The name of the output that rinses off the dust, if the cell has one.
 pub(super) const RINSE: &str = "rinse";
 
-/// An output with its bit of the state message's `Out`, the bit of the feedback that proves it, and the bit of the
-/// opposite feedback, if there is one.
+/// An output: its number, its bit in `Out` of the state message, the bit of the feedback that proves it, and the bit of
+/// the opposite feedback, if there is one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Wire {
     output: u16,
@@ -31,7 +31,7 @@ struct Wire {
     opposite: Option<u32>,
 }
 
-/// The outputs and feedbacks for the process; each may be missing in a cell.
+/// The outputs and feedbacks of the process; each may be missing in a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Wiring {
     light: Option<Wire>,
@@ -42,18 +42,18 @@ pub struct Wiring {
     tool: Option<Wire>,
 }
 
-/// The state of a device that is switched on and off, from its output and its feedback together.
+/// The state of a device, from its output and its feedback together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum DeviceReading {
-    /// The cell has no such output, and no feedback reports that it is on.
+    /// The cell has no such output, and no feedback reports that the device is on.
     NotWired,
     /// The state is not proven: there is no feedback, or output and feedback contradict each other.
     Open,
-    /// Both report that it is on, or off.
+    /// Output and feedback both report that the device is on, or both that it is off.
     Is(bool),
 }
 
-/// The bits that a state message must contain for a switch to be proven.
+/// The bits by which a state message proves a switch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct SwitchProof {
     /// The bits of `Out` that belong to the switch; `outputs_on` contains those that must be on.
@@ -63,10 +63,10 @@ pub(super) struct SwitchProof {
     opposite: Option<(u32, bool)>,
 }
 
-/// The data in a state message about a switch.
+/// What a state message reports about a switch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct SwitchFeedback {
-    /// Whether the outputs are as they were set.
+    /// Whether the outputs are reported as they were set.
     pub outputs: bool,
     /// The value of the feedback, if there is one.
     pub feedback: Option<bool>,
@@ -96,9 +96,9 @@ impl SwitchProof {
 }
 
 impl Wiring {
-    /// Uses `light`, `spray`, `lens_shutter`, `extraction` and `tool` with the feedbacks `water_off`, `lens_shut`,
-    /// `extraction_flow` and `tool_running`. Uses an output `rinse` if there is one, otherwise the spray rinses.
-    /// The feedback `light_on` proves the light if there is one.
+    /// Uses the outputs `light`, `spray`, `lens_shutter`, `extraction` and `tool` with the feedbacks `water_off`,
+    /// `lens_shut`, `extraction_flow` and `tool_running`. Uses an output `rinse` if there is one; otherwise the spray
+    /// rinses. The feedback `light_on` proves the light if there is one.
     ///
     /// # Errors
     /// If the cell lacks one of these names.
@@ -144,8 +144,8 @@ impl Wiring {
         }
     }
 
-    /// Returns the state of the device that these two switches control; `feedback_on` is the value of the cell's
-    /// feedback while the device is on.
+    /// Returns the state of the device that these two switches control; `feedback_on` is the value of the feedback
+    /// while the device is on.
     pub(super) fn reading(
         &self,
         (on, off): (Switch, Switch),
@@ -168,14 +168,14 @@ impl Wiring {
         wires.map(|(wire, on)| Signal { number: wire.output, on }).collect()
     }
 
-    /// Returns the content that a state message must have to prove this switch.
+    /// Returns the bits that a state message must contain to prove this switch.
     pub(super) fn switch_proof(&self, switch: Switch) -> SwitchProof {
         let mut proof = SwitchProof { outputs: 0, outputs_on: 0, feedback: None, opposite: None };
         for (wire, on) in self.switch_wires(switch).into_iter().flatten() {
             let bit = 1u32.checked_shl(wire.bit).unwrap_or(0);
             proof.outputs |= bit;
             proof.outputs_on |= if on { bit } else { 0 };
-            // The water feedback is on when the water is off; the nozzle that is switched last determines the expected
+            // The water feedback is on when the water is off. The nozzle that is switched last determines the expected
             // feedback.
             let is_water = [self.spray, self.rinse].into_iter().flatten().any(|water| water.output == wire.output);
             proof.feedback = wire.feedback.map(|bit| (bit, on != is_water));
@@ -198,7 +198,7 @@ impl Wiring {
             Switch::Spray => (self.spray, true),
             Switch::WaterOff => (self.spray, false),
         };
-        // One feedback covers both nozzles: flow from the other nozzle must not be mistaken for flow from this one.
+        // Both nozzles share one feedback: flow from the other nozzle must not be mistaken for flow from this one.
         let other = match switch {
             Switch::Rinse => Some(self.spray),
             Switch::Spray | Switch::WaterOff => Some(self.rinse),
@@ -209,12 +209,12 @@ impl Wiring {
         [other, wire.map(|wire| (wire, on))]
     }
 
-    /// Returns whether both nozzles' outputs and the feedback report that no water runs.
+    /// Returns whether the outputs of both nozzles and the feedback report that no water runs.
     pub(super) fn water_is_off(&self, state: &State) -> bool {
         self.switch_proof(Switch::WaterOff).is_satisfied(state)
     }
 
-    /// Returns whether the tool's output and its feedback report that it has stopped.
+    /// Returns whether the tool's output and its feedback report that the tool has stopped.
     pub(super) fn tool_is_off(&self, state: &State) -> bool {
         self.switch_proof(Switch::ToolOff).is_satisfied(state)
     }
@@ -228,15 +228,15 @@ pub(super) fn is_input_on(state: &State, bit: u32) -> bool {
 /// The time for which states may contradict a proven fact, ms.
 const CONTRADICTION_LIMIT_MS: u32 = 500;
 
-/// An output whose proof is contradicted, and since when, by the controller's clock, ms.
+/// An output whose proof is contradicted, and the time since when, by the controller's clock, ms.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct FeedbackContradiction(Option<(Switch, u32)>);
 
 impl FeedbackContradiction {
-    /// Returns the output that the robot's states have contradicted for too long, including this state.
+    /// Returns the output that the robot's states, including this one, have contradicted for longer than the limit.
     pub(super) fn update(&mut self, wiring: &Wiring, facts: &Facts, state: &State) -> Option<Switch> {
         let now_ms = state.time_ms;
-        // Judged only while the state is proven: during a switch the feedback is expected to differ.
+        // Only proven states are compared: during a switch the feedback is expected to differ.
         let contrary = facts.proven_switches().find(|switch| !wiring.switch_proof(*switch).is_satisfied(state));
         // If the clock was set back, the time is counted again from the beginning.
         let last = self.0.filter(|(last, since_ms)| Some(*last) == contrary && *since_ms <= now_ms);
@@ -246,7 +246,7 @@ impl FeedbackContradiction {
     }
 }
 
-/// Describes the effect of a switch, and the names of the output and the feedback that proved it.
+/// Returns the effect of a switch, and the names of the output and the feedback that proved it.
 fn describe_switch(switch: Switch) -> (&'static str, Output) {
     match switch {
         Switch::ToolOn => ("the tool is on", Output::Tool),
@@ -281,7 +281,7 @@ fn describe_state(switch: Switch, wiring: &Wiring, state: &State) -> String {
     std::iter::once(output_words).chain(words).collect()
 }
 
-/// Returns the reason: which proven fact is not true any more, and what to check.
+/// Returns the reason: the proven fact that is not true any more, and what to check.
 pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) -> Reason {
     let ((was_proven, _), tells) = (describe_switch(switch), describe_state(switch, wiring, state));
     let contrary_s = f64::from(CONTRADICTION_LIMIT_MS) / 1_000.0;
@@ -291,8 +291,8 @@ pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) ->
     Reason::new("feedback", message)
 }
 
-/// Returns the reason: what was commanded and not proven by its deadline, and what to check. `None` if the state
-/// reports it by now.
+/// Returns the reason: what was commanded and not proven before its deadline, and what to check. `None` if the state
+/// reports it now.
 pub(super) fn unproven_reason(switch: Switch, wiring: &Wiring, state: &State) -> Option<Reason> {
     if wiring.switch_proof(switch).is_satisfied(state) {
         return None;
@@ -337,7 +337,8 @@ mod tests {
         assert_eq!(set(&wiring, Switch::LightOff), setting(1, false, Some((0, false))), "3, 17, 18, 20, 25");
     }
 
-    /// The controller reports the output, and the feedback reports the device behind it: each alone is not a proof.
+    /// The controller reports the output, and the feedback reports the device that it controls: neither of them alone
+    /// is a proof.
     #[test]
     fn a_switch_is_proven_by_its_output_and_its_feedback() {
         let cell = Cell::check("cell.toml", IO).expect("good");
@@ -348,10 +349,10 @@ mod tests {
         assert!(!proof.is_satisfied(&state(0b0_1000, 0b0100)), "it was another output");
     }
 
-    /// Each water output switches the other one off. Otherwise a rinse with its own output would stay open, and its
-    /// water would seem to prove a spray valve that does not open.
+    /// Each water output is switched off when the other one is switched on. Otherwise the valve of a separate rinse
+    /// output would stay open, and its water would seem to prove a spray valve that does not open.
     #[test]
-    fn each_water_switches_the_other_one_off() {
+    fn each_water_output_switches_the_other_one_off() {
         let text = IO.replace("spray = 2", "spray = 2\nrinse = 6");
         let wiring =
             Wiring::from_io(Cell::check("cell.toml", &text).expect("good").inputs_outputs()).expect("complete");
@@ -375,7 +376,7 @@ mod tests {
     /// An output that is on does not count as off, regardless of its feedback; and a feedback that is on does not
     /// count as off, regardless of its output.
     #[test]
-    fn off_needs_the_output_and_the_feedback() {
+    fn only_output_and_feedback_together_prove_off() {
         let cell = Cell::check("cell.toml", IO).expect("good");
         let wiring = Wiring::from_io(cell.inputs_outputs()).expect("complete");
         // In `Out`, bit 4 is the tool and bit 1 the spray; in `In`, bit 2 reports that the tool runs and bit 0 that
@@ -393,8 +394,8 @@ mod tests {
         }
     }
 
-    /// A broken wire of `tool_running` looks like a stopped tool. With the additional feedback `tool_stands`, "off" is
-    /// proven by a signal that is present.
+    /// A broken wire of `tool_running` looks like a stopped tool. With the additional feedback `tool_stands`, a signal
+    /// that is present proves that the tool is off.
     #[test]
     fn the_absence_of_a_signal_proves_no_tool_off() {
         let wiring = |io: &str| {
@@ -419,7 +420,7 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_name_is_named() {
+    fn a_missing_signal_name_is_reported() {
         let text = IO.replace("tool_running = 20\n", "");
         let cell = Cell::check("cell.toml", &text).expect("good");
         let error = Wiring::from_io(cell.inputs_outputs()).expect_err("missing");
@@ -433,8 +434,8 @@ mod tests {
         Wiring::from_io(Cell::check("cell.toml", FEEDBACK_IO).expect("good").inputs_outputs()).expect("complete")
     }
 
-    /// In contact: tool and extraction on, lens guarded, water and light off. Bits of `Out` from the lowest: light,
-    /// spray, lens, extraction, tool; of `In`: water off, lens shut, flow, running.
+    /// In contact: tool and extraction on, lens shutter closed, water and light off. Bits of `Out` from the lowest:
+    /// light, spray, lens shutter, extraction, tool; of `In`: water off, lens shut, flow, running.
     const CONTACT: Facts = Facts {
         tool: Tool::Running,
         water: Water::Drained,
@@ -448,8 +449,8 @@ mod tests {
         State { outputs, inputs, ..standing_state() }
     }
 
-    /// A contradiction is reported after half a second, counted from the first contrary state; a state that agrees in
-    /// between restarts the time.
+    /// A contradiction is reported after half a second, counted from the first contrary state; a state in between that
+    /// agrees resets this time.
     #[test]
     fn half_a_second_of_contrary_states_is_reported() {
         let (wiring, mut contrary) = (wiring(), FeedbackContradiction::default());
@@ -466,7 +467,8 @@ mod tests {
         assert_eq!(at(510, &dead), Some(Switch::ToolOn));
     }
 
-    /// Each bit of the outputs and feedbacks is compared with the fact that it proved; unknown facts are not watched.
+    /// Each bit of the outputs and feedbacks is compared with the fact that it proved; facts that are not known are not
+    /// monitored.
     #[test]
     fn each_output_and_each_feedback_is_watched() {
         let wiring = wiring();

@@ -1,4 +1,4 @@
-//! The service's cameras, as a command uses them.
+//! The cameras of the service, for a command of the program.
 
 use super::super::protocol::request_line;
 use super::super::request::{Reply, RequestKind};
@@ -15,8 +15,7 @@ use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Maximum time to wait for a response. Within this time the service itself reports a camera that has stopped
-/// delivering.
+/// Maximum time to wait for a response. The service itself reports within this time that a camera no longer delivers.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(120);
 /// Largest header, and largest shot (100 million points), in bytes.
 const MAX_HEAD_BYTES: u64 = 64 * 1_024;
@@ -78,7 +77,7 @@ fn head(connection: &mut Connection) -> Result<ShotHeader, CameraError> {
         }
         Ok(ShotHeader::Failed { reasons }) => Err(connection_error(describe_reasons(&reasons))),
         Ok(sent) => Ok(sent),
-        // A request that was refused before the cameras were asked is answered like every other request.
+        // A request that was refused before it reached the cameras has a normal reply of the service.
         Err(error) => match serde_json::from_slice::<Reply>(&line) {
             Ok(reply) => Err(connection_error(describe_reasons(&reply.reasons))),
             Err(_) => Err(connection_error(format!("the response of the service cannot be decoded: {error}"))),

@@ -1,11 +1,11 @@
 //! The service's cameras, lent between cycles: `panelprep shoot` and the live calibrations take pictures while the
-//! service has the cameras.
+//! service has the cameras open.
 //!
-//! [`SharedCameras`] holds the loop's cameras. It lends them to one connection at a time while the cell rests without
-//! a cycle, and for one picture at a time to the operator's page (`shared`). The loop never waits for a
-//! shot that begins after the cell has left its rest: before each shot it is checked whether the cell still rests, and
-//! a film ends at its next picture if the cell does not. [`RemoteScanner`] and [`BorrowedFlangeCamera`] are the
-//! clients at the other end of the connection (`client`).
+//! [`SharedCameras`] holds the loop's cameras. While the cell rests without a cycle, it lends them to one connection at
+//! a time, and to the operator's page for one picture at a time (`shared`). Before each shot it checks whether the cell
+//! still rests, and a film ends at its next picture if the cell does not. So the loop never waits for a shot that began
+//! after the cell was at rest. [`RemoteScanner`] and [`BorrowedFlangeCamera`] are the clients at the other end of the
+//! connection (`client`).
 //!
 //! ```text
 //! {"ask":"shoot","shot":"scan"}                                  a line to the service
@@ -13,8 +13,8 @@
 //! ```
 //!
 //! The pictures of a film are sent one after the other until the client closes its writing side, then
-//! `{"sent":"ended",…}`. The robot is not moved, no output is switched, and nothing is written to the store. The
-//! answer to `{"ask":"state"}` reports the position of the arm during this time.
+//! `{"sent":"ended",…}`. The robot is not moved, no output is switched, and nothing is written to the store. The answer
+//! to `{"ask":"state"}` reports the position of the arm during this time.
 
 mod client;
 mod request;

@@ -1,4 +1,4 @@
-//! What a client and the service send each other: the possible requests to the cameras, and the header of each answer.
+//! The messages between a client and the service: the requests to the cameras, and the header of each answer.
 
 use panelprep_base::verdict::Reason;
 use panelprep_devices::cameras::Conditions;
@@ -16,13 +16,13 @@ pub enum ShotRequest {
     Corner,
     /// Pictures of the 3D camera, one after the other.
     Film {
-        /// Maximum number of pictures per second; 100 at most.
+        /// Maximum number of pictures per second; at most 100.
         pictures_per_second: f64,
     },
 }
 
 impl ShotRequest {
-    /// Returns the request in words for a message.
+    /// Describes the request for a message.
     pub fn describe(self) -> &'static str {
         match self {
             ShotRequest::Scan => "a scan",
@@ -33,7 +33,7 @@ impl ShotRequest {
     }
 }
 
-/// The header of what the service sends.
+/// The header of an answer of the service.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "sent", rename_all = "lowercase", deny_unknown_fields)]
 pub(super) enum ShotHeader {
@@ -45,12 +45,12 @@ pub(super) enum ShotHeader {
         time_s: f64,
         conditions: Conditions,
     },
-    /// A picture: after the header, red, green and blue of each pixel follow, row by row.
+    /// A picture: the red, green and blue values of each pixel follow the header, row by row.
     Picture { width_px: usize, height_px: usize, time_s: f64, conditions: Conditions },
     /// A film begins; the time is on the same clock as the times of its pictures.
     Began { time_s: f64 },
-    /// The film has ended; this number of its pictures was dropped.
+    /// The film has ended; `dropped` is the number of its pictures that were dropped.
     Ended { dropped: u64 },
-    /// There is no shot, or no further picture of the film.
+    /// The shot failed, or the film has no further picture.
     Failed { reasons: Vec<Reason> },
 }

@@ -1,5 +1,5 @@
-//! The service's cameras: who uses them, one picture of a lent camera with the data that the camera reports about it,
-//! and one connection that requests shots.
+//! The service's cameras: which client uses them, a picture of a lent camera with the conditions that the camera
+//! reports, and a connection that requests shots.
 
 use super::request::{ShotHeader, ShotRequest};
 use crate::daemon::ports::{CameraAnswer, CameraCommand, CameraFault, CameraPort as _, Cameras, LastState, Port};
@@ -18,15 +18,15 @@ use std::time::{Duration, Instant};
 /// The cell's cameras, of any type.
 pub type AllCameras = Cameras<Box<dyn Scanner>, Box<dyn FlangeCamera>>;
 
-/// Longest time that a request for a shot waits for the end of another one.
+/// Longest time that a request for a shot waits until another request has ended.
 const LEND_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// The code of the reason why there is no shot while the cell is at work.
+/// The reason code for a refused shot while the cell works.
 pub(super) const AT_WORK_CODE: &str = "at_work";
 
 pub(super) struct Inside {
     pub(super) cameras: AllCameras,
-    /// A film that was lent to a client is in progress.
+    /// A client records a film.
     pub(super) films: bool,
 }
 
@@ -37,13 +37,13 @@ pub struct SharedCameras(Arc<Shared>);
 struct Shared {
     inside: Mutex<Inside>,
     last: LastState,
-    /// The cell rests, and no cycle is in progress.
+    /// Whether the cell rests without a cycle.
     is_at_rest: AtomicBool,
     is_lent: AtomicBool,
 }
 
 impl SharedCameras {
-    /// Shares these cameras of a cell with the last state of its robot.
+    /// Shares these cameras of a cell; `last` is the last state of its robot.
     pub fn new(cameras: AllCameras, last: LastState) -> Self {
         let (rests, is_lent) = (AtomicBool::new(false), AtomicBool::new(false));
         let inside = Mutex::new(Inside { cameras, films: false });
@@ -55,8 +55,7 @@ impl SharedCameras {
         self.0.is_at_rest.store(state.at.is_at_rest() && !state.job.running, Ordering::Relaxed);
     }
 
-    /// Reserves the cameras for an operation that may need them: they are not lent any more until the cell's state is
-    /// reported again.
+    /// Reserves the cameras for an operation of the cell: they are not lent until the cell's state is reported again.
     pub(in crate::daemon) fn reserve(&self) {
         self.0.is_at_rest.store(false, Ordering::Relaxed);
     }
@@ -65,7 +64,7 @@ impl SharedCameras {
         self.0.inside.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Uses the cameras for the loop; a film that is lent to a client ends first.
+    /// Uses the cameras for the loop; ends a film that is lent to a client first.
     fn with_cameras<T>(&self, act: impl FnOnce(&mut AllCameras) -> T) -> T {
         let mut inside = self.lock();
         if std::mem::take(&mut inside.films) {
@@ -78,7 +77,7 @@ impl SharedCameras {
         act(&mut inside.cameras)
     }
 
-    /// Lends the cameras, or returns the reason if this is not possible. It waits for a short time, since a connection
+    /// Lends the cameras, or returns the reason if this is not possible. Waits for a short time, since a connection
     /// that has just sent the last byte of a shot may not have returned the cameras yet.
     pub(super) fn lend(&self) -> Result<CameraLease<'_>, Reason> {
         let since = Instant::now();
@@ -95,7 +94,7 @@ impl SharedCameras {
         Ok(CameraLease(self))
     }
 
-    /// Returns the position of the axes, while the arm is at rest and its state is fresh.
+    /// Returns the positions of the axes while the arm is at rest and its state is recent.
     pub(in crate::daemon) fn resting_joints(&self) -> Option<Joints> {
         self.0.last.resting_joints()
     }
@@ -128,7 +127,8 @@ impl CameraLease<'_> {
     /// Returns the cameras for one shot, or for one picture of a film, if the cell is still at rest.
     pub(super) fn cameras(&self) -> Result<MutexGuard<'_, Inside>, Reason> {
         let inside = self.0.lock();
-        // Checked after the cameras are locked: if the loop locks them later, this shot has ended by then.
+        // Checked after the cameras are locked: if the loop needs them later, it waits for the lock until this shot has
+        // ended.
         if self.0.0.is_at_rest.load(Ordering::Relaxed) {
             return Ok(inside);
         }
@@ -142,7 +142,7 @@ impl Port<CameraCommand> for SharedCameras {
     }
 }
 
-/// The camera that is requested.
+/// A camera of the cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::daemon) enum CameraEye {
     /// The fixed 3D camera.
@@ -151,19 +151,19 @@ pub(in crate::daemon) enum CameraEye {
     Flange,
 }
 
-/// A picture that a camera took.
+/// A picture from a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::daemon) struct TakenPicture {
     /// The picture.
     pub picture: ColorPicture,
-    /// Time of the picture by the camera's clock, s.
+    /// The time of the picture on the camera's clock, s.
     pub time_s: f64,
     /// The conditions of the shot that the camera reports.
     pub conditions: Conditions,
 }
 
 impl CameraLease<'_> {
-    /// Takes a picture, if the cell is still at rest.
+    /// Takes a picture if the cell is still at rest.
     pub(super) fn capture(&self, eye: CameraEye) -> Result<TakenPicture, Reason> {
         let cameras = &mut self.cameras()?.cameras;
         let failed = |error: CameraError| Reason::new("camera", error.to_string());
@@ -182,15 +182,15 @@ impl CameraLease<'_> {
 }
 
 impl SharedCameras {
-    /// Checks whether both cameras answer, if the cell is at rest and no other client has them; returns the
-    /// problems found.
+    /// Checks whether both cameras answer, if the cell is at rest and no other client uses them; returns the problems
+    /// found.
     pub(in crate::daemon) fn check_cameras(&self) -> Option<Vec<Reason>> {
         let lent = self.lend().ok()?;
         let faults = lent.cameras().ok()?.cameras.check_cameras();
         Some(faults.into_iter().map(|fault| Reason::new("camera", fault.to_string())).collect())
     }
 
-    /// Takes a picture between cycles; it waits for the camera, on the calling thread.
+    /// Takes a picture between cycles; the calling thread waits for the camera.
     ///
     /// # Errors
     /// If the cell is at work, another client uses the cameras, or the camera delivers no picture.
@@ -201,16 +201,16 @@ impl SharedCameras {
 
 /// Time limit for a client to accept the data that is sent to it.
 const CLIENT_TIMEOUT: Duration = Duration::from_secs(10);
-/// Time for which the service waits before each picture for the client to end the film.
+/// Time for which the service waits, before each picture of a film, for the client's request to end the film.
 const END_POLL_TIMEOUT: Duration = Duration::from_millis(2);
-/// No camera takes more pictures a second than this.
+/// Maximum picture rate of any camera, pictures per second.
 const MAX_PICTURES_PER_SECOND: f64 = 100.0;
 
 /// The reason why a connection ends before its normal end.
 enum ConnectionEnd {
     /// The reason is reported to the client.
     Refused(Vec<Reason>),
-    /// There is no client to report to.
+    /// The client has disconnected and receives no report.
     HungUp,
 }
 
@@ -232,7 +232,8 @@ impl From<CameraError> for ConnectionEnd {
     }
 }
 
-/// Takes the requested shots and sends them, until the client has enough or the cell is no longer at rest.
+/// Takes the requested shots and sends them, until the client has received all of them or the cell is no longer at
+/// rest.
 pub fn serve(mut stream: UnixStream, request: ShotRequest, cameras: &SharedCameras) {
     let sent = serve_shots(&mut stream, request, cameras);
     if let Err(ConnectionEnd::Refused(reasons)) = sent {
@@ -287,8 +288,8 @@ fn film(stream: &mut UnixStream, pictures_per_second: f64, lent: &CameraLease<'_
         time_s
     };
     let sent = pictures(stream, time_s, lent);
-    // However the film ended, the camera's clip must be ended, unless the loop has already ended it: the next shot
-    // needs the camera in its previous state.
+    // The camera's clip must be ended however the film ended, unless the loop has ended it already: the next shot needs
+    // the camera in its normal mode.
     let dropped = {
         let mut inside = lent.lock();
         std::mem::take(&mut inside.films).then(|| inside.cameras.scanner.end_clip())

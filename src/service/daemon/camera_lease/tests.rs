@@ -1,4 +1,4 @@
-//! Both ends of a connection that requests shots, with a real socket between them.
+//! Tests both ends of a connection that requests shots, with a real socket between them.
 
 use super::super::protocol::read_request;
 use super::super::request::RequestKind;
@@ -22,7 +22,7 @@ use std::time::Duration;
 const CONDITIONS: Conditions =
     Conditions { exposure_us: Some(10_000.0), camera_c: Some(41.5), throttled_ms: Some(0.0) };
 
-/// Counts of the requests to the cameras.
+/// Numbers of the requests to the cameras.
 #[derive(Default)]
 struct Counts {
     pictures: AtomicU64,
@@ -86,7 +86,7 @@ impl FlangeCamera for FakeFlange {
     }
 }
 
-/// The cameras of a service, behind a socket.
+/// The cameras of a service that answers on a socket.
 struct Bench {
     cameras: SharedCameras,
     last: LastState,
@@ -140,7 +140,7 @@ fn refused<T: std::fmt::Debug>(taken: Result<T, CameraError>, words: &str) {
 }
 
 #[test]
-fn shots_come_over_as_they_were_taken() {
+fn shots_are_transferred_unchanged() {
     let bench = Bench::new();
     let mut scanner = bench.scanner();
     let shot = scanner.capture_3d().expect("a scan");
@@ -154,7 +154,7 @@ fn shots_come_over_as_they_were_taken() {
     assert_eq!((taken.picture.width, taken.picture.rgb[5], taken.time_s), (3, [5, 10, 15], 1.0));
 }
 
-/// A picture for the operator's page: one picture at a time, and only while the cell rests.
+/// The operator's page takes one picture at a time, and only while the cell rests.
 #[test]
 fn a_picture_is_taken_while_the_cell_rests_and_not_in_a_cycle() {
     let bench = Bench::new();
@@ -189,7 +189,7 @@ fn the_axes_are_reported_only_while_the_arm_is_at_rest() {
 }
 
 #[test]
-fn a_film_lasts_until_the_client_has_enough() {
+fn a_film_lasts_until_the_client_ends_it() {
     let bench = Bench::new();
     let mut scanner = bench.scanner();
     assert_eq!(scanner.begin_clip(5.0).expect("begun"), 3.5);
@@ -204,9 +204,9 @@ fn a_film_lasts_until_the_client_has_enough() {
     assert!(scanner.capture_3d().is_ok(), "the cameras are free again");
 }
 
-/// A client that hangs up also ends the film.
+/// If a client disconnects, its film ends too.
 #[test]
-fn a_client_that_is_gone_leaves_no_film() {
+fn a_film_ends_if_its_client_disconnects() {
     let bench = Bench::new();
     let mut scanner = bench.scanner();
     scanner.begin_clip(5.0).expect("begun");
@@ -218,7 +218,7 @@ fn a_client_that_is_gone_leaves_no_film() {
 }
 
 #[test]
-fn a_cycle_takes_its_cameras_back() {
+fn a_cycle_ends_the_film_of_a_client() {
     let bench = Bench::new();
     let mut scanner = bench.scanner();
     scanner.begin_clip(5.0).expect("begun");
@@ -240,7 +240,7 @@ fn a_cycle_takes_its_cameras_back() {
     bench.rests();
     assert!(bench.scanner().capture_3d().is_ok());
 
-    // The loop is faster than the thread that sends the film.
+    // The loop requests the cameras faster than the thread sends the film.
     let mut scanner = bench.scanner();
     scanner.begin_clip(5.0).expect("begun");
     bench.cameras.clone().scan().expect("the cycle's scan");

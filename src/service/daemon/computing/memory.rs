@@ -1,10 +1,9 @@
 //! Results of earlier work, for simulations of many cycles: the stages are pure functions, so equal inputs give equal
 //! results.
 //!
-//! The content of a camera picture is known only after the camera has taken it, which needs time. So a simulation of
-//! the cameras identifies the content by a number for each scene that can be seen. The other inputs of a piece of work
-//! are compared by content, except inputs that follow from others. Films are remembered by their pictures (see
-//! `films`).
+//! The content of a camera picture is known only after the camera has taken it, and this takes time. So a simulation of
+//! the cameras identifies each visible scene by a number. The other inputs of a piece of work are compared by content,
+//! except inputs that follow from others. Films are remembered by their pictures (see `films`).
 
 use super::worker::{WorkInput, WorkResult};
 use crate::daemon::abrasion::AbrasionWork;
@@ -15,11 +14,11 @@ use panelprep_cell::cycle::Action;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Largest number of remembered results, each with its notes. Further results are not remembered, but computed each
-/// time.
+/// Largest number of remembered results, each with its notes. Further results are computed each time.
 const MAX_RESULTS: usize = 4_000;
 
-/// Names the scene that the cameras would show for this action now; `None` if the result is not to be remembered.
+/// Returns the number of the scene that the cameras would show for this action now; `None` if the result must not be
+/// remembered.
 pub type SceneKey = Box<dyn FnMut(Action) -> Option<u64> + Send>;
 
 /// Results of earlier work. All clones share the same memory; it is valid for cycles of one setup.
@@ -31,8 +30,8 @@ pub struct Memory {
     films: FilmMemory,
 }
 
-/// Returns the inputs of a piece of work as text; `None` if its result is not remembered. An action is named together
-/// with the data that its phase reads.
+/// Returns the inputs of a piece of work as text; `None` if its result is not remembered. The text contains the action
+/// and the data that the action's phase reads.
 pub(super) fn inputs(work: &WorkInput, scene_key: &mut SceneKey) -> Option<String> {
     if !matches!(work.action, Action::Locate | Action::Refine { .. } | Action::Verify { .. } | Action::Plan { .. })
     {
@@ -42,7 +41,7 @@ pub(super) fn inputs(work: &WorkInput, scene_key: &mut SceneKey) -> Option<Strin
     let (act, pass, tip) = (work.action, work.pass, work.tip);
     Some(match act {
         Action::Locate => format!("{act:?} {scene}"),
-        // The survey that follows a corner's refinement depends on the wear of the disc.
+        // The reach check that follows the refinement of a corner depends on the wear of the disc.
         Action::Refine { .. } => {
             let worn_mm2 = work.abrasion.worn_mm2;
             format!("{act:?} {pass} {scene} {tip:?} {worn_mm2} {}", work.perception.pose_inputs())
@@ -53,8 +52,8 @@ pub(super) fn inputs(work: &WorkInput, scene_key: &mut SceneKey) -> Option<Strin
 }
 
 impl Memory {
-    /// Creates an empty memory. `keeps` gives the part of a note that is remembered: a caller that stores smaller
-    /// pictures anyway need not remember larger ones.
+    /// Creates an empty memory. `keeps` returns the part of a note that is remembered: a caller that stores smaller
+    /// pictures need not remember larger ones.
     pub fn new(keeps: fn(Note) -> Note) -> Self {
         Memory { results: Arc::default(), keeps, films: FilmMemory::new(keeps) }
     }
@@ -68,7 +67,7 @@ impl Memory {
         let results = self.results.lock().unwrap_or_else(PoisonError::into_inner);
         let worked = results.get(inputs)?;
         let artifacts = worked.artifacts.clone().map(|(mut perception, abrasion)| {
-            // The data from earlier films is not a result of this work.
+            // The data from earlier films are not a result of this work.
             perception.copy_films(&work.perception, work.action == Action::Locate);
             (perception, abrasion_after(work.action, &work.abrasion, abrasion))
         });
@@ -93,8 +92,8 @@ impl Memory {
     }
 }
 
-/// Returns the abrasion data after a remembered action: only planning changes it. An exception is the surface, which
-/// follows from the taught data.
+/// Returns the abrasion data after a remembered action: only planning changes them, except the surface, which follows
+/// from the taught data.
 fn abrasion_after(act: Action, before: &AbrasionWork, then: AbrasionWork) -> AbrasionWork {
     match act {
         Action::Plan { .. } => then,

@@ -1,4 +1,4 @@
-//! A piece of work with its input and its result, and the worker that does it: the worker has the cameras and the film
+//! A piece of work with its input and its result, and the worker that does it. The worker has the cameras and the film
 //! in progress, and calls the phases.
 
 use crate::daemon::abrasion::AbrasionWork;
@@ -27,7 +27,7 @@ pub(in crate::daemon) struct WorkInput {
     pub is_next_picture: bool,
     pub perception: Perception,
     pub abrasion: AbrasionWork,
-    /// The pose of the active tool in the active base, as far as it is known.
+    /// The pose of the active tool in the active base, if it is known.
     pub tip: Option<KukaPose>,
     pub pass: u8,
     /// The setup of the cycle; `None` before the first cycle.
@@ -35,7 +35,7 @@ pub(in crate::daemon) struct WorkInput {
 }
 
 impl WorkInput {
-    /// Creates the next step of the film that this action watches.
+    /// Creates the next step of the film that belongs to this action.
     pub fn next_picture_step(id: Id, act: Action, pass: u8, setup: Option<Arc<CycleSetup>>) -> Self {
         let (perception, abrasion) = Default::default();
         WorkInput { id, action: act, is_next_picture: true, perception, abrasion, tip: None, pass, setup }
@@ -47,10 +47,10 @@ impl WorkInput {
 pub(in crate::daemon) struct WorkResult {
     pub id: Id,
     pub outcome: Result<WorkOutcome, DaemonError>,
-    /// The artifacts after the work; `None` if the work was lost.
+    /// The artifacts after the work; `None` if the work failed with its thread.
     pub artifacts: Option<(Perception, AbrasionWork)>,
     pub notes: Vec<Note>,
-    /// Whether this is the result of a step of a film.
+    /// Whether this is the result of one step of a film.
     pub(super) is_of_film: bool,
 }
 
@@ -65,7 +65,7 @@ impl WorkResult {
 pub(in crate::daemon) enum WorkOutcome {
     /// Answer for the action.
     Answer(Answer),
-    /// The film continues; this is the duration of the part seen so far, s.
+    /// The film continues; `seen_s` is its duration so far, s.
     Watching { seen_s: f64 },
     /// The problems that a self-test found.
     Wrong(Vec<(Trouble, Reason)>),
@@ -74,8 +74,8 @@ pub(in crate::daemon) enum WorkOutcome {
 /// Checks the calibrations; returns a message for each one that cannot be read.
 pub type CalibrationCheck = Box<dyn FnMut() -> Vec<Reason> + Send>;
 
-/// A list of notes instead of a record. The worker compresses and writes pictures at once on its own thread: on the
-/// loop's thread this would exceed the loop's deadlines and its watchdog time.
+/// A list of notes in place of a record. The worker compresses and writes pictures at once on its own thread: on the
+/// loop's thread, this would exceed the loop's deadlines and its watchdog time.
 struct NoteBuffer<'k> {
     notes: Vec<Note>,
     keep: Option<&'k mut PictureStore>,
@@ -118,7 +118,7 @@ impl Record for NoteBuffer<'_> {
 }
 
 impl NoteBuffer<'_> {
-    /// Shows a camera's picture, or a drawing made from it, to people who watch.
+    /// Shows viewers a picture of a camera, or a drawing on it.
     fn show(&self, note: &Note) {
         let (name, picture) = match note {
             Note::Picture(name, picture) => (name, picture),
@@ -131,21 +131,21 @@ impl NoteBuffer<'_> {
     }
 }
 
-/// Does the work: it has the cameras, and the film in progress.
+/// Does the work; owns the cameras and the film in progress.
 pub(super) struct Worker<'p> {
     cameras: Box<dyn CameraPort + Send + 'p>,
-    /// Checks the calibrations, for a self-test.
+    /// Checks whether the calibrations can be read, for a self-test.
     readable: CalibrationCheck,
     keep: Option<PictureStore>,
     filming: Option<FilmInProgress>,
-    /// Memory of the films that were watched before.
+    /// The memory of the films that were evaluated before.
     films: Option<FilmMemory>,
-    /// The view for people who watch.
+    /// The live view for viewers.
     view: LiveView,
 }
 
 impl<'p> Worker<'p> {
-    /// Creates the worker. It stores pictures at once if there is a keeper; otherwise the record stores them.
+    /// Creates the worker. With a picture store it stores pictures at once; without one, the record stores them.
     pub fn new(
         cameras: Box<dyn CameraPort + Send + 'p>,
         readable: CalibrationCheck,
@@ -159,7 +159,7 @@ impl<'p> Worker<'p> {
         self.films = Some(films);
     }
 
-    /// Returns the worker with a live view for people who watch.
+    /// Returns the worker with a live view for viewers.
     pub fn with_live_view(self, view: LiveView) -> Self {
         Worker { view, ..self }
     }
@@ -227,7 +227,7 @@ impl<'p> Worker<'p> {
         Ok(WorkOutcome::Answer(answer))
     }
 
-    /// Begins the film, or evaluates its next picture.
+    /// Begins the film, or evaluates the film's next picture.
     fn film(
         &mut self,
         work: &mut WorkInput,
@@ -240,7 +240,7 @@ impl<'p> Worker<'p> {
                 work.perception.evaluate_next_picture(cycle, filming, work.pass, cameras, notes)?
             }
             (true, None) => Err(MISSING),
-            // The action only watches the film: it produces nothing new.
+            // The film only continues: this step produces no new artifacts.
             (false, _) => {
                 let eyes = (cameras, self.films.as_ref());
                 let sanded = work.abrasion.sanded_pixels();
@@ -261,7 +261,7 @@ impl<'p> Worker<'p> {
     }
 }
 
-/// Shows the planned path to people who watch.
+/// Shows the planned path to viewers.
 fn show_plan(view: &LiveView, setup: &Arc<CycleSetup>, work: &WorkInput, answer: Answer) {
     let (Answer::Planned { plan, .. } | Answer::PlannedForReview { plan, .. }) = answer else { return };
     if let Some(path) = work.abrasion.plan(plan) {
@@ -269,7 +269,7 @@ fn show_plan(view: &LiveView, setup: &Arc<CycleSetup>, work: &WorkInput, answer:
     }
 }
 
-/// Returns the newest picture of a film, with the water breaks so far, for people who watch.
+/// Returns the newest picture of a film, with the water breaks so far, for viewers.
 fn live_frame(filming: &FilmInProgress, setup: &Arc<CycleSetup>) -> Option<LiveFrame> {
     let (picture, broken, failed) = filming.current_breaks()?;
     let film = LiveFilm {
@@ -283,7 +283,7 @@ fn live_frame(filming: &FilmInProgress, setup: &Arc<CycleSetup>) -> Option<LiveF
 }
 
 impl WorkInput {
-    /// If the corner confirms the panel's pose, checks whether the arm reaches the panel before the panel is wetted.
+    /// If the corner confirms the panel's pose, checks before the panel is wetted whether the arm reaches the panel.
     fn survey_if_refined(
         &mut self,
         cycle: &CycleSetup,
@@ -298,8 +298,8 @@ impl WorkInput {
         }
     }
 
-    /// Returns the pose of the flange camera; valid only while the flange camera is the active tool and the base is
-    /// the robot's own.
+    /// Returns the pose of the flange camera. The pose is valid only while the flange camera is the active tool and the
+    /// base is the robot's own.
     fn tip<To: Frame, From: Frame>(&self) -> Option<Rigid<To, From>> {
         self.tip.map(|pose| pose.to_rigid())
     }

@@ -1,5 +1,5 @@
-//! Access to the office's page: for people with an account of the office, who log in with a form. Everything except
-//! the form needs a session.
+//! Access to the office's page: for people with an account of the office, who log in with a form. All addresses except
+//! the form and its files need a session.
 
 use super::shared;
 use super::shared::{PasswordCheck, Shared, archive_error_page};
@@ -20,7 +20,7 @@ use serde::Deserialize;
 /// The content security policy: nothing is loaded from other sites, no inline script is executed, and the page cannot
 /// be framed.
 const POLICY: &str = "default-src 'none'; script-src 'self'; connect-src 'self'; style-src 'self'; img-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
-/// The header of requests that a page makes automatically, without a person.
+/// The header by which a page marks the requests that it makes without a person.
 const AUTOMATIC_REQUEST_HEADER: &str = "x-by-itself";
 /// Paths that need no session.
 const PUBLIC_PATHS: [&str; 3] = ["/login", "/page.css", "/fleet.js"];
@@ -53,7 +53,7 @@ pub(super) async fn require_session(State(shared): State<Shared>, request: Reque
     response
 }
 
-/// Returns whether a session that began with this stamp continues: its account is there and is the same.
+/// Returns whether a session that began with this stamp is still valid: its account exists and is unchanged.
 fn is_current(account: Option<&OfficeAccount>, began_with: &str) -> bool {
     account.is_some_and(|account| account_stamp(account) == began_with)
 }
@@ -101,9 +101,12 @@ pub(super) async fn log_in(
     Form(Credentials { name, password }): Form<Credentials>,
 ) -> Response {
     if is_cross_site(&headers) {
-        return login_form(StatusCode::FORBIDDEN, Some("The form was not sent from this page."));
+        return login_form(
+            StatusCode::FORBIDDEN,
+            Some("The form was not sent from this page. Open this page again and log in."),
+        );
     }
-    let wrong = || login_form(StatusCode::UNAUTHORIZED, Some("Name or password is wrong."));
+    let wrong = || login_form(StatusCode::UNAUTHORIZED, Some("Name or password is wrong. Try again."));
     if checked_name(&name).is_err() {
         return wrong();
     }
@@ -149,7 +152,7 @@ fn set_cookie(shared: &Shared, token: &str, more: &str) -> String {
     format!("{}={token}; Path=/; HttpOnly; SameSite=Strict{secure}{more}", cookie_name(shared.is_tls()))
 }
 
-/// Returns whether a browser states that the form comes from another site.
+/// Returns whether the browser states that the form was sent from another site.
 fn is_cross_site(headers: &HeaderMap) -> bool {
     let site = headers.get("sec-fetch-site").and_then(|value| value.to_str().ok());
     site.is_some_and(|site| site != "same-origin" && site != "none")
@@ -159,7 +162,7 @@ fn is_cross_site(headers: &HeaderMap) -> bool {
 mod tests {
     use super::*;
 
-    /// A new password ends every session of the account, and so does its removal. A new printed name ends none.
+    /// A new password and the removal of an account end every session of the account; a new printed name ends none.
     #[test]
     fn a_session_ends_when_its_account_changes() {
         let account = |password_hash: &str, printed_name: &str| OfficeAccount {

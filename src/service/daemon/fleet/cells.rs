@@ -1,4 +1,4 @@
-//! All cells with their present state.
+//! The page of all cells with their present state.
 
 use super::shared;
 use super::shared::{Shared, archive_error_page, time, verdict};
@@ -11,8 +11,8 @@ use serde_json::json;
 
 /// Interval at which the page reloads itself, s.
 const RELOAD_INTERVAL_S: u32 = 5;
-/// A cell that did not report for this time is stale, ms: it reports its state every two seconds.
-const STALE_MS: i64 = 15_000;
+/// Time after which a cell that has not reported is stale, ms: a cell reports its state every two seconds.
+const MAX_REPORT_AGE_MS: i64 = 15_000;
 
 pub(super) async fn page(State(shared): State<Shared>) -> Response {
     match shared.reader().cells().await {
@@ -36,7 +36,7 @@ pub(super) async fn json(State(shared): State<Shared>) -> Response {
 }
 
 fn is_report_stale(cell: &CellNow, now_unix_ms: i64) -> bool {
-    cell.heard_unix_ms.is_none_or(|heard| now_unix_ms - heard > STALE_MS)
+    cell.heard_unix_ms.is_none_or(|heard| now_unix_ms - heard > MAX_REPORT_AGE_MS)
 }
 
 fn body(cells: &[CellNow], now_unix_ms: i64) -> Markup {
@@ -57,7 +57,7 @@ fn body(cells: &[CellNow], now_unix_ms: i64) -> Markup {
                 }
             }
             p.links { a href="/cells.json" { "JSON" } }
-            p.note { "Times are UTC. A cell is stale if it has not reported for " (STALE_MS / 1_000) " s: its state is then the last one that \
+            p.note { "Times are UTC. A cell is stale if it has not reported for " (MAX_REPORT_AGE_MS / 1_000) " s: its state is then the last one that \
                                                                                                       it reported." }
         }
     }
@@ -109,7 +109,7 @@ mod tests {
     use panelprep_store::office::{CellState, ReasonText};
 
     #[test]
-    fn a_cell_that_is_silent_is_stale_and_what_it_reported_is_escaped() {
+    fn a_cell_without_reports_is_stale_and_its_texts_are_escaped() {
         let mut state = CellState::new(&CellName::new("cell-1").expect("a name"));
         state.state = Some("execute".to_owned());
         state.standing =
@@ -122,13 +122,13 @@ mod tests {
             last: None,
             last_day_counts: Vec::new(),
         };
-        let fresh = body(std::slice::from_ref(&cell), 1_000_000 + STALE_MS).into_string();
+        let fresh = body(std::slice::from_ref(&cell), 1_000_000 + MAX_REPORT_AGE_MS).into_string();
         assert!(!fresh.contains("stale since") && fresh.contains("<strong>execute</strong>"), "{fresh}");
         assert!(
             fresh.contains("⚠ &lt;b&gt;5 MB&lt;/b&gt; are free (disk_scarce)") && fresh.contains("⚠ 3"),
             "{fresh}"
         );
-        let late = body(&[cell], 1_000_001 + STALE_MS).into_string();
+        let late = body(&[cell], 1_000_001 + MAX_REPORT_AGE_MS).into_string();
         assert!(late.contains("⚠ stale since <time>1970-01-01 00:16:40"), "{late}");
     }
 }

@@ -1,5 +1,5 @@
-//! Cycles of all cells: a search, and its results as a page, a table or JSON; and the page of one cycle, as the
-//! archive has it: the signed content, every number with its limit, and the pictures.
+//! Cycles of all cells: a search with its results as a page, a table or JSON; and the page of one cycle from the
+//! archive, with the signed content, every number with its limit, and the pictures.
 
 use super::shared;
 use super::shared::{Shared, archive_error_page, time, verdict};
@@ -144,7 +144,7 @@ fn body(form: &SearchForm, rows: &[CycleRow], panels: &[String], cells: &[String
     }
 }
 
-/// Shows a list from which one item, or none, is chosen.
+/// Returns a list from which a person chooses one item or none.
 pub(super) fn select_list<'c>(words: &str, name: &str, chosen: &str, all: impl Iterator<Item = &'c str>) -> Markup {
     html! {
         label { (words) select name=(name) {

@@ -1,8 +1,8 @@
-//! The office's page: the present state of all cells, their cycles, statistics across cells, verifications and
-//! recipes, from the archive. It only reads the archive, so everyone with an account of the office may view it.
+//! The office's page: the present state of all cells, their cycles, statistics across cells, verifications and recipes,
+//! from the archive. The page only reads the archive, so every person with an account of the office may view it.
 //!
-//! This file serves every address. `access` controls the log-in, `shared` has what all pages share and the frame
-//! around every page; each other file has the pages of one subject.
+//! This file has the server and the router of all addresses. `access` controls the log-in, `shared` has what all pages
+//! share and the frame around every page; each other file has the pages of one subject.
 
 mod access;
 mod cells;
@@ -28,11 +28,11 @@ use tokio::net::TcpListener;
 pub struct FleetAddress {
     /// Address that people open in the browser.
     pub url: String,
-    /// The fingerprint of the program's own certificate, if it presents that one.
+    /// The fingerprint of the program's own certificate, if the server presents that one.
     pub fingerprint: Option<String>,
 }
 
-/// Serves the page until `ended` is received; the callback receives the address once the page listens.
+/// Serves the page until `ended` is received; calls the callback with the address when the server listens.
 ///
 /// # Errors
 /// If the settings name no address, the address is not available, or a certificate cannot be used.
@@ -86,7 +86,7 @@ pub enum FleetError {
         /// The system's message.
         source: std::io::Error,
     },
-    /// The folder of the archive.
+    /// The folder of the archive cannot be created.
     #[error("cannot create the archive's folder {}: {source}", path.display())]
     Folder {
         /// The folder.

@@ -25,7 +25,7 @@ const MAX_VALUES: i64 = 2_000;
 /// Largest number of verifications of each cell.
 const MAX_VERIFICATIONS: i64 = 200;
 /// Number of newest values of a cell that are compared with its earlier values.
-const RECENT_VALUES: usize = 10;
+const RECENT_VALUE_COUNT: usize = 10;
 const SUBJECTS: [&str; 4] = ["scanner", "flange_camera", "tool", "tool_force"];
 
 /// The quantity and the panel that are shown.
@@ -164,18 +164,18 @@ fn verifications_body(FoundValues { query, cells, .. }: &FoundValues) -> Markup 
     }
 }
 
-/// Shows the cells side by side, with a chart of each.
+/// Returns the cells side by side, with a chart of each.
 fn compare_cells((title, unit): (&str, &str), cells: &[CellNumbers]) -> Markup {
     html! {
         section.card {
             h2 { (title) @if !unit.is_empty() { " [" (unit) "]" } }
             @if cells.is_empty() { p { "There are no values." } } @else {
                 div.scroll tabindex="0" { table {
-                    thead { tr { th { "Cell" } th { "Values" } th { "Mean" } th { "Standard deviation" } th { "Mean of the last " (RECENT_VALUES) } th { "Drift" } th { "Last value, % of its limit" } } }
+                    thead { tr { th { "Cell" } th { "Values" } th { "Mean" } th { "Standard deviation" } th { "Mean of the last " (RECENT_VALUE_COUNT) } th { "Drift" } th { "Last value, % of its limit" } } }
                     tbody { @for cell in cells { (row(cell)) } }
                 } }
             }
-            p.note { "Drift: the mean of the last " (RECENT_VALUES) " values against the values before, in standard errors; more than 3 is marked." }
+            p.note { "Drift: the mean of the last " (RECENT_VALUE_COUNT) " values against the values before, in standard errors; more than 3 is marked." }
         }
         @for cell in cells {
             section.card {
@@ -210,7 +210,7 @@ fn row(cell: &CellNumbers) -> Markup {
             td { (values.len()) }
             td { (fixed_decimals(mean, 4)) }
             td { (fixed_decimals(deviation, 4)) }
-            td { (fixed_decimals(spread(&values[values.len().saturating_sub(RECENT_VALUES)..]).0, 4)) }
+            td { (fixed_decimals(spread(&values[values.len().saturating_sub(RECENT_VALUE_COUNT)..]).0, 4)) }
             td { @match drift { Some(drift) => { @if drift.abs() > 3.0 { "⚠ " } (fixed_decimals(drift, 1)) }, None => "–" } }
             td { @match share { Some(share) => { @if share > 0.8 { "⚠ " } (fixed_decimals(100.0 * share, 0)) " %" }, None => "–" } }
         }
@@ -224,10 +224,10 @@ fn spread(values: &[f64]) -> (f64, f64) {
     (mean, (squares / (count - 1.0).max(1.0)).sqrt())
 }
 
-/// Returns the distance of the newest values from the earlier ones, in standard errors of the difference; `None` if
-/// there are too few.
+/// Returns the difference between the mean of the newest values and that of the earlier ones, in standard errors of the
+/// difference; `None` if there are too few values.
 fn drift_in_errors(values: &[f64]) -> Option<f64> {
-    let late = values.len().checked_sub(RECENT_VALUES).filter(|before| *before >= RECENT_VALUES)?;
+    let late = values.len().checked_sub(RECENT_VALUE_COUNT).filter(|before| *before >= RECENT_VALUE_COUNT)?;
     let (before, late) = values.split_at(late);
     let ((was, was_deviation), (is, is_deviation)) = (spread(before), spread(late));
     let error = (was_deviation.powi(2) / before.len() as f64 + is_deviation.powi(2) / late.len() as f64).sqrt();
@@ -334,8 +334,8 @@ pub(super) async fn recipe_text(
 mod tests {
     use super::*;
 
-    /// By hand: twenty values 1, 3, 1, 3, … have the mean 2 and the variance 20/19; ten that are 4 higher lie 4 /
-    /// √(1.0526/20 + 1.1111/10) = 9.885 standard errors away.
+    /// Calculated by hand: twenty values 1, 3, 1, 3, … have the mean 2 and the variance 20/19; ten values that are 4
+    /// higher differ by 4 / √(1.0526/20 + 1.1111/10) = 9.885 standard errors.
     #[test]
     fn a_drift_is_reported_in_standard_errors() {
         let swing = |count: usize, by: f64| (0..count).map(move |index| by + 1.0 + 2.0 * (index % 2) as f64);

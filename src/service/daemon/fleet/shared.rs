@@ -1,4 +1,4 @@
-//! What all pages share: the archive's reader, the people who are logged in, and the frame around every page.
+//! The parts that all pages share: the archive's reader, the sessions of people, and the frame around every page.
 
 use crate::daemon::people::{FailedLogins, PasswordHashing, left_out_text};
 use crate::daemon::web::{Sessions, csv_file};
@@ -15,11 +15,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 /// Time without a request for a page after which a session ends, s.
-const IDLE_S: f64 = 8.0 * 3_600.0;
+const MAX_IDLE_S: f64 = 8.0 * 3_600.0;
 /// Largest number of sessions of one account.
-const SESSIONS: usize = 5;
+const MAX_SESSIONS: usize = 5;
 
-/// What all pages share. All clones share the same data.
+/// The data that all pages share. All clones share the same data.
 #[derive(Clone)]
 pub(super) struct Shared(Arc<SharedParts>);
 
@@ -39,7 +39,7 @@ impl Shared {
             reader,
             is_tls,
             started: Instant::now(),
-            sessions: Mutex::new(Sessions::new(IDLE_S, SESSIONS)),
+            sessions: Mutex::new(Sessions::new(MAX_IDLE_S, MAX_SESSIONS)),
             lockout: Mutex::default(),
             hashing: PasswordHashing::default(),
             failed_logins: FailedLogins::new(Instant::now()),
@@ -66,8 +66,8 @@ impl Shared {
         self.0.lockout.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Logs a wrong log-in, or only counts it if there are many. The number of those without a line is logged when the
-    /// minute is over.
+    /// Logs a failed log-in, or only counts it if there are many. The number of failed log-ins without a line is logged
+    /// when the minute is over.
     pub fn log_failed_login(&self, name: &str) {
         let counted = self.0.failed_logins.count();
         let left_out =
@@ -85,8 +85,8 @@ impl Shared {
         }
     }
 
-    /// Checks a password against an account's hash when it is its turn, and counts a wrong password. For an unknown or
-    /// another account the check takes the same time. Returns `None` if the program is ending.
+    /// Checks a password against an account's hash when it is its turn, and counts a wrong password. The check takes
+    /// the same time if the account does not exist. Returns `None` if the program is ending.
     pub async fn check_password(
         &self,
         name: String,
@@ -121,7 +121,7 @@ pub(super) enum PasswordCheck {
     Pauses(f64),
 }
 
-/// Returns the page's text for an archive that does not answer.
+/// Returns the page for an archive that does not answer.
 pub(super) fn archive_error_page(error: &ArchiveError) -> Response {
     tracing::warn!("{error}");
     (StatusCode::SERVICE_UNAVAILABLE, format!("The archive cannot be read now: {error}. Load the page again."))
@@ -137,7 +137,7 @@ const PAGES: [(&str, &str); 5] = [
     ("/recipes", "Recipes"),
 ];
 
-/// Returns the whole page; it reloads after `again_s` seconds, if that is set.
+/// Returns the whole page; it reloads after `again_s` seconds if that is stated.
 pub(super) fn page(title: &str, here: &str, again_s: Option<u32>, body: &Markup) -> Response {
     let page = html! {
         (DOCTYPE)
@@ -171,7 +171,7 @@ pub(super) fn page(title: &str, here: &str, again_s: Option<u32>, body: &Markup)
     ([(header::CONTENT_TYPE, "text/html; charset=utf-8")], page.into_string()).into_response()
 }
 
-/// Shows a time with its seconds, in UTC.
+/// Returns a time with its seconds, in UTC.
 pub(super) fn time(unix_s: i64) -> Markup {
     html! { time { (utc_text(unix_s)) } }
 }
@@ -181,7 +181,7 @@ pub(super) fn day(unix_s: i64) -> Markup {
     html! { time { (utc_day(unix_s)) } }
 }
 
-/// Shows a mark with the word of the verdict: a verdict is never shown by colour only.
+/// Returns a symbol with the word of the verdict: a verdict is never shown by colour only.
 pub(super) fn verdict(word: &str) -> Markup {
     let mark = match word {
         "pass" | "accept" => "✔",
@@ -230,7 +230,7 @@ pub(super) fn csv(name: &str, table: &Table) -> Response {
         .unwrap_or_else(|error| (StatusCode::INTERNAL_SERVER_ERROR, error.to_string()).into_response())
 }
 
-/// Returns the pairs as a part of an address.
+/// Returns the pairs as the query part of an address.
 pub(super) fn address(pairs: &[(&str, &str)]) -> String {
     form_urlencoded::Serializer::new(String::new()).extend_pairs(pairs).finish()
 }

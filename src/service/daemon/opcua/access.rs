@@ -1,5 +1,5 @@
-//! Who is logged in to the OPC UA server. Names and passwords are those of the operator's page. A session is valid
-//! only as long as its account is the same as at the log-in.
+//! The log-in at the OPC UA server. Names and passwords are those of the operator's page. A session is valid only as
+//! long as its account is unchanged since the log-in.
 
 use super::connection_limit::ConnectionLimiter;
 use crate::daemon::people::{AccountService, LoginResult, account_stamp};
@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 use std::net::IpAddr;
 use std::sync::{Arc, PoisonError, RwLock};
 
-/// The name of the policy for a log-in without an account, as used by async-opcua.
+/// The ID that async-opcua gives the policy for a log-in without an account.
 const ANONYMOUS_POLICY: &str = "anonymous";
 
 /// The client who makes a call or a read.
@@ -53,8 +53,8 @@ impl Caller {
     }
 }
 
-/// Returns the token of a session: the account's name, and a stamp of the account's state at the log-in. A new
-/// password or a new role gives another token.
+/// Returns the token of a session: the account's name, and a stamp of the account's state at the log-in. A new password
+/// or a new role changes the token.
 fn token(account: &Account) -> String {
     format!("{}#{}", account.name, account_stamp(account))
 }
@@ -75,8 +75,8 @@ impl Access {
         Access { people, connections: door, anonymous, valid: RwLock::default(), channels: RwLock::default() }
     }
 
-    /// Updates the accounts to their present state. Ends the connections of sessions with an account that was
-    /// changed or disabled.
+    /// Updates the accounts to their present state. Ends the connections of sessions whose account was changed or
+    /// disabled.
     pub fn update_accounts(&self, accounts: &BTreeMap<String, Account>) {
         let enabled = accounts.values().filter(|account| account.is_enabled);
         let valid: BTreeMap<String, Caller> =
@@ -93,7 +93,7 @@ impl Access {
         *self.valid.write().unwrap_or_else(PoisonError::into_inner) = valid;
     }
 
-    /// Returns the caller with this token; `None` if the token is not valid, or no longer.
+    /// Returns the caller with this token; `None` if the token is not valid or not valid any more.
     pub fn caller_of_token(&self, token: &UserToken) -> Option<Caller> {
         if token.is_anonymous() {
             return (self.anonymous == AnonymousAccess::Read).then_some(Caller::Anonymous);
@@ -101,7 +101,7 @@ impl Access {
         self.valid.read().unwrap_or_else(PoisonError::into_inner).get(&token.0).cloned()
     }
 
-    /// Remembers that this token arrived on this channel.
+    /// Records that this token arrived on this channel.
     pub fn remember_channel(&self, token: &UserToken, channel: u32) {
         if token.is_anonymous() {
             return;
@@ -126,8 +126,8 @@ impl Access {
             .map_or_else(|| "OPC UA".to_owned(), |address| format!("OPC UA, {address}"))
     }
 
-    /// Returns the possible origins of a log-in. async-opcua does not report the connection, so these are all
-    /// addresses that are connected.
+    /// Returns the possible origins of a log-in: async-opcua does not report the connection, so these are all connected
+    /// addresses.
     pub fn addresses(&self) -> String {
         format_origin(&self.connections.addresses())
     }
@@ -228,7 +228,7 @@ impl AuthManager for Access {
         if self.anonymous == AnonymousAccess::Read {
             policies.push(policy(UAString::from(ANONYMOUS_POLICY), UserTokenType::Anonymous));
         }
-        // A password is never sent over a connection on which others can read it.
+        // A password is accepted only on an encrypted connection, on which others cannot read it.
         if endpoint.message_security_mode() == MessageSecurityMode::SignAndEncrypt {
             policies.push(UserTokenPolicy {
                 security_policy_uri: user_pass_security_policy_uri(endpoint),
@@ -241,7 +241,7 @@ impl AuthManager for Access {
 
 #[cfg(test)]
 mod tests {
-    //! Tests who may log in, for how long a session is valid, and which of its data is recorded.
+    //! Tests who may log in, how long a session is valid, and which of its data are recorded.
 
     use super::*;
     use opcua::crypto::SecurityPolicy;
@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_session_counts_as_long_as_its_account_is_as_it_was() {
+    async fn a_session_is_valid_while_its_account_is_unchanged() {
         let (_folder, access) = access(AnonymousAccess::Nothing);
         let token = log_in(&access, "ada", "correct horse").await.expect("right");
         assert_eq!(access.caller_of_token(&token).and_then(|caller| caller.role()), Some(Role::Operator));
@@ -315,7 +315,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn wrong_passwords_are_counted_kept_and_pause_the_account() {
+    async fn wrong_passwords_are_counted_recorded_and_block_the_account() {
         let (_folder, access) = access(AnonymousAccess::Nothing);
         for _ in 0..accounts::MAX_ATTEMPTS {
             assert!(log_in(&access, "ada", "wrong horse").await.is_err());
@@ -330,14 +330,14 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn no_client_without_an_account_is_let_in_unless_the_file_permits_it() {
+    async fn no_client_without_an_account_is_accepted_unless_the_file_permits_it() {
         let anonymous = UserToken(opcua::server::ANONYMOUS_USER_TOKEN_ID.to_owned());
         for (setting, may) in [(AnonymousAccess::Nothing, false), (AnonymousAccess::Read, true)] {
             let (_folder, access) = access(setting);
             for mode in [MessageSecurityMode::None, MessageSecurityMode::SignAndEncrypt] {
                 assert_eq!(access.authenticate_anonymous_token(&endpoint(mode)).await.is_ok(), may);
                 assert_eq!(access.supports_anonymous(&endpoint(mode)), may);
-                // No password is requested if it could be read during the transfer.
+                // No password is requested on a connection on which others could read it.
                 assert_eq!(access.supports_user_pass(&endpoint(mode)), mode != MessageSecurityMode::None);
                 assert!(!access.supports_x509(&endpoint(mode)) && !access.supports_issued_token(&endpoint(mode)));
             }

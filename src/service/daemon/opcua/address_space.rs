@@ -10,29 +10,29 @@ use opcua::types::{
 use panelprep_interfaces::packml::{ArgumentKind, Kind, METHODS, Method, NODES, Node, Value};
 use std::collections::BTreeSet;
 
-/// The namespace of the cell's nodes.
+/// The namespace URI of the cell's nodes.
 pub const NAMESPACE: &str = "urn:panelprep:cell";
-/// The name of the cell's object, below Objects.
+/// The name of the cell's object, which is below the folder Objects.
 pub const ROOT: &str = "Panelprep";
-/// The object with the methods as components, below the cell's object.
+/// The object that has the methods as components, below the cell's object.
 const COMMANDS: &str = "Commands";
 
-/// Returns the node with this path, counted from the cell's object; an empty path is the object itself.
+/// Returns the node ID for this path, which begins at the cell's object; an empty path is the object itself.
 pub(super) fn node_id(namespace: u16, path: &str) -> NodeId {
     NodeId::new(namespace, if path.is_empty() { ROOT.to_owned() } else { path.to_owned() })
 }
 
-/// Returns the method that has this node.
+/// Returns the method with this node ID.
 pub(super) fn method_for_node(namespace: u16, id: &NodeId) -> Option<&'static Method> {
     METHODS.iter().find(|method| *id == node_id(namespace, &format!("{COMMANDS}/{}", method.name)))
 }
 
-/// Returns the path of the parent and the node's own name.
+/// Returns the parent's path and the node's own name.
 fn split(path: &str) -> (&str, &str) {
     path.rsplit_once('/').unwrap_or(("", path))
 }
 
-/// Returns every object that the paths of nodes and methods name, each before its content.
+/// Returns every object in the paths of nodes and methods, each before the nodes that it contains.
 fn objects() -> Vec<&'static str> {
     let mut all = BTreeSet::from([COMMANDS]);
     for Node { path, .. } in NODES {
@@ -122,7 +122,7 @@ fn add_method(space: &mut AddressSpace, namespace: u16, method: &Method) {
     builder.output_args(space, &node_id(namespace, &format!("{path}/OutputArguments")), &[output]).insert(space);
 }
 
-/// Start of 1970 in OPC UA's time, which counts 100 ns since 1601.
+/// Start of 1970 in OPC UA's time, in ticks of 100 ns since 1601.
 const UNIX_EPOCH_TICKS: i64 = 116_444_736_000_000_000;
 const TICKS_IN_MS: i64 = 10_000;
 
@@ -133,7 +133,7 @@ pub(super) fn time(unix_ms: i64) -> DateTime {
     )
 }
 
-/// Returns the value; a null if it is not known.
+/// Converts a value to OPC UA's type; to a null if the value is not known.
 fn variant(value: &Value) -> Variant {
     match value {
         Value::Absent => Variant::Empty,
@@ -148,14 +148,14 @@ fn variant(value: &Value) -> Variant {
     }
 }
 
-/// Returns the value with its time. `is_known` is false if the service's loop does not answer: this is then marked as
-/// the last known value.
+/// Returns the value with its time. `is_known` is false if the service's loop does not answer: the value is then marked
+/// as the last known one.
 pub(super) fn data_value(value: &Value, is_known: bool, at: DateTime) -> DataValue {
     let status = if is_known { StatusCode::Good } else { StatusCode::UncertainLastUsableValue };
     DataValue::new_at_status(variant(value), at, status)
 }
 
-/// Returns the type of a node's values, and whether they are arrays.
+/// Returns the data type of a node's values, and whether they are arrays.
 fn data_type(kind: Kind) -> (DataTypeId, bool) {
     match kind {
         Kind::Boolean => (DataTypeId::Boolean, false),
@@ -169,8 +169,8 @@ fn data_type(kind: Kind) -> (DataTypeId, bool) {
     }
 }
 
-/// Returns a unit as OPC UA names it: by its code of UNECE Recommendation 20, whose letters are the number's bytes
-/// (Part 8, 5.6.3.3).
+/// Returns a unit in OPC UA's form. The number of the unit is its code of UNECE Recommendation 20, read as bytes (Part
+/// 8, 5.6.3.3).
 fn unit(unit: &str) -> Option<EUInformation> {
     let (code, description) = match unit {
         "s" => ("SEC", "second"),
@@ -192,7 +192,7 @@ mod tests {
     use panelprep_interfaces::packml::NODES;
 
     #[test]
-    fn every_node_and_method_is_where_its_path_states() {
+    fn every_node_and_method_is_found_by_its_path() {
         let mut space = AddressSpace::new();
         space.add_namespace(NAMESPACE, 1);
         build(&mut space, 1);

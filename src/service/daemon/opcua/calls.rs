@@ -1,6 +1,5 @@
 //! Calls of methods: each call is checked against the table of methods, and is converted to a request of the service.
-//! It is limited how often each caller may call methods. Stop and abort are not counted: several in a row are answered
-//! together.
+//! Each caller has a limited rate of calls. Stop and abort are not counted: repeated ones have one reply.
 
 use super::access::{Access, Caller};
 use crate::daemon::alarms::AlarmId;
@@ -19,9 +18,9 @@ use std::time::{Duration, Instant};
 use tokio::sync::Mutex as AsyncMutex;
 use tokio::time::timeout;
 
-/// Time within which a call is answered, even if the disk does not respond.
+/// Time limit for the answer to a call, even if the disk does not respond.
 const CALL_TIMEOUT: Duration = Duration::from_secs(20);
-/// Two stops within this time are handled as one, and so are two aborts.
+/// Interval within which repeated stops are handled as one, and repeated aborts too.
 const MERGE_INTERVAL: Duration = Duration::from_millis(100);
 /// The longest text that is accepted, in characters.
 const MAX_CHARACTERS: usize = 200;
@@ -29,7 +28,7 @@ const MAX_CHARACTERS: usize = 200;
 /// The outcome of a call.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum CallOutcome {
-    /// The call was done; the text states what the state does not show.
+    /// The call was executed; the text states what the state does not show.
     Done(String),
     /// The call was refused.
     Refused(StatusCode, Reason),
@@ -60,7 +59,7 @@ pub(super) struct Calls {
     pub front: InterfaceContext,
     flood: Mutex<CallLimiter>,
     refusal: Mutex<Option<LastRefusal>>,
-    /// The last executed stop and the last executed abort, with their replies.
+    /// The last executed stop and the last executed abort, each with its time and reply.
     last_urgent: [AsyncMutex<Option<(Instant, Reply)>>; 2],
 }
 
@@ -74,8 +73,8 @@ impl Calls {
         self.refusal.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Calls a method for a caller at this origin. If the call was not done, the node of the last refusal states
-    /// why.
+    /// Calls a method for a caller from this origin. If the call was refused, the node of the last refusal states the
+    /// reason.
     pub async fn call(
         &self,
         method: &'static Method,
@@ -114,9 +113,9 @@ impl Calls {
                 let mut flood = self.flood.lock().unwrap_or_else(PoisonError::into_inner);
                 flood.call(name, self.access.accounts_with_audit().now_s())
             };
-            if let CallDecision::TooMany { is_recently_reported: is_told } = turn {
+            if let CallDecision::TooMany { must_report } = turn {
                 let message = "too many calls in a short time; wait a second (Stop and Abort are always accepted)";
-                if is_told {
+                if must_report {
                     self.write_audit(self.line(method, caller, from), Some("too many calls in a short time")).await;
                 }
                 return refused("busy", StatusCode::BadTooManyOperations, message);
@@ -183,8 +182,8 @@ impl Calls {
         CallOutcome::from_reply(self.front.gateway.request(what, caller_identity(caller)).await)
     }
 
-    /// Requests a stop or an abort. If the same request was executed within the merge window, its reply is returned.
-    /// If it was not executed, it is requested again.
+    /// Requests a stop or an abort. If the same request was executed within `MERGE_INTERVAL`, returns its reply;
+    /// otherwise requests it.
     async fn request_urgent(&self, place: usize, request: Request, caller: &Caller) -> Reply {
         let mut last = self.last_urgent[place].lock().await;
         if let Some((_, reply)) = last.as_ref().filter(|(at, _)| at.elapsed() < MERGE_INTERVAL) {
@@ -277,7 +276,7 @@ fn argument_error(method: &Method) -> CallOutcome {
     refused("bad_request", StatusCode::BadInvalidArgument, message)
 }
 
-/// Returns a text without leading and trailing spaces; `None` if it is too long or not plain text.
+/// Returns a text without leading and trailing spaces; `None` if it is too long or contains control characters.
 fn text(value: &Variant) -> Option<String> {
     let Variant::String(text) = value else { return None };
     let text = text.as_ref().trim();
@@ -285,7 +284,7 @@ fn text(value: &Variant) -> Option<String> {
     is_plain.then(|| text.to_owned())
 }
 
-/// Returns the alarm with this name, as `packml::alarm_id` forms it.
+/// Returns the alarm with this name in the form of `packml::alarm_id`.
 fn alarm_id(name: &str) -> Option<AlarmId> {
     let mut parts = name.split('/');
     let (cycle, code, raised) = (parts.next()?, parts.next()?, parts.next()?);
@@ -298,15 +297,15 @@ fn caller_identity(caller: &Caller) -> RequestAuthor {
     RequestAuthor { front: RequestSource::OpcUa, uid: None, user: caller.name().map(str::to_owned), from: None }
 }
 
-/// Number of calls that are permitted at once; `CALLS_PER_SECOND` applies after that.
+/// Number of calls that are accepted at once; after that, the limit is `CALLS_PER_SECOND`.
 const BURST_CALLS: f64 = 20.0;
 const CALLS_PER_SECOND: f64 = 5.0;
-/// Largest number of remembered callers; those without a call for the longest time are removed first.
+/// Largest number of remembered callers; the caller whose last call is the oldest is removed first.
 const MAX_CALLERS: usize = 256;
-/// Time after which a flood is reported again.
+/// Interval after which calls above the limit are reported again.
 const REPORT_INTERVAL_S: f64 = 60.0;
 
-/// The call budget of each caller. Times are seconds of any clock that does not jump.
+/// The remaining calls of each caller. Times are seconds of a monotonic clock.
 #[derive(Debug, Default)]
 struct CallLimiter(BTreeMap<String, Bucket>);
 
@@ -322,15 +321,15 @@ struct Bucket {
 enum CallDecision {
     /// The call is accepted.
     Accepted,
-    /// The call exceeds the limit; states whether this is to be reported.
+    /// The call exceeds the limit.
     TooMany {
-        /// False if it was reported lately.
-        is_recently_reported: bool,
+        /// Whether this excess must be reported now; false if one was reported within `REPORT_INTERVAL_S`.
+        must_report: bool,
     },
 }
 
 impl CallLimiter {
-    /// Counts a call by this caller and returns what happens to it.
+    /// Counts a call by this caller; returns whether it is accepted.
     pub fn call(&mut self, caller: &str, now_s: f64) -> CallDecision {
         if self.0.len() >= MAX_CALLERS && !self.0.contains_key(caller) {
             let oldest = self.0.iter().min_by(|a, b| a.1.at_s.total_cmp(&b.1.at_s)).map(|(name, _)| name.clone());
@@ -347,11 +346,11 @@ impl CallLimiter {
             bucket.remaining -= 1.0;
             return CallDecision::Accepted;
         }
-        let is_told = bucket.reported_s.is_none_or(|told_s| now_s - told_s >= REPORT_INTERVAL_S);
-        if is_told {
+        let must_report = bucket.reported_s.is_none_or(|reported_s| now_s - reported_s >= REPORT_INTERVAL_S);
+        if must_report {
             bucket.reported_s = Some(now_s);
         }
-        CallDecision::TooMany { is_recently_reported: is_told }
+        CallDecision::TooMany { must_report }
     }
 }
 

@@ -1,11 +1,11 @@
-//! The folder of the certificates: the server's own one and its key, those of trusted clients, and those of rejected
-//! clients; and the reason why the OPC UA server cannot be served.
+//! The folder of the certificates: the server's own certificate with its key, the certificates of trusted clients, and
+//! those of rejected clients. Also the reason why the OPC UA server cannot be served.
 //!
 //! ```text
 //! own/cert.der            the server's own, made if it is missing; clients must be configured to trust it
 //! private/private.pem     its key, for no other program
-//! trusted/*.der           clients that are let in: a person moves them here
-//! rejected/*.der          clients that were turned away; the newest stay
+//! trusted/*.der           clients that may connect: a person moves them here
+//! rejected/*.der          clients that were rejected; the newest ones stay
 //! ```
 
 use opcua::crypto::{CertificateStore, KeySize, PrivateKey, PublicKey, X509, X509Data};
@@ -24,18 +24,18 @@ pub(super) const KEY: &str = "private/private.pem";
 pub(super) const TRUSTED: &str = "trusted";
 /// The folder of the certificates of rejected clients.
 pub(super) const REJECTED: &str = "rejected";
-/// Maximum number of rejected certificates that are stored: a client that sends new ones without end must not fill the
-/// disk.
+/// Maximum number of rejected certificates that are stored: a client that sends new certificates continuously must not
+/// fill the disk.
 const MAX_REJECTED: usize = 32;
 /// Validity of the server's certificate, ten years: a client has to be configured to trust it only once.
-const DAYS: u32 = 3_650;
+const VALIDITY_DAYS: u32 = 3_650;
 const KEY_BITS: u32 = 2_048;
 
-/// Makes the folders that are missing, and the server's own certificate if there is none. Returns its SHA-1
-/// thumbprint, as OPC UA clients show it.
+/// Makes the folders that are missing, and the server's own certificate if there is none. Returns its SHA-1 thumbprint
+/// in the form in which OPC UA clients show it.
 ///
 /// # Errors
-/// If the disk refuses, or a file is not a certificate.
+/// If the disk cannot be written, or a file is not a certificate.
 pub(super) fn prepare(folder: &Path, application_uri: &str, hosts: &[String]) -> Result<String, OpcUaError> {
     for name in ["own", "private", TRUSTED, REJECTED] {
         let path = folder.join(name);
@@ -77,7 +77,7 @@ pub(super) fn prepare(folder: &Path, application_uri: &str, hosts: &[String]) ->
     Ok(certificate.thumbprint().as_hex_string())
 }
 
-/// Returns whether the public key verifies a signature of the private key.
+/// Returns whether a signature of the private key is valid for the public key.
 fn is_matching_key(private: &PrivateKey, public: &PublicKey) -> Result<bool, String> {
     if private.size() * 8 < KEY_BITS as usize {
         return Err(format!("the key has {} bits (minimum {KEY_BITS} bits)", private.size() * 8));
@@ -94,9 +94,9 @@ pub(super) struct TrustedFiles {
 }
 
 impl TrustedFiles {
-    /// Renames new client certificates to the names by which they are found. A person need not type such a name: a
-    /// file with any other name, or in PEM format, is renamed or converted. Returns the result for each new file, for
-    /// the log. It runs on the calling thread, which may wait for the disk.
+    /// Renames new client certificates to the file names that async-opcua expects. A person may put a certificate there
+    /// with any other name, or in PEM format: it is renamed or converted. Returns the result for each new file, for the
+    /// log. Runs on the calling thread, which may wait for the disk.
     pub fn rename_new_certificates(&mut self, folder: &Path) -> Vec<String> {
         let trusted = folder.join(TRUSTED);
         let found = fs::read_dir(&trusted).into_iter().flatten().flatten();
@@ -112,7 +112,7 @@ impl TrustedFiles {
     }
 }
 
-/// Renames a certificate to the name by which it is found; returns the result, if there is anything to report.
+/// Renames a certificate to the file name that async-opcua expects; returns the result, if there is anything to report.
 fn rename_certificate(file: &Path, trusted: &Path) -> Option<String> {
     let read = panelprep_base::disk::read(file).ok();
     let certificate = read.and_then(|bytes| X509::from_der(&bytes).or_else(|_| X509::from_pem(&bytes)).ok());
@@ -147,7 +147,7 @@ fn make_certificate((own, key): (&Path, &Path), application_uri: &str, hosts: &[
         country: String::new(),
         state: String::new(),
         alt_host_names: X509Data::alt_host_names(application_uri, Some(hosts.to_vec()), false, false, false),
-        certificate_duration_days: DAYS,
+        certificate_duration_days: VALIDITY_DAYS,
     };
     let folder = key.parent().unwrap_or(Path::new("."));
     let beside = tempfile::tempdir_in(folder).map_err(|error| OpcUaError::file_error(folder, error))?;
@@ -160,7 +160,7 @@ fn make_certificate((own, key): (&Path, &Path), application_uri: &str, hosts: &[
     placed.map_err(|error| OpcUaError::file_error(own, error))
 }
 
-/// The search for new files in the folder of rejected clients.
+/// Finds new files in the folder of rejected clients.
 #[derive(Debug, Default)]
 pub(super) struct RejectedFiles {
     known_files: BTreeSet<PathBuf>,
@@ -168,9 +168,8 @@ pub(super) struct RejectedFiles {
 }
 
 impl RejectedFiles {
-    /// Returns the files that arrived since the last call; the oldest files above the maximum number are removed.
-    /// Files that were there when the service started are not new. Runs on the calling thread, which may wait for
-    /// the disk.
+    /// Returns the files that arrived since the last call; removes the oldest files above the maximum number. Files
+    /// that existed when the service started are not new. Runs on the calling thread, which may wait for the disk.
     pub fn take_new_files(&mut self, folder: &Path) -> Vec<PathBuf> {
         let mut found: Vec<(SystemTime, PathBuf)> = fs::read_dir(folder.join(REJECTED))
             .into_iter()
@@ -287,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn a_client_that_sends_endless_certificates_fills_no_disk() {
+    fn the_number_of_rejected_certificates_is_limited() {
         let folder = tempfile::tempdir().expect("a folder");
         let rejected = folder.path().join(REJECTED);
         fs::create_dir(&rejected).expect("made");

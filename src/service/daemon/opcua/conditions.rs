@@ -23,9 +23,9 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Shortest time between two refreshes of all alarms, for all clients together.
+/// Shortest interval between two refreshes of all alarms, for all clients together.
 const MIN_REFRESH_INTERVAL: Duration = Duration::from_millis(500);
-/// The text with which the names of conditions begin.
+/// The prefix of the names of conditions.
 const NAME_PREFIX: &str = "Alarm/";
 
 /// The active alarms, as last reported.
@@ -70,7 +70,7 @@ impl AlarmConditions {
         self.lock().reported.keys().map(name).collect()
     }
 
-    /// Updates the active alarms; reports the new, the acknowledged and the ended ones.
+    /// Updates the active alarms; reports those that are new, acknowledged or ended.
     pub fn update_conditions(&self, alarms: &[Alarm], subscriptions: &SubscriptionCache) {
         let changed = self.changed(alarms, now_unix_ms());
         self.notify(&changed, subscriptions);
@@ -95,7 +95,7 @@ impl AlarmConditions {
         subscriptions.notify_events(events.iter().map(|event| (event as &dyn Event, &source)));
     }
 
-    /// Reports all lasting alarms once more, between the events that begin and end a refresh.
+    /// Reports all active alarms once more, between the events that begin and end a refresh.
     pub fn refresh(&self, subscriptions: &SubscriptionCache) -> StatusCode {
         let now_unix_ms = now_unix_ms();
         let alarms: Vec<Alarm> = {
@@ -114,10 +114,10 @@ impl AlarmConditions {
         StatusCode::Good
     }
 
-    /// Returns the name of the alarm that is to be acknowledged by this event of this condition.
+    /// Returns the name of the alarm that a client acknowledges by this event of this condition.
     ///
     /// # Errors
-    /// If there is no such condition, the event is not its last one, or it was already acknowledged.
+    /// If there is no such condition, the event is not its last one, or the alarm was already acknowledged.
     pub fn acknowledged_alarm(&self, condition: &NodeId, event: &ByteString) -> Result<String, StatusCode> {
         let inside = self.lock();
         let is_meant = |id: &String| *condition == node_id(self.namespace(), &format!("{NAME_PREFIX}{id}"));
@@ -151,13 +151,13 @@ struct AlarmStatus {
 }
 
 impl AlarmStatus {
-    /// Returns whether a client that connects now must be informed of the alarm.
+    /// Returns whether a client that connects now must receive the alarm.
     fn is_retained(self) -> bool {
         self.is_active
     }
 }
 
-/// Returns the OPC UA number for the urgency, 1 to 1000.
+/// Returns the OPC UA severity of a priority, 1 to 1000.
 fn severity_number(priority: Priority) -> u16 {
     match priority {
         Priority::High => 900,
@@ -167,7 +167,8 @@ fn severity_number(priority: Priority) -> u16 {
     }
 }
 
-/// Returns the id of an event, made from the alarm and its status; the alarm is acknowledged by this id.
+/// Returns the id of an event, which is computed from the alarm and its status; a client acknowledges the alarm by this
+/// id.
 fn event_id(alarm: &Alarm, standing: AlarmStatus) -> ByteString {
     let AlarmStatus { is_active, is_acknowledged } = standing;
     let digest = Sha256::digest(format!("{} {is_active} {is_acknowledged}", alarm_id(alarm)).as_bytes());
@@ -300,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn an_alarm_comes_is_acknowledged_and_goes() {
+    fn an_alarm_is_raised_acknowledged_and_cleared() {
         let conditions = AlarmConditions::default();
         conditions.set_namespace(3);
         let of = |alarms: &[Alarm]| {
@@ -326,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn an_alarm_is_acknowledged_by_its_last_event_alone() {
+    fn an_alarm_is_acknowledged_only_by_its_last_event() {
         let conditions = AlarmConditions::default();
         conditions.set_namespace(3);
         let told = conditions.changed(&[alarm("disk_scarce", 5)], 9_000);

@@ -1,10 +1,10 @@
-//! The door, a proxy in front of the server: it limits the number of connections, in total and per address, and
-//! records the address from which each connection comes.
+//! The connection limiter, a proxy in front of the server: it limits the number of connections, in total and per
+//! address, and records the address from which each connection comes.
 //!
-//! async-opcua accepts every connection, but the whole service shares the file descriptors. So the door accepts only a
-//! limited number of connections, in total and from each address, and forwards their bytes to the server, which
+//! async-opcua accepts every connection, but the whole service shares the file descriptors. So the limiter accepts only
+//! a limited number of connections, in total and from each address, and forwards their bytes to the server, which
 //! listens on the loopback interface only. While forwarding, it reads the number of the secure channel from the
-//! server's answer; this number links a session to an address.
+//! server's answer; this number assigns a session to an address.
 
 use std::collections::BTreeMap;
 use std::net::{IpAddr, SocketAddr};
@@ -15,14 +15,14 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Notify;
 use tokio::time::sleep;
 
-/// Largest number of connections at one time, in total and from one address.
+/// Largest number of simultaneous connections, in total and from one address.
 const MAX_CONNECTIONS: usize = 48;
 const MAX_CONNECTIONS_PER_ADDRESS: usize = 16;
-/// A peer that accepts no data for this time is gone.
+/// Time without accepting data after which a peer counts as disconnected.
 const DISCONNECT_TIMEOUT: Duration = Duration::from_secs(30);
-/// Time for which the address of a peer that has left is retained: a report may still refer to this peer.
+/// Time for which the address of a disconnected peer is retained: a report may still refer to this peer.
 const DEPARTURE_RETENTION: Duration = Duration::from_secs(5);
-/// The header of a message: type, chunk, size, and the channel if it has one.
+/// The header of a message: type, chunk type, size, and the channel if there is one.
 const HEADER_BYTES: usize = 12;
 /// The longest message that is accepted before the channel is known: an acknowledgement, an error, or the opening
 /// of a channel with a certificate.
@@ -59,7 +59,7 @@ impl Inside {
 
 impl ConnectionLimiter {
     fn lock(&self) -> MutexGuard<'_, Inside> {
-        // Every change is completed under the lock.
+        // A poisoned lock is harmless: every change under it is complete.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -96,7 +96,7 @@ impl ConnectionLimiter {
         self.lock().open.values().find(|peer| peer.channel == Some(channel)).map(|peer| peer.from)
     }
 
-    /// Returns all addresses that are connected or were connected a short time ago, each once.
+    /// Returns all addresses that are connected or were connected a short time ago, without repetition.
     pub fn addresses(&self) -> Vec<IpAddr> {
         let inside = self.lock();
         let lately =
@@ -122,7 +122,7 @@ impl ConnectionLimiter {
         std::mem::take(&mut self.lock().rejected)
     }
 
-    /// Accepts connections and forwards them to the server behind, until the listener is dropped.
+    /// Accepts connections and forwards them to the server, until the listener is dropped.
     pub async fn serve_connections(self: Arc<Self>, listener: TcpListener, server: SocketAddr) {
         loop {
             let Ok((stream, from)) = listener.accept().await else {
@@ -168,7 +168,7 @@ impl ConnectionLimiter {
             }
             drop(copy(&mut from_server, &mut to_client).await);
         };
-        // When either side ends, the other side is ended too.
+        // If one side ends the connection, the other side is ended too.
         tokio::select! {
             _ = ask => {}
             () = answer => {}
@@ -176,8 +176,8 @@ impl ConnectionLimiter {
     }
 }
 
-/// Reads one message of the server before the channel is known; returns the message, with the channel number if it
-/// opens a channel.
+/// Reads one message of the server before the channel is known; returns the message, and the channel number if the
+/// message opens a channel.
 async fn message(from: &mut (impl AsyncReadExt + Unpin)) -> Option<(Vec<u8>, Option<u32>)> {
     let mut header = [0; HEADER_BYTES];
     from.read_exact(&mut header).await.ok()?;
@@ -195,7 +195,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_number_of_clients_is_limited_and_no_client_takes_all_places() {
+    fn the_number_of_clients_is_limited_and_no_client_uses_all_slots() {
         let door = ConnectionLimiter::default();
         let address = |number: u8| IpAddr::from([10, 0, 0, number]);
         let taken: Vec<_> = (0..30).filter_map(|_| door.acquire_slot(address(1))).collect();
@@ -213,7 +213,7 @@ mod tests {
 
     /// The messages of a real server: an acknowledgement, then the opening of channel 0x0102.
     #[tokio::test]
-    async fn the_channel_is_read_from_the_answer_and_nonsense_ends_it() {
+    async fn the_channel_is_read_from_the_answer_and_invalid_data_ends_it() {
         let mut ack = b"ACKF\x1c\0\0\0".to_vec();
         ack.resize(28, 0);
         let mut open = b"OPNF\x10\0\0\0\x02\x01\0\0".to_vec();

@@ -1,7 +1,7 @@
-//! Follows the cell and reports changes: the state five times a second, the data of the store once a second.
+//! Monitors the cell and reports changes: the state five times a second, the data of the store once a second.
 //!
 //! Besides the state that the loop reports, data are read from the store and from files. They are read at longer
-//! intervals, on a separate thread, so that a slow disk only makes these values old.
+//! intervals, on a separate thread, so that a slow disk only delays these values.
 
 use super::access::Access;
 use super::address_space::{data_value, time};
@@ -38,7 +38,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(200);
 /// Interval at which the store is read.
 const STORE_POLL_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Reads the store repeatedly and sends the data to the follower of the cell.
+/// Reads the store repeatedly and sends the data to the [`Follower`].
 pub(super) async fn poll_store(
     mut reader: StoreReader,
     cycle: watch::Receiver<NewestCycle>,
@@ -81,7 +81,7 @@ impl UnitTimes {
     }
 }
 
-/// The parts needed for reporting.
+/// The parts that report the cell's values.
 pub(super) struct Follower {
     pub gateway: Gateway,
     pub nodes: Arc<InMemoryNodeManager<CellNodes>>,
@@ -120,7 +120,7 @@ impl Follower {
         }
     }
 
-    /// Sets the values that changed.
+    /// Writes the values that have changed to the nodes.
     fn publish(&self, ids: &[NodeId], now: &Snapshot, published: &mut [Option<(Value, bool)>]) {
         let at = time(now.now_unix_ms);
         let mut changed = Vec::new();
@@ -171,7 +171,7 @@ fn snapshot(was: Snapshot, reply: Reply, depth: StoreValues, since: &mut UnitTim
         ..was
     };
     let Some(state) = reply.extras.table else {
-        // The last known values are retained; no command is possible.
+        // The last known values stay; no command is possible.
         return Snapshot { answers: false, possible: vec![], ..of_store };
     };
     let (in_state_s, in_mode_s) = since.update(&state);
@@ -210,7 +210,7 @@ const FILE_POLL_INTERVAL: Duration = Duration::from_secs(30);
 #[derive(Debug, Clone, Default)]
 pub(super) struct StoreValues {
     pub part: PartNames,
-    /// The state of each grid that was seen, by its name.
+    /// The state of each grid, by the grid's name.
     pub grids: Vec<GridState>,
     pub scanner: Option<Verified>,
     pub flange_camera: Option<Verified>,
@@ -240,13 +240,14 @@ pub(super) struct StoreReader {
     pub rejected: RejectedFiles,
     pub trusted: TrustedFiles,
     pub files_read: Option<Instant>,
-    /// The newest cycle up to which the cycles were counted.
+    /// The newest cycle when the cycles were last counted.
     pub counted: Option<NewestCycle>,
     pub last: StoreValues,
 }
 
 impl StoreReader {
-    /// Reads all data that are old enough; a value that cannot be read stays as it was, and the log states why.
+    /// Reads all data whose polling interval is over; if a value cannot be read, it stays unchanged, and the log states
+    /// the reason.
     pub fn read(&mut self, cycle: NewestCycle) -> StoreValues {
         self.front.check_alarms();
         let (alarms, people) = (self.front.alarms.clone(), self.access.accounts_with_audit().clone());
@@ -254,8 +255,7 @@ impl StoreReader {
         let read = people.read(|store| {
             let accounts = store.accounts()?;
             read_store(store, cycle.id, &mut now)?;
-            // Counting reads all cycles, so it is done only if the newest cycle has begun or ended since the last
-            // count.
+            // A count reads all cycles, so it is made only if a cycle has begun or ended since the last count.
             if self.counted != Some(cycle) {
                 now.counts = counts(&store.verdict_counts()?);
                 self.counted = Some(cycle);

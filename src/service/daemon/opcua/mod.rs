@@ -1,4 +1,4 @@
-//! The OPC UA server: an interface by which a line of machines uses the service's requests and states. It makes no
+//! The OPC UA server: an interface by which a production line uses the service's requests and states. It makes no
 //! decisions for the cell.
 //!
 //! ```text
@@ -9,13 +9,14 @@
 //! the store ─ once a second ──────────────┘
 //! ```
 //!
-//! It runs on a thread and a runtime of its own, separate from the cell's supervision. A panic in code that reads from
-//! the network ends a connection, or this server, which then restarts; it never stops the cell. The loop never waits
-//! for clients. Names and passwords, roles, log-in pauses and audit trail are those of the operator's page. Stop and
-//! abort need no role.
+//! The door is the proxy of `connection_limit`. The server runs on a thread and a runtime of its own, separate from the
+//! cell's supervision. A panic in code that reads from the network ends a connection, or this server, which then
+//! restarts; it never stops the cell. The loop never waits for clients. Names and passwords, roles, log-in pauses and
+//! audit trail are those of the operator's page. Stop and abort need no role.
 //!
-//! This file has the server's thread (it listens, restarts the server if it fails, and ends it with the service) and the
-//! settings of async-opcua: addresses, security, and limits of everything that a client may send or store.
+//! This file has the server's thread, which listens, restarts the server if it fails, and ends it with the service. It
+//! also has the settings of async-opcua: addresses, security, and the limits of everything that a client may send or
+//! store.
 
 mod access;
 mod address_space;
@@ -51,13 +52,13 @@ use tokio::net::TcpListener;
 use tokio::sync::{oneshot, watch};
 use tokio::time::sleep;
 
-/// Time after which an unavailable address or a failed server is tried again.
+/// Delay before another attempt if the address is not available or the server has failed.
 const RESTART_DELAY: Duration = Duration::from_secs(1);
 /// The name of the server in the log and among alarms.
 const NAME: &str = "OPC UA server";
-/// Threads that wait for the store's disk and hash passwords.
+/// Number of threads that wait for the store's disk and hash passwords.
 const BLOCKING_THREADS: usize = 4;
-/// Stack size of a thread: messages can be nested, and there must be room to decode any message that arrives.
+/// Stack size of a thread: messages can be nested, and the stack must be sufficient to decode any message.
 const STACK_BYTES: usize = 8 * 1_024 * 1_024;
 
 /// The parts that the server needs.
@@ -68,18 +69,18 @@ pub struct OpcUaParts {
     pub front: InterfaceContext,
 }
 
-/// The OPC UA server; it is served until this is dropped.
+/// The OPC UA server; it runs until this is dropped.
 #[derive(Debug)]
 pub struct OpcUaServer {
     _background: Background,
 }
 
 impl OpcUaServer {
-    /// Serves the cell; `None` if its file names no address. If an address is not available now, or certificates
-    /// cannot be used, it tries again: the cell does not wait for the server.
+    /// Starts the server; returns `None` if the cell's file names no address. If the address is not available now, or
+    /// certificates cannot be used, the server tries again later: the cell does not wait for it.
     ///
     /// # Errors
-    /// If the system refuses a thread.
+    /// If the system provides no thread.
     pub fn serve(parts: OpcUaParts) -> std::io::Result<Option<Self>> {
         let Some(address) = parts.settings.listen else { return Ok(None) };
         let plan =
@@ -89,8 +90,8 @@ impl OpcUaServer {
     }
 }
 
-/// Serves until it is requested to end. If the server cannot be served, or ends without this request, it is started
-/// again.
+/// Runs the server until it is requested to end. If the server cannot be started, or ends without this request, it is
+/// started again.
 async fn run((parts, address): (&OpcUaParts, SocketAddr), ended: &mut oneshot::Receiver<()>) {
     let alarms = &parts.front.alarms;
     loop {
@@ -108,7 +109,7 @@ async fn run((parts, address): (&OpcUaParts, SocketAddr), ended: &mut oneshot::R
     }
 }
 
-/// A server with everything that belongs to it, as it was built.
+/// A server with all its parts, before it runs.
 struct BuiltServer {
     server: Server,
     handle: ServerHandle,
@@ -182,13 +183,14 @@ async fn serve_until_end(parts: &OpcUaParts, address: SocketAddr) -> Result<(), 
         served = server.run_with(behind) => served,
         () = poll_store(reader, cycle, tell_depth) => Ok(()),
         () = follower.update_nodes() => Ok(()),
-        () = knows_its_port(&handle, address.port()) => Ok(()),
+        () = keep_reported_port(&handle, address.port()) => Ok(()),
         () = door.serve_connections(listener, behind_address) => Ok(()),
     }
 }
 
-/// Reports the port of the door to clients, since the server itself listens on another port behind the door.
-async fn knows_its_port(handle: &ServerHandle, port: u16) {
+/// Sets the reported port to the port of the door again and again, since the server itself listens on another port
+/// behind the door.
+async fn keep_reported_port(handle: &ServerHandle, port: u16) {
     loop {
         handle.info().port.store(port, Ordering::Relaxed);
         sleep(Duration::from_millis(20)).await;
@@ -196,13 +198,13 @@ async fn knows_its_port(handle: &ServerHandle, port: u16) {
 }
 
 /// Time without a request after which a session ends, ms.
-const SESSION_MS: u64 = 60_000;
-/// Limits of a message and its content, bytes and items.
-const MESSAGE_BYTES: usize = 256 * 1_024;
-const CHUNKS: usize = 16;
-const STRING_BYTES: usize = 64 * 1_024;
-const ARRAY_ITEMS: usize = 2_000;
-const SESSIONS: usize = 40;
+const SESSION_TIMEOUT_MS: u64 = 60_000;
+/// Limits of a message and of its content, in bytes or in number of items.
+const MAX_MESSAGE_BYTES: usize = 256 * 1_024;
+const MAX_CHUNKS: usize = 16;
+const MAX_STRING_BYTES: usize = 64 * 1_024;
+const MAX_ARRAY_ITEMS: usize = 2_000;
+const MAX_SESSIONS: usize = 40;
 
 /// Returns the name by which clients reach the server: the one that the cell's file states, the address, or the
 /// computer's name.
@@ -258,13 +260,13 @@ fn builder(settings: &OpcUa, address: SocketAddr) -> ServerBuilder {
         .discovery_urls(vec![format!("opc.tcp://{host}:{}/", address.port())])
         .host(host)
         .port(address.port())
-        .max_message_size(MESSAGE_BYTES)
-        .max_chunk_count(CHUNKS)
-        .max_string_length(STRING_BYTES)
-        .max_byte_string_length(STRING_BYTES)
-        .max_array_length(ARRAY_ITEMS)
-        .max_sessions(SESSIONS)
-        .max_session_timeout_ms(SESSION_MS)
+        .max_message_size(MAX_MESSAGE_BYTES)
+        .max_chunk_count(MAX_CHUNKS)
+        .max_string_length(MAX_STRING_BYTES)
+        .max_byte_string_length(MAX_STRING_BYTES)
+        .max_array_length(MAX_ARRAY_ITEMS)
+        .max_sessions(MAX_SESSIONS)
+        .max_session_timeout_ms(SESSION_TIMEOUT_MS)
         .diagnostics_enabled(false);
     for policy in [SecurityPolicy::Basic256Sha256, SecurityPolicy::Aes256Sha256RsaPss] {
         let endpoint = ServerEndpoint::new("/", policy, MessageSecurityMode::SignAndEncrypt, &[]);
@@ -275,7 +277,7 @@ fn builder(settings: &OpcUa, address: SocketAddr) -> ServerBuilder {
     }
     let limits = builder.limits_mut();
     limits.operational.max_nodes_per_method_call = 10;
-    limits.operational.max_nodes_per_read = ARRAY_ITEMS;
+    limits.operational.max_nodes_per_read = MAX_ARRAY_ITEMS;
     limits.operational.max_nodes_per_write = 1;
     limits.operational.max_nodes_per_node_management = 1;
     limits.subscriptions.max_subscriptions_per_session = 10;

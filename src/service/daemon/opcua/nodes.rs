@@ -1,6 +1,6 @@
-//! The nodes as the server provides them. The cell's nodes: values for callers who may read, and calls of methods;
-//! nothing can be written. The nodes of OPC UA's own namespace, as async-opcua provides them: the methods of
-//! conditions are handled here first.
+//! The nodes that the server provides. The cell's nodes are values for callers who may read, and methods; nothing can
+//! be written. The nodes of OPC UA's own namespace are those of async-opcua, but the methods of conditions are handled
+//! here first.
 
 use super::access::{Access, Caller};
 use super::address_space;
@@ -41,7 +41,7 @@ impl CoreNodes {
         CoreNodes { core: CoreNodeManagerBuilder.build(context, space), calls, conditions }
     }
 
-    /// Makes the new conditions acknowledgeable, and removes this from the conditions that have ended.
+    /// Adds the method Acknowledge to the new conditions, and removes it from the conditions that have ended.
     pub fn link(space: &mut AddressSpace, were: &[NodeId], are: &[NodeId]) {
         let acknowledge = NodeId::from(MethodId::AcknowledgeableConditionType_Acknowledge);
         for gone in were.iter().filter(|node| !are.contains(node)) {
@@ -212,7 +212,7 @@ fn channel(context: &RequestContext) -> u32 {
     context.session.read().secure_channel_id()
 }
 
-/// Writes the result into a call; the reason is included if the client asks for diagnostics.
+/// Writes the outcome into a call; includes the reason if the client requests diagnostics.
 fn write_result(call: &mut MethodCall, outcome: CallOutcome) {
     match outcome {
         CallOutcome::Done(words) => {
@@ -254,8 +254,8 @@ impl InMemoryNodeManagerImpl for CellNodes {
         max_age: f64,
         timestamps: TimestampsToReturn,
     ) -> Vec<DataValue> {
-        // The channel is also recorded when a subscription begins, so that the connection can be ended after the
-        // account is changed.
+        // The channel is also recorded when a subscription begins, so that the connection can be ended if the account
+        // changes.
         self.access().remember_channel(&context.token, channel(context));
         let space = space.read();
         nodes.iter().map(|node| space.read(context, node, max_age, timestamps)).collect()

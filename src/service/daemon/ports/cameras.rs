@@ -1,5 +1,5 @@
-//! The cameras as the loop sees them, and the cell's cameras as one port. Each command exposes once, at the time of
-//! the command.
+//! The interface of the loop to the cameras, and the cell's cameras as one port. Each command exposes once, at the time
+//! of the command.
 
 use super::port::{Command, Port};
 use panelprep_base::geometry::{Camera, ColorPicture, OrganizedCloud};
@@ -11,20 +11,20 @@ use serde::Serialize;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CameraCommand {
-    /// Takes a 3D shot.
+    /// Takes a 3D scan.
     Scan,
     /// Takes a picture with the 3D camera's colour sensor.
     Picture,
-    /// Begins a film: pictures of the colour sensor one after the other, at most this many per second. A film that is
-    /// not ended explicitly ends by itself.
+    /// Begins a film: pictures of the colour sensor one after the other, at most this many per second. If no command
+    /// ends the film, it ends automatically.
     BeginFilm(f64),
-    /// Fetches the film's next picture. Pictures that were dropped before it appear as a gap in the times.
+    /// Fetches the film's next picture. Dropped pictures before it are visible as a gap in the times.
     NextOfFilm,
     /// Ends the film.
     EndFilm,
     /// Takes a picture with the flange camera.
     CornerPicture,
-    /// Checks whether the cameras are able to deliver. The check takes no shot that a cycle needs.
+    /// Checks whether the cameras can deliver pictures. The check takes no picture that a cycle needs.
     Check,
 }
 
@@ -39,11 +39,11 @@ pub enum CameraAnswer {
     NoneDue,
     /// Answer to `BeginFilm`: the start time on the clock of the pictures, s.
     FilmBegan(f64),
-    /// Answer to `EndFilm`: how many pictures were dropped.
+    /// Answer to `EndFilm`: the number of dropped pictures.
     FilmEnded(u64),
     /// Answer to `CornerPicture`.
     Corner(ColorPicture),
-    /// Answer to `Check`: each camera that is not able to deliver, with the reason.
+    /// Answer to `Check`: each camera that cannot deliver pictures, with the reason.
     Checked(Vec<CameraFault>),
 }
 
@@ -51,7 +51,7 @@ impl Command for CameraCommand {
     type Answer = Result<CameraAnswer, CameraFault>;
 }
 
-/// A camera that gave no picture.
+/// The fault of a camera that gave no picture.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{camera} gave no picture: {why}")]
 pub struct CameraFault {
@@ -71,9 +71,9 @@ impl CameraFault {
     }
 }
 
-/// The cameras' commands as functions. They fail if the camera delivers nothing.
+/// The cameras' commands as functions. They fail if the camera delivers no picture.
 pub trait CameraPort: Port<CameraCommand> {
-    /// Takes a 3D shot.
+    /// Takes a 3D scan.
     fn scan(&mut self) -> Result<OrganizedCloud<Camera>, CameraFault> {
         let CameraAnswer::Scan(cloud) = self.perform(CameraCommand::Scan)? else {
             return CameraFault::mismatch_error();
@@ -118,7 +118,7 @@ pub trait CameraPort: Port<CameraCommand> {
         Ok(picture)
     }
 
-    /// Returns the cameras that are not able to deliver, with the reasons.
+    /// Returns the faults of the cameras that cannot deliver pictures.
     fn check_cameras(&mut self) -> Vec<CameraFault> {
         match self.perform(CameraCommand::Check) {
             Ok(CameraAnswer::Checked(faults)) => faults,
@@ -130,7 +130,7 @@ pub trait CameraPort: Port<CameraCommand> {
 
 impl<P: Port<CameraCommand> + ?Sized> CameraPort for P {}
 
-/// Cameras for use cases in which no picture is ever taken, such as clearing an abort.
+/// Cameras for uses in which no picture is ever taken, such as clearing an abort.
 #[derive(Debug)]
 pub struct NoCameras;
 

@@ -1,4 +1,4 @@
-//! The record's port. Each command returns when its data is on disk.
+//! The port of the record. Each command returns when its data are on the disk.
 
 use super::port::{Command, Port};
 use panelprep_base::geometry::{Camera, ColorPicture, OrganizedCloud, Panel, Rigid};
@@ -12,8 +12,8 @@ use panelprep_cell::record::{
 use panelprep_store::store::CycleStart;
 use std::sync::Arc;
 
-/// Stores a picture, which needs more time than a loop may wait; returns its name in the store. `None` if the disk
-/// is full and the picture was dropped.
+/// Stores a picture, which takes longer than a loop may wait; returns the picture's name in the store. `None` if the
+/// disk is full and the picture was dropped.
 pub type PictureStore = Box<dyn FnMut(&ColorPicture) -> Result<Option<String>, RecordError> + Send>;
 
 /// A figure for people.
@@ -27,20 +27,20 @@ pub struct Figure {
     pub picture: ColorPicture,
 }
 
-/// A partial result of a phase. Pictures and figures noted since the last finding belong to the next finding.
+/// A partial result of a phase. Pictures and figures that are recorded after a finding belong to the next finding.
 #[derive(Debug, Clone)]
 pub enum Note {
     /// The finding of a stage.
     Finding(Finding),
     /// A picture from a camera, with its name.
     Picture(String, ColorPicture),
-    /// The next picture of a clip, with its time, s; the next finding names the clip.
+    /// The next picture of a clip, with its time, s; the next finding refers to the clip.
     Frame(Arc<ColorPicture>, f64, Phase),
     /// A figure for people.
     Figure(Figure),
     /// A picture that is in the store already.
     Kept(StoredPicture),
-    /// Parts of the error at the tool that were measured now; the other parts stay at their known values.
+    /// The parts of the error at the tool that were measured now; the other parts keep their known values.
     Budget(Budget),
 }
 
@@ -64,16 +64,16 @@ pub enum RecordCommand {
     Event(Event),
     /// Opens a motion.
     OpenIntent(Motion),
-    /// Opens a contact path, and permits a number of its waypoints.
+    /// Opens a contact path, and permits its first waypoints.
     OpenContact {
         /// The motion.
         motion: Motion,
         /// The grids that the path will touch, and the wear of the disc that it will cause.
         path: ContactPath,
-        /// The number of waypoints that may be sent at present.
+        /// The number of waypoints that may be sent now.
         permitted: u32,
     },
-    /// Permits this number of waypoints of the contact path in progress.
+    /// Sets the number of permitted waypoints of the contact path in progress.
     Permit(u32),
     /// Closes a motion: the robot is at rest.
     CloseIntent {
@@ -84,45 +84,45 @@ pub enum RecordCommand {
         /// Number of executed waypoints.
         done: u32,
     },
-    /// Asks where the tool was, or may have been, on this panel in earlier cycles, as far as the part is still the
-    /// same.
+    /// Requests the places where the tool touched, or may have touched, this panel in earlier cycles, if the part is
+    /// still the same.
     AbradedBefore,
-    /// Records a request with its answer. A request to the state table is recorded after its event.
+    /// Records a request with its answer. A request to the state table is recorded after the event that it causes.
     Asked(RequestRecord),
-    /// The clock's time: when a cycle begins, and when it is concluded.
+    /// Records the clock's time: when a cycle begins, and when it is concluded.
     Clock(Clock),
     /// Records the end of the cycle according to the state table, and the reasons if it was ended early.
     Conclude {
         /// The table's verdict.
         verdict: Verdict,
-        /// Reasons of the verdict.
+        /// The reasons for the verdict.
         because: Vec<Reason>,
     },
-    /// Begins a cycle; the commands that follow belong to it.
+    /// Begins a cycle; the commands that follow belong to this cycle.
     Begin(CycleStart),
     /// The commands that follow belong to no cycle.
     BetweenCycles,
-    /// Asks for the area that the disc in use has swept, mm².
+    /// Requests the area that the disc in use has swept, mm².
     DiscWorn,
     /// Adds an area that the disc in use has swept, mm².
     WearDisc(f64),
     /// Records that a new disc was mounted.
     MountDisc,
-    /// Checks whether there is room for the record of a cycle; if not, the answer states why.
+    /// Checks whether there is space for the record of a cycle; if not, the answer states the reason.
     Check,
-    /// Asks whether the disk has filled up since the last check; the answer states why, and what to delete. From then
-    /// on pictures are dropped; the journal continues until the cell is at rest.
+    /// Checks whether the disk has filled up since the last check; the answer states the reason, and what to delete.
+    /// After that, pictures are dropped; the journal continues until the cell is at rest.
     Filled,
 }
 
 /// An answer of the record.
 #[derive(Debug)]
 pub enum RecordAnswer {
-    /// The record was stored.
+    /// The data were stored.
     Done,
     /// Answer to `Begin`.
     Cycle(CycleId),
-    /// Answer to `Conclude`: the verdict that was recorded, never better than the findings.
+    /// Answer to `Conclude`: the verdict that was recorded, which is never better than the findings.
     Concluded(Verdict),
     /// Answer to `DiscWorn`, mm².
     Worn(f64),
@@ -150,9 +150,9 @@ impl RecordError {
     }
 }
 
-/// The record's commands as functions. They fail if it cannot be written or read.
+/// The record's commands as functions. They fail if the record cannot be written or read.
 pub trait RecordPort: Port<RecordCommand> {
-    /// Performs a command whose only answer is that its data is recorded.
+    /// Performs a command whose answer only confirms that its data are recorded.
     fn perform_and_forget(&mut self, command: RecordCommand) -> Result<(), RecordError> {
         self.perform(command).map(drop)
     }
@@ -185,7 +185,7 @@ pub trait RecordPort: Port<RecordCommand> {
         Ok(worn_mm2)
     }
 
-    /// Returns why there is no room for the record of a cycle.
+    /// Returns the reasons why there is no space for the record of a cycle; empty if there is space.
     fn disk_space_problems(&mut self) -> Vec<Reason> {
         match self.perform(RecordCommand::Check) {
             Ok(RecordAnswer::Wrong(reasons)) => reasons,
@@ -194,7 +194,7 @@ pub trait RecordPort: Port<RecordCommand> {
         }
     }
 
-    /// Returns the reason if the disk has filled since the last check.
+    /// Returns a reason if the disk has filled up since the last check.
     fn disk_full_reason(&mut self) -> Option<Reason> {
         let Ok(RecordAnswer::Full(why)) = self.perform(RecordCommand::Filled) else { return None };
         why
@@ -203,13 +203,13 @@ pub trait RecordPort: Port<RecordCommand> {
 
 impl<P: Port<RecordCommand> + ?Sized> RecordPort for P {}
 
-/// The interface through which a phase stores its results. Each function returns when the data is stored, and fails if
-/// it cannot be stored.
+/// The interface through which a phase stores its results. Each function returns when the data are stored, and fails if
+/// they cannot be stored.
 pub trait Record {
     /// Stores a note.
     fn record_note(&mut self, note: Note) -> Result<(), RecordError>;
 
-    /// Shows people who watch a scan in which the panel was found; the scan is not recorded.
+    /// Shows viewers a scan in which the panel was found; the scan is not recorded.
     fn show_scan(&mut self, _scan: &OrganizedCloud<Camera>, _panel_from_camera: &Rigid<Panel, Camera>) {}
 
     /// See [`Note::Finding`].

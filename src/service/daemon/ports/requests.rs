@@ -1,4 +1,4 @@
-//! The source of requests, and the reports about them.
+//! The source of requests, and the loop's reports to it.
 
 use super::port::{Command, Port};
 use crate::daemon::operator_texts;
@@ -12,9 +12,10 @@ use panelprep_store::tape::LoopMemoryStart;
 /// The loop's questions and reports.
 #[derive(Debug)]
 pub enum RequestCommand {
-    /// Asks for the next request, in this state. The answer comes within milliseconds, in every state of the loop.
+    /// Asks for the next request; `State` is the present state of the cycle. The answer comes within milliseconds, in
+    /// every state of the loop.
     Next(State),
-    /// Asks whether the available result of this piece of work may enter the loop now. A replay lets it enter at the
+    /// Asks whether the loop may accept the result of this piece of work now. In a replay, it is accepted at the
     /// recorded point.
     LetsIn(Id),
     /// Reports something that needs no answer.
@@ -30,7 +31,7 @@ pub enum LoopEvent {
     Unable(Vec<Reason>),
     /// The request is not executed, because another side commands the cell.
     NotPermitted(Vec<Reason>),
-    /// A cycle began; the event contains the data that the loop retains from before the cycle.
+    /// A cycle began; the event contains the data that the loop keeps from before the cycle.
     Begun(CycleId, LoopMemoryStart),
     /// The cycle has its verdict.
     Concluded(Verdict),
@@ -38,12 +39,12 @@ pub enum LoopEvent {
     Filmed(f64),
     /// The change to a new disc was recorded.
     DiscMounted,
-    /// The result of the last check: the problems found; empty if there are none.
+    /// The problems that the last check found; empty if there are none.
     Noted(Vec<Reason>),
 }
 
 impl LoopEvent {
-    /// Returns why a request in this state was refused, if this event states it.
+    /// Returns the reason if this event states that a request was refused in this state.
     pub fn refusal_reason(self, state: &State) -> Option<Reason> {
         match self {
             LoopEvent::Refused(request, refused) => Some(operator_texts::refusal(request, refused, state)),
@@ -60,7 +61,7 @@ pub enum RequestAnswer {
     /// Answer to `Next`: a request, or none. An error reports that a thread of the program failed: the loop stops the
     /// robot and ends.
     Next(Result<Option<Request>, ThreadFault>),
-    /// Answer to `LetsIn`: the same piece of work, if its result may enter now.
+    /// Answer to `LetsIn`: the same piece of work, if the loop may accept its result now.
     LetsIn(Option<Id>),
     /// The answer to `Publish`.
     Done,
@@ -70,9 +71,9 @@ impl Command for RequestCommand {
     type Answer = RequestAnswer;
 }
 
-/// The commands as functions.
+/// The commands of the source as functions.
 pub trait RequestPort: Port<RequestCommand> {
-    /// See [`RequestCommand::Next`].
+    /// Returns the next request; see [`RequestCommand::Next`].
     ///
     /// # Errors
     /// If a thread of the program failed.
@@ -96,14 +97,14 @@ pub trait RequestPort: Port<RequestCommand> {
 
 impl<P: Port<RequestCommand> + ?Sized> RequestPort for P {}
 
-/// A source of requests: the simple interface for types that need nothing else.
+/// A source of requests: the simple interface for types that only provide requests.
 pub trait Requester {
-    /// Returns the present request, in this state.
+    /// Returns the next request, or `None` if there is none; `state` is the present state of the cycle.
     ///
     /// # Errors
     /// If a thread of the program failed.
     fn next_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault>;
-    /// Receives the loop's reports. A requester that needs no reports leaves this out.
+    /// Receives a report of the loop; does nothing by default.
     fn on_loop_event(&mut self, _news: LoopEvent) {}
 }
 

@@ -1,6 +1,6 @@
-//! The robot as the loop sees it, and its compliant tool. The robot receives commands, returns reports, and has the
-//! clock by which its motions run; its last reported position can also be read from other threads ([`LastState`]). No
-//! command blocks for an answer of the tool.
+//! The interface of the loop to the robot, and to its compliant tool. The robot receives commands, returns reports, and
+//! has the clock of its motions; its last reported position can also be read from other threads ([`LastState`]). No
+//! command waits for an answer of the tool.
 
 use super::port::{Command as PortCommand, Port};
 use panelprep_base::geometry::Joints;
@@ -22,23 +22,23 @@ use std::time::{Duration, Instant};
 pub enum RobotCommand {
     /// Queues one command.
     Send(Command),
-    /// Queues a whole path, in the active base. If `permitted` is given, only this many points are sent before more
+    /// Queues a whole path, in the active base. If `permitted` is given, only this number of points is sent until more
     /// are permitted.
     Path {
         /// The points.
         points: Vec<MoveLin>,
-        /// How many of the points may be sent at present.
+        /// The number of points that may be sent now.
         permitted: Option<u32>,
     },
-    /// Permits commands up to this one to be sent; all of them if it is `None`.
+    /// Permits the commands up to this one to be sent; `None` permits all of them.
     Permit(Option<CommandId>),
-    /// Asks for a new epoch with a number above this one.
+    /// Requests a new epoch with a number above this one.
     OpenEpoch(Epoch),
     /// Ends the epoch.
     Abort,
-    /// Waits for the next report. In lock step time passes only here.
+    /// Waits for the next report. In lock step, time passes only here.
     Next,
-    /// Reads the clock: virtual in lock step.
+    /// Reads the clock; in lock step, the virtual clock.
     Now,
 }
 
@@ -51,8 +51,8 @@ pub enum RobotAnswer {
     Epoch(Result<Epoch, QueueError>),
     /// Answer to `Permit` and `Abort`.
     Done(Result<(), QueueError>),
-    /// Answer to `Next`: a report, or none if none arrived for a while. An error reports that the link's thread
-    /// failed, so that no further report will arrive.
+    /// Answer to `Next`: a report, or `None` if none arrived within the waiting time. An error states that the link's
+    /// thread failed, so that no further report will arrive.
     Report(Result<Option<Report>, ThreadFault>),
     /// Answer to `Now`.
     Time(Time),
@@ -65,8 +65,8 @@ impl PortCommand for RobotCommand {
 /// The error for an answer to a different command; no port gives such an answer.
 const MISMATCH: QueueError = QueueError::NotConnected;
 
-/// The robot's commands as functions. Queuing fails if there is no controller, no open epoch, or the command cannot
-/// be executed.
+/// The robot's commands as functions. Queuing fails if no controller is connected, no epoch is open, or the command
+/// cannot be executed.
 pub trait RobotPort: Port<RobotCommand> {
     /// Queues one command.
     fn send(&mut self, command: Command) -> Result<CommandId, QueueError> {
@@ -81,13 +81,13 @@ pub trait RobotPort: Port<RobotCommand> {
         last
     }
 
-    /// Permits commands up to this one to be sent; all of them if it is `None`.
+    /// Permits the commands up to this one to be sent; `None` permits all of them.
     fn permit_commands(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
         let RobotAnswer::Done(done) = self.perform(RobotCommand::Permit(last)) else { return Err(MISMATCH) };
         done
     }
 
-    /// Asks for a new epoch with a number above this one, and returns its number.
+    /// Requests a new epoch with a number above this one, and returns its number.
     fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
         let RobotAnswer::Epoch(asked) = self.perform(RobotCommand::OpenEpoch(above)) else { return Err(MISMATCH) };
         asked
@@ -99,7 +99,7 @@ pub trait RobotPort: Port<RobotCommand> {
         done
     }
 
-    /// Waits a while for the next report. It fails if the link's thread failed.
+    /// Waits a limited time for the next report. Fails if the link's thread failed.
     fn next(&mut self) -> Result<Option<Report>, ThreadFault> {
         let RobotAnswer::Report(report) = self.perform(RobotCommand::Next) else { return Ok(None) };
         report
@@ -125,7 +125,7 @@ pub struct LinkedRobot {
 }
 
 impl LinkedRobot {
-    /// Creates the port of the robot at the other end of this link, with the time base `pace`.
+    /// Creates the port of the robot at the other end of this link; `pace` is the clock mode.
     pub fn new(link: BlockingLink, pace: ClockMode) -> Self {
         LinkedRobot {
             link,
@@ -137,18 +137,18 @@ impl LinkedRobot {
         }
     }
 
-    /// Returns the handle from which the robot's last state can be read, now and later.
+    /// Returns the handle that other threads use to read the robot's last state.
     pub fn last_state(&self) -> LastState {
         self.last.clone()
     }
 
-    /// Returns the robot with a simulated world around it, which follows the reports of the controller. If the
-    /// controller is not a mock, it is reported as lost: a simulation must not affect how a real arm moves.
+    /// Returns the robot with a simulated world, which follows the reports of the controller. If the controller is not
+    /// a mock, it is reported as lost: a simulation must not affect the motion of a real arm.
     pub fn with_follower(self, follower: Follower) -> Self {
         LinkedRobot { follower: Some(follower), ..self }
     }
 
-    /// Returns the outputs by which the controller informs a line.
+    /// Returns the outputs by which the controller informs a production line.
     pub fn line(&self) -> LineOutputs {
         self.link.line()
     }
@@ -192,8 +192,8 @@ impl LinkedRobot {
     }
 }
 
-/// How long the loop waits for the robot by the wall clock before it checks its other inputs. In lock step,
-/// checking other inputs takes no time.
+/// Maximum time for which the loop waits for the robot by the wall clock before it checks its other inputs. In lock
+/// step, checking other inputs takes no time.
 const REPORT_POLL_TIMEOUT: Duration = Duration::from_millis(20);
 
 impl Port<RobotCommand> for LinkedRobot {
@@ -229,13 +229,13 @@ impl LastState {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = state.map(|state| (*state, Instant::now()));
     }
 
-    /// Returns the controller's mapped inputs as bits, as long as the state is fresh.
+    /// Returns the controller's mapped inputs as bits, if the state is recent.
     pub(in crate::daemon) fn inputs(&self) -> Option<u32> {
         let (state, came) = (*self.0.lock().unwrap_or_else(PoisonError::into_inner))?;
         (came.elapsed() < MAX_STATE_AGE).then_some(state.inputs)
     }
 
-    /// Returns the position of the axes, while the arm is at rest and the state is fresh.
+    /// Returns the positions of the axes while the arm is at rest, if the state is recent.
     pub(in crate::daemon) fn resting_joints(&self) -> Option<Joints> {
         let (state, came) = (*self.0.lock().unwrap_or_else(PoisonError::into_inner))?;
         (came.elapsed() < MAX_STATE_AGE && !state.moving).then_some(state.joints)
@@ -246,7 +246,7 @@ impl LastState {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ToolCommand {
-    /// From now on, presses with these set-points.
+    /// Presses with these set-points from now on.
     Press(ForceSetPoint),
     /// Reports the news.
     Report,
@@ -257,7 +257,7 @@ pub enum ToolCommand {
 pub enum ToolAnswer {
     /// Answer to `Press`.
     Done,
-    /// Answer to `Report`: a reading or the loss of the tool's link; `None` if there is nothing new.
+    /// Answer to `Report`: a reading, or the loss of the tool's link; `None` if there is no new report.
     Report(Option<ToolReport>),
 }
 

@@ -1,8 +1,8 @@
-//! The form of commands and answers in a recording, for each of the loop's ports. The recorder writes this form and
-//! the player reads it, in the same way for all commands.
+//! The form of commands and answers in a recording, for each of the loop's ports. The recorder writes this form and the
+//! player reads it, in the same way for all commands.
 //!
-//! [`Recordable`] is the part of a port's traffic that a recording can contain. [`RecordedPort`] is a port whose
-//! commands and answers are recorded: each command passes unchanged, and is recorded while the switch is on.
+//! [`Recordable`] converts a command and its answer to and from this form. [`RecordedPort`] is a port whose commands
+//! and answers are recorded: each command passes unchanged, and is recorded while the switch is on.
 
 use super::queue::Recorder;
 use super::switch::RecordingSwitch;
@@ -24,7 +24,7 @@ use std::ops::DerefMut;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Returns a finding as it is compared, without stop-watch times: these depend on the computer.
+/// Returns a finding in the form in which it is compared, without elapsed times: these depend on the computer.
 pub(super) fn without_measured_times(mut finding: Value) -> Value {
     let numbers = finding.get_mut("numbers").and_then(Value::as_array_mut);
     for number in numbers.into_iter().flatten() {
@@ -36,10 +36,10 @@ pub(super) fn without_measured_times(mut finding: Value) -> Value {
     finding
 }
 
-/// Numbers that depend on the wall clock; no decision uses them.
+/// Numbers that depend on the wall clock; no decision depends on them.
 const WALL_CLOCK_NUMBERS: [&str; 2] = [name::SCAN_TO_VERDICT, name::PER_PICTURE];
 
-/// An answer of a port.
+/// An answer of a port, as it is recorded.
 #[derive(Debug, Default)]
 pub struct RecordedAnswer {
     pub value: Value,
@@ -48,26 +48,26 @@ pub struct RecordedAnswer {
 
 /// A command that a recording can contain.
 pub trait Recordable: Command {
-    /// Returns the command's topic, and its form in the recording; null if the loop only listens. `None` if the
+    /// Returns the command's topic and its recorded form; null if the loop only receives data. Returns `None` if the
     /// command is not recorded, since it follows from the data that the loop receives.
     fn recorded_command(&self) -> Option<(Topic, Value)>;
 
-    /// Returns the answer in the recording; `None` if an answer such as this one is not recorded.
+    /// Returns the recorded form of the answer; `None` if this kind of answer is not recorded.
     fn recorded_answer(answer: &Self::Answer, recorder: &Recorder) -> Option<RecordedAnswer>;
 
-    /// Returns the recorded answer to the command.
+    /// Converts the recorded form to the answer to this command.
     fn parse_answer(&self, heard: RecordedAnswer) -> Result<Self::Answer, serde_json::Error>;
 
-    /// Returns the answer if the recording has none: the command is not recorded, there was no data, or the replay has
+    /// Returns the answer if the recording has none: the command is not recorded, there were no data, or the replay has
     /// diverged from the recording. `now` is the clock's last reading.
-    fn default_answer(&self, now: Time, has_parted: bool) -> Self::Answer;
+    fn default_answer(&self, now: Time, has_diverged: bool) -> Self::Answer;
 
-    /// Returns whether a recorded answer is the one for which the loop waits; true if the loop accepts any answer.
+    /// Returns whether a recorded answer is the one that the loop expects; true if the loop accepts any answer.
     fn is_matching_answer(&self, _heard: &Value) -> bool {
         true
     }
 
-    /// Returns whether a recording may leave the command out.
+    /// Returns whether the recording may lack this command.
     fn is_optional(&self) -> bool {
         false
     }
@@ -79,7 +79,7 @@ pub trait Recordable: Command {
     fn after_answer(_answer: &mut Self::Answer, _switch: &RecordingSwitch) {}
 }
 
-/// Returns a value as it is written down; null if it cannot be written.
+/// Returns the JSON form of a value; null if it has none.
 pub(in crate::daemon::replay) fn to_json(value: &impl Serialize) -> Value {
     serde_json::to_value(value).unwrap_or(Value::Null)
 }
@@ -120,7 +120,7 @@ impl From<FaultForm> for CameraFault {
     }
 }
 
-/// Returns whether this command begins a film, and whether it fetches a picture of a film or ends one.
+/// Returns whether this command begins a film, and whether it fetches a picture of a film or ends a film.
 pub fn film_role(said: &Value) -> (bool, bool) {
     (said.get("begin_film").is_some(), said == "next_of_film" || said == "end_film")
 }
@@ -142,8 +142,8 @@ impl Recordable for CameraCommand {
                 taken(Shot::Scanner(Arc::new(taken_now.picture.clone())), Some(taken_now.time_s))
             }
             Ok(CameraAnswer::Corner(picture)) => taken(Shot::Flange(Arc::new(picture.clone())), None),
-            // With the wall clock, a film is polled until its next picture is available; the number of polls does not
-            // matter.
+            // With the wall clock, a film is polled until its next picture is available; the number of polls has no
+            // effect.
             Ok(CameraAnswer::NoneDue) => ok(Value::Null).filter(|_| recorder.is_lock_step()),
             Ok(CameraAnswer::FilmBegan(time_s)) => ok(json!(time_s)),
             Ok(CameraAnswer::FilmEnded(dropped)) => ok(json!(dropped)),
@@ -232,7 +232,7 @@ impl Recordable for RobotCommand {
             RobotAnswer::Time(now) => {
                 let since = now.since_start();
                 let is_new = recorder.clock(u64::try_from(since.as_nanos()).unwrap_or(u64::MAX));
-                // With the wall clock every reading is recorded, even if two are equal: a replay needs each of them.
+                // With the wall clock every reading is recorded, even if two are equal: a replay needs all of them.
                 if is_new || !recorder.is_lock_step() { value(to_json(&since)) } else { None }
             }
         }
@@ -313,7 +313,7 @@ impl Recordable for RequestCommand {
                 // The start itself is recorded only if the state table refuses it; a start that is accepted begins a
                 // recording of its own.
                 RequestKind::Begin(prepared) => json!({ "for": prepared.request }),
-                // The reason changes nothing of what the cell does.
+                // The reason has no effect on the cell.
                 RequestKind::Hold { .. } => json!({ "for": cycle::Request::Hold }),
                 RequestKind::NewDisc => json!("new_disc"),
                 RequestKind::Leave => json!("leave"),
@@ -348,10 +348,10 @@ impl Recordable for RequestCommand {
         })
     }
 
-    fn default_answer(&self, _: Time, has_parted: bool) -> RequestAnswer {
+    fn default_answer(&self, _: Time, has_diverged: bool) -> RequestAnswer {
         match self {
-            // This request ends the loop, because the player's record refuses it.
-            RequestCommand::Next(_) if has_parted => next(RequestKind::Table(cycle::Request::Abort)),
+            // This request ends the loop, because the player's record refuses to write.
+            RequestCommand::Next(_) if has_diverged => next(RequestKind::Table(cycle::Request::Abort)),
             RequestCommand::Next(_) => RequestAnswer::Next(Ok(None)),
             RequestCommand::LetsIn(_) => RequestAnswer::LetsIn(None),
             RequestCommand::Publish(_) => RequestAnswer::Done,
@@ -386,7 +386,7 @@ fn next(what: RequestKind) -> RequestAnswer {
     RequestAnswer::Next(Ok(Some(Request::new(what, RequestAuthor::from_source(RequestSource::Program)))))
 }
 
-/// The question which grids of the panel were abraded in earlier cycles.
+/// The name of the question which grids of the panel were abraded in earlier cycles.
 const EARLIER_ABRASIONS: &str = "abraded_before";
 
 impl Recordable for RecordCommand {
@@ -395,7 +395,7 @@ impl Recordable for RecordCommand {
             RecordCommand::Note(Note::Finding(finding)) => return Some((Topic::Finding, to_json(finding))),
             RecordCommand::Event(event) => return Some((Topic::Event, to_json(event))),
             RecordCommand::Note(note) => note_form(note),
-            // The number of permitted waypoints follows from the reports of the robot.
+            // The number of permitted waypoints is not recorded, since it follows from the reports of the robot.
             RecordCommand::OpenIntent(motion) | RecordCommand::OpenContact { motion, .. } => {
                 json!({ "open_intent": motion })
             }
@@ -410,7 +410,7 @@ impl Recordable for RecordCommand {
             RecordCommand::MountDisc => json!("mount_disc"),
             RecordCommand::Check => json!("check"),
             RecordCommand::Filled => Value::Null,
-            // The author of a request and the time of the clock are not part of a cycle's decisions.
+            // The author of a request and the clock's time have no influence on the decisions of a cycle.
             RecordCommand::Permit(_)
             | RecordCommand::Asked(_)
             | RecordCommand::Clock(_)
@@ -426,7 +426,7 @@ impl Recordable for RecordCommand {
             Ok(RecordAnswer::Cycle(cycle)) => ok(json!(cycle)),
             Ok(RecordAnswer::Concluded(verdict)) => ok(json!(verdict)),
             Ok(RecordAnswer::Worn(worn_mm2)) => ok(json!(worn_mm2)),
-            // An empty list is not recorded: a replay then receives none either.
+            // An empty list is not recorded; the default answer in a replay is also empty.
             Ok(RecordAnswer::Earlier(earlier)) => ok(json!(earlier)).filter(|_| !earlier.is_empty()),
             Ok(RecordAnswer::Wrong(reasons)) => value(json!(reasons)),
             Ok(RecordAnswer::Full(why)) => why.as_ref().and_then(|why| value(json!(why))),
@@ -476,8 +476,8 @@ impl Recordable for RecordCommand {
     }
 }
 
-/// Returns the recorded form of a phase's result. A picture that is already in the store has the same form as one that
-/// is still to be stored.
+/// Returns the recorded form of a phase's result. The form is the same for a picture in the store and for one that is
+/// still to be stored.
 fn note_form(note: &Note) -> Value {
     let frame = |time_s: f64, phase: Phase| json!({ "frame": { "time_s": time_s, "phase": phase.keyword() } });
     let figure = |name: &str, caption: &str| json!({ "figure": { "name": name, "caption": caption } });
@@ -493,14 +493,14 @@ fn note_form(note: &Note) -> Value {
     }
 }
 
-/// A port that can be recorded.
+/// A port whose commands and answers can be recorded.
 pub struct RecordedPort<P> {
     port: P,
     switch: RecordingSwitch,
 }
 
 impl<P> RecordedPort<P> {
-    /// Returns this port, recorded while the switch is on.
+    /// Returns this port; its commands are recorded while the switch is on.
     pub fn new(port: P, switch: RecordingSwitch) -> Self {
         RecordedPort { port, switch }
     }

@@ -1,10 +1,10 @@
 //! The recording of a cycle, and the replay of a cycle from its recorded data.
 //!
-//! A [`RecordedPort`] surrounds each of the loop's ports and records the data that pass (`tape` defines the format)
-//! while the `switch` reports that a cycle is recorded. The `queue` passes the data to a separate thread, so that
-//! neither loop nor link ever waits for a disk. The `player` provides the same ports without a cell: it answers each
-//! command with the recorded answer, and records each point at which the loop now acts differently ([`Difference`]).
-//! `form` defines the commands and answers in a recording.
+//! A [`RecordedPort`] encloses each of the loop's ports and records the data that pass (`tape` defines the format)
+//! while the `switch` is on. The `queue` passes the data to a separate thread, so that neither the loop nor the link
+//! ever waits for a disk. The `player` provides the same ports without a cell: it answers each command with the
+//! recorded answer, and records each point at which the loop now acts differently ([`Difference`]). `form` defines the
+//! commands and answers in a recording.
 
 mod form;
 mod player;

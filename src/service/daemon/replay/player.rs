@@ -1,15 +1,15 @@
 //! The ports without a cell: each call of the loop is answered with the recorded data.
 //!
-//! The order of the loop's calls follows from the data that it receives. So the recording's next entry is the next
-//! call of the loop, or the next data for the loop: the loop receives a report only if the next entry is one, and
-//! nothing otherwise. If the loop makes the same call with other content, that is a difference, and the replay
-//! continues with the recorded data. If the loop makes a different call, or none, the two have diverged, and the
-//! replay ends there.
+//! The order of the loop's calls follows from the data that the loop receives. So the recording's next entry is the
+//! next call of the loop, or the next data for it: the loop receives a report only if the next entry is a report, and
+//! otherwise nothing. If the loop makes the same call with other content, this is a difference, and the replay
+//! continues with the recorded data. If the loop makes another call, or none, the replay has diverged from the
+//! recording and ends there.
 //!
-//! Earlier versions stored the name, value, unit and limit of each number of a finding in a different order, and not
-//! all numbers on which a gate decides. A finding of this version is converted to that form before the two are
-//! compared: of each number, only the parts that such a recording has, in the recording's order. Nothing that a
-//! recording contains is left out of the comparison.
+//! Earlier versions of the program stored the name, value, unit and limit of each number of a finding in another order,
+//! and did not store all numbers on which a gate decides. A finding of this version is therefore converted to the form
+//! of such a recording before the two are compared: of each number, only the values that the recording has, in the
+//! recording's order. Everything that a recording contains is compared.
 
 use super::form::{Recordable, RecordedAnswer, film_role, without_measured_times};
 use crate::daemon::ports::Port;
@@ -24,14 +24,14 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Entries of a recording.
+/// The entries of a recording.
 type Source<'a> = Box<dyn Iterator<Item = Result<Entry, TapeError>> + Send + 'a>;
 
-/// Number of rounds of the loop that may pass without an entry of the recording; after that, the loop waits for the
-/// entry that is missing.
+/// Number of iterations of the loop that may pass without an entry of the recording. After more iterations the replay
+/// has diverged: the loop waits for an entry that the recording does not have.
 const MAX_IDLE_ROUNDS: u32 = 3;
 
-/// A recording that is played. All clones share the same player, so that each port may have one.
+/// A player of a recording. All clones share the same player, so that each port may have one.
 #[derive(Clone)]
 pub struct Player<'a>(Arc<Mutex<Playback<'a>>>);
 
@@ -40,7 +40,7 @@ pub struct Player<'a>(Arc<Mutex<Playback<'a>>>);
 pub struct ReplayResult {
     /// The differences, in order.
     pub differences: Vec<Difference>,
-    /// Whether the replay and the recording agree to the end.
+    /// Whether the replay agrees with the recording up to its end.
     pub is_complete: bool,
     /// The error if the recording could not be read.
     pub error: Option<TapeError>,
@@ -67,8 +67,8 @@ struct Playback<'a> {
 }
 
 impl<'a> Player<'a> {
-    /// Creates a player of these entries of a recording. `lock_step` states whether time in the recorded cycle was the
-    /// robot's own.
+    /// Creates a player of these entries of a recording. `lock_step` states whether the recorded cycle used the robot's
+    /// own time.
     pub fn new(entries: impl Iterator<Item = Result<Entry, TapeError>> + Send + 'a, lock_step: bool) -> Self {
         Player(Arc::new(Mutex::new(Playback {
             source: Box::new(entries),
@@ -90,15 +90,15 @@ impl<'a> Player<'a> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns the result of the replay, once the loop has ended.
+    /// Returns the result of the replay after the loop has ended.
     pub fn replay_result(&self) -> ReplayResult {
         let mut playback = self.lock();
         if !playback.has_diverged && playback.peek_entry(false).is_some() {
             playback.part("the loop has ended");
         }
         playback.skip_film(true);
-        // A remaining camera call whose work had its result before the end is a difference: the loop no longer makes
-        // this call. Without a result, the call may have been in progress when the loop ended.
+        // If a camera call remains whose work had a result before the end, this is a difference: the loop no longer
+        // makes this call. If its work had no result, the call may have been in progress when the loop ended.
         let (parted, until_ns) = (playback.has_diverged, playback.result_ns);
         let left = playback
             .peek_entry(true)
@@ -172,7 +172,7 @@ impl Playback<'_> {
         })
     }
 
-    /// Returns the data on this topic, if it comes next.
+    /// Returns the data on this topic if they are the next entry.
     fn listen(&mut self, topic: Topic, said: &Value, fits: impl Fn(&Value) -> bool) -> Option<Entry> {
         let is_next = |next: &Entry| next.topic == topic && next.action == *said && fits(&next.reply);
         if self.has_diverged || !self.peek_entry(false).is_some_and(is_next) {
@@ -246,8 +246,8 @@ impl Playback<'_> {
     }
 }
 
-/// Returns whether two commands are the same call, regardless of their content: the same word, or objects with the
-/// same first key.
+/// Returns whether two commands are the same call, whatever their content: the same word, or objects with the same
+/// first key.
 fn same_call(recorded: &Value, now: &Value) -> bool {
     match (recorded, now) {
         (Value::Object(before), Value::Object(after)) => {
@@ -284,8 +284,8 @@ impl std::fmt::Display for Difference {
     }
 }
 
-/// Returns each value in which the recorded and the new form differ, with its path, such as `send.move_lin.pose.x_mm`.
-/// Numbers are equal if all their digits are equal.
+/// Returns each value that differs between the recorded and the new form, with its path, such as
+/// `send.move_lin.pose.x_mm`. Numbers are equal if all their digits are equal.
 fn differences(recorded: &Value, now: &Value) -> Vec<(String, String, String)> {
     let mut found = Vec::new();
     compare(String::new(), recorded, now, &mut found);
@@ -310,7 +310,7 @@ fn compare(place: String, recorded: &Value, now: &Value, found: &mut Vec<(String
     }
 }
 
-/// Returns the name of a list's entry: its own name, if it has one.
+/// Returns the name of an entry of a list: the entry's own name, or its index.
 fn name(index: usize, value: &Value) -> String {
     value.get("name").and_then(Value::as_str).map_or_else(|| index.to_string(), str::to_owned)
 }
@@ -318,7 +318,7 @@ fn name(index: usize, value: &Value) -> String {
 /// Longest text that is shown for one of the two values.
 const MAX_TEXT_LENGTH: usize = 200;
 
-/// Returns a value as text, cut if it is long.
+/// Returns a value as text; cuts a long text off.
 fn shorten_value(value: &Value) -> String {
     let text = value.to_string();
     if text.chars().count() <= MAX_TEXT_LENGTH {
@@ -328,8 +328,8 @@ fn shorten_value(value: &Value) -> String {
     format!("{cut}…")
 }
 
-/// The beginnings of the names of the numbers that earlier versions of this program did not store. They were added
-/// when a finding's numbers became the checks of its gate.
+/// The beginnings of the names of the numbers that earlier versions of this program did not store. They were added when
+/// all numbers of a gate became checks of its finding.
 const NAMES_SINCE_CHECKS: [&str; 12] = [
     panelprep_vision::locate::refine::FARTHEST_CORNER,
     film::DRY_PICTURE,
@@ -363,7 +363,7 @@ fn convert_to_recorded_form(recorded: &Value, mut now: Value) -> Value {
         !is_new || kept.iter().any(|other| other["name"] == number["name"])
     });
     let place = |number: &Value| kept.iter().position(|other| other["name"] == number["name"]);
-    // The sort is stable: numbers that the recording does not have come last and are a difference.
+    // The sort is stable: numbers that the recording lacks come last, and are a difference.
     found.sort_by_key(|number| place(number).unwrap_or(usize::MAX));
     now
 }
@@ -389,8 +389,8 @@ mod tests {
         Check::new("shift", "mm", 12.5)
     }
 
-    /// The numbers as an earlier version of this program wrote them: in another order, and with only four values
-    /// for each number.
+    /// Returns the numbers as an earlier version of this program wrote them: in another order, and with only four
+    /// values for each number.
     fn earlier() -> Value {
         let mut recorded = found([]);
         recorded["numbers"] = json!([
@@ -406,7 +406,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_the_same_is_the_same_in_an_earlier_form() {
+    fn equal_findings_are_equal_in_an_earlier_form() {
         let dry = Check::new(NAMES_SINCE_CHECKS[0], "", 1.0);
         assert_eq!(differing(&earlier(), found([rms(0.1, 0.25), dry, shift()])), Vec::<String>::new());
     }
@@ -427,7 +427,7 @@ mod tests {
 
     /// A recording of this version of the program is compared completely, including order and codes.
     #[test]
-    fn a_recording_of_today_is_compared_whole() {
+    fn a_recording_of_this_version_is_compared_completely() {
         let recorded = found([rms(0.1, 0.25), shift()]);
         assert_eq!(differing(&recorded, found([rms(0.1, 0.25), shift()])), Vec::<String>::new());
         let other_code = rms(0.1, 0.25).or_review("poor_fit", String::new);

@@ -1,9 +1,8 @@
 //! The path from the loop to the disk: a bounded queue and the thread that empties it.
 //!
-//! If time is the robot's own (lock step), the loop waits while the queue is full, as long as the disk accepts
-//! anything at all, since no clock runs. With the wall clock nothing waits: an entry for which there is no space is
-//! counted, and the recording states that it has a gap. A disk that refuses, or that has too little free space left,
-//! ends the recording and nothing else.
+//! In lock step, the loop waits while the queue is full, as long as the disk accepts data, since no clock runs. With
+//! the wall clock the loop never waits: an entry for which there is no space is counted, and the recording states that
+//! it has a gap. If the disk refuses data, or has too little free space, only the recording ends.
 
 use super::super::computing::NICE;
 use super::super::recording::FLOOR_MB;
@@ -20,13 +19,13 @@ use std::time::{Duration, Instant};
 /// Free disk space below which a recording ends, MB: twice the space that the service needs to begin a cycle.
 pub const RECORDING_FLOOR_MB: u64 = 2 * FLOOR_MB;
 
-/// Largest size of pictures and points that wait to be packed, bytes: some seconds of film at full size.
+/// Largest amount of pictures and points that wait to be compressed, bytes: some seconds of film at full size.
 const MAX_QUEUED_BYTES: usize = 256 << 20;
 /// Approximate size of a number, a word, a list or an object in an entry, bytes.
 const VALUE_BYTES: usize = 100;
 /// Interval at which written data is flushed to the disk, and at which the free space is checked.
 const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
-/// Longest wait for a disk that accepts nothing: for space in the queue, and at the end.
+/// Longest wait for a disk that accepts no data: for space in the queue, and at the end.
 const DISK_TIMEOUT: Duration = Duration::from_secs(2);
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(20);
 
@@ -39,12 +38,12 @@ struct Shared {
     inside: Mutex<Inside>,
     changed: Condvar,
     bounds: QueueBounds,
-    /// Reports that the thread is alive, except while it waits for the disk: a disk that hangs ends the recording and
-    /// nothing else.
+    /// Reports that the thread is alive, except while the thread waits for the disk: a disk that hangs ends only the
+    /// recording.
     sign: Option<Arc<SupervisedThread>>,
 }
 
-/// How much data may wait, and whether the loop waits if the queue is full.
+/// The size of the queue, and whether the loop waits if the queue is full.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct QueueBounds {
     pub is_blocking: bool,
@@ -68,26 +67,26 @@ impl QueueBounds {
 struct Inside {
     waiting: VecDeque<Entry>,
     bytes: usize,
-    /// The loop's clock at the beginning of the recording, and the time since then.
+    /// The loop's clock at the beginning of the recording. The next field is the time since then.
     origin_ns: Option<u64>,
     now_ns: u64,
     lost: Vec<LostEntries>,
-    /// The disk has hung once.
+    /// Whether the disk has hung once.
     has_hung: bool,
-    /// No more entries will come.
+    /// Whether the queue is closed, so that no more entries come.
     closed: bool,
-    /// Nothing more can be written, for this reason.
+    /// The reason why no more entries can be written.
     stopped: Option<String>,
     entries: u64,
-    /// The thread has ended.
+    /// Whether the thread has ended.
     ended: bool,
 }
 
 /// Returns the free space on the disk of the recording, MB.
 pub(super) type FreeSpace = Box<dyn FnMut() -> std::io::Result<u64> + Send>;
 
-/// A recording in progress; [`Recording::finish`] ends it. If a recording is dropped, it stays unfinished, as after a
-/// crash.
+/// A recording in progress; [`Recording::finish`] ends it. If it is dropped instead, the recording stays incomplete, as
+/// after a crash.
 #[derive(Debug)]
 pub struct Recording {
     file: String,
@@ -101,7 +100,7 @@ pub struct Recording {
 pub struct RecordingResult {
     /// The file.
     pub file: String,
-    /// Whether the recording can be run again.
+    /// Whether the recording can be replayed.
     pub is: RecordingStatus,
     /// Number of entries in the recording.
     pub entries: u64,
@@ -109,7 +108,7 @@ pub struct RecordingResult {
     pub message: String,
 }
 
-/// Whether a recording can be run again.
+/// Whether a recording can be replayed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RecordingStatus {
@@ -151,7 +150,7 @@ impl Recording {
         let recorder = Recorder(Arc::new(shared));
         let shared = recorder.0.clone();
         let write = move || {
-            // The loss of a recording is less serious than a delay of the loop, so this thread gets the same low
+            // The loss of a recording is less serious than a delay of the loop, so this thread has the same low
             // priority as computing.
             if !bounds.is_blocking
                 && let Err(error) = rustix::process::setpriority_process(None, NICE)
@@ -181,7 +180,7 @@ impl Recording {
         self.recorder.status(&self.file)
     }
 
-    /// Ends the recording and waits until it is written, as long as the disk accepts anything.
+    /// Ends the recording and waits until it is written, as long as the disk accepts data.
     pub fn finish(self) -> RecordingResult {
         let Recording { file, recorder, thread } = self;
         recorder.close();
@@ -196,7 +195,7 @@ impl Recording {
     }
 }
 
-/// Reports that the thread is done, regardless of the cause.
+/// Reports the end of the thread when it is dropped, so also after a panic.
 struct ThreadEndGuard {
     shared: Arc<Shared>,
     panics: bool,
@@ -215,13 +214,13 @@ impl Drop for ThreadEndGuard {
 }
 
 impl Recorder {
-    /// Records an entry, at the time of the last [`Recorder::clock`].
+    /// Records an entry with the time of the last [`Recorder::clock`].
     pub fn record_entry(&self, mut entry: Entry) {
         let shared = &*self.0;
         let QueueBounds { is_blocking: waits, max_bytes: most_bytes, disk_timeout: hangs, .. } = shared.bounds;
         let bytes = size(&entry);
         let mut inside = shared.lock();
-        // If the queue is empty, an entry always has room, however large it is.
+        // If the queue is empty, it accepts an entry of any size.
         while inside.bytes > 0 && inside.bytes + bytes > most_bytes && inside.is_accepting() {
             if !waits || inside.has_hung {
                 let at_ns = inside.now_ns;
@@ -253,7 +252,7 @@ impl Recorder {
         is_new
     }
 
-    /// Returns whether time stops while an entry is put in.
+    /// Returns whether time stops while the caller waits for space in the queue.
     pub(super) fn is_lock_step(&self) -> bool {
         self.0.bounds.is_blocking
     }
@@ -264,7 +263,7 @@ impl Recorder {
         self.0.changed.notify_all();
     }
 
-    /// Waits for the thread's end; returns false if its disk hangs, and the thread is then left running.
+    /// Waits for the thread's end; returns false if its disk hangs, and the thread then continues to run.
     fn wait_for_end(&self) -> bool {
         let Shared { changed, bounds, .. } = &*self.0;
         let mut inside = self.0.lock();
@@ -333,7 +332,7 @@ impl Shared {
         self.inside.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Runs the thread: writes the entries until no more come, or until the disk has too little room.
+    /// Runs the thread: writes the entries until the queue is closed, or until the disk has too little free space.
     fn run_writer<W: Write>(&self, mut writer: Writer<W>, room: &mut FreeSpace) -> Result<(), TapeError> {
         let mut flushed = Instant::now();
         let mut has_room = self.has_free_space(room);
@@ -351,13 +350,13 @@ impl Shared {
         writer.finish(&ending)?.flush().map_err(disk)
     }
 
-    /// Returns whether there is room for more; if there is none, the recording is stopped.
+    /// Returns whether the disk has enough free space; if not, stops the recording.
     fn has_free_space(&self, room: &mut FreeSpace) -> bool {
         if let Some(sign) = &self.sign {
             sign.report_resting();
         }
         let free_mb = match room() {
-            // If the free space cannot be read, writing is still possible; the disk reports when it is full.
+            // If the free space cannot be read, the thread continues to write; the disk reports when it is full.
             Err(_) => return true,
             Ok(free_mb) if free_mb >= RECORDING_FLOOR_MB => return true,
             Ok(free_mb) => free_mb,
@@ -367,7 +366,7 @@ impl Shared {
         false
     }
 
-    /// Writes the entries that wait, or waits a while; returns false if nothing more will come.
+    /// Writes the waiting entries, or waits a while for some; returns false if no more entries come.
     fn write_next<W: Write>(&self, writer: &mut Writer<W>) -> Result<bool, TapeError> {
         if let Some(sign) = &self.sign {
             sign.report_working();
@@ -388,7 +387,7 @@ impl Shared {
     }
 }
 
-/// Returns the approximate memory of an entry, bytes.
+/// Returns the approximate size of an entry in memory, bytes.
 fn size(entry: &Entry) -> usize {
     value_size(&entry.action) + value_size(&entry.reply) + entry.shot.as_ref().map_or(0, Shot::bytes)
 }
@@ -403,7 +402,7 @@ fn value_size(value: &Value) -> usize {
         }
 }
 
-/// Returns why nothing is recorded on a disk with this free space.
+/// Describes why nothing is recorded on a disk with this free space.
 pub fn disk_full_message(free_mb: u64) -> String {
     format!("the disk of the recording has {free_mb} MB free (minimum {RECORDING_FLOOR_MB} MB); free some space")
 }

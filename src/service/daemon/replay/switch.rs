@@ -1,8 +1,9 @@
 //! The switch of all recorded ports: which cycle is recorded, and in which file.
 //!
-//! The command that runs one cycle records from its start on. The service runs for months, so it records single
-//! cycles: from the moment at which the loop accepts the order until the loop is at rest again, with the loop's memory
-//! from before. All slow work (the file, its beginning, each entry) is done by the recording's own thread.
+//! The command that runs one cycle records from its start on. The service runs for months, so it records single cycles:
+//! from the moment at which the loop accepts the order of a cycle until the loop is at rest again. The recording begins
+//! with the memory that the loop had before the cycle. All slow work (the file, its beginning, each entry) is done by
+//! the recording's own thread.
 
 use super::super::Calibrations;
 use super::queue::{FreeSpace, QueueBounds, Recorder, Recording, RecordingResult};
@@ -19,10 +20,10 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// Longest time between two life signs of the writing thread; compressing a picture takes less.
+/// Longest time between two heartbeats of the writing thread; compressing a picture takes less.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(20);
 
-/// The beginning of a recording, and its file.
+/// The data with which a recording begins, and its file.
 #[derive(Debug, Clone)]
 pub struct RecordingPlan {
     /// A new file; `None` if the store names it by the cycle's number.
@@ -43,12 +44,13 @@ struct Inside {
     lock_step: bool,
     /// The state in which the loop last asked for a request.
     state: State,
-    /// For the cycle that is being started: how it is to be recorded, the request to the state table, and its state.
+    /// For the cycle that is being started: the plan of its recording, the request to the state table, and the state at
+    /// that time.
     wanted: Option<(RecordingPlan, Request, State)>,
     recorder: Option<Recorder>,
-    /// The cycle is over; the answers that are still expected belong to it.
+    /// Whether the cycle is over; the answers that are still expected belong to it.
     is_over: bool,
-    /// The finished recording, until it is taken by [`RecordingSwitch::finished_recording`].
+    /// The recording that has ended, until [`RecordingSwitch::finished_recording`] takes it.
     recording: Option<Recording>,
     /// The last recording, for status requests.
     last: Option<(String, Recorder)>,
@@ -61,13 +63,13 @@ pub fn recordings(store: &Path) -> PathBuf {
     store.join("recordings")
 }
 
-/// Returns the recording's file for a cycle that was given no file of its own.
+/// Returns the default file for the recording of a cycle.
 pub fn recording_file(store: &Path, cycle: CycleId) -> PathBuf {
     recordings(store).join(format!("cycle-{:06}.mcap", cycle.0))
 }
 
 impl RecordingSwitch {
-    /// Creates a switch with no recording yet; recordings without their own name are placed in this store's folder.
+    /// Creates a switch that is off; recordings without a file of their own are stored in this store's folder.
     pub fn new(store: &Path, lock_step: bool) -> Self {
         RecordingSwitch(Arc::new(Mutex::new(Inside {
             store: store.to_owned(),
@@ -82,7 +84,7 @@ impl RecordingSwitch {
         })))
     }
 
-    /// Lets this supervisor watch the threads that write.
+    /// Registers the threads that write at this supervisor.
     pub fn watched_by(&self, supervisor: &Supervisor) {
         self.lock().supervisor = supervisor.clone();
     }
@@ -90,7 +92,7 @@ impl RecordingSwitch {
     /// Records from now on in this file, which is new, until [`RecordingSwitch::finish`].
     ///
     /// # Errors
-    /// If such a file exists already, or the disk refuses.
+    /// If the file already exists, or the disk cannot be written.
     pub fn begin_recording(&self, file: &Path, to: RecordingPlan, state: State) -> io::Result<()> {
         let out = OpenOptions::new().write(true).create_new(true).open(file)?;
         self.lock().start((file, to), state, LoopMemoryStart::Boot, move || Ok(out))
@@ -112,7 +114,7 @@ impl RecordingSwitch {
         inside.last.as_ref().map(|(file, recorder)| recorder.status(file))
     }
 
-    /// Returns the recording of the cycle that has ended, if it has one that was not taken yet.
+    /// Returns the recording of the cycle that has ended, if there is one that was not returned yet.
     pub fn finished_recording(&self) -> Option<Recording> {
         let mut inside = self.lock();
         if inside.recorder.is_some() { None } else { inside.recording.take() }
@@ -122,7 +124,7 @@ impl RecordingSwitch {
         self.lock().recorder.clone()
     }
 
-    /// Notes that an order has reached the loop.
+    /// Records that the loop has received the order of a cycle.
     pub(super) fn on_order(&self, plan: Option<RecordingPlan>, request: Request) {
         let mut inside = self.lock();
         let state = inside.state;
@@ -131,7 +133,7 @@ impl RecordingSwitch {
         }
     }
 
-    /// Notes that the order's cycle begins.
+    /// Records that the ordered cycle begins.
     pub(super) fn on_cycle_start(&self, cycle: CycleId, before: LoopMemoryStart) {
         let mut inside = self.lock();
         inside.last = None;
@@ -154,8 +156,8 @@ impl RecordingSwitch {
         inside.is_over = inside.recorder.is_some();
     }
 
-    /// Handles the loop's question for the next request: if the cycle has ended, its remaining data have been received
-    /// by now, and the recording ends with the request to leave.
+    /// Handles the loop's question for the next request: if the cycle has ended, all its data have been received by
+    /// now, and the recording ends with the request to leave.
     pub(super) fn on_request_poll(&self, state: &State) {
         let mut inside = self.lock();
         inside.state = *state;
@@ -196,7 +198,7 @@ impl Inside {
         let of_disk = sign.clone();
         let begun = move || {
             let made = open().and_then(|out| {
-                // The new file's name in the folder must be flushed to the disk too.
+                // The folder is flushed to the disk too, since it contains the new file's name.
                 folder.map_or(Ok(()), |folder| File::open(folder)?.sync_all())?;
                 Ok(out)
             });
@@ -227,8 +229,8 @@ impl Inside {
     }
 }
 
-/// A file that is flushed to the disk itself, and not only to the system's memory, which loses its content on a power
-/// failure. While the disk works, no life sign of the thread is expected.
+/// A file that is flushed to the disk itself: after a power failure, data in the system's memory only would be lost.
+/// While the disk works, no heartbeat of the thread is expected.
 struct DurableFile(File, Arc<SupervisedThread>);
 
 impl DurableFile {
@@ -260,7 +262,7 @@ fn mounting_poses(values: &Calibrations) -> [FramePose; 3] {
     ]
 }
 
-/// Returns the cameras' lenses, for the recording.
+/// Returns the lens parameters of the cameras, for the recording.
 fn camera_lenses(values: &Calibrations) -> [Lens; 2] {
     let lens = |topic, camera| Lens { topic, camera };
     [lens(Topic::ScannerLens, values.scanner), lens(Topic::FlangeLens, values.flange_camera)]
@@ -281,7 +283,7 @@ pub fn free_mb(file: &Path) -> io::Result<u64> {
     store::free_mb(there.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/")))
 }
 
-/// Returns the wall-clock time, as a label; a clock set before 1970 has none.
+/// Returns the wall-clock time, ns since 1970; 0 if the clock is set to a time before 1970.
 fn unix_ns() -> u64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     u64::try_from(since.as_nanos()).unwrap_or_default()

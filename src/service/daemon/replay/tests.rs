@@ -1,4 +1,4 @@
-//! Tests of the queue when no thread empties it, and of the player's report when the loop acts differently.
+//! Tests the queue when no thread empties it, and the player's report when the loop acts differently.
 
 use super::form::to_json;
 use super::queue::{QueueBounds, Recorder};
@@ -19,7 +19,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// A disk that waits for a permission before each write, then stores the data or refuses it.
+/// A disk that waits for a permission before each write, and then stores the data or refuses them.
 #[derive(Clone)]
 struct Disk {
     written: Arc<Mutex<Vec<u8>>>,
@@ -83,7 +83,7 @@ fn bounds(waits: bool, hangs_at_the_end: Duration) -> QueueBounds {
     }
 }
 
-/// Starts a recording to this disk, with a queue of 40 kB, that continues while there is room.
+/// Starts a recording to this disk, with a queue of 40 kB; it continues while there is free space.
 fn recording(writer: Writer<Disk>, waits: bool, room_mb: impl FnMut() -> u64 + Send + 'static) -> Recording {
     let bounds = bounds(waits, Duration::from_secs(600));
     let mut room_mb = room_mb;
@@ -99,7 +99,7 @@ fn line(topic: Topic, said: Value, heard: Value) -> Entry {
 fn put_pictures(recorder: &Recorder, count: u64) {
     for index in 0..count {
         recorder.clock((1 + index) * 100_000_000);
-        // The bytes look random, so that packing does not make them smaller.
+        // The bytes look random, so that compression does not make them smaller.
         let noise = |pixel: u64| (pixel + 10_000 * index).wrapping_mul(0x9E37_79B9_7F4A_7C15).to_be_bytes();
         let rgb = (0..10_000).map(|pixel| [noise(pixel)[2], noise(pixel)[3], noise(pixel)[4]]).collect();
         let picture = Arc::new(ColorPicture { width: 100, height: 100, rgb });
@@ -109,8 +109,7 @@ fn put_pictures(recorder: &Recorder, count: u64) {
     }
 }
 
-/// Returns a disk that hangs: the beginning of the file is written before the queue starts; then the disk hangs
-/// until it is released.
+/// Returns a disk that hangs until it is released; the beginning of the file is written before it hangs.
 fn hanging() -> (Disk, Sender<()>, Writer<Disk>) {
     let disk = Disk::new();
     let (go, wait) = channel();
@@ -143,7 +142,7 @@ fn by_the_wall_clock_no_thread_waits_and_a_full_queue_is_a_gap() {
 }
 
 #[test]
-fn in_lock_step_a_full_queue_is_waited_for() {
+fn in_lock_step_the_loop_waits_while_the_queue_is_full() {
     let disk = Disk::new();
     let recording = recording(begun(&disk), true, || u64::MAX);
     put_pictures(&recording.recorder(), 50);
@@ -156,7 +155,7 @@ fn in_lock_step_a_full_queue_is_waited_for() {
 fn a_full_disk_ends_the_recording_and_nothing_else() {
     let disk = Disk { refuses_after: 20_000, ..Disk::new() };
     let recording = recording(begun(&disk), true, || u64::MAX);
-    // The call returns: it does not wait for a queue that no thread empties any more.
+    // The call returns, because it does not wait for a queue that no thread empties any more.
     put_pictures(&recording.recorder(), 2_000);
     let written = recording.finish();
     assert!(written.is == RecordingStatus::NotWhole && written.message.contains("no space left"), "{written:?}");
@@ -173,10 +172,10 @@ fn a_disk_that_hangs_makes_a_gap_in_lock_step_too() {
     assert!(matches!(check_recording(&disk.bytes()[..]), Err(TapeError::Lost { .. })));
 }
 
-/// A caller that ends the recording, such as the service's end or the next cycle's page, does not wait for a disk that
-/// hangs.
+/// A caller that ends the recording, such as the end of the service or the page of the next cycle, does not wait for a
+/// disk that hangs.
 #[test]
-fn a_disk_that_hangs_at_the_end_is_left() {
+fn the_end_does_not_wait_for_a_disk_that_hangs() {
     let (_disk, go, writer) = hanging();
     let room = Box::new(|| Ok(u64::MAX));
     let bounds = bounds(false, Duration::from_millis(50));
@@ -192,9 +191,9 @@ fn a_disk_that_hangs_at_the_end_is_left() {
     drop(go);
 }
 
-/// The file is ended with the reason; the entries before it can be read.
+/// The file ends with the reason; the entries before it can be read.
 #[test]
-fn below_the_floor_the_recording_ends_with_its_reason() {
+fn too_little_free_space_ends_the_recording_with_its_reason() {
     let disk = Disk::new();
     let recording = recording(begun(&disk), true, || RECORDING_FLOOR_MB - 1);
     put_pictures(&recording.recorder(), 2_000);
@@ -241,8 +240,7 @@ fn a_file_that_cannot_be_made_is_reported() {
     );
 }
 
-/// Calculated by hand: a loop that has run for an hour begins a recording; the recorded times begin at zero all the
-/// same.
+/// Calculated by hand: a loop that has run for an hour begins a recording, whose times nevertheless begin at zero.
 #[test]
 fn time_begins_with_the_recording() {
     let disk = Disk::new();
@@ -267,7 +265,7 @@ fn ended(said: &str) -> Command {
 }
 
 #[test]
-fn the_same_words_are_no_difference_and_come_with_their_answer() {
+fn equal_commands_are_no_difference_and_have_the_recorded_answer() {
     let sent = || line(Topic::Command, json!({ "send": ended("same") }), json!({ "Ok": 4 }));
     let refused = line(
         Topic::Command,
@@ -300,15 +298,15 @@ fn next_report(player: &mut Player) -> Option<Report> {
     RobotPort::next(player).expect("no thread is lost")
 }
 
-/// Returns whether the player makes a request to the state table; by this request, a replay that has diverged ends the
-/// loop.
+/// Returns whether the player makes a request to the state table; with this request, a replay that has diverged ends
+/// the loop.
 fn asks(player: &mut Player) -> bool {
     let next = RequestPort::next(player, &State::INITIAL).expect("no thread is lost");
     matches!(next, Some(Request { what: RequestKind::Table(_), .. }))
 }
 
 #[test]
-fn another_call_or_none_parts_them() {
+fn another_call_or_none_ends_the_replay() {
     let abort = || line(Topic::Command, json!("abort"), json!({ "Ok": null }));
     let mut other = player(vec![abort()]);
     assert!(other.send(ended("same")).is_err());
@@ -328,7 +326,7 @@ fn another_call_or_none_parts_them() {
 
 /// A camera call that the loop no longer makes is a difference, although it had no result at that time.
 #[test]
-fn a_camera_that_is_not_asked_any_more_is_a_difference() {
+fn a_missing_camera_call_is_a_difference() {
     let look = || line(Topic::Camera, json!("picture"), to_json(&Err::<(), _>("blind")));
     let result = || Entry { at_ns: 5, ..line(Topic::Result, Value::Null, json!(7)) };
     let mut later = player(vec![look(), result()]);
@@ -343,10 +341,10 @@ fn a_camera_that_is_not_asked_any_more_is_a_difference() {
     assert!(player(vec![look()]).replay_result().differences.is_empty());
 }
 
-/// A result that is computed in parallel with the loop arrives at the recorded time, not before, and no other
-/// result arrives.
+/// A result that is computed in parallel with the loop arrives at the recorded time and not before; no other result
+/// arrives.
 #[test]
-fn a_result_waits_for_its_turn() {
+fn a_result_arrives_at_its_recorded_time() {
     let reports = || line(Topic::Report, Value::Null, to_json(&Report::Progress { done: CommandId(4) }));
     let result = line(Topic::Result, Value::Null, json!(7));
     let mut player = player(vec![reports(), result]);
@@ -357,7 +355,7 @@ fn a_result_waits_for_its_turn() {
 }
 
 #[test]
-fn a_stop_watch_is_no_finding_but_its_limit_is() {
+fn elapsed_times_are_not_compared_but_their_limits_are() {
     let found = |ms: f64, mm: f64| {
         let numbers = [Check::new(name::SCAN_TO_VERDICT, "ms", ms), Check::new("residual", "mm", mm)];
         Finding::new(Kind::Locate, 0, Judgement::new(vec![], vec![])).with_checks(numbers)

@@ -1,4 +1,4 @@
-//! Tests which client gets which answer, and when.
+//! Tests which client receives which answer, and when.
 
 use super::super::request_queue::{RequestSender, request_queue};
 use super::*;
@@ -22,7 +22,7 @@ fn at(at: At) -> State {
     State { at, ..step(State::INITIAL, Event::Reported(Report::Robot(Robot::Ready))).0 }
 }
 
-/// Returns the next request that comes to the loop.
+/// Returns the next request that the loop receives.
 fn next(handler: &mut RequestHandler, state: &State) -> Option<RequestKind> {
     handler.next_request(state).expect("no thread is lost").map(|request| request.what)
 }
@@ -57,7 +57,7 @@ fn signals_stop_then_abort_and_leave_at_rest() {
     assert!(matches!(next(&mut handler, &at(At::Stopped)), Some(RequestKind::Leave)));
 }
 
-/// When the verdict is known, the park move of the cell is still to come.
+/// When the verdict is known, the motion to the park pose has not begun yet.
 #[test]
 fn a_page_is_due_once_the_cell_rests() {
     let (_sender, queue) = request_queue();
@@ -73,11 +73,11 @@ fn a_page_is_due_once_the_cell_rests() {
     assert_eq!(pages.try_iter().map(|ended| ended.id).collect::<Vec<_>>(), [CycleId(7)], "once");
 }
 
-/// Two screens show review 1. One person accepts, the cell continues and is held with review 2. The other person
-/// accepts on the outdated screen: the decision does not reach the state table, and the refusal states what has
+/// Two screens show review 1. One person accepts, and the cell continues until it is held with review 2. The other
+/// person accepts on the outdated screen: the decision does not reach the state table, and the refusal states what has
 /// changed. A decision on the displayed step is executed.
 #[test]
-fn a_decision_is_good_for_the_step_that_was_shown() {
+fn a_decision_is_valid_only_for_the_step_that_was_shown() {
     let (sender, mut handler) = handler();
     let held = |resume, step| State { step, ..at(At::Held(Hold { why: Why::Review, resume })) };
     let (first, second) = (held(Phase::Plan, 7), held(Phase::Assess { left: false }, 11));
@@ -145,10 +145,10 @@ fn each_request_has_one_reply() {
     }
 }
 
-/// A reset that fails before its reply is due reports the problem found, and so does the state afterwards. A
-/// request that comes after the reset was answered has a reply of its own.
+/// If a reset fails before its reply is due, its reply states the problem, and so does the state afterwards. A request
+/// after the answer to the reset has its own reply.
 #[test]
-fn a_reset_that_fails_at_once_states_what_was_found() {
+fn a_failed_reset_states_the_problems_found() {
     let (sender, mut handler) = handler();
     let stopped = at(At::Stopped);
     let failed = || LoopEvent::Refused(cycle::Request::Reset, Refusal::Failed(Trouble::Camera));
@@ -178,9 +178,9 @@ fn a_reset_that_fails_at_once_states_what_was_found() {
     assert_eq!(codes(&handler.problems), ["camera", "scanner"]);
 }
 
-/// A client that requests the state without end does not delay a stop.
+/// A client that requests the state continuously does not delay a stop.
 #[test]
-fn a_stop_is_taken_in_the_round_in_which_it_comes() {
+fn a_stop_is_accepted_in_the_iteration_in_which_it_arrives() {
     let (sender, mut handler) = handler();
     let busy = at(At::Execute(Phase::Wet));
     let mut answers: Vec<_> = (0..3).cycle().take(24).map(|uid| send(&sender, uid, RequestKind::State)).collect();
@@ -190,7 +190,7 @@ fn a_stop_is_taken_in_the_round_in_which_it_comes() {
     assert!(answers.iter_mut().all(|answer| answer.try_recv().is_ok()), "and the others in the next one");
 }
 
-/// A thread that is lost ends the loop, regardless of other requests.
+/// A failed thread ends the loop, whatever requests wait.
 #[test]
 fn a_lost_thread_is_reported_to_the_loop() {
     let (_sender, queue) = request_queue();
@@ -204,8 +204,8 @@ fn a_lost_thread_is_reported_to_the_loop() {
     assert!(matches!(handler.next_request(&idle), Err(fault) if fault.thread == "socket"));
 }
 
-/// While a cycle is held, the reported phase is the one in which it continues; for a path the waypoints are reported,
-/// for a film its seconds.
+/// While a cycle is held, the reported phase is the one in which it continues. For a path the waypoints are reported,
+/// and for a film its duration so far.
 #[test]
 fn the_state_reports_the_progress() {
     let (_sender, mut handler) = handler();
@@ -227,7 +227,7 @@ fn the_state_reports_the_progress() {
     assert_eq!(page(&handler), None, "it is another cycle's");
 }
 
-/// What is possible is what the buttons offer: drying is offered exactly if the table accepts it.
+/// The buttons offer exactly the possible requests: drying is offered only if the state table accepts it.
 #[test]
 fn drying_is_offered_where_it_is_accepted() {
     let (_sender, handler) = handler();
@@ -268,7 +268,7 @@ fn a_hold_names_its_author_and_reason_while_it_lasts() {
     assert_eq!(told(&handler, &held), ["ben"]);
 }
 
-/// A picture of the former part is not shown once a cycle has begun.
+/// When a cycle has begun, no picture of the former part is shown.
 #[test]
 fn a_cycle_begins_without_a_picture() {
     let (_sender, mut handler) = handler();

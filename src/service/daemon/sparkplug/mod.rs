@@ -1,14 +1,14 @@
-//! The cell at an MQTT broker, as an edge node of Sparkplug B: a live view, whose data may be lost.
+//! The cell as an edge node of Sparkplug B at an MQTT broker: a live view, whose data may be lost.
 //!
 //! ```text
 //! the loop ─ state, twice a second ─ CellView ─────────┐
-//! the store ─ every minute, and at each change ────────┤
+//! the store ─ every ten seconds, and at each change ───┤
 //! broker ─ TLS ─ connection ─ packets ─ session ─ panelprep_interfaces::sparkplug::EdgeNode ─ actions ─ publish
 //!                                                                              └──── asking → Gateway → the loop, audit trail
 //! ```
 //!
 //! It runs on a thread and a runtime of its own. Whatever the broker does, the loop, the robot's link and the cameras
-//! never wait for it. Commands go through the gateway, as those of every interface do.
+//! never wait for it. Commands pass through the gateway, as those of every interface do.
 //!
 //! This file has the thread that keeps the cell connected to its broker, and the cell's state for the broker: the loop
 //! is polled twice a second, and the store if something has changed or ten seconds have passed.
@@ -33,12 +33,12 @@ use std::time::{Duration, Instant};
 use tokio::sync::{oneshot, watch};
 use tokio::time::sleep;
 
-/// Delays before a lost broker is tried again: the first value at the beginning, then twice as long each time, up to
-/// the second value.
+/// Delays before the next attempt to connect: the first value at the beginning, then twice as long each time, up to the
+/// second value.
 const RETRY_DELAYS: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(60)];
 /// Time after which a connection counts as stable.
 const MIN_STABLE_TIME: Duration = Duration::from_secs(30);
-/// Number of threads that wait for the store's disk and for the names of hosts.
+/// Number of threads that wait for the store's disk and for the look-up of host names.
 const BLOCKING_THREADS: usize = 3;
 
 /// The parts that the edge node needs.
@@ -49,7 +49,7 @@ pub struct SparkplugParts {
     pub front: InterfaceContext,
 }
 
-/// The edge node while it is served. Dropping it reports its death to the broker, and ends it.
+/// The edge node; it runs until this is dropped. Dropping it reports the node's death to the broker.
 #[derive(Debug)]
 pub struct SparkplugEdge {
     _background: Background,
@@ -60,7 +60,7 @@ impl SparkplugEdge {
     /// does not wait for the connection.
     ///
     /// # Errors
-    /// If the system refuses a thread.
+    /// If the system provides no thread.
     pub fn serve(SparkplugParts { node, front }: SparkplugParts) -> std::io::Result<Self> {
         let plan = Plan { name: "sparkplug", task: NAME, blocking_threads: BLOCKING_THREADS, stack_bytes: None };
         let begin = async move |leave: &mut oneshot::Receiver<()>| run((&node, &front), leave).await;
@@ -121,11 +121,11 @@ async fn run((node, front): (&SparkplugNode, &InterfaceContext), leave: &mut one
 
 /// Interval at which the loop is polled.
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
-/// Longest time between two readings of the store: the record of a cycle's end may come a little after its state,
-/// and ages increase.
+/// Longest time between two readings of the store: the end of a cycle may be stored a little after the state has
+/// changed, and ages increase.
 const MAX_STORE_POLL_INTERVAL: Duration = Duration::from_secs(10);
 
-/// Reads the cell repeatedly, until no receiver is left.
+/// Polls the cell repeatedly, until there is no receiver any more.
 async fn poll_cell(parts: InterfaceContext, tell: watch::Sender<Option<CellView>>) {
     let (mut kept, mut read) = (StoreView::default(), None::<(Instant, LoopView)>);
     while !tell.is_closed() {
@@ -145,14 +145,14 @@ async fn poll_cell(parts: InterfaceContext, tell: watch::Sender<Option<CellView>
     }
 }
 
-/// Returns whether the store may contain something new: a phase, a state, a pass or a cycle has changed.
+/// Returns whether the store may contain new data, because a phase, a state, a pass or a cycle has changed.
 fn has_store_changed(was: &LoopView, now: &LoopView) -> bool {
     let key = |view: &LoopView| (view.table.map(|state| state.at), view.phase.clone(), view.cycle, view.pass);
     key(was) != key(now)
 }
 
 fn loop_view(reply: Reply) -> LoopView {
-    // If the loop does not answer, its state is unknown, and no former value is reported as the present one.
+    // If the loop does not answer, its state is unknown, and its former values are not reported as the present ones.
     if reply.state.is_none() {
         return LoopView::default();
     }
@@ -169,8 +169,8 @@ fn loop_view(reply: Reply) -> LoopView {
     }
 }
 
-/// Returns the data of the store and the disk; runs on the calling thread, which may wait for the disk. If the
-/// store cannot be read, none of its data is reported.
+/// Returns the data of the store and the disk. Runs on the calling thread, which may wait for the disk. If the store
+/// cannot be read, none of its data are reported.
 fn read_store_view(parts: &InterfaceContext) -> StoreView {
     parts.check_alarms();
     match parts.people.read(|store| read(store, &parts.alarms)) {
@@ -186,7 +186,7 @@ fn read(store: &Store, alarms: &Alarms) -> Result<StoreView, StoreError> {
     let now_unix_s = now_unix_ms() / 1_000;
     let newest = store.newest_cycle()?.map(|id| store.past_cycle(id)).transpose()?.map(|past| summary(&past));
     let newest = newest.as_ref();
-    // Only the newest cycle can still be running, so if there are two cycles, at least one is over.
+    // Only the newest cycle can still be running, so of two cycles at least one has ended.
     let hits = store.search(&Query { limit: 2, ..Query::default() })?.hits;
     let last = hits.iter().find_map(|hit| Some((hit.cycle.0, hit.verdict?)));
     let lasting = alarms.active_in_order(store)?;

@@ -1,6 +1,6 @@
-//! One connection to the broker, from beginning to end. `BrokerConnection` states how the broker is reached:
-//! address, TLS, user and password; the files are read again for each connection. `HostRequests` are the requests of
-//! a host to the cell, and the lines of the audit trail for what never reached the cell.
+//! One connection to the broker, from beginning to end. `BrokerConnection` has the parameters of the connection:
+//! address, TLS, user and password; the files are read again for each connection. `HostRequests` passes the requests of
+//! a host to the cell, and writes lines of the audit trail for those that never reached the cell.
 
 use crate::daemon::alarms::Alarms;
 use crate::daemon::clock::now_unix_ms;
@@ -25,21 +25,21 @@ use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval, timeout};
 
-/// Largest number of messages that wait for the connection. If they are not accepted, the connection is closed: its
-/// data may be lost, but not reordered.
-const MAX_WAITING: usize = 64;
-/// Largest number of packets of the broker that wait for the node; the others wait in the broker.
+/// Largest number of messages that wait to be sent. If there are more, the connection is closed: data may be lost, but
+/// must not be reordered.
+const MAX_WAITING_MESSAGES: usize = 64;
+/// Largest number of the broker's packets that wait for the node; the others wait in the broker.
 const MAX_PACKETS: usize = 16;
-/// Interval at which the cell is read.
+/// Interval at which the cell's values are read.
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
-/// Time limit for the broker to answer a connection, in s, and to accept its last messages.
+/// Time limit for the broker to accept a connection, s, and to accept its last messages.
 const CONNECT_TIMEOUT_S: u64 = 10;
 const DISCONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// The text for a connection's task that ended without a message, which should never occur.
+/// The error text if the connection's task ended without a message, which should never occur.
 pub(super) const BROKEN: &str = "the connection's task failed";
 
-/// How a connection ended.
+/// The way in which a connection ended.
 pub(super) enum SessionEnd {
     /// The program ends.
     Leaving,
@@ -54,7 +54,7 @@ pub(super) struct SessionParts {
     pub host_requests: HostRequests,
     pub view: watch::Receiver<Option<CellView>>,
     pub started: Instant,
-    /// The broker's address and port, for people.
+    /// The broker's address and port, as shown to people.
     pub address: String,
     pub alarms: Arc<Alarms>,
 }
@@ -63,8 +63,8 @@ pub(super) struct SessionParts {
 pub(super) const NAME: &str = "MQTT Sparkplug";
 
 impl SessionParts {
-    /// Reports that there is no connection, for this reason; the same reason is logged only once until a connection
-    /// exists again.
+    /// Reports that there is no connection, for this reason; the same reason is logged only once until there is a
+    /// connection again.
     pub fn report_failure(&self, why: &str) {
         let problem = format!("no connection to {}: {why}", self.address);
         if self.alarms.set_connection_problem(NAME, Some(&problem)) {
@@ -101,10 +101,10 @@ pub(super) async fn connected(
     node.step(NodeEvent::Connecting, parts.now());
     let options = broker.connection_options(node.last_will(parts.now()));
     // Each connection has its own client: messages that waited for an earlier connection are not sent on this one.
-    let (client, mut eventloop) = AsyncClient::builder(options).capacity(MAX_WAITING).build();
+    let (client, mut eventloop) = AsyncClient::builder(options).capacity(MAX_WAITING_MESSAGES).build();
     eventloop.network_options.set_connection_timeout(CONNECT_TIMEOUT_S);
     let (tell, packets) = mpsc::channel(MAX_PACKETS);
-    // The task ends with this connection, because dropping a set ends its tasks.
+    // The task ends with this connection, because a dropped set ends its tasks.
     let mut polling = JoinSet::new();
     polling.spawn(drive_connection(eventloop, tell));
     let mut session = Session { parts, node, client, packets, open_subscriptions: 0 };
@@ -113,7 +113,8 @@ pub(super) async fn connected(
     ended
 }
 
-/// Drives the connection. This needs a task of its own: if a poll is dropped half-way, a message may be cut.
+/// Polls the connection. This needs a task of its own: if a poll is dropped before it is complete, a message may be cut
+/// off.
 async fn drive_connection(mut eventloop: EventLoop, tell: mpsc::Sender<Result<rumqttc::Event, ConnectionError>>) {
     loop {
         let event = eventloop.poll().await;
@@ -217,7 +218,7 @@ impl Session<'_> {
         None
     }
 
-    /// Ends the connection once all earlier messages were sent.
+    /// Ends the connection after all earlier messages are sent.
     async fn disconnect(&mut self) {
         if self.client.try_disconnect().is_err() {
             return;
@@ -251,7 +252,7 @@ fn describe_error(error: &ConnectionError) -> String {
         other => {
             let words = other.to_string();
             let advice = if words.contains("UnknownIssuer") {
-                "; the file at ca_certificate does not contain the authority that signed the broker's certificate"
+                "; the file at ca_certificate does not contain the certificate authority that signed the broker's certificate"
             } else if words.contains("Promised boundary crossed") || words.contains("reset by peer") {
                 "; the broker may use another protocol at this port, or MQTT over TLS: set ca_certificate for TLS"
             } else if words.contains("closed by peer abruptly") {
@@ -267,11 +268,11 @@ fn describe_error(error: &ConnectionError) -> String {
 /// Time without data after which a connection is checked, s; the broker reports the node's death after one and a half
 /// times this time.
 const KEEP_ALIVE_S: u16 = 10;
-/// Largest message that is accepted from the broker, and largest message that is sent, in bytes. A command is far
+/// Largest message that is accepted from the broker, and largest message that is sent, bytes. A command is much
 /// smaller.
 const MAX_BYTES: [usize; 2] = [16 * 1_024, 256 * 1_024];
 
-/// How the broker is reached.
+/// The parameters of the connection to the broker.
 pub(super) struct BrokerConnection {
     options: MqttOptions,
 }
@@ -299,7 +300,7 @@ impl BrokerConnection {
         Ok(BrokerConnection { options })
     }
 
-    /// Returns the options for a connection with this will.
+    /// Returns the options for a connection with this last will.
     pub fn connection_options(&self, will: Message) -> MqttOptions {
         let mut options = self.options.clone();
         options.set_last_will(LastWill::new(will.topic, will.payload, quality(will.qos), false));
@@ -317,13 +318,14 @@ fn quality(qos: u8) -> QoS {
 pub(super) struct HostRequests {
     pub gateway: Gateway,
     pub people: Arc<AccountService>,
-    /// The origin of the commands, in the audit trail.
+    /// The origin of the commands, for the audit trail.
     pub origin: String,
 }
 
 impl HostRequests {
-    /// Makes the request to the cell, by the same requests and gates as the operator's page. The loop records the
-    /// request with its result; a line of the audit trail is written only for a request that the loop never received.
+    /// Requests this command from the cell, with the same requests and gates as the operator's page. The loop records
+    /// the request with its result; a line of the audit trail is written only for a request that the loop never
+    /// received.
     pub async fn request_cell(self, command: NodeCommand, is_noted: bool) {
         let Some(request) = command.request() else { return };
         let from = Some(self.origin.clone());
@@ -338,7 +340,7 @@ impl HostRequests {
     /// Records a line of the audit trail, on a thread that may wait for the disk.
     pub async fn write_audit(self, note: AuditNote) {
         let AuditNote { what, subject, refused } = note;
-        // The role that the cell's file gives to all hosts; it is not known which host made this request.
+        // The cell's file gives this role to all hosts; it is not known which host sent this command.
         let role = refused.is_none().then_some(Role::Operator);
         let entry = AuditEntry {
             subject,

@@ -1,4 +1,4 @@
-//! Brokers that behave wrongly: the connection ends with a reason, and the cell receives no request.
+//! Tests with faulty brokers: the connection ends with a reason, and the cell receives no request.
 
 use super::session::{BROKEN, BrokerConnection, HostRequests, SessionEnd, SessionParts, connected};
 use crate::daemon::alarms::Alarms;
@@ -65,8 +65,8 @@ impl Edge {
         Edge { parts, broker, node, queue, listener, runtime, _tell: tell, _folder: folder }
     }
 
-    /// Runs one connection to a broker that does this and then closes the connection. Returns the reason for the end,
-    /// and the bytes that the node sent.
+    /// Runs one connection to a broker that calls this function and then closes the connection. Returns the reason for
+    /// the end, and the bytes that the node sent.
     fn meets(&mut self, broker: impl FnOnce(&mut TcpStream) + Send + 'static) -> (String, Vec<u8>) {
         let listener = self.listener.try_clone().expect("the same");
         let plays = std::thread::spawn(move || {
@@ -91,7 +91,7 @@ impl Edge {
     }
 }
 
-/// The answer to an accepted connection: no session, return code 0.
+/// The packet that accepts a connection: no session, return code 0.
 const CONNACK: [u8; 4] = [0x20, 2, 0, 0];
 
 /// Returns a message of the broker, with these flags in its first byte.
@@ -116,15 +116,15 @@ fn stop() -> Vec<u8> {
     Payload { timestamp: Some(1), metrics: vec![metric], seq: None }.encode_to_vec()
 }
 
-/// The CONNECT packet requests a clean session, and has a will of quality 1 that is not retained.
+/// The CONNECT packet requests a clean session, and has a last will with quality of service 1 that is not retained.
 #[test]
 fn the_connection_has_a_will() {
     let mut edge = Edge::new();
     let (why, connect) = edge.meets(|_| {});
     assert!(!why.is_empty() && why != BROKEN, "{why}");
     assert_eq!(&connect[2..9], b"\x00\x04MQTT\x04", "MQTT 3.1.1");
-    // Clean session 02, will 04, and the will's quality 1 as 08; not retained (20), no user (80) and no password
-    // (40).
+    // Clean session 02, will 04, and the will's quality of service 1 as 08; not retained (20), no user (80) and no
+    // password (40).
     assert_eq!(connect[9], 0x0e);
     let is_there = |part: &[u8]| connect.windows(part.len()).any(|window| window == part);
     assert!(is_there(b"spBv1.0/G/NDEATH/cell") && is_there(b"bdSeq") && is_there(b"G/cell"));
@@ -144,9 +144,9 @@ fn a_broker_that_refuses_is_reported_in_words() {
     assert!(why.contains("refuses the subscription to spBv1.0/G/NCMD/cell"), "{why}");
 }
 
-/// A stop is executed at once, a retained stop is not; and a topic that was not subscribed has no effect.
+/// A stop is executed at once, but a retained stop is not; a message on a topic without subscription has no effect.
 #[test]
-fn what_the_broker_delivers_is_looked_at() {
+fn messages_of_the_broker_are_checked() {
     let mut edge = Edge::new();
     let topic = "spBv1.0/G/NCMD/cell";
     edge.meets(move |stream| {
@@ -163,10 +163,10 @@ fn what_the_broker_delivers_is_looked_at() {
     assert_eq!(edge.was_asked(), ["stop"]);
 }
 
-/// Bytes that are not, or not quite, MQTT: in every case the connection ends with a reason, nothing panics, and the
-/// cell receives no request. The topic of commands has another name here, so that random bytes cannot form a stop.
+/// Bytes that are not valid MQTT: in every case the connection ends with a reason, no code panics, and the cell
+/// receives no request. The topic of commands has another name here, so that random bytes cannot form a stop.
 #[test]
-fn no_bytes_of_a_broker_do_harm() {
+fn invalid_bytes_of_a_broker_end_the_connection() {
     let mut edge = Edge::new();
     let mut draw = Pcg64::seed_from_u64(7);
     let packets = [

@@ -1,4 +1,4 @@
-//! The compliant tool in the loop: a whole cycle with the tool, the recording of the cycle, and every fault at
+//! Tests the compliant tool in the loop: a whole cycle with the tool, the recording of the cycle, and every fault at
 //! every waypoint of a path.
 
 use super::fake::{Asks, AtContact, Cell as Fake};
@@ -17,7 +17,8 @@ fn compliant() -> Fake {
     fake
 }
 
-/// The tool presses with the force of the recipe, and the record contains the force at the robot's poses.
+/// The tool presses with the force of the recipe, and the record contains the measured force at the poses that the
+/// robot reported.
 #[test]
 fn a_cycle_with_a_compliant_tool_passes() {
     let story = compliant().run(Asks::one_cycle());
@@ -42,8 +43,8 @@ fn code(fault: ToolFault) -> &'static str {
     }
 }
 
-/// Each fault is tested at every fourth waypoint; the next fault is tested at the waypoints after these, so that each
-/// waypoint has at least one fault.
+/// Each fault is tested at every fourth waypoint, and the next fault one waypoint later, so that each waypoint has at
+/// least one fault.
 #[test]
 fn a_fault_at_every_waypoint_ends_contact_in_time() {
     faults_end_contact_in_time(4);
@@ -55,8 +56,8 @@ fn every_fault_at_every_waypoint_ends_contact_in_time() {
     faults_end_contact_in_time(1);
 }
 
-/// Every fault at each `step`th waypoint: the tool is off within 500 ms of the fault, or of the first touch after
-/// it. The fault is reported by its name, the cycle is held, and the record states how far the path was executed.
+/// Tests every fault at each `step`-th waypoint: the tool is off within 500 ms of the fault, or of the first touch
+/// after it. The fault is reported by its name, the cycle is held, and the record states the executed part of the path.
 fn faults_end_contact_in_time(step: u32) {
     let begun = AtContact::new(compliant());
     let whole = begun.run(0, None);
@@ -86,15 +87,15 @@ fn faults_end_contact_in_time(step: u32) {
             }
             let found = end.findings.iter().find(|finding| finding.kind == Kind::Tool);
             let Some(found) = found else {
-                // No pressing followed after the fault, or the tool is stuck at a position at which the pressing is
-                // still correct.
+                // The disc did not press any more after the fault, or the tool is stuck at a position at which its
+                // force is still correct.
                 assert!(end.done == Some(begun.waypoints()), "{at}");
                 assert!(fault == ToolFault::Stuck || from + 5 > begun.waypoints(), "{at}");
                 continue;
             };
             ended += 1;
             let reported = &found.judgement.reasons[0];
-            // With too little force for landing, there is no contact, and no force that could be judged.
+            // If the force is too small for landing, there is no contact, and no force that could be judged.
             let is_weak =
                 matches!(fault, ToolFault::ForceOff(off_n) if off_n < 0.0) && reported.code == "no_contact";
             let fits = reported.code == code(fault) || is_weak || fault == ToolFault::Stuck;
@@ -112,7 +113,7 @@ fn faults_end_contact_in_time(step: u32) {
     assert!(ended as u32 * step > 8 * begun.waypoints(), "{ended} in steps of {step}");
 }
 
-/// A force needs a compliant tool, a compliant tool needs a force, and the tool must be able to apply the force.
+/// A force in the recipe needs a compliant tool, a compliant tool needs a force, and the tool must be able to apply it.
 #[test]
 fn recipe_and_tool_must_agree() {
     let says = |cell: &'static str, recipe: &'static str| {
@@ -129,7 +130,8 @@ fn recipe_and_tool_must_agree() {
     };
     assert!(says(TOOL, "").contains("states no [path] force_n"));
     assert!(says("", FORCE).contains("force_n = 20, which has no effect"));
-    // By hand: 1.5 kg weigh 14.7 N, so with a force tolerance of 5 N, a tool of 100 N has 80.3 N left if it points upwards.
+    // Calculated by hand: the weight of 1.5 kg is 14.7 N, so with a force tolerance of 5 N, a tool of 100 N has 80.3 N
+    // left if it points upwards.
     let told = says(TOOL, "[path]\nforce_n = 80.5\n");
     assert!(
         told.contains("with the tool's force tolerance of 5 N and the weight of its payload, 14.7 N"),
@@ -140,7 +142,7 @@ fn recipe_and_tool_must_agree() {
     assert_eq!(says(TOOL, FORCE), "");
 }
 
-/// The stroke does not absorb the error at the tool: rejected before the panel is wet.
+/// The tool's stroke is shorter than the error at the tool: the part is rejected before the panel is wetted.
 #[test]
 fn a_stroke_that_is_too_short_is_rejected() {
     let mut fake = compliant();

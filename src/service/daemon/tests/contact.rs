@@ -1,6 +1,6 @@
-//! The record of contact: the permitted waypoints, the effect of a lost link, the counted abrasions of earlier cycles,
-//! and the authors of requests. And tests of how the execution of a contact path is judged: a reject ends the cycle, a
-//! review waits for a person. No reason is reported for something that did not happen.
+//! Tests the record of contact: the permitted waypoints, the effect of a lost link, the counted abrasions of earlier
+//! cycles, and the authors of requests. Also tests how the execution of a contact path is judged: a reject ends the
+//! cycle, and a review waits for a person. No reason is reported for something that did not happen.
 
 use super::fake::{Asks, Cell as Fake};
 use super::serving::Script;
@@ -14,7 +14,7 @@ fn contact(state: &State) -> bool {
     matches!(state.intent, Some(intent) if intent.motion.path == Path::Contact && intent.done > 2)
 }
 
-/// The robot executes no waypoint in contact before its permission is in the record; waypoints are permitted in
+/// The robot executes no waypoint in contact before the record contains its permission; waypoints are permitted in
 /// blocks.
 #[test]
 fn no_waypoint_in_contact_comes_before_its_permission() {
@@ -35,8 +35,8 @@ fn no_waypoint_in_contact_comes_before_its_permission() {
     assert_eq!((path.pass, story.clocks.len()), (1, 2));
 }
 
-/// The executed part of the path is not known: no abrasion is recorded, and the whole path stays counted as wear of
-/// the disc, even after a person has cleared the abort.
+/// The executed part of the path is not known: no abrasion is recorded, and the wear of the disc by the whole path
+/// stays counted, even after a person has cleared the abort.
 #[test]
 fn a_link_that_is_lost_in_contact_leaves_an_unknown_end() {
     let cell = Fake::new(Scene::Good).slow().whose_link_is_lost_in_contact();
@@ -54,9 +54,9 @@ fn a_link_that_is_lost_in_contact_leaves_an_unknown_end() {
     assert!(whole_mm2 > 1_000.0 && record.worn_mm2 == whole_mm2, "{} of {whole_mm2}", record.worn_mm2);
 }
 
-/// An abort in contact, whose end is reported: the executed part is recorded.
+/// If the end of an abort in contact is reported, the executed part is recorded.
 #[test]
-fn an_abort_in_contact_is_booked_with_its_motion() {
+fn an_abort_in_contact_is_recorded_with_its_motion() {
     let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle().with(contact, cycle::Request::Abort));
     let (motion, outcome, done) = story.motions(Path::Contact)[0];
     assert!(outcome == Outcome::Aborted && done > 2 && done < motion.waypoints, "{story}");
@@ -64,8 +64,8 @@ fn an_abort_in_contact_is_booked_with_its_motion() {
     assert_eq!(found.number(name::EXECUTED_WAYPOINTS_NAME), Some(f64::from(done)));
 }
 
-/// R21: if a feedback goes off in contact, the path ends, and the executed part is recorded. The contradicting output
-/// is reported by name.
+/// R21: if a feedback changes to off in contact, the path ends, and the executed part is recorded. The contradicting
+/// output is reported by name.
 #[test]
 fn a_feedback_that_goes_off_in_contact_holds() {
     for (bit, name) in [(2, "extraction_flow"), (3, "tool_running")] {
@@ -82,10 +82,10 @@ fn a_feedback_that_goes_off_in_contact_holds() {
     }
 }
 
-/// The cable of a sensor is broken: the cycle is aborted because the answer is late, and an additional finding states
+/// The cable of a sensor is broken: the cycle is aborted because the answer is late, and an additional finding names
 /// the missing feedback.
 #[test]
-fn a_feedback_that_never_comes_is_named() {
+fn a_missing_feedback_is_named() {
     for (bit, name, asked) in
         [(4, "light_on", "the light is on"), (2, "extraction_flow", "the dust extraction is on")]
     {
@@ -104,7 +104,7 @@ fn earlier(times: u8, is_sure: bool) -> Vec<EarlierPass> {
 
 /// Two abrasions are allowed. A grid that an earlier cycle may have abraded counts as abraded.
 #[test]
-fn what_may_have_been_abraded_before_counts() {
+fn possible_earlier_abrasions_are_counted() {
     let mut once = Fake::new(Scene::Good);
     once.earlier = earlier(1, false);
     let story = once.run(Asks::one_cycle());
@@ -126,10 +126,10 @@ fn what_may_have_been_abraded_before_counts() {
     }
 }
 
-/// Anyone may request a stop at any time: one that changes nothing is refused each time, and is on the record once
-/// a second.
+/// Any person may request a stop at any time: a stop that has no effect is refused each time, and is recorded once a
+/// second.
 #[test]
-fn a_stop_that_is_refused_again_and_again_is_one_line() {
+fn a_repeatedly_refused_stop_is_recorded_once_a_second() {
     let rests = |state: &State| state.at == At::Stopped;
     let asks = (0..6).fold(Asks::nothing(), |asks, _| asks.with(rests, cycle::Request::Stop));
     let story = Fake::new(Scene::Clean).run(asks);
@@ -137,9 +137,9 @@ fn a_stop_that_is_refused_again_and_again_is_one_line() {
     assert_eq!(story.asked.len(), 1, "{:?}", story.asked);
 }
 
-/// Requests without end do not delay the robot and the deadlines: the cycle continues to its end.
+/// Continuous requests do not delay the robot and the deadlines: the cycle continues to its end.
 #[test]
-fn a_flood_of_requests_does_not_hold_up_the_cycle() {
+fn continuous_requests_do_not_delay_the_cycle() {
     let story = Fake::new(Scene::Clean).run(Asks::one_cycle().without_end(cycle::Request::Reset));
     assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
     assert!(story.refusals.len() > 100, "{}", story.refusals.len());
@@ -147,7 +147,7 @@ fn a_flood_of_requests_does_not_hold_up_the_cycle() {
 
 /// Each request is recorded once with its answer; a refused request is recorded as refused.
 #[test]
-fn each_request_is_kept_with_its_answer() {
+fn each_request_is_recorded_with_its_answer() {
     let works = |state: &State| matches!(state.at, At::Execute(_));
     let story = Fake::new(Scene::Clean).run(Asks::one_cycle().with(works, cycle::Request::Accept));
     assert_eq!(story.refusals, [(cycle::Request::Accept, Refusal::NotNow)]);
@@ -178,8 +178,8 @@ fn held_for_review(state: &State) -> bool {
     matches!(state.at, At::Held(Hold { why: Why::Review, .. }))
 }
 
-/// The robot reports poses 3.5 mm beside the planned lines; the limit is 3 mm. The cycle is held, and nothing more
-/// happens until a person accepts. Then the cycle continues with the rinse and the next film, as usual.
+/// The robot reports poses 3.5 mm beside the planned lines; the limit is 3 mm. The cycle is held until a person
+/// accepts, and then continues with the rinse and the next film, as usual.
 #[test]
 fn a_path_beside_its_plan_is_held_and_continues_once_accepted() {
     let fake = || Fake::new(Scene::Good).step_by_step().that_is_off_plan(3.5, [20, 30]);
@@ -201,8 +201,8 @@ fn a_path_beside_its_plan_is_held_and_continues_once_accepted() {
 const REMOVAL: &str = "[path]\nfeed_mm_s = 120\n[removal]\nmethod = \"scheduled\"\ntarget_um = 30\nmax_um = 60\n\
                        force_n = 20\neven_percent = 100\n";
 
-/// The robot moves much slower than planned (its override), so that the disc removes far more than the part may
-/// lose. The next film would pass, but it is never watched: the part is rejected.
+/// The robot moves much more slowly than planned because of its override, so that the disc removes far more than the
+/// part may lose. The next film would pass, but it is not made: the part is rejected.
 #[test]
 fn a_path_that_removed_too_much_rejects_the_part() {
     let mut fake = Fake::new(Scene::Good).whose_contact_takes(700);
@@ -216,10 +216,10 @@ fn a_path_that_removed_too_much_rejects_the_part() {
     assert_eq!(judgement.reasons[0].code, "removal_too_deep", "{judgement:?}");
 }
 
-/// A hold in contact remains a hold. The rest of the path is not a reason for a review. The hold itself switched the
-/// tool off, so this is not a fault, however long the arm needs to come to rest.
+/// A hold in contact remains a hold: the rest of the path is not a reason for a review. The hold itself switched the
+/// tool off, so this is not a fault, even if the arm comes to rest late.
 #[test]
-fn a_hold_in_contact_finds_nothing_wrong() {
+fn a_hold_in_contact_is_no_fault() {
     let in_contact =
         |state: &State| matches!(state.intent, Some(i) if i.motion.path == Path::Contact && i.done > 20);
     let is_held = |state: &State| matches!(state.at, At::Held(hold) if hold.why == Why::Asked);
@@ -231,13 +231,13 @@ fn a_hold_in_contact_finds_nothing_wrong() {
     assert_eq!(codes(&story, Kind::Abrade), ["part"], "{story}");
 }
 
-/// An air-run needs no disc, removes nothing and presses on nothing: conditions that forbid contact do not forbid an
-/// air-run.
+/// An air-run needs no disc and removes and touches nothing: conditions that forbid contact do not forbid an air-run.
 #[test]
 fn an_air_run_is_judged_by_its_motion_alone() {
     let worn_out = || {
         let mut fake = Fake::new(Scene::Good);
-        // No model: the removal by the disc is not known. And the disc has done ten times its life.
+        // There is no removal model, so the disc's removal is not known; and the disc has swept ten times the area of
+        // its life.
         (fake.more_recipe, fake.worn_mm2) = (REMOVAL, 1e9);
         fake
     };
@@ -255,10 +255,10 @@ fn an_air_run_is_judged_by_its_motion_alone() {
     );
 }
 
-/// In contact, each measured pose is compared with the path. With a deviation of 20 mm the motion is aborted at
-/// once; the deviation is not only graded when the path has ended.
+/// In contact, each measured pose is compared with the path. A deviation of 20 mm aborts the motion at once, and not
+/// only at the end of the path.
 #[test]
-fn an_arm_far_off_its_path_leaves_it_at_once() {
+fn a_large_deviation_aborts_the_path_at_once() {
     let story = Fake::new(Scene::Good).step_by_step().that_is_off_plan(20.0, [20, 30]).run(Asks::one_cycle());
     let (motion, outcome, done) = story.motions(Path::Contact)[0];
     assert!(outcome == Outcome::Aborted && done < 30 && done < motion.waypoints, "{outcome:?} at {done}: {story}");

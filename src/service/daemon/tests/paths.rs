@@ -1,5 +1,5 @@
-//! Tests what the cycle checks about surface and paths, and when: reach before the panel is wet, every motion from the
-//! actual axis positions, feed and rounding as planned, the executed path, the disc.
+//! Tests what the cycle checks about surface and paths, and when: the reach before the panel is wetted, every motion
+//! from the actual axis positions, feed and rounding as planned, the executed path, and the disc.
 
 use super::*;
 use panelprep_base::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
@@ -21,7 +21,7 @@ fn number(story: &fake::Story, kind: Kind, name: &str) -> f64 {
     finding.number(name).unwrap_or_else(|| panic!("{name}: {finding:?}"))
 }
 
-/// A wall is in front of the panel: no grid can be reached, which is known before any water runs.
+/// A wall is in front of the panel: no grid can be reached, and this is known before any water runs.
 #[test]
 fn a_panel_out_of_reach_is_rejected_before_it_is_wet() {
     let mut fake = Fake::new(Scene::Good);
@@ -34,7 +34,8 @@ fn a_panel_out_of_reach_is_rejected_before_it_is_wet() {
     assert!(!wet, "{story}");
 }
 
-/// A post in front of its lower left grids: a person may continue, since perhaps none of those fails.
+/// An obstacle is in front of the lower left grids: a person may let the cycle continue, since these grids may not
+/// fail.
 #[test]
 fn a_panel_partly_out_of_reach_is_for_a_person_to_decide() {
     let mut fake = Fake::new(Scene::Clean);
@@ -48,9 +49,9 @@ fn a_panel_partly_out_of_reach_is_for_a_person_to_decide() {
     assert!(number(&story, Kind::Reach, "grids within the arm's reach") > 2.0);
 }
 
-/// The cell's file states an upper arm 10 mm longer than the real one: no linear motion is started.
+/// The upper arm in the cell's file is 10 mm longer than the real one: no linear motion is started.
 #[test]
-fn an_arm_that_is_another_one_does_not_move() {
+fn an_arm_with_another_geometry_does_not_move() {
     let mut fake = Fake::new(Scene::Good);
     fake.more_cell = "[arm]\nmodel = 'custom'\na1_mm = 25\na2_mm = -25\nb_mm = 0\nc1_mm = 400\nc2_mm = 345\nc3_mm = 365\n\
                       c4_mm = 90\noffsets_deg = [0, -90, 0, 0, 0, 0]\nsigns = [-1, 1, 1, -1, 1, -1]\n\
@@ -61,11 +62,11 @@ fn an_arm_that_is_another_one_does_not_move() {
     assert_eq!((story.lines, codes(&story, Kind::Gate)), (0, vec!["arm_model".to_owned()]), "{story}");
 }
 
-/// By hand: lines of at most 10 mm that need 200 ms to plan have a feed of at most 50 mm/s, and less if that makes
-/// the time under the disc even. Corners are rounded by a fifth of the shorter adjacent line, and paths stop only
-/// at their ends.
+/// Calculated by hand: lines of at most 10 mm that take 200 ms to plan have a feed of at most 50 mm/s, or less if the
+/// dwell times are then more even. Corners are rounded by a fifth of the shorter adjacent line, and paths stop only at
+/// their ends.
 #[test]
-fn each_line_brings_its_feed_and_rounding() {
+fn each_line_has_its_feed_and_rounding() {
     let mut fake = Fake::new(Scene::Good);
     fake.more_recipe = "[path]\nplanning_time_ms = 200\nlift_hole_mm = 30\n";
     let story = fake.run(Asks::one_cycle());
@@ -76,12 +77,11 @@ fn each_line_brings_its_feed_and_rounding() {
     assert!(fastest < 0.0601 && in_rows > story.feeds.len() / 2, "{fastest} {in_rows}");
     assert!(story.feeds.iter().all(|(_, blend_mm)| *blend_mm <= 0.2 * 40.0 + 1e-9));
     let stops = story.feeds.iter().filter(|(_, blend_mm)| *blend_mm == 0.0).count();
-    // Each area's path stops in the air in front of the area and after it; the very first stop belongs to the
-    // approach.
+    // The path of each area stops in the air before and after the area; the very first stop belongs to the approach.
     assert_eq!(stops % 2, 1, "{stops}");
 }
 
-/// A plan for the grid r2c3 of the panel at its taught place, and the axes at each waypoint of the plan.
+/// A plan for the grid r2c3 of the panel at its taught pose, and the axis positions at each waypoint of the plan.
 struct OnOneGrid {
     setup: CycleSetup,
     place: Rigid<Base, Panel>,
@@ -107,8 +107,8 @@ impl OnOneGrid {
     }
 }
 
-/// A plan that its own gate rejects is not sent, whatever a person accepted; a plan that was submitted to a person
-/// is sent.
+/// A plan that its own gate rejects is not sent, even if a person accepted something before; a plan that a person
+/// reviewed is sent.
 #[test]
 fn no_plan_is_sent_that_its_gate_rejects() {
     let OnOneGrid { setup, place, flange_from_tool, plan, joints } = OnOneGrid::new(&Fake::new(Scene::Good));
@@ -135,8 +135,8 @@ fn no_plan_is_sent_that_its_gate_rejects() {
     }
 }
 
-/// Returns the pose of the flange at a waypoint of contact, with the tool lifted by this much along its axis, and
-/// the approximate axes there.
+/// Returns the pose of the flange at a waypoint of contact, with the tool lifted by this distance along its axis, and
+/// the approximate axis positions there.
 fn standing_over_the_panel(fake: &Fake, lifted_mm: f64) -> (Rigid<Base, Flange>, Joints) {
     let OnOneGrid { place, flange_from_tool, plan, joints, .. } = OnOneGrid::new(fake);
     let lifted = routes::lift_contact_points(&plan, lifted_mm);
@@ -145,8 +145,8 @@ fn standing_over_the_panel(fake: &Fake, lifted_mm: f64) -> (Rigid<Base, Flange>,
     (base_from_flange, joints[at])
 }
 
-/// After a stop in contact the tool touches the panel: no axis motion starts from there. After the arm was jogged 80
-/// mm away, it continues automatically.
+/// After a stop in contact the tool touches the panel: no axis motion begins there. After the arm was jogged 80 mm
+/// away, the cycle continues automatically.
 #[test]
 fn an_arm_left_at_the_panel_does_not_move_by_its_axes() {
     let fake = Fake::new(Scene::Clean);
@@ -162,11 +162,11 @@ fn an_arm_left_at_the_panel_does_not_move_by_its_axes() {
     assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
 }
 
-/// A panel that has bowed by 0.6 mm since it was taught: the path follows its present surface, and the record
-/// states the distance from the taught one. On the taught surface the distances of the points of contact would
-/// differ by more than half the bow.
+/// The panel has bowed by 0.6 mm since it was taught: the path follows its present surface, and the record states the
+/// distance from the taught surface. On the taught surface, the distances of the points of contact would differ by more
+/// than half of the bow.
 #[test]
-fn the_path_follows_the_panel_as_it_lies_there_today() {
+fn the_path_follows_the_present_surface() {
     let spread_mm = |story: &fake::Story| {
         let mut off_mm = story.contact_off_mm.clone();
         off_mm.sort_by(f64::total_cmp);
@@ -187,13 +187,13 @@ fn the_path_follows_the_panel_as_it_lies_there_today() {
     assert!(deviation_mm(&plain) < 0.3 && (0.2..0.7).contains(&deviation_mm(&bowed)), "{}", deviation_mm(&bowed));
 }
 
-/// A recipe that places a drawing by datum points. By hand: its frame lies at (560, −200, 360) mm, turned by 90° about
-/// z, far from the base that is the frame of a scanned panel.
+/// A recipe that positions a drawing by datum points. Calculated by hand: the drawing's frame lies at (560, −200, 360)
+/// mm, rotated by 90° about z, far from the base that is the frame of a scanned panel.
 const BY_DATUMS: &str = "[surface]\nmax_profile_mm = 3.0\n[nominal]\ndatums_drawing_mm = [[0, 0, 0], [400, 0, 0], [0, 250, 0]]\n\
                          datums_base_mm = [[560, -200, 360], [560, 200, 360], [310, -200, 360]]\n";
 
-/// The panel's frame is the drawing's, so that other programs can use the base that is set; the tool meets the panel as
-/// it does with a panel that was taught by a scan, and the same gates pass it.
+/// The panel's frame is that of the drawing, so that other programs can use the base that is set. The tool touches the
+/// panel as it does with a panel that was taught by a scan, and the same gates accept it.
 #[test]
 fn the_base_of_a_drawn_panel_is_the_frame_of_the_drawing() {
     let by_scan = Fake::new(Scene::Good).run(Asks::one_cycle());
@@ -234,7 +234,7 @@ fn the_base_of_a_drawn_panel_is_the_frame_of_the_drawing() {
 
 /// The robot reports its poses: every failed grid was under the disc, and the area that the disc swept is recorded.
 #[test]
-fn what_was_executed_is_looked_at() {
+fn the_executed_path_is_evaluated() {
     let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle());
     assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
     let abraded = story.findings.iter().find(|finding| finding.kind == Kind::Abrade).expect("abraded");
@@ -250,8 +250,8 @@ fn what_was_executed_is_looked_at() {
     assert!(number(&story, Kind::Abrade, "poses reported on the way") > 10.0);
     let contact_mm = number(&story, Kind::Abrade, "way in contact");
     assert!((story.worn_mm2 - 30.0 * contact_mm).abs() < 1e-6 && contact_mm > 100.0);
-    // The whole path is counted before a motion is open; the area really swept replaces it while the motion is
-    // still open.
+    // The wear of the whole path is counted before the motion begins; the area that was really swept replaces it while
+    // the motion is still open.
     let [(planned_mm2, false), (correction_mm2, true)] = story.wears.as_slice() else {
         panic!("{:?}", story.wears)
     };
@@ -260,11 +260,11 @@ fn what_was_executed_is_looked_at() {
 
 const BY_BREAK: &str = "[treat]\nby = \"break\"\n";
 
-/// With grids of 97 mm, areas around breaks are abraded: the cycle passes as with whole grids, and the way in contact is
-/// shorter. Every grid into which an area extends is in the record of the abrasion, also a grid beside a failed one, and the
+/// With grids of 97 mm, areas around breaks are abraded: the cycle passes as with whole grids, and the path in contact
+/// is shorter. Every grid into which an area extends is in the record of the abrasion, even if it did not fail, and the
 /// contact path names it. The second film judges all six grids.
 #[test]
-fn only_what_broke_is_abraded() {
+fn only_areas_around_breaks_are_abraded() {
     let run = |more_recipe: &'static str| {
         let mut fake = Fake::new(Scene::Good).slow();
         (fake.more_recipe, fake.grids) = (more_recipe, Some([2, 3]));
@@ -296,17 +296,17 @@ fn only_what_broke_is_abraded() {
         let references = film.details.keys().filter(|detail| detail.starts_with("judged by the "));
         references.flat_map(|detail| film.names(detail)).collect::<BTreeSet<_>>().len()
     };
-    // The first film has no sanded grid, and states no reference.
+    // No grid is sanded before the first film, so the film states no reference.
     assert_eq!(films.map(judged).next_back(), Some(6));
-    // A default recipe's record has none of these numbers.
+    // The record of a recipe with default values has none of these numbers.
     let plain = by_grid.findings.iter().find(|finding| finding.kind == Kind::Plan).expect("planned");
     assert!(plain.number(name::BREAKS_REACHED).is_none() && plain.number(name::AROUND_BREAKS).is_none());
 }
 
-/// Abrasion around the breaks removes no grease here: the next film breaks in the same grids, they are abraded once more,
-/// and then the cycle ends without a pass.
+/// Abrasion around the breaks removes no grease here: the next film breaks in the same grids, which are abraded once
+/// more, and then the cycle ends without a pass.
 #[test]
-fn a_break_that_is_left_by_an_area_is_found_again() {
+fn a_remaining_break_is_found_again() {
     let mut fake = Fake::new(Scene::Good).whose_panel_stays_greasy();
     (fake.more_recipe, fake.grids) = (BY_BREAK, Some([2, 3]));
     let story = fake.run(Asks::one_cycle());
@@ -318,9 +318,9 @@ fn a_break_that_is_left_by_an_area_is_found_again() {
     assert!(around > 0, "{story}");
 }
 
-/// The disc has 100 mm² left of its life: a new one is requested before the panel is wet.
+/// Only 100 mm² of the disc's life are left: a new disc is requested before the panel is wetted.
 #[test]
-fn a_worn_disc_is_asked_for_before_the_panel_is_wet() {
+fn a_new_disc_is_requested_before_the_panel_is_wet() {
     let mut fake = Fake::new(Scene::Good);
     (fake.more_recipe, fake.worn_mm2) = ("[path]\ndisc_life_mm2 = 100000\n", 99_900.0);
     let story = fake.run(Asks::one_cycle());
@@ -329,9 +329,9 @@ fn a_worn_disc_is_asked_for_before_the_panel_is_wet() {
     assert!(story.motions(Path::Contact).is_empty());
 }
 
-/// The pad's stroke does not absorb the error at the tool: rejected before the panel is wet.
+/// The pad's stroke is shorter than the error at the tool: the part is rejected before the panel is wetted.
 #[test]
-fn a_press_in_without_a_known_error_is_rejected_before_the_panel_is_wet() {
+fn a_stroke_shorter_than_the_error_is_rejected_before_the_panel_is_wet() {
     let mut fake = Fake::new(Scene::Good);
     fake.more_recipe = "[path]\npress_in_mm = 1\npad_stroke_mm = 4\n";
     let story = fake.run(Asks::one_cycle());
@@ -339,10 +339,10 @@ fn a_press_in_without_a_known_error_is_rejected_before_the_panel_is_wet() {
     assert_eq!(codes(&story, Kind::Reach), ["pad_stroke"], "{story}");
 }
 
-/// The check uses the same arm posture as the later motion: over the corners that determine the panel's pose, in their
-/// order, with the same obstacles.
+/// The reach check uses the same posture of the arm as the later motion: the arm moves through the corners that
+/// determine the panel's pose, in the same order and with the same obstacles.
 #[test]
-fn the_arm_is_where_its_own_corners_lead() {
+fn the_reach_check_uses_the_posture_of_the_corner_tour() {
     let fake = Fake::new(Scene::Good);
     let (cell, recipe, taught, calibrations) = fake.files();
     let setup = fake::setup(&cell, &recipe, &taught, calibrations);
@@ -359,14 +359,14 @@ fn the_arm_is_where_its_own_corners_lead() {
         let wanted = place * corners[last].teaching_data.panel_from_camera;
         assert!(camera.origin().distance_mm(wanted.origin()) < 0.01, "{chosen:?}");
     }
-    // Directly from the ready pose to the second corner, axis 3 would have to move beyond its margin.
+    // On a direct motion from the ready pose to the second corner, axis 3 would leave its permitted range.
     let second_first = at(&[1, 0], None).expect_err("out of reach");
     assert!(
         second_first.message.contains("corner 2") && second_first.message.contains("axis 3"),
         "{second_first:?}"
     );
     assert_eq!(at(&[], None).expect_err("no corner").code, "no_corner");
-    // An object at the position of the camera.
+    // An obstacle at the position of the camera.
     let eye = (place * corners[1].teaching_data.panel_from_camera).origin();
     let obstacles = Arc::new(Obstacles::default().with_points_of("what the scan saw", [eye]));
     let refused = at(&[0, 1], Some(&obstacles)).expect_err("in the way");
@@ -379,9 +379,9 @@ fn the_arm_is_where_its_own_corners_lead() {
 }
 
 /// A smooth correction is valid only inside the volume in which it was measured: outside, neither contact nor a corner
-/// view for measuring is permitted.
+/// view is permitted.
 #[test]
-fn nothing_is_measured_or_touched_where_the_correction_was_not_measured() {
+fn outside_the_correction_volume_nothing_is_measured_or_touched() {
     let fake = Fake::new(Scene::Good);
     let (cell, recipe, taught, calibrations) = fake.files();
     let panel = &taught.0;

@@ -1,4 +1,4 @@
-//! Cycles of the service, recorded and run again.
+//! Tests cycles of the service that are recorded and replayed.
 
 use super::fake::Cell as Fake;
 use super::serving::{Script, complete};
@@ -7,11 +7,11 @@ use panelprep_cell::cycle::State;
 use panelprep_store::tape::{Entry, EntryReader, LoopMemoryStart, Topic, check_recording};
 use std::path::Path as File;
 
-/// Attempts of a test that runs by the wall clock.
+/// Maximum number of attempts of a test that uses the wall clock.
 const MAX_ATTEMPTS: usize = 5;
 
-/// Serves this script, records its second order, and replays the recording; returns the recorded entries and the
-/// verdict.
+/// Serves this script, records the second cycle that it orders, and replays the recording; returns the recorded entries
+/// and the verdict.
 fn recorded(mut fake: Fake, script: impl FnOnce(Script, &Fake, &Fake) -> Script) -> (Vec<Entry>, Option<Verdict>) {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("cycle.mcap");
@@ -38,8 +38,8 @@ fn asked(entries: &[Entry]) -> Vec<String> {
     heard.map(|entry| entry.reply.to_string()).collect()
 }
 
-/// The first cycle is not recorded, and its deadlines remain. Of the second cycle everything is recorded, contact
-/// and second film included.
+/// The first cycle is not recorded, and its deadlines remain. The second cycle is recorded completely, with contact and
+/// second film.
 #[test]
 fn a_cycle_of_the_service_replays_without_a_difference() {
     let (entries, verdict) = recorded(Fake::new(Scene::Good), |script, plain, taped| {
@@ -51,9 +51,9 @@ fn a_cycle_of_the_service_replays_without_a_difference() {
 }
 
 /// Requests from outside are part of the recording: a new disc, a review that a person accepts, an order that is not
-/// possible at that time, a hold.
+/// possible at that time, and a hold.
 #[test]
-fn what_is_asked_meanwhile_is_replayed_too() {
+fn requests_during_a_cycle_are_replayed() {
     let mut fake = Fake::new(Scene::Good);
     (fake.more_recipe, fake.worn_mm2) = ("[path]\ndisc_life_mm2 = 1000000\n", 999_900.0);
     let held = |state: &State| matches!(state.at, At::Held(_));
@@ -80,10 +80,10 @@ fn what_is_asked_meanwhile_is_replayed_too() {
     }
 }
 
-/// By the wall clock the robot continues to report while something is computed; the result enters at the recorded
-/// point. The cycle is stopped in the middle of its film.
+/// With the wall clock the robot continues to report during a computation; in the replay, the result arrives at the
+/// recorded point. The cycle is stopped in the middle of its film.
 #[test]
-fn by_the_wall_clock_results_come_when_they_came() {
+fn with_the_wall_clock_results_arrive_at_the_recorded_time() {
     let stopped_in_the_film = || {
         let mut fake = Fake::new(Scene::Clean);
         fake.by_the_wall = true;
@@ -100,18 +100,18 @@ fn by_the_wall_clock_results_come_when_they_came() {
                 .leave_when(|state| matches!(state.at, At::Stopped | At::Aborted { .. }) || complete(state))
         });
         assert_eq!(verdict, Some(Verdict::Aborted));
-        // While the scan was evaluated, the robot reported its state.
+        // The robot reported its state while the scan was evaluated.
         let scan = entries.iter().position(|entry| entry.action == "scan")?;
         let located = entries.iter().skip(scan).position(|entry| entry.topic == Topic::Result)?;
         Some(entries[scan..scan + located].iter().filter(|entry| entry.topic == Topic::Report).count())
     };
-    // On a machine with much other work the link's deadlines end the cycle before its scan is evaluated.
+    // On a busy machine, the link's deadlines end the cycle before its scan is evaluated.
     let reports = (0..MAX_ATTEMPTS).find_map(|_| stopped_in_the_film()).expect("a cycle that reaches its film");
     assert!(reports > 0, "the robot did not report while the scan was evaluated");
 }
 
-/// The commands and reports of the compliant tool are part of the recording; with it the cycle gives the same
-/// result again.
+/// The commands and reports of the compliant tool are part of the recording; the replay of the cycle gives the same
+/// result.
 #[test]
 fn a_cycle_with_a_compliant_tool_replays_without_a_difference() {
     let mut fake = Fake::new(Scene::Good).step_by_step();

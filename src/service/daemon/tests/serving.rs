@@ -1,4 +1,4 @@
-//! The service: computing in parallel, orders, self-tests.
+//! Tests the service: computing in parallel, orders, and self-tests.
 
 use super::fake::{Cell as Fake, FakeCameras};
 use super::*;
@@ -17,7 +17,7 @@ use std::time::Duration;
 
 type When = Box<dyn FnMut(&State) -> bool>;
 
-/// Makes each request when its time has come, then leaves.
+/// Makes each request when its condition is satisfied, then requests to leave.
 #[derive(Default)]
 pub struct Script {
     steps: VecDeque<(When, RequestKind)>,
@@ -78,7 +78,7 @@ pub fn complete(state: &State) -> bool {
 }
 
 #[test]
-fn cycles_come_one_after_the_other() {
+fn cycles_run_one_after_the_other() {
     let cell = Fake::new(Scene::Good);
     let mut script = Script::default().reset().start(&cell).reset().start(&cell).leave_when(complete);
     cell.serve(|cameras| cameras, vec![], &mut script);
@@ -87,7 +87,8 @@ fn cycles_come_one_after_the_other() {
     assert_eq!(script.refusals, []);
 }
 
-/// The disc is changed while the cell is held for it; the result is accepted, and the wear of the disc begins anew.
+/// The disc is changed while the cell is held for this reason; the result is accepted, and the wear of the disc is
+/// counted from zero.
 #[test]
 fn a_new_disc_continues_after_a_review() {
     let mut cell = Fake::new(Scene::Good);
@@ -106,8 +107,8 @@ fn a_new_disc_continues_after_a_review() {
     assert!((1_000.0..900_000.0).contains(&record.worn_mm2), "{}", record.worn_mm2);
 }
 
-/// The warning output is on once for each start from rest, for the time that the cell's file states, and off again
-/// before the arm moves.
+/// The warning output is on once for each start from rest, for the time in the cell's file, and is off again before the
+/// arm moves.
 #[test]
 fn the_cell_warns_before_it_moves() {
     let mut cell = Fake::new(Scene::Clean);
@@ -121,10 +122,10 @@ fn the_cell_warns_before_it_moves() {
     assert_eq!(silent.warning_ms.0, [], "a cell without the output");
 }
 
-/// A stop is sent to the robot before the loop receives it: a command between the two is not a fault, and the state
-/// table stops the cycle.
+/// A stop is sent to the robot before the loop receives it: a command that is sent in between is not a fault, and the
+/// state table stops the cycle.
 #[test]
-fn a_command_after_a_stop_on_the_wire_is_no_fault() {
+fn a_command_after_a_directly_sent_stop_is_no_fault() {
     let cell = Fake::new(Scene::Clean);
     let mut is_stopped = cell.stops_before_a_command();
     let mut has_begun = false;
@@ -168,10 +169,10 @@ fn a_command_without_an_epoch_is_a_fault() {
     assert_eq!(script.verdicts, [Verdict::Aborted]);
 }
 
-/// The first start is refused, because the switch must be in the position local. The switch is turned, and the same
-/// start is accepted.
+/// The first start is refused, because the switch must be at local. After the switch is set, the same start is
+/// accepted.
 #[test]
-fn a_start_is_taken_from_the_selected_side() {
+fn a_start_is_accepted_from_the_selected_side() {
     let mut cell = Fake::new(Scene::Clean);
     cell.more_io = ["", "local_control = 6\n"];
     let (remote, local) = (cell.turns_to_local(false), cell.turns_to_local(true));
@@ -187,9 +188,9 @@ fn a_start_is_taken_from_the_selected_side() {
     assert_eq!((script.not_permitted, script.verdicts), (vec!["local_control".to_owned()], vec![Verdict::Pass]));
 }
 
-/// The same cycle, computed in the loop and in parallel: the same events, in the same order.
+/// The same cycle, computed in the loop and in parallel, has the same events in the same order.
 #[test]
-fn where_it_is_computed_does_not_matter() {
+fn computing_in_the_loop_and_in_parallel_gives_equal_events() {
     let here = Fake::new(Scene::Good).run(super::fake::Asks::one_cycle()).events;
     let cell = Fake::new(Scene::Good);
     let mut script = Script::default().reset().start(&cell).leave_when(complete);
@@ -197,31 +198,31 @@ fn where_it_is_computed_does_not_matter() {
     assert_eq!(here, aside);
 }
 
-/// Cameras with a fault of their own.
-struct Odd {
+/// Cameras with faults.
+struct FaultyCameras {
     cameras: FakeCameras,
     /// The first scan lasts until the test releases it.
     go_on: Option<Receiver<()>>,
-    /// The faults that a check finds.
+    /// The faults that a check reports.
     wrong: Vec<CameraFault>,
-    /// Pictures of each film that are not fetched in time.
+    /// The pictures of each film that are dropped.
     drops: Range<u64>,
     taken: u64,
 }
 
-impl Odd {
+impl FaultyCameras {
     fn new(cameras: FakeCameras) -> Self {
-        Odd { cameras, go_on: None, wrong: vec![], drops: 0..0, taken: 0 }
+        FaultyCameras { cameras, go_on: None, wrong: vec![], drops: 0..0, taken: 0 }
     }
 }
 
-impl Port<CameraCommand> for Odd {
+impl Port<CameraCommand> for FaultyCameras {
     fn perform(&mut self, command: CameraCommand) -> Result<CameraAnswer, CameraFault> {
         match command {
             CameraCommand::Scan => {
                 if let Some(go_on) = self.go_on.take() {
-                    // Much longer than the test lasts: if the loop waited for this scan, the scan would never be
-                    // released.
+                    // Much longer than the test takes: if the loop waited for this scan, no code would release the
+                    // scan.
                     let why = |_| CameraFault { camera: "the scanner", why: "the loop waited for it".to_owned() };
                     go_on.recv_timeout(Duration::from_secs(30)).map_err(why)?;
                 }
@@ -246,8 +247,8 @@ impl Port<CameraCommand> for Odd {
     }
 }
 
-/// By the wall clock the film's next picture is not requested by the loop: it is evaluated when the camera has it,
-/// regardless of the robot.
+/// With the wall clock, the loop does not request the film's next picture: it is evaluated when the camera has it,
+/// whatever the robot does.
 #[test]
 fn a_film_continues_without_the_robot() {
     let fake = Fake::new(Scene::Clean);
@@ -297,26 +298,27 @@ fn watched_s(worked: &WorkResult) -> Option<f64> {
     }
 }
 
-/// Pictures that the camera dropped are missing in the picture times: the film is not a valid test, whatever it shows,
+/// If the camera drops pictures, the times of the pictures have gaps: the film is not a valid test, whatever it shows,
 /// and the number of dropped pictures is reported.
 #[test]
 fn dropped_pictures_are_a_gap_in_time() {
     let cell = Fake::new(Scene::Clean);
     let held = |state: &State| matches!(state.at, At::Held(_) | At::Complete { .. });
     let mut script = Script::default().reset().start(&cell).leave_when(held);
-    let record = cell.serve(|cameras| Odd { drops: 5..11, ..Odd::new(cameras) }, vec![], &mut script);
+    let record =
+        cell.serve(|cameras| FaultyCameras { drops: 5..11, ..FaultyCameras::new(cameras) }, vec![], &mut script);
     let film = record.findings.iter().find(|finding| finding.kind == Kind::Inspect).expect("watched");
     let codes: Vec<String> = film.judgement.reasons.iter().map(|reason| reason.code.to_string()).collect();
     assert!(film.judgement.verdict == Verdict::Invalid && codes.contains(&"gap".to_owned()), "{film:?}");
     assert_eq!(film.number("pictures that were dropped"), Some(6.0));
-    // Calculated by hand: one picture every two seconds; the fourth one came at six seconds, the next one received,
-    // the eleventh, at twenty.
+    // Calculated by hand: one picture every two seconds. The fourth one was taken at six seconds, and the next one that
+    // was received, the eleventh, at twenty.
     let longest_s = film.number("longest time between two of them").expect("measured");
     assert!((longest_s - 14.0).abs() < 1e-6, "{longest_s}");
 }
 
-/// A stop during the scan ends in Stopped before the scan ends. The result of the scan is dropped, and the next
-/// cycle makes its own scan.
+/// A stop during the scan leads to Stopped before the scan ends. The result of the scan is dropped, and the next cycle
+/// makes its own scan.
 #[test]
 fn a_stop_does_not_wait_for_a_computation() {
     let cell = Fake::new(Scene::Clean);
@@ -336,7 +338,11 @@ fn a_stop_does_not_wait_for_a_computation() {
         .when(stopped, RequestKind::Table(cycle::Request::Reset))
         .start(&cell)
         .leave_when(complete);
-    let record = cell.serve(|cameras| Odd { go_on: Some(go_on), ..Odd::new(cameras) }, vec![], &mut script);
+    let record = cell.serve(
+        |cameras| FaultyCameras { go_on: Some(go_on), ..FaultyCameras::new(cameras) },
+        vec![],
+        &mut script,
+    );
     assert_eq!(script.verdicts, [Verdict::Aborted, Verdict::Pass]);
     let reported = script.noted.iter().filter(|reason| reason.code == "stopped").count();
     assert_eq!(reported, 1, "a stop on request is reported as one: {:?}", script.noted);
@@ -348,9 +354,9 @@ fn a_stop_does_not_wait_for_a_computation() {
     assert_eq!(record.events[..stop].iter().filter(graded).count(), 0, "it was under way");
 }
 
-/// An order that the table refuses begins no cycle.
+/// An order that the state table refuses begins no cycle.
 #[test]
-fn an_order_out_of_turn_begins_nothing() {
+fn a_refused_order_begins_no_cycle() {
     let cell = Fake::new(Scene::Clean);
     let early = RequestKind::Begin(Box::new(cell.prepared()));
     let heard = |state: &State| state.facts.robot == panelprep_cell::cycle::Robot::Ready;
@@ -360,10 +366,10 @@ fn an_order_out_of_turn_begins_nothing() {
     assert_eq!(script.refusals[0].1, Refusal::NotNow);
 }
 
-/// A controller that reports another sum than the accepted one: neither Reset nor Start begins anything. With the
-/// accepted sum, the reset succeeds.
+/// The controller reports another checksum than the accepted one: neither Reset nor Start begins anything. With the
+/// accepted checksum, the reset succeeds.
 #[test]
-fn other_programs_than_the_accepted_ones_refuse_reset_and_start() {
+fn programs_that_were_not_accepted_prevent_reset_and_start() {
     let other = cycle::Robot::OtherPrograms;
     let mut cell = Fake::new(Scene::Clean);
     cell.more_cell = "[robot]\nprograms_sum = 2\n";
@@ -381,7 +387,7 @@ fn other_programs_than_the_accepted_ones_refuse_reset_and_start() {
         [(cycle::Request::Reset, Refusal::Robot(other)), (start, Refusal::NotNow)],
         "without a reset there is no start"
     );
-    // The sum changes while the cell is idle: the request that was in progress is refused.
+    // The checksum changes while the cell is idle: the pending request is refused.
     let mut idle = State { at: At::Idle, ..State::INITIAL };
     idle.facts.robot = other;
     let (after, effects) = cycle::step(idle, Event::Asked(start));
@@ -395,8 +401,8 @@ fn other_programs_than_the_accepted_ones_refuse_reset_and_start() {
     assert_eq!(script.refusals, []);
 }
 
-/// A real controller behind a tunnel to this computer, without signed proofs: nothing is started, and a cycle that began
-/// with a mock moves nothing more once the real one answers.
+/// A real controller behind a tunnel to this computer, without signed proofs: nothing is started, and a cycle that
+/// began with a mock moves nothing more when the real controller answers.
 #[test]
 fn a_real_controller_at_an_address_of_this_computer_does_not_move() {
     let tunnel = "[robot]\nkind = \"eki\"\nhost = \"127.0.0.1\"\nprograms_sum = 1\n";
@@ -429,9 +435,9 @@ fn a_real_controller_at_an_address_of_this_computer_does_not_move() {
     assert_eq!(script.verdicts, [Verdict::Aborted]);
 }
 
-/// Each thing that is wrong gives a reason, and the reset ends in Stopped.
+/// Each problem has a reason, and the reset ends in Stopped.
 #[test]
-fn a_self_test_names_all_that_is_wrong() {
+fn a_self_test_reports_all_problems() {
     let failed = |script: &Script| matches!(script.refusals[..], [(cycle::Request::Reset, Refusal::Failed(_))]);
     let codes = |script: &Script| script.noted.iter().map(|reason| reason.code.to_string()).collect::<Vec<_>>();
     let until = |mut seen: bool| {
@@ -444,7 +450,7 @@ fn a_self_test_names_all_that_is_wrong() {
     let unreadable = Reason::new("calibration", "scanner.toml: no such file");
     let wrong = vec![CameraFault { camera: "the scanner", why: "its cable is out".to_owned() }];
     let mut script = Script::default().reset().leave_when(until(false));
-    cell.serve(|cameras| Odd { wrong, ..Odd::new(cameras) }, vec![unreadable], &mut script);
+    cell.serve(|cameras| FaultyCameras { wrong, ..FaultyCameras::new(cameras) }, vec![unreadable], &mut script);
     assert!(failed(&script), "{:?}", script.refusals);
     assert_eq!(codes(&script), ["camera", "calibration"]);
 
@@ -454,8 +460,8 @@ fn a_self_test_names_all_that_is_wrong() {
     assert!(failed(&script) && codes(&script) == ["disk_full"], "{:?}", script.noted);
 }
 
-/// The disk fills while the cell works: the cell is held at the next rest and reports this, and continues only once
-/// there is room.
+/// The disk fills while the cell works: the cell is held at the next rest and reports this, and continues only when
+/// there is space.
 #[test]
 fn a_full_disk_holds_the_cell_until_there_is_room() {
     let held = |state: &State| matches!(state.at, At::Held(Hold { why: Why::Trouble(Trouble::DiskFull), .. }));

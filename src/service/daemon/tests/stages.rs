@@ -1,5 +1,5 @@
-//! Tests that the loop reports the same findings as a stage that is called directly on the same picture, as a command
-//! on files does.
+//! Tests that the loop reports the same findings as a stage that is called directly with the same picture, as a command
+//! that evaluates files does.
 
 use super::*;
 use crate::stages::corners::CornerReference;
@@ -40,7 +40,7 @@ fn a_scan_gives_the_loop_and_a_command_the_same_checks() {
     assert_eq!(by_loop.details["base_from_panel"], serde_json::json!(pose));
 }
 
-/// Returns the region's points in the scan of this cell, in which a command locates the panel.
+/// Returns the points of the region in the scan of this cell, in which a command locates the panel.
 fn todays_scan(fake: &Fake) -> TodaysScan {
     let (_, recipe, (panel, _), calibrations) = fake.files();
     let scan = fake.scan();
@@ -94,7 +94,7 @@ fn grids_give_the_loop_and_a_command_the_same_plan() {
     assert_eq!(by_loop.judgement, by_command.judgement);
 }
 
-/// Returns the checks without the measured computing times and the values of the loop's own moves.
+/// Returns the checks without the elapsed times and without the values of the loop's own moves.
 fn of_the_stage<'c>(checks: impl IntoIterator<Item = &'c Check>) -> Vec<Check> {
     let of_the_loop = [
         name::PER_PICTURE,
@@ -126,7 +126,7 @@ fn a_clip_gives_the_loop_and_a_command_the_same_checks() {
         (2, 2, 2),
         "a broken film, and a whole one"
     );
-    // The second film shows places that were sanded.
+    // Only the first film is compared: the second one shows sanded areas.
     for (index, by_loop) in by_loop.into_iter().enumerate().take(1) {
         let end = starts.get(index + 1).copied().unwrap_or(story.frames.len());
         let mut filming =
@@ -146,7 +146,7 @@ fn a_clip_gives_the_loop_and_a_command_the_same_checks() {
     }
 }
 
-/// For the loop's last finding on the corners, the stage receives both pictures with which the loop corrected the
+/// For the loop's last finding about the corners, the stage receives both pictures by which the loop corrected the
 /// pose.
 #[test]
 fn corner_pictures_give_the_loop_and_a_command_the_same_checks() {
@@ -180,7 +180,7 @@ fn corner_pictures_give_the_loop_and_a_command_the_same_checks() {
     for check in &by_command {
         let same = by_loop.iter().find(|of_loop| of_loop.name == check.name).unwrap_or_else(|| panic!("{check:?}"));
         assert_eq!((&same.limit, &same.message, &same.unit), (&check.limit, &check.message, &check.unit));
-        // The commands receive the panel's pose and the flange pose rounded to the digits of a pose in a file.
+        // The commands receive the poses of panel and flange rounded to the digits of a pose in a file.
         let (value, other) = (same.value.expect("measured"), check.value.expect("measured"));
         assert!((value - other).abs() < 1e-3, "{}: {value} and {other}", check.name);
     }

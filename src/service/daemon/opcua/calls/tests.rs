@@ -1,4 +1,4 @@
-//! Tests calls up to the service's requests: a queue replaces the loop.
+//! Tests calls up to the service's requests; a queue replaces the loop.
 
 use super::*;
 use crate::daemon::gateway::InterfaceContext;
@@ -71,7 +71,7 @@ impl SetupSource for Source {
 struct Cell {
     calls: Calls,
     asked: Arc<Mutex<Vec<String>>>,
-    /// Number of next requests that the loop refuses.
+    /// Number of further requests that the loop refuses.
     refuses: Arc<AtomicUsize>,
     _folder: TempDir,
 }
@@ -136,7 +136,7 @@ fn status(outcome: &CallOutcome) -> StatusCode {
 }
 
 /// Calls every method with every role and without an account: permitted calls reach the loop under the caller's name,
-/// others never do.
+/// the others never reach it.
 #[tokio::test]
 async fn each_method_reaches_the_loop_as_the_table_states() {
     for method in METHODS {
@@ -179,7 +179,7 @@ async fn each_method_reaches_the_loop_as_the_table_states() {
                 _ if is_allowed => vec![format!("{word} by {who}, through OPC UA")],
                 _ => vec![],
             };
-            // This cell has no files, so the loop receives a start as an unprepared one, without a client that waits.
+            // This cell has no files, so the loop receives a start that is not prepared and for which no client waits.
             let since = Instant::now();
             while cell.asked() != expected && since.elapsed() < Duration::from_secs(5) {
                 thread::sleep(Duration::from_millis(5));
@@ -197,7 +197,7 @@ async fn each_method_reaches_the_loop_as_the_table_states() {
 }
 
 #[tokio::test]
-async fn wrong_arguments_ask_for_nothing() {
+async fn wrong_arguments_cause_no_request() {
     let cell = Cell::new();
     let engineer = Some(Role::Engineer);
     let text = |text: &str| Variant::from(text);
@@ -207,7 +207,7 @@ async fn wrong_arguments_ask_for_nothing() {
         ("Hold", vec![text("now")]),
         ("Unhold", vec![]),
         ("Unhold", vec![text("true"), Variant::from(7_u32)]),
-        // Not accepted: a person's decision must state the step, as an unsigned number.
+        // Refused: a person's decision must state the step, as an unsigned number.
         ("Unhold", vec![Variant::from(true)]),
         ("Accept", vec![]),
         ("Clear", vec![]),
@@ -216,7 +216,7 @@ async fn wrong_arguments_ask_for_nothing() {
         ("Start", vec![text("door.toml"), text(&hash), Variant::from(7_i32), text(""), no()]),
         ("Start", vec![text("door.toml"), text(&hash), text("a\nb"), text(""), no()]),
         ("Start", vec![text("../cell.toml"), text(&hash), text(""), text(""), no()]),
-        // Not accepted: the hash of a recipe other than the chosen one, and no hash.
+        // Refused: a start with the hash of another recipe than the chosen one, and a start without a hash.
         ("Start", vec![text("door.toml"), text(&"0".repeat(64)), text(""), text(""), no()]),
         ("Start", vec![text("door.toml"), text(""), text(""), text(""), no()]),
         ("AcknowledgeAlarm", vec![text("1/none/2")]),
@@ -227,8 +227,7 @@ async fn wrong_arguments_ask_for_nothing() {
         let refusal = cell.calls.last_refusal().expect("it is reported");
         assert_eq!((refusal.method, refusal.user.as_str()), (name, "engineer"));
     }
-    // Only the refusals of starts whose recipe is unknown, or is not the one that was seen, go to the loop: for the
-    // record.
+    // Only refused starts reach the loop, for the record: those whose recipe is unknown or has changed.
     let since = Instant::now();
     while cell.asked().len() < 3 && since.elapsed() < Duration::from_secs(20) {
         tokio::task::yield_now().await;
@@ -241,7 +240,7 @@ async fn wrong_arguments_ask_for_nothing() {
 }
 
 #[tokio::test]
-async fn of_a_flood_little_reaches_the_loop_and_one_line_is_kept() {
+async fn excess_calls_do_not_reach_the_loop_and_give_one_line() {
     let cell = Cell::new();
     for _ in 0..500 {
         cell.call("Hold", &[], Some(Role::Operator)).await;
@@ -254,7 +253,7 @@ async fn of_a_flood_little_reaches_the_loop_and_one_line_is_kept() {
         .filter(|line| line.refused.as_deref() == Some("too many calls in a short time"))
         .count();
     assert_eq!(floods, 1);
-    // Another person can continue to call, and a stop is always accepted.
+    // Another person's calls are still accepted, and a stop always is.
     assert_eq!(status(&cell.call("Hold", &[], Some(Role::Engineer)).await), StatusCode::Good);
     assert_eq!(status(&cell.call("Stop", &[], Some(Role::Operator)).await), StatusCode::Good);
     let before = cell.asked().len();
@@ -267,9 +266,9 @@ async fn of_a_flood_little_reaches_the_loop_and_one_line_is_kept() {
     assert!(aborts >= 1 && aborts as u128 <= most, "{aborts} of at most {most}");
 }
 
-/// A stop that was refused is not the answer to the next one: the next stop is requested again, however soon it comes.
+/// A refused stop is not the answer to the next stop: the next one is requested again, even immediately after it.
 #[tokio::test]
-async fn only_a_stop_that_was_done_answers_the_next_one() {
+async fn only_an_executed_stop_answers_the_next_one() {
     let cell = Cell::new();
     for name in ["Stop", "Abort"] {
         let before = cell.asked().len();
@@ -303,7 +302,7 @@ async fn an_alarm_is_acknowledged_by_its_name_once() {
 }
 
 #[test]
-fn an_alarms_name_reads_back() {
+fn the_name_of_an_alarm_is_parsed() {
     let of = |cycle, code: &str, raised_unix_ms| Some(AlarmId { cycle, code: code.to_owned(), raised_unix_ms });
     assert_eq!(alarm_id("3/low_overlap/1700"), of(Some(CycleId(3)), "low_overlap", 1_700));
     assert_eq!(alarm_id("0/disk_scarce/5"), of(None, "disk_scarce", 5));
@@ -320,10 +319,10 @@ fn a_text_is_plain_and_short() {
     assert_eq!(text(&Variant::from(7_i32)), None);
 }
 
-/// Calculated by hand: 20 calls at once; after 2 s, 10 more; another caller is not affected; the excess is
-/// reported once in a minute.
+/// Calculated by hand: 20 calls are accepted at once, and 10 more after 2 s; another caller is not affected; the excess
+/// is reported once a minute.
 #[test]
-fn calls_beyond_the_measure_are_too_many_and_reported_once() {
+fn calls_above_the_limit_are_refused_and_reported_once() {
     let mut flood = CallLimiter::default();
     let mut taken =
         |caller: &str, now_s| (0..100).filter(|_| flood.call(caller, now_s) == CallDecision::Accepted).count();
@@ -332,7 +331,7 @@ fn calls_beyond_the_measure_are_too_many_and_reported_once() {
     assert_eq!(taken("ben", 2.0), 20);
     let mut flood = CallLimiter::default();
     let told: Vec<usize> = (0..12_000)
-        .filter(|n| flood.call("anna", *n as f64 / 100.0) == CallDecision::TooMany { is_recently_reported: true })
+        .filter(|n| flood.call("anna", *n as f64 / 100.0) == CallDecision::TooMany { must_report: true })
         .collect();
     assert_eq!(told.len(), 2, "{told:?}: twelve thousand calls in two minutes");
 }

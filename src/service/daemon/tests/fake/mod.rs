@@ -1,5 +1,4 @@
-//! The scripted cell: its setup, the functions that run, serve and replay one of its cycles, and the result of a
-//! cycle.
+//! The scripted cell: its setup, the functions that run, serve and replay one of its cycles, and the result of a cycle.
 
 mod record;
 mod robot;
@@ -33,17 +32,17 @@ const CELL: &str = "[poses]\npark = { a1_deg = -120, a2_deg = -75, a3_deg = 110,
      [io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextraction = 4\ntool = 5\n\
      [io.feedbacks]\nwater_off = 1\nlens_shut = 2\nextraction_flow = 3\ntool_running = 4\nlight_on = 5\n";
 
-/// A cell before its cycle.
+/// The settings of a cell before its cycle.
 pub struct Cell {
     world: Shared,
     box_to_mm: f64,
     fails_at: usize,
     is_full: bool,
-    /// See `fills_at` in the record.
+    /// The number of writes after which the disk is full; see `fills_at` of the record.
     pub fills_at: Option<usize>,
     /// Additional tables at the end of the recipe.
     pub more_recipe: &'static str,
-    /// Rows and columns of grids, if they are not those of the simulated region.
+    /// Numbers of rows and columns of grids, if they differ from those of the simulated region.
     pub grids: Option<[usize; 2]>,
     /// Additional names at the end of the cell's outputs and of its feedbacks.
     pub more_io: [&'static str; 2],
@@ -57,7 +56,7 @@ pub struct Cell {
     pub earlier: Vec<EarlierPass>,
     /// The folder in which the service's orders are to be recorded.
     pub record: Option<PathBuf>,
-    /// Time passes by itself, and not only while the loop waits for the robot.
+    /// Whether time passes by itself, and not only while the loop waits for the robot.
     pub by_the_wall: bool,
 }
 
@@ -106,7 +105,7 @@ impl Cell {
         self
     }
 
-    /// Returns the cell with a panel that is as greasy after abrasion as before.
+    /// Returns the cell with a panel that is as greasy after an abrasion as before.
     pub fn whose_panel_stays_greasy(self) -> Self {
         self.world.borrow_mut().stays_greasy = true;
         self
@@ -178,7 +177,7 @@ impl Cell {
         self.tried(asks).unwrap_or_else(|error| panic!("{error}"))
     }
 
-    /// Returns a function that dries the panel, as a person does before a held film continues.
+    /// Returns a function that dries the panel, as a person does before a held cycle continues.
     pub fn dries(&self) -> impl Fn() -> bool + use<> {
         let world = self.world.clone();
         move || {
@@ -212,7 +211,7 @@ impl Cell {
         setup(&cell, &recipe, &taught, calibrations)
     }
 
-    /// Serves until `asks` requests to leave; `cameras` may wrap the cell's own ones.
+    /// Serves until `asks` requests to leave; `cameras` may enclose the cell's own cameras.
     pub fn serve<E: CameraPort + Send + 'static>(
         &self,
         cameras: impl FnOnce(FakeCameras) -> E,
@@ -249,18 +248,18 @@ impl Cell {
         record
     }
 
-    /// Returns the computing of this cell by the wall clock.
+    /// Returns the executor of this cell's computing work with the wall clock.
     pub fn computing(&self) -> Computing<'static> {
         computing(Box::new(FakeCameras::new(self.world.clone())), vec![], false)
     }
 
-    /// Returns a function by which a real controller answers in place of the mock, by its boot id.
+    /// Returns a function that replaces the mock by a real controller, with the boot id of one.
     pub fn becomes_real(&self) -> impl Fn() + use<> {
         let world = self.world.clone();
         move || world.borrow_mut().boot = 820_000_000
     }
 
-    /// Returns a function that turns the selector switch.
+    /// Returns a function that sets the selector switch.
     pub fn turns_to_local(&self, is_local: bool) -> impl Fn() -> bool + use<> {
         let world = self.world.clone();
         move || {
@@ -291,7 +290,7 @@ impl Cell {
         self.world.borrow_mut().time_ms += ms;
     }
 
-    /// Runs the recording in this file again.
+    /// Replays the recording in this file.
     pub fn replay(&self, file: &std::path::Path) -> (LoopOutcome, ReplayResult) {
         let bytes = std::fs::read(file).expect("a recording");
         let start = check_recording(&bytes[..]).expect("whole").start;
@@ -382,7 +381,7 @@ impl Cell {
 
 fn computing(cameras: Box<dyn CameraPort + Send>, readable: Vec<Reason>, lock_step: bool) -> Computing<'static> {
     let keep = Box::new(|_: &panelprep_base::geometry::ColorPicture| {
-        // Pictures are never stored on the loop's thread, as its deadlines and watchdog would be delayed.
+        // Pictures are never stored on the loop's thread, since this would delay its deadlines and its watchdog.
         assert_eq!(std::thread::current().name(), Some("computing"));
         Ok(Some(String::new()))
     });
@@ -412,7 +411,7 @@ pub struct Story {
     pub refusals: Vec<(cycle::Request, Refusal)>,
     pub contact_points: usize,
     pub lines: usize,
-    /// For each line with its own feed: the feed, m/s, and the rounding, mm.
+    /// Feed, m/s, and rounding, mm, of each line that has its own feed.
     pub feeds: Vec<(f64, f64)>,
     pub worn_mm2: f64,
     pub wears: Vec<(f64, bool)>,
@@ -422,7 +421,7 @@ pub struct Story {
     pub asked: Vec<RequestRecord>,
     pub clocks: Vec<Clock>,
     pub moved_without_intent: usize,
-    /// How far each point of contact lies in front of the true panel, mm.
+    /// Distance of each point of contact in front of the true panel, mm.
     pub contact_off_mm: Vec<f64>,
     /// Each base that was set, in order.
     pub bases: Vec<panelprep_base::geometry::KukaPose>,

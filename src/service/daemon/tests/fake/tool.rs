@@ -1,4 +1,4 @@
-//! The compliant tool of the scripted cell on the true panel, and a cell that is about to begin its contact path.
+//! The compliant tool of the scripted cell on the true panel, and a cell just before its contact path.
 
 use super::super::super::*;
 use super::{Asks, Cell, FakeCameras, FakeRobot, Memory, Shared, World};
@@ -37,9 +37,9 @@ impl Surroundings for FakePanel {
         if world.in_contact < from {
             return None;
         }
-        // The mock applies this state to the whole time since the last call.
+        // The mock assumes this state for the whole time since the last call.
         let since_ms = world.time_ms - 100;
-        // Once the disc has left the panel, the time of a later touch starts anew.
+        // When the disc has left the panel, the contact time begins again at the next touch.
         let rubs = world.rubs && world.outputs.get(&5) == Some(&true);
         if world.tool_off_ms.is_none() {
             world.rubs_since_ms = rubs.then(|| world.rubs_since_ms.unwrap_or(since_ms));
@@ -70,7 +70,7 @@ fn linked(cell: &panelprep_cell::cell::Cell, world: &Shared) -> LinkedTool {
     simulated(cell, world).map(LinkedTool::new).unwrap_or_default()
 }
 
-/// A cycle whose tool is just being switched on before contact; it can be continued from here any number of times.
+/// A cycle whose tool is being switched on before contact; it can be continued from here any number of times.
 pub struct AtContact {
     cell: panelprep_cell::cell::Cell,
     setup: Arc<CycleSetup>,
@@ -83,7 +83,7 @@ pub struct AtContact {
     robot_state: Option<panelprep_kuka::eki::State>,
 }
 
-/// How a contact path ended.
+/// The end of a contact path.
 pub struct Ended {
     pub state: State,
     pub findings: Vec<Finding>,
@@ -95,7 +95,7 @@ pub struct Ended {
 }
 
 impl AtContact {
-    /// Runs a cycle up to the start of the contact path.
+    /// Runs a cycle up to the beginning of the contact path.
     pub fn new(cell: Cell) -> Self {
         let setup = Arc::new(cell.setup());
         let mut record = Memory { fails_at: usize::MAX, ..Memory::default_of(&cell.world) };
@@ -126,14 +126,14 @@ impl AtContact {
         self.state.job.waypoints
     }
 
-    /// Runs the path with a tool that gets this fault once `from` lines of the path are executed.
+    /// Runs the path with a tool that has this fault after `from` lines of the path are executed.
     pub fn run(&self, from: u32, fault: Option<ToolFault>) -> Ended {
         let mut world = World { tool_fault: fault.map(|fault| (from, fault)), ..self.world.clone() };
         world.time_ms += 100;
         let world = Shared::new(world);
         let mut record = Memory { fails_at: usize::MAX, ..Memory::default_of(&world) };
         let (mut robot, mut asks) = (FakeRobot { world: world.clone(), by_the_wall: false }, Asks::one_cycle());
-        // Some readings first, as if the tool had been connected for a long time.
+        // Some readings come first, as if the tool had been connected for a long time.
         let mut tool = simulated(&self.cell, &world).expect("a compliant tool");
         for _ in 0..3 {
             tool.next_report();

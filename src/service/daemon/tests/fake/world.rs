@@ -27,11 +27,11 @@ const START: Joints =
 pub(super) struct World {
     /// The fault of the tool, and the number of executed lines of the contact path after which it occurs.
     pub(super) tool_fault: Option<(u32, ToolFault)>,
-    /// The time since when the disc has been rubbing without a break under the tool's fault, ms.
+    /// The time since when the disc has been rubbing without interruption while the tool has its fault, ms.
     pub(super) rubs_since_ms: Option<u64>,
     /// The time at which the end of an epoch switched the tool off, ms.
     pub(super) tool_off_ms: Option<u64>,
-    /// The last executed line ends on the panel.
+    /// Whether the last executed line ends on the panel.
     pub(super) rubs: bool,
 
     pub(super) sim: sim::Cell,
@@ -47,11 +47,11 @@ pub(super) struct World {
     /// `beyond` those that were not permitted.
     pub(super) permitted: u32,
     pub(super) in_contact: u32,
-    /// The link is lost once the arm is clearly in contact.
+    /// Whether the link is lost when the arm is clearly in contact.
     pub(super) loses_link: bool,
-    /// The bit of a feedback that reads off, and the waypoint in contact from which on this happens.
+    /// The bit of a feedback that reads off, and the waypoint in contact at which this begins.
     pub(super) dead_feedback: Option<(u32, u32)>,
-    /// No controller answers until the next state is received.
+    /// Whether no controller answers until the next state is received.
     pub(super) is_lost: bool,
     pub(super) beyond: u32,
     /// Number of commands executed in 100 ms.
@@ -74,9 +74,9 @@ pub(super) struct World {
     pub(super) water_off_ms: u64,
     pub(super) rubbed: usize,
     pub(super) healed: bool,
-    /// Abrasion removes no grease.
+    /// Whether abrasion removes no grease.
     pub(super) stays_greasy: bool,
-    /// The angle by which the panel turns about its first corner once it is wet.
+    /// The angle by which the panel rotates about its first corner when it is wet.
     pub(super) turns_when_wet_deg: f64,
     pub(super) waypoints: usize,
     pub(super) reports: VecDeque<Report>,
@@ -89,15 +89,15 @@ pub(super) struct World {
     /// moved.
     pub(super) warning_ms: Vec<(u64, bool)>,
     pub(super) first_move_ms: Option<u64>,
-    /// How far each point of contact lies in front of the true panel, mm.
+    /// Distance of each point of contact in front of the true panel, mm.
     pub(super) contact_off_mm: Vec<f64>,
     /// The state of input 6, the selector switch.
     pub(super) is_local: bool,
     /// The boot id that the controller reports.
     pub(super) boot: i32,
-    /// A stop on the wire has ended the epoch before the next command arrived.
+    /// Whether a stop that was sent directly has ended the epoch before the next command arrived.
     pub(super) is_overtaken: bool,
-    /// Number of commands that came when no epoch was open.
+    /// Number of commands that arrived when no epoch was open.
     pub(super) unsent: u32,
     pub(super) films_began_s: Vec<f64>,
 }
@@ -180,7 +180,7 @@ impl Shared {
 
 pub struct FakeCameras {
     world: Shared,
-    /// The time at which the film began, and how many of its pictures were taken.
+    /// The time at which the film began, its picture rate, and the number of its pictures that were taken.
     film: Option<(u64, f64, u32)>,
 }
 
@@ -285,7 +285,7 @@ pub(super) fn taught(sim: &sim::Cell, (more_recipe, grids): (&str, Option<[usize
         let picture = sim.flange_picture(&view.base_from_flange, PanelPosition::Nominal).to_gray();
         let base_from_camera = view.base_from_flange * sim.calibrated_flange_from_camera();
         let panel_from_camera = panel.nominal_pose.inverse() * base_from_camera;
-        // The simulator's panel frame is the base at the nominal place, whatever the recipe states.
+        // The simulator's panel frame is the base at the nominal pose, whatever the recipe states.
         let corner = panel_from_base_at_teaching().inverse() * view.corner;
         let depth_mm = (base_from_camera.inverse() * corner).mm.z;
         let (settings, px_per_mm) = (recipe.corner(), camera.px_per_mm_at(depth_mm).0);
