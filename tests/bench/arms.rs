@@ -1,10 +1,11 @@
-//! Simulated arms with errors of the KR 6's class: the error of the tool's position over the panel before and after
-//! `calibrate robot`, and whether the stated error holds. `cargo bench --bench arms -- [SEEDS]`.
+//! Simulated arms with errors as in an arm of the KR 6's class: measures the error of the tool's position over the
+//! panel before and after `calibrate robot`, and compares it with the stated error. `cargo bench --bench arms --
+//! [SEEDS]`.
 //!
-//! The arms are not simulated with the model that is estimated. Each arm here is a chain of Denavit–Hartenberg frames
-//! (with Hayati's turn for the nearly parallel axes 2 and 3). All parameters of the chain have errors, every axis
-//! yields under the weight of the links, and gears err with the angle. In half of the arms these last two errors are
-//! larger.
+//! The arms are simulated with another model than the one that is estimated: a chain of Denavit–Hartenberg frames (with
+//! Hayati's additional rotation for the nearly parallel axes 2 and 3). All parameters of the chain have errors, every
+//! axis is compliant under the weight of the links, and the gears have errors that depend on the angle. In half of the
+//! arms these last two errors are larger.
 
 #[path = "goal.rs"]
 mod goal;
@@ -29,8 +30,8 @@ use true_arm::TrueArm;
 
 const POSES: usize = 40;
 const TOUCHES: usize = 10;
-/// Repeatability of the robot at a pose, degrees of each axis.
-const REPEAT_DEG: f64 = 0.001;
+/// Repeatability of the robot at a pose, degrees for each axis.
+const REPEATABILITY_DEG: f64 = 0.001;
 const CORNER_PX: f64 = 0.05;
 const TOUCH_MM: f64 = 0.1;
 /// Targets: the contact error in mm, the share of the seeds that must meet it, and the share of positions within the
@@ -67,7 +68,8 @@ fn mount() -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::new(520.0, 0.0, 1350.0), down)
 }
 
-/// Returns what the two cameras see; `None` if a board is not whole in the picture or is seen at too flat an angle.
+/// Returns the corners in the pictures of both cameras; `None` if a board is not completely in a picture, or is seen at
+/// too flat an angle.
 fn seen(
     camera: &PinholeCamera,
     board: &Board,
@@ -88,7 +90,7 @@ fn seen(
 
 /// Returns the flange's pose after the true arm has moved to these joints, with its repeatability error.
 fn stood(arm: &TrueArm, joints: &Joints, random: &mut Pcg64) -> Isometry3<f64> {
-    arm.base_from_flange(&Joints::from(joints.degrees().map(|deg| deg + REPEAT_DEG * normal(random))))
+    arm.base_from_flange(&Joints::from(joints.degrees().map(|deg| deg + REPEATABILITY_DEG * normal(random))))
 }
 
 /// Returns joints, near a start, at which a chain brings the tip to a position: Newton's method over the first three
@@ -184,9 +186,9 @@ fn trial(seed: u64) -> Trial {
     Trial { arm, tip, data }
 }
 
-/// For each point of a panel, returns the distance at which the tip lands from this point when it is sent to the point
-/// that the fixed camera sees, and the stated error. Without the correction, the arm has its nominal geometry, and
-/// mount and tip are the calibration results for this geometry.
+/// For each point of a panel, returns the distance of the tip from this point after it was sent to the point's position
+/// as the fixed camera measures it, and the stated error. Without the correction, the nominal geometry is used, with
+/// the mount and the tip that were calibrated with it.
 fn contacts(trial: &Trial, found: &RobotFound, is_corrected: bool) -> Vec<(f64, f64)> {
     let geometry = &trial.data.geometry;
     let (rigs, tip) = match is_corrected {
@@ -227,7 +229,7 @@ fn off_mm(trial: &Trial) -> f64 {
     trial.data.views.iter().map(off).fold(0.0, f64::max)
 }
 
-/// Checks that without errors the Denavit-Hartenberg chain is the same as the controller's.
+/// Checks that without errors the Denavit–Hartenberg chain gives the same poses as the controller's model.
 fn is_same_arm() -> bool {
     let geometry = *Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}")).arm().geometry();
     let (arm, mut random) = (TrueArm::drawn(geometry), Pcg64::seed_from_u64(1));
@@ -242,7 +244,7 @@ fn is_same_arm() -> bool {
 fn main() -> ExitCode {
     let seeds = std::env::args().skip(1).find_map(|argument| argument.parse::<u64>().ok()).unwrap_or(20);
     if !is_same_arm() {
-        println!("the chain of this bench is not the arm's");
+        println!("the kinematic chain of this bench does not agree with the arm's nominal geometry");
         return ExitCode::FAILURE;
     }
     let missed = contact(seeds) + faults(seeds.min(5));
@@ -303,7 +305,8 @@ fn contact(seeds: u64) -> usize {
     usize::from(!is_good)
 }
 
-/// Tries every wrong sign and every exchange of two axes, with and without the controller's poses beside the axes.
+/// Tries every wrong sign of an axis and every exchange of two axes, with and without the controller's poses in
+/// addition to the axis angles.
 fn faults(seeds: u64) -> usize {
     let one = |seed: u64| -> Vec<String> {
         let trial = trial(seed);

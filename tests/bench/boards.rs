@@ -1,7 +1,8 @@
-//! Boards in poor pictures: how many are found, how well, and how fast, compared with OpenCV's own detectors in the
-//! same run. `cargo bench --bench boards -- [MIXTURES] [KIND] [only=WORDS] [alone] [after=NUMBER] [save=FOLDER]`:
-//! this number of mixtures of each kind of board, of one kind, of one part, without OpenCV's detectors, with the
-//! seeds after this one. Boards that are not found are written to this folder as PGM pictures.
+//! Boards in poor pictures: measures the share of boards found, the accuracy and the time, compared with OpenCV's own
+//! detectors in the same run. `cargo bench --bench boards -- [MIXTURES] [KIND] [only=WORDS] [alone] [after=NUMBER]
+//! [save=FOLDER]`: the number of mixtures of difficulties for each kind of board; only one kind; only one part; without
+//! OpenCV's detectors; with the seeds after this number. Boards that are not found are written to FOLDER as PGM
+//! pictures.
 
 #[path = "../board_pictures.rs"]
 mod board_pictures;
@@ -22,7 +23,7 @@ const WIDTH_PX: usize = 1944;
 const SEEDS: u64 = 3;
 /// Target for the share of boards that are found; `MAX_S` and `TYPICAL_S` are the targets for the time of a
 /// full-size picture, s.
-const FOUND: f64 = 0.98;
+const MIN_FOUND_SHARE: f64 = 0.98;
 const MAX_S: f64 = 1.0;
 const TYPICAL_S: f64 = 0.2;
 
@@ -43,7 +44,7 @@ const CHARUCO: [Peer; 2] =
     [Peer { name: "panelprep", find: own }, Peer { name: "interpolateCornersCharuco", find: charuco }];
 const CIRCLES: [Peer; 2] = [Peer { name: "panelprep", find: own }, Peer { name: "findCirclesGrid", find: circles }];
 
-/// A kind of board: its name on the command line, the board, the detectors, and the figure of the table.
+/// A kind of board: its name on the command line, the board, the detectors, and its figure in the table.
 type Kind = (&'static str, &'static str, &'static [Peer], Figure);
 
 const KINDS: [Kind; 4] = [
@@ -83,11 +84,11 @@ struct Chosen<'a> {
     part: &'a str,
     /// The seeds begin after this one.
     after: u64,
-    /// The folder for pictures in which not everything was found.
+    /// The folder for pictures in which a board or corner was not found.
     folder: Option<&'a str>,
 }
 
-/// Returns the cases with a single difficulty; blur and size only as far as markers can be read.
+/// Returns the cases with a single difficulty; blur and size are limited so that markers can still be read.
 fn singles(board: &Board) -> Vec<(&'static str, Hard)> {
     let easy = Hard::EASY;
     let small = if board.markers().is_some() { 0.25 } else { 0.15 };
@@ -107,8 +108,8 @@ fn singles(board: &Board) -> Vec<(&'static str, Hard)> {
 /// Counts of the results of one detector.
 #[derive(Default)]
 struct Tally {
-    /// Boards of which all visible corners, or all but a tenth, were found. `nearly` counts the boards with missing
-    /// corners only.
+    /// Number of boards of which at least nine tenths of the visible corners were found. `nearly` counts those of them
+    /// with missing corners.
     found: usize,
     nearly: usize,
     part: usize,
@@ -181,7 +182,7 @@ fn sweep((kind, figure): (&str, Figure), board: &Board, peers: &[Peer], chosen: 
                 let (judged, found, seconds) = timed(peer, board, &rendered);
                 if index == 0 && !matches!(judged, Judged::Found(_) | Judged::Nearly(..)) {
                     println!("        {judged:?} in seed {seed}: {hard:?}");
-                    tell_farthest(&rendered, found);
+                    print_farthest(&rendered, found);
                     save(chosen.folder, &format!("{kind}_{seed}"), &rendered.picture);
                 }
                 here[index].add(judged, seconds);
@@ -204,7 +205,7 @@ fn sweep((kind, figure): (&str, Figure), board: &Board, peers: &[Peer], chosen: 
     }
     for (peer, tally) in peers.iter().zip(&nothing) {
         println!(
-            "  {kind}, no board: {}: {} of {} taken for one, {:.3} s median, {:.2} s worst",
+            "  {kind}, no board: {}: {} of {} pictures reported as a board, {:.3} s median, {:.2} s worst",
             peer.name,
             tally.wrong,
             tally.of,
@@ -214,9 +215,9 @@ fn sweep((kind, figure): (&str, Figure), board: &Board, peers: &[Peer], chosen: 
     }
     let share = all[0].found as f64 / all[0].of as f64;
     let found = format!("{} of {}", all[0].found, all[0].of);
-    figure.report(&format!("{} %", 100.0 * FOUND), &found, share >= FOUND);
+    figure.report(&format!("{} %", 100.0 * MIN_FOUND_SHARE), &found, share >= MIN_FOUND_SHARE);
     let worst_s = all[0].worst_s().max(nothing[0].worst_s());
-    let good = share >= FOUND
+    let good = share >= MIN_FOUND_SHARE
         && all[0].wrong + nothing[0].wrong == 0
         && worst_s <= MAX_S
         && all[0].median_s() <= TYPICAL_S
@@ -240,8 +241,8 @@ fn sweep((kind, figure): (&str, Figure), board: &Board, peers: &[Peer], chosen: 
     usize::from(!good)
 }
 
-/// Prints the corners with the largest errors, each with whether the glare leaves the corner visible.
-fn tell_farthest(rendered: &Rendered, found: Corners) {
+/// Prints the corners with the largest errors, and for each whether it is visible despite the glare.
+fn print_farthest(rendered: &Rendered, found: Corners) {
     let off = |(q, pixel): (Point<BoardFrame>, Pixel)| {
         let (_, there, is_seen) = rendered.truth.iter().find(|(t, ..)| t.distance_mm(q) < 0.01)?;
         Some((pixel.distance_px(*there), q, *there, *is_seen))
@@ -292,7 +293,7 @@ fn ordered(board: &Board, points: &Vector<Point2f>) -> Corners {
     if (right.u - first.u) * (below.v - first.v) < (right.v - first.v) * (below.u - first.u) {
         pixels.chunks_mut(columns).for_each(<[Pixel]>::reverse);
     }
-    // The tilted boards of this sweep are turned by less than a right angle: the first corner is the upper or left one.
+    // The tilted boards of this sweep are rotated by less than 90°: the first corner is the upper or left one.
     let last = pixels[pixels.len() - 1];
     if pixels[columns - 1].u - pixels[0].u + last.v - pixels[0].v < 0.0 {
         pixels.reverse();

@@ -1,23 +1,24 @@
-//! A cable that lies, between the service as one process and the controller as another. A TCP proxy of this bench
-//! carries both channels, and at one moment of a cycle it sends one lie. Whole cycles run by the wall clock, several
-//! cells in parallel. Exit code 1 on any violation; a scenario whose lie was never sent is counted as such and never
-//! as passed. `cargo bench --bench cable -- [scenarios=316] [cells=6] [seed=1] [net=77] [only=N] [keep=FOLDER]
-//! [tried=WORD] [program=FILE]`
+//! A faulty cable that changes messages ("lies") between the service, as one process, and the controller, as another. A
+//! TCP proxy of this bench carries both channels, and at one moment of a cycle it sends one lie. Whole cycles run in
+//! real time, in several cells in parallel. Exit code 1 on any violation; a scenario whose lie was never sent is
+//! counted as such and never as passed. `cargo bench --bench cable -- [scenarios=316] [cells=6] [seed=1] [net=77]
+//! [only=N] [keep=FOLDER] [tried=WORD] [program=FILE]`
 //!
-//! Everything is judged by the controller's own reports or by facts outside the service. `cable/judges.rs` judges the
-//! arm, its outputs, a stop that is pressed and a verdict. This file judges the rest. After the lie, `clear`, `reset`
-//! and `start` succeed and a whole honest cycle ends complete. Each verdict has its signed record and its page, and
-//! `panelprep store verify` finds nothing. The service continues to run, has not panicked and feeds its watchdog.
+//! All judgements are based on the controller's own reports or on facts outside the service. `cable/judges.rs` judges
+//! the arm, its outputs, the stops that a person presses and the verdicts. This file judges the rest: after the lie,
+//! `clear`, `reset` and `start` succeed, and a whole cycle without a lie reaches the state complete. Each verdict has
+//! its signed record and its page, and `panelprep store verify` finds nothing. The service continues to run, has not
+//! panicked and reports to its watchdog.
 //!
-//! One thing cannot be required: the messages carry counts and epochs, and each number has its range, but there is no
-//! checksum. TCP has one, so a cable does not produce a value that is wrong but still possible (another waypoint
+//! Not every lie can be noticed: the messages contain counts and epochs, and each number has its range, but a message
+//! has no checksum. TCP has one, so a real cable does not produce a value that is wrong but valid (another waypoint
 //! within range, an input's bit). Such lies are sent nevertheless, because they must not do any harm: the judges'
-//! requirements are met, and the cell recovers. If a cycle does not notice one, it is counted as unnoticed, which is
-//! not a violation.
+//! requirements must be met, and the cell must recover. If a cycle does not notice one, it is counted as unnoticed,
+//! which is not a violation.
 //!
-//! Each cell has two addresses of its own, 127.net.place.1 and .2, so parallel runs need different numbers for `net`.
-//! `tried` tests the judges (`cable/tried.rs` has the words): the controller's reports are changed before the judges
-//! receive them, and the judges must find each change. `keep` writes all messages to a folder.
+//! Each cell has two addresses of its own, 127.net.place.1 and .2; parallel runs therefore need different values of
+//! `net`. `tried` tests the judges (its values are in `cable/tried.rs`): the controller's reports are changed before
+//! the judges receive them, and the judges must find each change. `keep` writes all messages to a folder.
 
 #[path = "arguments.rs"]
 mod arguments;
@@ -70,7 +71,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use table::{Outcome, Table};
-use tried::Tried;
+use tried::ReportChange;
 use truth::{Side, Truth};
 
 /// Number of scenarios: all pairs of kinds and moments, and more than a hundred additional ones.
@@ -103,7 +104,7 @@ fn main() -> ExitCode {
         }
     });
     let table = table.into_inner().unwrap_or_else(PoisonError::into_inner);
-    // Planted changes of the reports test the judges; what they find is not a figure of the service.
+    // With `tried`, the changed reports test the judges; their findings are not figures of the service.
     if argument("tried").is_none() {
         let (violations, scenarios, worst_ms) = (table.violations(), table.scenarios(), table.worst_stop_ms());
         let found = format!("{violations} in {scenarios} scenarios");
@@ -118,9 +119,9 @@ fn main() -> ExitCode {
 
 /// Returns one line for the scenario and one line for each of its violations.
 fn line(scenario: &Scenario, outcome: &Outcome) -> String {
-    let told = if outcome.told == 0 { "NOT TOLD".to_owned() } else { format!("told {}", outcome.told) };
+    let sent = if outcome.sent == 0 { "NOT SENT".to_owned() } else { format!("sent {}", outcome.sent) };
     let stop = outcome.worst_stop_ms.map(|ms| format!(", stop {ms:.0} ms")).unwrap_or_default();
-    let mut text = format!("{scenario}: {told}, {}{stop}", outcome.verdicts.join(" "));
+    let mut text = format!("{scenario}: {sent}, {}{stop}", outcome.verdicts.join(" "));
     for violation in &outcome.violations {
         let _ = write!(text, "\n    VIOLATION {scenario}: {violation}");
     }
@@ -146,21 +147,21 @@ fn run_scenario(prepared: &Prepared, place: u8, scenario: &Scenario) -> Outcome 
     let mut violations: Vec<String> = ran.err().into_iter().chain(running.ended_by_itself()).collect();
     let gap = watchdog.largest_gap();
     if gap > watchdog::WATCHDOG_TIMEOUT {
-        violations.push(format!("the watchdog was not fed for {:.1} s", gap.as_secs_f64()));
+        violations.push(format!("no watchdog signal was sent for {:.1} s", gap.as_secs_f64()));
     }
     violations.extend(in_the_store(&cell, &course));
     let (mut events, mut stops_ms) = (truth.events(), judges::logged_stops(&cell.controller_log()));
     if let Some(folder) = argument("keep") {
         keep(&folder, scenario, &events, &course, &cell);
     }
-    if let Some(tried) = argument("tried").map(|word| Tried::named(&word)) {
+    if let Some(tried) = argument("tried").map(|word| ReportChange::named(&word)) {
         events = tried.changed(events);
-        stops_ms.retain(|_| tried != Tried::Stop);
+        stops_ms.retain(|_| tried != ReportChange::Stop);
     }
     let judged = judges::judge((&events, &stops_ms), &scenario.lie, &course.person.orders, &course.person.cycles);
     violations.extend(judged.violations);
     Outcome {
-        told: liar.count(),
+        sent: liar.count(),
         verdicts: course.person.cycles.values().filter_map(|cycle| cycle.verdict.clone()).collect(),
         pressed: u64::from(scenario.press.is_some()),
         worst_stop_ms: judged.worst_stop_ms,
@@ -197,7 +198,7 @@ fn in_the_store(cell: &Prepared, course: &Course<'_>) -> Vec<String> {
     found
 }
 
-/// Writes all messages, the orders, and both logs.
+/// Writes all messages, the person's requests, and both logs.
 fn keep(folder: &str, scenario: &Scenario, events: &[truth::Event], course: &Course<'_>, cell: &Prepared) {
     let mut text = format!("{scenario}\n{:?}\n", scenario.lie);
     for order in &course.person.orders {

@@ -1,5 +1,6 @@
-//! Calibration against the renderer's ground truth: the sweeps. `cargo bench --bench calib -- [SEEDS [RENDERED]]`
-//! shortens the statistics from 200 seeds and the rendered sweeps from 20; `-- uncalibrated` runs the arms alone.
+//! Sweeps of calibrations, compared with the renderer's ground truth. `cargo bench --bench calib -- [SEEDS [RENDERED]]`
+//! sets the number of seeds of the statistics (default 200) and of the rendered sweeps (default 20); `-- uncalibrated`
+//! runs only the uncalibrated arms.
 
 #[path = "../boards.rs"]
 mod boards;
@@ -18,15 +19,17 @@ use std::time::Instant;
 
 /// Number of seeds for lenses from rendered pictures, with 25 full-size pictures each.
 const RENDERED_LENSES: u64 = 8;
-/// Targets for mounts from rendered pictures, with the true lens and with their own.
+/// Targets for the errors of mounts from rendered pictures, with the true lens (`TRUTH_…`) and with the calibrated lens
+/// (`OWN_MM`).
 const TRUTH_MM: f64 = 0.06;
 const TRUTH_DEG: f64 = 0.015;
 const OWN_MM: f64 = 0.10;
-/// Target for a mount by a robot that is 0.5 mm off, mm.
+/// Target for the error of a mount that is calibrated with a robot that is 0.5 mm off, mm.
 const BAD_ROBOT_MM: f64 = 0.6;
-/// Share of the cases that a statement of 95 % must contain: less is wrong, more is too cautious.
+/// Allowed range of the share of cases that a stated 95 % region contains: a smaller share is wrong, a larger one too
+/// cautious.
 const HELD: std::ops::RangeInclusive<f64> = 0.90..=0.99;
-/// Number of seeds for limits in mm.
+/// Number of seeds to which the limits in mm apply.
 const LIMIT_SEEDS: usize = 20;
 
 fn main() -> ExitCode {
@@ -165,14 +168,14 @@ fn rendered<A: Side>(seeds: u64) -> MountFound {
     let good = truth <= TRUTH_MM && deg <= TRUTH_DEG && own <= OWN_MM && slowest <= 20.0 && missed == 0;
     let numbers = format!(
         "worst of {seeds} seeds: {truth:.3} mm ({TRUTH_MM}) and {deg:.4}° ({TRUTH_DEG}) with the true lens, {own:.3} mm ({OWN_MM}) with its own, \
-         whose stated region holds the truth in {held}; corners, lens and mount in {slowest:.1} s (20); {missed} false alarms"
+         whose stated region contains the true mount in {held}; corners, lens and mount in {slowest:.1} s (20); {missed} false alarms"
     );
     let missed = row(&format!("{}, 15 rendered poses", A::NAME), good, &numbers);
     MountFound { missed, truth_mm: truth, truth_deg: deg, own_mm: own }
 }
 
-/// Calibrates lenses with 15 pictures and judges them by ten others: the others' corner errors must be as small as
-/// the left-out pictures predict.
+/// Calibrates lenses with 15 pictures and tests them with ten others: their corner errors must be as small as predicted
+/// from the left-out pictures.
 fn lenses<A: Side>(
     seeds: u64,
     name: &str,
@@ -218,7 +221,7 @@ fn lenses<A: Side>(
     row(&format!("{}, lenses of {seeds} seeds, {name}", A::NAME), is_held, &numbers)
 }
 
-/// Plants a flipped board, two swapped pictures and a mistyped number; each must be found and named.
+/// Inserts a flipped board, two swapped pictures and a mistyped number; each must be found and named.
 fn faults<A: Side>(seeds: u64) -> usize {
     let named = |fault: usize| {
         let is_named = |seed: &u64| boards::is_named(&boards::faulty::<A>(*seed, fault), fault);
@@ -253,7 +256,7 @@ fn region<A: Side>(
     let alarms = errors.iter().filter(|error| error.suspects > 0).count();
     let good = HELD.contains(&held) && first <= limit_mm;
     let numbers = format!(
-        "the 95 % region holds the truth in {:.1} % of {seeds} seeds (90 to 99), the sphere in {:.1} %; worst of the first {LIMIT_SEEDS} \
+        "the 95 % region contains the true mount in {:.1} % of {seeds} seeds (90 to 99), the sphere in {:.1} %; worst of the first {LIMIT_SEEDS} \
          {first:.3} mm ({limit_mm}), of all {worst:.3} mm, median {median:.3}, stated {stated:.3} mm; {alarms} with a picture set aside",
         held * 100.0,
         in_sphere * 100.0,

@@ -1,6 +1,6 @@
-//! The flange camera's link: this number of seconds of full-size colour pictures of the simulated cell over GigE
-//! Vision loopback. Every picture is compared byte by byte, and every missing one is counted. `cargo bench --bench
-//! cameras -- SECONDS`, 600 by default.
+//! The flange camera's link: transfers full-size colour pictures of the simulated cell by GigE Vision over loopback for
+//! SECONDS. Every picture is compared byte by byte, and every missing one is counted. `cargo bench --bench cameras --
+//! SECONDS`, 600 by default.
 
 #[path = "goal.rs"]
 mod goal;
@@ -16,8 +16,7 @@ use std::time::{Duration, Instant};
 
 const FORMAT: PixelFormat = PixelFormat::BayerRG8;
 const FRAMES_PER_S: f64 = 10.0;
-/// Losses are allowed, because the machine may be busy. A larger share of losses means that the link is not good
-/// enough.
+/// Largest allowed share of lost pictures: some losses are allowed, because the machine may be busy.
 const MAX_LOST_SHARE: f64 = 0.05;
 
 fn main() -> ExitCode {
@@ -98,12 +97,12 @@ fn run(span: Duration) -> Result<(), String> {
     let counted = camera.statistics();
     let exposed = last - first;
     drop((camera, loopback));
-    println!("{exposed} exposures: {counted}; {wrong} taken that differ");
+    println!("{exposed} exposures: {counted}; {wrong} received pictures that differ");
     let seen = |counted: Statistics| counted.accepted + counted.refused + counted.lost;
     let accounted = seen(counted) - seen(before);
     let taken = counted.accepted - before.accepted;
     let missing = exposed.saturating_sub(taken) as f64 / exposed.max(1) as f64;
-    println!("not taken: {:.2} %, all of them counted: {}", 100.0 * missing, accounted == exposed);
+    println!("not received: {:.2} %, all of them counted: {}", 100.0 * missing, accounted == exposed);
     let found = format!("{wrong} of {taken}");
     let is_same = wrong == 0 && taken > 0;
     Figure("cameras: flange camera over GigE Vision: pictures that differ").report("0", &found, is_same);
@@ -111,5 +110,5 @@ fn run(span: Duration) -> Result<(), String> {
     let is_whole = missing <= MAX_LOST_SHARE && exposed > 0;
     Figure("cameras: not taken").report(&goal, &format!("{:.2} %", 100.0 * missing), is_whole);
     let held = wrong == 0 && accounted == exposed && missing <= MAX_LOST_SHARE && exposed > 0;
-    if held { Ok(()) } else { Err("the link does not hold what it must".to_owned()) }
+    if held { Ok(()) } else { Err("the link misses its target".to_owned()) }
 }

@@ -1,9 +1,9 @@
-//! Runs damaged scans, corner pictures and clips of the simulated cell through the stages. No damage turns a broken
-//! film into a pass, and none moves the panel's pose by more than 0.02 mm without a report. A PNG's checksum
-//! reveals damage to the file. Damage to the pixels before that, on their way from the camera, is revealed by the
-//! stages alone: these are the parts `pixels` and `film`. Noise over a corner's edge may move the corner a little.
-//! The distance is printed without a limit, because a camera's packets and files have checksums. `cargo bench
-//! --bench damage -- [scans=4000] [pictures=1000] [pixels=2500] [clips=500] [film=2000] [reduction=1] [seed=1]`
+//! Runs damaged scans, corner pictures and clips of the simulated cell through the stages. No damage may turn a broken
+//! film into a pass, or move the panel's pose by more than 0.02 mm without a report. A PNG's checksum reveals damage to
+//! the file. Damage to the pixels on their way from the camera, before the file is written, can be revealed only by the
+//! stages; the parts `pixels` and `film` test this. Noise over a corner's edge may move the corner a little. For the
+//! part `pixels` this distance is printed without a limit, because a camera's packets and files have checksums. `cargo
+//! bench --bench damage -- [scans=4000] [pictures=1000] [pixels=2500] [clips=500] [film=2000] [reduction=1] [seed=1]`
 
 #[path = "damage/bytes.rs"]
 mod bytes;
@@ -20,8 +20,8 @@ use rand_pcg::Pcg64;
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// An accepted pose that differs from the undamaged one by no more than this counts as equal, mm.
-const MOVED_MM: f64 = 0.02;
+/// Largest distance of an accepted pose from the pose of the undamaged files at which it counts as equal, mm.
+const MAX_EQUAL_SHIFT_MM: f64 = 0.02;
 
 /// Results for the files with one kind of damage.
 #[derive(Default)]
@@ -30,7 +30,7 @@ struct Tally {
     /// The reader refused the damaged file.
     refused: usize,
     /// The verdict is not an accept.
-    told: usize,
+    reported: usize,
     /// Accepted, with the same result as the undamaged files.
     harmless: usize,
     /// Accepted, with another result than the undamaged files.
@@ -44,10 +44,10 @@ impl Tally {
         self.files += 1;
         match *found {
             Found::Refused => self.refused += 1,
-            Found::Told => self.told += 1,
+            Found::Reported => self.reported += 1,
             Found::Pose { moved_mm } => {
                 self.moved_mm = self.moved_mm.max(moved_mm);
-                match moved_mm <= MOVED_MM {
+                match moved_mm <= MAX_EQUAL_SHIFT_MM {
                     true => self.harmless += 1,
                     false => self.unnoticed += 1,
                 }
@@ -55,12 +55,15 @@ impl Tally {
             Found::StillFails => self.harmless += 1,
             Found::Passed => self.unnoticed += 1,
         }
-        matches!(*found, Found::Passed) || matches!(*found, Found::Pose { moved_mm } if moved_mm > MOVED_MM)
+        matches!(*found, Found::Passed)
+            || matches!(*found, Found::Pose { moved_mm } if moved_mm > MAX_EQUAL_SHIFT_MM)
     }
 
     fn print(&self, what: &str, damage: &str) {
-        let Tally { files, refused, told, harmless, unnoticed, moved_mm } = self;
-        println!("{what:8} {damage:22} {files:6} {refused:8} {told:6} {harmless:9} {unnoticed:10} {moved_mm:9.4}");
+        let Tally { files, refused, reported, harmless, unnoticed, moved_mm } = self;
+        println!(
+            "{what:8} {damage:22} {files:6} {refused:8} {reported:8} {harmless:9} {unnoticed:10} {moved_mm:9.4}"
+        );
     }
 }
 
@@ -71,7 +74,7 @@ fn main() -> ExitCode {
         text.map_or(usual, |text| text.parse().expect("a number"))
     };
     let held = Held::new(number("seed", 1), number("reduction", 1) as usize);
-    println!("file     damage                  files  refused   told  harmless  unnoticed  moved, mm");
+    println!("file     damage                  files  refused reported  harmless  unnoticed  moved, mm");
     let parts: [(&str, u64, Part); 5] = [
         ("scan", number("scans", 4_000), Held::located),
         ("picture", number("pictures", 1_000), Held::refined),
@@ -103,7 +106,7 @@ fn main() -> ExitCode {
     Figure("inputs: unnoticed damaged files, without damaged pixels of pictures").report("0", &found, is_noticed);
     Figure("inputs: with them").report("–", &format!("{by_pixels} of {pixels}"), true);
     println!(
-        "{all} damaged files, {wrong} turned to a pass or moved a pose by more than {MOVED_MM} mm unnoticed (needed 0)"
+        "{all} damaged files, {wrong} of them caused a pass or moved a pose by more than {MAX_EQUAL_SHIFT_MM} mm unnoticed (needed 0)"
     );
     if wrong == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }

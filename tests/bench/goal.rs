@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Number of figures of this run that missed their goal.
 static MISSED: AtomicUsize = AtomicUsize::new(0);
 
-/// Environment variables that change what a bench measures. A figure's command states those that are set.
+/// Environment variables that change the conditions of a bench. A figure's command states those that are set.
 const SETTINGS: [&str; 12] = [
     "CELLS",
     "CORRELATED",
@@ -30,7 +30,7 @@ const SETTINGS: [&str; 12] = [
 pub struct Figure(pub &'static str);
 
 impl Figure {
-    /// Reports what was found, beside its goal; "–" is not a goal. Returns `is_met`.
+    /// Reports the measured value with its goal; the goal "–" means that there is none. Returns `is_met`.
     pub fn report(self, goal: &str, found: &str, is_met: bool) -> bool {
         self.write(goal, found, if is_met { "ok" } else { "MISSED" });
         is_met
@@ -44,19 +44,19 @@ impl Figure {
 
     fn write(self, goal: &str, found: &str, state: &str) {
         MISSED.fetch_add(usize::from(state == "MISSED"), Ordering::Relaxed);
-        // Its times are not those of a release, and must not be compared with them unnoticed.
+        // A debug build's times must not be compared with those of a release build unnoticed.
         let build = if cfg!(debug_assertions) { " (debug build)" } else { "" };
         let line = format!("GOAL\t{}\t{goal}\t{found}{build}\t{state}\t{}", self.0, command());
         println!("{line}");
         let Some(path) = std::env::var_os("GOALS") else { return };
-        // A bench of an hour does not end because its figures cannot be kept; the line is in its output too.
+        // A long bench must not end because its figures cannot be written to the file; the line is also in its output.
         if let Err(error) = add(path.as_ref(), &line) {
             eprintln!("{}: the figure cannot be kept for the table: {error}", path.to_string_lossy());
         }
     }
 }
 
-/// Returns how many figures missed their goal so far, for the exit code of a bench.
+/// Returns the number of figures that have missed their goal so far, for the exit code of a bench.
 #[allow(dead_code, reason = "most benches count what they miss themselves")]
 pub fn missed() -> usize {
     MISSED.load(Ordering::Relaxed)
@@ -68,14 +68,14 @@ fn add(path: &Path, line: &str) -> std::io::Result<()> {
     writeln!(std::fs::OpenOptions::new().create(true).append(true).open(path)?, "{line}")
 }
 
-/// Returns the larger number; NaN if one of them is, so that a missing number stays missing and misses its goal.
+/// Returns the larger number; NaN if one of them is NaN, so that a missing number stays missing and misses its goal.
 #[allow(dead_code, reason = "not every bench looks for a worst number")]
 pub fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) }
 }
 
-/// Returns the command that measures this again, short as in the table: `NAME -- arguments` is `cargo bench --locked
-/// --bench NAME -- arguments`.
+/// Returns the command that measures this again, in the short form of the table: `NAME -- arguments` is `cargo bench
+/// --locked --bench NAME -- arguments`.
 fn command() -> String {
     let mut arguments = std::env::args();
     let program = arguments.next().unwrap_or_default();

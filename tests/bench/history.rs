@@ -1,6 +1,6 @@
-//! The search over a store of many cycles: how long a query takes, and a trend over two hundred cycles. Exit code 1
-//! if the slowest kind of query takes longer than its limit, or if a query finds a wrong result. `cargo bench
-//! --bench history -- [CYCLES]`
+//! Searches a store of many cycles: measures the time of each kind of query, and of a trend over two hundred cycles.
+//! Exit code 1 if the slowest kind of query takes longer than the limit, or if a query returns a wrong result. `cargo
+//! bench --bench history -- [CYCLES]`
 
 #[path = "goal.rs"]
 mod goal;
@@ -17,8 +17,8 @@ use std::time::Instant;
 const P95_MAX_MS: f64 = 100.0;
 /// Number of queries of each kind.
 const QUERIES: usize = 100;
-/// Number of cycles for a trend; these cycles have findings as large as those of a real cycle.
-const TREND: usize = 200;
+/// Number of cycles for a trend; these cycles have as many findings as a real cycle.
+const TREND_CYCLES: usize = 200;
 const PANELS: [&str; 4] = ["door", "fin", "rib", "wing"];
 const VERDICTS: [Verdict; 4] = [Verdict::Pass, Verdict::Fail, Verdict::Reject, Verdict::Invalid];
 
@@ -46,7 +46,7 @@ fn reasons(index: usize) -> Vec<Reason> {
     }
 }
 
-/// Returns the findings of a cycle in a usual size: a film over 24 grids and 60 more numbers.
+/// Returns the usual findings of a cycle: a film over 24 grids and 60 more numbers.
 fn findings(index: usize) -> Vec<Finding> {
     let accept = || Judgement { verdict: Verdict::Accept, reasons: vec![] };
     let residual = 0.05 + (index % 9) as f64 * 0.002;
@@ -82,7 +82,7 @@ fn write(store: &mut Store, cycles: usize) -> Result<(), panelprep::store::Store
             is_air_run: false,
         };
         let id = store.begin_cycle(&start)?;
-        if index + TREND * PANELS.len() >= cycles {
+        if index + TREND_CYCLES * PANELS.len() >= cycles {
             findings(index).iter().try_for_each(|finding| store.store_finding(id, finding))?;
         }
         store.conclude(id, VERDICTS[index % 4], &reasons(index))?;
@@ -90,7 +90,8 @@ fn write(store: &mut Store, cycles: usize) -> Result<(), panelprep::store::Store
     Ok(())
 }
 
-/// A kind of query: its name, the query with this number, and how many cycles it must find.
+/// A kind of query: its name, a function that returns the query with this number, and one that returns the number of
+/// cycles that it must find.
 type QueryCase = (&'static str, fn(usize, usize) -> Query, fn(usize) -> usize);
 
 const PAGE: usize = 50;
@@ -160,7 +161,7 @@ fn main() -> ExitCode {
             let found = store.search(&query).expect("searched").hits.len();
             times.push(ms(begun));
             if found != expected(cycles) {
-                println!("{words}: {found} cycles instead of {} by {query:?}", expected(cycles));
+                println!("{words}: {found} cycles instead of {} for {query:?}", expected(cycles));
                 missed += 1;
             }
         }
@@ -170,12 +171,12 @@ fn main() -> ExitCode {
         missed += usize::from(at(0.95) > P95_MAX_MS);
         slowest_ms = f64::max(slowest_ms, at(0.95));
     }
-    // A query that finds wrong cycles is not fast, but wrong.
+    // A query that finds wrong cycles misses the goal, however fast it is.
     let found = format!("{slowest_ms:.1} ms over {cycles} cycles, {missed} missed");
     let goal = format!("{P95_MAX_MS} ms, none missed");
     Figure("store: slowest of nine queries, p95").report(&goal, &found, missed == 0);
     let begun = Instant::now();
-    let past = store.past_cycles("wing", TREND).expect("read");
+    let past = store.past_cycles("wing", TREND_CYCLES).expect("read");
     let read_ms = ms(begun);
     let residuals = trend(&Quantity::Known(KnownQuantity::LocalizationResidual), &past);
     let map = heat_map(&past);

@@ -1,7 +1,8 @@
 //! The robot link: the number of commands a second, the time from a lost acknowledgement to STOP on the wire, and long
-//! paths without a stop. Also measures an abort while hostile clients use the service, and runs 200,000 random walks
-//! over the controller's programs. Prints a table; exit code 1 if a target is missed. `cargo bench --bench link --
-//! [TRIALS]`, the aborts alone with `-- socket`, `-- page` and `-- disk`, the walks alone with `-- programs [WALKS]`.
+//! paths without a stop. Also measures the time of an abort while hostile clients use the service, and runs 200,000
+//! random walks over the controller's programs. Prints a table; exit code 1 if a target is missed. `cargo bench --bench
+//! link -- [TRIALS]`, only the aborts with `-- socket`, `-- page` or `-- disk`, only the walks with `-- programs
+//! [WALKS]`.
 
 #[path = "../link/cell.rs"]
 #[allow(dead_code, reason = "the tests use the rest")]
@@ -49,7 +50,7 @@ const MAX_BUSY_DELAY: Duration = Duration::from_millis(50);
 /// Time limit from the service's socket to the wire.
 const MAX_SOCKET_DELAY: Duration = Duration::from_millis(100);
 const SOCKET_TRIALS: usize = 500;
-/// Each trial lasts longer than the disk hangs.
+/// Number of trials with a hanging disk; each takes longer than the time for which the disk hangs.
 const HANGING_TRIALS: usize = 20;
 /// Number of people who watch the page.
 const VIEWERS: usize = 20;
@@ -200,7 +201,7 @@ fn virtual_rate() -> bool {
         cell.run(12, &mut Blind);
     }
     let elapsed_s = started.elapsed().as_secs_f64();
-    // If other processes use the machine too, the time of a core is the time that this thread had on it.
+    // Other processes may also use the machine, so the thread's processor time is used if it is known.
     let core_s = processor_s().zip(began_s).map_or(elapsed_s, |(now_s, began_s)| now_s - began_s);
     let rate = COMMANDS as f64 / core_s;
     let reached = rate >= VIRTUAL_COMMANDS_S;
@@ -302,7 +303,8 @@ fn lose_acknowledgements(trials: usize) -> Vec<Duration> {
     let peer = Peer::start();
     let (command_port, state_port) = peer.ports();
     let address = Address { host: "127.0.0.1".to_owned(), command_port, state_port };
-    // The timeout is much longer than a heartbeat and its answer, so that only the acknowledgement is missed.
+    // The timeout is much longer than the time of a heartbeat and its answer, so that only the missing acknowledgement
+    // can cause the abort.
     let limits =
         LinkLimits { watchdog: WATCHDOG_TIMEOUT, heartbeat: Duration::from_millis(8), ..LinkLimits::default() };
     let mut link = BlockingLink::start(address, limits, ClockMode::Wall).expect("starts");
@@ -310,7 +312,7 @@ fn lose_acknowledgements(trials: usize) -> Vec<Duration> {
     wait(&mut link, |report| matches!(report, Report::Connected { .. }));
     while found.len() < trials {
         if link.open_epoch().is_err() {
-            // Busy cores may have caused a loss of the connection: wait until it is back.
+            // Busy cores may have caused a loss of the connection: wait until it is restored.
             wait(&mut link, |report| matches!(report, Report::Connected { .. } | Report::State(_)));
             continue;
         }
@@ -344,7 +346,7 @@ fn meander(points: usize) -> Vec<MoveLin> {
     (0..points).map(point).collect()
 }
 
-/// Runs 10,000 points in virtual time at 20 ms round trip.
+/// Runs a path of 10,000 points in virtual time with a round trip of 20 ms.
 fn long_virtual_path() -> bool {
     let started = Instant::now();
     let mut cell = Cell::ready(setup(Clock::Free), 0.15);
@@ -366,7 +368,7 @@ fn long_virtual_path() -> bool {
     reached
 }
 
-/// Runs 500 points over sockets at 20 ms round trip, with fragmented messages.
+/// Runs a path of 500 points over sockets with a round trip of 20 ms and fragmented messages.
 fn path_over_sockets() -> bool {
     let (server, mut link) = served("seed=3,delay=10ms,fragment");
     open(&mut link);

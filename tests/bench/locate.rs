@@ -1,6 +1,6 @@
-//! Localization against the renderer's ground truth: panels of many shapes anywhere in a search box, scenes that must
-//! not be accepted, and wet verifications. Some of the scans are also processed by third-party libraries. All scans
-//! have full size and the true calibration. `cargo bench --bench locate --
+//! Compares the localization with the renderer's ground truth: panels of many shapes anywhere in a search box, scenes
+//! that must not be accepted, and wet verifications. Some of the scans are also processed by third-party libraries. All
+//! scans have full size and the true calibration. `cargo bench --bench locate --
 //! [good|bad|bows|held|teach|correlated|wet|memory|peers]… [SEEDS|FIRST-LAST]`; `make bench-locate` sets up the peers
 //! and names their Python in `PANELPREP_PEERS`.
 
@@ -34,7 +34,7 @@ mod teach;
 #[path = "locate/wet.rs"]
 mod wet;
 
-/// Seeds of a part, unless the command line gives others.
+/// Number of seeds or scenes of each part, unless the command line states others.
 const GOOD_SEEDS: u64 = 200;
 const BAD_SCENES: u64 = 714;
 const BOW_SEEDS: u64 = 40;
@@ -42,11 +42,12 @@ const HELD_SEEDS: u64 = 25;
 const CORRELATED_SEEDS: u64 = 25;
 const WET_SEEDS: u64 = 100;
 const PEER_SCANS: u64 = 20;
-/// Targets. An accepted pose with a larger error than this is wrong, mm.
+/// Largest error of an accepted pose that counts as right, mm. The following constants are the other targets and their
+/// conditions.
 const RIGHT_MM: f64 = 0.3;
 const ACCEPTED: f64 = 0.99;
-/// Target for the accepted share of all panels, including those that the visible surface and outline determine too
-/// weakly.
+/// Target for the accepted share of all panels, including those whose visible surface and outline do not determine the
+/// pose well enough.
 const ACCEPTED_OF_ALL: f64 = 0.97;
 const LARGE_MM: [f64; 2] = [250.0, 180.0];
 const LITTLE_HIDDEN: f64 = 0.05;
@@ -100,7 +101,7 @@ fn main() -> ExitCode {
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Parses a range of seeds: `20` is the seeds from 1 to 20, `7-9` and `seeds=7-9` those from 7 to 9.
+/// Parses a range of seeds: `20` means the seeds from 1 to 20, `7-9` and `seeds=7-9` those from 7 to 9.
 fn range(word: &str) -> Option<RangeInclusive<u64>> {
     let word = word.strip_prefix("seeds=").unwrap_or(word);
     match word.split_once('-') {
@@ -161,8 +162,8 @@ fn located(trial: &TrialScene, taught: (TaughtPanel, Recipe)) -> Tried {
     located_with(trial, taught, (range_errors(), trial.base_from_camera()))
 }
 
-/// Returns the range errors that are assumed for a camera without a measurement, except for the scale: like the
-/// calibration, it is the true one.
+/// Returns the range errors that are assumed for a camera that was not measured; only the scale error is zero, because
+/// the camera has its true calibration.
 fn range_errors() -> RangeErrors {
     RangeErrors { scale: 0.0, ..RangeErrors::default() }
 }
@@ -202,7 +203,7 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
     values.get(((values.len().max(1) - 1) as f64 * share).round() as usize).copied().unwrap_or(f64::NAN)
 }
 
-/// Reports a share of a number of cases, with its lower target.
+/// Reports the share of a number of cases, with its lower target.
 fn shared(figure: Figure, part: usize, whole: usize, least: f64) {
     let found = format!("{part} of {whole}");
     figure.report(&format!("{} %", 100.0 * least), &found, whole > 0 && share(part, whole) >= least);
@@ -213,7 +214,7 @@ fn row(good: bool, words: &str) -> usize {
     usize::from(!good)
 }
 
-/// Tries scenes in which the panel must be found.
+/// Tests scenes in which the panel must be found.
 fn good(seeds: RangeInclusive<u64>) -> usize {
     println!("seed  size mm  hidden  verdict  mean mm  max mm  stated mm  weakest  rms mm  outline px  ms");
     let (mut accepted, mut known, mut wrong, mut times) = (0, 0, 0, Vec::new());
@@ -226,7 +227,7 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
         let [length, width] = trial.size_mm();
         times.push(tried.elapsed_ms);
         let (Some(fit), Some(error)) = (&tried.fit, tried.error) else {
-            // A panel that was not found counts among those that must be accepted.
+            // A panel that was not found counts as one that should have been accepted.
             known += 1;
             println!(
                 "{seed:4}  {length:.0}×{width:.0}  {:.2}  not found: {}",
@@ -267,7 +268,7 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
     }
     let median_ms = quantile(&mut times, 0.5);
     println!(
-        "large and hardly hidden: mean error {:.3} mm in the middle, {:.3} mm at 95 %; largest {:.3} and {:.3} mm",
+        "large and hardly hidden: mean error, median {:.3} mm, {:.3} mm at 95 %; largest {:.3} and {:.3} mm",
         quantile(&mut means, 0.5),
         quantile(&mut means, 0.95),
         quantile(&mut largest, 0.5),
@@ -300,10 +301,10 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
                 "{stated} of {others} others within what is stated; {too_much} state more than {STATED_MM} mm"
             ),
         )
-        + row(median_ms <= VERDICT_MS, &format!("scan in memory to verdict {median_ms:.0} ms in the middle"))
+        + row(median_ms <= VERDICT_MS, &format!("scan in memory to verdict: median {median_ms:.0} ms"))
 }
 
-/// Tries scenes that must not be accepted, one of each kind in turn.
+/// Tests scenes that must not be accepted, one of each kind in turn.
 fn bad(scenes: RangeInclusive<u64>) -> usize {
     let kinds = SceneDefect::ALL.len() as u64;
     let count = scenes.clone().count();
@@ -318,7 +319,7 @@ fn bad(scenes: RangeInclusive<u64>) -> usize {
             _ => 2,
         };
         table[kind][at] += 1;
-        // If the taught panel is found at its true pose, this is not wrong; another kind of panel is wrong.
+        // It is not wrong to find the taught panel at its true pose; it is wrong to accept another kind of panel.
         let other = !matches!(
             SceneDefect::ALL[kind],
             SceneDefect::Hidden

@@ -1,8 +1,9 @@
-//! Applies changes to the product's sources, each until a world finds it: see `tests/world/mutations`. In a copy of
-//! the repository below `target/mutations` each change is made, the world is built and run, and the change is
-//! undone; the next world is built meanwhile. `cargo bench --profile dev --bench mutations -- [seeds=N] [limit_s=N]
-//! [from=N] [only=TEXT] [tree=FOLDER]`: seeds and seconds for each change, the number of the first change, a part
-//! of its name, and the place of the copy. What an earlier run built there is used again.
+//! Applies one change after another to the program's sources and runs worlds until a judge finds it: see
+//! `tests/world/mutations`. In a copy of the repository below `target/mutations` each change is made, the world is
+//! built and run, and the change is undone; the next world is built meanwhile. `cargo bench --profile dev --bench
+//! mutations -- [seeds=N] [limit_s=N] [from=N] [only=TEXT] [tree=FOLDER]`: number of seeds and time limit for each
+//! change, number of the first change, a part of a change's name, and the folder of the copy. Results of an earlier
+//! build there are used again.
 
 #[path = "arguments.rs"]
 mod arguments;
@@ -18,8 +19,8 @@ use std::process::{Child, Command, ExitCode, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// A world hangs if it ends more than this after its time limit, s.
-const LATE_S: u64 = 60;
+/// Time after its time limit at which a world that still runs counts as hanging, s.
+const HANG_DELAY_S: u64 = 60;
 
 /// The result of a mutation.
 enum Outcome {
@@ -184,7 +185,7 @@ impl Bench {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap_or_else(|error| panic!("the world: {error}"));
-        let latest = Instant::now() + Duration::from_secs(self.limit_s + LATE_S);
+        let latest = Instant::now() + Duration::from_secs(self.limit_s + HANG_DELAY_S);
         std::thread::spawn(move || outcome(child, latest))
     }
 }

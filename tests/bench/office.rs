@@ -1,14 +1,14 @@
-//! Records on their way to the office while everything is killed: `make bench-office`.
+//! Sends records to the office while all processes are repeatedly killed: `make bench-office`.
 //!
 //! 50 cells, each a separate process with a real store and the service's sender, write the cycles of a day (144 each,
 //! one every ten minutes) as fast as possible. Meanwhile broker, database, archive and cells are killed 1,000 times in
-//! all, as a power cut does, and their network is cut and delayed. Afterwards `archive check` compares the archive
-//! with every store: no record is lost, none is stored twice, and all are in order. Then a single cell sends a backlog
-//! of 10,000 records at once, and 200 cycles with pictures as large as those of a real camera. At last the office's
-//! pages are timed over a database of 1,000,000 records.
+//! all, as a power cut does, and their network is cut and delayed. Afterwards `archive check` compares the archive with
+//! every store: no record is lost, none is stored twice, and all are in order. Then a single cell sends a backlog of
+//! 10,000 records at once, and 200 cycles with pictures as large as those of a real camera. Finally the response time
+//! of the office's pages is measured with a database of 1,000,000 records.
 //!
-//! `CELLS`, `KILLS`, `CYCLES`, `RECORDS` and `SEED` change the numbers. The cells' clock is not simulated: only the
-//! time between cycles is compressed.
+//! `CELLS`, `KILLS`, `CYCLES`, `RECORDS` and `SEED` change the numbers. The cells' clock is not simulated; only the
+//! time between cycles is shorter.
 
 #[path = "office/cell.rs"]
 mod cell;
@@ -36,8 +36,8 @@ const CATCH_UP: usize = 10_000;
 const CATCH_UP_S: f64 = 60.0;
 const LOST: Figure = Figure("office: records lost in 1,000 kills");
 const CAUGHT_UP: Figure = Figure("office: catch-up of 10,000");
-/// Number of cycles, and bytes of pictures in each, that a cell with full-size cameras must catch up.
-const LARGE: (usize, usize) = (200, 10_000_000);
+/// Backlog of a cell with full-size cameras: number of cycles, and bytes of pictures in each.
+const LARGE_BACKLOG: (usize, usize) = (200, 10_000_000);
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().collect();
@@ -57,7 +57,7 @@ fn main() -> ExitCode {
     let seed = number("SEED", 1) as u64;
     let mut all_met = killed(&programs, (cells, kills, cycles), seed);
     all_met &= caught_up(&programs, (CATCH_UP, cell::PICTURE_BYTES), Some(CATCH_UP_S));
-    all_met &= caught_up(&programs, (2 * LARGE.0, LARGE.1), None);
+    all_met &= caught_up(&programs, (2 * LARGE_BACKLOG.0, LARGE_BACKLOG.1), None);
     all_met &= fleet::pages(&programs, number("RECORDS", 1_000_000));
     if all_met { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
@@ -178,7 +178,7 @@ fn killed(programs: &Path, (count, kills, cycles): (usize, usize, usize), seed: 
     let [brokers, databases, archives, cells] = killed;
     println!(
         "{count} cells with at least {cycles} cycles each, {kills} kills in {under_fire_s:.0} s: broker {brokers}, database {databases}, \
-              archive {archives}, cells {cells}; {} connections cut, {} held up",
+              archive {archives}, cells {cells}; {} connections cut, {} delayed",
         network.cut(),
         network.held_up()
     );
@@ -186,7 +186,7 @@ fn killed(programs: &Path, (count, kills, cycles): (usize, usize, usize), seed: 
         Ok(found) => {
             let (records, same) = (sum(&found, "records"), sum(&found, "same"));
             println!(
-                "  {records} records in the archive, {same} the same in the cells; {} signatures hold, {} files are whole; lost 0, twice 0, \
+                "  {records} records in the archive, {same} the same in the cells; {} signatures are valid, {} files are complete; lost 0, twice 0, \
                       out of order 0 (archive check)",
                 sum(&found, "signatures"),
                 sum(&found, "files")
@@ -195,7 +195,7 @@ fn killed(programs: &Path, (count, kills, cycles): (usize, usize, usize), seed: 
                 "  everything was in the archive {:.0} s after the last kill",
                 begun.elapsed().as_secs_f64() - under_fire_s
             );
-            // `archive check` ends with an error if a record is missing, so that all of them are the same here.
+            // `archive check` ends with an error if a record is missing, so here all records agree.
             let found = format!("{} of {records} after {kills} kills", records - same.min(records));
             LOST.report("0", &found, records == same && records > 0)
         }

@@ -31,7 +31,7 @@ fn main() -> ExitCode {
         bad += lens(set, &pictures(&folder.join("images"), "", "png"), board, out.path());
         bad += mounted(set, &folder, board, mount, out.path());
     }
-    println!("{bad} sets were missed or not run");
+    println!("{bad} sets missed their target or were not run");
     if bad == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
@@ -71,7 +71,7 @@ fn codes(object: &Value) -> String {
 
 fn lens(set: &str, files: &[PathBuf], board: &str, out: &Path) -> usize {
     if files.is_empty() {
-        println!("not run {set}: its pictures are not there");
+        println!("not run {set}: its pictures are missing");
         return 1;
     }
     let file = out.join(format!("{set}.toml"));
@@ -102,7 +102,7 @@ fn lens(set: &str, files: &[PathBuf], board: &str, out: &Path) -> usize {
 fn mounted(set: &str, folder: &Path, board: &str, mount: &str, out: &Path) -> usize {
     let lens = out.join(format!("{set}.toml"));
     let Some(poses) = poses(folder).filter(|_| lens.is_file()) else {
-        println!("not run {set}, mount: its poses or its lens are not there");
+        println!("not run {set}, mount: its poses or its lens are missing");
         return 1;
     };
     let (file, images, lens) = (out.join(format!("{set}_poses.toml")), folder.join("images"), lens.display());

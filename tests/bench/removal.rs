@@ -1,7 +1,7 @@
-//! The removal model and its schedule, compared with mr-sim, with a finer reference, and on simulated panels whose
-//! coefficient is known only from coupons. `cargo bench --bench removal -- [PART…]`, parts `peers`, `finer`,
-//! `panels`, `speed`, `published`; without one, all. `make bench-removal` sets up mr-sim and names its Python in
-//! `PANELPREP_PEERS`. Exit code 1 if a target is missed.
+//! Compares the removal model and its schedule with mr-sim and with a finer reference, and tests them on simulated
+//! panels whose coefficient is known only from coupons. `cargo bench --bench removal -- [PART…]`, parts `peers`,
+//! `finer`, `panels`, `speed`, `published`; without one, all. `make bench-removal` sets up mr-sim and names its Python
+//! in `PANELPREP_PEERS`. Exit code 1 if a target is missed.
 
 #[path = "removal/finer.rs"]
 mod finer;
@@ -56,7 +56,7 @@ fn published() -> usize {
     0
 }
 
-/// Reports a figure with its upper target; a number that is missing misses it.
+/// Reports a figure with its upper target; a missing number misses the target.
 fn most(figure: Figure, found: f64, most: f64, unit: &str) {
     figure.report(&format!("{most}{unit}"), &format!("{found:.3}{unit}"), found <= most);
 }

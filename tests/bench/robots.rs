@@ -1,6 +1,6 @@
-//! The live demo with arms that differ from their drawing, with and without the arm's calibration, compared with
-//! the simulator's truth. Prints a table of what holds and what does not; exit code 1 if a corrected arm misses a
-//! target. `cargo bench --bench robots -- [SEEDS] [REDUCTION]`
+//! Runs the live demo with arms that differ from their nominal geometry, with and without the arm's calibration, and
+//! compares the results with the simulator's ground truth. Prints a table of the targets that are met and missed; exit
+//! code 1 if a corrected arm misses a target. `cargo bench --bench robots -- [SEEDS] [REDUCTION]`
 
 #[path = "goal.rs"]
 mod goal;
@@ -9,9 +9,9 @@ use goal::{Figure, larger};
 use serde_json::Value;
 use std::process::{Command, ExitCode};
 
-/// Robots by the tool's rms deviation from the nominal pose, mm: repeatable, good, usual, bad.
+/// The tool's rms deviation from the nominal pose for each arm, mm: very accurate, good, usual, bad.
 const ARMS_MM: [f64; 4] = [0.02, 0.1, 0.5, 1.6];
-/// Targets for a corrected arm; this one for a touch, mm.
+/// Target for the error of a corrected arm at a touched point, mm; the next constants are its other targets.
 const TOUCH_MAX_MM: f64 = 0.3;
 const SURFACE_MAX_MM: f64 = 0.5;
 const REFINED_MAX_MM: f64 = 0.5;
@@ -27,7 +27,7 @@ fn demo(seed: u64, reduction: u64, arm_mm: f64, uncorrected: bool) -> Value {
         .arg(&folder)
         .output()
         .expect("the program starts");
-    // Best effort: leftover files are in the system's folder for temporary files.
+    // The result is ignored: leftover files are in the system's folder for temporary files.
     let _ = std::fs::remove_dir_all(&folder);
     serde_json::from_slice(&output.stdout).unwrap_or_else(|_| {
         println!("{}", String::from_utf8_lossy(&output.stderr).lines().last().unwrap_or_default());
@@ -57,7 +57,7 @@ fn row(seed: u64, arm_mm: f64, uncorrected: bool, result: &Value, worst: &mut Wo
         && surface <= SURFACE_MAX_MM
         && coverage >= COVERAGE_MIN
         && result["verdict"] == "pass";
-    // An arm that is refused after its own check by touching has done no harm.
+    // An arm that is rejected after its check by touching has not sanded and has done no harm.
     let is_refused = uncorrected && result["verdict"] == "reject" && abrade.is_empty();
     let state = match (is_right, is_refused, uncorrected) {
         (true, ..) => "ok",

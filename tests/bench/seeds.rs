@@ -1,5 +1,5 @@
-//! The live demo for ten seeds, compared with the simulator's truth. Prints a table; exit code 1 if a target is
-//! missed. `cargo bench --bench seeds -- [SEEDS] [REDUCTION]`
+//! Runs the live demo for ten seeds and compares the results with the simulator's ground truth. Prints a table; exit
+//! code 1 if a target is missed. `cargo bench --bench seeds -- [SEEDS] [REDUCTION]`
 
 #[path = "goal.rs"]
 mod goal;
@@ -8,15 +8,15 @@ use goal::{Figure, larger};
 use serde_json::Value;
 use std::process::{Command, ExitCode};
 
-/// Targets for each seed, over the panel and as the mock executed the path; the first two for the pose located by 3D and the
-/// refined one, mm.
+/// Targets for each seed, over the panel and for the path that the mock controller executed. The first two are for the
+/// errors of the located and of the refined pose, mm.
 const LOCATED_MAX_MM: f64 = 5.0;
 const REFINED_MAX_MM: f64 = 1.5;
 const COVERAGE_MIN: f64 = 0.95;
 const SURFACE_MAX_MM: f64 = 1.0;
 const NORMAL_MAX_DEG: f64 = 1.0;
-/// A demo on two cores takes less than this, s. This is reported but not enforced, because other work on the
-/// machine would decide it.
+/// Target for the duration of a demo on two cores, s. It is reported but not enforced, because the duration depends on
+/// other work on the machine.
 const WALL_S: f64 = 90.0;
 
 fn demo(seed: u64, scene: &str, reduction: u64) -> Value {
@@ -27,7 +27,7 @@ fn demo(seed: u64, scene: &str, reduction: u64) -> Value {
         .arg(&folder)
         .output()
         .expect("the program starts");
-    // Best effort: leftover files are in the system's folder for temporary files.
+    // The result is ignored: leftover files are in the system's folder for temporary files.
     let _ = std::fs::remove_dir_all(&folder);
     serde_json::from_slice(&output.stdout).expect("one JSON object")
 }
@@ -55,7 +55,7 @@ fn main() -> ExitCode {
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// The worst numbers of all seeds. A number that a result lacks is NaN, stays so, and misses its target.
+/// The worst numbers of all seeds. A number that is missing in a result becomes NaN, stays NaN, and misses its target.
 #[derive(Default)]
 struct Worst {
     located_mm: f64,
@@ -129,7 +129,7 @@ fn row(seed: u64, result: &Value, worst: &mut Worst) -> bool {
     );
     worst.located_mm = larger(worst.located_mm, number("/locate/error_max_mm"));
     worst.refined_mm = larger(worst.refined_mm, number("/refine/error_max_mm"));
-    // A seed without an abrasion has measured none of these.
+    // A seed without an abrasion has no values of these.
     let none = if abrade.is_empty() { f64::NAN } else { 0.0 };
     worst.uncovered = coverage.iter().fold(worst.uncovered + none, |most, share| larger(most, 1.0 - share));
     worst.normal_deg = normal.iter().copied().fold(worst.normal_deg + none, larger);

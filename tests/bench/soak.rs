@@ -1,15 +1,15 @@
-//! A service that runs for hours under all loads at once. Cycles run one after the other, each recorded, and an
-//! operator holds, stops and aborts some. There are readers of the page and its events, programs that poll the socket,
-//! and connections that are silent or send half a request. Its memory and its descriptors do not grow, and it reports
-//! to systemd's watchdog at least twice as often as required. Exit code 1 if one of these fails, a request was never
-//! answered, or the service ended by itself. `cargo bench --bench soak -- [minutes=120] [report_s=60] [pace=wall|line]
-//! [program=FILE]`
+//! Runs a service for hours under all loads at once. Cycles run one after the other, each recorded, and an operator
+//! holds, stops and aborts some of them. There are readers of the page and its events, programs that poll the socket,
+//! and connections that are silent or send half a request. The service's memory and descriptors must not grow, and it
+//! must report to systemd's watchdog at least twice as often as required. Exit code 1 if one of these fails, a request
+//! was never answered, or the service ended by itself. `cargo bench --bench soak -- [minutes=120] [report_s=60]
+//! [pace=wall|line] [program=FILE]`
 //!
-//! By the wall clock (`pace=wall`) the robot's controller is another process (`panelprep mock-robot`), and its panel
-//! is greasy only in the first cycle. With `pace=line` a simulated line brings greasy parts in lock step, so that
-//! there are many more cycles, each with an abrasion. These cannot be recorded. The simulated controller is then a
-//! part of the service and keeps the log of all its motions (0.3 MB a cycle), so its memory is reported and not
-//! judged. `program` is another build of the program than this bench's own.
+//! In real time (`pace=wall`) the robot's controller is another process (`panelprep mock-robot`), and its panel is
+//! greasy only in the first cycle. With `pace=line` a simulated production line brings greasy parts in lock step, so
+//! that there are many more cycles, each with an abrasion. These cannot be recorded. The simulated controller is then a
+//! part of the service and keeps the log of all its motions (0.3 MB a cycle), so its memory is reported and not judged.
+//! `program` is another build of the program than this bench's own.
 
 #[path = "arguments.rs"]
 mod arguments;
@@ -44,12 +44,12 @@ use std::time::{Duration, Instant};
 /// Interval between two samples of the process. It is short because memory is freed at the end of a cycle, and the
 /// next cycle may begin at once.
 const SAMPLE_INTERVAL: Duration = Duration::from_millis(100);
-/// Limit for the growth of the memory that the process keeps, as a share of its size in an hour. A picture of 400
-/// kB kept from each of some 180 cycles is more than thirty times as much. The store's page cache and the
-/// allocator's free lists are full after the first half, which is not judged.
+/// Limit for the growth of the memory that the process keeps, as a share of its size in an hour. If a picture of 400 kB
+/// stayed in memory from each of about 180 cycles, the growth would be more than thirty times as large. The store's
+/// page cache and the allocator's free lists are full after the first half, which is not judged.
 const MAX_GROWTH_PER_HOUR: f64 = 0.01;
-/// A slope below this number of its standard errors counts as none.
-const SURE: f64 = 3.0;
+/// Smallest slope that counts as growth, in units of its standard error.
+const MIN_SLOPE_ERRORS: f64 = 3.0;
 
 fn main() -> ExitCode {
     let (minutes, report_s) = (number("minutes").unwrap_or(120), number("report_s").unwrap_or(60).max(1));
@@ -57,13 +57,13 @@ fn main() -> ExitCode {
     let pace = match argument("pace").as_deref() {
         None | Some("wall") => Pace::Wall,
         Some("line") => Pace::Line,
-        Some(other) => panic!("pace={other}: allowed are wall and line"),
+        Some(other) => panic!("pace={other}: valid: wall, line"),
     };
     let prepared = cell::prepare(program.as_ref(), pace);
     let counts = Counts::default();
     let (mut running, watchdog) = Running::start(&prepared);
     println!(
-        "{minutes} minutes; the watchdog allows {:.1} s without a sign",
+        "{minutes} minutes; the watchdog allows {:.1} s without a signal",
         watchdog::WATCHDOG_TIMEOUT.as_secs_f64()
     );
     let periods = std::thread::scope(|scope| {
@@ -112,11 +112,12 @@ fn judge(
             reported(false, format!("{name}: there are too few periods for a slope"));
             continue;
         };
-        // Memory may grow by a share of its size; one descriptor or thread that is kept is already too many.
+        // Memory may grow by a share of its size; for descriptors and threads, even one that is not released is too
+        // many.
         let most = least.unwrap_or(MAX_GROWTH_PER_HOUR * growth.mean);
-        let grows = growth.an_hour > most && growth.an_hour > SURE * growth.standard_error;
+        let grows = growth.an_hour > most && growth.an_hour > MIN_SLOPE_ERRORS * growth.standard_error;
         let text = format!(
-            "{name}, the least of each period of the second half: {:.0} {unit}, slope {:+.2} ± {:.2} {unit} an hour (most {most:.2})",
+            "{name}, smallest value of each period of the second half: {:.0} {unit}, slope {:+.2} ± {:.2} {unit} an hour (most {most:.2})",
             growth.mean, growth.an_hour, growth.standard_error
         );
         if least.is_none() && pace == Pace::Wall {

@@ -1,7 +1,7 @@
-//! The surface and the paths over it on full-size scans: accuracy and speed, compared with geomdl and scipy in one
-//! run. `cargo bench --bench surface -- [PART…] [SEEDS]`, parts `fit`, `evaluate`, `paths`, `patterns`,
-//! `attitudes`, `gauntlet`; without one, all. `make bench-surface` sets up the peers and names their Python in
-//! `PANELPREP_PEERS`. Exit code 1 if a target is missed.
+//! Measures the accuracy and speed of the surface and of the paths over it on full-size scans, compared with geomdl and
+//! scipy in the same run. `cargo bench --bench surface -- [PART…] [SEEDS]`, parts `fit`, `evaluate`, `paths`,
+//! `patterns`, `attitudes`, `gauntlet`; without one, all. `make bench-surface` sets up the peers and names their Python
+//! in `PANELPREP_PEERS`. Exit code 1 if a target is missed.
 
 #[path = "surface/accuracy.rs"]
 mod accuracy;
@@ -32,7 +32,7 @@ const PARTS: [&str; 6] = ["fit", "evaluate", "paths", "patterns", "attitudes", "
 /// Number of the demo's seeds on which every pattern is planned; `DISCS_MM` has the disc diameters, mm.
 const DEMO_SEEDS: u64 = 10;
 const DISCS_MM: [f64; 5] = [20.0, 30.0, 40.0, 50.0, 60.0];
-/// Goals of the table over all plans; the plans' own gates enforce limits that are not wider.
+/// Goals over all plans; the limits of the plans' own gates are at least as strict.
 const COVERAGE_MIN: f64 = 0.995;
 const STEP_MAX_MM: f64 = 12.0;
 
@@ -69,7 +69,7 @@ fn held_time(what: &str, found: &Timed, most_ms: f64) -> usize {
     held(&format!("{what} ({:.1} ms by the wall clock)", found.wall_ms), found.share_ms, most_ms, "ms")
 }
 
-/// Reports a figure with its upper target; a number that is missing misses it.
+/// Reports a figure with its upper target; a missing number misses the target.
 fn most(figure: Figure, found: f64, most: f64, unit: &str) {
     figure.report(&format!("{most}{unit}"), &format!("{found:.3}{unit}"), found <= most);
 }
@@ -81,7 +81,7 @@ fn held(what: &str, found: f64, most: f64, unit: &str) -> usize {
     usize::from(missed)
 }
 
-/// Duration of a piece of work, medians, ms.
+/// Median duration of a computation, ms.
 struct Timed {
     /// Time by the wall clock, which includes other work on the machine, ms.
     wall_ms: f64,
@@ -102,7 +102,7 @@ fn timed<T>(runs: usize, mut work: impl FnMut() -> T) -> Timed {
     Timed { wall_ms: median(&mut walls).unwrap_or(f64::NAN), share_ms: median(&mut shares).unwrap_or(f64::NAN) }
 }
 
-/// Times work that runs on one thread: `share_ms` is then this thread's own time.
+/// Times a computation that runs on one thread: `share_ms` is then this thread's processor time.
 fn timed_alone<T>(runs: usize, work: impl FnMut() -> T) -> Timed {
     let threads = std::thread::available_parallelism().map_or(1.0, |threads| threads.get() as f64);
     let Timed { wall_ms, share_ms } = timed(runs, work);

@@ -24,7 +24,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Writes the figures of this file into the page; returns a summary, or what is wrong.
+/// Writes the figures of this file into the page; returns a summary, or the error.
 fn written(goals: &Path) -> Result<String, String> {
     let at = |path: &Path, error: std::io::Error| format!("{}: {error}", path.display());
     if !goals.exists() {

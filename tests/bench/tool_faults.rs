@@ -1,7 +1,7 @@
-//! Runs each fault of the simulated tool's link along the whole path, through the program as a user runs it. The
-//! mock controller's log gives the time from the fault until the sander is off, or the path leaves the panel by
-//! itself, and until the disc is lifted. `cargo bench --bench tool_faults -- [EVERY]`: at every EVERYth waypoint in
-//! contact; without a number, every twelfth. Exit code 1 if a target is missed.
+//! Simulates each fault of the tool's link at waypoints along the whole path, with the program as a user runs it. The
+//! mock controller's log gives the time from the fault until the sander is off, or the path leaves the panel by itself,
+//! and until the disc is lifted. `cargo bench --bench tool_faults -- [EVERY]`: at every EVERYth waypoint in contact;
+//! without a number, every twelfth. Exit code 1 if a target is missed.
 
 #[path = "goal.rs"]
 mod goal;
@@ -12,7 +12,7 @@ use serde_json::Value;
 use std::process::{Command, ExitCode};
 
 /// Longest time from the fault until the tool's output is off, or until the path leaves the panel, ms.
-const OFF_MS: u64 = 500;
+const MAX_OFF_MS: u64 = 500;
 /// The faults, and the code that reports each.
 const FAULTS: [(&str, &str); 10] = [
     ("link-cut", "tool_link"),
@@ -27,7 +27,8 @@ const FAULTS: [(&str, &str); 10] = [
     (STUCK, "tool_stuck or no_contact or force_band or tool_stroke"),
 ];
 
-/// A tool that is stuck at its expected position shows nothing until the surface leaves it.
+/// The fault that cannot be detected at once: a tool that is stuck at its expected position differs from a working one
+/// only when the surface is no longer at this position.
 const STUCK: &str = "stuck";
 
 /// Runs the demo with this fault; `None` runs it without a fault.
@@ -40,7 +41,7 @@ fn demo(fault: Option<&str>) -> Value {
         command.args(["--tool-fault", fault]);
     }
     let output = command.output().expect("the program starts");
-    // Best effort: leftover files are in the system's folder for temporary files.
+    // The result is ignored: leftover files are in the system's folder for temporary files.
     let _ = std::fs::remove_dir_all(&folder);
     serde_json::from_slice(&output.stdout).expect("one JSON object")
 }
@@ -56,12 +57,12 @@ struct Row {
 fn row((fault, code): (&str, &str), from: u64) -> Row {
     let result = demo(Some(&format!("{fault}@{from}")));
     let reasons = result["reasons"].as_array().cloned().unwrap_or_default();
-    let told = reasons
+    let reported = reasons
         .iter()
         .filter_map(|reason| reason["code"].as_str())
-        .find(|told| code.split(" or ").any(|code| code == *told));
+        .find(|reported| code.split(" or ").any(|code| code == *reported));
     let number = |name: &str| result["after_tool_fault"][name].as_u64();
-    Row { from, code: told.map(str::to_owned), off_ms: number("off_ms"), lifted_ms: number("lifted_ms") }
+    Row { from, code: reported.map(str::to_owned), off_ms: number("off_ms"), lifted_ms: number("lifted_ms") }
 }
 
 fn main() -> ExitCode {
@@ -71,7 +72,7 @@ fn main() -> ExitCode {
     let contacts: u64 = passes.iter().filter_map(|pass| pass["waypoints_in_contact"].as_u64()).sum();
     println!("without a fault: {}, {contacts} waypoints in contact; a fault at every {every}th", sound["verdict"]);
     println!(
-        "fault        runs  told by                        sander off ms (median, max)  disc lifted ms (median, max)  missed at"
+        "fault        runs  reported by                    sander off ms (median, max)  disc lifted ms (median, max)  missed at"
     );
     let (mut missed, mut longest) = (0, None);
     for fault in FAULTS {
@@ -79,7 +80,7 @@ fn main() -> ExitCode {
         let rows: Vec<Row> = places.par_iter().map(|from| row(fault, *from)).collect();
         missed += line(fault.0, &rows);
         if fault.0 != STUCK {
-            // A run that reports no time is later than every limit.
+            // A run that reports no time counts as later than every limit.
             let ended = rows.iter().map(|row| ended_ms(row).unwrap_or(u64::MAX));
             longest = ended.fold(longest, |longest, ms| Some(longest.unwrap_or(0).max(ms)));
         }
@@ -87,24 +88,25 @@ fn main() -> ExitCode {
     let found =
         longest.filter(|ms| *ms < u64::MAX).map_or("a run without a time".to_owned(), |ms| format!("{ms} ms"));
     Figure("tool: fault until the sander is off, longest, except \"stuck\"").report(
-        &format!("{OFF_MS} ms"),
+        &format!("{MAX_OFF_MS} ms"),
         &found,
-        longest.is_some_and(|ms| ms <= OFF_MS),
+        longest.is_some_and(|ms| ms <= MAX_OFF_MS),
     );
-    println!("{missed} runs missed: off within {OFF_MS} ms and told by name");
+    println!("{missed} runs missed the target: off within {MAX_OFF_MS} ms and reported with its code");
     if missed == 0 && contacts > 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Returns when the sanding ended: if the path left the panel by itself earlier, nothing was sanded any more.
+/// Returns the time from the fault to the end of the sanding, ms: when the tool was off, or when the path left the
+/// panel if that was earlier.
 fn ended_ms(row: &Row) -> Option<u64> {
     row.off_ms.or(row.lifted_ms)
 }
 
 /// Prints a fault's line; returns the number of runs that missed the target.
 fn line(fault: &str, rows: &[Row]) -> usize {
-    // A tool that is stuck at its expected position shows nothing until the surface leaves it; the log does not
-    // contain that time.
-    let in_time = |row: &Row| fault == STUCK || ended_ms(row).is_some_and(|ms| ms <= OFF_MS);
+    // A tool that is stuck at its expected position cannot be detected until the surface is no longer there; the log
+    // does not contain that time.
+    let in_time = |row: &Row| fault == STUCK || ended_ms(row).is_some_and(|ms| ms <= MAX_OFF_MS);
     let holds = |row: &&Row| row.code.is_some() && in_time(row);
     let missed: Vec<String> = rows.iter().filter(|row| !holds(row)).map(|row| row.from.to_string()).collect();
     let sorted = |of: fn(&Row) -> Option<u64>| {

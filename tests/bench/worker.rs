@@ -1,6 +1,6 @@
-//! The 3D camera's worker, as `make bench-worker` measures it: a full-size shot through its socket beside a plain copy
-//! of the same number of bytes. A worker is also killed two hundred times. The camera's shots are played back without
-//! a camera, so these numbers do not include the SDK.
+//! Measures the 3D camera's worker (`make bench-worker`): the transfer of a full-size shot through its socket, compared
+//! with a plain copy of the same number of bytes. A worker is also killed two hundred times. Recorded shots are
+//! replayed without a camera, so these numbers do not include the SDK.
 //!
 //! `cargo bench --bench worker -- [shots] [kills]`
 
@@ -34,7 +34,7 @@ fn main() {
     let begun = Instant::now();
     let killed = kills::killed(scanner, times, &mut rand_pcg::Pcg64::seed_from_u64(1));
     println!(
-        "{times} kills at random moments in {:.0} s, {} shots and pictures came whole meanwhile; told of them:",
+        "{times} kills at random moments in {:.0} s, {} shots and pictures were complete; reported faults:",
         begun.elapsed().as_secs_f64(),
         killed.delivered
     );
@@ -49,11 +49,11 @@ fn main() {
     );
     let found = format!("{named} of {times}");
     let right = Figure("cameras: kills with a named fault").report("all", &found, named == times) && is_fast;
-    println!("{}", if right { "all as asked" } else { "NOT as asked" });
+    println!("{}", if right { "all targets met" } else { "a target was MISSED" });
     std::process::exit(i32::from(!right));
 }
 
-/// Returns the time from a shot in the worker's memory to a checked shot in the daemon's.
+/// Returns the time from a shot in the worker's memory to the checked shot in the daemon's memory.
 fn crossing(scanner: &mut ZividScanner, shots: usize) -> f64 {
     let source: Vec<u8> = (0..BYTES).map(|k| k as u8).collect();
     let (mut crossed, mut copied) = (Vec::new(), Vec::new());
@@ -76,7 +76,7 @@ fn crossing(scanner: &mut ZividScanner, shots: usize) -> f64 {
         BYTES as f64 * 1e-6
     );
     println!(
-        "  through the socket  median {:6.1} ms, {:.1} to {:.1}; at most {MAX_MS} ms are asked",
+        "  through the socket  median {:6.1} ms, {:.1} to {:.1}; target at most {MAX_MS} ms",
         crossing.0, crossing.1, crossing.2
     );
     println!("  a plain copy        median {:6.1} ms, {:.1} to {:.1}", copying.0, copying.1, copying.2);

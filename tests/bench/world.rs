@@ -1,10 +1,10 @@
-//! Runs worlds of many seeds: see `tests/world`. Prints a table of the counts; exit code 1 if a judge found
-//! something. `cargo bench --bench world -- [seeds=N] [from=N] [imagine_every=N]` (power cuts are imagined in each
-//! nth world only), one seed with `-- seed=N`, one script with `-- seed=N script='[…]'`; planted mistakes: `--
-//! sabotage [seeds=N]`, one of them with `-- mistake='NAME' …`; processes of the system that are killed at any
-//! moment: `-- kills=N [from=N]`; each nth seed until a judge finds something or the time is over, without a search
-//! for the shortest script, as `tests/bench/mutations.rs` runs it: `-- until-wrong [seeds=N] [from=N] [step=N]
-//! [limit_s=N]`, with a mistake if one is named.
+//! Runs worlds of many seeds: see `tests/world`. Prints a table of the counts; exit code 1 if a judge found something.
+//! `cargo bench --bench world -- [seeds=N] [from=N] [imagine_every=N]` (power cuts are imagined in each nth world
+//! only), one seed with `-- seed=N`, one script with `-- seed=N script='[…]'`; inserted mistakes: `-- sabotage
+//! [seeds=N]`, one of them with `-- mistake='NAME' …`; processes of the system that are killed at any moment: `--
+//! kills=N [from=N]`; each nth seed until a judge finds something or the time is over, without a search for the
+//! shortest script, as `tests/bench/mutations.rs` runs it: `-- until-wrong [seeds=N] [from=N] [step=N] [limit_s=N]`,
+//! with a mistake if one is named.
 
 #[path = "arguments.rs"]
 mod arguments;
@@ -27,10 +27,10 @@ use std::process::ExitCode;
 use std::time::Instant;
 use world::{Counts, SABOTAGES, Sabotage, World};
 
-/// Goal of the table: it is reported but not enforced, since the machine decides it.
+/// Goal for the number of cycles per second; it is reported but not enforced, because it depends on the machine.
 const CYCLES_A_SECOND: f64 = 200.0;
 
-/// Returns the mistake that is to be put in, if one is requested.
+/// Returns the mistake that is to be inserted, if one is requested.
 fn mistake() -> Option<Sabotage> {
     let name = argument("mistake")?;
     let known = SABOTAGES.iter().find(|(known, _)| *known == name);
@@ -104,7 +104,7 @@ fn main() -> ExitCode {
     println!("pictures that are kept for all worlds: {pictures}, {} MB", bytes / 1_000_000);
     let grows = count >= 1_000 && (memory_kb > before.0 + before.0 / 4 || descriptors > before.1);
     let (cpu_s, cycles) = (cpu_s(), counts.cycles);
-    // A single seed, a given script and a planted mistake measure nothing that the table states.
+    // Runs with a single seed, a given script or an inserted mistake measure no figure of the table.
     if number("seed").is_none() && argument("script").is_none() && sabotage.is_none() {
         let found = format!("{wrong} in {count} worlds, {cycles} cycles");
         Figure("world: violations").report("0", &found, wrong == 0 && cycles > 0);
@@ -143,7 +143,7 @@ fn alone() {
 
 /// Processor time that the process has used so far, s.
 fn cpu_s() -> f64 {
-    // After the name in brackets: the 12th and 13th field, in hundredths of a second.
+    // The 12th and 13th field after the name in brackets, in hundredths of a second.
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
     let fields = stat.rsplit(')').next().unwrap_or_default().split_whitespace();
     fields.skip(11).take(2).filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() / 100.0

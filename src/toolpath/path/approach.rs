@@ -1,8 +1,8 @@
 //! The axis angles before contact, from the arm's motion from its park pose through the views of the taught corners.
 //!
-//! Before contact the arm is at the last corner that Verify looks at. The arm moves from the park pose through the
-//! ready pose, unless the park pose lies inside the box, and then by lines from corner to corner. Lines do not change
-//! the arm's configuration. So these motions are checked too, by the same gate and with the same obstacles. Each
+//! Before contact the arm is at the last corner that the stage Verify views. The arm moves from the park pose through
+//! the ready pose, unless the park pose lies inside the box, and then by lines from corner to corner. Lines do not
+//! change the arm's configuration. These motions, too, are checked by the same gate with the same obstacles. Each
 //! actual motion is checked again from the actual axis angles: see `routes`.
 
 use super::Kinematics;
@@ -28,7 +28,7 @@ pub struct CornerTour<'a> {
     pub ready: Option<Joints>,
     /// Mounting of the flange camera.
     pub flange_from_camera: Rigid<Flange, FlangeCamera>,
-    /// The sander, which keeps its distances while the camera is moved.
+    /// The sander, which must keep its distances from the obstacles while the camera is moved.
     pub sander: Sander,
     /// The taught corners.
     pub corners: &'a [TaughtCorner],
@@ -68,8 +68,8 @@ impl<'a> CornerTour<'a> {
         Ok(ReachSetup { arm: kinematics, flange_from_tool, base_from_panel, start_joints: Some(at) })
     }
 
-    /// Returns the first corners, up to this number, that the arm reaches if only the obstacles of the cell's file
-    /// are in the way.
+    /// Returns the first corners that the arm reaches, at most this number of them, if only the obstacles of the cell's
+    /// file are considered.
     ///
     /// # Errors
     /// If no corner was taught, or the arm reaches none of them.

@@ -2,8 +2,8 @@
 //!
 //! Neighbouring grids in one row become a strip; strips of the same columns in neighbouring rows become a rectangle. A
 //! rectangle is one patch of the surface, with one path. An L becomes two rectangles. The order keeps the path through
-//! the air short: from every possible start the nearest next end is chosen; then parts of the order are reversed as
-//! long as the path becomes shorter. An area may be worked from either end.
+//! the air short: for each possible first area, the area with the nearest end always comes next; then parts of the
+//! order are reversed as long as this shortens the path. An area may be worked from either end.
 //!
 //! The lines of an area are laid again until the disc stays within the outline and reaches the whole area, and no two
 //! lines are farther apart than the recipe's step-over.
@@ -17,30 +17,30 @@ use panelprep_base::geometry::{Panel, Point};
 use panelprep_cell::panel::{GridId, Region};
 use panelprep_cell::recipe;
 
-/// Largest number of times that lines are laid again because the disc reaches too far beyond the outline, or lines
-/// are too far apart.
+/// Largest number of times that the lines of an area are laid again, if the disc reaches too far beyond the outline or
+/// lines are too far apart.
 const MAX_RELAY_ROUNDS: usize = 16;
 /// Additional distance by which lines are moved inwards beyond the excess of the disc, mm: the excess that remains
 /// after a round is less than this.
 const OUTLINE_CLEAR_MM: f64 = 0.01;
-/// Additional factor by which lines are laid closer when they are too far apart.
+/// Factor by which the spacing of lines is reduced further than calculated if they are too far apart.
 const SPACING_REDUCTION: f64 = 0.999;
 /// Number of places on each side of a patch at which its curvature is checked.
-const BEND_STEPS: usize = 6;
-/// If one place would be enough for a whole patch, the disc moves over it by this fraction of its radius, so that it
-/// does not come down and leave at the same place.
+const CURVATURE_PLACES: usize = 6;
+/// If the disc covers a whole patch from one place, it moves over this place by this fraction of its radius, so that it
+/// does not land and lift off at the same place.
 const STROKE_RADII: f64 = 0.5;
 /// Number of times that this motion is halved if the disc would reach beyond the outline.
-const STROKE_HALVES: usize = 3;
+const MAX_STROKE_HALVINGS: usize = 3;
 
 /// One patch of the surface with one path.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Area {
-    /// The grids into which it extends.
+    /// The grids into which the area extends.
     pub grids: Vec<GridId>,
-    /// Where its lines are laid.
+    /// The patch on which the lines are laid.
     pub patch: ParameterPatch,
-    /// What is treated; the lines may extend beyond it.
+    /// The patch that is treated; the lines may extend beyond it.
     pub treated: ParameterPatch,
 }
 
@@ -51,8 +51,8 @@ impl Area {
     }
 }
 
-/// Returns the areas that are treated: around breaks each as it is, otherwise the grids combined into rectangles.
-pub(super) fn areas_of(region: &Region, treated: &Treated, join: bool) -> Vec<Area> {
+/// Returns the areas that are treated: areas around breaks unchanged, whole grids combined into rectangles.
+pub(super) fn treated_areas(region: &Region, treated: &Treated, join: bool) -> Vec<Area> {
     let Some(patches) = treated.areas() else { return areas(region, treated.grids(), join) };
     let area = |patch: &ParameterPatch| {
         let grids = treated.grids().iter().copied().filter(|id| patch.part_in(region, *id).is_some());
@@ -96,8 +96,7 @@ pub(super) fn areas(region: &Region, grids: &[GridId], join: bool) -> Vec<Area> 
     rectangles.into_iter().map(area).collect()
 }
 
-/// Returns the order in which the pieces with these ends are worked, and whether each piece is worked from its
-/// second end.
+/// Returns the order in which the pieces with these ends are abraded, and whether each piece begins at its second end.
 pub(super) fn visit_order(ends: &[[Point<Panel>; 2]]) -> Vec<(usize, bool)> {
     let best = (0..ends.len())
         .flat_map(|start| [false, true].map(|turned| nearest_neighbour_order(ends, (start, turned))))
@@ -230,7 +229,7 @@ pub(super) fn make_piece(
     }
 }
 
-/// Returns a short motion over one place, along u or v: the direction that keeps more of the disc on the panel.
+/// Returns a short motion over one place, along u or v, in the direction in which more of the disc stays on the panel.
 fn short_motion(
     surface: &BSplineSurface,
     at: Parameter,
@@ -246,7 +245,7 @@ fn short_motion(
         ends.iter().map(|end| outline.overhang_mm(surface.point(*end), radius_mm)).fold(0.0, f64::max)
     };
     let mut best = ends(STROKE_RADII * radius_mm / 2.0, true);
-    for half in 0..=STROKE_HALVES {
+    for half in 0..=MAX_STROKE_HALVINGS {
         let half_mm = STROKE_RADII * radius_mm / 2.0 / f64::powi(2.0, half as i32);
         for along_u in [true, false] {
             let ends = ends(half_mm, along_u);
@@ -265,10 +264,12 @@ fn short_motion(
 /// allows: a chord of length s deviates from a curvature κ by κ s² / 8.
 fn spacing_mm(surface: &BSplineSurface, patch: &ParameterPatch, settings: &recipe::Path) -> f64 {
     let mut bend: f64 = 0.0;
-    for n in 0..=BEND_STEPS * BEND_STEPS {
-        let share = |index: usize| index as f64 / BEND_STEPS as f64;
-        let at = patch
-            .parameter_at(Parameter { u: share(n % (BEND_STEPS + 1)).min(1.0), v: share(n / (BEND_STEPS + 1)) });
+    for n in 0..=CURVATURE_PLACES * CURVATURE_PLACES {
+        let share = |index: usize| index as f64 / CURVATURE_PLACES as f64;
+        let at = patch.parameter_at(Parameter {
+            u: share(n % (CURVATURE_PLACES + 1)).min(1.0),
+            v: share(n / (CURVATURE_PLACES + 1)),
+        });
         if let Some(bends) = surface.principal_curvatures(&surface.derivatives(at)) {
             bend = bends.iter().fold(bend, |most, one| most.max(one.abs()));
         }
@@ -304,10 +305,10 @@ mod tests {
         assert_eq!(areas(&region(), &block[0].grids, false).len(), 2);
     }
 
-    /// Calculated by hand: pieces from 0 to 10, 50 to 60 and 20 to 30 on a line are worked from left to right or
-    /// back: 10 + 20 mm.
+    /// Calculated by hand: pieces from 0 to 10, 50 to 60 and 20 to 30 on a line are abraded from left to right or back:
+    /// 10 + 20 mm.
     #[test]
-    fn the_way_through_the_air_is_short() {
+    fn the_path_through_the_air_is_short() {
         let ends =
             [[0.0, 10.0], [60.0, 50.0], [20.0, 30.0]].map(|pair: [f64; 2]| pair.map(|x| Point::at(x, 0.0, 0.0)));
         let order = visit_order(&ends);

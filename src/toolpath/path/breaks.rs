@@ -1,20 +1,21 @@
-//! The areas around breaks, so that only what broke is abraded.
+//! Finds the areas around breaks, so that only the places with breaks are abraded.
 //!
 //! Each connected break of the taught picture becomes the smallest box of the surface, along the region's columns and
 //! rows, that contains its outline and the margin around it. So every pattern can be laid over an area as over a grid,
-//! and an area contains more than the break and never less. Areas that overlap or nearly touch become one if this costs
-//! no more than both; otherwise one is cut at the other. An area ends at the region's border, and at the border of a grid
-//! that must not be abraded again.
+//! and an area contains more than the break and never less. Areas that overlap or nearly touch are merged if the merged
+//! area costs no more than both; otherwise one is cut at the border of the other. An area ends at the region's border,
+//! and at the border of a grid that must not be abraded again.
 //!
 //! Breaks that share failed grids are one group. If the areas of a group are not smaller than its grids, the grids are
 //! treated as a whole. The group's grids are the failed ones, and those into which its breaks extend farther than the
 //! disc reaches beyond the failed ones.
 //!
-//! A break across several grids is one area; these grids stay its address in the record. A failed grid whose breaks do
-//! not account for its broken surface is treated as a whole: without evidence of the place nothing is left out.
+//! A break across several grids is one area; the record lists these grids for it. A failed grid whose breaks do not
+//! explain its broken area is treated as a whole: as the broken place is not known, no part is left out.
 //!
 //! The cost of a box is the surface over which the disc moves: the box and the disc's reach around it. So one box may
-//! cost less than two, although it contains what lies between them; and it costs more, if most of it is empty corners.
+//! cost less than two, although it contains the surface between them; it costs more if most of it is surface without
+//! breaks.
 
 use super::areas::areas as rectangles;
 use crate::surface::{BSplineSurface, Parameter, ParameterPatch, Treated};
@@ -22,23 +23,24 @@ use panelprep_base::geometry::{Mask, Pixel};
 use panelprep_cell::panel::{GridId, Region};
 use std::collections::BTreeSet;
 
-/// An area extends into a grid by at least this, mm: the grid's samples are 1 mm apart, and a part of a grid needs some.
-const LEAST_PART_MM: f64 = 2.0;
+/// Smallest length by which an area extends into a grid, mm: the grid's samples are 1 mm apart, and a part of a grid
+/// must contain some of them.
+const MIN_PART_MM: f64 = 2.0;
 
-/// Places on each side of a box at which the surface's scale is measured.
+/// Number of places on each side of a box at which the surface's scale is measured.
 const SCALE_STEPS: usize = 4;
-/// A narrower part of a box is rounding, in units of the region's sides.
-const NOTHING: f64 = 1e-9;
+/// Smallest side of a part of a box, in units of the region's sides; a narrower part is a rounding error.
+const MIN_PART_SIDE: f64 = 1e-9;
 
-/// The broken places of a film, and the grids that are to be treated because of them.
+/// The breaks of a film, and the grids that are to be treated because of them.
 #[derive(Debug, Clone, Copy)]
 pub struct Breaks<'a> {
-    /// Pixels of the taught picture that broke.
+    /// Pixels of the taught picture at which the film broke.
     pub broken: &'a Mask,
     /// Grids that failed and are to be treated.
     pub failed: &'a [GridId],
-    /// Those of them of which the breaks are not known well enough: they are treated as a whole, as are those without
-    /// any broken pixel.
+    /// The failed grids whose breaks are not known well enough: they are treated as a whole, as are failed grids
+    /// without a broken pixel.
     pub whole: &'a [GridId],
     /// Grids that must not be abraded again.
     pub spared: &'a [GridId],
@@ -46,9 +48,9 @@ pub struct Breaks<'a> {
     pub join_grids: bool,
 }
 
-/// Where areas are laid.
+/// The surface and the settings with which areas are laid.
 #[derive(Clone, Copy)]
-struct On<'a> {
+struct AreaSettings<'a> {
     surface: &'a BSplineSurface,
     region: &'a Region,
     distances: Distances,
@@ -60,7 +62,7 @@ struct On<'a> {
 struct Group {
     /// A box around each break, and each grid that must be treated as a whole.
     boxes: Vec<ParameterPatch>,
-    /// The grids that would be treated instead.
+    /// The grids that would be treated in place of the boxes.
     grids: BTreeSet<GridId>,
 }
 
@@ -72,15 +74,15 @@ impl Group {
     }
 
     /// Returns the areas of these breaks: boxes around them, or whole grids if they are not larger.
-    fn areas(&self, on: On<'_>) -> Vec<ParameterPatch> {
-        let boxes = laid(on.surface, self.boxes.clone(), on.distances);
-        on.lesser(boxes, &self.grids)
+    fn areas(&self, on: AreaSettings<'_>) -> Vec<ParameterPatch> {
+        let boxes = lay_boxes(on.surface, self.boxes.clone(), on.distances);
+        on.cheaper_of(boxes, &self.grids)
     }
 }
 
-impl On<'_> {
+impl AreaSettings<'_> {
     /// Returns these areas, or the grids if they are not larger.
-    fn lesser(&self, areas: Vec<ParameterPatch>, grids: &BTreeSet<GridId>) -> Vec<ParameterPatch> {
+    fn cheaper_of(&self, areas: Vec<ParameterPatch>, grids: &BTreeSet<GridId>) -> Vec<ParameterPatch> {
         let grids: Vec<GridId> = grids.iter().copied().collect();
         let grids = rectangles(self.region, &grids, self.join_grids);
         let grids: Vec<ParameterPatch> = grids.into_iter().map(|area| area.patch).collect();
@@ -88,15 +90,15 @@ impl On<'_> {
     }
 }
 
-/// Returns the areas around the breaks that lie in a failed grid or extend into it. Together they are not larger than
-/// the grids that they replace.
+/// Returns the areas around the breaks that lie in a failed grid or extend into it. Their total area is not larger than
+/// that of the grids that they replace.
 pub fn around_breaks(
     surface: &BSplineSurface,
     region: &Region,
     breaks: &Breaks<'_>,
     distances: Distances,
 ) -> Treated {
-    let on = On { surface, region, distances, join_grids: breaks.join_grids };
+    let on = AreaSettings { surface, region, distances, join_grids: breaks.join_grids };
     let pieces = pieces(region, breaks);
     let in_pieces: BTreeSet<GridId> = pieces.iter().flatten().filter_map(|pixel| region.grid_at(*pixel)).collect();
     let is_whole = |id: &&GridId| breaks.whole.contains(id) || !in_pieces.contains(id);
@@ -105,29 +107,30 @@ pub fn around_breaks(
     });
     let of_piece = |pixels: &Vec<Pixel>| {
         let outline = corners(region, pixels);
-        let wide = clipped(grown(surface, bounds(&outline), distances.margin_mm));
+        let wide = clipped(enlarge_box(surface, bounds(&outline), distances.margin_mm));
         let wide = at_least(surface, wide, distances.least_mm);
         let own = with_whole_parts(surface, region, wide);
         Group { boxes: vec![own], grids: replaced(on, pixels, breaks.failed) }
     };
-    let groups = merged(whole.chain(pieces.iter().map(of_piece)).collect(), |one, other| {
+    let groups = merge_groups(whole.chain(pieces.iter().map(of_piece)).collect(), |one, other| {
         !one.grids.is_disjoint(&other.grids)
     });
-    let areas = arranged(on, groups).into_iter().flat_map(|area| without(region, area, breaks.spared)).collect();
+    let areas =
+        arrange_groups(on, groups).into_iter().flat_map(|area| without(region, area, breaks.spared)).collect();
     let broken = pieces.iter().flatten().map(|pixel| parameter(region, *pixel)).collect();
     Treated::from_areas(region, areas, broken)
 }
 
 /// Returns the grids that would be treated instead of a box around this break.
-fn replaced(on: On<'_>, pixels: &[Pixel], failed: &[GridId]) -> BTreeSet<GridId> {
+fn replaced(on: AreaSettings<'_>, pixels: &[Pixel], failed: &[GridId]) -> BTreeSet<GridId> {
     let region = on.region;
     let grids: BTreeSet<GridId> = pixels.iter().filter_map(|pixel| region.grid_at(*pixel)).collect();
     let (mut found, others): (BTreeSet<GridId>, BTreeSet<GridId>) =
         grids.into_iter().partition(|id| failed.contains(id));
-    // Not beyond a grid's corner: the disc is round.
+    // Grids that share only a corner do not count: the disc is round.
     let beside = |id: &GridId| {
         let own = ParameterPatch::for_grid(region, *id)?;
-        let wide = grown(on.surface, own, on.distances.reach_mm);
+        let wide = enlarge_box(on.surface, own, on.distances.reach_mm);
         let by = |u: ParameterPatch, v: ParameterPatch| ParameterPatch {
             low: Parameter { u: u.low.u, v: v.low.v },
             high: Parameter { u: u.high.u, v: v.high.v },
@@ -143,10 +146,10 @@ fn replaced(on: On<'_>, pixels: &[Pixel], failed: &[GridId]) -> BTreeSet<GridId>
 }
 
 /// Merges groups until no two of them belong together.
-fn merged(groups: Vec<Group>, belong: impl Fn(&Group, &Group) -> bool) -> Vec<Group> {
+fn merge_groups(groups: Vec<Group>, belong: impl Fn(&Group, &Group) -> bool) -> Vec<Group> {
     let mut all: Vec<Group> = Vec::new();
     for mut next in groups {
-        // A group that took in another may belong to a third one.
+        // After a merge, the larger group may belong together with a third one.
         while let Some(near) = all.iter().position(|other| belong(other, &next)) {
             next = all.remove(near).and(next);
         }
@@ -156,12 +159,12 @@ fn merged(groups: Vec<Group>, belong: impl Fn(&Group, &Group) -> bool) -> Vec<Gr
 }
 
 /// Returns the areas of all groups. Groups are merged if this costs less, or if their areas cannot be cut at each other.
-fn arranged(on: On<'_>, groups: Vec<Group>) -> Vec<ParameterPatch> {
+fn arrange_groups(on: AreaSettings<'_>, groups: Vec<Group>) -> Vec<ParameterPatch> {
     let cost = |areas: &[ParameterPatch]| cost_mm2(on.surface, areas, on.distances.reach_mm);
     let is_near = |one: &[ParameterPatch], other: &[ParameterPatch]| {
         one.iter().any(|one| other.iter().any(|other| is_near(on.surface, *one, *other, on.distances)))
     };
-    let mut groups = merged(groups, |one, other| {
+    let mut groups = merge_groups(groups, |one, other| {
         let [areas, others] = [one, other].map(|group| group.areas(on));
         let both = || one.clone().and(other.clone()).areas(on);
         is_near(&areas, &others) && cost(&both()) < cost(&areas) + cost(&others)
@@ -176,8 +179,8 @@ fn arranged(on: On<'_>, groups: Vec<Group>) -> Vec<ParameterPatch> {
             }
         }
     };
-    // Neighbouring grids of different groups cost less together.
-    on.lesser(areas, &groups.into_iter().flat_map(|group| group.grids).collect())
+    // Neighbouring grids of different groups may cost less if they are treated together.
+    on.cheaper_of(areas, &groups.into_iter().flat_map(|group| group.grids).collect())
 }
 
 /// Returns the pixels of each break that concerns a failed grid; pixels of grids that are spared are left out.
@@ -198,7 +201,7 @@ fn parameter(region: &Region, pixel: Pixel) -> Parameter {
     Parameter { u: unit.x, v: unit.y }
 }
 
-/// Returns the corners of these pixels, each of which is a square of 1 px around its middle.
+/// Returns the corners of these pixels, each of which is a square with sides of 1 px around its centre.
 fn corners(region: &Region, pixels: &[Pixel]) -> Vec<Parameter> {
     let around = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)];
     let of_pixel = |pixel: &Pixel| around.map(|(u, v)| parameter(region, Pixel::at(pixel.u + u, pixel.v + v)));
@@ -212,14 +215,14 @@ fn bounds(places: &[Parameter]) -> ParameterPatch {
         .fold(ParameterPatch { low, high }, |patch, at| union(patch, ParameterPatch { low: *at, high: *at }))
 }
 
-/// Returns a box with sides of at least this length, mm, inside of the region: it grows on both sides alike, or inwards
-/// at the region's border.
+/// Returns a box with sides of at least this length, mm, inside of the region: it grows equally on both sides, or only
+/// inwards at the region's border.
 fn at_least(surface: &BSplineSurface, patch: ParameterPatch, side_mm: f64) -> ParameterPatch {
     let [least_u, least_v] = least_scale(surface, patch).map(|mm| side_mm / mm);
     let side = |low: f64, high: f64, least: f64| {
         let by = ((least - (high - low)) / 2.0).max(0.0);
         let (low, high) = (low - by, high + by);
-        // What lies beyond one border is added on the other side.
+        // The length that lies beyond one border is added on the opposite side.
         let (beyond_low, beyond_high) = ((-low).max(0.0), (high - 1.0).max(0.0));
         ((low - beyond_high).max(0.0), (high + beyond_low).min(1.0))
     };
@@ -228,10 +231,10 @@ fn at_least(surface: &BSplineSurface, patch: ParameterPatch, side_mm: f64) -> Pa
     ParameterPatch { low: Parameter { u: low_u, v: low_v }, high: Parameter { u: high_u, v: high_v } }
 }
 
-/// Returns a box that extends into each of its grids by at least [`LEAST_PART_MM`], and leaves at least this of it or
-/// nothing: a box that is cut at it then also has no narrower part in a grid.
+/// Returns a box that extends into each of its grids by at least [`MIN_PART_MM`], and leaves either at least this
+/// length of the grid or none: a box that is cut at its border then has no narrower part in a grid either.
 fn with_whole_parts(surface: &BSplineSurface, region: &Region, patch: ParameterPatch) -> ParameterPatch {
-    let [least_u, least_v] = least_scale(surface, patch).map(|mm| LEAST_PART_MM / mm);
+    let [least_u, least_v] = least_scale(surface, patch).map(|mm| MIN_PART_MM / mm);
     let low = |at: f64, count: usize, least: f64| {
         let [before, after] = [(at * count as f64).floor(), (at * count as f64).ceil()].map(|n| n / count as f64);
         match (at - before < least, after - at < least) {
@@ -268,16 +271,16 @@ fn without(region: &Region, area: ParameterPatch, spared: &[GridId]) -> Vec<Para
     parts.into_iter().filter(|(id, _)| !spared.contains(id)).map(|(_, part)| part).collect()
 }
 
-/// The distances by which boxes are laid, on the surface, mm.
+/// The distances with which boxes are laid, measured on the surface, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Distances {
-    /// By which breaks are widened.
+    /// Margin that is added around a break.
     pub margin_mm: f64,
-    /// Areas with a smaller gap may become one.
+    /// Largest gap between areas that may be merged.
     pub join_mm: f64,
-    /// Least side of an area: in a smaller one the pattern's border makes the time under the disc uneven.
+    /// Smallest side of an area: in a smaller area the ends of the pattern make the time under the disc uneven.
     pub least_mm: f64,
-    /// By which the disc surely reaches beyond an area.
+    /// Distance by which the disc always reaches beyond an area.
     pub reach_mm: f64,
 }
 
@@ -293,8 +296,8 @@ fn clipped(patch: ParameterPatch) -> ParameterPatch {
     ParameterPatch { low: inside(patch.low), high: inside(patch.high) }
 }
 
-/// Returns a box that is larger by this length on the surface on each side, mm; nowhere by less.
-fn grown(surface: &BSplineSurface, patch: ParameterPatch, by_mm: f64) -> ParameterPatch {
+/// Returns a box that is enlarged on each side by at least this length on the surface, mm.
+fn enlarge_box(surface: &BSplineSurface, patch: ParameterPatch, by_mm: f64) -> ParameterPatch {
     let by = |scale: [f64; 2]| {
         let [by_u, by_v] = scale.map(|mm| by_mm / mm);
         ParameterPatch {
@@ -302,7 +305,8 @@ fn grown(surface: &BSplineSurface, patch: ParameterPatch, by_mm: f64) -> Paramet
             high: Parameter { u: patch.high.u + by_u, v: patch.high.v + by_v },
         }
     };
-    // The second time with the scale of the larger box: beside a break the surface may be smaller.
+    // The scale is measured again over the larger box: beside a break, the surface may be smaller for a unit of the
+    // parameters.
     by(least_scale(surface, clipped(by(least_scale(surface, patch)))))
 }
 
@@ -313,14 +317,15 @@ fn least_scale(surface: &BSplineSurface, patch: ParameterPatch) -> [f64; 2] {
     let at = |place: usize| patch.parameter_at(Parameter { u: share(place % count), v: share(place / count) });
     (0..count * count).map(at).fold([f64::INFINITY; 2], |[least_u, least_v], at| {
         let tangents = surface.tangents(at);
-        // Across and not along: in slanted parameters a step along u leaves the line of constant u at an angle.
+        // The distance perpendicular to the line is used, since with slanted parameters a step along u leaves the line
+        // of constant u at an angle.
         let [across_u, across_v] =
             [&tangents.s_v, &tangents.s_u].map(|along| tangents.area_mm2() / along.mm.norm());
         [least_u.min(across_u), least_v.min(across_v)]
     })
 }
 
-/// Returns whether boxes have a smaller surface than others, and also cost less.
+/// Returns whether boxes have a smaller area than other boxes and also cost less.
 fn is_less(surface: &BSplineSurface, boxes: &[ParameterPatch], others: &[ParameterPatch], reach_mm: f64) -> bool {
     let sum = |all: &[ParameterPatch]| all.iter().map(|patch| area_mm2(surface, *patch)).sum::<f64>();
     sum(boxes) < sum(others) && cost_mm2(surface, boxes, reach_mm) < cost_mm2(surface, others, reach_mm)
@@ -328,7 +333,7 @@ fn is_less(surface: &BSplineSurface, boxes: &[ParameterPatch], others: &[Paramet
 
 /// Returns the cost of boxes, mm²: the surface of each in the region with the disc's reach around it.
 fn cost_mm2(surface: &BSplineSurface, boxes: &[ParameterPatch], reach_mm: f64) -> f64 {
-    boxes.iter().map(|patch| area_mm2(surface, clipped(grown(surface, *patch, reach_mm)))).sum()
+    boxes.iter().map(|patch| area_mm2(surface, clipped(enlarge_box(surface, *patch, reach_mm)))).sum()
 }
 
 fn area_mm2(surface: &BSplineSurface, patch: ParameterPatch) -> f64 {
@@ -340,8 +345,8 @@ fn area_mm2(surface: &BSplineSurface, patch: ParameterPatch) -> f64 {
 }
 
 /// Joins boxes and cuts them at each other, so that they overlap by no more than the disc reaches beyond them. Together
-/// they contain all that they contained.
-pub(super) fn laid(
+/// they contain all of the original boxes.
+pub(super) fn lay_boxes(
     surface: &BSplineSurface,
     mut boxes: Vec<ParameterPatch>,
     distances: Distances,
@@ -366,7 +371,7 @@ fn joined(surface: &BSplineSurface, boxes: Vec<ParameterPatch>, distances: Dista
     };
     let mut all: Vec<ParameterPatch> = Vec::new();
     for mut next in boxes {
-        // A box that took in another may reach a third one.
+        // After a merge, the larger box may be near a third one.
         while let Some(near) = all.iter().position(|other| is_joined(*other, next)) {
             next = union(next, all.swap_remove(near));
         }
@@ -377,7 +382,7 @@ fn joined(surface: &BSplineSurface, boxes: Vec<ParameterPatch>, distances: Dista
 
 /// Returns whether the gap between two boxes is so small that they may become one.
 fn is_near(surface: &BSplineSurface, one: ParameterPatch, other: ParameterPatch, distances: Distances) -> bool {
-    meets(grown(surface, one, distances.join_mm), other)
+    meets(enlarge_box(surface, one, distances.join_mm), other)
 }
 
 fn meets(a: ParameterPatch, b: ParameterPatch) -> bool {
@@ -387,7 +392,8 @@ fn meets(a: ParameterPatch, b: ParameterPatch) -> bool {
 /// Cuts boxes at each other. Boxes of the same owner do not overlap.
 ///
 /// # Errors
-/// The two owners, the lower one first, if their boxes cannot be cut so that no part is too narrow for the disc.
+/// Returns the two owners, the lower one first, if their boxes cannot be cut without a part that is too narrow for the
+/// disc.
 fn cut_apart(
     surface: &BSplineSurface,
     mut all: Vec<(usize, ParameterPatch)>,
@@ -463,6 +469,8 @@ fn beside(own: ParameterPatch, other: ParameterPatch, by_rows: bool) -> Vec<Para
         part(sides_v, [own.low.v, v_low]),
         part(sides_v, [v_high, own.high.v]),
     ];
-    let is_there = |part: &ParameterPatch| part.high.u - part.low.u > NOTHING && part.high.v - part.low.v > NOTHING;
+    let is_there = |part: &ParameterPatch| {
+        part.high.u - part.low.u > MIN_PART_SIDE && part.high.v - part.low.v > MIN_PART_SIDE
+    };
     parts.into_iter().filter(is_there).collect()
 }

@@ -1,4 +1,4 @@
-//! How far the disc reaches: over a grid, and beyond the panel's outline.
+//! Calculates which part of a grid the disc covers, and how far it reaches beyond the panel's outline.
 //!
 //! Coverage is the fraction of a grid that the disc reaches. A sample of the surface is covered if its distance to the
 //! contact track is at most the disc's radius. Samples are about 1 mm apart and weigh |S_u × S_v| each. The whole disc
@@ -19,7 +19,7 @@ pub const MIN_COVERAGE: f64 = 0.995;
 /// Approximate distance between samples, mm.
 const SAMPLE_MM: f64 = 1.0;
 
-/// Outline points that share one bounding sphere.
+/// Number of outline points in one bounding sphere.
 const BLOCK: usize = 32;
 
 /// The coverage of a grid, or of its part that is treated, by a path.
@@ -40,11 +40,11 @@ impl GridCoverage {
     }
 }
 
-/// A straight piece of track in contact.
+/// A straight segment of a track in contact.
 pub(super) type ContactSegment = (Point<Panel>, Point<Panel>);
 
-/// Returns the straight pieces between neighbouring places that are both in contact. A single place is not a piece:
-/// the disc abrades only while it moves, and the dwell counts only this time.
+/// Returns the straight segments between neighbouring places that are both in contact. A single place is not a segment:
+/// the disc abrades only while it moves, and the time under the disc counts only motion.
 pub(super) fn strokes(track: &[Point<Panel>], contact: impl Fn(usize) -> bool) -> Vec<ContactSegment> {
     let pairs = track.windows(2).enumerate().filter(|(index, _)| contact(*index) && contact(index + 1));
     pairs.map(|(_, pair)| (pair[0], pair[1])).collect()
@@ -61,7 +61,7 @@ pub(super) fn coverage(
     let samples = |length_mm: f64| (length_mm / SAMPLE_MM).ceil().max(1.0) as usize;
     let across = samples(middle.s_u.mm.norm() * (patch.high.u - patch.low.u));
     let down = samples(middle.s_v.mm.norm() * (patch.high.v - patch.low.v));
-    // For a long track, only the pieces near the grid are used.
+    // For a long track, only the segments near the grid are used.
     let corners = [0.0, 1.0].map(|u| [0.0, 1.0].map(|v| surface.point(patch.parameter_at(Parameter { u, v }))));
     let reach_mm = corners.iter().flatten().map(|corner| corner.distance_mm(middle.point)).fold(0.0, f64::max);
     let near = |piece: &&ContactSegment| {
@@ -70,7 +70,7 @@ pub(super) fn coverage(
     let track: Vec<&ContactSegment> = strokes.iter().filter(near).collect();
     let cell = (patch.high.u - patch.low.u) * (patch.high.v - patch.low.v) / (across * down) as f64;
     let mut found = GridCoverage { id, area_mm2: 0.0, covered_mm2: 0.0 };
-    // The same piece of track usually covers neighbouring samples.
+    // Neighbouring samples are usually covered by the same segment of the track.
     let mut last = 0;
     for sample in 0..across * down {
         let share = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;
@@ -107,8 +107,8 @@ fn foot_fraction(point: Point<Panel>, from: Point<Panel>, to: Point<Panel>) -> (
     (share, (offset - piece * share).norm())
 }
 
-/// Returns the distances of a row's waypoints to the next row, mm, if the next row runs beside them; turns are left
-/// out.
+/// Returns the distances of a row's waypoints to the next row, mm, if the next row runs beside them; the connections
+/// between rows are left out.
 pub fn step_overs_mm(row: &[Point<Panel>], next: &[Point<Panel>]) -> Vec<f64> {
     if let ([point], [other]) = (row, next) {
         return vec![point.distance_mm(*other)];
@@ -123,12 +123,12 @@ pub fn step_overs_mm(row: &[Point<Panel>], next: &[Point<Panel>]) -> Vec<f64> {
     row.iter().filter_map(beside).collect()
 }
 
-/// How far a disc reaches beyond the outline along a plan.
+/// The disc's overhang beyond the outline along a plan.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct DiscOverhang {
     /// The largest overhang, mm; 0 if the disc stays on the panel.
     pub largest_mm: f64,
-    /// Fraction of contact waypoints with a larger overhang than allowed, 0…1.
+    /// Fraction of the waypoints in contact whose overhang exceeds the limit, 0…1.
     pub share_beyond: f64,
 }
 
@@ -160,7 +160,7 @@ impl Outline {
         }
     }
 
-    /// Returns whether there is an outline at all.
+    /// Returns whether an outline is known.
     pub(super) fn is_present(&self) -> bool {
         !self.points.is_empty()
     }

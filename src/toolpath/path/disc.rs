@@ -1,19 +1,19 @@
-//! Wear of the sanding disc: how much a path wears the disc, and when the disc must be changed. The caller stores
-//! the wear so far.
+//! Wear of the sanding disc: how much a path wears the disc, and when the disc must be changed. The caller stores the
+//! previous wear.
 
 use super::planned::Plan;
 use panelprep_base::verdict::{Check, LimitSource};
 use panelprep_cell::recipe;
 
-/// The wear of the discs by a plan.
+/// The wear of the discs that a plan causes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DiscWearPlan {
-    /// Area of the panel that the disc sweeps, overlaps counted each time, mm².
+    /// Area of the panel that the disc sweeps, where overlaps count each time, mm².
     pub swept_mm2: f64,
-    /// Wear of the disc in use once the plan is done, mm²; more than a disc's life if it must be changed on the
-    /// way.
+    /// Wear of the disc in use once the plan is done, mm²; more than a disc's life if the disc must be changed during
+    /// the plan.
     pub wear_after_mm2: f64,
-    /// Life of one disc, mm²; `None` if the recipe does not count it.
+    /// Life of one disc, mm²; `None` if the recipe does not state it.
     pub life_mm2: Option<f64>,
 }
 
@@ -24,7 +24,8 @@ impl DiscWearPlan {
         DiscWearPlan { swept_mm2, wear_after_mm2: worn_mm2 + swept_mm2, life_mm2: settings.disc_life_mm2() }
     }
 
-    /// Returns the discs that the plan wears, whole and in part; `None` if they are not counted.
+    /// Returns the number of discs that the plan wears, with the fraction of the last one; `None` if the recipe does
+    /// not state a disc's life.
     pub fn discs(&self) -> Option<f64> {
         self.life_mm2.map(|life_mm2| self.swept_mm2 / life_mm2)
     }

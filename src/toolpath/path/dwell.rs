@@ -1,14 +1,14 @@
-//! The time that each place is under the disc: a planned path as poses with their times, for [`simulate`], and the
-//! feeds that make this time even.
+//! Converts a planned path to poses with their times, for [`simulate`], and finds the feeds that make the time under
+//! the disc even.
 //!
 //! A line travelled at w = 1 / feed keeps a place within the disc's radius R under the disc for the time c w, c being
 //! the length of the line within R of the place. For all places together: t = C w. Near the border of the treated area
 //! fewer lines pass than in its middle, so there the feed is lower. With a target time t₀,
 //!     w ← w · Cᵀ(t₀ / C w) / Cᵀ1                                                  (Richardson and Lucy)
 //! brings C w close to t₀ and keeps w positive. The lower limit of w follows from the recipe's feed, or from the feed
-//! that the controller can plan. The upper limit is [`MAX_SLOWDOWN`] times the lower limit. t₀ is a high quantile of
-//! the times at a uniform feed, and at least the time under adjacent rows of infinite length. All areas of a plan are
-//! treated together, because neighbouring areas influence each other.
+//! that the controller can plan. The upper limit is [`MAX_SLOWDOWN`] times the value at the recipe's feed. t₀ is a high
+//! quantile of the times at a uniform feed, and at least the time under adjacent rows of infinite length. All areas of
+//! a plan are treated together, because neighbouring areas influence each other.
 
 use super::areas::Piece;
 use super::planned::Plan;
@@ -21,14 +21,14 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-/// Largest factor by which the feed is lower than the recipe's feed.
+/// Largest ratio of the recipe's feed to the lowered feed.
 const MAX_SLOWDOWN: f64 = 3.0;
 /// Number of iterations towards an even time; more iterations change only the third digit.
 const STEPS: usize = 15;
 /// Fraction of the places whose time at a uniform feed is at most the target time.
 const TARGET_QUANTILE: f64 = 0.9;
-/// Largest ratio between a time and the target time that is used, in either direction: one place must not dominate a
-/// line.
+/// Limit of the ratio between the target time and a place's time, in either direction: a single place must not
+/// determine the feed of a line.
 const MAX_WEIGHT: f64 = 3.0;
 
 /// Returns the plan as poses with their times.
@@ -39,7 +39,7 @@ pub fn timed_poses(plan: &Plan) -> Vec<ExecutedPose> {
         let panel_from_tool = waypoint.panel_from_tool;
         let before = executed.last().map_or(panel_from_tool, |last| last.panel_from_tool);
         let seconds = before.origin().distance_mm(panel_from_tool.origin()) / waypoint.feed_mm_s;
-        // The way down to the first waypoint in contact presses on nothing until its end.
+        // During the descent to the first waypoint in contact, the disc touches the panel only at the end.
         let contact = waypoint.contact && index > 0 && all[index - 1].contact;
         executed.push(ExecutedPose { panel_from_tool, seconds, contact, force_n: None });
     }
@@ -83,8 +83,8 @@ pub(super) fn even_out_feeds(
         .iter()
         .map(|lines| std::iter::once(settings.feed_mm_s()).chain(lines.iter().map(&mut feed)).collect())
         .collect();
-    // The result is measured on a finer net than the one on which the feeds were found, so that it cannot be even by
-    // construction.
+    // The result is measured on a finer grid of samples than the one with which the feeds were found, so that it is not
+    // even only at those samples.
     let spacing_mm = (radius_mm / 10.0).clamp(0.5, 1.5);
     let of_part = |(id, part): &(GridId, ParameterPatch)| {
         let places = SpreadPlaces::new(surface, *part, spacing_mm);
@@ -96,14 +96,14 @@ pub(super) fn even_out_feeds(
     };
     let times: Vec<(GridId, Vec<(f64, f64)>)> = parts.par_iter().map(of_part).collect();
     let all = DwellSpread::from_times(times.iter().flat_map(|(_, times)| times.iter().copied()));
-    // Two areas may lie in one grid.
+    // One grid may contain parts of two areas.
     let mut by_grid: BTreeMap<GridId, Vec<(f64, f64)>> = BTreeMap::new();
     times.into_iter().for_each(|(id, times)| by_grid.entry(id).or_default().extend(times));
     let spread = |(id, times): (GridId, Vec<(f64, f64)>)| Some((id, DwellSpread::from_times(times.into_iter())?));
     EvenFeeds { feeds_mm_s, all, grids: by_grid.into_iter().filter_map(spread).collect() }
 }
 
-/// A straight piece of a track in contact.
+/// A straight segment of a track in contact.
 struct Line {
     ends: [Parameter; 2],
     points: [Point<Panel>; 2],
@@ -151,16 +151,16 @@ impl SpreadPlaces {
         SpreadPlaces { net, points, area_mm2 }
     }
 
-    /// Calls `tell` for each place under the disc on a line, with the length of the line within the radius of the
+    /// Calls `add` for each place under the disc on a line, with the length of the line within the radius of the
     /// place, mm.
-    fn for_places_under(&self, line: &Line, radius_mm: f64, mut tell: impl FnMut(usize, f64)) {
+    fn for_places_under(&self, line: &Line, radius_mm: f64, mut add: impl FnMut(usize, f64)) {
         let ([from, to], [reach_u, reach_v]) = (line.ends, line.reach);
         let least = Parameter { u: from.u.min(to.u) - reach_u, v: from.v.min(to.v) - reach_v };
         let most = Parameter { u: from.u.max(to.u) + reach_u, v: from.v.max(to.v) + reach_v };
         for place in self.net.points_around(least, most) {
             let chord_mm = chord_mm(line, self.points[place], radius_mm);
             if chord_mm > 0.0 {
-                tell(place, chord_mm);
+                add(place, chord_mm);
             }
         }
     }
@@ -207,8 +207,8 @@ fn inverse_feeds(lines: &[&Line], places: &[SpreadPlaces], radius_mm: f64, setti
         }
         times_s
     };
-    // Never below the time of endless rows: near a border places are short of time, and the target must not follow them
-    // down.
+    // The target is never below the time under rows of infinite length: places near a border are under the disc for a
+    // shorter time, and must not lower the target.
     let wanted_s =
         target_time_s(times_s(&shortest), PI * radius_mm * radius_mm / settings.step_over_mm() * fastest);
     let mut slowness = shortest.clone();
@@ -222,7 +222,7 @@ fn inverse_feeds(lines: &[&Line], places: &[SpreadPlaces], radius_mm: f64, setti
                 (weighted + chord_mm * weights[*place], all + chord_mm)
             });
             if sums.1 > 0.0 {
-                // Only slower than the recipe's feed, never faster: a person chose that feed for the disc.
+                // The feed is never higher than the recipe's feed, which a person chose for the disc.
                 *slowness = (*slowness * sums.0 / sums.1).clamp(*shortest, shortest.max(MAX_SLOWDOWN * fastest));
             }
         }

@@ -1,16 +1,16 @@
-//! The gates before anything moves: a plan, and each motion before it starts, is accepted or rejected as a whole and
-//! never clipped.
+//! The gates before a motion: a plan, and each motion before it starts, is accepted or rejected as a whole and never
+//! clipped.
 //!
-//! The gate of a plan checks the poses as they would be sent, and not how they were calculated: every number finite,
-//! no large step, no large turn between neighbours, contact only between air and air. Then it checks the plan's
-//! results: coverage, and the disc beyond the panel's outline. It does not know the robot: reach, speed of the axes
-//! and keep-out boxes are checked in the modules that know it.
+//! The gate of a plan checks the poses as they would be sent, and not how they were calculated: every number is finite,
+//! no step and no rotation between neighbours is too large, and each path begins and ends in the air. Then it checks
+//! the plan's results: coverage, evenness, and the disc's overhang beyond the panel's outline. It does not know the
+//! robot: reach, speed of the axes and keep-out boxes are checked in the modules that know it.
 //!
-//! The gate of a motion checks the tool's tip in the robot's base, with the base and tool that the controller will
-//! use: every number finite, every point inside the cell's box, the first point near the arm's current pose, no large
-//! step and no large rotation between neighbours. Near the panel it also checks for a large tilt against the tool's
-//! direction at teaching (a wrong base causes such a tilt). It does not know the arm: reach is checked in the modules
-//! that have its kinematics.
+//! The gate of a motion checks the tool's tip in the robot's base, with the base and tool that the controller will use:
+//! every number is finite, every point lies inside the cell's box, the first point is near the arm's current pose, and
+//! no step and no rotation between neighbours is too large. Near the panel it also limits the tilt against the tool's
+//! direction at teaching, since a wrong base causes a large tilt. It does not know the arm: reach is checked in the
+//! modules that have its kinematics.
 
 use super::coverage::{GridCoverage, MIN_COVERAGE};
 use super::planned::{Plan, ToolPath, Waypoint};
@@ -25,17 +25,18 @@ use panelprep_cell::recipe;
 use panelprep_cell::record::name;
 
 /// Largest rotation of the tool from one waypoint to the next.
-const MAX_TURN: Degrees = Degrees(15.0);
-/// Waypoints may be farther apart than requested by this factor: rows are resampled along chords.
+const MAX_STEP_ROTATION: Degrees = Degrees(15.0);
+/// Factor by which the distance between waypoints may exceed the recipe's spacing, because rows are resampled along
+/// chords.
 const STEP_TOLERANCE: f64 = 1.02;
 
-/// Name of the check of a press-in.
+/// Name of the check of the tool's error if there is a press-in.
 pub const TOOL_ERROR: &str = "error at the tool, against what the pad takes up";
 /// Beginning of the name of the check for a grid with too little coverage.
 pub const GRID_CHECK_PREFIX: &str = "coverage of grid ";
 
 /// Largest fraction of the pad's stroke that the error at the tool may use.
-const ERROR_OF_STROKE: f64 = 1.0 / 3.0;
+const MAX_ERROR_SHARE_OF_STROKE: f64 = 1.0 / 3.0;
 
 /// Largest absolute value of a commanded axis angle.
 const MAX_AXIS_DEG: f64 = 360.0;
@@ -45,7 +46,7 @@ pub fn judge(plan: &Plan, settings: &recipe::Path) -> Judgement {
     judge_plan(plan, settings).1
 }
 
-/// Returns the checks of all numbers of a plan, and the verdict on the plan.
+/// Returns the checks of all numbers of a plan, and the judgement of the plan.
 pub fn judge_plan(plan: &Plan, settings: &recipe::Path) -> (Vec<Check>, Judgement) {
     let mut of_motion: Vec<Check> = plan.paths.iter().flat_map(|path| broken_steps(path, settings)).collect();
     if of_motion.is_empty() && !plan.is_finite() {
@@ -74,18 +75,18 @@ pub fn taught_axis(plan: &Plan, nominal_pose: Rigid<Base, Panel>) -> Option<Vect
     (nominal_pose * mean).direction()
 }
 
-/// Applies the gate that checks each motion to a whole plan at the panel's pose, from its first waypoint on: the
-/// cell's box, steps, turns, and the tilt against the taught direction. Lists the violations.
+/// Applies the gate that checks each motion to a whole plan at the panel's pose, from its first waypoint on: the cell's
+/// box, steps, rotations, and the tilt against the taught direction. Returns the violations.
 pub fn violated_in_base(plan: &Plan, panel: PanelPoses, limits: &WaypointLimits) -> Vec<Check> {
     let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
     let poses: Vec<Rigid<Base, Tool>> = waypoints.map(|waypoint| panel.now * waypoint.panel_from_tool).collect();
-    // A plan has no arm yet, so its first step has no length. The gate before the motion checks that step from the
-    // actual pose.
+    // While a path is planned, the arm's pose at its start is not known, so the first step gets no length here. The
+    // gate before the motion checks this step from the actual pose.
     let from = poses.first().copied().unwrap_or_else(|| Rigid::from_isometry_unchecked(Isometry3::identity()));
     violated_by_route(&Route { from, waypoints: &poses, taught_axis: taught_axis(plan, panel.nominal) }, limits)
 }
 
-/// Accepts a press-in, or rejects it: the pad must be able to absorb three times the error at the tool (`[limits]
+/// Accepts or rejects a press-in: the pad's stroke must be at least three times the error at the tool (`[limits]
 /// tool_error_mm`).
 pub fn judge_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Judgement {
     Judgement::from_checks(&check_pad(settings, tool_error_mm))
@@ -94,12 +95,12 @@ pub fn judge_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Judgeme
 /// Checks the error at the tool against the error that the pad absorbs; `None` if there is no press-in.
 pub fn check_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Option<Check> {
     let stroke_mm = settings.pad_stroke_mm().filter(|_| settings.press_in_mm() > 0.0)?;
-    let allowed_mm = ERROR_OF_STROKE * stroke_mm;
+    let allowed_mm = MAX_ERROR_SHARE_OF_STROKE * stroke_mm;
     let check =
         Check::new(TOOL_ERROR, "mm", tool_error_mm).with_max(allowed_mm, LimitSource::recipe("path.pad_stroke_mm"));
     // If the error is not stated, the pad does not count as absorbing it.
-    let is_taken_up = tool_error_mm.is_some() && check.is_met();
-    Some(check.with_consequence_if(!is_taken_up, Severity::Reject, "pad_stroke", || match tool_error_mm {
+    let is_absorbed = tool_error_mm.is_some() && check.is_met();
+    Some(check.with_consequence_if(!is_absorbed, Severity::Reject, "pad_stroke", || match tool_error_mm {
         Some(error_mm) => {
             let [error, allowed] = distinguishable_texts(error_mm, allowed_mm, 2);
             format!(
@@ -118,7 +119,7 @@ fn not_finite_check(what: &str, words: impl FnOnce() -> String) -> Check {
     Check::new(what, "", f64::NAN).with_consequence_if(true, Severity::Reject, "not_finite", words)
 }
 
-/// Lists each step and turn between waypoints that exceeds its limit; steps within the limits are not listed.
+/// Returns a failed check for each step and rotation between waypoints that exceeds its limit.
 fn broken_steps(path: &ToolPath, settings: &recipe::Path) -> Vec<Check> {
     let name = path.grids.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
     if let Some(index) = path.waypoints.iter().position(|waypoint| !waypoint.is_finite()) {
@@ -127,7 +128,7 @@ fn broken_steps(path: &ToolPath, settings: &recipe::Path) -> Vec<Check> {
     }
     let mut broken = Vec::new();
     let in_air = |waypoint: Option<&Waypoint>| waypoint.is_some_and(|waypoint| !waypoint.contact);
-    // The tool starts and stops at these ends; on the panel it would dig in.
+    // The tool starts and stops at these ends; on the panel it would dig into the surface.
     if !(in_air(path.waypoints.first()) && in_air(path.waypoints.last())) {
         let words = || format!("grid {name}: the path does not begin and end above the panel");
         let ends = Check::new("ends of the path above the panel", "", None);
@@ -136,8 +137,8 @@ fn broken_steps(path: &ToolPath, settings: &recipe::Path) -> Vec<Check> {
     for (index, pair) in path.waypoints.windows(2).enumerate() {
         let (from, to) = (pair[0].panel_from_tool, pair[1].panel_from_tool);
         let (step_mm, turn) = (from.origin().distance_mm(to.origin()), rotation_between(from, to));
-        // On the way down and up the arm covers the approach height in one step; on the panel the chord between two
-        // waypoints must stay short.
+        // A descent or a lift covers the approach height in one step; on the panel the chord between two waypoints must
+        // be short.
         let limit_mm = if pair[0].contact && pair[1].contact {
             settings.waypoint_spacing_mm() * STEP_TOLERANCE
         } else {
@@ -152,11 +153,11 @@ fn broken_steps(path: &ToolPath, settings: &recipe::Path) -> Vec<Check> {
                 format!("grid {name}: the step from waypoint {index} to the next is {step} mm (limit {limit} mm)")
             });
         let turned = Check::new("turn of the tool from a waypoint to the next", "°", turn.0)
-            .with_max(MAX_TURN.0, LimitSource::Program)
+            .with_max(MAX_STEP_ROTATION.0, LimitSource::Program)
             .or_reject("large_turn", || {
-                let [turn, limit] = distinguishable_texts(turn.0, MAX_TURN.0, 3);
+                let [turn, limit] = distinguishable_texts(turn.0, MAX_STEP_ROTATION.0, 3);
                 format!(
-                    "grid {name}: the tool turns by {turn}° from waypoint {index} to the next (limit {limit}°); \
+                    "grid {name}: the tool rotates by {turn}° from waypoint {index} to the next (limit {limit}°); \
                      set a smaller waypoint_spacing_mm or another reference_axis"
                 )
             });
@@ -169,7 +170,7 @@ fn rotation_between(from: Rigid<Panel, Tool>, to: Rigid<Panel, Tool>) -> Degrees
     (from.inverse() * to).rotation_angle()
 }
 
-/// Checks the coverage of the grids; a grid of which the disc reaches too little has its own check.
+/// Checks the coverage of the grids; a grid with too little coverage gets its own check.
 fn coverage(plan: &Plan) -> Vec<Check> {
     let check = |name: String, share: f64, words: &dyn Fn() -> String| {
         Check::new(name, "", share).with_min(MIN_COVERAGE, LimitSource::Program).or_review("coverage", words)
@@ -184,22 +185,25 @@ fn coverage(plan: &Plan) -> Vec<Check> {
     };
     let worst = plan.grids.iter().min_by(|a, b| a.share().total_cmp(&b.share()));
     let least = worst.map_or(1.0, GridCoverage::share);
-    // The worst grid and not the mean: a large region hides a grid of which a tenth is left.
+    // The check uses the worst grid and not the mean: in a large region the mean hides a grid of which a tenth is not
+    // covered.
     let of_worst = check(name::COVERAGE.to_owned(), least, &|| worst.map_or(String::new(), words));
     let short = plan.grids.iter().filter(|grid| grid.share().is_nan() || grid.share() < MIN_COVERAGE);
     let short = short.map(|grid| check(format!("{GRID_CHECK_PREFIX}{}", grid.id), grid.share(), &|| words(grid)));
     [Check::new("coverage of these grids", "", plan.coverage), of_worst].into_iter().chain(short).collect()
 }
 
-/// Checks that the disc reaches every broken place; nothing if none is known: the grids are then treated as a whole.
+/// Checks that the disc reaches every break; returns no check if no break's place is known, since the grids are then
+/// treated as a whole.
 fn breaks(plan: &Plan) -> Vec<Check> {
     let Some(share) = plan.breaks_reached else { return vec![] };
     let check = Check::new(name::BREAKS_REACHED, "", share).with_min(1.0, LimitSource::Program);
     vec![check.or_review("break_missed", || {
         let [reached, wanted] = distinguishable_percents(share, 1.0, 2);
         format!(
-            "the disc surely reaches {reached} % of the broken places (limit {wanted} %): look at the planned path; permit \
-             a larger edge_overhang_mm if they lie at the panel's outline, or set [treat] by = \"grid\""
+            "with their uncertainty, the disc reaches only {reached} % of the water breaks (limit {wanted} %); look at the \
+             planned path; permit a larger edge_overhang_mm if the breaks lie at the panel's outline, or set [treat] \
+             by = \"grid\""
         )
     })]
 }
@@ -252,7 +256,7 @@ fn evenness_checks(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
 /// The limits of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WaypointLimits {
-    /// The box that the tip must not leave; without a box, no straight motion is allowed.
+    /// The box that the tip must not leave; without a box, no linear motion is allowed.
     pub workspace: Option<Workspace>,
     /// Longest step, mm.
     pub max_step_mm: f64,
@@ -273,7 +277,7 @@ impl From<&Limits> for WaypointLimits {
     }
 }
 
-/// A path of straight lines as it would be executed.
+/// A path of linear motions as it would be executed.
 #[derive(Debug, Clone, Copy)]
 pub struct Route<'a> {
     /// The arm's pose, as reported.
@@ -284,12 +288,12 @@ pub struct Route<'a> {
     pub taught_axis: Option<Vector<Base>>,
 }
 
-/// Accepts or rejects a whole path of straight lines.
+/// Accepts or rejects a path of linear motions as a whole.
 pub fn judge_route(route: &Route<'_>, limits: &WaypointLimits) -> Judgement {
     Judgement::from_checks(&violated_by_route(route, limits))
 }
 
-/// Returns a failed check for each limit that a path of straight lines violates; empty if the path may be sent.
+/// Returns a failed check for each limit that a path of linear motions violates; empty if the path may be sent.
 pub fn violated_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Check> {
     let nothing_moves = |what: &str, code: &'static str, words: String| {
         vec![Check::new(what, "", None).with_consequence_if(true, Severity::Reject, code, || words)]
@@ -302,7 +306,7 @@ pub fn violated_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Chec
     if route.waypoints.is_empty() {
         return nothing_moves("waypoints", "no_waypoints", "the path has no waypoint".to_owned());
     }
-    // With the reported pose of the arm as the first: a wrong present pose makes the longest step.
+    // The reported pose of the arm comes first, because a wrong current pose causes the longest step.
     let all = || std::iter::once(&route.from).chain(route.waypoints);
     if let Some(index) = all().position(|pose| !is_finite_pose(pose)) {
         return nothing_moves(
@@ -324,7 +328,7 @@ pub fn violated_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Chec
 /// Accepts or rejects axis angles.
 pub fn judge_joints(joints: &Joints) -> Judgement {
     let angles = joints.degrees();
-    // Not a number compares false with every limit, so it is asked for by name.
+    // NaN compares false with every limit, so it is checked explicitly.
     let wrong = angles.iter().position(|angle| !angle.is_finite() || angle.abs() > MAX_AXIS_DEG);
     let check = |axis: usize| {
         Check::new(format!("axis {}", axis + 1), "°", angles[axis].abs())
@@ -341,10 +345,10 @@ fn is_finite_pose(pose: &Rigid<Base, Tool>) -> bool {
     pose.isometry().to_homogeneous().iter().all(|number| number.is_finite())
 }
 
-/// Checks whether a waypoint is outside the box, and how far.
+/// Returns a failed check if a waypoint is outside the box.
 fn box_violation(index: usize, pose: &Rigid<Base, Tool>, workspace: Workspace) -> Option<Check> {
     let tip = pose.origin().mm;
-    // Each coordinate, with enough digits to distinguish it from the nearer side of the box.
+    // Formats a coordinate with enough digits to distinguish it from the nearer side of the box.
     let beside = |mm: f64, axis: usize| {
         let (low, high) = (workspace.min.mm[axis], workspace.max.mm[axis]);
         let [mm, _] = distinguishable_texts(mm, if (mm - low).abs() < (mm - high).abs() { low } else { high }, 1);
@@ -377,7 +381,7 @@ fn jump_violation(
     (from, to): (&Rigid<Base, Tool>, &Rigid<Base, Tool>),
     limits: &WaypointLimits,
 ) -> impl Iterator<Item = Check> {
-    let before = if index == 1 { "the arm's present pose".to_owned() } else { format!("waypoint {}", index - 1) };
+    let before = if index == 1 { "the arm's current pose".to_owned() } else { format!("waypoint {}", index - 1) };
     let (step_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * *to).rotation_angle());
     let step = Check::new("step from a waypoint to the next", "mm", step_mm)
         .with_max(limits.max_step_mm, LimitSource::cell("limits.max_step_mm"))
@@ -389,7 +393,7 @@ fn jump_violation(
         .with_max(limits.max_turn.0, LimitSource::cell("limits.max_turn_deg"))
         .or_reject("large_turn", || {
             let [turn, allowed] = distinguishable_texts(turn.0, limits.max_turn.0, 3);
-            format!("the tool turns by {turn}° from {before} to waypoint {index} (limit {allowed}°)")
+            format!("the tool rotates by {turn}° from {before} to waypoint {index} (limit {allowed}°)")
         });
     [step, turned].into_iter().filter(|check| !check.is_met())
 }
@@ -436,9 +440,10 @@ mod tests {
         assert_eq!(codes(at(100.0, 0.0), &[at(199.0, 14.0), at(298.0, 28.0), at(300.0, 39.0)]), [""; 0]);
     }
 
-    /// Each defect is inserted in the middle of a valid path. It must reject the whole path with its own code.
+    /// Each defect is inserted in the middle of a valid path. The gate must reject the whole path with the code of this
+    /// defect.
     #[test]
-    fn each_planted_defect_is_named() {
+    fn each_inserted_defect_is_named() {
         let planted = |bad| codes(at(100.0, 0.0), &[at(150.0, 0.0), bad, at(250.0, 0.0)]);
         assert_eq!(planted(at(200.0, 0.0)), [""; 0]);
         assert_eq!(planted(at(f64::NAN, 0.0)), ["not_finite"]);
@@ -450,7 +455,7 @@ mod tests {
     }
 
     /// Calculated by hand: at y = −100.5 mm the tip is 0.5 mm below the box, at x = 502 mm it is 2 mm above the box.
-    /// Each violation names the key of its limit; satisfied limits are not listed.
+    /// Each violation names the key of its limit; limits that are met are not listed.
     #[test]
     fn a_check_states_how_far_and_whose_limit() {
         let broken = |bad: Rigid<Base, Tool>| {
@@ -480,7 +485,7 @@ mod tests {
     }
 
     #[test]
-    fn axes_are_finite_and_turn_once_at_most() {
+    fn axis_angles_are_finite_and_within_one_turn() {
         assert_eq!(judge_joints(&Joints { a4_deg: -360.0, ..Joints::default() }).reasons, []);
         assert_eq!(judge_joints(&Joints { a6_deg: 361.0, ..Joints::default() }).reasons[0].code, "axis_limit");
         assert_eq!(judge_joints(&Joints { a1_deg: f64::NAN, ..Joints::default() }).reasons[0].code, "axis_limit");

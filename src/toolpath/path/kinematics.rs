@@ -1,11 +1,10 @@
 //! Finds the axis angles for a flange pose of the cell's arm, with an analytic solver.
 //!
-//! A pose has up to eight solutions: in front of axis 1 or overhead, elbow up or down, wrist normal or turned over.
-//! Each axis may also be a whole turn further. The solver is `rs-opw-kinematics`; it checks its results against its
-//! own forward solution. If the arm's own errors were measured, poses are the true poses of the flange; the
-//! controller, which knows only the nominal geometry, receives corrected poses: `sent_flange`. This module does not
-//! handle limits of speed, paths or panels: see `reach`. Source: Brandstötter, Angerer, Hofbaur, Proc. Austrian
-//! Robotics Workshop 2014.
+//! A pose has up to eight solutions: arm forward or reaching over axis 1, elbow up or down, wrist normal or flipped.
+//! Each axis may also be rotated by a further 360°. The solver is `rs-opw-kinematics`; it checks its results against
+//! its own forward solution. If the arm's own errors were measured, all poses here are the true poses of the flange;
+//! the controller, which knows only the nominal geometry, receives corrected poses: `sent_flange`. Speed limits, paths
+//! and panels are handled in `reach`. Source: Brandstötter, Angerer, Hofbaur, Proc. Austrian Robotics Workshop 2014.
 
 use super::obstacles::Obstacles;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
@@ -70,14 +69,15 @@ impl Kinematics {
         Kinematics { obstacles: Some(obstacles), ..self }
     }
 
-    /// Returns the arm with its own least distances from the obstacles instead of the configured ones, mm: for each
-    /// obstacle, of each part of the arm.
+    /// Returns the arm with these required distances from the obstacles in place of the configured ones, mm: for each
+    /// obstacle, one for each part of the arm.
     #[must_use]
     pub(super) fn with_least_distances(self, least_mm: Vec<[f64; 4]>) -> Self {
         Kinematics { least_mm: Some(Arc::new(least_mm)), ..self }
     }
 
-    /// Returns the least distances of the arm's parts from this obstacle, mm; `None` if the configured distances hold.
+    /// Returns the required distances of the arm's parts from this obstacle, mm; `None` if the configured distances
+    /// apply.
     pub(super) fn least_mm(&self, obstacle: usize) -> Option<&[f64; 4]> {
         self.least_mm.as_deref().and_then(|least_mm| least_mm.get(obstacle))
     }
@@ -92,7 +92,7 @@ impl Kinematics {
         &self.arm
     }
 
-    /// Returns the flange pose; `None` for angles that are not numbers.
+    /// Returns the flange pose; `None` if an angle is not finite.
     pub fn base_from_flange(&self, joints: &Joints) -> Option<Rigid<Base, Flange>> {
         let drawn = self.nominal_flange(joints)?;
         match &self.correction {
@@ -146,8 +146,8 @@ impl Kinematics {
         self.correction.as_ref().is_none_or(|correction| correction.covers(base_from_flange))
     }
 
-    /// Returns all axis solutions for this flange pose, regardless of the axes' limits, each axis within half a
-    /// turn of zero; none if the pose is out of reach.
+    /// Returns all axis solutions for this flange pose, regardless of the axes' limits, each axis within ±180°; none if
+    /// the pose is out of reach.
     pub(super) fn inverse_solutions(&self, base_from_flange: &Rigid<Base, Flange>) -> Vec<JointAngles> {
         let drawn = self.nominal_solutions(base_from_flange);
         if self.correction.is_none() {
@@ -175,7 +175,7 @@ impl Kinematics {
         (distance_mm - g.c2_mm - forearm_mm).max((g.c2_mm - forearm_mm).abs() - distance_mm).max(0.0)
     }
 
-    /// Returns the angle by which the elbow differs from the stretched arm, degrees.
+    /// Returns the angle by which the elbow is bent from the extended arm, degrees.
     pub(super) fn elbow_deg(&self, angles: &JointAngles) -> f64 {
         let g = self.arm.geometry();
         let q3_deg = angles[2] * f64::from(g.signs[2]) - g.offsets_deg[2];
@@ -208,7 +208,7 @@ impl Kinematics {
     }
 }
 
-/// Returns the solution nearest to the current axes, with each axis shifted by whole turns.
+/// Returns the solution nearest to the current axes, with each axis shifted by multiples of 360°.
 pub(super) fn nearest_solution(ways: &[JointAngles], at: &JointAngles) -> Option<JointAngles> {
     let wound = |way: &JointAngles| -> JointAngles {
         std::array::from_fn(|axis| way[axis] + 360.0 * ((at[axis] - way[axis]) / 360.0).round())
@@ -232,12 +232,12 @@ mod tests {
         Kinematics::new(Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}")).arm())
     }
 
-    /// Calculated by hand. (1) Home, A = (0, −90, 90, 0, 0, 0): upper arm upright, forearm level: x = 25 + 365 + 90
-    /// = 480, z = 400 + 335 + 25 = 760, flange Z along base X, flange X down. (2) A = (90, 0, 90, 0, 0, 0): turned
-    /// clockwise to −y, upper arm level, forearm straight down: 25 + 335 + 25 = 385 from axis 1, z = 400 − 365 − 90
-    /// = −55, flange Z down.
+    /// Calculated by hand. (1) Home, A = (0, −90, 90, 0, 0, 0): upper arm vertical, forearm horizontal: x = 25 + 365 +
+    /// 90 = 480, z = 400 + 335 + 25 = 760, flange Z along base X, flange X down. (2) A = (90, 0, 90, 0, 0, 0): rotated
+    /// clockwise to −y, upper arm horizontal, forearm vertically down: 25 + 335 + 25 = 385 from axis 1, z = 400 − 365 −
+    /// 90 = −55, flange Z down.
     #[test]
-    fn two_poses_by_hand() {
+    fn two_flange_poses_by_hand() {
         let kr6 = kr6();
         for (angles, origin_mm, z, x) in [
             ([0.0, -90.0, 90.0, 0.0, 0.0, 0.0], [480.0, 0.0, 760.0], Vector3::x(), -Vector3::z()),
@@ -254,10 +254,10 @@ mod tests {
         }
     }
 
-    /// The flange position and its Z in public models of the named arms at some angles of the axes: computed from
-    /// the joint frames of those models (URDF) by another program.
+    /// The flange's position and its Z axis in public models of the named arms at some axis angles: computed from the
+    /// joint frames of those models (URDF) by another program.
     #[test]
-    fn named_arms_are_as_their_public_models() {
+    fn named_arms_agree_with_their_public_models() {
         const MODELS: [(&str, JointAngles, [f64; 3], [f64; 3]); 21] = [
             (
                 "kr6-r700-2",
@@ -403,7 +403,7 @@ mod tests {
     /// By hand: the wrist's centre reaches 335 + hypot(25, 365) = 700.855 mm from axis 2. At 1000 mm in front of
     /// axis 2, 299.145 mm are missing.
     #[test]
-    fn what_is_missing_beyond_the_reach() {
+    fn the_distance_beyond_the_reach_by_hand() {
         let level = kr6().base_from_flange(&Joints::from([0.0; 6])).expect("numbers").rotation();
         let far = Isometry3::from_parts(Translation3::new(1_115.0, 0.0, 400.0), level.into());
         let far: Rigid<Base, Flange> = Rigid::from_isometry_unchecked(far);
@@ -426,7 +426,7 @@ mod tests {
     /// By hand: an error of 0.001 rad in the zero of axis 1 rotates the whole arm. At 480 mm in front of axis 1, that
     /// is 0.48 mm.
     #[test]
-    fn a_corrected_arm_is_where_its_own_zero_puts_it() {
+    fn an_axis_zero_error_rotates_the_corrected_arm() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
         let mut errors = [0.0; 32];
         errors[2] = 0.001;
@@ -443,7 +443,7 @@ mod tests {
         /// The pose sent to the controller brings the corrected arm to the wanted pose, in the requested
         /// configuration.
         #[test]
-        fn what_is_sent_leads_to_where_the_flange_should_be(angles in prop::array::uniform6(-60.0..60.0f64)) {
+        fn sent_poses_bring_the_corrected_flange_to_the_required_pose(angles in prop::array::uniform6(-60.0..60.0f64)) {
             for numbers in corrections() {
                 let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
                 let arm = Kinematics::new(cell.with_arm_correction(numbers).arm());
@@ -469,7 +469,7 @@ mod tests {
         }
 
         #[test]
-        fn every_way_leads_back(angles in prop::array::uniform6(-115.0..115.0f64)) {
+        fn every_axis_solution_gives_the_pose_again(angles in prop::array::uniform6(-115.0..115.0f64)) {
             let kr6 = kr6();
             prop_assume!(angles[4].abs() > 1.0 && kr6.elbow_deg(&angles) > 1.0);
             let pose = kr6.base_from_flange(&Joints::from(angles)).expect("numbers");

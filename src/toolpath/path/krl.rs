@@ -1,10 +1,10 @@
 //! A plan as a KRL program that a person runs by hand: pure text, `.src`.
 //!
 //! The program sets `$TOOL` and `$BASE` itself, so that nothing depends on the values that were active before. It
-//! begins with a PTP to the axis angles from which the arm can follow the path, in the air above its first place. A
-//! PTP to axis angles is the block coincidence that a controller requires, and it defines the configuration
-//! unambiguously. All other motions are lines in the panel's frame. The program switches no outputs: the person who
-//! runs it in T1 controls tool, water and extraction.
+//! begins with a PTP to the axis angles from which the arm can follow the path, in the air above its first place. A PTP
+//! to axis angles gives the block coincidence (BCO) that a controller requires, and defines the configuration
+//! unambiguously. All other motions are linear motions in the panel's frame. The program switches no outputs: the
+//! person who runs it in T1 controls tool, water and extraction.
 
 use super::planned::Plan;
 use panelprep_base::geometry::{Joints, KukaPose};
@@ -14,9 +14,9 @@ use std::fmt::Write;
 
 /// Smallest rounding of a corner, mm; a smaller value means no rounding.
 const MIN_BLEND_MM: f64 = 0.1;
-/// Longest name of a KRL module.
+/// Largest number of characters in the name of a KRL module.
 const MAX_NAME: usize = 24;
-/// Speed and acceleration of the axes on the way to the first point, %.
+/// Speed and acceleration of the axes on the motion to the first point, %.
 const AXIS_PERCENT: u8 = 20;
 /// Further keywords of the language, in addition to [`RESERVED`], that cannot be the name of a program.
 const ADDITIONAL_KEYWORDS: [&str; 38] = [
@@ -77,7 +77,7 @@ pub struct Program<'a> {
 pub fn to_krl(program: &Program<'_>, settings: &recipe::Path) -> String {
     let mut text = format!(
         "&ACCESS RVP\n&REL 1\nDEF {}()\n\
-         ; Sanding paths in the frame of the panel. It switches no tool and no water. Run it in T1 first.\n",
+         ; Sanding paths in the frame of the panel. The program does not switch the tool or the water. Run it in T1 first.\n",
         program.name.0
     );
     for remark in program.remarks {
@@ -89,7 +89,7 @@ pub fn to_krl(program: &Program<'_>, settings: &recipe::Path) -> String {
         "BAS(#INITMOV, 0)\n$IPO_MODE = #BASE\n$ORI_TYPE = #VAR\n$TOOL = {} ; the sanding tool, its Z out of the \
          pad; its load data is not set here\n$BASE = {} ; the pose of the panel\nBAS(#VEL_PTP, \
          {AXIS_PERCENT})\nBAS(#ACC_PTP, {AXIS_PERCENT})\n$ACC.CP = {:.3} ; m/s2\n; In the air above the first \
-         place. The way to it has not been checked.\nPTP {}\n",
+         place. The motion to this point has not been checked.\nPTP {}\n",
         frame(&program.flange_from_tool),
         frame(&program.base_from_panel),
         settings.acceleration_mm_s2() / 1_000.0,
@@ -105,7 +105,8 @@ pub fn to_krl(program: &Program<'_>, settings: &recipe::Path) -> String {
                 contact = waypoint.contact;
                 text.push_str(if contact { "; contact\n" } else { "; air\n" });
             }
-            // The advance run processes these assignments without a stop; each is written only when its value changes.
+            // The advance run processes these assignments without a stop; an assignment is written only if its value
+            // changes.
             let next_feed = format!("$VEL.CP = {:.4} ; m/s\n", waypoint.feed_mm_s / 1_000.0);
             let next_blend = format!("$APO.CDIS = {:.1} ; mm\n", waypoint.blend_mm);
             change(&mut text, &mut feed, next_feed);
@@ -146,7 +147,7 @@ fn axes(joints: &Joints) -> String {
     format!("{{{}}}", words.join(", "))
 }
 
-/// Writes a number with this many decimals, and without a minus sign for zero.
+/// Returns a number with this number of decimals, and without a minus sign for zero.
 fn number(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     let is_nothing = text.chars().all(|c| !('1'..='9').contains(&c));

@@ -1,5 +1,5 @@
-//! The lines over one patch, by the recipe's pattern, as one continuous track from the first place in contact to the
-//! last: rows in any direction, offset contours and spirals (thesis Fig. 4.26 b–d).
+//! Lays the lines over one patch in the recipe's pattern, as one continuous track from the first place in contact to
+//! the last: rows in any direction, offset contours and spirals (thesis Fig. 4.26 b–d).
 //!
 //! Rows at an angle: in the patch's middle u and v are scaled to mm and rotated by the feed angle, (a, b) along and
 //! across the rows. Rows begin at the inset corner of the patch that is lowest in b. Each row continues from the row
@@ -7,10 +7,10 @@
 //! outside of the inset patch use the measure of the nearest place in the patch, and are then cut off.
 //!
 //! A ring at depth d has the distance d, measured on the surface as for rows, from each of the patch's four borders
-//! beyond that border's inset. Let h be half of the patch's shorter side without the insets. Depths are equal steps r'
-//! = h / (n + ½) ≤ r − e, so that the sides of the innermost ring, too, are r' apart in the middle. At places at which
-//! the patch is longer by e, they are at most r apart; no line is travelled twice. If h is zero, there is one line, or
-//! one point, in the middle.
+//! beyond that border's inset. Let h be half of the patch's shorter side without the insets. The depth increases by
+//! equal steps r' = h / (n + ½) ≤ r − e, so that the sides of the innermost ring are also r' apart in the middle. At
+//! places at which the patch is longer by e, they are at most r apart; no line is travelled twice. If h is zero, there
+//! is one line, or one point, in the middle.
 
 use super::raster::{
     Insets, RasterError, RasterSettings, RowDirection, interpolate, join_lines, point_across, resampled, rows,
@@ -20,31 +20,34 @@ use crate::surface::{BSplineSurface, Parameter, ParameterPatch};
 use panelprep_base::geometry::{Degrees, Panel, Point};
 use panelprep_cell::recipe::{self, Pattern};
 
-/// Angles within this distance of 0 and 90° count as along u and v.
+/// Feed angles that differ from 0° or 90° by less than this count as along u or v.
 const AXIS_ANGLE_TOLERANCE_DEG: f64 = 0.01;
 
-/// Neighbouring turns of a spiral with corners are not parallel: near its middle their distance exceeds the difference
-/// of their depths by up to 15 %.
-const WINDING: f64 = 0.85;
+/// Factor by which the step between the windings of a spiral is reduced: neighbouring windings are not parallel, and
+/// near the middle their distance exceeds the difference of their depths by up to 15 %.
+const SPIRAL_STEP_FACTOR: f64 = 0.85;
 
-/// A line shorter than this, mm, or than [`MIN_SPACING_SHARE`] of the spacing, is left out: it is merged with the next
-/// line. Such a short line would be travelled slowly, because the controller needs time to plan each line.
+/// A line that is shorter than this, mm, and than [`MIN_SPACING_SHARE`] of the spacing is merged with the next line.
+/// Such a short line would be travelled slowly, because the controller needs time to plan each line.
 const MIN_LINE_MM: f64 = 1.0;
 const MIN_SPACING_SHARE: f64 = 0.25;
 
 /// Distance between points of a row before resampling, mm.
 const COLUMN_MM: f64 = 4.0;
-/// Number of steps for a distance across the rows; the measure hardly changes over one row.
+/// Number of integration steps for the distance from one row to the next; the integrand hardly changes over this
+/// distance.
 const ACROSS_STEPS: usize = 2;
 
-/// Steps of the search for a ring's corner, the intersection of two borders; each gains about three digits.
+/// Number of steps of the search for a ring's corner, the intersection of two borders; each step adds about three
+/// correct digits.
 const CORNER_STEPS: usize = 4;
 /// Number of points along one side of a ring before resampling.
 const SIDE_STEPS: usize = 24;
 /// Smallest half of a ring's shorter side, mm; a smaller ring becomes a line.
 const MIN_HALF_MM: f64 = 0.5;
 
-/// A side of a ring: from the corner at lowest u and v along u, then along v, back along u, back along v.
+/// Number of sides of a ring, in this order: from the corner at lowest u and v along u, along v, back along u, back
+/// along v.
 const SIDES: usize = 4;
 
 /// Lines over a patch.
@@ -81,7 +84,7 @@ fn drop_short_steps(surface: &BSplineSurface, track: &[Parameter], least_mm: f64
             kept.last().is_some_and(|(_, last)| last.distance_mm(point) < least_mm)
         };
         if index + 1 == track.len() {
-            // The end of the track stays and earlier places give way: the last line must reach the border.
+            // The end of the track stays and earlier places are removed: the last line must reach the border.
             while kept.len() > 1 && is_near(&kept) {
                 kept.pop();
             }
@@ -118,7 +121,7 @@ fn lay_lines(
         }
         Pattern::CrossHatch => {
             let angle_deg = settings.feed_angle_deg();
-            // Kept within ±90°, the range that the recipe accepts.
+            // The angle stays within ±90°, the range that the recipe accepts.
             let other_deg = if angle_deg > 0.0 { angle_deg - 90.0 } else { angle_deg + 90.0 };
             let first = alternate_rows(surface, lay_rows(surface, patch, &laying, angle_deg)?, spacing_mm);
             let second = alternate_rows(surface, lay_rows(surface, patch, &laying, other_deg)?, spacing_mm);
@@ -126,13 +129,15 @@ fn lay_lines(
         }
         Pattern::Offset => around(rings(1.0).innermost_sides(), rings(1.0).closed()?),
         Pattern::OffsetSpiral => around(rings(1.0).innermost_sides(), rings(1.0).stepped_rings()?),
-        Pattern::Spiral => around(rings(WINDING).innermost_sides(), rings(WINDING).winding_rings()?),
+        Pattern::Spiral => {
+            around(rings(SPIRAL_STEP_FACTOR).innermost_sides(), rings(SPIRAL_STEP_FACTOR).winding_rings()?)
+        }
     };
     let in_rows = matches!(settings.pattern(), Pattern::Raster | Pattern::CrossHatch);
     if !(in_rows && is_slanted_angle(settings.feed_angle_deg())) {
         return Ok(laid);
     }
-    // Rows that meet the border at an angle leave a jagged edge there, so a contour is abraded first.
+    // Rows that meet the border at an angle leave a jagged edge there, so a contour along the border is abraded first.
     let contour = around([0, 0], rings(1.0).closed()?.into_iter().take(1).collect());
     Ok(Lines { track: join_lines(surface, &[contour.track, laid.track], spacing_mm), ..laid })
 }
@@ -235,7 +240,7 @@ fn slanted_rows(
     let ((a_low, a_high), (b_low, b_high)) = (range(0), range(1));
     let columns = ((a_high - a_low) / COLUMN_MM).ceil().max(2.0) as usize;
     let a = |column: usize| a_low + (a_high - a_low) * column as f64 / columns as f64;
-    // Width on the surface through the middle, from the lowest to the highest corner.
+    // The width on the surface, measured through the middle from the lowest to the highest corner.
     let mut width_mm = 0.0;
     for piece in 0..8 {
         let b = b_low + (b_high - b_low) * (piece as f64 + 0.5) / 8.0;
@@ -294,7 +299,7 @@ fn inset_corners(
 
 /// Returns the part of a line inside a convex quadrilateral.
 fn clip_line(line: &[Parameter], corners: &[Parameter; 4]) -> Vec<Parameter> {
-    // The value is positive inside of a side; the corners are in the order that leads from u to v.
+    // The value is positive on the inner side of a border; the corners are in the order of a rotation from u to v.
     let sides = |at: Parameter| -> [f64; 4] {
         std::array::from_fn(|n| {
             let (from, to) = (corners[n], corners[(n + 1) % 4]);
@@ -335,10 +340,10 @@ pub(super) struct PatchRings<'a> {
     patch: &'a ParameterPatch,
     insets: Insets,
     step_mm: f64,
-    /// Number of rings inside the outermost one.
+    /// Number of rings inside the outermost ring.
     steps: usize,
     shorter: RowDirection,
-    /// Whether there is no room for a ring.
+    /// Whether the patch is so narrow that the ring is only a line.
     is_line: bool,
 }
 
@@ -361,9 +366,9 @@ impl<'a> PatchRings<'a> {
         let shorter = if left_u_mm < left_v_mm { RowDirection::U } else { RowDirection::V };
         let middle_mm = if shorter == RowDirection::U { u_mm } else { v_mm };
         let longest_mm = (0..=4).map(|n| length(shorter, n as f64 / 4.0)).fold(middle_mm, f64::max);
-        // The sides of the innermost ring are farther apart by this length at the longest part of the patch than in
-        // the middle. If this is most of a step, more rings do not help, and the gate reports how far apart they
-        // are.
+        // By this length, the sides of the innermost ring are farther apart at the longest part of the patch than in
+        // the middle. If it is more than half of a step, more rings do not help, and the gate reports the distance
+        // between the lines.
         let excess_mm = Some(longest_mm - middle_mm).filter(|excess_mm| *excess_mm < step_over_mm / 2.0);
         let within_mm = step_over_mm - excess_mm.unwrap_or(0.0);
         let steps = (half_mm / within_mm - 0.5 - 1e-9).ceil().max(0.0) as usize;
@@ -405,7 +410,7 @@ impl<'a> PatchRings<'a> {
         Ok(rings)
     }
 
-    /// Returns the outermost ring, then turns that lead continuously inwards, then the innermost ring.
+    /// Returns the outermost ring, then windings that lead continuously inwards, then the innermost ring.
     pub fn winding_rings(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
         let mut all = vec![self.sides([0.0; SIDES + 1])?];
         for ring in 0..self.steps {
@@ -419,8 +424,8 @@ impl<'a> PatchRings<'a> {
         Ok(all)
     }
 
-    /// Returns four sides between corners of these depths; the fifth depth is the first corner's after a whole
-    /// turn, at which the line continues.
+    /// Returns four sides between corners of these depths; the fifth depth is that of the first corner after one full
+    /// winding, at which the line continues.
     fn sides(&self, depths_mm: [f64; SIDES + 1]) -> Result<[Vec<Parameter>; SIDES], RasterError> {
         let corner =
             |n: usize, depth_mm: f64| self.corner([n % SIDES == 1 || n % SIDES == 2, n % SIDES >= 2], depth_mm);
@@ -441,7 +446,7 @@ impl<'a> PatchRings<'a> {
             }
         }
         if self.is_line {
-            // On a line, the way back would repeat the same line.
+            // If the ring is a line, the opposite side would repeat the same line.
             sides[2].clear();
             sides[3].clear();
         }

@@ -1,10 +1,10 @@
 //! Tool paths over the grids of a surface (thesis 4.6–4.8, Fig. 4.29), in the panel's frame.
 //!
-//! - `areas`: which grids form one area, in which order, and the lines of each, laid until they keep their limits ·
-//!   `raster`, `lines`: the lines over a patch
-//! - `breaks`: the areas around breaks, if not whole grids are abraded
-//! - `orientation`: the tool's orientation · `plan`: how the tool lands, continues and retracts, and all of these
-//!   joined · `planned`: the data of a plan
+//! - `areas`: the grids that form one area, the order of the areas, and the lines of each, laid again until they meet
+//!   their limits · `raster`, `lines`: the lines over a patch
+//! - `breaks`: the areas around breaks, if these are abraded and not whole grids
+//! - `orientation`: the tool's orientation · `plan`: lands, moves and retracts the tool, and combines all of these ·
+//!   `planned`: the data of a plan
 //! - `dwell`: the times under the disc, and the feeds that make them even · `coverage`, `disc`, `touching`: the other
 //!   results of a plan, and of its execution
 //! - `gate`: judges a plan, and a motion before it starts, in the base frame

@@ -1,8 +1,8 @@
-//! Objects in the cell as a scan shows them: points that no part of the arm may come near.
+//! Objects in the cell as a scan shows them: points to which no part of the arm may come near.
 //!
-//! Boxes of the cell's file state the objects that are always there. These points state the objects that are there
-//! now: the panel at its measured place, and everything else that the scan saw. Objects that the scan did not see are
-//! not known: behind obstacles the arm is protected only by the boxes.
+//! The boxes of the cell's file describe the objects that are always there. These points describe the objects that are
+//! there now: the panel at its measured place, and everything else that the scan saw. Objects that the scan did not see
+//! are not known: behind obstacles the arm is protected only by the boxes.
 
 use panelprep_base::geometry::{Base, Point};
 use std::collections::BTreeMap;
@@ -63,9 +63,9 @@ impl Obstacles {
 }
 
 impl Obstacle {
-    /// Returns the smallest distance of the obstacle's points, mm, calculated with `distance_mm`, which gives the
-    /// distance of a point from something; `None` if all points are farther away than `needed_mm`. The bounding sphere
-    /// of a block shows when none of its points is near.
+    /// Returns the smallest distance of the obstacle's points, mm, calculated with `distance_mm`, which returns a
+    /// point's distance; `None` if all points are farther away than `needed_mm`. Blocks whose bounding sphere is too
+    /// far away are skipped.
     pub(super) fn smallest_distance_mm(
         &self,
         needed_mm: f64,
@@ -112,7 +112,7 @@ mod tests {
     }
 
     proptest! {
-        /// The search by blocks of points finds the nearest of all points.
+        /// The search by blocks finds the same nearest point as a search of all points.
         #[test]
         fn the_nearest_point_is_the_nearest_of_all(
             points in prop::collection::vec(prop::array::uniform3(-300.0..300.0f64), 1..300),

@@ -1,10 +1,11 @@
 //! The tool's orientation on the surface (thesis 4.7).
 //!
 //! Tool Z = −N, out of the pad and into the panel (4.17). The thesis uses Y = Z × (0, 0, −1), which does not exist if
-//! the normal is vertical, and turns rapidly near that direction. Here X is a reference made perpendicular to Z and
+//! the normal is vertical, and rotates rapidly near that direction. Here X is a reference direction projected
+//! perpendicular to Z, so that
 //!     X = (e − (e·Z) Z) / |…|,   Y = Z × X.                                              (4.18, 4.19 replaced)
 //! The reference e is the recipe's axis, or the feed *axis* S_u with one sign for the whole path: the feed direction
-//! itself would turn the wrist by 180° at every row. If e lies along the normal, the path is refused.
+//! itself would rotate the wrist by 180° at every row. If e lies along the normal, the path is refused.
 
 use crate::surface::{BSplineSurface, Parameter};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -17,7 +18,7 @@ const MIN_ANGLE: Degrees = Degrees(6.0);
 /// The reference that determines the tool's spin about the normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SpinReference {
-    /// S_u of the surface: the axis along which rows run.
+    /// The axis along which rows run, S_u of the surface.
     Feed,
     /// A direction in the panel's frame.
     Axis(Vector<Panel>),
@@ -100,7 +101,8 @@ pub fn panel_from_tool(
         SpinReference::Axis(axis) => axis.mm,
     };
     let z = -normal.mm; // Eq. 4.17
-    // The normal is exact and only the spin follows the reference: the pad must lie flat, whereas its spin is free.
+    // Z follows the normal exactly, and only the spin follows the reference: the pad must lie flat, but may have any
+    // spin.
     let across = axis - z * axis.dot(&z);
     let sine = across.norm();
     if sine < MIN_ANGLE.to_rad().sin() {

@@ -1,10 +1,11 @@
 //! Checks whether the arm reaches the panel at its pose: a plan as a whole, and, before the panel is wetted, every
 //! grid.
 //!
-//! A round tool may turn about its own axis, so twelve spins of the whole path are tried: the first one that leaves
-//! enough room is used, otherwise the one with the most room. The result applies only to the plan with this spin,
-//! [`turned_plan`]. A refusal names the grid, the waypoint, the axis and by how much it exceeds its limit, and a shift of
-//! the panel that would help.
+//! A round tool may have any rotation about its own axis (spin), so twelve spins of the whole path are tried: the first
+//! one with enough room is used, otherwise the one with the most room. Room is the smallest distance of an axis or a
+//! singularity from its limit beyond the margin. The result applies only to the plan with this spin, [`turned_plan`]. A
+//! refusal states the grid, the waypoint, the axis, the amount by which it exceeds its limit, and a shift of the panel
+//! with which the arm could follow.
 
 use super::disc::DiscWearPlan;
 use super::gate::judge_plan;
@@ -26,10 +27,10 @@ use rayon::prelude::*;
 /// Spins that are tried, degrees, in this order.
 const TRIED_SPINS_DEG: [f64; 12] =
     [0.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0, 120.0, -120.0, 150.0, -150.0, 180.0];
-/// Room beyond the margins that is enough, degrees: with this room no better spin is searched.
+/// Room beyond the margins that is sufficient, degrees: with this room no other spin is tried.
 const SUFFICIENT_ROOM_DEG: f64 = 10.0;
 /// Largest number of waypoints that are checked to find a shift.
-const SHIFT_LEGS: usize = 60;
+const MAX_SHIFT_WAYPOINTS: usize = 60;
 
 /// The panel's pose in front of an arm with its tool.
 #[derive(Debug, Clone, Copy)]
@@ -40,8 +41,8 @@ pub struct ReachSetup<'a> {
     pub flange_from_tool: Rigid<Flange, Tool>,
     /// The panel.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// The axis angles from which a line leads to the plan's first point, so that the arm arrives in their
-    /// configuration. Without them the configuration with the most room is used.
+    /// The axis angles from which a linear motion leads to the plan's first point: the arm keeps their configuration.
+    /// Without them the configuration with the most room is used.
     pub start_joints: Option<Joints>,
 }
 
@@ -50,7 +51,7 @@ pub struct ReachSetup<'a> {
 pub struct ReachablePlan {
     /// Rotation of the tool about its own Z, for the whole plan.
     pub spin: Degrees,
-    /// The axis angles at each waypoint, and the room beyond the margins.
+    /// The axis angles at each waypoint, and the smallest room beyond the margins.
     pub arm_travel: ArmTravel,
 }
 
@@ -131,12 +132,13 @@ fn check_follow(plan: &Plan, stand: &ReachSetup<'_>, spin_deg: f64) -> Result<Ar
 
 fn unreachable_plan(plan: &Plan, stand: &ReachSetup<'_>, spin_deg: f64, fault: ReachFault) -> UnreachablePlan {
     let legs = plan_legs(plan, stand, spin_deg);
-    let thinned: Vec<PathLine> = legs.iter().step_by(legs.len().div_ceil(SHIFT_LEGS).max(1)).copied().collect();
-    // Thinned legs are far apart and give no information about speed, so they are followed slowly.
+    let thinned: Vec<PathLine> =
+        legs.iter().step_by(legs.len().div_ceil(MAX_SHIFT_WAYPOINTS).max(1)).copied().collect();
+    // The waypoints of a thinned path are far apart and do not show the axis speeds, so the path is followed slowly.
     let mut slow: Vec<PathLine> =
         thinned.iter().map(|leg| PathLine { feed_mm_s: 5.0, blend_mm: 0.0, ..*leg }).collect();
     if matches!(fault.cause, Infeasibility::Retract { .. }) {
-        // A helpful shift must also leave enough space for the retract.
+        // With the shift, the retract must be possible, too.
         slow = slow
             .iter()
             .flat_map(|leg| [*leg, PathLine { feed_mm_s: 5.0, ..retract(leg.base_from_tool) }, *leg])
@@ -148,7 +150,7 @@ fn unreachable_plan(plan: &Plan, stand: &ReachSetup<'_>, spin_deg: f64, fault: R
     UnreachablePlan { fault, at, shift: helpful_shift(stand.arm, stand.flange_from_tool, &slow) }
 }
 
-/// Returns the plan as the arm would receive it, its tool turned about its own axis.
+/// Returns the plan's motions as the arm would receive them, with the tool rotated about its own axis.
 pub fn plan_legs(plan: &Plan, stand: &ReachSetup<'_>, spin_deg: f64) -> Vec<PathLine> {
     let spin = own_axis_rotation(Degrees(spin_deg));
     let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
@@ -160,7 +162,7 @@ pub fn plan_legs(plan: &Plan, stand: &ReachSetup<'_>, spin_deg: f64) -> Vec<Path
     waypoints.map(leg).collect()
 }
 
-/// Returns the plan with its tool turned about its own axis, as [`ReachablePlan::spin`] requires.
+/// Returns the plan with the tool rotated about its own axis, as [`ReachablePlan::spin`] requires.
 pub fn turned_plan(plan: &Plan, spin: Degrees) -> Plan {
     let mut plan = plan.clone();
     for waypoint in plan.paths.iter_mut().flat_map(|path| &mut path.waypoints) {
@@ -179,11 +181,11 @@ fn own_axis_rotation(spin: Degrees) -> Rigid<Tool, Tool> {
 pub struct GridReach {
     /// The grid.
     pub id: GridId,
-    /// The room beyond the margins, degrees, or why the arm cannot follow.
+    /// The room beyond the margins, degrees, or the reason why the arm cannot follow the path.
     pub outcome: Result<f64, Box<UnreachablePlan>>,
     /// Area of the panel that the disc sweeps on the path over only this grid, mm².
     pub swept_mm2: f64,
-    /// The reason why the gate rejects that path; empty if it does not.
+    /// The checks with which the gate rejects that path; empty if it accepts the path.
     pub refused: Vec<Check>,
 }
 
@@ -204,7 +206,7 @@ pub fn check_grids(
     let ids: Vec<GridId> = region.ids().collect();
     let of_grid = |id: &GridId| {
         let plan = plan(surface, region, &[*id], outline, settings)?;
-        // This checks only whether the grid is reachable: the spin of the final path is chosen later.
+        // A room of 0° is enough here: only reachability is checked, and the spin of the final path is chosen later.
         let outcome = first_spin_with_room(&plan, stand, settings, 0.0).map(|reached| reached.arm_travel.room_deg);
         let mut refused = judge_plan(&plan, settings).0;
         refused.retain(|check| check.severity == Severity::Reject && check.reason().is_some());
@@ -219,9 +221,9 @@ pub fn check_grids(
     all.into_iter().collect()
 }
 
-/// Accepts a region if every grid is reached. If some are not, a person decides, since perhaps none of these grids
-/// fails; if no grid is reached, the panel is at a wrong place and is rejected. A path that the gate rejects is
-/// rejected for every grid: no person can accept a path that would never be sent.
+/// Accepts a region if every grid is reached. If some are not, a person decides, since these grids may pass the test
+/// and need no abrasion; if no grid is reached, the panel is at a wrong place and is rejected. A path that the gate
+/// rejects is rejected for every grid: no person can accept a path that would never be sent.
 pub fn judge_grids(grids: &[GridReach]) -> Judgement {
     Judgement::from_checks(&grid_violations(grids))
 }
@@ -244,7 +246,7 @@ pub fn grid_violations(grids: &[GridReach]) -> Vec<Check> {
 }
 
 /// Checks the room that is left if the arm follows a plan. If the arm cannot follow, the plan is rejected with a
-/// message: grid and waypoint, axis, by how much, and what helps.
+/// message that states grid, waypoint, axis, the excess, and what helps.
 pub fn check_plan(
     reached: &Result<ReachablePlan, Box<UnreachablePlan>>,
     (surface, region): (&BSplineSurface, &Region),
@@ -259,7 +261,7 @@ pub fn check_plan(
     Check::new(ROOM_NUMBER, "°", room_deg).with_reason(refused, Severity::Reject)
 }
 
-/// The number that [`check_plan`] reports.
+/// Name of the number that [`check_plan`] reports.
 pub const ROOM_NUMBER: &str = "room beyond the arm's margins";
 
 /// Returns the grid below a point; `None` outside the region.

@@ -1,22 +1,22 @@
-//! Tool paths over chosen grids, with the evidence that the gate judges (thesis Fig. 4.29).
+//! Plans tool paths over chosen grids, with the numbers that the gate judges (thesis Fig. 4.29).
 //!
-//! Neighbouring grids are one area, and each area has one path: through the air to a place above its lines, down, along
-//! the lines in contact, up. The areas are ordered so that the path between them is short. Between areas the tool moves
-//! through the air along the surface at the approach height: a straight motion could cut through a bulge. If the disc
-//! would reach too far beyond the panel's outline, lines keep more distance from that side of their area; the coverage
-//! shows the part that is then not reached. The feed is lower at places that would be under the disc for less time
-//! (`dwell`). Poses are the tool's in the panel's frame. The result is in `planned`.
+//! Neighbouring grids form one area, and each area has one path: through the air to a place above its lines, down,
+//! along the lines in contact, and up. The areas are ordered so that the path between them is short. Between areas the
+//! tool moves through the air along the surface at the approach height: a linear motion could pass through a bulge. If
+//! the disc would reach too far beyond the panel's outline, lines keep more distance from that side of their area; the
+//! coverage shows the part that is then not reached. The feed is lower at places that would be under the disc for less
+//! time (`dwell`). Poses are the tool's in the panel's frame. The result is in `planned`.
 //!
 //! The tool moves through the air to a place beside the first contact place and down to the landing height. Then it
 //! moves along the surface to the first contact place while it descends the last millimetres: the disc is already
 //! moving when it touches. The retraction is the same in reverse. The landing runs over the area's own middle, so
-//! nothing outside the area is touched. Over a hole the path continues at the landing height. In contact the tool's
-//! point goes into the panel by the press-in, which the pad absorbs. In contact the feed makes the times under the
-//! disc even; in the air it is the recipe's feed. The feed is lower if the controller could not plan such short lines
-//! in time (`eki` 4.2). Corners are rounded by a fraction of the shorter adjacent line, and never by more than half of
-//! that line. A path stops only at its ends, and on the panel if it comes straight down.
+//! nothing outside the area is touched. Over a hole the path continues at the landing height. In contact the commanded
+//! tool point lies below the surface by the press-in, which the pad absorbs. In contact the feed is chosen so that the
+//! time under the disc is even; in the air it is the recipe's feed. The feed is lower if the controller could not plan
+//! such short lines in time (`eki` 4.2). Corners are rounded by a fraction of the shorter adjacent line, and never by
+//! more than half of that line. A path stops only at its ends, and on the panel if it comes straight down.
 
-use super::areas::{Area, IsPanelAt, Piece, areas_of, first_grid, make_piece, visit_order};
+use super::areas::{Area, IsPanelAt, Piece, first_grid, make_piece, treated_areas, visit_order};
 use super::coverage::{DiscOverhang, GridCoverage, Outline, reached_share, strokes};
 use super::dwell::{EvenFeeds, even_out_feeds};
 use super::orientation::{OrientationError, ToolOrientation, panel_from_tool};
@@ -91,10 +91,10 @@ fn plan_paths(
 ) -> Result<Plan, PlanError> {
     refuse_unknown(region, treated.grids())?;
     let outline = Outline::new(outline);
-    let areas = areas_of(region, treated, settings.join_grids());
+    let areas = treated_areas(region, treated, settings.join_grids());
     let areas = match beyond_mm > 0.0 {
         true => {
-            // The inset at the border, which comes later, takes its part back.
+            // The inset at the border, which is applied later, removes its own length again.
             areas.into_iter().map(|area| widen_area(surface, area, beyond_mm + border_inset_mm(settings))).collect()
         }
         false => areas,
@@ -102,16 +102,18 @@ fn plan_paths(
     let pieces: Vec<Result<Piece, PlanError>> =
         areas.into_par_iter().map(|area| make_piece(surface, region, area, (&outline, there), settings)).collect();
     let pieces: Vec<Piece> = pieces.into_iter().collect::<Result<_, _>>()?;
-    // Ordered after they are laid: the way between two pieces depends on where their tracks begin and end.
+    // The pieces are ordered after their lines are laid, because the path between two pieces depends on where their
+    // tracks begin and end.
     let pieces = order_pieces(surface, pieces);
-    // Over all pieces together, because the disc at the border of one also treats its neighbour.
+    // The feeds of all pieces are calculated together, because the disc at the border of one piece also treats its
+    // neighbour.
     let even = even_out_feeds(surface, region, &pieces, settings);
     let mut before = None;
     let mut paths = Vec::with_capacity(pieces.len());
     for (piece, feeds_mm_s) in pieces.iter().zip(&even.feeds_mm_s) {
         let path = tool_path(surface, (piece, feeds_mm_s), before, settings)
             .map_err(|cause| PlanError::Orientation { grid: first_grid(&piece.area), cause })?;
-        // The next path begins above the end of this one, so that the tool crosses the gap in air.
+        // The next path begins above the end of this one, so that the tool crosses the gap in the air.
         before = path.1;
         paths.push(path.0);
     }
@@ -121,9 +123,9 @@ fn plan_paths(
     Ok(plan)
 }
 
-/// Returns the fraction of the broken places that the disc reaches if they lie anywhere within their uncertainty, 0…1;
-/// `None` if no place is known. The coverage of an area allows a part of it to be missed, and this part must not be the
-/// break.
+/// Returns the fraction of the broken places that the disc reaches even if each lies anywhere within its uncertainty,
+/// 0…1; `None` if no place is known. The required coverage allows a small part of an area to be missed, and this part
+/// must not contain the break.
 fn breaks_reached(
     surface: &BSplineSurface,
     treated: &Treated,
@@ -140,7 +142,7 @@ fn breaks_reached(
     reached_share(&broken, &all, surely_mm)
 }
 
-/// Returns an area that is larger by this length on each side, mm, for laying its lines.
+/// Returns the area with the patch for its lines enlarged by this length on each side, mm.
 fn widen_area(surface: &BSplineSurface, area: Area, by_mm: f64) -> Area {
     let middle = surface.tangents(area.patch.parameter_at(Parameter { u: 0.5, v: 0.5 }));
     let (by_u, by_v) = (by_mm / middle.s_u.mm.norm(), by_mm / middle.s_v.mm.norm());
@@ -212,7 +214,7 @@ fn assemble_plan(paths: Vec<ToolPath>, pieces: &[Piece], even: EvenFeeds, settin
     }
 }
 
-/// Returns the coverage of each grid from that of its parts, row by row: two areas may lie in one grid.
+/// Returns the coverage of each grid, row by row, as the sum over its parts: one grid may contain parts of two areas.
 fn of_grids(mut parts: Vec<GridCoverage>) -> Vec<GridCoverage> {
     parts.sort_by_key(|part| part.id);
     let sum = |parts: &[GridCoverage]| {
@@ -263,7 +265,7 @@ fn tool_path(
         .into_iter()
         .flat_map(|from| intermediate_points(surface, from, down.unwrap_or(first), piece.spacing_mm));
     stations.extend(flown.map(air));
-    // The first station is in air, since the interlocks start the tool there.
+    // The first station is in the air, because the interlocks start the tool there.
     stations.push(air(down.unwrap_or(first)));
     stations.extend(down.map(low));
     stations.extend(piece.track.iter().zip(&piece.contact).zip(feeds_mm_s).map(on));
@@ -306,12 +308,12 @@ fn waypoints(
     let waypoint = |(index, station): (usize, &Station)| {
         let before_mm = index.checked_sub(1).and_then(|before| lengths_mm.get(before)).copied();
         let after_mm = lengths_mm.get(index).copied();
-        // The controller plans one line at a time: a line that is executed faster than that would stop the tool on the
-        // panel.
+        // The controller plans one line at a time: a line that takes less time than its planning would stop the tool on
+        // the panel.
         let feed_mm_s = before_mm.map_or(station.feed_mm_s, |mm| station.feed_mm_s.min(mm / planning_s));
         let touches_down = |other: Option<&Station>| other.is_some_and(|other| other.contact != station.contact);
-        // Without a landing slope the corner at the panel is exact: rounded, the pad would touch before its place, with
-        // a sideways motion.
+        // If the tool comes straight down, the corner at the panel is not rounded: with a rounded corner the pad would
+        // touch too early, during a sideways motion.
         let straight_down = settings.landing_mm() == 0.0
             && station.contact
             && (touches_down(index.checked_sub(1).and_then(|n| stations.get(n)))

@@ -15,7 +15,7 @@ use panelprep_cell::recipe;
 pub struct Waypoint {
     /// The tool in the panel's frame.
     pub panel_from_tool: Rigid<Panel, Tool>,
-    /// Whether the disc is on the panel here. A motion is in contact if both its ends are.
+    /// Whether the disc is in contact with the panel here. A motion is in contact if both its ends are.
     pub contact: bool,
     /// Speed of the tool centre point on the motion to this pose, mm/s.
     pub feed_mm_s: f64,
@@ -66,11 +66,11 @@ pub struct StepOver {
 pub struct Plan {
     /// One path for each area of neighbouring grids, in the order of travel.
     pub paths: Vec<ToolPath>,
-    /// Length of all moves, mm.
+    /// Length of all motions, mm.
     pub length_mm: f64,
-    /// Length of the moves in contact, mm.
+    /// Length of the motions in contact, mm.
     pub contact_mm: f64,
-    /// Time for all moves, s, including starting and stopping at each stop of the path.
+    /// Time for all motions, s, including deceleration and acceleration at each stop of the path.
     pub duration_s: f64,
     /// Covered fraction of all grids together, 0…1.
     pub coverage: f64,
@@ -80,22 +80,22 @@ pub struct Plan {
     pub dwell: Option<DwellSpread>,
     /// Time under the disc in each grid.
     pub grid_dwell: Vec<(GridId, DwellSpread)>,
-    /// Distance between neighbouring rows, without turns; `None` if no path has two rows.
+    /// Distance between neighbouring rows, without the connections between them; `None` if no path has two rows.
     pub step_over_mm: Option<StepOver>,
-    /// Reach of the disc beyond the panel's outline.
+    /// Overhang of the disc beyond the panel's outline.
     pub overhang: DiscOverhang,
-    /// The places that it treats.
+    /// The places that the plan treats.
     pub treated: Treated,
-    /// Fraction of the broken places that the disc reaches, 0…1; `None` if no place is known, or if the recipe asks for
-    /// whole grids.
+    /// Fraction of the broken places that the disc reaches, 0…1; `None` if no place is known, or if the recipe states
+    /// that whole grids are treated.
     pub breaks_reached: Option<f64>,
     /// The costs of areas around breaks and of whole grids; `None` if they were not compared.
     pub costs: Option<TreatmentCosts>,
 }
 
 impl Plan {
-    /// Returns the largest ratio of the longest to the shortest time under the disc. It is the largest of the ratio
-    /// over all grids together and the ratios of the single grids; in the latter case the grid is returned, too;
+    /// Returns the largest ratio of the longest to the shortest time under the disc. The ratios of all grids together
+    /// and of each single grid are compared; if that of a single grid is the largest, this grid is also returned.
     /// `None` if nothing is treated.
     pub fn dwell_ratio(&self) -> Option<(f64, Option<GridId>)> {
         let all = self.dwell.map(|dwell| (dwell.ratio(), None));
@@ -118,7 +118,7 @@ impl Plan {
         self
     }
 
-    /// Returns the plan with the times under the disc that result from these feeds.
+    /// Returns the plan with these times under the disc, which result from its feeds.
     #[must_use]
     pub fn with_dwell(mut self, dwell: &Dwell) -> Self {
         self.dwell = dwell.spread();
@@ -139,9 +139,9 @@ impl Plan {
 /// The cost of a plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TreatmentCost {
-    /// Surface of the region that is under the disc, mm².
+    /// Area of the region's surface that comes under the disc, mm².
     pub under_disc_mm2: f64,
-    /// Time for all moves, s.
+    /// Time for all motions, s.
     pub duration_s: f64,
 }
 
@@ -155,7 +155,8 @@ pub struct TreatmentCosts {
 }
 
 impl TreatmentCosts {
-    /// Returns whether areas around the breaks cost less surface and also less time; true if only they have a path.
+    /// Returns whether treating areas around the breaks puts less surface under the disc and also takes less time than
+    /// treating whole grids; true as well if a path exists only for the areas around the breaks.
     pub fn is_less_around_breaks(&self) -> bool {
         match (self.around_breaks, self.whole_grids) {
             (Some(around), Some(whole)) => {
@@ -183,7 +184,7 @@ pub(super) fn extent(paths: &[ToolPath], settings: &recipe::Path) -> PathExtent 
         sum.length_mm += step_mm;
         sum.contact_mm += if pair[0].contact && pair[1].contact { step_mm } else { 0.0 };
         sum.duration_s += step_mm / pair[1].feed_mm_s;
-        // At each stop, starting or stopping costs half of feed / acceleration.
+        // At each stop, deceleration and acceleration each take additional time of half of feed / acceleration.
         let stops = [pair[0], pair[1]].iter().filter(|waypoint| waypoint.blend_mm == 0.0).count();
         sum.duration_s += stops as f64 * pair[1].feed_mm_s / settings.acceleration_mm_s2() / 2.0;
     }
@@ -212,7 +213,7 @@ pub enum PlanError {
         /// The grid.
         grid: GridId,
     },
-    /// There is no raster.
+    /// No raster can be laid over the grid.
     #[error("grid {grid}: {cause}")]
     Raster {
         /// The grid.
@@ -220,7 +221,7 @@ pub enum PlanError {
         /// The cause.
         cause: RasterError,
     },
-    /// There is no pose of the tool.
+    /// The tool has no valid pose on the grid.
     #[error("grid {grid}: {cause}")]
     Orientation {
         /// The grid.
@@ -234,9 +235,9 @@ pub enum PlanError {
 mod tests {
     use super::*;
 
-    /// Less surface in more time, or less time over more surface, is no saving.
+    /// A smaller area in more time, or a larger area in less time, does not count as lower costs.
     #[test]
-    fn areas_around_breaks_must_cost_less_of_both() {
+    fn areas_around_breaks_must_cost_less_area_and_time() {
         let cost = |under_disc_mm2: f64, duration_s: f64| Some(TreatmentCost { under_disc_mm2, duration_s });
         let is_less =
             |around_breaks, whole_grids| TreatmentCosts { around_breaks, whole_grids }.is_less_around_breaks();

@@ -1,10 +1,10 @@
-//! Rows over a patch with a step-over that holds on the surface (thesis 4.8).
+//! Lays rows over a patch with a step-over that is measured on the surface (thesis 4.8).
 //!
 //! With rows along u, F = S_u / |S_u| and D = N × F across, a step r along D has
 //!     Q − P ≈ S_u Δu + S_v Δv,   [[S_u·D, S_v·D], [S_u·F, S_v·F]] (Δu, Δv)ᵀ = (r, 0)ᵀ,          (4.20–4.23)
-//! and with this F  Δv = r / (S_v·D),  |S_v·D| = |S_u × S_v| / |S_u|. A row continues from each point of the row
-//! before it, on columns of constant u: sliding Q back along F to its column does not change v. That is the first
-//! guess; then v is corrected until the distance across, measured on the surface,
+//! and with this F  Δv = r / (S_v·D),  |S_v·D| = |S_u × S_v| / |S_u|. A row continues from each point of the row before
+//! it, on columns of constant u: sliding Q back along F to its column does not change v. This gives the start value;
+//! then v is corrected until the distance across, measured on the surface,
 //!     a(v) = ∫ |S_u × S_v| / |S_u| dv,
 //! equals the required distance. Rows along v are the same with u and v exchanged. Rows have the equal distance r' = w
 //! / ceil(w / r) ≤ r, w being the patch's width between the first and the last row. If a patch is narrower on one
@@ -21,13 +21,13 @@ use panelprep_cell::recipe;
 
 /// Distance of the outer rows and of the rows' ends from the patch's border, in disc radii.
 const INSET_RADII: f64 = 0.2;
-/// Columns on which rows are found; between them rows are straight in (u, v).
+/// Distance of the columns on which points of rows are calculated, mm; between them rows are straight in (u, v).
 const COLUMN_SPACING_MM: f64 = 5.0;
 /// Tolerance of a distance across the rows, mm.
 const TOLERANCE_MM: f64 = 1e-6;
 /// Newton steps before the calculation of a row is abandoned; a smooth patch needs two or three.
 const MAX_NEWTON_STEPS: usize = 20;
-/// Number of pieces in which the width of a patch is integrated, with three nodes each.
+/// Number of intervals in which the width of a patch is integrated, with three nodes each.
 const WIDTH_PIECES: usize = 4;
 /// Gauss–Legendre nodes and weights on 0…1.
 const GAUSS: [(f64, f64); 3] =
@@ -43,7 +43,7 @@ pub struct Raster {
 /// Errors of a raster.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RasterError {
-    /// The surface has no area at this place.
+    /// The surface is degenerate at this place.
     #[error("the surface has no area at (u, v) = ({:.4}, {:.4})", at.u, at.v)]
     Degenerate {
         /// The place.
@@ -92,9 +92,9 @@ pub(super) fn border_inset_mm(settings: &recipe::Path) -> f64 {
 /// Distances from the patch's four borders, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Insets {
-    /// From lowest and highest u.
+    /// Distances from the borders at lowest and highest u.
     pub u: [f64; 2],
-    /// From lowest and highest v.
+    /// Distances from the borders at lowest and highest v.
     pub v: [f64; 2],
     /// Additional distance required from each side: lowest u, highest u, lowest v, highest v.
     pub extra_mm: [f64; 4],
@@ -128,8 +128,8 @@ impl Insets {
         }
     }
 
-    /// Moves the sides that were not pushed inwards by an outline to their border: the disc overlaps the neighbours by
-    /// its radius. Returns false if no side was pushed, or all were moved out before.
+    /// Sets the insets of the sides that the outline did not move inwards to 0: there, the disc overlaps the
+    /// neighbouring grids by its radius. Returns false if no side was moved inwards, or if these insets were already 0.
     pub fn release_sides(&mut self) -> bool {
         let free: Vec<usize> = (0..4).filter(|side| !self.is_pushed[*side]).collect();
         let mut gave = false;
@@ -248,7 +248,7 @@ pub(super) fn intermediate_points(
         points.zip(ends).map(|(from, to)| from.distance_mm(to)).fold(0.0, f64::max)
     };
     let fewest = (surface.point(from).distance_mm(surface.point(to)) / spacing_mm - 1e-9).ceil().max(1.0) as usize;
-    // Equal steps of the parameters are unequal steps on the surface.
+    // Equal steps in the parameters give unequal steps on the surface.
     let most = 2 * fewest + 8;
     let steps = (fewest..most).find(|steps| longest_mm(*steps) <= spacing_mm * (1.0 + 1e-9)).unwrap_or(most);
     (1..steps).map(move |step| interpolate(from, to, step as f64 / steps as f64))

@@ -1,8 +1,8 @@
-//! Paths as they are sent, each checked as a whole by the gate.
+//! Builds the paths that are sent, each checked as a whole by the gate.
 //!
-//! A motion through air is a straight line divided into steps, so that the gate checks all parts. A contact path is
-//! that of the plan, in the panel's frame, which is the base that was set. Every path is followed with all axes from
-//! the current axis angles.
+//! A motion through air is a straight line divided into steps, so that the gate checks all parts. A contact path is the
+//! plan's path in the panel's frame, which is set as the base. Each path is checked with the arm's kinematics from the
+//! current axis angles.
 
 use super::gate::{PanelPoses, Route, WaypointLimits, check_pad, judge_plan, taught_axis, violated_by_route};
 use super::kinematics::Kinematics;
@@ -21,15 +21,15 @@ use std::sync::Arc;
 /// Largest step and rotation of a motion through air.
 const AIR_STEP_MM: f64 = 40.0;
 const AIR_TURN: Degrees = Degrees(8.0);
-/// Rounding at the steps of a motion through air: as a fraction of a step; the second constant is its upper limit.
+/// Rounding between the steps of a motion through air, as a fraction of a step; `AIR_BLEND_MM` is its upper limit.
 const BLEND_SHARE: f64 = 0.2;
 const AIR_BLEND_MM: f64 = 5.0;
 /// Speed through air, mm/s, if the cell allows it.
 const AIR_MM_S: f64 = 200.0;
 
 /// Limits of the difference between the tip's pose calculated with the cell's arm and the one that the controller
-/// reports, mm and degrees. A larger difference means another arm, another tool or another zero of an axis.
-const MODEL_MM: f64 = 3.0;
+/// reports, mm and degrees. A larger difference means another arm, another tool or another mastering of an axis.
+const MAX_MODEL_DEVIATION_MM: f64 = 3.0;
 const MODEL: Degrees = Degrees(1.0);
 
 /// The state of the arm before a path.
@@ -47,7 +47,7 @@ pub struct StartState<'a> {
     pub obstacles: Option<&'a Arc<Obstacles>>,
 }
 
-/// A straight motion to a point, in the active base.
+/// A linear motion to a point, in the active base.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinearMotion {
     /// The pose at its end.
@@ -69,7 +69,7 @@ pub struct PathSpeed {
     pub acceleration_m_s2: f64,
 }
 
-/// A path with the result of its gate: it may be sent, or there are violations.
+/// A path with the result of its gate.
 #[derive(Debug, Clone)]
 pub struct GatedPath {
     /// The violations; empty if the path may be sent.
@@ -107,7 +107,7 @@ pub fn waypoints(plan: &Plan) -> Vec<Waypoint> {
     plan.paths.iter().flat_map(|path| path.waypoints.iter().copied()).collect()
 }
 
-/// Checks a straight motion through air from the arm's current pose, in a base that is at `base_from_active`.
+/// Checks a linear motion through air from the arm's current pose, in a base whose pose is `base_from_active`.
 pub fn gate_air_motion<Active: panelprep_base::geometry::Frame>(
     standing: &StartState<'_>,
     base_from_active: Rigid<Base, Active>,
@@ -132,7 +132,7 @@ pub fn gate_air_motion_at<Active: panelprep_base::geometry::Frame>(
         .collect();
     let points = poses.iter().enumerate().map(|(index, pose)| LinearMotion {
         pose: KukaPose::from_rigid(pose),
-        // The last point is exact: a picture or the start of the tool follows there.
+        // The last point is not rounded: a picture is taken or the tool is started there.
         blend_mm: if index + 1 == steps { 0.0 } else { AIR_BLEND_MM.min(BLEND_SHARE * length_mm / steps as f64) },
         contact: false,
         speed_m_s: None,
@@ -152,16 +152,16 @@ pub fn lift_contact_points(plan: &Plan, height_mm: f64) -> Plan {
     for waypoint in lifted.paths.iter_mut().flat_map(|path| &mut path.waypoints).filter(|waypoint| waypoint.contact)
     {
         let up = Rigid::<Tool, Tool>::identity().followed_by_displacement(Vector::new(Vector3::z() * -height_mm));
-        // From the rounded pose, so that an air-run tests exactly the poses that the contact path will send.
+        // The pose as sent is lifted, so that an air run tests exactly the poses that the contact path will send.
         waypoint.panel_from_tool = waypoint.as_sent() * up;
         waypoint.contact = false;
     }
     lifted
 }
 
-/// Checks the path over the panel: the whole plan without its first point, which is in air and at which the arm
+/// Checks the path over the panel: the whole plan without its first point, which is in the air and at which the arm
 /// already is. Feed and rounding are each waypoint's own. A plan that its own gate rejects is not sent, even if a
-/// person accepted the previous steps. The decisions that this gate requires from a person were requested earlier.
+/// person accepted the previous steps. A person has already made the decisions that this gate requires.
 pub fn contact(
     standing: &StartState<'_>,
     panel: PanelPoses,
@@ -229,9 +229,9 @@ impl Sander {
 }
 
 /// Checks the motion to a view of a corner. The end of the motion must lie in the volume in which the arm's correction
-/// was measured. The camera is the tool of this motion; the sander beside it must keep its distances, too. If the sander
-/// is at the panel, as after a hold in contact, it is first lifted off along its axis: on a line of the camera it would
-/// move across the surface.
+/// was measured. The camera is the tool of this motion; the sander beside it must keep its distances, too. If the
+/// sander is at the panel, as after a hold in contact, it is first lifted off along its axis: on a linear motion of the
+/// camera it would move across the surface.
 pub fn view(
     standing: &StartState<'_>,
     (from, to): (Rigid<Base, Tool>, Rigid<Base, Tool>),
@@ -244,7 +244,8 @@ pub fn view(
     };
     let back = tip.isometry().rotation * Vector3::z() * -sander.lift_mm;
     let lifted = from.followed_by_displacement(Vector::new(back));
-    // The panel is not an obstacle for the sander, which leaves it, but everything is one for the arm and its camera.
+    // For the sander, which moves away from the panel, the panel is not an obstacle; for the arm and its camera,
+    // everything is an obstacle.
     let leaving = StartState { obstacles: None, ..*standing };
     let lift = gate_air_motion(&leaving, Rigid::<Base, Base>::identity(), (from, lifted), None);
     let Some(joints) = lift.joints else { return lift };
@@ -273,7 +274,7 @@ fn view_from(
     let arm = standing.kinematics();
     let is_clear = sander.is_clear(&arm, &standing.joints);
     let follows_with = |tip: Rigid<Flange, Tool>| {
-        // Angles that are not finite keep the configured distances, and are refused below.
+        // If the angles are not finite, the configured distances apply, and the motion is refused below.
         let departing = reach::departing(&arm, &standing.joints, tip).filter(|_| !is_clear);
         follows(departing.as_ref().unwrap_or(&arm), standing, (Rigid::identity(), &gated.points), tip)
     };
@@ -295,8 +296,8 @@ fn gate_path<Active: panelprep_base::geometry::Frame>(
     let from = base_from_active * from;
     let route = Route { from, waypoints: &poses, taught_axis };
     let (mut broken, mut joints) = (violated_by_route(&route, &WaypointLimits::from(standing.limits)), None);
-    // The arm is followed last: that costs most, and a step that is too long would only be reported again as an axis
-    // that is too fast.
+    // The arm's motion is checked last: this takes the most time, and a step that is too long would only be reported
+    // again as an axis that is too fast.
     if broken.is_empty() {
         let legs = poses.iter().zip(&points).map(|(pose, point)| PathLine {
             base_from_tool: *pose,
@@ -325,7 +326,7 @@ fn gate_path<Active: panelprep_base::geometry::Frame>(
 }
 
 impl StartState<'_> {
-    /// Returns the arm beside the obstacles that it avoids.
+    /// Returns the arm's kinematics with the obstacles that it must avoid.
     fn kinematics(&self) -> Kinematics {
         let arm = Kinematics::new(self.arm);
         match self.obstacles {
@@ -366,8 +367,8 @@ impl StartState<'_> {
     /// why the arm cannot follow.
     fn follow_lines(&self, from: Rigid<Base, Tool>, legs: &[PathLine]) -> Result<Vec<Joints>, Reason> {
         let arm = self.kinematics();
-        // First, because everything below computes with this model of the arm: with another arm each accepted axis
-        // would be wrong.
+        // This is checked first, because all other checks compute with this model of the arm: for another arm their
+        // results would be wrong.
         check_arm_identity(&arm, &self.joints, self.flange_from_tool, from)?;
         match follow_path(&arm, self.flange_from_tool, Some(&self.joints), legs) {
             Ok(travel) => Ok(travel.joints),
@@ -377,7 +378,8 @@ impl StartState<'_> {
 }
 
 /// Checks whether the tip's pose computed from the axis angles and the cell's arm agrees with the pose that the
-/// controller reports. The two differ for another arm, for angles in another unit, or for another root of the robot.
+/// controller reports. The two differ for another arm, for angles in another unit, or for another robot base
+/// (`$ROBROOT`).
 ///
 /// # Errors
 /// If the two differ by more than the limits, with the distance between them.
@@ -397,10 +399,10 @@ pub fn check_arm_identity(
     let by_model = by_model.ok_or_else(unknown)?;
     let (off_mm, off) =
         (by_model.origin().distance_mm(reported.origin()), (by_model.inverse() * reported).rotation_angle());
-    if off_mm <= MODEL_MM && off.0 <= MODEL.0 {
+    if off_mm <= MAX_MODEL_DEVIATION_MM && off.0 <= MODEL.0 {
         return Ok(());
     }
-    let [mm, allowed_mm] = distinguishable_texts(off_mm, MODEL_MM, 1);
+    let [mm, allowed_mm] = distinguishable_texts(off_mm, MAX_MODEL_DEVIATION_MM, 1);
     let [deg, allowed_deg] = distinguishable_texts(off.0, MODEL.0, 3);
     let message = format!(
         "the TCP calculated from the axis angles and [arm] is {mm} mm and {deg}° from the TCP that the controller \
@@ -409,7 +411,7 @@ pub fn check_arm_identity(
     Err(Reason::new("arm_model", message))
 }
 
-/// Checks whether another object mounted on the flange keeps its distances on the same linear motion.
+/// Checks whether another object that is mounted on the flange keeps its distances on the same linear motion.
 ///
 /// # Errors
 /// If it does not, with the number of the waypoint.
@@ -442,7 +444,7 @@ fn follows(
     follow_path(arm, flange_from_mounted, Some(&standing.joints), &legs).map(drop).map_err(|fault| refused(&fault))
 }
 
-/// Converts a fault to a reason: the fault's index counts from 0, and the message counts waypoints from 1.
+/// Converts a fault to a reason. The fault's index counts from 0, the message counts waypoints from 1.
 fn refused(fault: &ReachFault) -> Reason {
     Reason::new(fault.cause.code(), format!("waypoint {}: {}", fault.index + 1, fault.cause))
 }

@@ -108,10 +108,11 @@ fn a_quarter_size_scan_is_planned_in_every_attitude() {
     }
 }
 
-/// The arm of the simulated cell follows the plan over all grids at the panel's pose, and over each grid alone. At 400
-/// mm farther away the arm cannot follow, and the message states the place, the distance and what would help.
+/// The arm of the simulated cell follows the plan over all grids at the panel's pose, and over each grid alone. With
+/// the panel 400 mm farther away the arm cannot follow, and the message states the place, the distance and what would
+/// help.
 #[test]
-fn the_simulated_arm_follows_and_states_where_it_cannot() {
+fn the_simulated_arm_follows_or_reports_the_cause() {
     let cell = Cell::new(1, Scene::Good, 4);
     let (recipe, truth) = (recipe(&cell, &Rotation3::identity()), cell.truth());
     let panel = TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), truth.base_from_camera, &recipe)
@@ -136,7 +137,7 @@ fn the_simulated_arm_follows_and_states_where_it_cannot() {
         assert!(there.origin().distance_mm(leg.base_from_tool.origin()) < 1e-3);
         assert!((there.inverse() * leg.base_from_tool).rotation_angle().0 < 1e-3, "as the tool is turned, too");
     }
-    // The poses that the arm follows with a rotated tool are those of the rotated plan.
+    // The poses that the arm follows with a rotated tool are those of the plan with the rotated tool.
     let turned = panel_reach::plan_legs(&panel_reach::turned_plan(&plan, Degrees(60.0)), &stand, 0.0);
     for (written, followed) in turned.iter().zip(&panel_reach::plan_legs(&plan, &stand, 60.0)) {
         let between = written.base_from_tool.inverse() * followed.base_from_tool;

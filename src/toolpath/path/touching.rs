@@ -1,5 +1,5 @@
-//! The parts that a path touches: the waypoint from which on the disc reaches each grid, and the taught pixels that
-//! the disc may touch at all. The waypoints limit the grids that an interrupted path may have touched.
+//! The parts of the panel that a path touches: for each grid, the waypoint from which on the disc reaches it, and the
+//! taught pixels that the disc may touch at all. The waypoints show which grids an interrupted path may have touched.
 
 use super::planned::Plan;
 use crate::surface::{BSplineSurface, Parameter, ParameterPatch};
@@ -11,18 +11,18 @@ use rayon::prelude::*;
 
 /// Number of samples along each side of a grid, including its edges.
 const SAMPLES: usize = 16;
-/// Distance that is added to the disc's size, mm: a place that the disc barely reaches counts as reached.
+/// Distance that is added to the disc's radius, mm: a place that the disc barely reaches counts as reached.
 const MARGIN_MM: f64 = 1.0;
 
-/// A place up to this distance beyond the disc's edge counts as touched, mm: the errors of the panel's pose and of
-/// the tool's motion are smaller.
+/// A place that is up to this distance beyond the disc's edge counts as touched, mm; the errors of the panel's pose and
+/// of the tool's motion are smaller.
 const TOUCH_MARGIN_MM: f64 = 1.5;
 /// Largest distance between the sampled points of the line between two waypoints, mm; a place is farther from a
 /// sampled point than from the line by at most half of this.
 const STEP_MM: f64 = 0.5;
 
-/// Returns the taught pixels that the disc may touch on a plan's path, for every part of the plan that may be executed.
-/// A pixel of the panel without a scanned point counts as touched if the plan touches the panel at all.
+/// Returns the taught pixels that the disc may touch on a plan's path, for any part of the plan that may be executed. A
+/// pixel of the panel without a scanned point counts as touched if the plan touches the panel at all.
 pub fn taught_pixels(plan: &Plan, panel: &TaughtPanel, settings: &recipe::Path) -> Mask {
     let all: Vec<_> = plan.paths.iter().flat_map(|path| &path.waypoints).collect();
     let mut way: Vec<[f64; 3]> = Vec::new();
@@ -32,8 +32,8 @@ pub fn taught_pixels(plan: &Plan, panel: &TaughtPanel, settings: &recipe::Path) 
         let from = before.map_or(to, |before| before.panel_from_tool.origin());
         let steps = (from.distance_mm(to) / STEP_MM).ceil().max(1.0);
         let points = (0..=steps as usize).map(|step| from + Vector::new((to - from).mm * (step as f64 / steps)));
-        // Along the line and not only at the waypoints: between two of them the disc passes over places that neither of
-        // them reaches.
+        // The disc is checked along the line and not only at the waypoints: between two waypoints it passes over places
+        // that it reaches at neither of them.
         way.extend(points.map(|point| <[f64; 3]>::from(point.mm)));
     }
     pixels_near(&way, settings.disc_diameter_mm() / 2.0 + TOUCH_MARGIN_MM + STEP_MM / 2.0, panel)
@@ -59,7 +59,7 @@ fn pixels_near(points: &[[f64; 3]], reach_mm: f64, panel: &TaughtPanel) -> Mask 
     if points.is_empty() {
         return near;
     }
-    // If the search fails, any point of the panel may be near.
+    // If the search tree cannot be built, every point of the panel counts as near.
     let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(points) else { return panel.mask.clone() };
     near.inside.par_iter_mut().enumerate().filter(|(index, _)| panel.mask.inside[*index]).for_each(
         |(index, near)| {
@@ -85,13 +85,13 @@ pub fn first_waypoints(
     let place = |index: usize| all[index].panel_from_tool.origin();
     let near_mm = radius_mm + MARGIN_MM;
     let reaches = |index: usize, points: &[Point<Panel>]| {
-        // If the tool comes from the air, it touches the panel only at this waypoint.
+        // If the tool comes from the air, it touches the panel only at the end of the motion.
         let from = if index > 0 && all[index - 1].contact { place(index - 1) } else { place(index) };
         all[index].contact && points.iter().any(|point| distance_mm(*point, from, place(index)) <= near_mm)
     };
     let first = |id: GridId| {
         let points = samples(surface, &ParameterPatch::for_grid(region, id)?);
-        // The first waypoint counts: from then on the grid may be partly sanded, if the path is cut short.
+        // The first waypoint counts: if the path is interrupted after it, the grid may be partly sanded.
         (0..all.len()).find(|index| reaches(*index, &points)).map(|index| (id, index))
     };
     plan.grids.iter().filter_map(|grid| first(grid.id)).collect()

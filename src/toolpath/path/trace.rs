@@ -1,8 +1,8 @@
 //! The path of the tool while it was in contact, as the robot reported it.
 //!
-//! The robot reports its pose about every 100 ms, together with the waypoints that it has executed. If the reports are
-//! so rare that waypoints lie between two of them, these waypoints replace the missing reports, since the robot
-//! reported that it had executed them. The distance of the reports from the planned lines is recorded, too.
+//! The robot reports its pose about every 100 ms, together with the waypoints that it has executed. If more than two
+//! waypoints lie between two reports, these waypoints replace the missing reports, since the robot reported that it had
+//! executed them. The distance of the reports from the planned lines is recorded, too.
 
 use super::dwell::ExecutedPose;
 use super::planned::Waypoint;
@@ -15,7 +15,7 @@ pub struct PoseReport {
     pub time_ms: u32,
     /// The tool's pose in the panel's frame, which is the base set in the controller.
     pub tip: KukaPose,
-    /// Number of executed waypoints, without the first of the plan, at which the arm already was.
+    /// Number of executed waypoints, not counting the plan's first one, at which the arm already was.
     pub done: u32,
     /// The contact force that a compliant tool measured at that time, N.
     pub force_n: Option<f64>,
@@ -32,7 +32,7 @@ pub struct ExecutedPath {
     pub poses: Vec<ExecutedPose>,
     /// Number of the robot's reports among the poses.
     pub reports: usize,
-    /// Largest distance of a report from the nearby planned lines, mm.
+    /// Largest distance of a reported pose from the nearby planned lines, mm.
     pub off_mm: f64,
     /// Length of the path in contact, mm.
     pub contact_mm: f64,
@@ -62,8 +62,8 @@ impl Trace {
             let reached = (report.done as usize).min(all.len().saturating_sub(1));
             let missed = reached.saturating_sub(passed);
             let mut places: Vec<(Rigid<Panel, Tool>, bool)> = Vec::new();
-            // With one or two corners between two reports, the cut-off part is smaller than the rounding of the
-            // corners.
+            // With one or two corners between two reports, the straight line between the reports deviates by less than
+            // the rounding of the corners.
             if missed > MAX_MISSED || !is_report {
                 let stand_in =
                     |index: usize| (all[index].panel_from_tool, all[index].contact && all[index - 1].contact);
@@ -91,8 +91,8 @@ impl Trace {
 
 /// If more waypoints than this lie between two reports, they replace the missing reports.
 const MAX_MISSED: usize = 2;
-/// Number of lines before and after the current one on which a report may lie: the report and the count are not
-/// simultaneous.
+/// Number of lines before and after the current one on which a reported pose may lie, because the pose and the number
+/// of executed waypoints are not from the same time.
 const NEIGHBOUR_LINES: usize = 3;
 
 /// Returns the waypoint to which the arm moves after this number of executed waypoints.
@@ -135,7 +135,7 @@ mod tests {
     /// By hand: down at 0, along to 50, up. Reports on the way are used as they are, half a millimetre beside the
     /// line.
     #[test]
-    fn reports_are_the_path() {
+    fn reports_are_used_as_the_path() {
         let all: Vec<Waypoint> =
             [(0.0, false), (0.0, true), (10.0, true), (20.0, true), (30.0, true), (40.0, true), (50.0, true)]
                 .map(|(x, contact)| waypoint(x, contact))
@@ -150,10 +150,10 @@ mod tests {
         assert!((walked.contact_mm - 2.0 * 36.25f64.sqrt()).abs() < 1e-9, "{}", walked.contact_mm);
     }
 
-    /// After a silence the waypoints that were reported as executed replace the missing reports, and share its
-    /// time.
+    /// After a gap in the reports, the waypoints that were reported as executed replace the missing reports; the time
+    /// of the gap is divided among them.
     #[test]
-    fn waypoints_replace_a_silence() {
+    fn waypoints_replace_missing_reports() {
         let all: Vec<Waypoint> = (0..8).map(|n| waypoint(10.0 * f64::from(n), n > 0 && n < 7)).collect();
         let mut trace = Trace::default();
         trace.push(pose_report(1_000, 12.0, 0.0, 1));

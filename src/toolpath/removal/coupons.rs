@@ -1,11 +1,11 @@
-//! Measured depths on test coupons, and the model's exposure for each.
+//! The measured depths on test coupons, and the exposure that the model gives for each.
 //!
-//! A coupon is flat and is treated with straight lines. A coupon with one line over its middle, measured there, has
-//! been under the disc over the length of the disc's chord. For one pass and k = 1 mm²/N, the depth is
+//! A coupon is flat and is treated with straight lines. On a coupon with one line over its middle, the measured place
+//! in the middle is under the disc while the disc moves by its chord. For one pass and k = 1 mm²/N the depth there is
 //!     X = F / (π R²) · c · v(f)/f,   c = 2 R · (2/π) E((e/R)²),
-//! with the radius e of the orbit, which also moves the rim. In a field of rows with the distance s, measured in its
-//! middle as the mean over a row's width, every mm² has had the same load: X = F · v(f)/f / s. Then h = k X, and ln h
-//! − ln X = ln k₀ − b w.
+//! with e the radius of the orbit, because the orbit also moves the rim. In a field of rows at the distance s, whose
+//! depth is the mean over one row distance in its middle, every mm² has the same exposure: X = F · v(f)/f / s. Then h =
+//! k X, and ln h − ln X = ln k₀ − b w.
 
 use super::pad::PadWithDisc;
 use super::speed::{Orbit, elliptic_e};
@@ -14,9 +14,9 @@ use std::f64::consts::PI;
 /// The treatment of a coupon.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Lines {
-    /// One line, treated repeatedly; measured in its middle.
+    /// One line, travelled repeatedly; the depth is measured in its middle.
     One,
-    /// Rows at this distance, mm, over more than the disc's diameter; measured as the mean in the middle.
+    /// Rows at this distance, mm, over more than the disc's diameter; the depth is the mean in the middle.
     Rows(f64),
 }
 
@@ -53,7 +53,7 @@ pub struct CouponTool {
 }
 
 impl Coupon {
-    /// Calculates X: the depth in mm for k = 1 mm²/N.
+    /// Calculates the exposure X: the depth in mm for k = 1 mm²/N.
     pub fn exposure_n_mm(&self, tool: &CouponTool) -> f64 {
         let (radius_mm, area_mm2) = (tool.pad.radius_mm, tool.pad.area_mm2());
         let per_pass = match self.lines {
@@ -85,7 +85,7 @@ pub(super) mod tests {
     /// Calculated by hand: v/f = 2618.34/60 = 43.639. One line: 2 · 20 N / 706.86 mm² · 30 mm · 0.993 · 43.639 =
     /// 73.57 N/mm; rows of 12 mm: 2 · 20 · 43.639 / 12 = 145.46 N/mm.
     #[test]
-    fn what_a_coupon_has_borne() {
+    fn exposures_of_coupons_by_hand() {
         let one = coupon(Lines::One).exposure_n_mm(&TOOL);
         assert!((one - 74.085 * (1.0 - 1.0 / 144.0)).abs() < 0.01, "{one}");
         let rows = coupon(Lines::Rows(12.0)).exposure_n_mm(&TOOL);

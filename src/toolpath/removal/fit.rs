@@ -1,12 +1,12 @@
-//! Estimates k and the disc's wear from coupons, with their uncertainty; or states why a set of coupons does not
-//! determine them.
+//! Estimates k and the disc's wear from coupons, with their uncertainty, or returns the reason why a set of coupons
+//! does not determine them.
 //!
 //!     yᵢ = ln hᵢ − ln Xᵢ = ln k₀ − b wᵢ + eᵢ                                                              (7)
-//! by least squares: every coupon counts by its relative error. With A's rows (1, −wᵢ), σ_r² = Σ eᵢ² / (n − 2) and
-//! the covariance is σ_r² (AᵀA)⁻¹; if the table names the discs, their scatter counts too (`power`). Each
-//! coupon is predicted from the others. A coupon is named if it is farther off than Student's distribution allows,
-//! with 95 %, for one of n. A third unknown tests whether depth follows X at all: the power of X, which is 1 if
-//! Preston holds. Source: Draper & Smith, Applied Regression Analysis, 1998, 8.1.
+//! by least squares: every coupon counts by its relative error. With A's rows (1, −wᵢ), σ_r² = Σ eᵢ² / (n − 2) and the
+//! covariance is σ_r² (AᵀA)⁻¹; if the table names the discs, the scatter between them is included (`power`). Each
+//! coupon is predicted from the others. A coupon is an outlier if its deviation exceeds the 95 % limit of Student's
+//! distribution for the largest of n. A third unknown, the exponent of X, tests whether the depth is proportional to X:
+//! it is 1 if Preston's law holds. Source: Draper & Smith, Applied Regression Analysis, 1998, 8.1.
 
 use super::coupons::{Coupon, CouponTool};
 use super::model::MM2_PER_M2;
@@ -15,27 +15,25 @@ use nalgebra::{DMatrix, DVector, Matrix2};
 use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
 use panelprep_vision::calib::{student_95, student_quantile};
 
-/// Smallest number of coupons: two for the two numbers, and four more to show how well they are known.
+/// Smallest number of coupons: two determine the two parameters, and four more their uncertainty.
 pub const MIN_COUPONS: usize = 6;
-/// The largest exposure must be at least this many times the smallest, to show that the depth follows the exposure.
+/// Smallest ratio of the largest to the smallest exposure that shows how the depth depends on the exposure.
 const LEVELS: f64 = 1.3;
-/// The areas that the discs had swept must differ by this much, mm², to show the wear: a fiftieth of a square
-/// metre.
-const WORN_LEVELS_MM2: f64 = 20_000.0;
-/// Largest scatter of the coupons, σ of ln h; above this they contradict each other.
-const CONTRADICTORY: f64 = 0.5;
+/// Smallest difference between the areas that the discs had swept, mm², that shows the wear: 0.02 m².
+const MIN_WEAR_DIFFERENCE_MM2: f64 = 20_000.0;
+/// Largest scatter of the coupons, σ of ln h; with a larger one they contradict each other.
+const MAX_COUPON_SCATTER: f64 = 0.5;
 
-/// A coupon as predicted from the other coupons.
+/// The prediction of a coupon from the other coupons.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LeftOutCoupon {
     /// Expected depth, µm.
     pub foretold_um: f64,
     /// Lowest and highest depth predicted from the other coupons, 95 %, µm.
     pub interval_um: [f64; 2],
-    /// Deviation of the measured from the predicted depth, as a fraction of the predicted depth: 0.1 is a tenth
-    /// deeper.
+    /// Deviation of the measured from the predicted depth, as a fraction of the predicted depth: 0.1 means 10 % deeper.
     pub deviation: f64,
-    /// Whether the deviation is larger than expected for any one of this number of coupons.
+    /// Whether the deviation is larger than the largest one expected among this number of coupons.
     pub is_outlier: bool,
 }
 
@@ -56,9 +54,9 @@ pub struct CouponFit {
     pub residuals: Vec<f64>,
     /// Each coupon predicted from the others; `None` if the others do not determine a model.
     pub left_out_coupons: Vec<Option<LeftOutCoupon>>,
-    /// The exponent of X in the growth of the depth.
+    /// The exponent with which the depth grows with X.
     pub power: Power,
-    /// The exponents of force and passes.
+    /// The exponents with which the depth grows with the force and with the number of passes.
     pub powers: ForceExponents,
 }
 
@@ -74,7 +72,8 @@ pub struct Discs {
 }
 
 impl CouponFit {
-    /// n − 2; fewer if the discs differ, since the coupons of a disc are then one reading of it.
+    /// Returns the degrees of freedom: n − 2, or fewer if the discs differ, since the coupons of one disc then count as
+    /// one measurement.
     pub fn redundancy(&self) -> f64 {
         let of_coupons = self.residuals.len().saturating_sub(2).max(1) as f64;
         self.discs.map_or(of_coupons, |discs| discs.redundancy.min(of_coupons))
@@ -107,11 +106,12 @@ pub fn fit(coupons: &[Coupon], tool: &CouponTool) -> Result<CouponFit, FitError>
     refuse(coupons, tool)?;
     let exposure: Vec<f64> = coupons.iter().map(|coupon| coupon.exposure_n_mm(tool).ln()).collect();
     let depth: Vec<f64> = coupons.iter().map(|coupon| (coupon.depth_um / 1_000.0).ln()).collect();
-    // In logarithms, since coupons differ by a share of their depth and not by micrometres; the model is a line there.
+    // The logarithms are fitted, because the coupons' errors are relative to the depth; the model of the logarithms is
+    // a line.
     let y = DVector::from_iterator(coupons.len(), depth.iter().zip(&exposure).map(|(depth, load)| depth - load));
     let worn = |index: usize| coupons[index].worn_mm2 / MM2_PER_M2;
     let rows = DMatrix::from_fn(coupons.len(), 2, |row, column| if column == 0 { 1.0 } else { -worn(row) });
-    // Sufficiently different wear values were required, so the matrix is regular.
+    // The wear values were checked to be sufficiently different, so the matrix is regular.
     let one_wear = || FitError::OneWear { least_m2: worn(0), most_m2: worn(0) };
     let found = line(&rows, &y).ok_or_else(one_wear)?;
     check_consistency(coupons, &(&y - &rows * &found.solution), &found)?;
@@ -155,12 +155,13 @@ fn refuse(coupons: &[Coupon], tool: &CouponTool) -> Result<(), FitError> {
             .fold([f64::INFINITY, 0.0], |[low, high], value| [low.min(value), f64::max(high, value)])
     };
     let [low, high] = extent(&|coupon| coupon.exposure_n_mm(tool));
-    // With one load every law fits: a depth that grows with the root of the load would look like Preston's.
+    // With a single exposure every law fits: a depth that grows with the square root of the exposure would also agree
+    // with Preston's law.
     if high < LEVELS * low {
         return Err(FitError::OneLoad { ratio: high / low });
     }
     let [least_mm2, most_mm2] = extent(&|coupon| coupon.worn_mm2);
-    if most_mm2 - least_mm2 < WORN_LEVELS_MM2 {
+    if most_mm2 - least_mm2 < MIN_WEAR_DIFFERENCE_MM2 {
         let [least_m2, most_m2] = [least_mm2, most_mm2].map(|mm2| mm2 / MM2_PER_M2);
         return Err(FitError::OneWear { least_m2, most_m2 });
     }
@@ -168,14 +169,15 @@ fn refuse(coupons: &[Coupon], tool: &CouponTool) -> Result<(), FitError> {
 }
 
 fn check_consistency(coupons: &[Coupon], left: &DVector<f64>, found: &Line) -> Result<(), FitError> {
-    if found.deviation > CONTRADICTORY || !found.deviation.is_finite() {
+    if found.deviation > MAX_COUPON_SCATTER || !found.deviation.is_finite() {
         let farthest = &coupons[left.iamax()];
         let (name, line) = (farthest.name.clone(), farthest.line);
         return Err(FitError::Contradictory { percent: 100.0 * found.deviation, name, line });
     }
     let known_m2 = student_95((coupons.len() - 2) as f64) * found.deviation * found.inverse[(1, 1)].sqrt();
     let per_m2 = -found.solution[1];
-    // A disc that removes more as it wears is not a disc; within the uncertainty it is one that does not wear.
+    // A disc cannot remove more as it wears. If the growth is within the uncertainty, the disc counts as one that does
+    // not wear.
     if per_m2 > known_m2 { Err(FitError::GrowsWithWear { per_m2, known_m2 }) } else { Ok(()) }
 }
 
@@ -188,10 +190,11 @@ fn cross_validate(
     let others = line(&rows.clone().remove_row(index), &y.clone().remove_row(index))?;
     let row = rows.row(index).transpose();
     let expected = row.dot(&others.solution);
-    // Of the coupon itself and of the line by the others: the interval is for a new piece, not for the mean.
+    // The standard deviation of the prediction: the scatter of a single coupon and the uncertainty of the line fitted
+    // to the others. This gives a prediction interval for a new coupon, not a confidence interval of the mean.
     let spread = others.deviation * (1.0 + row.dot(&(&others.inverse * &row))).sqrt();
     let redundancy = (coupons.len() - 3) as f64;
-    // Limit for any one of all coupons, on either side, by Bonferroni.
+    // The two-sided limit for the largest of all deviations, by Bonferroni's correction.
     let most = student_quantile(redundancy, 1.0 - 0.05 / (2.0 * coupons.len() as f64));
     let half = student_95(redundancy) * spread;
     let depth_um = |ln: f64| 1_000.0 * (ln + exposure[index]).exp();
@@ -204,7 +207,7 @@ fn cross_validate(
     })
 }
 
-/// The exponent of X.
+/// Estimates the exponent of X.
 fn power(rows: &DMatrix<f64>, (exposure, depth): (&[f64], &[f64])) -> Power {
     let mean = exposure.iter().sum::<f64>() / exposure.len() as f64;
     let more = rows.clone().insert_column(2, 0.0);
@@ -229,10 +232,10 @@ pub enum FitError {
          uncertainties"
     )]
     TooFew {
-        /// Number of places found.
+        /// Number of measured places.
         found: usize,
     },
-    /// All coupons have nearly the same load.
+    /// All coupons have nearly the same exposure.
     #[error(
         "all coupons had nearly the same load: the highest is only {} times the lowest, at least {} times is \
          needed to determine how the depth depends on it; change passes, feed_mm_s or force_n",
@@ -336,7 +339,7 @@ pub(super) mod tests {
         assert!((found.preston_share_95(0.0) - 2.776 * e / 3.0_f64.sqrt()).abs() < 1e-4);
     }
 
-    /// The fourth coupon is deeper by a half than the others predict, all of which agree within a few percent.
+    /// The fourth coupon is 50 % deeper than the others predict; the others agree within a few percent.
     #[test]
     fn an_outlier_is_named() {
         let mut off = [0.02, -0.01, 0.0, 0.01, -0.02, 0.015, 0.0, -0.015, 0.01, 0.0, -0.01, 0.005];
@@ -354,7 +357,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn what_cannot_hold_a_model_is_refused() {
+    fn coupons_that_do_not_determine_a_model_are_refused() {
         assert_eq!(fit(&coupons(&[0.0; 5]), &TOOL), Err(FitError::TooFew { found: 5 }));
         let with = |change: &dyn Fn(&mut Coupon)| {
             let mut made = coupons(&[0.0; 12]);
@@ -378,9 +381,9 @@ pub(super) mod tests {
         assert!(matches!(wild, Err(FitError::Contradictory { .. })), "{wild:?}");
     }
 
-    /// Depths that grow with the square root of the load follow a different law.
+    /// Depths that grow with the square root of the exposure do not follow Preston's law.
     #[test]
-    fn another_law_shows_in_the_power() {
+    fn another_law_changes_the_exponent() {
         let mut made = coupons(&[0.0; 12]);
         for own in &mut made {
             own.depth_um = own.depth_um.sqrt();
@@ -393,7 +396,7 @@ pub(super) mod tests {
     /// In 400 sets of coupons with errors up to 6 %, the true value lies within the stated uncertainty in about 95
     /// % of the sets.
     #[test]
-    fn what_is_stated_is_held() {
+    fn the_true_coefficient_lies_within_the_stated_uncertainty() {
         let mut random = Pcg64Mcg::seed_from_u64(1);
         let mut held = 0;
         for _ in 0..400 {
@@ -406,10 +409,10 @@ pub(super) mod tests {
         assert!((368..=392).contains(&held), "{held} of 400");
     }
 
-    /// In 300 sets of coupons by six discs, which differ by 5 %, the true k lies within the stated uncertainty in
-    /// about 95 % of the sets. Without the names of the discs it lies there in far fewer sets.
+    /// In 300 sets of coupons by six discs, which differ by 5 %, the true k lies within the stated uncertainty in about
+    /// 95 % of the sets. Without the names of the discs this is true of far fewer sets.
     #[test]
-    fn discs_that_differ_count() {
+    fn the_scatter_between_discs_is_included_in_the_uncertainty() {
         let mut random = Pcg64Mcg::seed_from_u64(2);
         let mut held = [0; 2];
         for _ in 0..300 {

@@ -10,11 +10,11 @@ use panelprep_base::verdict::{Check, LimitSource};
 /// Two bounds: above the first a person must review, above the second the model is rejected.
 type Bounds = [f64; 2];
 
-/// 95 % uncertainty of k, at that of the swept areas of the coupons' discs at which k is least certain, percent.
+/// 95 % uncertainty of k at the swept area, among those of the coupons' discs, at which k is least certain, percent.
 const UNCERTAINTY_PERCENT: Bounds = [12.0, 40.0];
 /// Scatter σ of a coupon, percent.
 const COUPON_PERCENT: Bounds = [10.0, 30.0];
-/// Rms deviation of left-out coupons, percent.
+/// Rms deviation of left-out coupons from their prediction by the others, percent.
 const CROSS_VALIDATION_PERCENT: Bounds = [12.0, 40.0];
 /// Scatter σ of ln k from disc to disc, percent.
 const DISC_PERCENT: Bounds = [100.0 * UNKNOWN_DISC_DEVIATION, 30.0];
@@ -24,8 +24,8 @@ const MIN_MEASURED_PLACES: f64 = 8.0;
 /// Returns the checks of all numbers that are judged.
 pub fn checks(found: &CouponFit, coupons: &[Coupon]) -> Vec<Check> {
     let known = |coupon: &Coupon| 100.0 * found.preston_share_95(coupon.worn_mm2);
-    // At the worst wear of all coupons: the disc will be used until there, and k is least certain at the ends of the
-    // line.
+    // The uncertainty at the worst wear of all coupons counts: the disc will be used up to this wear, and k is least
+    // certain at the ends of the line.
     let known_percent = coupons.iter().map(known).fold(0.0, f64::max);
     vec![
         check_coupon_count(coupons.len()),
@@ -65,7 +65,8 @@ pub fn checks(found: &CouponFit, coupons: &[Coupon]) -> Vec<Check> {
     ]
 }
 
-/// Creates the check of a number with two bounds: above the first a person must review, above the second it rejects.
+/// Creates the check of a number with two bounds: above the first a person must review, above the second the model is
+/// rejected.
 fn bounded_check(
     code: &'static str,
     (name, percent): (&'static str, f64),
@@ -125,7 +126,7 @@ fn check_disc_scatter(found: &CouponFit) -> Check {
         })
 }
 
-/// Checks the scatter from disc to disc; it is not a number if no disc treated two coupons.
+/// Checks the scatter from disc to disc; the value is NaN if no disc treated two coupons.
 fn discs_differ(found: &CouponFit) -> Check {
     const NAME: &str = "the discs differ, σ";
     found.discs.map_or_else(
@@ -161,8 +162,8 @@ fn power((name, what): (&'static str, &str), code: &'static str, found: Power) -
 fn check_wear(found: &CouponFit) -> Check {
     let [per_m2, known_m2] = [found.decay_per_mm2, found.decay_95_per_mm2()].map(|per_mm2| per_mm2 * MM2_PER_M2);
     Check::new("decay of k by what the disc swept", "1/m²", per_m2).with_consequence_if(
-        // For review and not rejected: over the measured wear the model is right, but beyond it a wear that was not
-        // seen is assumed.
+        // A person must review, but the model is not rejected: within the measured wear the model is valid; beyond it,
+        // it assumes a wear that was not measured.
         per_m2 < known_m2,
         panelprep_base::verdict::Severity::Review,
         "wear_not_told",
@@ -199,7 +200,7 @@ mod tests {
     const GOOD: [f64; 12] = [0.02, -0.01, 0.0, 0.01, -0.02, 0.015, 0.0, -0.015, 0.01, 0.0, -0.01, 0.005];
 
     #[test]
-    fn good_coupons_are_accepted_and_doubtful_ones_are_for_a_person() {
+    fn good_coupons_are_accepted_and_doubtful_ones_need_a_review() {
         assert_eq!(judged(&GOOD), (Verdict::Accept, vec![]));
         assert_eq!(judged(&GOOD[..7]), (Verdict::Review, vec!["few_coupons".to_owned()]));
         let mut one_off = GOOD;
@@ -223,7 +224,7 @@ mod tests {
 
     /// Without the column, with one disc and with two discs, the scatter from disc to disc is not known.
     #[test]
-    fn discs_that_are_not_known_are_for_a_person() {
+    fn unknown_discs_need_a_review() {
         let codes = |discs: usize| -> Vec<String> {
             let mut made = coupons(&GOOD);
             if discs > 0 {
@@ -237,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn a_depth_that_does_not_go_with_the_force_is_for_a_person() {
+    fn a_depth_not_proportional_to_the_force_needs_a_review() {
         let mut made = by_discs(coupons(&GOOD));
         for (index, own) in made.iter_mut().enumerate() {
             own.force_n = [10.0, 20.0][index / 4 % 2];

@@ -1,9 +1,8 @@
-//! Determines at which places a disc has panel below it: inside of the outline, by rows of the taught picture's
-//! pixels.
+//! Determines at which places a disc has panel below it: inside the outline, by the pixel rows of the taught picture.
 //!
-//! Inside the region there is panel, except in its holes, which the fit gives. Beside the region the outline decides:
-//! for each row of pixels the places at which it crosses the row are stored in order, so that a check need not examine
-//! the whole outline.
+//! Inside the region there is panel except in the holes, which the fit states. Outside the region the outline decides:
+//! for each pixel row, the places at which the outline crosses the row are stored in order, so that a check need not go
+//! through the whole outline.
 
 use crate::surface::Parameter;
 use nalgebra::Point2;
@@ -20,8 +19,7 @@ pub struct PanelGround {
 }
 
 impl PanelGround {
-    /// Creates the ground from the outline in the taught picture, closed; without an outline there is panel
-    /// everywhere.
+    /// Creates the ground from the closed outline in the taught picture; without an outline there is panel everywhere.
     pub fn new(region: &Region, outline_px: &[Pixel]) -> Self {
         let (low, high) = outline_px
             .iter()
@@ -58,10 +56,10 @@ mod tests {
     use super::super::map::tests::region;
     use super::*;
 
-    /// The region is 0 to 60 px in both directions; the outline lies 10 px beside the region, with a notch from the
+    /// The region is 0 to 60 px in both directions; the outline lies 10 px beside the region, with a notch on the
     /// right.
     #[test]
-    fn beside_the_region_the_outline_states() {
+    fn beside_the_region_the_outline_determines_the_panel() {
         let corners =
             [(-10.0, -10.0), (70.0, -10.0), (70.0, 20.0), (62.0, 30.0), (70.0, 40.0), (70.0, 70.0), (-10.0, 70.0)];
         let outline: Vec<Pixel> = corners.iter().map(|(u, v)| Pixel::at(*u, *v)).collect();

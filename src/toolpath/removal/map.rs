@@ -1,10 +1,10 @@
 //! The removal by a path on the grids of a region, place by place, with its uncertainty.
 //!
-//! Places are spread evenly over a grid; those on which a segment of path presses are selected. Each segment adds
-//! k(w) · p · (rubbed length) to the depth at these places. The relative uncertainty of a place is that of the disc at
-//! the mean of w weighted by depth, because this is the wear at which most was removed. The removals of several paths
-//! over one part add up. Their errors come from the same coupons and are fully correlated, so σ is the mean of the
-//! paths' σ, weighted by depth.
+//! Places are spread evenly over a grid; those on which the disc presses during a segment of the path are selected.
+//! Each segment adds k(w) · p · (rubbed length) to the depth at these places. The relative uncertainty of a place is
+//! that of the disc at the mean of w weighted by depth, because this is the wear at which most was removed. If several
+//! paths treat the same part, their depths are added. Their errors follow from the same coupons and are fully
+//! correlated, so σ is the mean of the paths' σ, weighted by depth.
 
 use super::model::{Model, UM_PER_MM, WornDisc};
 use super::track::{DiscStretch, IsPanelAt};
@@ -13,10 +13,11 @@ use panelprep_base::geometry::{Panel, Point};
 use panelprep_cell::panel::{GridId, Region};
 use rayon::prelude::*;
 
-/// Parameter lines are not quite straight below a disc, so the search extends farther by this factor.
+/// Factor by which the search for places below a disc is extended, because parameter lines are not quite straight
+/// there.
 const SEARCH_MARGIN: f64 = 1.05;
 
-/// The removal on one grid, sample by sample, row by row.
+/// The removal on one grid, at each sample, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GridRemoval {
     /// The grid.
@@ -27,9 +28,9 @@ pub struct GridRemoval {
     pub columns: usize,
     /// Expected depth, µm.
     pub depth_um: Vec<f32>,
-    /// σ of the depth's logarithm.
+    /// σ of the logarithm of each sample's depth.
     pub deviation: Vec<f32>,
-    /// Surface of each sample, mm²; 0 if there is no panel.
+    /// Surface area of each sample, mm²; 0 if there is no panel.
     pub area_mm2: Vec<f32>,
 }
 
@@ -44,7 +45,7 @@ pub struct RemovalMap {
 }
 
 /// Returns the map of the depth that these segments remove on the grids of the region. Grids that are not to be treated
-/// are included if the disc overlaps them.
+/// are included if the disc reaches them.
 pub fn removed(
     (surface, region, ground): (&BSplineSurface, &Region, IsPanelAt<'_>),
     treated: &Treated,
@@ -58,7 +59,7 @@ pub fn removed(
         let is_named = treated.grids().contains(id);
         let is_treated = (0..samples.count()).map(|sample| is_named && treated.holds(samples.at(sample)));
         let grid = grid(&samples, is_treated.collect(), stretches, (model, force_share_95));
-        // The disc overlaps its neighbours, and their limit of depth holds as well.
+        // The disc also reaches neighbouring grids, for which the limit of the depth applies as well.
         (is_named || grid.depth_um.iter().any(|depth_um| *depth_um > 0.0)).then_some(grid)
     };
     let grids = ids.par_iter().filter_map(of_grid).collect();
@@ -77,8 +78,8 @@ fn grid(
         let per_pressure = model.preston_at_wear(stretch.swept_mm2) * stretch.rubbed_mm;
         samples.for_places_under(stretch, |sample, pressure| {
             depth_mm[sample] += per_pressure * pressure;
-            // The mean wear, weighted by depth: a place that is sanded twice has one uncertainty of k, at the wear that
-            // did most of it.
+            // The mean wear, weighted by depth: a place that is sanded twice has a single uncertainty of k, at the wear
+            // at which most was removed.
             swept[sample] += per_pressure * pressure * stretch.swept_mm2;
         });
     }
@@ -103,8 +104,8 @@ impl RemovalMap {
         RemovalMap { grids, quantile_95, sides_mm: [100.0, 100.0] }
     }
 
-    /// Adds the removal of an earlier path over the same part, on the same samples; grids that only one of the maps
-    /// has are not changed.
+    /// Returns the sum of this map and that of an earlier path over the same part, on the same samples; grids that only
+    /// one of the maps has stay unchanged.
     #[must_use]
     pub fn plus(mut self, earlier: &RemovalMap) -> Self {
         for before in &earlier.grids {
@@ -140,8 +141,8 @@ impl GridRemoval {
         for (index, (depth_um, deviation)) in self.depth_um.iter_mut().zip(&mut self.deviation).enumerate() {
             let sum_um = *depth_um + before.depth_um[index];
             if sum_um > 0.0 {
-                // Added and not squared: both paths have the same error of k and of the force, which does not average
-                // out.
+                // The errors are added linearly and not as a root sum of squares: both paths have the same error of k
+                // and of the force.
                 *deviation = (*deviation * *depth_um + before.deviation[index] * before.depth_um[index]) / sum_um;
             }
             *depth_um = sum_um;
@@ -157,12 +158,12 @@ pub struct Samples {
     pub id: GridId,
     net: SampleGrid,
     points: Vec<Point<Panel>>,
-    /// Surface of each, mm²; 0 if there is no panel.
+    /// Surface area of each place, mm²; 0 if there is no panel.
     pub area_mm2: Vec<f64>,
 }
 
 impl Samples {
-    /// Returns places about this distance apart, mm; `None` if the region has no such grid.
+    /// Creates the places of a grid, about this distance apart, mm; `None` if the region has no such grid.
     pub fn for_grid(
         surface: &BSplineSurface,
         region: &Region,
@@ -189,14 +190,14 @@ impl Samples {
         self.points.len()
     }
 
-    /// The parameters of a place.
+    /// Returns the parameters of a place.
     pub fn at(&self, place: usize) -> Parameter {
         self.net.parameter_at(place)
     }
 
-    /// Calls `tell` for each place with panel on which a stretch presses, with the mean pressure during the stretch,
-    /// N/mm².
-    pub fn for_places_under(&self, stretch: &DiscStretch, mut tell: impl FnMut(usize, f64)) {
+    /// Calls `add` for each place with panel on which the disc presses during the segment, with the mean pressure
+    /// during the segment, N/mm².
+    pub fn for_places_under(&self, stretch: &DiscStretch, mut add: impl FnMut(usize, f64)) {
         let reach_mm = SEARCH_MARGIN * stretch.stroke.reach_mm() + 0.5 * stretch.length_mm;
         let [reach_u, reach_v] = stretch.frame.reach(reach_mm);
         let at = stretch.frame.at;
@@ -206,7 +207,7 @@ impl Samples {
             let offset_mm = stretch.frame.offset_mm(self.points[sample]);
             let pressure = stretch.stroke.mean_pressure_n_mm2(offset_mm);
             if pressure > 0.0 {
-                tell(sample, pressure);
+                add(sample, pressure);
             }
         }
     }
@@ -241,8 +242,8 @@ pub(super) mod tests {
         removed(on, &Treated::from_grids(&[GridId { row: 1, column: 1 }]), &all, (&model, 0.0), 1.0)
     }
 
-    /// Calculated by hand: in the lane's middle k p v t = 4·10⁻⁴ · 0.028 294 2 · 2618.34 mm/s · (30 mm / 60 mm/s) =
-    /// 14.817 µm; 9 mm beside the middle four fifths of this depth; beside the disc nothing.
+    /// Calculated by hand: in the middle of the lane k p v t = 4·10⁻⁴ · 0.028 294 2 · 2618.34 mm/s · (30 mm / 60 mm/s)
+    /// = 14.817 µm; 9 mm beside the middle four fifths of this depth; beside the disc nothing.
     #[test]
     fn a_line_removes_its_chord() {
         let map = line(0.0);

@@ -1,4 +1,4 @@
-//! How many micrometres the disc removes: a model of removal, its calibration, and the feeds that make it even.
+//! The depth that the disc removes: a model of the removal, its calibration, and the feeds that make it even.
 //!
 //! # Symbols
 //!

@@ -1,11 +1,10 @@
-//! Preston's coefficient from coupons: how it falls with the area that the disc has swept, and how well it is
-//! known.
+//! Preston's coefficient from coupons: its decay with the area that the disc has swept, and its uncertainty.
 //!
 //!     k(w) = k₀ exp(−b w)                                                                                  (3)
 //!     σ²(w) = var(ln k₀) − 2 w cov(ln k₀, b) + w² var(b) + σ_r² + σ_d² + σ_F²                              (6)
-//! σ_r is the deviation of one coupon from the model, σ_d that of a disc, σ_F the force's own. Coupons also differ
-//! by their measured force, so that σ is rather too large than too small. With 95 % the true depth lies within
-//! exp(± q σ) of the expected one, q being Student's for the degrees of freedom of σ_r and σ_d.
+//! σ_r is the standard deviation of one coupon from the model, σ_d that of a disc, σ_F that of the force. The error of
+//! the coupons' measured force is also contained in σ_r, so σ is too large rather than too small. With 95 % the true
+//! depth lies within exp(± q σ) of the expected one, q being Student's for the degrees of freedom of σ_r and σ_d.
 
 use super::power::{LEVELS, Power};
 use super::speed::Orbit;
@@ -15,7 +14,7 @@ use panelprep_vision::calib::student_95;
 
 /// Square millimetres per square metre.
 pub const MM2_PER_M2: f64 = 1e6;
-/// The message if a recipe requires a removal and there is no model.
+/// The message if a recipe requires a removal and the cell has no model.
 pub const UNKNOWN: &str = "the recipe has [removal], but the cell's file names no [calibration] removal, so it is \
                            unknown whether max_um is exceeded; measure coupons and name the file that `panelprep \
                            calibrate removal` writes";
@@ -23,7 +22,7 @@ pub const UNKNOWN: &str = "the recipe has [removal], but the cell's file names n
 pub const UM_PER_MM: f64 = 1_000.0;
 /// Number of parameters of the fitted line, which is subtracted from the number of coupons to get the redundancy.
 const FITTED_PARAMETERS: usize = 2;
-/// The stated 95 % error of a force is about two standard deviations.
+/// Number of standard deviations of the normal distribution that contains 95 %, for the stated error of a force.
 const NORMAL_95: f64 = 1.959_963_984_540_054;
 
 /// A removal model.
@@ -41,7 +40,7 @@ pub struct Model {
     pub disc_deviation: f64,
     /// Effective degrees of freedom with which σ_r and σ_d are known.
     pub redundancy: f64,
-    /// How the disc orbits.
+    /// The orbital motion of the disc.
     pub orbit: Orbit,
     /// The pad's modulus over its thickness, N/mm³.
     pub pad_n_mm3: f64,
@@ -51,15 +50,17 @@ pub struct Model {
     pub force_power: Option<Power>,
 }
 
-/// Coupons that show that the depth grows with the force are valid for forces this factor beyond theirs …
+/// Factor beyond the coupons' smallest and largest force up to which they are valid, if they show that the depth is
+/// proportional to the force.
 pub const FORCE_RANGE: f64 = LEVELS;
-/// Other coupons are valid for forces this factor beyond their own.
+/// The same factor for other coupons.
 const FORCE_RANGE_FACTOR: f64 = 1.15;
-/// Scatter from disc to disc if the coupons do not show it: the largest one that needs no review if it is measured.
+/// Scatter σ from disc to disc that is assumed if the coupons do not show it: the largest measured scatter that needs
+/// no review.
 pub(super) const UNKNOWN_DISC_DEVIATION: f64 = 0.10;
-/// Smallest number of discs that shows their scatter.
+/// Smallest number of discs that shows the scatter between them.
 pub(super) const MIN_DISCS: usize = 3;
-/// An exponent of the force that the coupons do not determine may differ by this much from 1.
+/// Assumed uncertainty of the force's exponent, 95 %, if the coupons do not determine it.
 const DEFAULT_POWER_UNCERTAINTY: f64 = 0.5;
 
 impl From<&RemovalNumbers> for Model {
@@ -69,7 +70,7 @@ impl From<&RemovalNumbers> for Model {
             (found.coupons().saturating_sub(FITTED_PARAMETERS).max(1) as f64, found.discs() as f64);
         let coupon = found.coupon_deviation_percent() / 100.0;
         let measured = found.disc_deviation_percent().map(|percent| percent / 100.0);
-        // Two discs that are alike by chance do not show that all are.
+        // If two discs agree by chance, this does not show that all discs agree.
         let disc =
             measured.map(|disc| if found.discs() < MIN_DISCS { disc.max(UNKNOWN_DISC_DEVIATION) } else { disc });
         let [of_coupon, of_disc] = [coupon, disc.unwrap_or(0.0)].map(|deviation| deviation.powi(2));
@@ -80,9 +81,9 @@ impl From<&RemovalNumbers> for Model {
             decay_per_mm2: found.wear_per_m2() / MM2_PER_M2,
             covariance: Matrix2::new(deviations[0].powi(2), across, across, deviations[1].powi(2)),
             coupon_deviation: coupon,
-            // A scatter that was not measured is the largest that needs no review, and not zero.
+            // A scatter that was not measured is not assumed to be zero, but as large as it may be without a review.
             disc_deviation: disc.unwrap_or(UNKNOWN_DISC_DEVIATION),
-            // Satterthwaite: the degrees of freedom of a sum of two variances.
+            // The degrees of freedom of a sum of two variances, by Satterthwaite's formula.
             redundancy: if known > 0.0 { ((of_coupon + of_disc).powi(2) / known).min(coupons) } else { coupons },
             orbit: Orbit { diameter_mm: found.orbit_mm(), speed_rev_min: found.orbit_rev_min() },
             pad_n_mm3: found.pad_n_mm3(),
@@ -118,8 +119,8 @@ impl Model {
         (of_k.max(0.0) + self.coupon_deviation.powi(2) + self.disc_deviation.powi(2) + force * force).sqrt()
     }
 
-    /// Returns the error of a depth with this force, 95 %, as a share: the depth may grow with another power of the
-    /// force than the first.
+    /// Returns the relative error of a depth with this force, 95 %, because the exponent with which the depth grows
+    /// with the force may differ from 1.
     pub fn force_law_share_95(&self, force_n: f64) -> f64 {
         let Some([least_n, most_n]) = self.forces_n else { return DEFAULT_POWER_UNCERTAINTY };
         match self.force_power {
@@ -148,10 +149,10 @@ mod tests {
     use super::super::examples::MODEL;
     use super::*;
 
-    /// A calibration that does not state the scatter from disc to disc has that of discs which differ by 10 %; so has
-    /// one whose two discs were alike.
+    /// A calibration that does not state the scatter from disc to disc has that of discs which differ by 10 %; the same
+    /// applies to a calibration whose two discs agreed.
     #[test]
-    fn discs_whose_scatter_is_not_known_may_differ() {
+    fn an_unknown_disc_scatter_has_a_default() {
         let numbers = |disc: &str| {
             let text = format!(
                 "[removal]\npreston_mm2_per_n = 4e-4\npreston_deviation_percent = 2\nwear_per_m2 = 0.8\n\
@@ -172,14 +173,15 @@ mod tests {
     /// Calculated by hand: forces of 15 and 30 N are valid from 15 / 1.5 = 10 N to 45 N, one force of 20 N from
     /// 17.4 N to 23 N.
     #[test]
-    fn the_forces_for_which_coupons_hold() {
+    fn the_valid_range_of_forces_by_hand() {
         assert_eq!(MODEL.valid_force_range_n(), Some([10.0, 45.0]));
         let [least_n, most_n] = Model { forces_n: Some([20.0, 20.0]), force_power: None, ..MODEL }
             .valid_force_range_n()
             .expect("a range");
         assert!((least_n - 17.391).abs() < 1e-3 && (most_n - 23.0).abs() < 1e-9, "{least_n} {most_n}");
         assert_eq!(Model { forces_n: None, ..MODEL }.valid_force_range_n(), None);
-        // Forces that are far enough apart, but do not show the law or show another one.
+        // The forces are far enough apart, but the coupons do not determine the exponent, or determine another one than
+        // 1.
         for force_power in [None, Some(Power { value: 0.7, uncertainty: 0.1 })] {
             let [least_n, most_n] = Model { force_power, ..MODEL }.valid_force_range_n().expect("a range");
             assert!((least_n - 13.043).abs() < 1e-3 && (most_n - 34.5).abs() < 1e-9, "{least_n} {most_n}");
@@ -209,7 +211,7 @@ mod tests {
     /// Calculated by hand, for a new disc: √(0.02² + 0.03² + 0.05²) with a force known to ± 9.8 %. After half a
     /// square metre var = 4·10⁻⁴ − 2 · 5·10⁵ · 10⁻⁹ + 25·10¹⁰ · 10⁻¹⁴ = 0.0019, with coupons and force 0.0053.
     #[test]
-    fn what_is_not_known_adds_up() {
+    fn the_parts_of_the_uncertainty_add_up() {
         let disc = |swept_mm2: f64| WornDisc { swept_mm2, force_share_95: 0.05 * NORMAL_95 };
         assert!((MODEL.deviation(disc(0.0)) - 0.061_644).abs() < 1e-6, "{}", MODEL.deviation(disc(0.0)));
         assert!((MODEL.deviation(disc(5e5)) - 0.072_801).abs() < 1e-6, "{}", MODEL.deviation(disc(5e5)));

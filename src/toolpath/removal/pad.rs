@@ -1,29 +1,29 @@
-//! The pressure below a disc: an elastic pad on a curved surface, loaded by a force, at a given tilt, cut off where
-//! the panel ends; and the effect of this disc on a place while it moves past.
+//! The pressure below a disc: an elastic pad on a curved surface, loaded by a force, at a given tilt, cut off at the
+//! panel's edge; and the effect of the disc on a place while it moves past.
 //!
 //!     p = s · max(c, 0),   c = δ + t·x − ½ xᵀ K x,   ∫ p dA = F                                           (4), (5)
-//! F grows with δ at an increasing rate, so Newton's steps from too large a δ approach the root from above without
-//! passing it. If the whole disc is on the panel and in contact, the integral has a closed form: the mean of t·x over
-//! a disc is 0, that of ½ xᵀ K x is R² tr K / 8, so δ = F / (π R² s) + R² tr K / 8. It also has a closed form if the
-//! surface bends away in both directions and the contact is an ellipse wholly inside the disc. With x₀ = K⁻¹ t being
-//! the ellipse's middle and c₀ = δ + ½ t·x₀ the compression there, the paraboloid above it contains π c₀² / √det K, so
-//! c₀² = F √det K / (π s). Otherwise the integral is a sum over places of equal area on rings and spokes, so that the
-//! disc's own edge is exact.
+//! F is a convex, increasing function of δ, so Newton's method from too large a δ approaches the root from above and
+//! never passes it. If the whole disc is on the panel and in contact, the integral has a closed form: the mean of t·x
+//! over a disc is 0, that of ½ xᵀ K x is R² tr K / 8, so δ = F / (π R² s) + R² tr K / 8. It also has a closed form if
+//! the surface bends away in both directions and the contact is an ellipse wholly inside the disc. With x₀ = K⁻¹ t
+//! being the ellipse's middle and c₀ = δ + ½ t·x₀ the compression there, the paraboloid above it contains π c₀² / √det
+//! K, so c₀² = F √det K / (π s). Otherwise the integral is a sum over places of equal area on rings and spokes, which
+//! follow the disc's edge exactly.
 //!
-//! Beyond the panel's edge the disc presses on nothing: the rest of the disc bears the force, and no place pulls. The
-//! tilt is given (see the parent module).
+//! Beyond the panel's edge the disc has no support: the rest of the disc bears the force, and the pressure is never
+//! negative. The tilt is given (see the parent module).
 //!
-//! While the disc moves along a straight segment, its effect on a place is ∫ p dl, in closed form. Along a line
-//! x(l) = x₀ + l d the compression is a parabola in l, c = c₀ + c₁ l + c₂ l², within the chord of the disc. The
-//! integral of its positive part follows from its roots. The orbit moves the rim of the disc as well: the integral is
-//! the mean over places on the orbit's circle. These places turn by the golden angle from one segment to the next, so
+//! While the disc moves along a straight segment, its effect on a place is ∫ p dl, in closed form. Along a line x(l) =
+//! x₀ + l d the compression is a parabola in l, c = c₀ + c₁ l + c₂ l², within the chord of the disc. The integral of
+//! its positive part follows from its roots. The orbit moves the rim of the disc as well, so the integral is averaged
+//! over places on the orbit's circle. These places are rotated by the golden angle from one segment to the next, so
 //! that a few places for each segment are enough for all segments together.
 
 use nalgebra::{Matrix2, Vector2};
 use std::f64::consts::{PI, TAU};
 use std::sync::LazyLock;
 
-/// Number of rings of equal area; the next constant is the number of places on each ring.
+/// Number of rings of equal area; `SPOKE_COUNT` is the number of places on each ring.
 const RINGS: usize = 28;
 const SPOKE_COUNT: usize = 44;
 /// Largest number of Newton steps; usually about four are enough.
@@ -31,7 +31,7 @@ const STEPS: usize = 60;
 /// Relative tolerance of the force.
 const FORCE_TOLERANCE: f64 = 1e-9;
 
-/// Places of equal area over a disc of radius 1; every second ring is turned by half a spoke.
+/// Places of equal area over a disc of radius 1; every second ring is rotated by half the angle between two spokes.
 static UNIT_PLACES: LazyLock<Vec<Vector2<f64>>> = LazyLock::new(|| {
     let place = |index: usize| {
         let (ring, spoke) = ((index / SPOKE_COUNT) as f64, (index % SPOKE_COUNT) as f64);
@@ -45,22 +45,22 @@ static UNIT_PLACES: LazyLock<Vec<Vector2<f64>>> = LazyLock::new(|| {
 const PHASES: usize = 8;
 /// A disc that moves less than this is at rest, mm.
 const MIN_STROKE_MM: f64 = 1e-9;
-/// The golden angle as a fraction of a full turn.
-const GOLDEN: f64 = 0.381_966_011_250_105_1;
+/// The golden angle as a fraction of 360°.
+const GOLDEN_ANGLE_FRACTION: f64 = 0.381_966_011_250_105_1;
 
 /// A pad with the disc on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PadWithDisc {
     /// Radius of the disc, mm.
     pub radius_mm: f64,
-    /// The pad's modulus over its thickness, N/mm³.
+    /// Stiffness of the pad, which is its modulus divided by its thickness, N/mm³.
     pub stiffness_n_mm3: f64,
 }
 
 /// The shape of the surface below the disc, in the tangent plane at the disc's middle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactGeometry {
-    /// Additional depth of the disc per mm along x and y.
+    /// Tilt: additional depth of the disc per mm along x and y.
     pub tilt: Vector2<f64>,
     /// Curvature of the surface, 1/mm, positive if the surface bends away from the disc.
     pub curvature_per_mm: Matrix2<f64>,
@@ -76,7 +76,7 @@ pub struct Contact {
     pub pad: PadWithDisc,
     /// The surface on which the disc lies.
     pub contact_surface: ContactGeometry,
-    /// Compression in the disc's middle, δ, mm; below 0 if a tilted disc does not touch there.
+    /// Compression in the disc's middle, δ, mm; negative if a tilted disc does not touch there.
     pub depth_mm: f64,
 }
 
@@ -127,21 +127,21 @@ impl PadWithDisc {
         let least_bend = bend.symmetric_eigenvalues().min();
         let middle_mm = if least_bend > 0.0 { bend.try_inverse()? * seat.tilt } else { return None };
         let peak_mm = (force_n * bend.determinant().sqrt() / (PI * self.stiffness_n_mm3)).sqrt();
-        // The longest half-axis from a middle that the tilt has moved: if that stays inside of the disc, the rim plays
-        // no part.
+        // The ellipse's middle is moved by the tilt. If the longest half-axis from there stays inside the disc, the rim
+        // has no influence.
         let reach_mm = middle_mm.norm() + (2.0 * peak_mm / least_bend).sqrt();
         (reach_mm <= self.radius_mm).then(|| peak_mm - 0.5 * seat.tilt.dot(&middle_mm))
     }
 
     /// Returns whether the whole disc is in contact at this depth. The largest reductions by tilt and by curvature are
-    /// added, which gives a safe bound.
+    /// added, which gives a conservative bound.
     fn is_full_contact(&self, seat: ContactGeometry, depth_mm: f64) -> bool {
         let (radius_mm, bends) = (self.radius_mm, seat.curvature_per_mm.symmetric_eigenvalues());
         let fall_mm = 0.5 * radius_mm * radius_mm * bends.max().max(0.0);
         depth_mm - seat.tilt.norm() * radius_mm - fall_mm > 0.0
     }
 
-    /// Calculates δ by summing over the places that have panel below them.
+    /// Calculates δ by the sum over the places that have panel below them.
     fn summed_depth_mm(&self, force_n: f64, seat: ContactGeometry, below: Option<SupportMask<'_>>) -> Option<f64> {
         let deeper_mm: Vec<f64> = self
             .disc_places()
@@ -153,7 +153,7 @@ impl PadWithDisc {
         }
         let each = self.stiffness_n_mm3 * self.area_mm2() / (RINGS * SPOKE_COUNT) as f64;
         let mean_mm = deeper_mm.iter().sum::<f64>() / deeper_mm.len() as f64;
-        // Start value: the depth if every place were in contact, even with a pulling force. This depth never exceeds
+        // Start value: the depth if every place were in contact, even with negative pressure. This depth never exceeds
         // the solution.
         let mut depth_mm = force_n / (each * deeper_mm.len() as f64) - mean_mm;
         for _ in 0..STEPS {
@@ -163,7 +163,7 @@ impl PadWithDisc {
             if over_n.abs() <= FORCE_TOLERANCE * force_n || count == 0 {
                 break;
             }
-            // The force is convex in the depth, so that Newton's steps settle from one side and need no damping.
+            // The force is convex in the depth, so Newton's method converges from one side and needs no damping.
             depth_mm -= over_n / (each * count as f64);
         }
         Some(depth_mm)
@@ -193,7 +193,7 @@ pub struct DiscStroke {
     pub contact: Contact,
     // The position of the disc's middle at the start, in the tangent plane, mm.
     start_mm: Vector2<f64>,
-    // The direction opposite to the disc's motion: seen from the disc, a place moves in this direction.
+    // Direction in which a place moves relative to the disc: opposite to the disc's motion.
     direction: Vector2<f64>,
     length_mm: f64,
     // K d
@@ -206,7 +206,8 @@ impl DiscStroke {
     /// plane, and describes a circle of this radius, mm, on its orbit.
     pub fn new(contact: Contact, ends_mm: [Vector2<f64>; 2], (orbit_radius_mm, number): (f64, usize)) -> Self {
         let orbit_mm = std::array::from_fn(|phase| {
-            let turn = phase as f64 / PHASES as f64 + (number as f64 * GOLDEN).fract() / PHASES as f64;
+            let turn =
+                phase as f64 / PHASES as f64 + (number as f64 * GOLDEN_ANGLE_FRACTION).fract() / PHASES as f64;
             Vector2::new((TAU * turn).cos(), (TAU * turn).sin()) * orbit_radius_mm
         });
         let way = ends_mm[0] - ends_mm[1];
@@ -277,7 +278,7 @@ fn positive_part([c0, c1, c2]: [f64; 3], [a, b]: [f64; 2]) -> f64 {
     if inner <= 0.0 {
         return if at_a > 0.0 { between(a, b) } else { 0.0 };
     }
-    // The stable form of the roots; one of them goes to infinity if c₂ is 0.
+    // The numerically stable form of the roots; one of them is infinite if c₂ is 0.
     let q = -0.5 * (c1 + inner.sqrt().copysign(c1));
     let (one, other) = (c0 / q, if c2 == 0.0 { f64::INFINITY.copysign(q) } else { q / c2 });
     let (low, high) = (one.min(other), one.max(other));
@@ -298,7 +299,7 @@ mod tests {
 
     const PAD: PadWithDisc = PadWithDisc { radius_mm: 15.0, stiffness_n_mm3: 0.05 };
 
-    /// Integrates ∫ p dA over a fine square net, N.
+    /// Integrates ∫ p dA numerically over a fine square grid, N.
     fn borne_n(contact: &Contact, below: impl Fn(Vector2<f64>) -> bool) -> f64 {
         let (count, side) = (600, 2.0 * contact.pad.radius_mm / 600.0);
         let at = |n: i32| (f64::from(n) + 0.5) * side - contact.pad.radius_mm;
@@ -326,7 +327,7 @@ mod tests {
     /// 0.056 25 mm, and smaller at the rim by 225 · 0.001 / 2 = 0.1125. A sphere of 100 mm with 2 N touches in a
     /// circle of r⁴ = 4 F R / (π s): r = 8.452 mm, δ = r²/2R.
     #[test]
-    fn a_ball_is_pressed_in_its_middle() {
+    fn a_sphere_is_in_contact_in_its_middle() {
         let contact = PAD.contact_at_force(20.0, bent(0.001, 0.001), None).expect("contact");
         assert!((contact.depth_mm - 0.622_134).abs() < 1e-6, "{}", contact.depth_mm);
         assert!((contact.pressure_n_mm2(Vector2::new(15.0, 0.0)) / 0.05 - (0.622_134 - 0.1125)).abs() < 1e-6);
@@ -341,7 +342,7 @@ mod tests {
     /// = 0.677 8 mm, 1.6 mm aside. The ellipse reaches (2 · 0.677 8 · 80)^½ = 10.41 mm from its middle. δ = c₀ − ½ ·
     /// 0.02 · 1.6. The sum over places gives the same result.
     #[test]
-    fn an_ellipse_inside_of_the_disc_is_closed() {
+    fn an_elliptic_contact_inside_the_disc_has_a_closed_form() {
         let seat = ContactGeometry { tilt: Vector2::new(0.02, 0.0), ..bent(1.0 / 80.0, 1.0 / 60.0) };
         let found_mm = PAD.inner_depth_mm(5.0, seat).expect("inside");
         assert!((found_mm - 0.661_8).abs() < 1e-4, "{found_mm}");
@@ -354,7 +355,7 @@ mod tests {
     /// Calculated by hand: if half of the disc is beyond an edge, the pressure on the other half doubles; with
     /// nothing below the disc there is no contact.
     #[test]
-    fn what_hangs_over_bears_nothing() {
+    fn the_part_of_the_disc_beyond_the_edge_bears_no_force() {
         let half =
             PAD.contact_at_force(20.0, ContactGeometry::level(), Some(&|place| place.x < 0.0)).expect("contact");
         assert!((half.depth_mm / (2.0 * 0.565_884) - 1.0).abs() < 0.001, "{}", half.depth_mm);
@@ -379,7 +380,7 @@ mod tests {
     proptest! {
         /// For any surface, tilt and edge, the pressures add up to the force, and no pressure is negative.
         #[test]
-        fn the_force_is_borne(
+        fn the_pressures_add_up_to_the_force(
             force in 2.0..60.0f64, k1 in -0.004..0.01f64, k2 in -0.004..0.01f64, tilt in -0.05..0.05f64,
             edge in -9.0..15.0f64, turn in 0.0..6.3f64,
         ) {
@@ -399,10 +400,10 @@ mod tests {
         DiscStroke::new(contact, [Vector2::new(-40.0, 0.0), Vector2::new(40.0, 0.0)], (orbit_radius_mm, 0))
     }
 
-    /// Calculated by hand: a place in the lane's middle is below the disc for 30 of 80 mm, a place 9 mm beside the
-    /// middle for 24, a place 15 mm beside it never; p = 0.028 294 2 N/mm².
+    /// Calculated by hand: a place in the middle of the lane is below the disc for 30 of 80 mm, a place 9 mm beside the
+    /// middle for 24 mm, and a place 15 mm beside it never; p = 0.028 294 2 N/mm².
     #[test]
-    fn a_place_is_pressed_for_its_chord() {
+    fn the_pressure_at_a_place_follows_from_its_chord() {
         let level = stroke(ContactGeometry::level(), 0.0);
         for (y, chord_mm) in [(0.0, 30.0), (9.0, 24.0), (-9.0, 24.0), (15.0, 0.0)] {
             let found = level.mean_pressure_n_mm2(Vector2::new(3.0, y));
@@ -418,7 +419,7 @@ mod tests {
 
     /// By hand: the orbit spreads pressure beyond the rim, and reduces it by as much inside the rim.
     #[test]
-    fn the_orbit_spreads_the_rim() {
+    fn the_orbit_spreads_the_pressure_beyond_the_rim() {
         let [sharp, spread] = [0.0, 2.5].map(|radius_mm| stroke(ContactGeometry::level(), radius_mm));
         let at = |stroke: &DiscStroke, y: f64| stroke.mean_pressure_n_mm2(Vector2::new(0.0, y));
         assert!(at(&sharp, 16.0) == 0.0 && at(&spread, 16.0) > 0.0 && at(&spread, 14.0) < at(&sharp, 14.0));
@@ -429,7 +430,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_positive_part_is_the_sum_of_its_slices(
+        fn the_integral_of_the_positive_part_equals_a_sum(
             c0 in -1.0..1.0f64, c1 in -1.0..1.0f64, c2 in prop_oneof![Just(0.0), -1.0..1.0f64], a in -3.0..0.0f64, b in 0.0..3.0f64,
         ) {
             let slices = 40_000;
@@ -440,9 +441,9 @@ mod tests {
             prop_assert!((found - sum).abs() < 1e-5, "{} {}", found, sum);
         }
 
-        /// The mean over the segment equals the mean of many discs at rest.
+        /// The mean pressure over the segment equals the mean over many discs at rest.
         #[test]
-        fn a_stroke_is_many_still_discs(
+        fn a_stroke_equals_the_mean_of_many_discs_at_rest(
             k1 in -0.004..0.01f64, k2 in -0.004..0.01f64, tilt in -0.05..0.05f64, x in -60.0..60.0f64, y in -16.0..16.0f64,
         ) {
             let seat = ContactGeometry { tilt: Vector2::new(tilt, tilt), curvature_per_mm: Matrix2::new(k1, 0.001, 0.001, k2) };

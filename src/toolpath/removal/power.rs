@@ -1,29 +1,30 @@
-//! What coupons show beyond k: the exponents with which the depth grows with force and with the number of passes, and
-//! the scatter between discs, a variance beside that of the coupons.
+//! Estimates what coupons show in addition to k: the exponents with which the depth grows with the force and with the
+//! number of passes, and the scatter between discs, which is a variance in addition to that of the coupons.
 //!
 //! By Preston's law both exponents are 1:
 //!     ln h − ln X = ln k₀ − b w + (a_F − 1) ln F + (a_N − 1) ln N                                           (10)
-//! An exponent is determined only by coupons that differ in this number, independently of the others.
+//! An exponent is determined only if the coupons differ in its quantity, independently of their other quantities.
 //!
 //! Coupons i that disc j treated differ from the model by a common part d_j and by their own parts:
 //!     yᵢ = aᵢᵀ x + d_j(i) + eᵢ,   var e = σ_r²,   var d = λ σ_r².                                           (8)
-//! For a known λ, the rows and values less θ_j times the mean of their disc, θ_j = 1 − 1/√(1 + λ n_j), have
-//! independent errors (Fuller & Battese, J. Am. Stat. Assoc. 68, 1973). λ is the one with the largest restricted
-//! likelihood (Patterson & Thompson, Biometrika 58, 1971):
+//! For a known λ, the rows and values less θ_j times the mean of their disc, θ_j = 1 − 1/√(1 + λ n_j), have independent
+//! errors (Fuller & Battese, J. Am. Stat. Assoc. 68, 1973). λ is the value with the largest restricted likelihood
+//! (Patterson & Thompson, Biometrika 58, 1971):
 //!     (n − p) ln RSS(λ) + Σ ln(1 + λ n_j) + ln det(AᵀA)(λ)  is smallest.                                     (9)
 
 use super::coupons::Coupon;
 use nalgebra::{DMatrix, DVector};
 use panelprep_vision::calib::student_95;
 
-/// Coupons whose forces, or passes, differ by this factor show how the depth grows with them.
+/// Smallest ratio of the coupons' largest to smallest force, or number of passes, that shows how the depth grows with
+/// it.
 pub const LEVELS: f64 = 1.5;
-/// An exponent that is known less well than this, 95 %, is not determined.
+/// Largest uncertainty of an exponent, 95 %; with a larger one, the exponent counts as not determined.
 const MAX_UNCERTAINTY: f64 = 0.3;
 /// Largest deviation of an exponent from 1 that needs no review.
 const MAX_DEVIATION: f64 = 0.15;
 
-/// Number of values of λ that are tried, in equal ratios between `MIN_LAMBDA` and `MAX_LAMBDA`, beside 0.
+/// Number of values of λ that are tried in addition to 0, at equal ratios between `MIN_LAMBDA` and `MAX_LAMBDA`.
 const TRIED_VALUES: u32 = 120;
 const MIN_LAMBDA: f64 = 1e-3;
 const MAX_LAMBDA: f64 = 1e3;
@@ -33,7 +34,7 @@ const MAX_LAMBDA: f64 = 1e3;
 pub struct Power {
     /// The exponent.
     pub value: f64,
-    /// Its uncertainty, 95 %.
+    /// Uncertainty of the exponent, 95 %.
     pub uncertainty: f64,
 }
 
@@ -59,7 +60,7 @@ impl Power {
 pub struct ForceExponents {
     /// Exponent of the force.
     pub force: Option<Power>,
-    /// Of the number of passes.
+    /// Exponent of the number of passes.
     pub passes: Option<Power>,
 }
 
@@ -96,11 +97,12 @@ impl ForceExponents {
     }
 }
 
-/// Returns the logarithms of a number of the coupons about their mean; `None` if it is nearly the same for all.
+/// Returns the logarithms of a quantity of the coupons, less their mean; `None` if the quantity is nearly the same for
+/// all coupons.
 fn column(coupons: &[Coupon], number: impl Fn(&Coupon) -> f64) -> Option<DVector<f64>> {
     let logarithms = DVector::from_iterator(coupons.len(), coupons.iter().map(|coupon| number(coupon).ln()));
     let mean = logarithms.mean();
-    // The factor itself counts, whatever its logarithm's last digit.
+    // A ratio of exactly the factor is wide enough, despite rounding of the logarithm.
     let is_wide = logarithms.max() - logarithms.min() >= LEVELS.ln() - 1e-9;
     is_wide.then(|| logarithms.map(|value| value - mean))
 }
@@ -161,12 +163,12 @@ impl DiscScatter {
         judged.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, best)| best)
     }
 
-    /// The number of discs that treated two coupons or more: a disc with one coupon shows no scatter of its own.
+    /// Returns the number of discs that treated two coupons or more: a disc with one coupon does not show the scatter.
     pub fn discs(&self) -> usize {
         self.counts.iter().filter(|count| **count >= 2.0).count()
     }
 
-    /// The standard deviation of a disc, from that of a coupon.
+    /// Returns the standard deviation of a disc, calculated from that of a coupon.
     pub fn deviation(&self, coupon_deviation: f64) -> f64 {
         self.ratio.sqrt() * coupon_deviation
     }
@@ -232,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn each_exponent_is_found_by_itself() {
+    fn each_exponent_is_determined_independently() {
         let near = |power: Option<Power>, value: f64| {
             power.is_some_and(|power| (power.value - value).abs() < power.uncertainty && power.uncertainty < 0.05)
         };
@@ -244,8 +246,8 @@ mod tests {
         assert!(!preston.force.is_some_and(Power::contradicts_preston), "{preston:?}");
     }
 
-    /// With one force, with forces 1.49 times apart, or with forces that go with the passes, no exponent of the
-    /// force is stated.
+    /// With one force, with forces 1.49 times apart, or with forces that are proportional to the passes, no exponent of
+    /// the force is returned.
     #[test]
     fn an_exponent_that_the_coupons_do_not_determine_is_not_stated() {
         let with = |force_n: &dyn Fn(usize) -> f64| {
@@ -287,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn discs_that_are_alike_add_nothing() {
+    fn equal_discs_add_no_scatter() {
         let (scatter, line) = found([-0.01, 0.01, -0.01, 0.01, -0.01, 0.01]);
         assert_eq!(scatter.deviation(line.deviation), 0.0);
         assert!((scatter.redundancy(1) - 3.0).abs() < 1e-9);
@@ -299,7 +301,7 @@ mod tests {
     }
 
     /// Sixty sets of eight discs with four coupons each, σ_d = 0.06 and σ_r = 0.03: the estimates scatter about the
-    /// truth.
+    /// true values.
     #[test]
     fn the_scatter_of_many_discs_is_found() {
         let mut random = Pcg64Mcg::seed_from_u64(4);

@@ -1,16 +1,16 @@
-//! The feed on each move of a path, so that the removal is even over the treated area.
+//! Calculates the feed on each move of a path, so that the removal is even over the treated area.
 //!
 //! If a grain rubs x mm for each millimetre of a move, the move removes k p x from a place for each millimetre, so the
-//! depths of all places are h = A x: linear in x, for every orbit. x decreases with the feed (`speed`); the bounds of
-//! the feeds give bounds of x, and bounded least squares find the x that comes nearest to the target everywhere.
-//! Beyond the treated area there is no target: there the removal tapers off with the disc's radius. The wear of the
-//! disc depends only on the length of its path, so it is known beforehand.
+//! depths of all places are h = A x: they are linear in x, whatever the orbit. x decreases with the feed (`speed`); the
+//! bounds of the feeds give bounds of x, and bounded least squares find the x that comes nearest to the target
+//! everywhere. Beyond the treated area there is no target: there the removal tapers off with the disc's radius. The
+//! wear of the disc depends only on the length of its path, so it is known beforehand.
 //!
 //! The speed of the tool centre point cannot jump. From one move to the next the square of the feed changes by at most
-//! the acceleration times the length of the faster move, so that at most half of this move is used for the change. If
-//! this requires a lower feed, the feed is lowered, and the other feeds are calculated again.
+//! the acceleration times the length of the faster move, so that the change takes at most half of this move. If this
+//! requires a lower feed, the feed is lowered, and the other feeds are calculated again.
 //!
-//! The result is not forced into limits: its map shows whether it keeps the recipe's limits.
+//! The result is not adapted to the recipe's limits: its map shows whether it keeps them.
 //!
 //! The least squares have a sparse matrix and are solved by coordinate descent. They minimise
 //!     Σᵢ (Σⱼ aᵢⱼ xⱼ − yᵢ)² + μ Σⱼ hⱼ (xⱼ − ½ (xⱼ₋₁ + xⱼ₊₁))²,   low ≤ x ≤ high, with hⱼ = Σᵢ aᵢⱼ².
@@ -26,7 +26,7 @@ use crate::surface::{BSplineSurface, Parameter, Treated};
 use panelprep_cell::panel::Region;
 use rayon::prelude::*;
 
-/// Distance between calculated places, in radii of the disc; the next constant gives the bounds of this distance, mm.
+/// Distance between calculated places, in radii of the disc; `SPACING_MM` contains the bounds of this distance, mm.
 const SPACING_RADII: f64 = 0.2;
 const SPACING_MM: [f64; 2] = [1.0, 3.0];
 /// Weight by which neighbouring feeds are kept similar.
@@ -79,7 +79,7 @@ pub fn schedule(
         rounds: ITERATIONS[0],
     };
     let lowest: Vec<f64> = bounds.iter().map(|[low, _]| *low).collect();
-    // From the highest feeds: the first rounds then add removal at the places that need it.
+    // The iteration begins with the highest feeds: the first rounds then add removal at the places that need it.
     let free = minimise_bounded(&columns, lowest.clone(), &sought);
     let slowed = limit_feed_steps(&feeds(&model.orbit, moves, &free), moves, target.acceleration_mm_s2);
     // Feeds that were lowered for the acceleration are not raised again; the other feeds compensate.
@@ -102,8 +102,8 @@ fn feeds(orbit: &Orbit, moves: &[Move], x: &[f64]) -> Vec<f64> {
     moves.iter().zip(x).map(|(own, x)| orbit.feed_mm_s(*x, own.feeds_mm_s)).collect()
 }
 
-/// Calculates the removal by each move at each place, for each mm rubbed per mm of the move, relative to the target;
-/// and the areas of the places.
+/// Calculates the removal by each move at each place, relative to the target, for one mm rubbed per mm of the move;
+/// also returns the areas of the places.
 fn columns(
     samples: &[Samples],
     (stretches, moves): (&[DiscStretch], &[Move]),
@@ -151,7 +151,8 @@ fn merge_rows(mut column: Vec<(u32, f32)>) -> Vec<(u32, f32)> {
     merged
 }
 
-/// Returns these feeds, lowered at moves at which the next or the previous feed could not be reached.
+/// Returns these feeds, lowered at moves from which the acceleration does not permit the feed of the next or the
+/// previous move.
 fn limit_feed_steps(feeds_mm_s: &[f64], moves: &[Move], acceleration_mm_s2: f64) -> Vec<f64> {
     let mut slowed = feeds_mm_s.to_vec();
     let follows = |index: usize| moves[index].pose == moves[index - 1].pose + 1;
@@ -207,7 +208,7 @@ impl Columns {
     }
 }
 
-/// Target of the descent.
+/// The problem that the descent solves.
 #[derive(Debug, Clone, Copy)]
 struct DescentTarget<'a> {
     /// The target vector y.
@@ -240,11 +241,11 @@ fn minimise_bounded(columns: &Columns, mut x: Vec<f64>, sought: &DescentTarget<'
             let mean = beside.iter().sum::<f64>() / beside.len().max(1) as f64;
             let pull = if beside.is_empty() { 0.0 } else { sought.smoothing_weight };
             let [low, high] = sought.bounds[index];
-            // The pull is in units of the column's own square, so that μ means the same for a move that removes much
-            // and one that removes little.
+            // The smoothing term is scaled with the column's sum of squares, so that μ has the same effect for a move
+            // with a large removal and one with a small removal.
             let best = x[index] - (slope + pull * square * (x[index] - mean)) / (square * (1.0 + pull));
-            // Clamped in each step: for a convex problem the descent then ends at the best feeds within the limits, not
-            // at clamped best feeds.
+            // The value is clamped in each step: for a convex problem the descent then ends at the best feeds within
+            // the limits, which are not the clamped best feeds without limits.
             let step = best.clamp(low, high) - x[index];
             if step != 0.0 {
                 x[index] += step;
@@ -328,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn a_worn_disc_goes_slower() {
+    fn a_worn_disc_moves_at_a_lower_feed() {
         let seconds = |swept_mm2: f64| {
             let (found, _, _, moves) = planned(40.0, [5.0, 120.0], swept_mm2);
             moves.iter().zip(&found).map(|(own, feed)| own.length_mm / feed).sum::<f64>()
@@ -356,13 +357,13 @@ mod tests {
 
     /// Calculated by hand: from 10 mm/s, on 6 mm at 100 mm/s², (10² + 600)^½ = 26.46 mm/s are reached, then 36.06.
     #[test]
-    fn feeds_rise_as_the_acceleration_lets_them() {
+    fn feeds_rise_as_the_acceleration_permits() {
         let own = |pose| Move { pose, length_mm: 6.0, feeds_mm_s: [1.0, 60.0] };
         let moves: Vec<Move> = (1..=4).map(own).collect();
         let found = limit_feed_steps(&[10.0, 60.0, 60.0, 20.0], &moves, 100.0);
         let expected = [10.0, 26.457_5, 31.622_8, 20.0];
         assert!(found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-3), "{found:?}");
-        // After a motion through the air, the acceleration limit starts again.
+        // After a motion through the air, the previous feed does not limit the next one.
         let apart = [own(1), own(5)];
         assert_eq!(limit_feed_steps(&[10.0, 60.0], &apart, 100.0), [10.0, 60.0]);
     }
@@ -382,7 +383,7 @@ mod tests {
 
     /// Calculated by hand: x₀ + x₁ = 3 and x₁ = 2 are satisfied by (1, 2); with x₁ ≤ 1 the best x₀ is 2.
     #[test]
-    fn two_unknowns_and_a_bound() {
+    fn a_bounded_minimum_with_two_unknowns_by_hand() {
         let mut columns = Columns::default();
         columns.push([(0, 1.0)]);
         columns.push([(0, 1.0), (1, 1.0)]);
@@ -396,7 +397,7 @@ mod tests {
     proptest! {
         /// At the end, no change of a single unknown gives a smaller sum, and all unknowns are within their bounds.
         #[test]
-        fn no_step_makes_it_better(
+        fn no_step_lowers_the_minimum(
             values in prop::collection::vec(0.0..1.0f32, 24), wanted in prop::collection::vec(0.0..3.0f64, 6),
         ) {
             let mut columns = Columns::default();

@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 
 /// Largest number of steps of the arithmetic-geometric mean; each step doubles the number of correct digits.
 const STEPS: usize = 40;
-/// Number of halvings in the search for a feed.
+/// Number of bisection steps in the search for a feed.
 const HALVINGS: usize = 60;
 
 /// The orbital motion of the disc.
@@ -34,14 +34,14 @@ impl Orbit {
         if sum <= 0.0 { 0.0 } else { 2.0 / PI * sum * elliptic_e(4.0 * u * f / (sum * sum)) }
     }
 
-    /// Returns the length that a grain rubs while the disc moves by 1 mm at this feed, mm/mm: at least 1, and more
-    /// at a lower feed.
+    /// Returns the length over which a grain rubs while the disc moves by 1 mm at this feed, mm/mm: at least 1, and
+    /// more at a lower feed.
     pub fn rubbed_per_mm(&self, feed_mm_s: f64) -> f64 {
         self.grain_mm_s(feed_mm_s) / feed_mm_s
     }
 
-    /// Returns the feed between these bounds, low and high, at which a grain rubs this length for 1 mm; the nearer
-    /// bound if there is no such feed.
+    /// Returns the feed between these bounds, low and high, at which a grain rubs over this length while the disc moves
+    /// by 1 mm; the nearer bound if there is no such feed.
     pub fn feed_mm_s(&self, rubbed_per_mm: f64, [mut low, mut high]: [f64; 2]) -> f64 {
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low + high);
@@ -78,7 +78,7 @@ mod tests {
 
     /// Values from tables: E(0) = π/2, E(1/2) = 1.350 643 881, E(1) = 1.
     #[test]
-    fn the_integral_is_that_of_the_tables() {
+    fn the_elliptic_integral_agrees_with_tables() {
         assert!((elliptic_e(0.0) - PI / 2.0).abs() < 1e-15 && elliptic_e(1.0) == 1.0);
         assert!((elliptic_e(0.5) - 1.350_643_881_047_675).abs() < 1e-14, "{}", elliptic_e(0.5));
     }

@@ -11,21 +11,21 @@ use std::ops::RangeInclusive;
 type Column = (&'static str, RangeInclusive<f64>, bool);
 
 /// Smallest depth that can be measured, µm.
-const MIN_UM: f64 = 0.01;
+const MIN_DEPTH_UM: f64 = 0.01;
 const COLUMNS: [Column; 8] = [
     ("force_n", 0.1..=1_000.0, true),
     ("feed_mm_s", 0.1..=1_000.0, true),
     ("passes", 1.0..=10_000.0, true),
     ("worn_mm2", 0.0..=1e9, true),
     ("step_over_mm", 0.1..=500.0, false),
-    ("depth_um", MIN_UM..=10_000.0, false),
+    ("depth_um", MIN_DEPTH_UM..=10_000.0, false),
     ("before_um", 0.0..=1e6, false),
     ("after_um", 0.0..=1e6, false),
 ];
 const COUPON: &str = "coupon";
 const PLACE_COLUMN: &str = "place";
 const DISC: &str = "disc";
-/// First character of lines that are remarks.
+/// First character of a comment line.
 const REMARK_SIGN: char = '#';
 
 /// The problems of a table.
@@ -52,7 +52,7 @@ fn problem(line: u64, column: &str, message: impl Into<String>) -> TableProblem 
 /// Reads a table of coupons.
 ///
 /// # Errors
-/// Every problem with its line and column.
+/// Returns every problem with its line and column.
 pub fn read_coupons(bytes: &[u8]) -> Result<Vec<Coupon>, TableError> {
     let text = String::from_utf8(bytes.to_vec()).map_err(|error| {
         let line = 1 + bytes[..error.utf8_error().valid_up_to()].iter().filter(|byte| **byte == b'\n').count();
@@ -80,7 +80,7 @@ pub fn read_coupons(bytes: &[u8]) -> Result<Vec<Coupon>, TableError> {
 /// Splits one line into its values.
 fn values(line: &str) -> StringRecord {
     let mut reader = ReaderBuilder::new().has_headers(false).trim(Trim::All).from_reader(line.as_bytes());
-    // Text in memory can always be read.
+    // Reading text in memory cannot fail.
     reader.records().next().and_then(Result::ok).unwrap_or_default()
 }
 
@@ -148,7 +148,7 @@ fn coupon(row: &Row<'_>) -> Result<Coupon, Vec<TableProblem>> {
     if row.text(COUPON).is_none() {
         problems.push(problem(row.line, COUPON, "a name is missing"));
     }
-    // A disc without a name could be any of the others, and their scatter would be wrong.
+    // A coupon without a disc name could belong to any disc, and the scatter between discs would be wrong.
     if row.header.iter().any(|name| name == DISC) && row.text(DISC).is_none() {
         problems.push(problem(row.line, DISC, "a name is missing"));
     }
@@ -180,7 +180,7 @@ fn coupon(row: &Row<'_>) -> Result<Coupon, Vec<TableProblem>> {
 fn depth_um(row: &Row<'_>, numbers: &[Option<f64>]) -> Result<f64, Vec<TableProblem>> {
     match numbers {
         [Some(depth_um), None, None] => Ok(*depth_um),
-        [None, Some(before_um), Some(after_um)] if before_um - after_um >= MIN_UM => Ok(before_um - after_um),
+        [None, Some(before_um), Some(after_um)] if before_um - after_um >= MIN_DEPTH_UM => Ok(before_um - after_um),
         [None, Some(before_um), Some(after_um)] => Err(vec![problem(
             row.line,
             "after_um",
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_that_are_not_known_or_not_there_are_named() {
+    fn unknown_or_missing_columns_are_named() {
         let found = problems("coupon,force,feed_mm_s,passes,worn_mm2,depth_um\nA1,20,60,1,0,15\n");
         assert!(found[0].starts_with("line 1, force: unknown column; valid: force_n, feed_mm_s,"), "{found:?}");
         assert_eq!(found[1..], ["line 1, force_n: this column is missing"]);

@@ -1,10 +1,10 @@
-//! The segments of a path in contact: the position of the disc, its pressure, and the length that a grain rubs in
-//! each.
+//! Divides a path in contact into segments, each with the position of the disc, its pressure, and the length over which
+//! a grain rubs.
 //!
 //! A path consists of poses with their times, planned or as the robot reported them. Each line between two poses is
-//! divided into segments of at most half of the disc's radius; for a whole segment, the contact at its middle is used.
-//! A pose that is marked as in contact counts as in contact if its tip is not higher above the surface than `dwell`
-//! states. The area that the disc has swept grows by its diameter times the length, as the store counts it.
+//! divided into segments of at most half of the disc's radius; for the whole of a segment, the contact at its middle is
+//! used. A pose that is marked as in contact counts as in contact if its tip is not higher above the surface than
+//! `dwell` states. The area that the disc has swept grows by its diameter times the length, as the store counts it.
 //!
 //! The surface below the disc is a point with its tangent plane: the axes, the normal and the curvature. With E, F, G
 //! and L, M, N of the first and second form, x along S_u and y = n × x, the curvature in these axes is
@@ -14,19 +14,19 @@
 
 use super::pad::{ContactGeometry, DiscStroke, PadWithDisc, SupportMask};
 use super::speed::Orbit;
-use crate::surface::dwell::{CONTACT_MM, ExecutedPose, surface_foot};
+use crate::surface::dwell::{ExecutedPose, MAX_CONTACT_HEIGHT_MM, surface_foot};
 use crate::surface::{BSplineSurface, Parameter};
 use nalgebra::{Matrix2, Vector2, Vector3};
 use panelprep_base::geometry::{Panel, Point, Rigid, Tool, Vector};
 use std::f64::consts::TAU;
 
 /// Largest length of a segment, in radii of the disc.
-const STRETCH_RADII: f64 = 0.5;
-/// Number of directions in which places on the rim, and half-way to the rim, show whether the whole disc has panel
-/// below it.
-const RIM_SAMPLES: usize = 16;
+const MAX_SEGMENT_RADII: f64 = 0.5;
+/// Number of directions in which a place on the rim, and one half-way to the rim, are checked to find whether the whole
+/// disc has panel below it.
+const RIM_DIRECTIONS: usize = 16;
 
-/// If a tool is tilted by a larger angle against the surface, it no longer lies on the surface: the cosine of 60°.
+/// Cosine of the largest tilt against the surface, 60°, at which the tool still counts as lying on the surface.
 const MIN_COSINE: f64 = 0.5;
 
 /// A function that returns whether there is panel at this place of the surface.
@@ -39,8 +39,7 @@ pub struct Disc {
     pub pad: PadWithDisc,
     /// Its orbit.
     pub orbit: Orbit,
-    /// Whether the rim moves on the orbit; otherwise the pressure is calculated without an orbit, as in simpler
-    /// models.
+    /// Whether the pressure takes the rim's motion on the orbit into account; simpler models do not.
     pub rim_orbits: bool,
     /// Area that the disc has swept before this path, mm².
     pub swept_mm2: f64,
@@ -62,11 +61,11 @@ pub struct DiscStretch {
     pub stroke: DiscStroke,
     /// Length of the segment, mm.
     pub length_mm: f64,
-    /// Length that a grain rubs during the segment, mm.
+    /// Length over which a grain rubs during the segment, mm.
     pub rubbed_mm: f64,
-    /// The pose at the end of the segment, counted from 0.
+    /// Index of the pose at the end of the segment, from 0.
     pub pose: usize,
-    /// Area that the disc has swept by the segment's middle, mm².
+    /// Area that the disc has swept when it is at the segment's middle, mm².
     pub swept_mm2: f64,
 }
 
@@ -83,7 +82,7 @@ pub fn path_stretches(
     for (index, pair) in executed.windows(2).enumerate().filter(|(_, pair)| pair[1].contact) {
         let (from, to) = (pair[0].panel_from_tool.origin(), pair[1].panel_from_tool.origin());
         let way_mm = from.distance_mm(to);
-        let count = (way_mm / (STRETCH_RADII * disc.pad.radius_mm)).ceil().max(1.0);
+        let count = (way_mm / (MAX_SEGMENT_RADII * disc.pad.radius_mm)).ceil().max(1.0);
         let (length_mm, seconds) = (way_mm / count, pair[1].seconds / count);
         let force_n = pair[1].force_n.unwrap_or(nominal_n);
         let at = |share: f64| from + (to - from) * (share / count);
@@ -107,9 +106,9 @@ pub fn path_stretches(
     all
 }
 
-/// Calculates the length that a grain rubs in this time on a motion of this length, mm.
+/// Calculates the length over which a grain rubs in this time on a motion of this length, mm.
 fn rubbed_mm(orbit: &Orbit, length_mm: f64, seconds: f64) -> f64 {
-    // If no time has passed, the disc cannot have moved: the same report came twice.
+    // If no time has passed, the same report was received twice, and the disc has not moved.
     if seconds > 0.0 { orbit.grain_mm_s(length_mm / seconds) * seconds } else { length_mm }
 }
 
@@ -123,10 +122,10 @@ fn surface_frame_below(
     *guess = at;
     let normal = surface.normal(at)?;
     let height_mm = normal.mm.dot(&(point - surface.point(at)).mm);
-    if height_mm > CONTACT_MM { None } else { TangentFrame::compute(surface, at) }
+    if height_mm > MAX_CONTACT_HEIGHT_MM { None } else { TangentFrame::compute(surface, at) }
 }
 
-/// Calculates the contact at a frame; parts of the disc beyond the panel carry no force.
+/// Calculates the contact at a frame; parts of the disc beyond the panel bear no force.
 fn contact(
     frame: &TangentFrame,
     seat: ContactGeometry,
@@ -135,13 +134,14 @@ fn contact(
 ) -> Option<super::pad::Contact> {
     let has_panel = |offset: Vector2<f64>| ground(frame.parameter(offset));
     let look = |index: usize, share: f64| {
-        let angle = TAU * index as f64 / RIM_SAMPLES as f64;
+        let angle = TAU * index as f64 / RIM_DIRECTIONS as f64;
         has_panel(Vector2::new(angle.cos(), angle.sin()) * (share * disc.pad.radius_mm))
     };
     let is_whole =
-        has_panel(Vector2::zeros()) && (0..RIM_SAMPLES).all(|index| look(index, 1.0) && look(index, 0.5));
+        has_panel(Vector2::zeros()) && (0..RIM_DIRECTIONS).all(|index| look(index, 1.0) && look(index, 0.5));
     let below: SupportMask<'_> = &has_panel;
-    // The closed form holds for a whole disc; only at the edge is the pressure summed over the part on the panel.
+    // The closed form applies if the whole disc is on the panel; at the edge, the pressure is summed over the part on
+    // the panel.
     disc.pad.contact_at_force(force_n, seat, (!is_whole).then_some(below))
 }
 
@@ -171,7 +171,7 @@ impl TangentFrame {
         let [l, m, n] = [there.s_uu, there.s_uv, there.s_vv].map(|second| -second.mm.dot(&normal));
         let (area2, slant) = (e * g - f * f, f / e);
         let x = s_u / e.sqrt();
-        // The axis on the side of S_v, whether u and v are right- or left-handed.
+        // The y axis points to the side of S_v, whether (u, v) is right-handed or left-handed.
         let y = (s_v - s_u * slant) / (area2 / e).sqrt();
         let across = (m - slant * l) / area2.sqrt();
         let curvature_per_mm =
@@ -193,12 +193,12 @@ impl TangentFrame {
         Parameter { u: self.at.u + step.x, v: self.at.v + step.y }
     }
 
-    /// Returns how far a circle of this radius, mm, around the point reaches along u and v.
+    /// Returns the reach of a circle of this radius, mm, around the point, along u and v.
     pub fn reach(&self, radius_mm: f64) -> [f64; 2] {
         [0, 1].map(|row| radius_mm * self.parameter_per_mm.row(row).norm())
     }
 
-    /// Returns how much deeper the disc of a tool reaches per mm along x and y: its tilt; `None` if the tool does not
+    /// Returns the tilt of a tool: the additional depth of its disc per mm along x and y; `None` if the tool does not
     /// lie on the surface at all. The tool's Z points out of its pad.
     pub fn tilt(&self, panel_from_tool: &Rigid<Panel, Tool>) -> Option<Vector2<f64>> {
         let away = -(*panel_from_tool * Vector::<Tool>::new(Vector3::z())).mm;
@@ -236,8 +236,8 @@ pub(super) mod tests {
         ExecutedPose { panel_from_tool: tool.to_rigid(), seconds, contact: true, force_n: None }
     }
 
-    /// Calculated by hand: 60 mm in 1 s are 8 segments of 7.5 mm; a grain rubs 2618.3 mm during this time; the disc of
-    /// 30 mm sweeps 1800 mm².
+    /// Calculated by hand: 60 mm in 1 s are 8 segments of 7.5 mm; a grain rubs over 2618.3 mm during this time; the
+    /// disc of 30 mm sweeps 1800 mm².
     #[test]
     fn a_line_is_cut_into_stretches() {
         let line = [pose([20.0, 50.0, 0.0], 0.0), pose([80.0, 50.0, 0.0], 1.0)];
@@ -250,7 +250,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn what_is_lifted_or_without_force_removes_nothing() {
+    fn a_lifted_tool_or_one_without_force_removes_nothing() {
         let surface = level(100.0);
         let count = |z: f64, forces_n: [Option<f64>; 2]| {
             let line = [pose([20.0, 50.0, z], 0.0), pose([80.0, 50.0, z], 1.0)];
@@ -258,13 +258,13 @@ pub(super) mod tests {
             path_stretches(&surface, &line, (&DISC, 20.0), &|_| true).len()
         };
         assert_eq!([count(1.5, [None; 2]), count(0.5, [None; 2])], [0, 8]);
-        // The force on the motion to a pose is the force of this pose.
+        // The force that is measured at a pose applies to the motion to this pose.
         assert_eq!([count(0.0, [Some(0.0), Some(20.0)]), count(0.0, [Some(20.0), Some(0.0)])], [8, 0]);
     }
 
-    /// Calculated by hand: with the disc's middle above the panel's edge, half of the disc carries the whole force.
+    /// Calculated by hand: with the disc's middle above the panel's edge, half of the disc bears the whole force.
     #[test]
-    fn beyond_the_edge_the_rest_bears_the_force() {
+    fn the_part_on_the_panel_bears_the_whole_force() {
         let line = [pose([20.0, 50.0, 0.0], 0.0), pose([80.0, 50.0, 0.0], 1.0)];
         let all = path_stretches(&level(100.0), &line, (&DISC, 20.0), &|at| at.v < 0.5);
         assert!(
@@ -287,15 +287,15 @@ pub(super) mod tests {
             .expect("a surface")
     }
 
-    /// By hand: a tool with its Z down on a level plane has no tilt; leant by 2° about Y, its X goes down or up by
-    /// tan 2° = 0.034 92 per mm.
+    /// By hand: a tool with its Z down on a level plane has no tilt; tilted by 2° about Y, its X axis descends or rises
+    /// by tan 2° = 0.034 92 per mm.
     #[test]
-    fn a_leant_tool_reaches_deeper_on_one_side() {
+    fn a_tilted_tool_is_deeper_on_one_side() {
         let frame = TangentFrame::compute(&net(0.0, &[0.0; 36]), Parameter { u: 0.5, v: 0.5 }).expect("a normal");
         let tool = |b_deg: f64| KukaPose { b_deg, c_deg: 180.0, ..KukaPose::default() }.to_rigid();
         assert!(frame.tilt(&tool(0.0)).expect("on it").norm() < 1e-12);
         let leant = frame.tilt(&tool(2.0)).expect("on it");
-        // The tool's back tilts by +2° about Y towards +X, so its disc is lower on this side.
+        // At +2° about Y the rear of the tool leans towards +X, so its disc is lower on this side.
         assert!((leant - Vector2::new(0.034_920_8, 0.0)).norm() < 1e-6, "{leant}");
         assert_eq!(frame.tilt(&tool(180.0)), None, "from behind");
     }

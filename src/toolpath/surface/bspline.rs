@@ -3,14 +3,14 @@
 //!     S(u, v) = Σᵢ Σⱼ N_{i,k}(u) N_{j,l}(v) p_{ij}                                                          (4.12)
 //! with degrees k and l; S_u has N'_{i,k} in place of N_{i,k} (4.14, 4.15), and so on. The normal is
 //!     N = ± S_u × S_v / |S_u × S_v|,                                                                        (4.13)
-//! The sign is chosen once, so that the normal points to the side that the camera saw. The thesis's form depends on
-//! the handedness of (u, v); the tool's Z and the retract would reverse with it. Points are in the panel's frame,
-//! mm.
+//! The sign is chosen once, so that the normal points to the side that the camera saw. The thesis's form depends on the
+//! handedness of (u, v); with a wrong sign the tool's Z and the retract would be reversed. Points are in the panel's
+//! frame, mm.
 //!
-//! The quick form of a surface is one polynomial for each pair of spans. With N_r(t) = Σ_k c_rk t^k on a span
-//! (`basis`), Eq. 4.12 becomes S = Σ_kl a_kl s^k t^l, a_kl = Σ_ij c_ik c_jl p_ij: two Horner schemes without a
-//! division, 25 ns for a point with five derivatives. x, y, z and an unused fourth number are stored side by side, as a
-//! processor adds them. Supports degrees up to 3.
+//! For fast evaluation the surface is stored as one polynomial for each pair of spans. With N_r(t) = Σ_k c_rk t^k on a
+//! span (`basis`), Eq. 4.12 becomes S = Σ_kl a_kl s^k t^l, a_kl = Σ_ij c_ik c_jl p_ij: two Horner schemes without a
+//! division, 25 ns for a point with five derivatives. x, y, z and an unused fourth number are stored side by side for
+//! the processor's vector instructions. Degrees up to 3 are supported.
 
 use nalgebra::Vector3;
 use panelprep_base::geometry::basis::{Basis, KnotVector, SpanFunctions};
@@ -18,17 +18,17 @@ use panelprep_base::geometry::{Panel, Point, Vector};
 use std::ops::RangeInclusive;
 
 /// Sine of the angle between S_u and S_v below which no normal is defined.
-const DEGENERATE_SINE: f64 = 1e-6;
+const MIN_TANGENT_SINE: f64 = 1e-6;
 
-/// Coefficients along one parameter.
+/// Number of coefficients of a span's polynomial along one parameter.
 const SIDE: usize = 4;
 
 /// A point of a surface, given by its parameters; no unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameter {
-    /// Along the columns of the region, 0…1 inside the region.
+    /// Parameter along the region's columns, 0…1 inside the region.
     pub u: f64,
-    /// Along the rows of the region, 0…1 inside the region.
+    /// Parameter along the region's rows, 0…1 inside the region.
     pub v: f64,
 }
 
@@ -44,7 +44,7 @@ pub struct PointTangents {
 }
 
 impl PointTangents {
-    /// |S_u × S_v|: the surface area for a unit of u and v, mm².
+    /// Returns |S_u × S_v|, the surface area for a unit of u and v, mm².
     pub fn area_mm2(&self) -> f64 {
         self.s_u.mm.cross(&self.s_v.mm).norm()
     }
@@ -66,12 +66,12 @@ pub struct Derivatives {
 /// The reason why control points do not form a surface.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SurfaceError {
-    /// The number of control points does not fit the knots.
+    /// The number of control points does not agree with the knots.
     #[error("the knots need {needed} control points, found {found}")]
     ControlCount {
         /// Control points found.
         found: usize,
-        /// Control points that the knots need.
+        /// Number of control points that the knots need.
         needed: usize,
     },
     /// The side that the camera saw cannot be determined.
@@ -97,7 +97,7 @@ impl BSplineSurface {
     /// camera's position: normals point to its side.
     ///
     /// # Errors
-    /// If the counts differ, or the surface shows its edge to the viewer.
+    /// If the numbers of knots and control points do not agree, or the viewer sees the surface edge-on.
     pub fn new(
         [knots_u, knots_v]: [KnotVector; 2],
         controls: Vec<Point<Panel>>,
@@ -117,8 +117,8 @@ impl BSplineSurface {
         Ok(surface)
     }
 
-    /// Returns the excess of points, among 5 × 5, at which the raw normal faces the viewer, over those at which it
-    /// faces away. A single point could lie in a fold.
+    /// Returns the number of points, among 5 × 5, at which the normal without a sign faces the viewer, minus the number
+    /// of those at which it faces away. Several points are used because a single one could lie in a fold.
     fn faces(&self, viewer: Point<Panel>) -> f64 {
         let place = |knots: &KnotVector, step: i32| {
             let (start, end) = (*knots.domain().start(), *knots.domain().end());
@@ -139,17 +139,18 @@ impl BSplineSurface {
         &self.knots_v
     }
 
-    /// Control points, v running fastest.
+    /// Returns the control points, v running fastest.
     pub fn controls(&self) -> &[Point<Panel>] {
         &self.controls
     }
 
-    /// The parameters u and v for which the surface was made; beyond them its border polynomials continue.
+    /// Returns the ranges of u and v for which the surface was made; beyond them the polynomials of the border spans
+    /// continue.
     pub fn domain(&self) -> [RangeInclusive<f64>; 2] {
         [self.knots_u.domain(), self.knots_v.domain()]
     }
 
-    /// S(u, v), Eq. 4.12.
+    /// Returns S(u, v), Eq. 4.12.
     pub fn point(&self, at: Parameter) -> Point<Panel> {
         match &self.spans {
             Some(spans) => spans.point(self.span_indices(at), at),
@@ -157,7 +158,7 @@ impl BSplineSurface {
         }
     }
 
-    /// S, S_u and S_v, Eq. 4.12 and 4.14.
+    /// Returns S, S_u and S_v, Eq. 4.12 and 4.14.
     pub fn tangents(&self, at: Parameter) -> PointTangents {
         match &self.spans {
             Some(spans) => spans.tangents(self.span_indices(at), at),
@@ -173,7 +174,7 @@ impl BSplineSurface {
         }
     }
 
-    /// S with its first and second derivatives at many parameters, in their order.
+    /// Returns S with its first and second derivatives at many parameters, in the same order.
     pub fn derivatives_at_many(&self, places: &[Parameter]) -> Vec<Derivatives> {
         places.iter().map(|at| self.derivatives(*at)).collect()
     }
@@ -213,8 +214,8 @@ impl BSplineSurface {
         }
     }
 
-    /// Principal curvatures, 1/mm, the larger one first; positive if the surface bends away from the camera's side,
-    /// as a ball does that is seen from outside. `None` if there is no normal.
+    /// Returns the principal curvatures, 1/mm, the larger one first; positive if the surface bends away from the
+    /// camera, as a ball seen from outside. `None` if there is no normal.
     pub fn principal_curvatures(&self, there: &Derivatives) -> Option<[f64; 2]> {
         let normal = self.unit_normal(&there.tangents)?.mm;
         let (s_u, s_v) = (there.tangents.s_u.mm, there.tangents.s_v.mm);
@@ -227,7 +228,7 @@ impl BSplineSurface {
         Some([mean + half_gap, mean - half_gap])
     }
 
-    /// The unit normal, towards the side that the camera saw; `None` if S_u and S_v are parallel.
+    /// Returns the unit normal, towards the side that the camera saw; `None` if S_u and S_v are parallel.
     pub fn normal(&self, at: Parameter) -> Option<Vector<Panel>> {
         self.unit_normal(&self.tangents(at))
     }
@@ -236,11 +237,11 @@ impl BSplineSurface {
     pub fn unit_normal(&self, tangents: &PointTangents) -> Option<Vector<Panel>> {
         let cross = tangents.s_u.mm.cross(&tangents.s_v.mm); // Eq. 4.13
         let length = cross.norm();
-        let straight = length > DEGENERATE_SINE * tangents.s_u.mm.norm() * tangents.s_v.mm.norm();
+        let straight = length > MIN_TANGENT_SINE * tangents.s_u.mm.norm() * tangents.s_v.mm.norm();
         straight.then(|| Vector::new(cross * (self.side / length)))
     }
 
-    // The k + 1 rows of l + 1 control points that influence one span of u and v.
+    // Returns the k + 1 rows of l + 1 control points that influence one pair of spans.
     fn rows(&self, (i, j): (usize, usize)) -> impl Iterator<Item = &[Point<Panel>]> {
         let (stride, width) = (self.knots_v.controls(), self.knots_v.degree() + 1);
         (i..=i + self.knots_u.degree()).map(move |i| &self.controls[i * stride + j..i * stride + j + width])
@@ -439,7 +440,8 @@ mod tests {
     /// middle of x. A cylinder of radius 500 mm that bulges towards the camera has curvatures 1/500 and 0.
     #[test]
     fn a_bulge_has_positive_curvature() {
-        // Blossom of x² at the knots of each control point: the mean of the products of two of its three inner knots.
+        // The control values of x², from its blossom at the knots of each control point: the mean of the products of
+        // two of its three inner knots.
         let knots = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 2.0], [1.0, 2.0, 3.0], [2.0, 3.0, 3.0], [3.0; 3]];
         let square = |[a, b, c]: [f64; 3]| (a * b + a * c + b * c) / 27.0 * 1e4;
         let bulge = net(|i, _| -square(knots[i]) / 1_000.0);
@@ -451,7 +453,7 @@ mod tests {
     /// Calculated by hand: a net that is linear in u and v makes z = 9 u v. With three spans along u and two along
     /// v, S_u = (100, 0, 9 v), S_v = (0, 60, 9 u) and S_uv = (0, 0, 9) at every point.
     #[test]
-    fn a_twisted_net_has_its_twist_whatever_the_spans() {
+    fn a_twisted_net_has_the_same_derivatives_with_any_spans() {
         let knots = [3, 2].map(|spans| KnotVector::uniform(3, spans, 0.0..=1.0).expect("open"));
         let (along_u, along_v) = (knots[0].greville_abscissa(), knots[1].greville_abscissa());
         let control = |u: &f64, v: &f64| Point::at(100.0 * u, 60.0 * v, 9.0 * u * v);
@@ -468,7 +470,7 @@ mod tests {
     proptest! {
         /// The polynomial evaluation agrees with the evaluation by basis functions.
         #[test]
-        fn polynomials_and_basis_functions_are_one_surface(
+        fn polynomials_and_basis_functions_agree(
             heights in prop::collection::vec(-20.0..20.0f64, 36), u in -0.1..1.1f64, v in -0.1..1.1f64,
         ) {
             let surface = net(|i, j| heights[i * 6 + j]);

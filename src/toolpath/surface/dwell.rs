@@ -1,12 +1,12 @@
-//! The disc's effect on the surface: for each square millimetre, how long and how often it was under the disc, and how
-//! uniform these times are.
+//! Computes the disc's effect on the surface: for each square millimetre, the time under the disc and the number of
+//! passes, and the uniformity of these times.
 //!
-//! Every grid is sampled about 1 mm apart. A path is walked in steps of 1 mm. Each step adds its time to the
-//! samples within the disc's radius. If a sample's last step was not the preceding one, another pass begins there.
-//! The path consists of poses, planned or as the robot reported them, so the executed path is judged the same way.
-//! A pose meant to be in contact is in contact if its point lies no higher than a millimetre above the surface. The
-//! disc is assumed to be wholly in contact: a compliant pad. The uniformity is stated by the 5 % and 95 % quantiles of
-//! the times over the treated area.
+//! Every grid is sampled about 1 mm apart. A path is divided into steps of 1 mm. Each step adds its time to the samples
+//! within the disc's radius. If a sample's last step was not the preceding one, another pass begins there. The path
+//! consists of poses, planned or as the robot reported them, so the executed path is judged in the same way. A pose
+//! meant to be in contact is in contact if its point lies no higher than a millimetre above the surface. The disc is
+//! assumed to be wholly in contact: a compliant pad. The uniformity is stated by the 5 % and 95 % quantiles of the
+//! times over the treated area.
 
 use super::bspline::{BSplineSurface, Parameter};
 use super::patch::{ParameterPatch, SampleGrid, Treated, sides_mm};
@@ -16,8 +16,8 @@ use rayon::prelude::*;
 
 /// Distance between samples, and between steps along a path, mm.
 const SAMPLE_MM: f64 = 1.0;
-/// A disc with its point higher above the surface than this does not touch it, mm.
-pub const CONTACT_MM: f64 = 1.0;
+/// Largest height of the tool's point above the surface at which the disc still touches the surface, mm.
+pub const MAX_CONTACT_HEIGHT_MM: f64 = 1.0;
 /// Largest number of steps of the search for the surface point below a given point.
 const MAX_FOOT_STEPS: usize = 12;
 /// Accuracy at which the search for the surface point ends, mm.
@@ -40,7 +40,7 @@ pub struct ExecutedPose {
     pub force_n: Option<f64>,
 }
 
-/// One grid, sample by sample.
+/// The times under the disc on one grid, at each sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GridDwell {
     /// The grid.
@@ -49,9 +49,9 @@ pub struct GridDwell {
     pub columns: usize,
     /// Time under the disc at each sample, s, row by row.
     pub dwell_s: Vec<f32>,
-    /// Number of passes of the disc, sample by sample.
+    /// Number of passes of the disc at each sample.
     pub passes: Vec<u16>,
-    /// Surface of each sample, mm²; 0 if it is not to be treated.
+    /// Surface area of each sample, mm²; 0 if it is not to be treated.
     pub area_mm2: Vec<f32>,
 }
 
@@ -63,12 +63,12 @@ impl Dwell {
 }
 
 impl GridDwell {
-    /// Share of the grid that was under the disc, 0…1.
+    /// Returns the share of the grid that was under the disc, 0…1.
     pub fn share(&self) -> f64 {
         self.area_share(|passes| passes > 0)
     }
 
-    /// The uniformity of the time under the disc; `None` if the disc reached nothing.
+    /// Returns the uniformity of the time under the disc; `None` if the disc reached nothing.
     pub fn spread(&self) -> Option<DwellSpread> {
         DwellSpread::from_times(self.times())
     }
@@ -80,17 +80,17 @@ impl GridDwell {
         treated.map(|(dwell_s, area)| (f64::from(*dwell_s), f64::from(*area)))
     }
 
-    /// Share of the grid that the disc passed more than once, 0…1.
+    /// Returns the share of the grid over which the disc passed more than once, 0…1.
     pub fn overlap(&self) -> f64 {
         self.area_share(|passes| passes > 1)
     }
 
-    /// Area that the disc did not reach, mm².
+    /// Returns the area that the disc did not reach, mm².
     pub fn untreated_mm2(&self) -> f64 {
         self.area_where_mm2(|passes| passes == 0)
     }
 
-    /// Mean time under the disc, s, of the area that the disc reached.
+    /// Returns the mean time under the disc of the area that the disc reached, s.
     pub fn mean_dwell_s(&self) -> f64 {
         let reached = self.times().filter(|(dwell_s, _)| *dwell_s > 0.0);
         let (sum, count) = reached.fold((0.0, 0_usize), |(sum, count), (dwell_s, _)| (sum + dwell_s, count + 1));
@@ -124,7 +124,7 @@ pub struct Dwell {
 struct Step {
     at: Parameter,
     point: Point<Panel>,
-    /// Reach of the disc's radius in the parameters, with a margin of a tenth.
+    /// Reach of the disc along u and v, in units of the parameters, with a margin of 10 %.
     reach: [f64; 2],
     seconds: f64,
 }
@@ -140,8 +140,8 @@ pub fn simulate(
     simulate_treated(surface, region, &Treated::from_grids(grids), executed, radius_mm)
 }
 
-/// Computes the times under the disc of these places for a path. Shares, areas left and spreads are those of the
-/// places; times and passes are those of the whole grids in which they lie.
+/// Computes the times under the disc of these places for a path. Shares, untreated areas and spreads apply to the
+/// places; times and passes apply to the whole grids in which they lie.
 pub fn simulate_treated(
     surface: &BSplineSurface,
     region: &Region,
@@ -171,13 +171,13 @@ fn steps(surface: &BSplineSurface, executed: &[ExecutedPose], radius_mm: f64) ->
             guess = at;
             let tangents = surface.tangents(at);
             let off = surface.unit_normal(&tangents).map(|normal| normal.mm.dot(&(point - tangents.point).mm));
-            if off.is_none_or(|height_mm| height_mm > CONTACT_MM) {
+            if off.is_none_or(|height_mm| height_mm > MAX_CONTACT_HEIGHT_MM) {
                 continue;
             }
             // Each end counts as half a step.
             let share = if step == 0 || step == count { 0.5 } else { 1.0 } / count as f64;
-            // In slanted parameters the disc extends over more than its radius: the height of a rhombus is its side
-            // times the sine.
+            // With slanted parameter lines the disc extends over more than its radius: the height of a rhombus is its
+            // side times the sine.
             let lengths = [tangents.s_u.mm.norm(), tangents.s_v.mm.norm()];
             let sine = tangents.area_mm2() / (lengths[0] * lengths[1]);
             let reach = lengths.map(|per_unit| 1.1 * radius_mm / (per_unit * sine));
@@ -248,12 +248,12 @@ fn grid_dwell(
 }
 
 impl Dwell {
-    /// Area of all grids that was under the disc, mm².
+    /// Returns the area of all grids that was under the disc, mm².
     pub fn under_disc_mm2(&self) -> f64 {
         self.grids.iter().fold(0.0, |sum, grid| sum + grid.area_where_mm2(|passes| passes > 0))
     }
 
-    /// Covered share of all grids, 0…1.
+    /// Returns the covered share of all grids, 0…1.
     pub fn share(&self) -> f64 {
         let (covered, all) = self.grids.iter().fold((0.0, 0.0), |(covered, all), grid| {
             (covered + grid.area_where_mm2(|passes| passes > 0), all + grid.area())
@@ -261,12 +261,12 @@ impl Dwell {
         covered / all
     }
 
-    /// The uniformity of the time under the disc over all grids; `None` if the disc reached nothing.
+    /// Returns the uniformity of the time under the disc over all grids; `None` if the disc reached nothing.
     pub fn spread(&self) -> Option<DwellSpread> {
         DwellSpread::from_times(self.grids.iter().flat_map(GridDwell::times))
     }
 
-    /// The longest time that any place was under the disc, s.
+    /// Returns the longest time that any place was under the disc, s.
     pub fn longest_s(&self) -> f64 {
         self.grids.iter().flat_map(|grid| &grid.dwell_s).fold(0.0, |most, dwell| f64::max(most, f64::from(*dwell)))
     }
@@ -289,14 +289,14 @@ impl AreaWeighted {
         AreaWeighted(sorted)
     }
 
-    /// The quantile of the numbers for this share of the area; `None` if there is no number.
+    /// Returns the quantile of the numbers for this share of the area; `None` if there is no number.
     pub fn quantile_by_area(&self, share: f64) -> Option<f64> {
         let mut left = share * self.0.iter().map(|(_, area)| area).sum::<f64>();
         let found = self.0.iter().find(|(_, area)| {
             left -= area;
             left <= 0.0
         });
-        // A rounding remainder is assigned to the largest number.
+        // If rounding leaves a remainder of the area, the largest number is returned.
         found.or(self.0.last()).map(|(number, _)| *number)
     }
 }
@@ -312,14 +312,14 @@ pub struct DwellSpread {
 }
 
 impl DwellSpread {
-    /// Computed from times in s, each with its area; `None` if nothing was under the disc.
+    /// Computes the quantiles from times in s, each with its area; `None` if nothing was under the disc.
     pub fn from_times(times: impl Iterator<Item = (f64, f64)>) -> Option<Self> {
         let treated = AreaWeighted::from_values(times.filter(|(time_s, _)| *time_s > 0.0));
         let [low_s, high_s] = SHARES.map(|share| treated.quantile_by_area(share));
         Some(DwellSpread { low_s: low_s?, high_s: high_s? })
     }
 
-    /// Returns the long time divided by the short time.
+    /// Returns the 95 % quantile divided by the 5 % quantile.
     pub fn ratio(&self) -> f64 {
         self.high_s / self.low_s
     }

@@ -2,16 +2,15 @@
 //!
 //! With weights w_q and basis functions N_n = N_i(u) N_j(v) of the control points c_n,
 //!     (A + λ P) c = b,   A_nm = Σ_q w_q N_n N_m,   b_n = Σ_q w_q N_n P_q,                              (1)
-//! P the sum of squared second differences of neighbouring control points over their Greville abscissae, along u
-//! and along v: zero for a flat net. λ is the one with the least unbiased estimate of the risk for noise σ,
+//! P the sum of squared second differences of neighbouring control points over their Greville abscissae, along u and
+//! along v: zero for a flat net. λ is the value with the smallest unbiased estimate of the risk for noise σ,
 //!     R(λ) = Σ_q w_q |S(u_q, v_q) − P_q|² + 2 σ² tr (A + λ P)⁻¹ A,                                      (2)
-//! searched in decades. The noise lies along the rays alone, hence one trace for three coordinates. Source of (2):
-//! Craven & Wahba, Numer. Math. 31, 1979, for a known σ.
+//! searched in decades. The noise acts only along the rays; therefore the trace counts once for the three coordinates.
+//! Source of (2): Craven & Wahba, Numer. Math. 31, 1979, for a known σ.
 //!
-//! The matrix is a symmetric positive definite band matrix; nalgebra does not have Cholesky's factorisation of these.
-//! A = L Lᵀ preserves the band: for half-width b the cost is n b² instead of n³/3. Row i contains its columns i − b
-//! … i. Only the band of the inverse Z is needed, for traces; it follows from Lᵀ Z = L⁻¹, column by column from the
-//! last:
+//! The matrix is a symmetric positive definite band matrix; nalgebra has no Cholesky factorisation for band matrices. A
+//! = L Lᵀ preserves the band: for half-width b the cost is n b² instead of n³/3. Row i contains its columns i − b … i.
+//! Only the band of the inverse Z is needed, for traces; it follows from Lᵀ Z = L⁻¹, column by column from the last:
 //!     Z_ij = (δ_ij / L_jj − Σ_{k>j} L_kj Z_ki) / L_jj,   i ≥ j.                                         (3)
 //! Source of (3): Erisman & Tinney, Comm. ACM 18(3), 1975.
 
@@ -21,17 +20,18 @@ use panelprep_base::geometry::basis::{DEGREE, KnotVector, SpanFunctions};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Control points that influence a span, along one parameter.
+/// Number of control points that influence a span, along one parameter.
 const SIDE: usize = DEGREE + 1;
-/// Control points that influence a pair of spans.
+/// Number of control points that influence a pair of spans.
 const LOCAL: usize = SIDE * SIDE;
-/// Pairs of functions of one span along one parameter, (0, 0), (1, 0), (1, 1), (2, 0) …
+/// Number of pairs of basis functions of one span along one parameter, (0, 0), (1, 0), (1, 1), (2, 0) …
 const PAIRS: usize = SIDE * (SIDE + 1) / 2;
-/// Decades of λ, relative to the mean diagonal elements of A and P. The smallest value still determines control
-/// points that no point of the scan influences.
+/// Range of the decades of λ, relative to the mean diagonal elements of A and P. Even the smallest value determines the
+/// control points that no point of the scan influences.
 const DECADES: std::ops::RangeInclusive<i32> = -8..=2;
-/// A pivot below this share of its diagonal element is rounding: the matrix is singular.
-const SINGULAR: f64 = 1e-12;
+/// Smallest pivot as a share of its diagonal element; below this, the pivot is a rounding error and the matrix is
+/// singular.
+const MIN_PIVOT_SHARE: f64 = 1e-12;
 
 /// The contribution of one pair of spans. With N_n = N_a(u) N_b(v), the sums of N_n N_m are the sums of the
 /// products of a pair along u with a pair along v.
@@ -50,7 +50,7 @@ pub(super) struct SurfaceEquations {
     roughness: BandMatrix,
 }
 
-/// Control points with the smoothing with which they were computed.
+/// The control points, and the smoothing with which they were computed.
 pub(super) struct Solution {
     pub controls: Vec<Vector3<f64>>,
     /// λ, relative.
@@ -97,12 +97,12 @@ impl SurfaceEquations {
         equations
     }
 
-    /// Returns the solution with the least smoothing; on failure the row that is not determined.
+    /// Returns the solution with the smallest smoothing; on failure, the row that is not determined.
     pub fn solve_plain(&self) -> Result<Solution, usize> {
         Ok(self.solve(*DECADES.start(), 0.0)?.0)
     }
 
-    /// The solution with the smoothing that noise of `noise_mm` requires.
+    /// Returns the solution with the smoothing that noise of `noise_mm` requires.
     pub fn solve_smoothed(&self, noise_mm: f64) -> Result<Solution, usize> {
         let mut best = self.solve(*DECADES.start(), noise_mm)?;
         for decade in DECADES.skip(1) {
@@ -162,7 +162,7 @@ impl Block {
     }
 }
 
-/// Returns coefficients power by power: [k][r] is that of t^k in N_r.
+/// Returns the coefficients by powers: [k][r] is that of t^k in N_r.
 fn columns(functions: &SpanFunctions) -> [[f64; SIDE]; SIDE] {
     std::array::from_fn(|k| std::array::from_fn(|r| functions.coefficients[r][k]))
 }
@@ -237,7 +237,7 @@ impl BandMatrix {
         BandMatrix { size, half_width, lower: vec![0.0; size * (half_width + 1)] }
     }
 
-    /// Adds to the element at `row` and `column`, which lies in the lower half of the band.
+    /// Adds a value to the element at `row` and `column`, which lies in the lower half of the band.
     pub fn add(&mut self, row: usize, column: usize, value: f64) {
         let index = self.index(row, column);
         self.lower[index] += value;
@@ -249,7 +249,7 @@ impl BandMatrix {
         BandMatrix { lower, ..*self }
     }
 
-    /// Sum of the diagonal.
+    /// Returns the sum of the diagonal.
     pub fn trace(&self) -> f64 {
         (0..self.size).map(|row| self.lower[self.index(row, row)]).sum()
     }
@@ -287,7 +287,7 @@ impl BandMatrix {
             let rest = self.lower[mine + count] - product;
             self.lower[mine + count] = if column < row {
                 rest / self.lower[above + count]
-            } else if rest > SINGULAR * diagonal {
+            } else if rest > MIN_PIVOT_SHARE * diagonal {
                 rest.sqrt()
             } else {
                 return Err(row);
@@ -362,7 +362,7 @@ mod tests {
 
     /// Calculated by hand: [[4, 2], [2, 5]] x = (8, 9) has x = (11/8, 5/4).
     #[test]
-    fn two_by_two() {
+    fn a_system_of_two_equations_by_hand() {
         let mut matrix = BandMatrix::zero(2, 1);
         for (row, column, value) in [(0, 0, 4.0), (1, 0, 2.0), (1, 1, 5.0)] {
             matrix.add(row, column, value);

@@ -1,4 +1,4 @@
-//! The surface of a taught region, with its deviation.
+//! Fits the surface of a taught region, and states its deviation from the scan.
 //!
 //! Minimises Σ_q w_q |S(u_q, v_q) − P_q|² over the control points (Eq. 4.12), P_q the scan's points, smoothed as
 //! the noise requires (`equations`). A point affects only the (k + 1)(l + 1) control points of its span, so the
@@ -8,9 +8,9 @@
 //!     w = (1 − (r / c)²)² for |r| < c = 4.685 σ, else 0,
 //! after a first fit with w = 1, and again until σ settles: flying points lose their influence. A point of weight 0
 //! counts as missing. The white noise is derived from second differences of r between neighbouring pixels, which no
-//! smooth misfit and no slow error of the camera affects. Missing points are not invented: a hole larger than the
-//! recipe allows is an error, and so are a fold and a poor fit. Source of the weights: Beaton & Tukey,
-//! Technometrics 16(2), 1974.
+//! smooth misfit and no slow error of the camera affects. Missing points are not filled in: a hole larger than the
+//! recipe allows is an error, and so are a fold and a poor fit. Source of the weights: Beaton & Tukey, Technometrics
+//! 16(2), 1974.
 
 use super::bspline::BSplineSurface;
 use super::equations::{Solution, SurfaceEquations};
@@ -28,15 +28,15 @@ use rayon::prelude::*;
 const MIN_SCALE_MM: f64 = 0.001;
 /// Largest number of weighted fits; two are usual.
 const MAX_ROUNDS: usize = 4;
-/// The iteration ends when a round leaves σ above this share of its previous value.
+/// The iteration ends when σ stays above this share of its previous value.
 const CONVERGENCE_RATIO: f64 = 0.9;
 
 /// The scan's distance from the surface, along the surface's normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Deviation {
-    /// Points in the fit, rejected ones not counted.
+    /// Number of points in the fit, without the rejected ones.
     pub points: usize,
-    /// Number of points of the region with weight zero: farther off than 4.685 σ.
+    /// Number of points of the region with weight zero, which are farther from the surface than 4.685 σ.
     pub rejected: usize,
     /// Root mean square over the points in the fit, mm.
     pub rms_mm: f64,
@@ -44,7 +44,7 @@ pub struct Deviation {
     pub p95_mm: f64,
     /// The largest distance of a point in the fit, mm.
     pub largest_mm: f64,
-    /// The scan's white noise along the normal, σ, mm: `rms_mm` has this value for a perfect surface.
+    /// The scan's white noise along the normal, σ, mm: for a perfect surface, `rms_mm` equals this value.
     pub noise_mm: f64,
     /// The smoothing λ that this noise required, relative to the data; 0 in the thesis's method.
     pub smoothing: f64,
@@ -234,7 +234,7 @@ impl FitInputs<'_> {
         if size_mm > limit_mm { Err(FitError::Hole { at, size_mm, limit_mm }) } else { Ok(()) }
     }
 
-    /// The state of each pixel; with residuals, also its distance from the surface.
+    /// Returns the state of each pixel and, if residuals are given, its distance from the surface.
     fn map(&self, residuals: Option<(&[Vec<f64>], f64)>) -> DeviationMap {
         let samples = self.samples;
         let of_pixel = |inside: &bool| if *inside { MapPixel::Missing } else { MapPixel::Outside };
@@ -277,15 +277,15 @@ fn noise_mm(samples: &Samples, residuals: &[Vec<f64>]) -> f64 {
         let neighbours =
             |three: &&[Sample]| three[1].pixel == three[0].pixel + 1 && three[2].pixel == three[0].pixel + 2;
         let bends = band.windows(3).zip(residuals.windows(3)).step_by(3);
-        // A row's last pixels and the next row's first pixels have consecutive numbers but are not neighbours: too
-        // few to matter.
+        // The last pixels of a row and the first ones of the next row have consecutive numbers but are not neighbours;
+        // they are too few to matter.
         bends.filter(|(three, _)| neighbours(three)).map(|(_, r)| (r[0] - 2.0 * r[1] + r[2]).abs()).collect()
     };
     let of_bands: Vec<Vec<f64>> = samples.bands.par_iter().zip(residuals).map(of_band).collect();
     SIGMA_OF_MEDIAN * quantile(&mut of_bands.concat(), 0.5) / 6.0_f64.sqrt()
 }
 
-/// Returns σ of normal noise with the same median deviation, mm.
+/// Returns σ of normally distributed noise with the same median absolute deviation, mm.
 fn scale_mm(residuals: &[Vec<f64>]) -> f64 {
     let mut sizes: Vec<f64> = residuals.iter().flatten().map(|r| r.abs()).collect();
     (SIGMA_OF_MEDIAN * median(&mut sizes).unwrap_or(0.0)).max(MIN_SCALE_MM)

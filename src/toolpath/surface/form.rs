@@ -1,4 +1,5 @@
-//! The form of today's panel as an inspector knows it: profile of the surface, and flatness, each with its uncertainty.
+//! Computes the form of today's panel in the terms of metrology: profile of the surface, and flatness, each with its
+//! uncertainty.
 //!
 //! The region is divided into places of about 20 mm. A place with most of its points on today's surface has the
 //! deviation
@@ -37,14 +38,14 @@ use super::today::{CellRaster, TodaysPoint, TodaysSurfaceFit};
 use panelprep_base::geometry::statistics::NORMAL_TWO_SIDED_95;
 use panelprep_base::geometry::{Panel, PlaneZone, Point, PoseUncertainty};
 
-/// Approximate side of a place, mm: wide enough for the mean of many points, narrower than a hand's dent.
+/// Approximate side of a place, mm: wide enough for the mean of many points, narrower than a dent made by a hand.
 const PLACE_MM: f64 = 20.0;
 /// Smallest number of points in a place, so that their mean and their scatter are known.
 const MIN_POINTS: u32 = 8;
 /// Smallest number of places of a form.
 const MIN_PLACES: usize = 4;
-/// A panel whose nominal surface has a wider zone is not a flat one, mm.
-const FLAT_NOMINAL_MM: f64 = 0.2;
+/// Largest flatness zone of the nominal surface for which the panel counts as flat, mm.
+const MAX_NOMINAL_FLATNESS_MM: f64 = 0.2;
 
 /// The points of the scan in which the panel was located, and the errors with which they are known.
 #[derive(Debug, Clone, Default)]
@@ -69,7 +70,7 @@ pub struct FormErrors {
 pub struct Measured {
     /// The value, mm.
     pub value_mm: f64,
-    /// 95 % of the errors are smaller, mm.
+    /// Uncertainty, mm: 95 % of the errors are smaller.
     pub uncertainty_mm: f64,
 }
 
@@ -89,7 +90,7 @@ pub struct FormPlace {
 pub struct Flatness {
     /// The minimum zone.
     pub zone: Measured,
-    /// The zone about the plane of least squares, an upper bound, mm.
+    /// The zone about the least-squares plane, mm: an upper bound of the minimum zone.
     pub least_squares_mm: f64,
     /// The minimum zone of the nominal surface at the same places, mm.
     pub nominal_mm: f64,
@@ -98,11 +99,11 @@ pub struct Flatness {
 impl Flatness {
     /// Returns whether the nominal panel is flat.
     pub fn is_nominal_flat(&self) -> bool {
-        self.nominal_mm <= FLAT_NOMINAL_MM
+        self.nominal_mm <= MAX_NOMINAL_FLATNESS_MM
     }
 }
 
-/// The form of today's panel over the part of the region that was seen.
+/// The form of today's panel over the part of the region that the scan shows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Form {
     /// Twice the largest deviation.
@@ -157,30 +158,30 @@ impl Form {
         })
     }
 
-    /// The largest uncertainty of the deviation at a place, 95 %, mm.
+    /// Returns the largest uncertainty of the deviation at a place, 95 %, mm.
     pub fn largest_uncertainty_mm(&self) -> f64 {
         self.places.iter().map(|place| place.deviation.uncertainty_mm).fold(0.0, larger)
     }
 }
 
 impl Measured {
-    /// Returns the value with the other sign.
+    /// Returns the value with the opposite sign.
     fn reversed(self) -> Measured {
         Measured { value_mm: -self.value_mm, ..self }
     }
 
-    /// Returns whether the value surely meets an upper limit, mm.
+    /// Returns whether the value, with its uncertainty, is within an upper limit, mm.
     pub fn is_surely_within(&self, limit_mm: f64) -> bool {
         self.value_mm + self.uncertainty_mm <= limit_mm
     }
 
-    /// Returns whether the value surely exceeds an upper limit, mm.
+    /// Returns whether the value, with its uncertainty, exceeds an upper limit, mm.
     pub fn is_surely_beyond(&self, limit_mm: f64) -> bool {
         self.value_mm - self.uncertainty_mm > limit_mm
     }
 }
 
-/// Returns the larger number, and NaN if one of them is NaN: a number that is not known is not the smaller one.
+/// Returns the larger number, and NaN if one of them is NaN: an unknown number must not be ignored as the smaller one.
 fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
 }
@@ -332,8 +333,8 @@ mod tests {
         assert!((round.nominal_mm - 21.7).abs() < 1.0 && !round.is_nominal_flat(), "{round:?}");
     }
 
-    /// A tilt of the whole panel is no deviation of form: the plane 0.4 u − 0.2 has the flatness of its noise, and its
-    /// profile counts it, since the localization is what removes it.
+    /// A tilt of the whole panel does not change its flatness: the plane 0.4 u − 0.2 has the flatness of its noise, and
+    /// its profile includes the tilt, because only the localization removes a tilt.
     #[test]
     fn a_tilt_is_flat() {
         let found = form(Shape::Plane, |at| 0.4 * at.u - 0.2);
@@ -345,13 +346,13 @@ mod tests {
 
     /// A dent of 40 mm that is 0.2 mm deep is narrower than the smooth correction follows, and its full depth counts.
     #[test]
-    fn a_narrow_dent_counts() {
+    fn a_narrow_dent_counts_with_its_full_depth() {
         let is_dent = |at: Parameter| (at.u - 0.5).abs() < 20.0 / 280.0 && (at.v - 0.5).abs() < 21.0 / 168.0;
         let found = form(Shape::Plane, |at| if is_dent(at) { -0.2 } else { 0.0 });
         assert!((found.behind.value_mm + 0.2).abs() < 0.03, "{:?}", found.behind);
     }
 
-    /// What is hidden has no value, and lowers the share that was seen. By hand: a clamp over 2 of 14 by 2 of 8 places
+    /// Hidden places have no value and lower the share that was seen. By hand: a clamp over 2 of 14 by 2 of 8 places
     /// leaves 108 of 112, 96.4 %.
     #[test]
     fn hidden_places_are_not_counted() {
@@ -383,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn a_limit_inside_of_the_uncertainty_is_not_decided() {
+    fn a_limit_within_the_uncertainty_is_neither_met_nor_exceeded() {
         let measured = Measured { value_mm: 0.5, uncertainty_mm: 0.1 };
         assert!(measured.is_surely_within(0.6) && !measured.is_surely_within(0.59));
         assert!(measured.is_surely_beyond(0.39) && !measured.is_surely_beyond(0.41));

@@ -1,5 +1,5 @@
-//! Maps of the surface: the deviation of a fit, with the places at which points are missing; and a number at each
-//! position of some grids, such as a depth, ready to be drawn.
+//! Maps of the surface: the deviation of a fit, with the places at which points are missing; and fields for drawing,
+//! with a value such as a depth at each position of some grids.
 
 use super::bspline::Parameter;
 use super::samples::Window;
@@ -70,12 +70,12 @@ impl DeviationMap {
         self.window.width()
     }
 
-    /// The state of each pixel, row by row.
+    /// Returns the state of each pixel, row by row.
     pub fn pixels(&self) -> &[MapPixel] {
         &self.pixels
     }
 
-    /// Returns a map of the same region, in which each pixel of the region has the state that `says` returns.
+    /// Returns a map of the same region, in which each pixel of the region has the state that the function returns.
     pub(super) fn fill_region(&self, says: impl Fn(Pixel) -> MapPixel) -> Self {
         let one = |(index, pixel): (usize, &MapPixel)| match pixel {
             MapPixel::Outside => MapPixel::Outside,
@@ -84,13 +84,13 @@ impl DeviationMap {
         DeviationMap { pixels: self.pixels.iter().enumerate().map(one).collect(), ..self.clone() }
     }
 
-    /// Size of a pixel on the panel, mm, in the middle of the region.
+    /// Returns the size of a pixel on the panel in the middle of the region, mm.
     pub fn mm_per_px(&self) -> f64 {
         self.mm_per_px
     }
 
-    /// Side, px, and middle of the largest square of the region in which no pixel has a point in the fit; 0 if
-    /// there is none.
+    /// Returns the side, px, and the middle of the largest square of the region in which no pixel has a point in the
+    /// fit; the side is 0 if there is none.
     pub(super) fn largest_hole(&self) -> (usize, Pixel) {
         let squares = self.squares();
         let largest = squares.iter().enumerate().fold(
@@ -110,7 +110,8 @@ impl DeviationMap {
         let width = self.width();
         let mut reach: Vec<u32> =
             self.squares().into_iter().map(|side| if side >= least { side } else { 0 }).collect();
-        // A square of side s that ends at a pixel contains the s − 1 pixels before it along rows, columns and both.
+        // A square of side s that ends at a pixel contains the s − 1 pixels before it along the row, along the column,
+        // and diagonally.
         for index in (0..reach.len()).rev() {
             let (last_column, last_row) = ((index + 1) % width == 0, index + width >= reach.len());
             let right = if last_column { 0 } else { reach[index + 1] };
@@ -129,7 +130,7 @@ impl DeviationMap {
     }
 }
 
-/// One grid, sample by sample, row by row.
+/// The values on one grid, at each sample, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GridField {
     /// The grid.
@@ -140,7 +141,7 @@ pub struct GridField {
     pub values: Vec<Option<f32>>,
 }
 
-/// Some grids of a region.
+/// The values on some grids of a region.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
     /// Grid by grid.
@@ -153,8 +154,8 @@ pub struct Field {
 mod tests {
     use super::*;
 
-    /// By hand: in 6 × 5 pixels a hole of 3 × 2 that contains a rejected pixel; the largest square is 2 × 2 and the
-    /// corner at (4, 2) makes a second one.
+    /// By hand: 6 × 5 pixels have a hole of 3 × 2 pixels that contains a rejected pixel. The largest square is 2 × 2,
+    /// and there is a second one at (4, 2).
     #[test]
     fn the_largest_hole_is_a_square_of_missing_and_rejected_pixels() {
         let (fits, missing) = (MapPixel::Fits { mm: 0.1 }, MapPixel::Missing);
@@ -165,7 +166,8 @@ mod tests {
         pixels[2 * 6 + 2] = MapPixel::Rejected { mm: -2.0 };
         let mut map = DeviationMap { window: Window { columns: 100..106, rows: 50..55 }, pixels, mm_per_px: 2.0 };
         assert_eq!(map.largest_hole(), (2, Pixel::at(101.5, 51.5)));
-        // Squares of 4 mm: both squares of the hole are found, all six pixels; no larger square.
+        // With squares of 4 mm, both squares and thus all six pixels of the hole are found; a larger square is not
+        // found.
         let text = "panel = \"p\"\nregion = { corners_px = [[100, 50], [106, 50], [106, 55], [100, 55]], rows = 1, \
                     columns = 1 }\nlocate.box_min_mm = [0, 0, 0]\nlocate.box_max_mm = [1, 1, 1]\n";
         let recipe = panelprep_cell::recipe::Recipe::check("f", text).unwrap_or_else(|e| panic!("{e}"));

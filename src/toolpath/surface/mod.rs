@@ -2,9 +2,9 @@
 //!
 //! The thesis uses raw scan points as control points; such a surface contains the camera's noise and does not pass
 //! through the scan. Here the control points minimise the surface's deviation from the scan, and the deviation is
-//! reported. The thesis's method can be chosen for comparison. `today` corrects the surface by the scan in which
-//! the panel was located, and `form` states its profile and flatness. `dwell` computes from executed or planned
-//! poses how long the disc was on each point of the surface. This module does not know how paths are planned.
+//! reported. The thesis's method can be chosen for comparison. `today` corrects the surface by the scan in which the
+//! panel was located, and `form` states its profile and flatness. `dwell` computes the time under the disc at each
+//! point of the surface from executed or planned poses. Paths are planned in `path`.
 
 mod bspline;
 pub mod dwell;
@@ -83,11 +83,11 @@ mod tests {
         }
     }
 
-    /// The neighbours of a flying point must not follow it: without weights, points that fly by up to 2 mm would raise
-    /// the error fourteenfold. Removing the second fit makes this test fail. Smoothing does not make a noisy plane
+    /// The neighbours of a flying point must not follow it: without weights, flying points with errors up to 2 mm would
+    /// raise the error by a factor of 14. Without the second fit this test fails. Smoothing does not make a noisy plane
     /// worse, and does not improve an exact saddle.
     #[test]
-    fn noise_asks_for_smoothing_and_an_exact_scan_for_none() {
+    fn noise_requires_smoothing_and_an_exact_scan_none() {
         let noisy =
             fitted(Shape::Plane, ScanDefects { noise_mm: 0.1, ..ScanDefects::default() }, "").expect("a surface");
         let exact = fitted(Shape::Saddle, ScanDefects::default(), "").expect("a surface");
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_scan_does_not_show_is_refused() {
+    fn a_scan_with_missing_points_is_refused() {
         let hole = |hole_px| ScanDefects { noise_mm: 0.02, hole_px, ..ScanDefects::default() };
         let small = fitted(Shape::Plane, hole(3.0), "").expect("a small hole is bridged");
         assert!(small.deviation.missing_percent > 0.1);
@@ -131,8 +131,8 @@ mod tests {
         assert!(matches!(fine, Err(FitError::TooFine { .. })), "{fine:?}");
     }
 
-    /// A band of 40 px with points in reverse order: the surface folds there, and the refusal states the place, with a
-    /// picture.
+    /// In a band of 40 px the points are in reverse order: the surface folds there, and the refusal states the place
+    /// and contains a picture.
     #[test]
     fn a_fold_is_refused_with_its_picture() {
         let recipe = recipe(Shape::Plane, "[surface]\nmax_rms_mm = 5\n");

@@ -1,15 +1,15 @@
 //! Parts of the region's surface: patches, points spread over a patch, and the places that a path treats.
 //!
-//! A grid is a patch of the region's single surface: a box of parameters. Neighbouring grids join as smoothly as
+//! A grid is a patch of the region's single surface: a rectangle of parameters. Neighbouring grids join as smoothly as
 //! the surface itself. A separate surface for each grid, as in the thesis's Fig. 4.22, would not achieve this. The
-//! effects of a path are calculated at points spread evenly over a patch. A path treats whole grids, or boxes of the
-//! surface around broken places.
+//! effects of a path are calculated at points spread evenly over a patch. A path treats whole grids, or rectangular
+//! patches around breaks.
 
 use super::bspline::{BSplineSurface, Parameter};
 use panelprep_cell::panel::{GridId, Region};
 
-/// The places that a path treats, with the grids in which they lie: a grid is the address under which the record
-/// names a place and counts its abrasions.
+/// The places that a path treats, with the grids in which they lie: in the record, a place is identified by its grid,
+/// and abrasions are counted for each grid.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Treated {
     grids: Vec<GridId>,
@@ -34,36 +34,36 @@ impl Treated {
         Treated { broken, uncertainty_mm: self.uncertainty_mm, ..Treated::from_grids(grids) }
     }
 
-    /// Treats these areas, and names the broken places that lie in them. The grids are those into which an area
-    /// extends, row by row.
+    /// Creates the treatment of these areas, with the broken places that lie in them. Its grids are those into which an
+    /// area extends, row by row.
     pub fn from_areas(region: &Region, areas: Vec<ParameterPatch>, broken: Vec<Parameter>) -> Self {
         let extends_into = |id: &GridId| areas.iter().any(|area| area.part_in(region, *id).is_some());
         let grids = region.ids().filter(extends_into).collect();
         Treated { grids, areas: Some(areas), broken: Some(broken), uncertainty_mm: 0.0 }
     }
 
-    /// With this uncertainty of the broken places on the panel, mm.
+    /// Sets the uncertainty of the broken places on the panel, mm.
     #[must_use]
     pub fn with_uncertainty_mm(self, uncertainty_mm: f64) -> Self {
         Treated { uncertainty_mm, ..self }
     }
 
-    /// The uncertainty of the broken places on the panel, mm.
+    /// Returns the uncertainty of the broken places on the panel, mm.
     pub fn uncertainty_mm(&self) -> f64 {
         self.uncertainty_mm
     }
 
-    /// The grids in which the places lie.
+    /// Returns the grids in which the places lie.
     pub fn grids(&self) -> &[GridId] {
         &self.grids
     }
 
-    /// The areas that are treated; `None` if whole grids are treated.
+    /// Returns the areas that are treated; `None` if whole grids are treated.
     pub fn areas(&self) -> Option<&[ParameterPatch]> {
         self.areas.as_deref()
     }
 
-    /// The broken places that are to be reached; `None` if the recipe asks for whole grids.
+    /// Returns the broken places that the disc must reach; `None` if the recipe states that whole grids are treated.
     pub fn broken(&self) -> Option<&[Parameter]> {
         self.broken.as_deref()
     }
@@ -100,7 +100,7 @@ impl SampleGrid {
         self.columns * self.rows
     }
 
-    /// The parameters of a point; points are counted row by row.
+    /// Returns the parameters of a point; points are counted row by row.
     pub fn parameter_at(&self, place: usize) -> Parameter {
         let share = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;
         self.patch.parameter_at(Parameter {
@@ -109,7 +109,7 @@ impl SampleGrid {
         })
     }
 
-    /// The area in the parameters that belongs to each point. Multiplied by the surface's area for a unit of the
+    /// Returns the area of each point's cell in the parameters. Multiplied by the surface's area for a unit of the
     /// parameters there, it gives the area in mm².
     pub fn cell(&self) -> f64 {
         let [size_u, size_v] = sizes(self.patch);
@@ -149,7 +149,7 @@ pub struct ParameterPatch {
 }
 
 impl ParameterPatch {
-    /// The patch of one grid; `None` if the region has no such grid.
+    /// Returns the patch of one grid; `None` if the region has no such grid.
     pub fn for_grid(region: &Region, id: GridId) -> Option<Self> {
         let known = (1..=region.rows).contains(&id.row) && (1..=region.columns).contains(&id.column);
         known.then(|| {
@@ -213,7 +213,7 @@ mod tests {
     /// Calculated by hand: u from 0.15 to 0.25 meets columns 1 and 2, v from 0.4 meets row 2; a box beside the
     /// patch meets none.
     #[test]
-    fn a_box_meets_the_places_around_it() {
+    fn a_box_selects_the_places_around_it() {
         let patch = ParameterPatch { low: Parameter { u: 0.0, v: 0.0 }, high: Parameter { u: 0.5, v: 0.5 } };
         let net = SampleGrid::from_patch(&plane(), patch, 11.0);
         let around = |u: [f64; 2], v: [f64; 2]| {

@@ -1,13 +1,13 @@
 //! The taught pixels for the fit of a surface, each with its knot span, and the reason why a scan does not determine a
 //! surface, as text for the person who teaches.
 //!
-//! A pixel's position in the region, (s, t) = H⁻¹ (pixel), is its parameter (u, v). Range noise moves a point along
-//! its ray and therefore does not change its parameter. The knots begin slightly outside of the region: points
-//! beyond its border, if there are any, support the surface's edge as well as its middle.
+//! A pixel's position in the region, (s, t) = H⁻¹ (pixel), is its parameter (u, v). Range noise moves a point along its
+//! ray and therefore does not change its parameter. The knots extend slightly beyond the region: points beyond its
+//! border, if there are any, support the surface's edge as well as its middle.
 //!
 //! In the thesis's method (4.5) points of the scan are the control points. The scan is too dense to use every point as
-//! a control point. Each control point is therefore the scan's point nearest to its Greville abscissa. The surface then
-//! follows the scan, contains its noise, and flattens every bulge. The method is included only for comparison.
+//! a control point. Each control point is therefore the scan's point nearest to its Greville abscissa. This surface
+//! contains the scan's noise and flattens every bulge. The method is included only for comparison.
 
 use super::bspline::{Parameter, SurfaceError};
 use nalgebra::{Point2, Vector3};
@@ -19,13 +19,13 @@ use panelprep_cell::panel::{Region, TaughtPanel};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Smallest number of pixels that determine a pair of spans.
+/// Smallest number of pixels that determine the surface in a pair of spans.
 pub(super) const MIN_PIXELS: usize = (DEGREE + 1) * (DEGREE + 1);
 /// Extent of the knots beyond the region, in spans.
 const MARGIN_SPANS: f64 = 0.25;
 /// Number of points on a line across the region at which its length is measured.
 const LENGTH_STEPS: usize = 16;
-/// Rows of the picture that are processed as one piece, independent of the number of threads.
+/// Number of the picture's rows in one band, which is processed as one unit whatever the number of threads.
 const BAND_ROWS: usize = 16;
 
 /// One point of the scan with its span.
@@ -33,7 +33,7 @@ const BAND_ROWS: usize = 16;
 pub(super) struct Sample {
     /// Pixel in the window.
     pub pixel: u32,
-    /// Pair of spans, u slowest.
+    /// Index of the pair of spans, u slowest.
     pub cell: u32,
     /// Position in the spans, 0…1 each.
     pub local: [f64; 2],
@@ -68,7 +68,7 @@ pub(super) struct Samples {
     pub bands: Vec<Vec<Sample>>,
     /// Whether each pixel of the window is inside the region.
     pub inside: Vec<bool>,
-    /// Number of pixels inside the region, by pair of spans.
+    /// Number of pixels inside the region for each pair of spans.
     pub pixels: Vec<usize>,
     /// Number of pixels inside the region with a point on the panel, for all pairs together.
     pub points: usize,
@@ -78,7 +78,7 @@ pub(super) struct Samples {
 pub(super) fn knots(sides_mm: [f64; 2], spacing_mm: f64) -> Result<[KnotVector; 2], KnotError> {
     let along = |length_mm: f64| {
         let spans = (length_mm / spacing_mm + 2.0 * MARGIN_SPANS).ceil().max(1.0);
-        // spans · h = 1 + 2 margins of MARGIN_SPANS · h each
+        // With the span h: spans · h = 1 + 2 · MARGIN_SPANS · h.
         let margin = MARGIN_SPANS / (spans - 2.0 * MARGIN_SPANS);
         KnotVector::uniform(DEGREE, spans as usize, -margin..=1.0 + margin)
     };
@@ -136,7 +136,7 @@ impl Samples {
         }
     }
 
-    /// The parameters of a sample on the surface.
+    /// Returns the parameters of a sample on the surface.
     pub fn sample_parameter(&self, sample: &Sample) -> Parameter {
         let [span_u, span_v] = self.spans(sample.cell as usize);
         let along = |functions: &SpanFunctions, share: f64| functions.start + functions.length * share;
@@ -238,7 +238,7 @@ pub enum FitError {
     TooFine {
         /// The recipe's spacing, mm.
         spacing_mm: f64,
-        /// Number of pixels in the span with the fewest.
+        /// Number of pixels in the span with the fewest pixels.
         pixels: usize,
         /// The span's middle in the taught picture.
         at: Pixel,
@@ -275,7 +275,7 @@ pub enum FitError {
     Missing {
         /// Share of missing points, percent.
         percent: f64,
-        /// Largest valid share, percent.
+        /// Limit of this share, percent.
         limit_percent: f64,
     },
     /// The points do not determine a control point.
@@ -284,16 +284,16 @@ pub enum FitError {
         /// The control point's position in the taught picture.
         at: Pixel,
     },
-    /// The surface turns its back to the camera.
-    #[error("the surface folds at ({:.0}, {:.0}) px: its normal turns away from the camera", at.u, at.v)]
+    /// The surface folds: its normal turns away from the camera.
+    #[error("the surface folds at ({:.0}, {:.0}) px: its normal turns away from the camera; scan again", at.u, at.v)]
     Fold {
         /// The place, in the taught picture.
         at: Pixel,
     },
     /// The deviation is too large.
     #[error(
-        "the scan is {} mm rms off the surface (limit {} mm, [surface] max_rms_mm); its noise is {} mm; a smaller \
-         control_spacing_mm follows a rougher panel", distinguishable_texts(*rms_mm, *limit_mm, 3)[0], distinguishable_texts(*rms_mm, *limit_mm, 3)[1],
+        "the scan deviates from the surface by {} mm rms (limit {} mm, [surface] max_rms_mm); its noise is {} mm; \
+         if the panel has smaller features, reduce control_spacing_mm", distinguishable_texts(*rms_mm, *limit_mm, 3)[0], distinguishable_texts(*rms_mm, *limit_mm, 3)[1],
         fixed_decimals(*noise_mm, 3)
     )]
     PoorFit {
@@ -313,8 +313,8 @@ pub enum FitError {
 }
 
 impl FitError {
-    /// Returns the check that the scan does not meet, with its limit and the rejection that follows; if no limit is
-    /// the cause, the check contains only the rejection.
+    /// Returns the check that the scan does not meet, with its limit and the rejection; if the cause is not a limit,
+    /// the check contains only the rejection.
     pub fn failed_check(&self) -> Check {
         let rejects =
             |check: Check| check.with_consequence_if(true, Severity::Reject, "no_surface", || self.to_string());

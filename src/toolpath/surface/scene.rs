@@ -12,11 +12,11 @@ use rand_pcg::Pcg64Mcg;
 pub enum Shape {
     /// A tilted plane.
     Plane,
-    /// Axis along y, bulging towards the camera, radius 400 mm.
+    /// A cylinder with its axis along y and a radius of 400 mm, convex towards the camera.
     Cylinder,
-    /// Radius 600 mm, hollow towards the camera.
+    /// A sphere with a radius of 600 mm, concave towards the camera.
     Sphere,
-    /// Bulging along x, hollow along y.
+    /// A saddle, convex along x and concave along y.
     Saddle,
 }
 
@@ -64,7 +64,8 @@ pub struct ScanDefects {
     pub missing: f64,
     /// Half-width of a square hole in the grid r2c2, px.
     pub hole_px: f64,
-    /// Half-width of a band in the picture's middle in which the points run backwards, px: the scan of a fold.
+    /// Half-width of a band in the picture's middle in which the points are in reverse order, px, as in the scan of a
+    /// fold.
     pub fold_px: f64,
 }
 
@@ -126,8 +127,8 @@ pub fn taught(shape: Shape, spoil: ScanDefects, recipe: &Recipe) -> TaughtPanel 
     TaughtPanel::learn(&cloud, LENS, base_from_camera, recipe).unwrap_or_else(|e| panic!("{e}"))
 }
 
-// The point that a pixel shows where the surface is folded: backwards by half a pixel for each pixel in the band,
-// and forwards again on both sides of the band, so that no neighbours are far from each other.
+// Returns the point that a pixel shows if the surface is folded: in the band the points run backwards by half a pixel
+// for each pixel, and on both sides of the band forwards again, so that neighbours are never far from each other.
 fn fold_pixel(pixel: Pixel, fold_px: f64) -> Pixel {
     let from_middle = pixel.u - LENS.cx_px;
     let (size, side) = (from_middle.abs(), from_middle.signum());
@@ -139,7 +140,7 @@ fn fold_pixel(pixel: Pixel, fold_px: f64) -> Pixel {
     Pixel::at(LENS.cx_px + side * shown, pixel.v)
 }
 
-// Newton's method along the ray.
+// Returns the depth along a ray, by Newton's method.
 fn depth(shape: Shape, ray: Vector3<f64>) -> Option<f64> {
     let mut depth = 700.0;
     for _ in 0..50 {

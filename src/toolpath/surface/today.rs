@@ -1,10 +1,10 @@
-//! Today's surface: the taught surface with a smooth correction by the scan in which the panel was located.
+//! Computes today's surface: the taught surface, smoothly corrected by the scan in which the panel was located.
 //!
-//! The found pose moves a point P of that scan to the panel's frame. The taught camera sees the point in a pixel,
-//! which gives its parameters (u, v). There, r = N(u, v) · (P − S(u, v)) is the distance of today's panel in front
-//! of the taught panel. The correction c(u, v) is the smooth field that follows r (`geometry/smooth_field`). Each
-//! control point of the surface is moved along the normal at its Greville abscissa, until the surface there is
-//! moved by c. For this the region is divided into cells of about the same side, row by row.
+//! The found pose moves a point P of that scan to the panel's frame. The taught camera sees the point in a pixel, which
+//! gives its parameters (u, v). There, r = N(u, v) · (P − S(u, v)) is the distance of today's panel in front of the
+//! taught panel. The correction c(u, v) is a smooth field that is fitted to r (`geometry/smooth_field`). Each control
+//! point of the surface is moved along the normal at its Greville abscissa, until the surface there is moved by c. The
+//! region is divided into cells with sides of about the same length, stored row by row.
 
 use super::bspline::{BSplineSurface, Parameter, SurfaceError};
 use super::map::{DeviationMap, MapPixel};
@@ -38,12 +38,12 @@ pub struct TodaysPoint {
 }
 
 impl TodaysPoint {
-    /// The point in the panel's frame.
+    /// Returns the point in the panel's frame.
     pub fn position(&self) -> Point<Panel> {
         Point::new(self.point.mm.into())
     }
 
-    /// Its parameters on the taught surface.
+    /// Returns the point's parameters on the taught surface.
     pub fn parameter(&self) -> Parameter {
         self.at
     }
@@ -60,7 +60,7 @@ pub struct TodaysSurfaceFit {
     pub rms_mm: f64,
     /// The share of the region in which most points belong to other objects, or no point was seen, percent.
     pub missing_percent: f64,
-    /// Side of the largest square without visible surface, mm.
+    /// Side of the largest square in which the surface is not visible, mm.
     pub largest_hole_mm: f64,
     /// Distance of the surface in front of the taught surface, pixel by pixel; missing if no point was seen.
     pub map: DeviationMap,
@@ -68,10 +68,10 @@ pub struct TodaysSurfaceFit {
     pub(super) measured: MeasuredHeights,
 }
 
-/// The points' distances in front of the taught surface, and the field that follows them.
+/// The points' distances in front of the taught surface, and the field that is fitted to them.
 #[derive(Debug, Clone)]
 pub(super) struct MeasuredHeights {
-    /// Each point of the scan in the region, those of other objects included.
+    /// All points of the scan in the region, including those of other objects.
     pub seen: Vec<HeightSample>,
     /// The correction c.
     pub field: SmoothField,
@@ -93,8 +93,8 @@ pub enum TodayError {
     Surface(#[from] SurfaceError),
 }
 
-/// The points of a scan that lie in the region, as many as are needed; `panel_from_camera` is the panel's pose found
-/// in this scan.
+/// Returns the points of a scan that lie in the region, thinned to the number that is needed; `panel_from_camera` is
+/// the panel's pose found in this scan.
 pub fn todays_points(
     panel: &TaughtPanel,
     scan: &OrganizedCloud<Camera>,
@@ -108,7 +108,7 @@ pub fn todays_points(
         let point = Vector::new((*panel_from_camera * point).mm.coords);
         is_inside.then_some(TodaysPoint { at: Parameter { u: unit.x, v: unit.y }, point })
     };
-    // The region covers a sixteenth of the picture or more.
+    // The region is assumed to cover at least a sixteenth of the picture.
     let every = ((scan.width() * scan.height()) as f64 / (16 * MAX_POINTS) as f64).sqrt().floor().max(1.0) as usize;
     let rows: Vec<usize> = (0..scan.height()).step_by(every).collect();
     let of_row = |row: usize| (0..scan.width()).step_by(every).map(move |column| row * scan.width() + column);
@@ -143,7 +143,7 @@ pub fn correct_taught_surface(
     let RobustField { field, limit_mm } =
         SmoothField::fit_robust(sides_mm, &fitted).ok_or(TodayError::Undetermined)?;
     let surface = displaced_surface(taught, &field, panel)?;
-    // A point far from the taught surface also counts here, and is not part of the surface.
+    // Points far from the taught surface are included here; they do not belong to the surface.
     let off_mm: Vec<f64> =
         seen.par_iter().map(|height| (height.height_mm - field.height_at(height.position)).abs()).collect();
     let squares: Vec<f64> = off_mm.iter().filter(|off_mm| **off_mm < limit_mm).map(|mm| mm.powi(2)).collect();
@@ -180,7 +180,7 @@ struct Cells {
 }
 
 impl Cells {
-    /// Creates cells of about this side.
+    /// Creates cells with sides of about this length.
     fn new(sides_mm: [f64; 2], cell_mm: f64) -> Self {
         let raster = CellRaster::new(sides_mm, cell_mm);
         Cells { raster, counts: vec![[0; 2]; raster.count()] }
@@ -209,8 +209,8 @@ impl Cells {
     }
 }
 
-/// Returns the surface moved by c along its normals. A point without a normal, or beyond the region, moves as the
-/// border does.
+/// Returns the surface moved by c along its normals. A control point without a normal is not moved; one beyond the
+/// region is moved like the region's border.
 fn displaced_surface(
     taught: &BSplineSurface,
     correction: &SmoothField,
@@ -270,7 +270,7 @@ impl CellRaster {
         CellRaster { size: RasterSize { width, height }, side_mm }
     }
 
-    /// The number of cells.
+    /// Returns the number of cells.
     pub fn count(&self) -> usize {
         self.size.width * self.size.height
     }
@@ -321,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panel_that_bows_is_found_as_it_is() {
+    fn a_bowed_panel_is_measured_correctly() {
         let (panel, fit) = learnt();
         let todays = correct_taught_surface(&fit.surface, &panel, &fit.map, (&points_of(&fit, bent), 12.0))
             .expect("a surface");
@@ -340,7 +340,7 @@ mod tests {
 
     /// The taught surface itself is unchanged within the noise.
     #[test]
-    fn a_panel_as_it_was_taught_stays() {
+    fn an_unchanged_panel_is_not_corrected() {
         let (panel, fit) = learnt();
         let todays = correct_taught_surface(&fit.surface, &panel, &fit.map, (&points_of(&fit, |_| 0.0), 12.0))
             .expect("a surface");
@@ -368,7 +368,7 @@ mod tests {
     /// The correction does not follow a patch of 30 mm that lies 3 mm higher: like a clamp, the patch is a hole of
     /// today's surface.
     #[test]
-    fn what_is_not_followed_is_a_hole() {
+    fn a_step_that_the_correction_does_not_follow_is_a_hole() {
         let (panel, fit) = learnt();
         let is_patch = |at: Parameter| (at.u - 0.5).abs() < 15.0 / 280.0 && (at.v - 0.5).abs() < 15.0 / 168.0;
         let patched = points_of(&fit, |at| if is_patch(at) { 3.0 } else { 0.0 });

@@ -1,5 +1,5 @@
-//! The true arm: a chain of Denavit–Hartenberg frames with parameters that have errors, axes that yield under the
-//! weight of the links, and gears that err with the angle.
+//! The true arm: a chain of Denavit–Hartenberg frames with parameters that have errors, compliant axes, which bend
+//! under the weight of the links, and gears with errors that depend on the angle.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep::cell::ArmGeometry;
@@ -7,8 +7,8 @@ use panelprep::geometry::Joints;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
-/// A link of the Denavit-Hartenberg chain: a turn and a shift along z, a shift and a turn along x, with Hayati's
-/// turn about y.
+/// A link of the Denavit–Hartenberg chain: a rotation about z and a shift along z, a shift along x and a rotation about
+/// x, and Hayati's rotation about y.
 #[derive(Clone, Copy)]
 struct Link {
     turn: f64,
@@ -33,7 +33,7 @@ pub struct TrueArm {
     links: [Link; 6],
     /// Compliance of axes 2 to 5, rad for each N·m.
     yields: [f64; 4],
-    /// Each gear's error: amplitude, rad, phase, and number of periods in a turn.
+    /// Error of each gear: amplitude, rad, phase, and number of periods in one revolution.
     gears: [(f64, f64, f64); 6],
 }
 
@@ -42,7 +42,7 @@ pub struct TrueArm {
 const MASSES_KG: [f64; 3] = [9.0, 8.0, 5.0];
 
 impl TrueArm {
-    /// Draws an arm without errors.
+    /// Creates an arm without errors.
     pub fn drawn(geometry: ArmGeometry) -> Self {
         let g = geometry;
         let quarter = std::f64::consts::FRAC_PI_2;
@@ -62,7 +62,7 @@ impl TrueArm {
         }
     }
 
-    /// An arm with its own errors, larger ones under load and in the gears if `is_hard`.
+    /// Creates an arm with random errors; those under load and of the gears are larger if `is_hard`.
     pub fn random(geometry: ArmGeometry, random: &mut Pcg64, is_hard: bool) -> Self {
         let mut arm = TrueArm::drawn(geometry);
         let mut within = |reach: f64| (2.0 * random.random::<f64>() - 1.0) * reach;
@@ -84,7 +84,7 @@ impl TrueArm {
         arm
     }
 
-    /// The true pose of the flange.
+    /// Returns the true pose of the flange.
     pub fn base_from_flange(&self, joints: &Joints) -> Isometry3<f64> {
         let all = joints.degrees();
         let g = &self.geometry;
@@ -93,7 +93,7 @@ impl TrueArm {
         for (angle, (amplitude, phase, periods)) in q.iter_mut().zip(&self.gears) {
             *angle += amplitude * (periods * *angle + phase).sin();
         }
-        // The weights' moments about axes 2 to 5, from the arm's present pose, N·m.
+        // The moments of the links' weights about axes 2 to 5 in the arm's current pose, N·m.
         let frames = self.frames(&q);
         let middles = [
             frames[0].translation.vector * 0.55 + frames[1].translation.vector * 0.45,

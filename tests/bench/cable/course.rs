@@ -1,5 +1,5 @@
-//! A scenario's course, from the service's start to the end of an honest cycle after the lie. It waits for the
-//! moment, lets the lie be sent, and has the person press what the scenario states.
+//! Runs a scenario from the service's start to the end of a cycle without a lie: waits for the moment, has the lie
+//! sent, and sends the person's request that the scenario states.
 
 use super::liar::Liar;
 use super::lie::{Kind, Moment, Scenario};
@@ -9,7 +9,7 @@ use super::truth::{Truth, WATER};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Time for which a person watches the result before requesting anything else.
+/// Time for which a person observes the result before the next request.
 const OBSERVATION_TIME: Duration = Duration::from_millis(1_700);
 /// Time limit for reaching the scenario's moment.
 const MOMENT_TIMEOUT: Duration = Duration::from_secs(90);
@@ -44,7 +44,7 @@ impl Course<'_> {
         self.person.honest_cycle()
     }
 
-    /// Waits for the controller's first state. The lie of most kinds has begun before the service was started.
+    /// Waits for the controller's first state. Lies of most kinds begin before the service is started.
     fn at_connect(&mut self) -> Result<(), String> {
         let since = Instant::now();
         while self.truth.last().is_none() && since.elapsed() < Duration::from_secs(3) {
@@ -81,7 +81,8 @@ impl Course<'_> {
         Ok(())
     }
 
-    /// If a busy machine ends the cycle before its moment, or nothing is found to abrade, another cycle is begun.
+    /// If the cycle ends before the moment because the machine is busy, or because no break is found, another cycle is
+    /// begun.
     fn within_a_cycle(&mut self, moment: Moment) -> Result<(), String> {
         let film = if self.scenario.needs_contact() { ONE_BREAK } else { NO_BREAK };
         let awaited = if moment == Moment::Stop { self.scenario.amid } else { moment };

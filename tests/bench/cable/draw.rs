@@ -22,7 +22,7 @@ impl Draw {
         self.0.random_range(first..=last)
     }
 
-    /// Returns true in one of this number of cases.
+    /// Returns true with a probability of 1 / `many`.
     pub fn one_in(&mut self, many: u64) -> bool {
         self.below(many) == 0
     }

@@ -1,12 +1,13 @@
-//! The judges: requirements on the arm and its outputs, by the controller's own reports, whatever the service
+//! The judges: requirements on the arm and its outputs, checked with the controller's own reports, whatever the service
 //! received.
 //!
 //! 1. An ended epoch moves nothing: while the controller reports that it has stopped, the arm stands still, except
 //!    for braking and the retract.
-//! 2. A stop that was pressed has stopped the controller within [`STOP_MS`], by its own request, by closing, or by
-//!    the watchdog.
-//! 3. Tool and water are off after the end of an epoch, and while the client is silent; outputs that may run on are
-//!    off in their time. A stop in contact is followed by a retract, and the tool never stays on the panel.
+//! 2. A stop that a person pressed stops the controller within [`STOP_MS`], by its request, by closing the connection,
+//!    or by the watchdog.
+//! 3. Tool and water are off after the end of an epoch, and while the client is silent; outputs that may stay on are
+//!    off when their time has passed. A stop in contact is followed by a retract, and the tool never stays on
+//!    the panel without motion.
 //! 4. A cycle passes only if the controller has executed every waypoint in contact that the service sent.
 
 use super::lie::{Kind, Lie};
@@ -18,22 +19,22 @@ use std::collections::BTreeMap;
 /// in `tests/link/oracles.rs`.
 const BRAKE_MS: f64 = 260.0;
 const RETRACT_MS: f64 = 800.0;
-/// Time of the controller's watchdog and of the client's, ms; `WIRE_MS` is the time from the socket to the wire.
+/// Timeout of the controller's and of the client's watchdog, ms; `WIRE_MS` is the time from the socket to the wire.
 const WATCHDOG_MS: f64 = 400.0;
 const WIRE_MS: f64 = 100.0;
-/// Time that two shared cores may add, because threads of a dozen processes wait for one another, ms.
-const SHARED_MS: f64 = 400.0;
+/// Additional time that is allowed because a dozen processes share two cores, ms.
+const MACHINE_DELAY_MS: f64 = 400.0;
 /// Time limit for a stop. The client notices a lost abort after its watchdog's time. Then the client closes the
 /// connection, or the controller's watchdog notices that its messages are missing.
-pub const STOP_MS: f64 = WIRE_MS + WATCHDOG_MS + WATCHDOG_MS + SHARED_MS;
-/// Time from one state to the next, which come every 100 ms.
-const STATE_MS: f64 = 112.0;
+pub const STOP_MS: f64 = WIRE_MS + WATCHDOG_MS + WATCHDOG_MS + MACHINE_DELAY_MS;
+/// Largest time from one state to the next, ms; states are sent every 100 ms.
+const MAX_STATE_INTERVAL_MS: f64 = 112.0;
 /// Contact without motion.
 const DWELL_MS: f64 = 200.0;
-const STILL_DEG: f64 = 0.01;
-/// Limit of an axis's turn for a retract; a retract of 50 mm turns some axis by several degrees.
-const RETRACT_DEG: f64 = 1.0;
-/// Time until the extraction is switched off, from `[io.off_after_s]` of a rendered cell, ms.
+const MAX_STILL_DEG: f64 = 0.01;
+/// Smallest rotation of an axis that counts as a retract; a retract of 50 mm rotates some axis by several degrees.
+const MIN_RETRACT_DEG: f64 = 1.0;
+/// Time after which the extraction must be off, from `[io.off_after_s]` of a rendered cell, ms.
 const EXTRACTION_MS: f64 = 30_000.0;
 const LIGHT_MS: f64 = 60_000.0;
 
@@ -42,8 +43,8 @@ const LIGHT_MS: f64 = 60_000.0;
 pub struct Judged {
     pub violations: Vec<String>,
     pub worst_stop_ms: Option<f64>,
-    /// Number of commands in contact that were changed on their way and executed, in a cycle that passed. Nothing
-    /// in the protocol shows such a change.
+    /// Number of commands in contact that were changed on their way and executed, in a cycle that passed. The protocol
+    /// cannot reveal such a change.
     pub unnoticed: usize,
 }
 
@@ -88,18 +89,18 @@ fn ended_epochs(judged: &mut Judged, states: &[State], contacts: &Contacts) {
     for [before, state] in states.array_windows() {
         if !state.stopped() {
             since_ms = None;
-            // A point in contact that the controller has received may be the one to which the arm is moving.
+            // The arm may be moving to a point in contact that the controller has already received.
             let is_near = contacts.contains_key(&(state.epoch, state.done))
                 || contacts.range((state.epoch, state.done)..=(state.epoch, i64::MAX)).next().is_some();
-            ends_ms = BRAKE_MS + STATE_MS + if is_near { RETRACT_MS } else { 0.0 };
+            ends_ms = BRAKE_MS + MAX_STATE_INTERVAL_MS + if is_near { RETRACT_MS } else { 0.0 };
             continue;
         }
         let lasts_ms = state.time_ms - *since_ms.get_or_insert(state.time_ms);
-        let moves = state.moving() || before.apart_deg(state) > STILL_DEG;
+        let moves = state.moving() || before.apart_deg(state) > MAX_STILL_DEG;
         if lasts_ms > ends_ms && moves {
-            judged.wrong(state.at_ms, "an ended epoch moves the arm");
+            judged.wrong(state.at_ms, "the arm moves after the end of its epoch");
         }
-        let late = |after_ms: f64| lasts_ms > after_ms + STATE_MS;
+        let late = |after_ms: f64| lasts_ms > after_ms + MAX_STATE_INTERVAL_MS;
         for (output, after_ms, name) in [
             (TOOL, 0.0, "tool"),
             (WATER, 0.0, "water"),
@@ -113,7 +114,7 @@ fn ended_epochs(judged: &mut Judged, states: &[State], contacts: &Contacts) {
     }
 }
 
-/// Returns whether a state is safe: the arm may still brake or retract, but nothing new begins.
+/// Returns whether a state is safe: the arm may still brake or retract, but no new motion begins.
 fn is_safe(state: &State) -> bool {
     state.stopped() || !(state.moving() || state.is_on(TOOL) || state.is_on(WATER))
 }
@@ -129,10 +130,11 @@ fn presses(judged: &mut Judged, states: &[State], stops_ms: &[f64], lie: &Lie, o
             states.iter().filter(|state| state.at_ms > press.at_ms && state.at_ms < end_ms).collect();
         let Some(last) = after.iter().rposition(|state| !is_safe(state)) else { continue };
         let stood_ms = after.get(last + 1).map(|state| state.at_ms);
-        // If the connection was lost first, the controller's own log has the time; the last state relates the two
-        // clocks.
+        // If the connection was lost first, the time of the stop is in the controller's own log; the last state gives
+        // the offset of the two clocks.
         let offset_ms = after[last].at_ms - after[last].time_ms;
-        let logged_ms = stops_ms.iter().map(|at| at + offset_ms).find(|at| *at >= press.at_ms - STATE_MS);
+        let logged_ms =
+            stops_ms.iter().map(|at| at + offset_ms).find(|at| *at >= press.at_ms - MAX_STATE_INTERVAL_MS);
         let stopped_ms = [stood_ms, logged_ms].into_iter().flatten().fold(f64::MAX, f64::min);
         let latency_ms = (stopped_ms - press.at_ms).max(0.0);
         if stopped_ms == f64::MAX {
@@ -154,8 +156,8 @@ fn silence(judged: &mut Judged, states: &[State], events: &[Event]) {
     for state in states.iter().filter(|state| !state.stopped() && (state.is_on(TOOL) || state.is_on(WATER))) {
         let heard = given.partition_point(|at_ms| *at_ms <= state.at_ms);
         let silent_ms = given[..heard].last().map_or(0.0, |at_ms| state.at_ms - at_ms);
-        if silent_ms > WATCHDOG_MS + STATE_MS + SHARED_MS {
-            judged.wrong(state.at_ms, "tool or water is on though the client is silent");
+        if silent_ms > WATCHDOG_MS + MAX_STATE_INTERVAL_MS + MACHINE_DELAY_MS {
+            judged.wrong(state.at_ms, "tool or water is on although the client is silent");
         }
     }
 }
@@ -165,23 +167,27 @@ fn on_the_panel(judged: &mut Judged, states: &[State], contacts: &Contacts) {
     let mut stood: Option<&State> = None;
     for (place, [before, state]) in states.array_windows().enumerate() {
         let touches = !state.stopped() && is_contact(state.epoch, state.done);
-        if !touches || before.apart_deg(state) > STILL_DEG {
+        if !touches || before.apart_deg(state) > MAX_STILL_DEG {
             stood = touches.then_some(state);
         } else if let Some(first) = stood
-            && state.time_ms - first.time_ms > DWELL_MS + STATE_MS + SHARED_MS
+            && state.time_ms - first.time_ms > DWELL_MS + MAX_STATE_INTERVAL_MS + MACHINE_DELAY_MS
         {
-            judged.wrong(state.at_ms, "the tool stands on the panel");
+            judged.wrong(state.at_ms, "the tool stays on the panel without motion");
         }
         let was_on = is_contact(before.epoch, before.done) && is_contact(before.epoch, before.done + 1);
-        if before.stopped() || !state.stopped() || !was_on || state.time_ms - before.time_ms > 3.0 * STATE_MS {
+        if before.stopped()
+            || !state.stopped()
+            || !was_on
+            || state.time_ms - before.time_ms > 3.0 * MAX_STATE_INTERVAL_MS
+        {
             continue;
         }
         let behind = states[place + 1..].iter().take_while(|later| later.stopped());
         let behind: Vec<&State> = behind.collect();
         let seen_ms = behind.last().map_or(0.0, |last| last.time_ms - state.time_ms);
         let farthest = behind.iter().map(|later| later.apart_deg(before)).fold(0.0, f64::max);
-        if seen_ms > BRAKE_MS + RETRACT_MS + STATE_MS && farthest < RETRACT_DEG {
-            judged.wrong(state.at_ms, "a stop in contact is followed by no retract");
+        if seen_ms > BRAKE_MS + RETRACT_MS + MAX_STATE_INTERVAL_MS && farthest < MIN_RETRACT_DEG {
+            judged.wrong(state.at_ms, "a stop in contact is not followed by a retract");
         }
     }
 }
@@ -199,7 +205,7 @@ fn passes(judged: &mut Judged, states: &[State], contacts: &Contacts, cycles: &B
         if let Some(first) = left.first() {
             let count = left.len();
             judged.violations.push(format!(
-                "the cycle passed, and {count} waypoints of epoch {epoch} were not executed, the first {first}"
+                "the cycle passed, and {count} waypoints of epoch {epoch} were not executed, the first of them is {first}"
             ));
         }
         judged.unnoticed +=

@@ -7,17 +7,17 @@ use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Number of messages in each direction that are remembered.
+/// Number of messages that are stored for each direction.
 const REMEMBERED: usize = 40;
 /// Text between messages that neither a controller nor the service would send.
 const GARBAGE: [&[u8]; 6] = [b"xyz", b"<a/>", b"</St>", b"<", b"\xff\xfe<", b"<!DOCTYPE a [<!ENTITY b \"c\">]>"];
 
-/// A piece of data that is forwarded.
+/// Data that is forwarded.
 #[derive(Debug)]
 pub enum Piece {
-    /// Bytes that travel this much later than usual.
+    /// Bytes that are sent with this additional delay.
     Bytes(Duration, Vec<u8>),
-    /// Both ends of the connection are closed.
+    /// The request to close both ends of the connection.
     Close,
 }
 
@@ -32,7 +32,7 @@ struct ActiveLie {
 
 #[derive(Debug)]
 struct Inside {
-    told: Option<ActiveLie>,
+    active: Option<ActiveLie>,
     /// Number of changes that were made to messages on their way.
     count: u64,
     memory: [VecDeque<Vec<u8>>; 4],
@@ -49,7 +49,7 @@ pub struct Liar(Mutex<Inside>);
 impl Liar {
     pub fn new(draw: Draw) -> Self {
         let (memory, refused_until) = Default::default();
-        Liar(Mutex::new(Inside { told: None, count: 0, memory, draw, replayed: None, refused_until }))
+        Liar(Mutex::new(Inside { active: None, count: 0, memory, draw, replayed: None, refused_until }))
     }
 
     fn lock(&self) -> MutexGuard<'_, Inside> {
@@ -73,14 +73,14 @@ impl Liar {
                 }
             }
         }
-        inside.told =
+        inside.active =
             Some(ActiveLie { lie: lie.clone(), since: Instant::now(), left: lie.times, held: None, kept: None });
     }
 
     /// Ends the lie: from now on messages pass unchanged.
     pub fn end(&self) {
         let mut inside = self.lock();
-        (inside.told, inside.replayed, inside.refused_until) = (None, None, [None; 2]);
+        (inside.active, inside.replayed, inside.refused_until) = (None, None, [None; 2]);
     }
 
     pub fn note(&self) {
@@ -93,7 +93,7 @@ impl Liar {
 
     /// Returns whether the whole lie has been sent.
     pub fn is_over(&self) -> bool {
-        self.lock().told.as_ref().is_none_or(|told| told.left == 0 || told.is_late())
+        self.lock().active.as_ref().is_none_or(|active| active.left == 0 || active.is_late())
     }
 
     pub fn refuses(&self, channel: usize) -> bool {
@@ -108,7 +108,7 @@ impl Liar {
         Some(bytes)
     }
 
-    /// Passes a message through the lie; returns the pieces that are sent instead.
+    /// Applies the lie to a message; returns the pieces that are sent in its place.
     pub fn pass(&self, way: Way, document: Vec<u8>) -> Vec<Piece> {
         let mut inside = self.lock();
         let memory = &mut inside.memory[way as usize];
@@ -116,26 +116,26 @@ impl Liar {
         if memory.len() > REMEMBERED {
             memory.pop_front();
         }
-        let Some(mut told) = inside.told.take() else { return vec![now(document)] };
-        let held = told.held.take();
-        let is_meant = way == told.lie.way && (!told.lie.of_orders || is_order(&document));
-        let is_told = is_meant && told.left > 0 && !told.is_late();
+        let Some(mut active) = inside.active.take() else { return vec![now(document)] };
+        let held = active.held.take();
+        let is_meant = way == active.lie.way && (!active.lie.of_orders || is_order(&document));
+        let is_sent = is_meant && active.left > 0 && !active.is_late();
         let mut pieces = Vec::new();
-        if is_told {
+        if is_sent {
             let is_swapped = held.is_some();
-            pieces = inside.change(&mut told, document);
+            pieces = inside.change(&mut active, document);
             pieces.extend(held.map(now));
-            if told.lie.kind != Kind::Reorder || is_swapped {
-                told.left -= 1;
+            if active.lie.kind != Kind::Reorder || is_swapped {
+                active.left -= 1;
             }
-        } else if way == told.lie.way {
+        } else if way == active.lie.way {
             pieces.extend(held.map(now));
             pieces.push(now(document));
         } else {
-            told.held = held;
+            active.held = held;
             pieces.push(now(document));
         }
-        inside.told = Some(told);
+        inside.active = Some(active);
         pieces
     }
 }
@@ -156,8 +156,8 @@ fn now(bytes: Vec<u8>) -> Piece {
 }
 
 impl Inside {
-    fn change(&mut self, told: &mut ActiveLie, document: Vec<u8>) -> Vec<Piece> {
-        let lie = &told.lie;
+    fn change(&mut self, active: &mut ActiveLie, document: Vec<u8>) -> Vec<Piece> {
+        let lie = &active.lie;
         let amount = Duration::from_millis(lie.amount_ms);
         self.count += 1;
         match lie.kind {
@@ -166,19 +166,19 @@ impl Inside {
                 vec![Piece::Bytes(Duration::from_millis(self.draw.below(lie.amount_ms + 1)), document)]
             }
             Kind::Stall => {
-                let end = told.since + Duration::from_millis(lie.lasts_ms);
+                let end = active.since + Duration::from_millis(lie.lasts_ms);
                 vec![Piece::Bytes(end.saturating_duration_since(Instant::now()), document)]
             }
             Kind::Loss | Kind::BlackHole => Vec::new(),
             Kind::Duplicate => vec![now(document.clone()), now(document)],
-            Kind::Reorder if told.held.is_none() && told.kept.is_none() => {
-                told.kept = Some(String::new());
-                told.held = Some(document);
+            Kind::Reorder if active.held.is_none() && active.kept.is_none() => {
+                active.kept = Some(String::new());
+                active.held = Some(document);
                 self.count -= 1;
                 Vec::new()
             }
             Kind::Reorder => {
-                told.kept = None;
+                active.kept = None;
                 vec![now(document)]
             }
             Kind::Damage => vec![now(self.damaged(document))],
@@ -195,7 +195,7 @@ impl Inside {
                 self.count -= 1;
                 vec![now(document)]
             }
-            _ => self.change_meaning(told, document),
+            _ => self.change_meaning(active, document),
         }
     }
 
@@ -205,10 +205,10 @@ impl Inside {
         document
     }
 
-    fn change_meaning(&mut self, told: &mut ActiveLie, document: Vec<u8>) -> Vec<Piece> {
-        let lie = &told.lie;
+    fn change_meaning(&mut self, active: &mut ActiveLie, document: Vec<u8>) -> Vec<Piece> {
+        let lie = &active.lie;
         let text = String::from_utf8_lossy(&document).into_owned();
-        let kept = told.kept.get_or_insert_with(|| text.clone());
+        let kept = active.kept.get_or_insert_with(|| text.clone());
         let changed = match lie.kind {
             Kind::OldState => {
                 let old =
@@ -228,7 +228,7 @@ impl Inside {
         if changed == text {
             // The message is unchanged, so no lie was sent.
             self.count -= 1;
-            told.left = told.left.saturating_add(1);
+            active.left = active.left.saturating_add(1);
         }
         vec![now(changed.into_bytes())]
     }

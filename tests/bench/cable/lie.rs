@@ -101,7 +101,7 @@ impl Moment {
 pub enum Change {
     Set(&'static str),
     Add(f64),
-    /// One bit of a whole number is inverted.
+    /// One bit of an integer is inverted.
     Turn(u32),
 }
 
@@ -111,16 +111,16 @@ pub struct Lie {
     pub way: Way,
     /// Whether both channels are affected, if that makes a difference.
     pub both: bool,
-    /// The longest time for which the lie is sent, ms; the next field is the number of times that it is sent.
+    /// Longest time for which the lie is sent, ms; `times` is the largest number of times that it is sent.
     pub lasts_ms: u64,
     pub times: u64,
     /// The length of a delay or a pause, ms.
     pub amount_ms: u64,
     pub field: &'static str,
     pub change: Change,
-    /// Whether the message's counts continue as they should; if not, the lie has its other form.
+    /// Whether the message's counts continue correctly; if not, the lie has its second form.
     pub counts_go_on: bool,
-    /// Whether the lie changes only the requests that stop or open an epoch.
+    /// Whether the lie affects only the requests that stop or open an epoch.
     pub of_orders: bool,
 }
 
@@ -188,7 +188,7 @@ impl Scenario {
         let mut lie = Lie::drawn(kind, moment, &mut draw);
         let press = match (moment, draw.below(5) < 2) {
             (Moment::Stop, _) => Some(0),
-            // At connect and in idle there is nothing to stop.
+            // While the service connects, and in idle, there is no motion to stop.
             (Moment::Connect | Moment::Idle | Moment::Clear, _) | (_, false) => None,
             (_, true) => Some(draw.between(20, lie.lasts_ms.clamp(100, 900))),
         };
@@ -199,7 +199,7 @@ impl Scenario {
         Scenario { number, lie, moment, amid, after_ms, press, draw }
     }
 
-    /// Returns whether the panel must be greasy in this scenario, so that it is abraded.
+    /// Returns whether the panel must be greasy in this scenario so that it is abraded.
     pub fn needs_contact(&self) -> bool {
         let is_contact = |moment| matches!(moment, Moment::Contact | Moment::Retract);
         is_contact(self.moment) || (self.moment == Moment::Stop && is_contact(self.amid))

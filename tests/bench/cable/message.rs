@@ -1,12 +1,12 @@
-//! Messages as text: cuts a stream into documents, and reads and replaces single values. The bench has a reader of
-//! its own, so that mistakes of the program's reader are not hidden. It relies on each document ending with the end
+//! Handles messages as text: divides a stream into documents, and reads and replaces single values. The bench has its
+//! own reader, so that mistakes of the program's reader are not hidden. It relies on each document ending with the end
 //! tag of its root, as both sides write it.
 
 const ENDS: [&[u8]; 4] = [b"</Cmd>", b"</Ack>", b"</Req>", b"</St>"];
 /// More than the size of any message; longer input without an end is discarded.
 const MAX_BYTES: usize = 65_536;
 
-/// Cuts a stream into documents.
+/// Divides a stream into documents.
 #[derive(Debug, Default)]
 pub struct Splitter {
     rest: Vec<u8>,
@@ -32,7 +32,7 @@ fn end_of(bytes: &[u8], end: &[u8]) -> Option<usize> {
     bytes.windows(end.len()).position(|window| window == end).map(|at| at + end.len())
 }
 
-/// Returns the place of an attribute's value; `Base/X` is the attribute X of the element Base.
+/// Returns the position of an attribute's value in the text; `Base/X` is the attribute X of the element Base.
 fn place(document: &str, name: &str) -> Option<(usize, usize)> {
     let (element, attribute) = name.split_once('/').unwrap_or(("", name));
     let from = if element.is_empty() { 0 } else { document.find(&format!("<{element} "))? };
@@ -48,7 +48,7 @@ pub fn number(document: &str, name: &str) -> Option<f64> {
     value(document, name)?.parse().ok()
 }
 
-/// The value as a whole number; 0 if it is not one.
+/// Returns the value as an integer; 0 if it is not one.
 pub fn whole(document: &str, name: &str) -> i64 {
     value(document, name).and_then(|text| text.parse().ok()).unwrap_or(0)
 }

@@ -1,5 +1,5 @@
-//! The person at the cell, who has only the socket. The person sees the state of the cell, clears, resets, starts
-//! and stops, and remembers the time of each request and the end of each cycle.
+//! The simulated person at the cell, who uses only the socket: reads the state of the cell, clears, resets, starts and
+//! stops it, and records the time of each request and the end of each cycle.
 
 use super::asking::ask;
 use super::cell::Prepared;
@@ -18,7 +18,7 @@ const REST_TIMEOUT: Duration = Duration::from_secs(110);
 const RECOVERY_TIMEOUT: Duration = Duration::from_secs(45);
 /// An honest cycle.
 const CYCLE_TIMEOUT: Duration = Duration::from_secs(110);
-/// Keys of the recipe as it is rendered: the film's length, and the smallest size of a break that is looked for.
+/// Keys of the recipe as rendered: the duration of the film, and the smallest area of a break that is reported.
 const RENDERED: [&str; 2] = ["observation_s = 10.0", "min_break_mm2 = 69.0"];
 /// Keys for a film in which the largest of the rendered panel's breaks is found and abraded; `NO_BREAK` is for a
 /// film that passes.
@@ -50,7 +50,7 @@ pub struct Person<'c> {
     refusal: String,
 }
 
-/// The service's report of its own state.
+/// The state that the service reports.
 pub struct ServiceState {
     pub word: String,
     pub phase: String,
@@ -103,7 +103,7 @@ impl<'c> Person<'c> {
         self.order(&json!({ "ask": word }))
     }
 
-    /// Reads the state as a person does, and clears it.
+    /// Reads the state, as a person does, and sends `clear`.
     fn clear(&mut self) -> Result<bool, String> {
         let step = self.look()?.step;
         self.order(&json!({ "ask": "clear", "step": step }))
@@ -118,7 +118,7 @@ impl<'c> Person<'c> {
         self.order(&json!({ "ask": "start", "recipe": recipe, "text": text, "part": part }))
     }
 
-    /// Queries the state until this condition holds; returns false if this takes too long.
+    /// Queries the state until this condition is met; returns false after the time limit.
     pub fn until(&mut self, patience: Duration, holds: impl Fn(&ServiceState) -> bool) -> Result<bool, String> {
         let since = Instant::now();
         while since.elapsed() < patience {
@@ -131,7 +131,7 @@ impl<'c> Person<'c> {
         Ok(false)
     }
 
-    /// Sends the request with which a person leads the cell from a state of rest to the next cycle.
+    /// Sends the request with which a person takes the cell from a state of rest to the next cycle.
     pub fn proceed(&mut self, word: &str, film: [&str; 2]) -> Result<(), String> {
         match word {
             "aborted" => self.clear().map(drop),
@@ -162,7 +162,7 @@ impl<'c> Person<'c> {
         self.until(REST_TIMEOUT, |look| look.word == "aborted").map(drop)
     }
 
-    /// Waits until the cycle has continued to its end, or was ended.
+    /// Waits until the cell is in a state of rest, because the cycle has continued to its end or was ended.
     pub fn rest(&mut self) -> Result<(), String> {
         if self.until(REST_TIMEOUT, |look| look.rests())? {
             return Ok(());
@@ -190,6 +190,6 @@ impl<'c> Person<'c> {
         let is_whole = look.word == "complete";
         is_whole
             .then_some(())
-            .ok_or_else(|| format!("the honest cycle ends {} {} {}", look.word, look.phase, look.text))
+            .ok_or_else(|| format!("the cycle without a lie ends: {} {} {}", look.word, look.phase, look.text))
     }
 }

@@ -1,6 +1,6 @@
-//! The cable: two real TCP connections between the service and the controller, cut into messages that pass through
-//! the liar. Each direction has a thread that reads and a thread that writes the messages that are due. A late
-//! message delays those behind it, as in TCP.
+//! The cable: two real TCP connections between the service and the controller; their data is divided into messages,
+//! which the liar may change. Each direction has a thread that reads and a thread that writes the messages that are
+//! due. A delayed message also delays those behind it, as in TCP.
 
 use super::liar::{Liar, Piece};
 use super::lie::Way;
@@ -91,7 +91,7 @@ impl Cable {
                 listener = TcpListener::bind(sought).and_then(|new| new.set_nonblocking(true).map(|()| new)).ok();
             }
             if let Some(Ok((client, _))) = listener.as_ref().map(TcpListener::accept) {
-                // A controller that has its client, or does not exist, accepts no other client.
+                // A controller that already has a client, or does not run, accepts no connection.
                 let _ = self.carry(index, client, controller);
             }
             thread::sleep(POLL_INTERVAL);
@@ -125,7 +125,7 @@ impl Cable {
         Ok(())
     }
 
-    /// Reads until the end, and passes on the result of the liar.
+    /// Reads until the end, and forwards the messages as the liar returns them.
     fn read(&self, way: Way, mut from: TcpStream, pieces: &Sender<(Instant, Piece)>) {
         let side = if way.is_to_controller() { Side::Said } else { Side::True };
         let (mut splitter, mut bytes, mut due) = (Splitter::default(), vec![0; 65_536], Instant::now());
@@ -150,7 +150,7 @@ impl Cable {
         }
     }
 
-    /// Writes the pieces that are due, until no more can come or the connection must be closed.
+    /// Writes the pieces that are due, until no more can arrive or the connection must be closed.
     fn write(&self, way: Way, mut to: TcpStream, due: &Receiver<(Instant, Piece)>) {
         let side = if way.is_to_controller() { Side::Given } else { Side::Shown };
         let mut splitter = Splitter::default();

@@ -8,7 +8,7 @@ use std::fmt;
 #[derive(Debug, Default)]
 pub struct Outcome {
     /// Number of changes that were made to messages on their way.
-    pub told: u64,
+    pub sent: u64,
     pub verdicts: Vec<String>,
     pub pressed: u64,
     pub worst_stop_ms: Option<f64>,
@@ -19,8 +19,8 @@ pub struct Outcome {
 #[derive(Debug, Default)]
 struct Row {
     scenarios: u64,
-    not_told: u64,
-    told: u64,
+    not_sent: u64,
+    sent: u64,
     pressed: u64,
     worst_stop_ms: f64,
     unnoticed: usize,
@@ -35,8 +35,8 @@ impl Table {
     pub fn add(&mut self, kind: Kind, outcome: &Outcome) {
         let row = self.0.entry(kind).or_default();
         row.scenarios += 1;
-        row.not_told += u64::from(outcome.told == 0);
-        row.told += outcome.told;
+        row.not_sent += u64::from(outcome.sent == 0);
+        row.sent += outcome.sent;
         row.pressed += outcome.pressed;
         row.worst_stop_ms = row.worst_stop_ms.max(outcome.worst_stop_ms.unwrap_or(0.0));
         row.unnoticed += outcome.unnoticed;
@@ -63,8 +63,8 @@ impl Table {
         let mut sum = Row::default();
         for row in self.0.values() {
             sum.scenarios += row.scenarios;
-            sum.not_told += row.not_told;
-            sum.told += row.told;
+            sum.not_sent += row.not_sent;
+            sum.sent += row.sent;
             sum.pressed += row.pressed;
             sum.worst_stop_ms = sum.worst_stop_ms.max(row.worst_stop_ms);
             sum.unnoticed += row.unnoticed;
@@ -80,7 +80,7 @@ impl fmt::Display for Table {
         writeln!(
             f,
             "{:26} {:>9} {:>8} {:>7} {:>8} {:>13} {:>9} {:>10}  cycles by verdict",
-            "kind of lie", "scenarios", "not told", "told", "pressed", "worst stop ms", "unnoticed", "violations"
+            "kind of lie", "scenarios", "not sent", "sent", "pressed", "worst stop ms", "unnoticed", "violations"
         )?;
         let all = self.sum();
         let rows = self.0.iter().map(|(kind, row)| (kind.words(), row)).chain([("all", &all)]);
@@ -91,8 +91,8 @@ impl fmt::Display for Table {
                 f,
                 "{words:26} {:>9} {:>8} {:>7} {:>8} {:>13.0} {:>9} {:>10}  {}",
                 row.scenarios,
-                row.not_told,
-                row.told,
+                row.not_sent,
+                row.sent,
                 row.pressed,
                 row.worst_stop_ms,
                 row.unnoticed,

@@ -1,13 +1,13 @@
-//! Tests the judges: the controller's reports are changed before the judges receive them, so that each judge must find
-//! something.
+//! Tests the judges: the controller's reports are changed before the judges receive them, and each judge must report a
+//! violation.
 
 use super::message;
 use super::truth::{Event, Side};
 
 /// The reports that can be changed to test the judges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Tried {
-    /// A stopped arm continues to creep.
+pub enum ReportChange {
+    /// The stopped arm continues to move slowly.
     Motion,
     /// The controller never reports that it has stopped, and moves.
     Stop,
@@ -19,17 +19,17 @@ pub enum Tried {
     Pass,
 }
 
-impl Tried {
+impl ReportChange {
     /// # Panics
     /// If there is no such word.
     pub fn named(word: &str) -> Self {
         match word {
-            "motion" => Tried::Motion,
-            "stop" => Tried::Stop,
-            "tool" => Tried::Tool,
-            "retract" => Tried::Retract,
-            "pass" => Tried::Pass,
-            other => panic!("tried={other}: allowed are motion, stop, tool, retract and pass"),
+            "motion" => ReportChange::Motion,
+            "stop" => ReportChange::Stop,
+            "tool" => ReportChange::Tool,
+            "retract" => ReportChange::Retract,
+            "pass" => ReportChange::Pass,
+            other => panic!("tried={other}: valid: motion, stop, tool, retract, pass"),
         }
     }
 
@@ -44,15 +44,15 @@ impl Tried {
                 message::replaced(&event.text, name, &value)
             };
             let changed = match self {
-                Tried::Motion if is_stopped => {
+                ReportChange::Motion if is_stopped => {
                     crept_deg += 0.05;
                     let angle = message::number(&event.text, "J/A1").unwrap_or(0.0) + crept_deg;
                     message::replaced(&event.text, "J/A1", &format!("{angle:.6}"))
                 }
-                Tried::Stop => whole("Flags", |flags| flags & !128 | 8),
-                Tried::Tool if is_stopped => whole("Out", |outputs| outputs | 16),
-                Tried::Retract if is_stopped => Some(standing(&event.text, &before)),
-                Tried::Pass => whole("Done", |done| (done - 40).max(0)),
+                ReportChange::Stop => whole("Flags", |flags| flags & !128 | 8),
+                ReportChange::Tool if is_stopped => whole("Out", |outputs| outputs | 16),
+                ReportChange::Retract if is_stopped => Some(standing(&event.text, &before)),
+                ReportChange::Pass => whole("Done", |done| (done - 40).max(0)),
                 _ => None,
             };
             if !is_stopped {
@@ -64,7 +64,7 @@ impl Tried {
     }
 }
 
-/// Returns the state with the earlier axis angles.
+/// Returns the state with the axis angles of the earlier state.
 fn standing(text: &str, before: &str) -> String {
     ["J/A1", "J/A2", "J/A3", "J/A4", "J/A5", "J/A6"].iter().fold(text.to_owned(), |text, axis| {
         let angle = message::value(before, axis);

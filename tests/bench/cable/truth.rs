@@ -1,5 +1,5 @@
-//! The true events, on the controller's side of the lie: the states as the controller sent them, and the commands and
-//! requests as they reached the controller. The service's messages are also included, as they were before any change.
+//! The true events at the controller's end of the cable: the states as the controller sent them, and the commands and
+//! requests as the controller received them. The service's messages before any change are also included.
 
 use super::message;
 use std::collections::BTreeMap;
@@ -68,7 +68,7 @@ impl State {
         self.flags & 8 != 0
     }
 
-    /// Returns whether no epoch is open because the last one was stopped.
+    /// Returns whether the controller reports the last epoch as stopped.
     pub fn stopped(&self) -> bool {
         self.flags & 128 != 0
     }
@@ -141,7 +141,7 @@ impl Truth {
         inside.last.is_some_and(|state| inside.is_in_contact(&state))
     }
 
-    /// Returns whether the tool was on the panel and is moving away from there.
+    /// Returns whether the tool was on the panel and is moving away from it.
     pub fn has_left_contact(&self) -> bool {
         let inside = self.lock();
         let left = |state: State| {

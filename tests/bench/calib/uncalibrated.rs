@@ -1,8 +1,8 @@
-//! Mounts that were measured with an arm that was not calibrated: its errors are alike in neighbouring poses.
+//! Mounts that were measured with an uncalibrated arm, whose errors are similar in neighbouring poses.
 //!
-//! The truth is the mount in the arm's own coordinates, in which poses are commanded: the one that exact pictures
-//! from all over the volume give. The poses are taken all over the volume, or in three regions of it, as a person
-//! takes them who jogs the arm a little between two pictures.
+//! The true mount is that in the arm's own coordinates, in which poses are commanded: the one that follows from exact
+//! pictures from the whole volume. The poses are distributed over the whole volume, or lie in three regions of it, as
+//! if a person jogs the arm a little between two pictures.
 
 use super::boards::{self, CORNER_PX, Lens, Side};
 use super::{row, share};
@@ -15,25 +15,25 @@ use rayon::prelude::*;
 
 const SEEDS: u64 = 40;
 const ERRORS_MM: [f64; 2] = [0.3, 1.0];
-/// Shots that are drawn; the arm comes to most of them.
+/// Number of camera poses that are drawn; the arm reaches most of them.
 const DRAWN: usize = 40;
 const REGIONS: usize = 3;
 const POSES_EACH: usize = 5;
-/// A turn of one radian counts as this distance between poses, mm.
-const LEVER_MM: f64 = 300.0;
+/// Distance between poses as which a rotation of one radian counts, mm.
+const MM_PER_RADIAN: f64 = 300.0;
 const REPEAT: RobotNoise = RobotNoise { shift_mm: 0.01, turn_deg: 0.001 };
 const EXACT: RobotNoise = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
-/// Noise of the corners for the truth, px: an adjustment needs some noise.
+/// Noise of the corners for the true mount, px: the least-squares adjustment needs some noise.
 const EXACT_PX: f64 = 0.005;
-/// Every corner of this number is used: the arm's errors are much larger than those of corners.
-const EVERY_CORNER: usize = 7;
+/// One of this number of corners is used: the arm's errors are much larger than those of the corners.
+const CORNER_STEP: usize = 7;
 
-/// The share of mounts within the stated bound: above it the bound is wider than necessary; and how many times larger
-/// than the median error it may be.
+/// Allowed range of the share of mounts within the stated bound; with a larger share the bound is wider than necessary.
+/// `MAX_STATED` is the largest ratio of the bound to the median error.
 const HELD: std::ops::RangeInclusive<f64> = 0.90..=0.99;
 const MAX_STATED: f64 = 8.0;
 
-/// Compares the stated bound with the error; returns the number of missed floors.
+/// Compares the stated bound with the error; returns the number of missed targets.
 pub fn arms() -> usize {
     let both = |error_mm| mounts::<ScannerMount>(error_mm) + mounts::<FlangeCameraMount>(error_mm);
     ERRORS_MM.into_iter().map(both).sum()
@@ -43,7 +43,7 @@ fn stations<A: Side>(seed: u64, error_mm: f64, (robot, noise_px): (RobotNoise, f
     let (cell, arm) = (boards::cell(seed, robot), RealArm::new(seed, error_mm));
     let camera = A::camera(&cell);
     let station = |shot: &panelprep::sim::BoardShot<A::From>| {
-        let corners = cell.corners(&camera, shot, noise_px).into_iter().step_by(EVERY_CORNER).collect();
+        let corners = cell.corners(&camera, shot, noise_px).into_iter().step_by(CORNER_STEP).collect();
         Some(Station {
             name: shot.index.to_string(),
             base_from_flange: arm.reported_pose(&shot.base_from_flange)?.base_from_flange,
@@ -54,10 +54,12 @@ fn stations<A: Side>(seed: u64, error_mm: f64, (robot, noise_px): (RobotNoise, f
 }
 
 /// Returns poses in regions that are far from each other, each with its neighbours.
-fn in_regions<A: Side>(all: &[Station<A::From>]) -> Vec<Station<A::From>> {
+fn poses_in_regions<A: Side>(all: &[Station<A::From>]) -> Vec<Station<A::From>> {
     let distance_mm = |one: &Station<A::From>, other: &Station<A::From>| {
         let [one, other]: [Rigid<Base, Flange>; 2] = [one.base_from_flange, other.base_from_flange];
-        one.origin().distance_mm(other.origin()).hypot(LEVER_MM * (one.inverse() * other).rotation_angle().to_rad())
+        one.origin()
+            .distance_mm(other.origin())
+            .hypot(MM_PER_RADIAN * (one.inverse() * other).rotation_angle().to_rad())
     };
     let mut middles = vec![&all[0]];
     while middles.len() < REGIONS {
@@ -90,18 +92,18 @@ fn mounts<A: Side>(error_mm: f64) -> usize {
         let exact = stations::<A>(seed, error_mm, (EXACT, EXACT_PX));
         let own = hand_eye::<A>(&lens.camera, &boards::board(), &exact, None).expect("the arm's own mount");
         let over_volume = &all[..REGIONS * POSES_EACH];
-        [judged::<A>(&lens, over_volume, &own), judged::<A>(&lens, &in_regions::<A>(&all), &own)]
+        [judged::<A>(&lens, over_volume, &own), judged::<A>(&lens, &poses_in_regions::<A>(&all), &own)]
     };
     let found: Vec<_> = (1..=SEEDS).into_par_iter().map(one).collect();
     let mut missed = 0;
-    for (index, poses) in ["all over the volume", "in three regions"].into_iter().enumerate() {
+    for (index, poses) in ["over the whole volume", "in three regions"].into_iter().enumerate() {
         let known: Vec<(f64, f64, f64)> = found.iter().filter_map(|pair| pair[index]).collect();
         let held = known.iter().filter(|(mm, stated_mm, _)| mm <= stated_mm).count() as f64 / known.len() as f64;
         let median = |of: fn(&(f64, f64, f64)) -> f64| share(&mut known.iter().map(of).collect::<Vec<_>>(), 0.5);
         let (mm, stated_mm, each) = (median(|one| one.0), median(|one| one.1), median(|one| one.2));
         let good = HELD.contains(&held) && stated_mm <= MAX_STATED * mm && known.len() as u64 == SEEDS;
         let numbers = format!(
-            "the stated 95 % hold in {:.1} % of {} seeds ({:.0} to {:.0} %); median error {mm:.3} mm, stated {stated_mm:.3} mm, {each:.1} poses \
+            "the error is within the stated 95 % bound in {:.1} % of {} seeds ({:.0} to {:.0} %); median error {mm:.3} mm, stated {stated_mm:.3} mm, {each:.1} poses \
              count as one",
             100.0 * held,
             known.len(),

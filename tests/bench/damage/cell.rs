@@ -26,11 +26,11 @@ const OBSERVED_S: f64 = 4.0;
 pub enum Found {
     /// A file was refused.
     Refused,
-    /// The verdict is no longer accept, or is another kind of failure.
-    Told,
+    /// The damage was reported: the verdict is no longer accept, or is another failure.
+    Reported,
     /// A pose was accepted at this distance from the undamaged files' pose, mm.
     Pose { moved_mm: f64 },
-    /// The broken film is reported as broken.
+    /// The film with breaks still fails.
     StillFails,
     /// The film with breaks passes.
     Passed,
@@ -126,7 +126,7 @@ impl Held {
             .fold(0.0, f64::max)
     }
 
-    /// `None` if the file is refused; otherwise the panel's pose, if it is accepted.
+    /// Locates the panel; returns `None` if the file is refused, otherwise the pose if it is accepted.
     fn locate(&self, scan: &[u8]) -> Option<Option<Rigid<Base, Panel>>> {
         let camera = self.cell.scanner();
         let scan = files::read_cloud(scan, camera).ok()?;
@@ -146,12 +146,12 @@ impl Held {
     pub fn located(&self, damage: &Damage, draw: &mut Pcg64) -> Found {
         match self.locate(&damaged(&self.scan, damage, draw)) {
             None => Found::Refused,
-            Some(None) => Found::Told,
+            Some(None) => Found::Reported,
             Some(Some(pose)) => Found::Pose { moved_mm: self.moved_mm(&pose, &self.located) },
         }
     }
 
-    /// The panel's pose from the corners, if it is accepted.
+    /// Returns the panel's pose from the corners; `None` if it is not accepted.
     fn refine(&self, pictures: &[&ColorPicture]) -> Option<Rigid<Base, Panel>> {
         let camera = self.cell.flange_camera();
         let held = CornerReference {
@@ -191,12 +191,12 @@ impl Held {
         let pictures: Vec<_> =
             pictures.map(|(index, file)| if index == which { spoilt } else { &file.picture }).collect();
         match self.refine(&pictures) {
-            None => Found::Told,
+            None => Found::Reported,
             Some(pose) => Found::Pose { moved_mm: self.moved_mm(&pose, &self.refined) },
         }
     }
 
-    /// The verdict of a clip with this list; `None` if a part of it is refused.
+    /// Returns the verdict on a clip with this list; `None` if a part of it is refused.
     fn inspect(&self, pictures: &[Arc<ColorPicture>], list: &str) -> Option<Verdict> {
         let listed = files::read_clip(list.as_bytes()).ok()?;
         let camera_from_panel =
@@ -251,12 +251,12 @@ impl Held {
             None => Found::Refused,
             Some(Verdict::Pass) => Found::Passed,
             Some(Verdict::Fail) => Found::StillFails,
-            Some(_) => Found::Told,
+            Some(_) => Found::Reported,
         }
     }
 }
 
-/// Returns the picture with damaged pixels; pixels that are cut off are black.
+/// Returns the picture with damaged pixels; pixels whose data is cut off are black.
 fn spoilt(picture: &ColorPicture, damage: &Damage, draw: &mut Pcg64) -> ColorPicture {
     let mut bytes = damaged(picture.rgb.as_flattened(), damage, draw);
     bytes.resize(picture.rgb.len() * 3, 0);

@@ -1,4 +1,4 @@
-//! Clips of the simulator with everything that makes a film hard to read, and the results of the test on them.
+//! Clips of the simulator with all effects that make a film difficult to evaluate, and the results of the test on them.
 
 use crate::conditions::Conditions;
 use crate::goal::Figure;
@@ -15,7 +15,7 @@ use std::time::Instant;
 
 /// The frame rate that the recipes of all clips require.
 pub const FRAMES_PER_SECOND: f64 = 5.0;
-/// Noise of a pixel of the simulator, grey levels.
+/// Standard deviation of the noise of the simulator's pixels, grey levels.
 const NOISE_LEVELS: f64 = 2.0;
 
 /// The declared sanded area extends beyond the true one by this margin, mm.
@@ -31,7 +31,7 @@ pub struct Extent {
     pub kind: Option<String>,
 }
 
-/// A panel that was taught and is displaced.
+/// A cell with a panel that was taught and then displaced.
 pub struct Bench {
     pub cell: Cell,
     pub taught: TaughtPanel,
@@ -52,7 +52,7 @@ impl Bench {
 
     pub fn demands(&self, observation_s: f64) -> Demands {
         let settings = self.recipe.inspect();
-        // At least the smallest break that pixels of this size show reliably, also on a displaced panel.
+        // The limit is at least the smallest break that pixels of this size show reliably, also on a displaced panel.
         let limit_mm2 = Footprint::taught_detection_limit_mm2(&self.taught, settings).expect("in view");
         Demands {
             observation_s,
@@ -167,7 +167,7 @@ fn one(seed: u64, extent: &Extent, tally: &mut Tally) {
     let sanding = bench.sanded(&conditions);
     let film = bench.cell.sanded_film_with_spec((&spots, &spots), &sanding, &spec, seed);
     let demands = bench.demands(extent.observed_s);
-    // The disc's path gives the sanded area to a few millimetres.
+    // From the disc's path, the sanded area is known to a few millimetres.
     let declared = bench.cell.sanded_taught_pixels(&sanding, SANDED_MARGIN_MM);
     let mut watch = bench.watch(extent.observed_s, Some(&declared));
     let before = bench.cell.film_with_spec(&spots, &spec, seed);

@@ -1,5 +1,4 @@
-//! The conditions of both renderers' clips: the number of pictures per second, and the grids that were sanded
-//! before.
+//! The conditions of both renderers' clips: the frame rate, and the grids that were sanded before.
 
 use panelprep::panel::GridId;
 use rand::{RngExt, SeedableRng};
@@ -13,11 +12,11 @@ const RATES: [f64; 9] = [1.0, 2.0, 3.0, 5.0, 5.0, 8.0, 12.0, 20.0, 30.0];
 pub struct Conditions {
     /// Mean number of pictures per second.
     pub frames_per_second: f64,
-    /// Maximum relative deviation of an interval from the mean.
+    /// Largest relative deviation of an interval between pictures from the mean.
     pub uneven: f64,
     /// The grids that were sanded before the film, pass by pass.
     pub sanded: Vec<Vec<GridId>>,
-    /// Distance by which the disc went beyond a grid's edge, mm.
+    /// Distance by which the disc moved beyond a grid's edge, mm.
     pub beyond_mm: f64,
     seed: u64,
 }
@@ -45,12 +44,13 @@ impl Conditions {
         Conditions { frames_per_second: rate, uneven, sanded, beyond_mm, seed }
     }
 
-    /// The conditions of a camera that is as good as the recipe requires, with nothing sanded.
+    /// Returns the conditions of a camera with this constant frame rate, and no sanded grid.
     pub fn plain(frames_per_second: f64) -> Self {
         Conditions { frames_per_second, uneven: 0.0, sanded: Vec::new(), beyond_mm: 0.0, seed: 0 }
     }
 
-    /// The times of a clip's pictures from 0 to the end, s, whole milliseconds; one picture of the dry panel is among them.
+    /// Returns the times of a clip's pictures from 0 to the end, s, in whole milliseconds; the first picture shows the
+    /// dry panel.
     pub fn times_s(&self, end_s: f64) -> Vec<f64> {
         let mut random = Pcg64::seed_from_u64(self.seed ^ 0x71_e5);
         let mut times_s = vec![0.0];

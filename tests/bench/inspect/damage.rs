@@ -10,7 +10,7 @@ const OBSERVED_S: f64 = 8.0;
 /// A time in the middle of the film, s.
 const MIDDLE_S: f64 = WET_FROM_S + 4.0;
 
-/// A change of a clip's pictures; it returns `None` to leave a picture out.
+/// A function that changes a picture of a clip; it returns `None` to leave the picture out.
 type Damage = fn(ColorPicture, f64) -> Option<ColorPicture>;
 
 const DAMAGES: [(&str, &str, Damage); 14] = [
@@ -47,7 +47,7 @@ const DAMAGES: [(&str, &str, Damage); 14] = [
     }),
 ];
 
-/// Returns how many damages were not reported, or reported wrongly.
+/// Returns the number of damages that were not reported or were reported wrongly.
 pub fn run(seeds: u64, reduction: usize) -> usize {
     let (mut wrong, mut all) = (0, 0);
     for seed in 1..=seeds {
@@ -88,7 +88,7 @@ pub fn run(seeds: u64, reduction: usize) -> usize {
     }
     let found = format!("{wrong} of {all}");
     Figure("film: damaged clips that were not reported").report("0", &found, wrong == 0 && all > 0);
-    println!("damaged clips, {seeds} seeds: {wrong} not told, or told wrongly (needed 0)");
+    println!("damaged clips, {seeds} seeds: {wrong} not reported, or reported wrongly (target 0)");
     wrong
 }
 
@@ -107,7 +107,7 @@ fn shifted(picture: &ColorPicture, right: usize) -> ColorPicture {
     moved
 }
 
-/// Changes the brightness of a disc in the picture's middle, some 4 mm in diameter.
+/// Changes the brightness of a circular spot in the picture's middle, about 4 mm in diameter.
 fn spotted(mut picture: ColorPicture, change: impl Fn(f64) -> f64) -> ColorPicture {
     let (width, height) = (picture.width, picture.height);
     let radius_px = width as f64 / 400.0;

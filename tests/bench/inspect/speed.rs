@@ -1,5 +1,5 @@
-//! Time from a decoded 1944×1200 frame to its result, compared with the thesis's pipeline in Python's OpenCV on the
-//! same frames, and the memory for a whole clip.
+//! Measures the time from a decoded 1944×1200 frame to its result, compared with the thesis's pipeline in Python's
+//! OpenCV on the same frames, and the memory for a whole clip.
 
 use crate::clips::{Bench, phase};
 use crate::goal::Figure;
@@ -38,7 +38,7 @@ pub fn run(reduction: usize) {
         let begun = Instant::now();
         watch.push(&decoded, 10.0 + time_s, Phase::Wet).expect("in order");
         judging.push(begun.elapsed());
-        // A plain copy shows how busy the machine itself was in these seconds.
+        // The time of a plain copy shows how busy the machine was in these seconds.
         let begun = Instant::now();
         copy.rgb.copy_from_slice(std::hint::black_box(&decoded.rgb));
         copying.push(begun.elapsed());
@@ -90,7 +90,7 @@ fn peers(folder: &Path, region: &panelprep::geometry::Mask) {
     }
 }
 
-/// The peak memory of `panelprep inspect` for a clip of 60 s, as the system counts it.
+/// Measures the peak memory of `panelprep inspect` for a clip of 60 s, as the operating system reports it.
 pub fn memory(reduction: usize) {
     let folder = std::env::temp_dir().join(format!("panelprep-memory-{}", std::process::id()));
     let file = |name: &str| folder.join(name).display().to_string();
@@ -122,7 +122,7 @@ pub fn memory(reduction: usize) {
     ));
     let most_mb = panelprep(&format!("inspect --cell {cell} --recipe {recipe} --clip {}", file("clip")));
     let found = format!("{most_mb:.0} MB");
-    // A process whose memory was never read has used none of it by this count.
+    // A value of 0 means that the memory could not be read.
     Figure("film: memory for 60 s").report("400 MB", &found, most_mb > 0.0 && most_mb < 400.0);
     println!("memory of `panelprep inspect` on a clip of 60 s: {most_mb:.0} MB (needed below 400 MB)");
     std::fs::remove_dir_all(&folder).expect("our folder");

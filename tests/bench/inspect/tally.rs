@@ -7,13 +7,13 @@ use panelprep::panel::GridId;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// A place has contrast if its film differs from each break by at least this multiple of the noise, for breaks as
+/// Smallest difference between film and break at which a place has contrast, as a multiple of the noise, for breaks as
 /// damp as the recipe allows.
 pub const CONTRAST_TO_NOISE: f64 = 10.0;
-/// The damp brightness that the recipes allow, as a share.
-const DAMP: f64 = 0.8;
-/// … and a grid has contrast if this share of its places has contrast.
-const CONTRAST_SHARE: f64 = 0.95;
+/// Brightness of a damp break that the recipes allow, as a share of the dry brightness.
+const DAMP_BRIGHTNESS: f64 = 0.8;
+/// Smallest share of a grid's places with contrast at which the grid has contrast.
+const MIN_CONTRAST_SHARE: f64 = 0.95;
 
 /// The ground truth of a clip; masks and values are those of its pictures' pixels.
 pub struct Truth<'a> {
@@ -29,7 +29,7 @@ pub struct Truth<'a> {
 /// channel with the largest difference, or of the channels' mean; `noise` returns the noise of one channel at its
 /// level.
 pub fn contrast_to_noise([dry, wet]: [[f64; 3]; 2], noise: impl Fn(f64) -> f64) -> f64 {
-    let gap = |dry: f64, wet: f64| (DAMP * dry - wet).max(wet - dry);
+    let gap = |dry: f64, wet: f64| (DAMP_BRIGHTNESS * dry - wet).max(wet - dry);
     let mean = |rgb: [f64; 3]| rgb.iter().sum::<f64>() / 3.0;
     let of_mean = gap(mean(dry), mean(wet)) / (noise(mean(dry)) / 3.0_f64.sqrt());
     (0..3).map(|i| gap(dry[i], wet[i]) / noise(dry[i])).fold(of_mean, f64::max)
@@ -64,20 +64,20 @@ pub struct Figures {
     pub time: Option<Figure>,
 }
 
-/// Limits for clean grids that fail and that are not seen, for the intersection over union, and for the share of breaks
-/// with a right time.
-const CLEAN_FAILED: f64 = 0.005;
-const CLEAN_NOT_SEEN: f64 = 0.03;
-const IOU: f64 = 0.95;
-const TIMELY: f64 = 0.95;
+/// Targets: the largest shares of clean grids that fail and that are not seen, the smallest intersection over union,
+/// and the smallest share of breaks whose time is correct.
+const MAX_CLEAN_FAILED_SHARE: f64 = 0.005;
+const MAX_CLEAN_NOT_SEEN_SHARE: f64 = 0.03;
+const MIN_IOU: f64 = 0.95;
+const MIN_TIMELY_SHARE: f64 = 0.95;
 
 /// Statistics of all clips of one renderer.
 #[derive(Debug, Default)]
 pub struct Tally {
     clips: usize,
     invalid: BTreeMap<String, usize>,
-    /// Results of grids with a true break; `clean` has those of clean grids with contrast, `faint` those of the
-    /// other clean grids.
+    /// Results of grids with a true break; `clean` contains the results of clean grids with contrast, `faint` those of
+    /// the other clean grids.
     broken: BTreeMap<Found, usize>,
     clean: BTreeMap<Found, usize>,
     faint: BTreeMap<Found, usize>,
@@ -89,7 +89,7 @@ pub struct Tally {
     time_errors_s: Vec<f64>,
 }
 
-/// Returns whether nothing of a clip is judged, for a reason that concerns all of its pictures.
+/// Returns whether no grid of a clip was judged, for a reason that concerns all of its pictures.
 fn is_unjudged(inspection: &Inspection) -> bool {
     const OF_GRIDS: [&str; 5] = ["not_seen", "no_contrast", "wet_when_dry", "broken", "masked"];
     inspection.judgement.reasons.iter().any(|reason| !OF_GRIDS.contains(&&*reason.code))
@@ -122,10 +122,10 @@ impl Tally {
         let mut wrong = Vec::new();
         for (index, grid) in inspection.grids.iter().enumerate() {
             let found = if unjudged { Found::NotSeen } else { found(grid) };
-            let is_clear = clear_mm2[index] >= CONTRAST_SHARE * all_mm2[index];
+            let is_clear = clear_mm2[index] >= MIN_CONTRAST_SHARE * all_mm2[index];
             let (kind, counts) = match (real_mm2[index] >= min_mm2, later_mm2[index] >= min_mm2) {
                 (true, _) => ("broken", &mut self.broken),
-                // A break after the window is not a mistake, whether it was found or not.
+                // A break that begins after the observation is not counted, whether it was found or not.
                 (false, true) => continue,
                 _ if is_clear => ("clean", &mut self.clean),
                 _ => ("faint", &mut self.faint),
@@ -212,28 +212,32 @@ impl Tally {
         }
     }
 
-    /// Reports the figures. A kind of grid that no clip has is not evidence, so that its figure misses the goal.
+    /// Reports the figures. If no clip has a grid of some kind, there is no evidence, and the figure misses its goal.
     pub fn report(&self, figures: &Figures) {
         let share = |figure: Figure, counts: &BTreeMap<Found, usize>, found: Found, goal: &str, most: f64| {
             let (some, all) = (counts.get(&found).copied().unwrap_or_default(), counts.values().sum::<usize>());
             figure.report(goal, &format!("{some} of {all}"), all > 0 && some as f64 <= most * all as f64);
         };
         share(figures.passed, &self.broken, Found::Passed, "0", 0.0);
-        share(figures.failed, &self.clean, Found::Failed, "0.5 %", CLEAN_FAILED);
+        share(figures.failed, &self.clean, Found::Failed, "0.5 %", MAX_CLEAN_FAILED_SHARE);
         if let Some(figure) = figures.not_seen {
-            share(figure, &self.clean, Found::NotSeen, "3 %", CLEAN_NOT_SEEN);
+            share(figure, &self.clean, Found::NotSeen, "3 %", MAX_CLEAN_NOT_SEEN_SHARE);
         }
-        let above = |values: &[f64]| values.iter().filter(|value| **value >= IOU).count();
+        let above = |values: &[f64]| values.iter().filter(|value| **value >= MIN_IOU).count();
         if let Some(figure) = figures.iou {
             let (count, high) = (self.iou.len(), above(&self.iou));
             let mean = self.iou.iter().sum::<f64>() / count.max(1) as f64;
-            let found = format!("mean {mean:.3}, {high} of {count} above {IOU}");
-            figure.report(&IOU.to_string(), &found, count > 0 && high == count);
+            let found = format!("mean {mean:.3}, {high} of {count} above {MIN_IOU}");
+            figure.report(&MIN_IOU.to_string(), &found, count > 0 && high == count);
         }
         if let Some(figure) = figures.time {
             let near = self.time_errors_s.iter().filter(|error| error.abs() <= 0.5).count();
-            let (count, goal) = (self.time_errors_s.len(), format!("{} %", 100.0 * TIMELY));
-            figure.report(&goal, &format!("{near} of {count}"), count > 0 && near as f64 >= TIMELY * count as f64);
+            let (count, goal) = (self.time_errors_s.len(), format!("{} %", 100.0 * MIN_TIMELY_SHARE));
+            figure.report(
+                &goal,
+                &format!("{near} of {count}"),
+                count > 0 && near as f64 >= MIN_TIMELY_SHARE * count as f64,
+            );
         }
     }
 

@@ -32,7 +32,8 @@ impl Peer {
             let port = listener.local_addr().expect("bound").port();
             let inside = inside.clone();
             std::thread::spawn(move || {
-                // The peer must not measure its own delays. If the priority is not permitted, it does measure them.
+                // The measurement must not contain the peer's own delays. If the priority is not permitted, it does
+                // contain them.
                 let _ = rustix::process::setpriority_process(None, INSTRUMENT_NICE);
                 for stream in listener.incoming().map_while(Result::ok) {
                     // Serving ends when the client disconnects; the client connects again.
@@ -55,7 +56,7 @@ impl Peer {
         (inside.loses, inside.stopped) = (true, None);
     }
 
-    /// Forgets the abort that arrived, so that the next one counts as the first again.
+    /// Forgets the abort that arrived, so that the next one is measured.
     pub fn forget(&self) {
         self.inside.lock().expect("whole").stopped = None;
     }
@@ -66,7 +67,7 @@ impl Peer {
     }
 }
 
-/// Calls this with the values of each document: the numbers between its quotes.
+/// Calls `act` with the values of each document, which are the numbers between its quotes, and sends the answer.
 fn documents(mut stream: TcpStream, end: &str, mut act: impl FnMut(&[u32]) -> String) -> std::io::Result<()> {
     stream.set_nodelay(true)?;
     let (mut text, mut bytes) = (String::new(), [0; 16_384]);

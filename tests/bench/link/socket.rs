@@ -1,5 +1,5 @@
-//! Time from an abort at one of the service's front ends to the frame at the controller. The abort comes through the
-//! socket while two hundred hostile clients use it, or from the operator's page while others watch it.
+//! Measures the time from an abort at one of the service's front ends to the frame at the controller. The abort comes
+//! through the socket while two hundred hostile clients use it, or from the operator's page while others watch it.
 
 use super::peer::Peer;
 use crate::clients::harass;
@@ -37,8 +37,8 @@ const CELL: &str = "[poses]\npark = { a1_deg = 0, a2_deg = -90, a3_deg = 90, a4_
      [io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextraction = 4\ntool = 5\n\
      [io.feedbacks]\nwater_off = 1\nlens_shut = 2\nextraction_flow = 3\ntool_running = 4\n";
 
-/// Sends a word to the socket and returns its answer; empty if there was none. A clear refers to the step that is
-/// shown immediately before.
+/// Sends a word to the socket and returns its answer; empty if there was none. A `clear` contains the number of the
+/// step that the state shows immediately before.
 fn ask(socket: &Path, word: &str) -> String {
     let mut line = json!({ "ask": word });
     if word == "clear" {
@@ -62,7 +62,7 @@ fn until(what: &str, mut done: impl FnMut() -> bool) {
     }
 }
 
-/// A record on a disk that hangs once each time that this is requested.
+/// A journal on a disk that hangs once on each request.
 struct Hanging<'s> {
     record: StoreRecord<'s>,
     hangs: Arc<AtomicBool>,
@@ -182,7 +182,8 @@ pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
     (found, done.load(Ordering::Relaxed))
 }
 
-/// Returns the time of each abort at the socket while the disk hangs as the abort's line is written to the journal.
+/// Returns the time of each abort at the socket while the disk hangs during the writing of the abort's line to the
+/// journal.
 pub fn aborts_on_a_hanging_disk(trials: usize) -> Vec<Duration> {
     let served = Served::start();
     let path = served.folder.path().join("socket");
@@ -280,7 +281,7 @@ pub fn aborts_on_the_page(trials: usize, viewers: usize) -> Vec<Duration> {
     let parts = PageParts { page, folder, front, view, records };
     let page = OperatorPage::serve(parts).expect("served").expect("an address");
     let address = page.url.trim_start_matches("http://").trim_end_matches('/').to_owned();
-    // A clear needs a person; a request at the socket comes from one.
+    // Only a person may clear; a request at the socket counts as a person's.
     let path = served.folder.path().join("socket");
     let socket = Socket::listen(&path, None, served.gateway.clone(), &served.supervisor).expect("a socket");
     let events = format!("GET /events HTTP/1.1\r\nhost: {address}\r\n\r\n");

@@ -1,7 +1,7 @@
-//! Panels that have developed bows and waves since they were taught. Is the right panel accepted although it is bent?
-//! Does the path on today's surface lie on the true surface, and within the stated error? One of three panels has a
-//! camera whose distances are too long or too short, with only the maker's figure known. Far from the taught pose a
-//! person must decide on such a pose, whether the panel is bent or not.
+//! Panels that have developed bows and waves since they were taught. Measures whether such a panel is accepted, and
+//! whether the path on today's surface lies on the true surface within the stated error. One of three panels has a
+//! camera whose distances are too long or too short, of which only the manufacturer's specification is known. Far from
+//! the taught pose a person must decide on such a pose, whether the panel is bent or not.
 
 use super::goal::Figure;
 use super::{RIGHT_MM, Tried, located_with, quantile, range_errors, reduction, row, share, shared};
@@ -30,9 +30,9 @@ const SCALE: [f64; 2] = [0.999, 1.002];
 const REGION: f64 = 0.54;
 /// Number of points along each side of the region at which the path's surface is compared with the true one.
 const PLACES: usize = 25;
-/// Targets: the share of accepted panels among those with no larger bow than this; the share of accepted panels
-/// with a path within the stated error; the contact error.
-const ACCEPTED_TO_MM: f64 = 2.0;
+/// Largest bow of the panels to which the target `ACCEPTED` for the accepted share applies, mm. `STATED` is the target
+/// for the share of accepted panels with a path within the stated error, `CONTACT_MM` that for the contact error.
+const MAX_ACCEPTED_BOW_MM: f64 = 2.0;
 const ACCEPTED: f64 = 0.95;
 const STATED: f64 = 0.9;
 const CONTACT_MM: f64 = 0.15;
@@ -100,8 +100,8 @@ fn drawn(random: &mut Pcg64, trial: &TrialScene) -> PanelBend {
     }
 }
 
-/// The panel taught by a camera whose distances are too long by this share, and the mount that was measured with
-/// this camera at the panel's taught place.
+/// Returns the panel as taught by a camera whose distances are too long by this share, and the mount that was measured
+/// with this camera at the panel's taught place.
 fn taught(trial: &TrialScene, scale: f64) -> (TaughtPanel, Recipe, Rigid<Base, Camera>) {
     let corners = trial.middle_px(REGION).map(|pixel| [pixel.u, pixel.v]);
     let [low, high] = TRIAL_BOX_MM;
@@ -175,9 +175,9 @@ fn words(found: &Found) -> String {
 
 fn judged(all: &[Found]) -> usize {
     let is_accepted = |found: &&Found| found.tried.judgement.verdict == Verdict::Accept;
-    let little = || all.iter().filter(|found| found.bend.bow_mm.abs() <= ACCEPTED_TO_MM && !found.is_scaled);
+    let little = || all.iter().filter(|found| found.bend.bow_mm.abs() <= MAX_ACCEPTED_BOW_MM && !found.is_scaled);
     let (of, accepted) = (little().count(), little().filter(is_accepted).count());
-    // If a region is partly hidden, the check of today's surface leaves the decision to a person.
+    // If the region is partly hidden, the check of today's surface requires a person's decision.
     let is_seen = |found: &&Found| found.hole_mm <= MAX_HOLE_MM;
     let used: Vec<&Found> = all.iter().filter(is_accepted).filter(is_seen).collect();
     let largest = |found: &&Found| found.contact_mm.map_or(f64::INFINITY, |[_, largest_mm]| largest_mm);
@@ -206,14 +206,14 @@ fn judged(all: &[Found]) -> usize {
     row(
         share(accepted, of) >= ACCEPTED,
         &format!(
-            "{accepted} of {of} panels that bow by {ACCEPTED_TO_MM} mm at most, scanned with the right scale, are accepted; of all {}, {} are accepted and show their region",
+            "{accepted} of {of} panels that bow by {MAX_ACCEPTED_BOW_MM} mm at most, scanned with the right scale, are accepted; of all {}, {} are accepted and show their region",
             all.len(),
             used.len()
         ),
     ) + row(
         share(within, used.len()) >= STATED,
         &format!(
-            "{within} of {} accepted paths lie within what is stated anywhere in the region, which is {:.3} mm in the middle; {placed} poses in the \
+            "{within} of {} accepted paths lie within what is stated anywhere in the region, whose median is {:.3} mm; {placed} poses in the \
              panel's plane",
             used.len(),
             quantile(&mut bounds, 0.5)
@@ -221,7 +221,7 @@ fn judged(all: &[Found]) -> usize {
     ) + row(
         contact_mm <= CONTACT_MM,
         &format!(
-            "contact error of accepted ones {contact_mm:.3} mm in the middle, the largest in the region; {:.3} mm on average over it",
+            "contact error of accepted ones median of the largest in the region {contact_mm:.3} mm; {:.3} mm on average over it",
             quantile(&mut means, 0.5)
         ),
     ) + row(

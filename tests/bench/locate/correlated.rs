@@ -1,6 +1,6 @@
-//! The stated error compared with the real error if the scanner's smooth errors are correlated over short or long
-//! distances. On panels of many shapes and on flat plates, with the results of `calibrate scanner` and with the
-//! maker's figures alone.
+//! Compares the stated error with the real error if the scanner's smooth errors are correlated over short or long
+//! distances: on panels of many shapes and on flat plates, with the results of `calibrate scanner` and with the
+//! manufacturer's specification only.
 
 use super::goal::Figure;
 use super::{RIGHT_MM, Tried, located_with, quantile, range_errors, reduction, row, share, taught};
@@ -17,7 +17,7 @@ use std::ops::RangeInclusive;
 
 /// Correlation lengths of the smooth error, mm.
 const ALIKE_MM: [f64; 4] = [30.0, 65.0, 120.0, 200.0];
-/// The simulator's smooth error, standard deviation: 0.06 mm at the nodes of its lattice, 26/35 of that overall.
+/// The simulator's smooth error, standard deviation, mm: 0.06 mm at the nodes of its lattice, 26/35 of that on average.
 const SMOOTH_MM: f64 = 0.06 * 26.0 / 35.0;
 /// Standard deviation of the error in a camera's scale: `SCALE` is common to all scans, `BETWEEN_SCANS` varies from
 /// scan to scan.
@@ -75,9 +75,9 @@ pub fn errors(seeds: RangeInclusive<u64>) -> usize {
     missed + kinds.into_iter().map(scaled).sum::<usize>()
 }
 
-/// A camera whose distances are too long by a fraction that is the same in all its scans, and by a second fraction
-/// that differs from scan to scan. Its mount was measured with the same camera at the panel's taught place, so the
-/// first fraction cancels there.
+/// Tests a camera whose distances are too long by a fraction that is the same in all its scans, and by a second
+/// fraction that differs from scan to scan. Its mount was measured with the same camera at the panel's taught place, so
+/// the first fraction cancels there.
 fn scaled(kind: &str, trial: fn(u64, usize) -> TrialScene, seeds: &RangeInclusive<u64>) -> usize {
     let range = RangeErrors {
         scale: SCALE,
@@ -123,7 +123,8 @@ struct Stated {
 }
 
 impl Stated {
-    /// Returns the one with the smaller share within the stated error; a row without an accepted scan counts as the smallest.
+    /// Returns the row with the smaller share within the stated error; a row without an accepted scan counts as the
+    /// smallest.
     fn least(self, other: Option<Stated>) -> Stated {
         let within = |row: Stated| if row.accepted == 0 { 0.0 } else { share(row.kept, row.accepted) };
         other.filter(|other| within(*other) <= within(self)).unwrap_or(self)
@@ -151,13 +152,12 @@ fn stated(words: &str, trials: impl Iterator<Item = Scanned>, range: RangeErrors
         ratios.push(error_mm / fit.uncertainty_mm);
         largest.push(error_mm);
     }
-    let told = format!(
-        "{words}: {accepted} of {count} are accepted, {wrong} of them wrong, {kept} within what is stated ({:.1} %); error over stated {:.2} in \
-         the middle and {:.2} at 95 %, largest error {:.3} mm",
+    let summary = format!(
+        "{words}: {accepted} of {count} are accepted, {wrong} of them wrong, {kept} within what is stated ({:.1} %); error divided by stated error: median {:.2}, 95 % {:.2}, largest error {:.3} mm",
         100.0 * share(kept, accepted),
         quantile(&mut ratios, 0.5),
         quantile(&mut ratios, 0.95),
         quantile(&mut largest, 1.0)
     );
-    Stated { missed: row(wrong == 0 && STATED.contains(&share(kept, accepted)), &told), kept, accepted }
+    Stated { missed: row(wrong == 0 && STATED.contains(&share(kept, accepted)), &summary), kept, accepted }
 }

@@ -1,5 +1,5 @@
 //! Panels as in real scans: held by an object in their own plane, with a third of their points missing in patches that
-//! differ from scan to scan, bent or flat. They are tried with and without a person's information in the recipe.
+//! differ from scan to scan, bent or flat. They are tested with and without a person's information in the recipe.
 
 use super::goal::Figure;
 use super::{RIGHT_MM, Tried, reduction, row, share, shared, tried_with, words};
@@ -9,13 +9,13 @@ use std::ops::RangeInclusive;
 
 /// Share of the panel without points.
 const MISSING: f64 = 0.33;
-/// Minimum accepted share of the scenes with keys and without missing points.
+/// Smallest accepted share of the scenes with a person's information and without missing points.
 const ACCEPTED: f64 = 0.9;
-/// The same share with a third of the points missing at teaching and another third missing now. For the other
+/// The same share if a third of the points was missing at teaching and another third is missing now. In the other
 /// scenes a person must decide.
 const MISSING_ACCEPTED: f64 = 0.5;
 /// Allowed share of scenes with missing points that cannot be taught, because a patch is as wide as a grid.
-const UNTAUGHT: f64 = 0.05;
+const MAX_UNTAUGHT_SHARE: f64 = 0.05;
 /// Target share of the accepted poses whose error is within the stated uncertainty.
 const STATED_SHARE: f64 = 0.9;
 
@@ -36,7 +36,7 @@ struct Kind {
     floor: f64,
 }
 
-/// The kind that the table of measured numbers states.
+/// The kind whose numbers are in the table of figures.
 const TABLE_KIND: &str = "flat, marks, held, points missing, outline drawn";
 
 const KINDS: [Kind; 10] = [
@@ -147,7 +147,7 @@ pub fn scenes(seeds: RangeInclusive<u64>) -> usize {
         let is_good = share(accepted, count) >= kind.floor
             && wrong == 0
             && share(stated, accepted) >= STATED_SHARE
-            && share(untaught, count) <= UNTAUGHT;
+            && share(untaught, count) <= MAX_UNTAUGHT_SHARE;
         if kind.words == TABLE_KIND {
             let figure = Figure("locate: held panels with marks, a third of the points missing, accepted");
             shared(figure, accepted, count, kind.floor);

@@ -1,4 +1,4 @@
-//! The memory of a localization at full size: a separate process that does nothing else, measured by the system.
+//! Measures the memory of a localization at full size in a separate process that does nothing else.
 
 use panelprep::geometry::{Camera, OrganizedCloud, PinholeCamera};
 use panelprep::locate::{self, ScanView};
@@ -22,7 +22,7 @@ pub fn measured() -> usize {
     }
     let program = std::env::current_exe().expect("this program");
     let output = Command::new(program).arg(ALONE).arg(&folder).output().expect("started");
-    // Best effort: leftover files are in the system's folder for temporary files.
+    // The result is ignored: leftover files are in the system's folder for temporary files.
     let _ = std::fs::remove_dir_all(&folder);
     let most_mb = String::from_utf8_lossy(&output.stdout).trim().parse().unwrap_or(f64::NAN);
     super::row(most_mb < ALLOWED_MB, &format!("teaching and localization take {most_mb:.0} MB at most"))

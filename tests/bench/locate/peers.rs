@@ -1,5 +1,5 @@
-//! The same scans through this program, the thesis's method and third-party libraries: a table, and a plot of error
-//! against time.
+//! Localizes the panel in the same scans with this program, the thesis's method and third-party libraries; makes a
+//! table, and a plot of error against time.
 
 use super::plot::{self, Run};
 use super::{RIGHT_MM, quantile, reduction, taught, tried};
@@ -41,7 +41,7 @@ pub fn compared(seeds: RangeInclusive<u64>) {
         Ok(python) => runs.extend(of_peers(&python, &folder, seeds)),
         Err(_) => println!("peers: not run; `make bench-locate` sets them up"),
     }
-    // Best effort: leftover files are in the system's folder for temporary files.
+    // The result is ignored: leftover files are in the system's folder for temporary files.
     let _ = std::fs::remove_dir_all(&folder);
     println!("method                          scans  error mm: median  largest   right  ms: median");
     for method in plot::methods(&runs) {
@@ -78,7 +78,7 @@ fn clouds(trial: &TrialScene, panel: &TaughtPanel) -> (Vec<[f64; 3]>, Vec<[f64; 
     (source, target)
 }
 
-/// Returns a start pose for methods that need one: the true pose, 10 mm and 3° off.
+/// Returns a start pose for methods that need one: 10 mm and 3° from the true pose.
 fn near(trial: &TrialScene) -> Rigid<Base, Panel> {
     let turn = nalgebra::Vector3::new(0.04, 0.025, -0.02);
     let centre = trial.base_from_panel().isometry() * nalgebra::Point3::new(560.0, 0.0, 360.0);

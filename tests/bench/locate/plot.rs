@@ -32,7 +32,7 @@ const LEFT: f64 = 70.0;
 const RIGHT: f64 = 230.0;
 const TOP: f64 = 40.0;
 const BOTTOM: f64 = 50.0;
-/// First and last power of ten on the time axis; `MM` has those of the error axis.
+/// Smallest and largest power of ten on the time axis, ms; `MM` contains those of the error axis, mm.
 const MS: [f64; 2] = [1.0, 5.0];
 const MM: [f64; 2] = [-2.0, 3.0];
 

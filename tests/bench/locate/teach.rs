@@ -1,5 +1,5 @@
 //! Teaching from scans with large parts missing. Measures the number of panels that are taught, and the distance of
-//! their grids' edges from those that the whole scan teaches, at the same pixels.
+//! their grids' edges from those taught with the complete scan, at the same pixels.
 
 use super::goal::Figure;
 use super::held::{PriorKnowledge, keys};
@@ -12,9 +12,9 @@ use std::ops::RangeInclusive;
 const MISSING: [f64; 3] = [0.2, 0.35, 0.5];
 /// Minimum share of the panels that must be taught.
 const TAUGHT: f64 = 0.95;
-/// Allowed deviation of an edge along the view, mm. Sideways, it moves by half of that in a picture from 30° to the
-/// side. The edge determines to which grid a break belongs, and no pose depends on it.
-const OFF_MM: f64 = 2.0;
+/// Allowed deviation of an edge along the view, mm. In a picture that is taken at 30° from the side, the edge moves
+/// sideways by half of that. The edge determines only to which grid a break belongs; no pose depends on it.
+const MAX_EDGE_ERROR_MM: f64 = 2.0;
 
 /// Teaches with each missing share on both kinds of panel, with these seeds; returns the number of targets that
 /// were missed.
@@ -43,7 +43,11 @@ fn kind((words, trial): KindOfPanel, seeds: &RangeInclusive<u64>, figures: &Figu
     figures.taught.report(&goal, &format!("{} of {count}", done.join(", ")), is_taught);
     let off_mm = found.iter().map(|found| found.off_mm).fold(0.0, f64::max);
     let is_measured = found.iter().any(|found| found.done > 0);
-    figures.off.report(&format!("{OFF_MM} mm"), &format!("{off_mm:.1} mm"), is_measured && off_mm <= OFF_MM);
+    figures.off.report(
+        &format!("{MAX_EDGE_ERROR_MM} mm"),
+        &format!("{off_mm:.1} mm"),
+        is_measured && off_mm <= MAX_EDGE_ERROR_MM,
+    );
     found.iter().map(|found| found.missed).sum()
 }
 
@@ -69,11 +73,11 @@ fn taught(words: &str, trial: fn(u64, usize) -> TrialScene, missing: f64, seeds:
             Err(error) => println!("seed {seed}: not taught: {error}"),
         }
     }
-    let told = format!(
+    let summary = format!(
         "{words}, {:.0} % without points, outline drawn: {done} of {count} are taught, edges of grids at most {off_mm:.2} mm off",
         100.0 * missing
     );
-    Taught { missed: row(share(done, count) >= TAUGHT && off_mm <= OFF_MM, &told), done, off_mm }
+    Taught { missed: row(share(done, count) >= TAUGHT && off_mm <= MAX_EDGE_ERROR_MM, &summary), done, off_mm }
 }
 
 fn learnt(trial: &TrialScene) -> Result<TaughtPanel, LearnError> {

@@ -1,4 +1,5 @@
-//! Verifications just before contact: two taught corners in the flange camera's wet pictures, the panel moved in its plane.
+//! Tests the verification before contact: two taught corners in the flange camera's pictures of the wet panel, which
+//! was moved in its plane.
 
 use super::goal::Figure;
 use panelprep::geometry::{Base, Flange, FlangeCamera, Panel, Rigid, Vector};
@@ -9,9 +10,9 @@ use panelprep::recipe::Recipe;
 use panelprep::sim::{Cell, PanelPosition, SEARCH_BOX_MM, Scene};
 use std::ops::RangeInclusive;
 
-/// Moves of at least this length must be found, mm. Moves up to `QUIET_MM` must raise no alarm.
-const FOUND_MM: f64 = 0.3;
-const QUIET_MM: f64 = 0.1;
+/// Smallest shift that must be found, mm. Shifts up to `MAX_UNREPORTED_SHIFT_MM` must not be reported.
+const MIN_FOUND_SHIFT_MM: f64 = 0.3;
+const MAX_UNREPORTED_SHIFT_MM: f64 = 0.1;
 
 struct Corner {
     taught: TaughtCorner,
@@ -46,13 +47,13 @@ pub fn verifications(seeds: RangeInclusive<u64>) -> usize {
         let alarm = off_mm > recipe.corner().verify_mm();
         errors.push((off_mm - length_mm).abs());
         println!("{seed:4}  moved {length_mm:.2} mm, seen {off_mm:.3} mm{}", if alarm { ", alarm" } else { "" });
-        if length_mm >= FOUND_MM {
+        if length_mm >= MIN_FOUND_SHIFT_MM {
             (moved, found) = (moved + 1, found + usize::from(alarm));
-        } else if length_mm < QUIET_MM {
+        } else if length_mm < MAX_UNREPORTED_SHIFT_MM {
             (quiet, alarms) = (quiet + 1, alarms + usize::from(alarm));
         }
     }
-    println!("moves are told to {:.3} mm at 95 %", super::quantile(&mut errors, 0.95));
+    println!("error of the measured shift, 95 %: {:.3} mm", super::quantile(&mut errors, 0.95));
     Figure("locate: wet verifications: moves from 0.3 mm on found").report(
         "all",
         &format!("{found} of {moved}"),
@@ -62,10 +63,12 @@ pub fn verifications(seeds: RangeInclusive<u64>) -> usize {
     Figure("locate: alarms below 0.1 mm").report("0", &of_quiet, alarms == 0 && quiet > 0);
     super::row(
         found == moved,
-        &format!("{found} of {moved} moves of {FOUND_MM} mm or more are found on the wet panel"),
+        &format!("{found} of {moved} moves of {MIN_FOUND_SHIFT_MM} mm or more are found on the wet panel"),
     ) + super::row(
         alarms == 0,
-        &format!("{alarms} alarms in {quiet} verifications of a panel moved by less than {QUIET_MM} mm"),
+        &format!(
+            "{alarms} alarms in {quiet} verifications of a panel moved by less than {MAX_UNREPORTED_SHIFT_MM} mm"
+        ),
     )
 }
 
@@ -96,7 +99,8 @@ fn corners(cell: &Cell, panel: &TaughtPanel, recipe: &Recipe) -> Vec<Corner> {
     cell.corner_views().into_iter().enumerate().map(teach).collect()
 }
 
-/// Returns the result of both corners for an assumed pose, while the panel is at another pose.
+/// Returns the refinement from both corners, with the assumed pose `place`, of the panel that stands at the pose
+/// `stands`.
 fn look(
     cell: &Cell,
     recipe: &Recipe,

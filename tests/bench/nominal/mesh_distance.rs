@@ -1,11 +1,12 @@
-//! The plain distance of a point from a mesh, as CloudCompare's cloud-to-mesh distance computes it: from the nearest
-//! triangle, with the sign of its normal. No smoothing, and no uncertainty.
+//! Computes the plain distance of a point from a mesh, like CloudCompare's cloud-to-mesh distance: from the nearest
+//! triangle, with the sign of its normal, without smoothing and without an uncertainty.
 
 use nalgebra::{Point3, Vector3};
 use panelprep::nominal::Part;
 use std::collections::HashMap;
 
-/// Side of the cells that list their triangles, mm. A point within this distance of the mesh finds its nearest triangle.
+/// Side of the cells that list their triangles, mm. For a point within this distance of the mesh, the nearest triangle
+/// is found.
 const CELL_MM: f64 = 4.0;
 
 /// A mesh whose triangles are found by their cells in x and y: the drawings of trial panels are height fields.
@@ -65,7 +66,8 @@ fn nearest(point: &Point3<f64>, corners: [&Point3<f64>; 3]) -> Point3<f64> {
     sides.into_iter().min_by(|one, other| (point - one).norm().total_cmp(&(point - other).norm())).unwrap_or(*a)
 }
 
-/// By hand: above the middle of a triangle, beside a side, and beside a corner.
+/// Checks the distance at points calculated by hand: above the middle of a triangle, beside a side, and beside a
+/// corner.
 pub fn check() {
     let [a, b, c] = [Point3::origin(), Point3::new(2.0, 0.0, 0.0), Point3::new(0.0, 2.0, 0.0)];
     for (point, expected) in [([0.5, 0.5, 3.0], 3.0), ([1.0, -4.0, 3.0], 5.0), ([-3.0, -4.0, 0.0], 5.0)] {

@@ -88,7 +88,7 @@ pub fn has_written(folder: &Path, cycles: usize) -> bool {
     ended.is_ok_and(|count| count >= cycles) && signed.is_ok_and(|count| count >= cycles)
 }
 
-/// The number up to which the cell knows that the archive has everything.
+/// Returns the number of the last record up to which, as the cell knows, the archive has all records.
 pub fn archived(folder: &Path) -> u64 {
     let text = std::fs::read_to_string(folder.join("office.json")).unwrap_or_default();
     let found: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! The office's pages over a large database: the time of each, at its 95th percentile.
+//! Measures the response time of the office's pages with a large database: the 95th percentile for each page.
 
 use super::Plant;
 use super::goal::{Figure, larger};
@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 pub const P95_MAX_MS: f64 = 300.0;
 pub const SLOWEST_PAGE: Figure = Figure("office: slowest page, p95");
-/// Requests for each page.
+/// Number of requests for each page.
 const REQUESTS: usize = 60;
 const CELLS: usize = 50;
 /// Quantities of each cycle, as in a real cycle.

@@ -58,8 +58,8 @@ impl Network {
     }
 }
 
-/// Passes bytes on. One piece in 200 ends the connection in the middle of the piece; one in 100 waits up to three
-/// seconds.
+/// Passes bytes on. One block in 200 is cut in its middle and the connection ends there; one in 100 is delayed by up to
+/// three seconds.
 fn pass(mut from: TcpStream, mut to: TcpStream, mut random: Pcg64Mcg, counts: &Counts) {
     let mut buffer = [0; 16_384];
     while let Ok(count @ 1..) = from.read(&mut buffer) {

@@ -1,6 +1,6 @@
-//! Edges, curvature and tilt compared with a finer reference of our own. It has stationary discs every 0.1 mm, each on
-//! 24 points of its orbit, with the force balanced over a square net of 0.15 mm. It shares the pad's formulas with the
-//! code under test, but none of its code.
+//! Compares edges, curvature and tilt with a finer reference of our own: stationary discs every 0.1 mm, each at 24
+//! points of its orbit, with the force balanced over a square grid of 0.15 mm. It uses the same formulas for the pad as
+//! the code under test, but none of its code.
 
 use super::goal::{Figure, larger};
 use super::scene::{FORCE_N, ORBIT, PAD, PRESTON_MM2_PER_N, bent, disc, exact_model, pose, region};
@@ -33,9 +33,13 @@ const CASES: [Case; 8] = [
     Case { name: "flat, no edge", bends: [0.0, 0.0], y_mm: 0.0, lean_deg: 0.0, edge_mm: 99.0 },
     Case { name: "flat, 5 mm over the edge", bends: [0.0, 0.0], y_mm: 10.0, lean_deg: 0.0, edge_mm: 20.0 },
     Case { name: "flat, 13 mm over the edge", bends: [0.0, 0.0], y_mm: 18.0, lean_deg: 0.0, edge_mm: 20.0 },
-    Case { name: "flat, leant by 1°", bends: [0.0, 0.0], y_mm: 0.0, lean_deg: 1.0, edge_mm: 99.0 },
+    Case { name: "flat, tool tilted by 1°", bends: [0.0, 0.0], y_mm: 0.0, lean_deg: 1.0, edge_mm: 99.0 },
     Case {
-        name: "flat, leant by 6°, half in contact", bends: [0.0, 0.0], y_mm: 0.0, lean_deg: 6.0, edge_mm: 99.0
+        name: "flat, tool tilted by 6°, half in contact",
+        bends: [0.0, 0.0],
+        y_mm: 0.0,
+        lean_deg: 6.0,
+        edge_mm: 99.0,
     },
     Case { name: "cylinder of 300 mm across", bends: [0.0, 1.0 / 300.0], y_mm: 0.0, lean_deg: 0.0, edge_mm: 99.0 },
     Case {
@@ -46,7 +50,7 @@ const CASES: [Case; 8] = [
         edge_mm: 99.0,
     },
     Case {
-        name: "saddle, leant, over the edge",
+        name: "saddle, tool tilted, over the edge",
         bends: [1.0 / 600.0, -1.0 / 400.0],
         y_mm: 0.0,
         lean_deg: 1.0,
@@ -107,7 +111,7 @@ fn ours(case: &Case) -> Vec<f64> {
     );
     let grid = &map.grids[0];
     let rows = grid.depth_um.len() / grid.columns;
-    // The mean of the two columns beside the middle.
+    // The depth is the mean of the two columns beside the middle.
     let column = |row: usize, away: usize| f64::from(grid.depth_um[row * grid.columns + grid.columns / 2 - away]);
     (0..rows).map(|row| 0.5 * (column(row, 0) + column(row, 1))).collect()
 }

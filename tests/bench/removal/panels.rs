@@ -1,6 +1,6 @@
-//! Twenty simulated panels: curved, with k off by up to 30 % and known only from twelve coupons, discs that wear,
-//! and a force with noise. The plan is made with the results of the coupons, and the removal follows from the
-//! truth.
+//! Twenty simulated curved panels, with a k that deviates by up to 30 % and is known only from twelve coupons, discs
+//! that wear, and a force with noise. The plan uses the results of the coupons, and the removal follows from the true
+//! values.
 
 use super::goal::Figure;
 use super::scene::{FORCE_N, ORBIT, PAD, PRESTON_MM2_PER_N, bent, disc, recipe};
@@ -40,7 +40,7 @@ const FORCE_NOISE: f64 = 0.04;
 /// The recipe's uncertainty of the force, 95 %.
 const FORCE_SHARE_95: f64 = 0.04;
 
-/// Facts that are unknown at the cell.
+/// The true values, which are not known at the cell.
 struct Truth {
     preston_mm2_per_n: f64,
     decay_per_mm2: f64,
@@ -107,7 +107,7 @@ pub fn measure() -> usize {
     let [held_alike, within_alike] =
         [1, 2].map(|number| mean(&alike.iter().map(|panel: &[f64; 3]| panel[number]).collect::<Vec<_>>()));
     println!(
-        "   were all pieces alike, and coupons different by their measurement alone: {within_alike:.3} within, {held_alike:.3} held"
+        "   if all pieces were equal and coupons differed only by their measurement: {within_alike:.3} within, {held_alike:.3} held"
     );
     let [area, stated] = [mean(&scheduled), mean(&within)];
     let goal = format!("{} %", 100.0 * SHARE);
@@ -130,7 +130,7 @@ pub fn path_recipe(more: &str) -> Recipe {
 }
 
 fn outline() -> Vec<Point<Panel>> {
-    // The outline is so far outside of the region that no disc reaches it.
+    // The outline is so far outside the region that no disc reaches it.
     let [w, h] = SIDES_MM.map(|side| 0.5 * side + 60.0);
     [(-w, -h), (w, -h), (w, h), (-w, h)].map(|(x, y)| Point::at(x, y, 0.0)).to_vec()
 }
@@ -156,7 +156,7 @@ pub fn scheduled_plan(
     laid.with_feeds(&feeds_mm_s, settings)
 }
 
-/// Returns a plan with lines as far beyond the border as in the stage's plan.
+/// Returns a plan whose lines are laid as far beyond the border as in the stage's plan.
 pub fn beyond(surface: &BSplineSurface, region: &Region, grids: &[GridId], recipe: &Recipe) -> Plan {
     let beyond_mm = 0.4 * PAD.radius_mm;
     let holes = HoleMap::empty(region);

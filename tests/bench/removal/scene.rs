@@ -35,7 +35,8 @@ pub fn exact_model() -> Model {
     }
 }
 
-/// Returns z = −½ (k₁ x² + k₂ y²) over a rectangle around the origin, as cubics that represent a parabola exactly.
+/// Returns z = −½ (k₁ x² + k₂ y²) over a rectangle around the origin, as cubic splines, which represent a parabola
+/// exactly.
 pub fn bent([width_mm, height_mm]: [f64; 2], [k1, k2]: [f64; 2]) -> BSplineSurface {
     let knots = || KnotVector::uniform(3, 1, 0.0..=1.0).expect("knots");
     // The control points of t and of t² on 0…1 as a cubic.

@@ -1,4 +1,4 @@
-//! Duration of the scheduling of 48 grids: segments, matrix and descent.
+//! Measures the computing time of the schedule for 48 grids: segments, matrix and descent.
 
 use super::goal::Figure;
 use super::panels::{beyond, path_recipe};

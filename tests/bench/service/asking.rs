@@ -6,7 +6,7 @@ use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::time::Duration;
 
-/// An answer that is slower than this counts as missing.
+/// Time after which an answer counts as missing.
 pub const RESPONSE_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Sends one line to the socket and returns the answer.

@@ -1,4 +1,4 @@
-//! A taught cell in a folder of its own, and its service as systemd runs it.
+//! A taught cell in its own folder, and its service as systemd runs it.
 
 use super::taught::{LINE_INPUTS, LINE_OUTPUTS, TEACH, VERIFY};
 use super::watchdog::{WATCHDOG_TIMEOUT, Watchdog};
@@ -14,8 +14,8 @@ use tempfile::TempDir;
 const PORTS: [u16; 2] = [54_606, 54_607];
 /// Ports of a copied cell.
 pub const OTHER_PORTS: [u16; 2] = [54_608, 54_609];
-/// The controller's address: the service looks for the controller there, and the controller listens there.
-const HERE: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
+/// The controller's address: the controller listens there, and the service connects to it there.
+const CONTROLLER_ADDRESS: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
 /// The account of the clients that read the page.
 pub const VIEWER: (&str, &str) = ("viewer", "correct horse");
 
@@ -24,9 +24,9 @@ const LINE: &str = "\n[line]\nrecipe = 'recipe.toml'\n";
 /// How the cell's time passes, and what starts the cycles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pace {
-    /// Time passes by the wall clock; a person starts cycles.
+    /// Time passes in real time; a person starts cycles.
     Wall,
-    /// Time passes in lock step; a simulated line starts cycles.
+    /// Time passes in lock step with the program; a simulated production line starts cycles.
     Line,
 }
 
@@ -40,14 +40,14 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    /// The same cell in a separate folder: its service looks for the controller at `sought`, where the page listens
+    /// Copies the cell to a separate folder: its service connects to the controller at `sought`, where the page listens
     /// too, and the controller listens at `controller`.
     pub fn copied(&self, sought: IpAddr, controller: IpAddr) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         copy(&self.folder.path().join("cell"), &folder.path().join("cell"));
         let page = SocketAddr::new(sought, self.page.port());
         let moved = [
-            (format!("host = \"{HERE}\""), format!("host = \"{sought}\"")),
+            (format!("host = \"{CONTROLLER_ADDRESS}\""), format!("host = \"{sought}\"")),
             (format!("listen = \"{}\"", self.page), format!("listen = \"{page}\"")),
             (format!("command_port = {}", PORTS[0]), format!("command_port = {}", OTHER_PORTS[0])),
             (format!("state_port = {}", PORTS[1]), format!("state_port = {}", OTHER_PORTS[1])),
@@ -73,7 +73,7 @@ impl Prepared {
         fs::read_to_string(self.folder.path().join("run.log")).unwrap_or_default()
     }
 
-    /// The controller's own log, if the controller is a separate process.
+    /// Returns the controller's own log, if the controller is a separate process.
     pub fn controller_log(&self) -> String {
         fs::read_to_string(self.folder.path().join("robot.log")).unwrap_or_default()
     }
@@ -134,12 +134,12 @@ fn replaced(file: &Path, changes: &[(&str, &str)]) {
     fs::write(file, text).expect("written");
 }
 
-/// Renders, teaches and verifies a cell of small pictures and short films.
+/// Renders, teaches and verifies a cell with small pictures and short films.
 pub fn prepare(program: &Path, pace: Pace) -> Prepared {
     let folder = tempfile::tempdir().expect("a folder");
     let page = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr()).expect("a free port");
     let program = fs::canonicalize(program).expect("the program is there");
-    let prepared = Prepared { folder, program, pace, page, controller: HERE };
+    let prepared = Prepared { folder, program, pace, page, controller: CONTROLLER_ADDRESS };
     let run = |arguments: &str| prepared.run(arguments).unwrap_or_else(|said| panic!("{said}"));
     run("render --seed 3 --reduction 4 --seconds 10 --out cell");
     let folder = prepared.folder.path();
@@ -147,7 +147,7 @@ pub fn prepare(program: &Path, pace: Pace) -> Prepared {
     match pace {
         Pace::Wall => {
             let ports = format!("command_port = {}\nstate_port = {}", PORTS[0], PORTS[1]);
-            let robot = format!("kind = \"eki\"\nhost = \"{HERE}\"\n{ports}");
+            let robot = format!("kind = \"eki\"\nhost = \"{CONTROLLER_ADDRESS}\"\n{ports}");
             replaced(&file, &[("kind = \"mock\"", &robot)]);
         }
         Pace::Line => {
@@ -220,7 +220,7 @@ impl<'p> Running<'p> {
         let since = Instant::now();
         while watchdog.signs() == 0 {
             let is_patient = running.is_alive() && since.elapsed() < Duration::from_secs(120);
-            assert!(is_patient, "the service does not get ready\n{}", prepared.log());
+            assert!(is_patient, "the service does not become ready\n{}", prepared.log());
             std::thread::sleep(Duration::from_millis(20));
         }
         (running, watchdog)

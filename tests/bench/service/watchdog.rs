@@ -20,8 +20,8 @@ struct WatchdogStats {
 pub struct Watchdog(Arc<Mutex<WatchdogStats>>);
 
 impl Watchdog {
-    /// Listens at this path until the program ends. The time is taken when a datagram is read, so a late reader
-    /// only makes a gap longer or the next one shorter.
+    /// Listens at this path until the program ends. The time is recorded when a datagram is read, so a reader that is
+    /// late only makes one interval longer and the next one shorter.
     pub fn listen(path: &Path) -> Self {
         let socket = UnixDatagram::bind(path).expect("a socket");
         let watchdog = Watchdog::default();

@@ -1,4 +1,4 @@
-//! All clients of the service while it runs: those that send requests, and those that send nothing.
+//! The clients of the service while it runs: those that send requests, and those that send nothing.
 
 use super::asking::{RESPONSE_TIMEOUT, ask};
 use super::cell::{Prepared, VIEWER};
@@ -12,14 +12,15 @@ use std::sync::{Mutex, PoisonError};
 use std::thread::{self, Scope};
 use std::time::{Duration, Instant};
 
-/// Programs that poll the socket.
+/// Number of programs that poll the socket.
 const POLLERS: usize = 3;
 /// Number of pages whose events are read; `READERS` is the number of pages that people open and leave.
 const FOLLOWERS: usize = 4;
 const READERS: usize = 2;
-/// Connections of each kind that send nothing, or half a request.
-const SILENT: usize = 6;
-/// The service reports the state of the cell at least once a second. Without an event for this time, it does not.
+/// Number of connections of each kind that send nothing or half a request.
+const SILENT_CLIENTS: usize = 6;
+/// The service reports the state of the cell at least once a second. Time without an event after which this requirement
+/// counts as violated.
 const EVENT_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// Counts that all clients share.
@@ -39,7 +40,7 @@ pub struct Counts {
     orders_by_word: Mutex<BTreeMap<String, u64>>,
 }
 
-/// Orders all clients to leave when it is dropped.
+/// Ends all clients when it is dropped.
 pub struct Ends<'c>(&'c Counts);
 
 impl Drop for Ends<'_> {
@@ -107,11 +108,10 @@ impl fmt::Display for Counts {
             table.iter().map(|(word, count)| format!("{word} {count}")).collect::<Vec<_>>().join(", ")
         };
         writeln!(f, "cycles by verdict: {}; recordings {}", table(&self.verdicts), number(&self.recordings))?;
-        writeln!(f, "what the operator asked for: {} ({})", number(&self.orders), table(&self.orders_by_word))?;
+        writeln!(f, "requests of the operator: {} ({})", number(&self.orders), table(&self.orders_by_word))?;
         write!(
             f,
-            "answers of the socket {}, pages {} and {} that were refused, events {}, connections that said nothing or half a request {}, \
-             connections that were not had {}",
+            "answers of the socket {}, pages {} and {} that were refused, events {}, connections that sent nothing or half a request {}, connections that failed {}",
             number(&self.states),
             number(&self.pages),
             number(&self.refused_pages),
@@ -138,10 +138,10 @@ pub fn spawn<'s>(scope: &'s Scope<'s, '_>, cell: &'s Prepared, counts: &'s Count
     repeat(READERS, read_pages);
     repeat(1, does_not_read);
     repeat(1, come_and_go);
-    repeat(SILENT, |cell, counts| silent_at_socket(cell, counts, b""));
-    repeat(SILENT, |cell, counts| silent_at_socket(cell, counts, b"{\"ask\":\"st"));
-    repeat(SILENT, |cell, counts| silent_at_page(cell, counts, ""));
-    repeat(SILENT, |cell, counts| silent_at_page(cell, counts, "x: "));
+    repeat(SILENT_CLIENTS, |cell, counts| silent_at_socket(cell, counts, b""));
+    repeat(SILENT_CLIENTS, |cell, counts| silent_at_socket(cell, counts, b"{\"ask\":\"st"));
+    repeat(SILENT_CLIENTS, |cell, counts| silent_at_page(cell, counts, ""));
+    repeat(SILENT_CLIENTS, |cell, counts| silent_at_page(cell, counts, "x: "));
 }
 
 fn poll(cell: &Prepared, counts: &Counts) {
@@ -173,7 +173,7 @@ fn follow(cell: &Prepared, counts: &Counts) {
     }
 }
 
-/// A browser that reads nothing of its requested events.
+/// Acts as a browser that requests events and does not read them.
 fn does_not_read(cell: &Prepared, counts: &Counts) {
     let asked = http::connect(cell.page).and_then(|mut stream| {
         stream.write_all(format!("{}\r\n", http::head(cell.page, "GET /events", None)).as_bytes())?;
@@ -231,7 +231,7 @@ fn come_and_go(cell: &Prepared, counts: &Counts) {
     counts.rest(Duration::from_secs(1));
 }
 
-/// The client receives a message that it was too slow, and is disconnected.
+/// Checks that a silent client receives a message that it was too slow, and is disconnected.
 fn silent_at_socket(cell: &Prepared, counts: &Counts, begins: &[u8]) {
     let hears = || {
         let mut stream = UnixStream::connect(cell.socket())?;
@@ -245,7 +245,7 @@ fn silent_at_socket(cell: &Prepared, counts: &Counts, begins: &[u8]) {
     }
 }
 
-/// The page closes a connection that sends no request.
+/// Checks that the page closes a connection that sends no request.
 fn silent_at_page(cell: &Prepared, counts: &Counts, begins: &str) {
     let hears = || {
         let mut stream = http::connect(cell.page)?;

@@ -1,4 +1,4 @@
-//! The part of a browser that the soak needs: one request for each connection, with the answer read to its end.
+//! The part of a browser that the soak test needs: one request for each connection, with the answer read to its end.
 
 use super::asking::RESPONSE_TIMEOUT;
 use std::io::{self, Read, Write};
@@ -18,7 +18,7 @@ pub fn connect(page: SocketAddr) -> io::Result<TcpStream> {
     Ok(stream)
 }
 
-/// Returns the head of a request, up to the empty line that ends it.
+/// Returns the header of a request, up to the empty line that ends it.
 pub fn head(page: SocketAddr, what: &str, session: Option<&str>) -> String {
     let cookie = session.map(|session| format!("cookie: {session}\r\n")).unwrap_or_default();
     format!("{what} HTTP/1.1\r\nhost: {page}\r\n{cookie}")

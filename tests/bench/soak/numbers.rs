@@ -1,5 +1,5 @@
-//! Samples of a process's resources and their growth. The least value of each period is used, since the process
-//! frees what it keeps for a cycle or a client.
+//! Samples of a process's resources and their growth. The smallest value of each period is used, because the process
+//! frees the memory of a cycle or a client later.
 
 use std::fmt;
 use std::fs;
@@ -15,7 +15,7 @@ pub struct Sample {
 }
 
 impl Sample {
-    /// The sample of the process with this id; `None` if the process has ended.
+    /// Reads a sample of the process with this id; `None` if the process has ended.
     pub fn read(id: u32) -> Option<Self> {
         let status = fs::read_to_string(format!("/proc/{id}/status")).ok()?;
         let value = |name: &str| {

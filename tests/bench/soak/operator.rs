@@ -1,4 +1,4 @@
-//! The person at the cell: starts cycles, answers questions, and now and then holds, stops or aborts a cycle.
+//! The simulated operator: starts cycles, answers questions, and sometimes holds, stops or aborts a cycle.
 
 use super::asking::ask;
 use super::cell::{Pace, Prepared};
@@ -10,14 +10,13 @@ use std::time::{Duration, Instant};
 
 /// Interval between two queries of the cell's state.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
-/// A line resets the cell itself; a person resets it if it stays complete for longer.
+/// Time after which the operator resets a complete cell; a production line resets the cell earlier by itself.
 const LINE_RESET_TIMEOUT: Duration = Duration::from_secs(10);
-/// Time for which a held cell rests. The hold adds some time to the simulated line's cycles, which otherwise take
-/// none.
+/// Time for which a held cell rests. Without holds, the simulated line's cycles would take no real time.
 const HOLD_TIME: Duration = Duration::from_secs(3);
 
-/// The disturbance of a cycle whose number has these remainders.
-const DISTURBS: [(i64, i64, &str); 3] = [(7, 3, "stop"), (11, 5, "abort"), (3, 1, "hold")];
+/// Disturbances of cycles: divisor and remainder of the cycle's number, and the request.
+const DISTURBANCES: [(i64, i64, &str); 3] = [(7, 3, "stop"), (11, 5, "abort"), (3, 1, "hold")];
 
 pub fn spawn<'s>(scope: &'s Scope<'s, '_>, cell: &'s Prepared, counts: &'s Counts) {
     scope.spawn(move || {
@@ -35,10 +34,10 @@ struct Operator<'s> {
     cell: &'s Prepared,
     counts: &'s Counts,
     started: u64,
-    /// The last cycle with an observed end, and the last disturbed cycle.
+    /// The last cycle whose end was observed, and the last disturbed cycle.
     ended: i64,
     disturbed: i64,
-    /// Time since which the cell is in its state.
+    /// Time at which the cell entered its current state.
     since: Instant,
 }
 
@@ -102,7 +101,7 @@ impl Operator<'_> {
         self.order(&start);
     }
 
-    /// Counts the cycle, and removes its recording, which otherwise only a person would remove.
+    /// Counts the cycle, and removes its recording, which the service never removes itself.
     fn end(&mut self, cycle: i64, state: &Value) {
         self.ended = cycle;
         let verdict = state["verdict"].as_str().unwrap_or("none");
@@ -133,7 +132,7 @@ impl Operator<'_> {
     fn disturb(&mut self, cycle: i64, state: &Value) {
         let phase = if cycle % 2 == 0 { "inspect" } else { "abrade" };
         let is_line = self.cell.pace == Pace::Line;
-        let wanted = DISTURBS.iter().find(|(every, left, _)| cycle % every == *left);
+        let wanted = DISTURBANCES.iter().find(|(every, left, _)| cycle % every == *left);
         let wanted = wanted.map(|(.., word)| *word).or(is_line.then_some("hold"));
         if state["phase"] == phase || (state["phase"] == "inspect" && !is_line) {
             self.disturbed = cycle;

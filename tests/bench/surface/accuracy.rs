@@ -1,5 +1,5 @@
-//! The fit against the ground truth in the camera's frame: with all of the camera's noise, and with only its white
-//! noise.
+//! Compares the fit with the ground truth in the camera's frame: with all of the camera's noise, and with only its
+//! white noise.
 
 use super::goal::Figure;
 use super::scanned::Scanned;

@@ -1,4 +1,5 @@
-//! All paths of a panel: their time, the distance between passes, coverage of each grid, in every pattern and attitude.
+//! Measures all paths of a panel: computing time, distance between passes, and coverage of each grid, in every pattern
+//! and attitude.
 
 use super::goal::Figure;
 use super::scanned::Scanned;
@@ -11,7 +12,7 @@ use std::f64::consts::FRAC_PI_2;
 
 const PATHS_MS: f64 = 50.0;
 const LEFT: f64 = 0.005;
-const PASS_OFF: f64 = 0.01;
+const MAX_PASS_DEVIATION: f64 = 0.01;
 /// Number of runs; the median time counts.
 const RUNS: usize = 9;
 
@@ -42,16 +43,16 @@ pub fn panel() -> usize {
     let simulated = timed(3, || dwell::simulate(&surface, region, &grids, &executed, radius_mm));
     println!("   {:.0} mm of path simulated in {:.1} ms", plan.length_mm, simulated.wall_ms);
     let mut missed = held_time(&format!("paths of {} grids, joined", grids.len()), &all, PATHS_MS);
-    missed += held_time(&format!("paths of {} grids that touch at corners alone", apart.len()), &alone, PATHS_MS);
+    missed += held_time(&format!("paths of {} grids that touch only at corners", apart.len()), &alone, PATHS_MS);
     let off = passes_off(&surface, &path::raster(&surface, &WHOLE, settings).expect("rows").rows);
     most(Figure("surface: paths of 48 grids"), all.share_ms, PATHS_MS, " ms");
-    let goal = format!("{} %", 100.0 * PASS_OFF);
+    let goal = format!("{} %", 100.0 * MAX_PASS_DEVIATION);
     Figure("surface: distance between passes off r'").report(
         &goal,
         &format!("{:.2} %", 100.0 * off),
-        off <= PASS_OFF,
+        off <= MAX_PASS_DEVIATION,
     );
-    missed += held("distance between passes off r', largest", off, PASS_OFF, "");
+    missed += held("distance between passes off r', largest", off, MAX_PASS_DEVIATION, "");
     println!("   pattern, feed       verdict  least grid %  step-over mm    length mm");
     for (pattern, more) in [
         ("raster", ""),
@@ -82,8 +83,8 @@ fn row(name: &str, plan: &Plan, settings: &panelprep::recipe::Path) -> usize {
     usize::from(1.0 - least > LEFT || judgement.verdict.keyword() != "accept")
 }
 
-/// The largest relative deviation of the distance between two neighbouring passes from r'. r' is the distance
-/// between the first and the last pass there, divided by their number. Ends, where passes turn, are excluded.
+/// Returns the largest relative deviation of the distance between two neighbouring passes from r'. r' is the distance
+/// between the first and the last pass there, divided by their number. The ends of the passes are excluded.
 fn passes_off(surface: &BSplineSurface, rows: &[Vec<Parameter>]) -> f64 {
     let lines: Vec<Vec<Point<Panel>>> = rows
         .iter()
@@ -124,7 +125,7 @@ fn nearest(line: &[Point<Panel>], point: Point<Panel>) -> (Point<Panel>, f64) {
     feet.min_by(|a, b| a.1.total_cmp(&b.1)).expect("a line")
 }
 
-/// The panel in different attitudes, hanging or lying: no result depends on the direction of gravity.
+/// Tests the panel in different attitudes, hanging or lying: no result may depend on the direction of gravity.
 pub fn attitudes() -> usize {
     let mut missed = 0;
     for (name, turn) in ATTITUDES {

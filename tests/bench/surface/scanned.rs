@@ -13,7 +13,7 @@ const GRIDS: [usize; 2] = [6, 8];
 /// Distance from the panel beyond which a point does not belong to its surface, mm.
 const OFF_PANEL_MM: f64 = 3.0;
 /// Distance for which the white noise is stated, mm.
-const WHITE_AT_MM: f64 = 700.0;
+const WHITE_NOISE_DISTANCE_MM: f64 = 700.0;
 
 pub struct Scanned {
     pub cell: Cell,
@@ -23,8 +23,8 @@ pub struct Scanned {
 }
 
 impl Scanned {
-    /// Scans with all noise of the simulated camera, with the cell turned by roll, pitch and yaw, rad, about the
-    /// base.
+    /// Scans the panel with all noise of the simulated camera, with the cell rotated by roll, pitch and yaw, rad, about
+    /// the base.
     pub fn turned(seed: u64, [roll, pitch, yaw]: [f64; 3]) -> Self {
         let cell = Cell::new(seed, Scene::Good, 1);
         let scan = cell.taught_scan();
@@ -36,7 +36,7 @@ impl Scanned {
         Self::turned(seed, [0.0; 3])
     }
 
-    /// Scans upright, with only white noise on the panel's points: each point is moved along its ray onto the true
+    /// Scans the panel upright, with only white noise on its points: each point is moved along its ray onto the true
     /// surface and then by the simulator's white noise.
     pub fn white(seed: u64) -> Self {
         let cell = Cell::new(seed, Scene::Good, 1);
@@ -68,7 +68,7 @@ impl Scanned {
         });
         let (sum, count) = depths.fold((0.0, 0_usize), |(sum, count), (_, point)| {
             let depth_mm = (panel_from_camera.inverse() * point).mm.z;
-            let sigma = scanner_noise().range_white_mm * (depth_mm / WHITE_AT_MM).powi(2);
+            let sigma = scanner_noise().range_white_mm * (depth_mm / WHITE_NOISE_DISTANCE_MM).powi(2);
             (sum + sigma * sigma, count + 1)
         });
         (sum / count.max(1) as f64).sqrt()
@@ -113,7 +113,7 @@ fn white(cell: &Cell, scan: &OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
             along_mm += truth.distance_mm(on_panel) / cosine;
         }
         let depth_mm = along_mm * ray.z;
-        let sigma = scanner_noise().range_white_mm * (depth_mm / WHITE_AT_MM).powi(2) / cosine;
+        let sigma = scanner_noise().range_white_mm * (depth_mm / WHITE_NOISE_DISTANCE_MM).powi(2) / cosine;
         (ray * (along_mm + sigma * normal())).map(|mm| mm as f32).into()
     };
     let (width, height) = (scan.width(), scan.height());

@@ -1,4 +1,4 @@
-//! Time for a point with its first and second derivatives on one core, compared with geomdl and scipy.
+//! Measures the time for a point with its first and second derivatives on one core, compared with geomdl and scipy.
 
 use super::scanned::Scanned;
 use super::{held, timed_alone};
@@ -39,7 +39,7 @@ fn peers(surface: &BSplineSurface, point_us: f64) {
     std::fs::write(&file, net.to_string()).expect("a folder for passing files");
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/bench/surface_peers.py");
     let output = Command::new(python).arg(script).arg(&file).output();
-    // Best effort: leftover files are in the system's folder for temporary files.
+    // The result is ignored: leftover files are in the system's folder for temporary files.
     let _ = std::fs::remove_file(&file);
     match output {
         Ok(output) if output.status.success() => {

@@ -1,5 +1,5 @@
-//! Whole cycles: the area and the time are those of the path that the mock controller executed, and a break is left if the
-//! film truly broke in the last picture of the last film.
+//! Whole cycles. The area and the time are those of the path that the mock controller executed; a break is left if the
+//! true film is broken in the last picture of the last film.
 
 use super::arguments;
 use super::goal::Figure;
@@ -8,10 +8,10 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 /// A cycle with areas around breaks should not sand more, or longer, than one with whole grids.
-const MOST_OF_GRIDS: f64 = 1.0;
-/// The controller's log has the times of a real clock: two equal paths differ by less than this share.
+const MAX_COST_RATIO: f64 = 1.0;
+/// Largest relative difference of the times of two equal paths: the controller's log contains times of a real clock.
 const CLOCK_SHARE: f64 = 0.01;
-/// Two equal paths do not differ in the area by more than this share, since the log is sampled.
+/// Largest relative difference of the areas of two equal paths, because the log is sampled.
 const SAMPLED_SHARE: f64 = 0.005;
 
 /// The result of one cycle.
@@ -46,7 +46,7 @@ fn cycle(seed: u64, reduction: u64, by: &str) -> Ran {
         .arg(&folder)
         .output()
         .expect("the program starts");
-    // Best effort: leftover files are in the system's folder for temporary files.
+    // The result is ignored: leftover files are in the system's folder for temporary files.
     let _ = std::fs::remove_dir_all(&folder);
     let result: Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
     let list = |name: &str| result[name].as_array().cloned().unwrap_or_default();
@@ -91,16 +91,16 @@ impl Compared {
         let largest = [0, 1].map(|number| self.ratios.iter().map(|both| both[number]).fold(f64::NAN, f64::max));
         let found = format!("{area:.2} of whole grids in {count} of {ran} cycles, less in {below}");
         let is_less =
-            Figure("treat: area under the disc, around breaks").report("1", &found, area <= MOST_OF_GRIDS);
+            Figure("treat: area under the disc, around breaks").report("1", &found, area <= MAX_COST_RATIO);
         let is_faster = Figure("treat: time of the paths around breaks").report(
             "1",
             &format!("{time:.2}"),
-            time <= MOST_OF_GRIDS + CLOCK_SHARE,
+            time <= MAX_COST_RATIO + CLOCK_SHARE,
         );
         let is_never_more = Figure("treat: largest area and time of a cycle, around breaks").report(
             "1",
             &format!("{:.2} and {:.2}", largest[0], largest[1]),
-            largest[0] <= MOST_OF_GRIDS + SAMPLED_SHARE && largest[1] <= MOST_OF_GRIDS + CLOCK_SHARE,
+            largest[0] <= MAX_COST_RATIO + SAMPLED_SHARE && largest[1] <= MAX_COST_RATIO + CLOCK_SHARE,
         );
         is_less && is_faster && is_never_more
     }

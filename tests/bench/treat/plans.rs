@@ -1,5 +1,5 @@
-//! Plans over the breaks of many films: the costs that the program compares. The breaks are the simulator's true ones when
-//! the film ends, and the panel lies where it truly does; so the numbers are those of the areas alone.
+//! Plans over the breaks of many films, and the costs that the program compares. The breaks are the simulator's true
+//! ones at the end of the film, and the panel's pose is the true one, so the numbers depend only on the areas.
 
 use super::goal::Figure;
 use panelprep::geometry::Mask;
@@ -14,11 +14,11 @@ use panelprep::stages::treat::{Broken, treated};
 use panelprep::surface::examine_fit;
 use rayon::prelude::*;
 
-/// Rows and columns of grids on the simulated region: those of its recipe have 42 to 50 mm.
+/// Rows and columns of grids on the simulated region: those of its recipe have sides of 42 to 50 mm.
 const GRIDS: [[usize; 2]; 3] = [[4, 6], [3, 4], [2, 3]];
-/// The smallest break of a failed grid, as a cell's file has it by default, mm².
+/// The smallest break with which a grid fails, as in the default of a cell's file, mm².
 const MIN_BREAK_MM2: f64 = 5.0;
-/// The film has ended, and every break has grown, s.
+/// Time at which the film has ended and every break has grown, s.
 const END_S: f64 = 60.0;
 
 /// The costs of one film, of whole grids and of what is planned: area, mm², and time, s.

@@ -1,14 +1,16 @@
-//! Follows a motion of the arm step by step: a path, the retract from it, a turn of all axes.
+//! Follows a motion of the arm step by step: a path, the retract from it, or a joint motion of all axes.
 //!
 //! A path is followed from pose to pose, in the arm's current configuration or in the one with the most room.
 //!
 //! The retract shows whether the arm could leave the panel at a stop: from each waypoint in contact, along the tool's
 //! axis, in the arm's configuration there. Distance and speed are those with which the controller's program lifts the
-//! tool off. It applies to a path that was followed; only the retract is checked, not the way back.
+//! tool off. The check applies to a path that the arm can follow; it covers only the retract, not the motion back to
+//! the park pose.
 //!
-//! All axes turn together from one position to another as `move_j` does. No line is followed, so singularities do not
-//! matter; the margins from the axis limits also apply only to lines. The checks that remain are the limits themselves,
-//! the keep-out boxes and the obstacles of the scan, in steps of at most 0.4° of the axis that turns farthest.
+//! A joint motion rotates all axes together from one position to another, as `move_j` does. Singularities and the
+//! margins from the axis limits matter only for linear motions. A joint motion is checked against the axis limits
+//! themselves, the keep-out boxes and the obstacles of the scan, in steps of at most 0.4° of the axis that rotates
+//! farthest.
 
 use super::infeasible::{
     CheckedPose, Infeasibility, PathLine, ReachFault, axis_limit, check_clearance, check_keep_out,
@@ -24,13 +26,13 @@ use rayon::prelude::*;
 const STEP_MM: f64 = 10.0;
 /// Largest rotation between two checked poses, degrees.
 const STEP_DEG: f64 = 3.0;
-/// Largest turn of an axis in one step, degrees; with a larger turn, the configuration has changed.
+/// Largest rotation of an axis in one step, degrees; a larger rotation means that the configuration has changed.
 const MAX_STEP_TURN_DEG: f64 = 30.0;
 /// Shifts of the panel that are tried, mm, along each axis of the base.
 const SHIFTS_MM: [f64; 6] = [10.0, 20.0, 40.0, 60.0, 100.0, 150.0];
 
-/// Largest turn of an axis between two checked poses, degrees: at a radius of 1 m the tip moves by 7 mm, less than the
-/// smallest distance that is kept from a surface, 8 mm.
+/// Largest rotation of an axis between two checked poses, degrees: at a radius of 1 m the tip moves by 7 mm, which is
+/// less than the smallest required distance from a surface, 8 mm.
 const AXIS_STEP_DEG: f64 = 0.4;
 
 /// The result of following a path with the arm.
@@ -45,7 +47,7 @@ pub struct ArmTravel {
 /// Follows a path from the current axis angles, or, without them, in the configuration that has the most room.
 ///
 /// # Errors
-/// The first cause, in the configuration with which the arm comes farthest.
+/// Returns the first cause, in the configuration with which the arm comes farthest.
 pub fn follow_path(
     arm: &Kinematics,
     flange_from_tool: Rigid<Flange, Tool>,
@@ -144,7 +146,7 @@ fn checked_poses(
     if let Some(start) = before {
         all.push(look(0, start, 0.0, None, false));
     }
-    // If the motion before is not known, the path begins at standstill.
+    // The previous motion is not known, so the path is assumed to begin at standstill.
     let mut blend = 0.0;
     for (index, leg) in legs.iter().enumerate() {
         let to = leg.base_from_tool;
@@ -200,7 +202,7 @@ fn widest_axis(turned: &JointAngles) -> usize {
     (0..6).fold(0, |widest, axis| if turned[axis].abs() > turned[widest].abs() { axis } else { widest })
 }
 
-/// Returns the axis solution for a pose that is nearest to the current axis angles, including whole turns.
+/// Returns the axis solution for a pose that is nearest to the current axis angles, including rotations by 360°.
 fn nearest(arm: &Kinematics, look: &CheckedPose, at: &JointAngles) -> Result<JointAngles, Infeasibility> {
     nearest_solution(&look.solutions, at).ok_or_else(|| reach_infeasibility(arm, look))
 }
@@ -209,8 +211,8 @@ fn reach_infeasibility(arm: &Kinematics, look: &CheckedPose) -> Infeasibility {
     Infeasibility::OutOfReach { beyond_mm: arm.reach_excess_mm(&look.base_from_flange) }
 }
 
-/// Returns a solution together with its variants in which axes 4 and 6 are one turn further in either direction, as
-/// far as the limits allow.
+/// Returns a solution together with its variants in which axes 4 and 6 are rotated by a further 360° in either
+/// direction, as far as the limits allow.
 fn full_turn_variants(arm: &Kinematics, way: &JointAngles) -> Vec<JointAngles> {
     let mut all = Vec::new();
     for turn_4 in [-360.0, 0.0, 360.0] {
@@ -241,8 +243,8 @@ pub fn check_retracts(
     waypoints: impl IntoIterator<Item = (bool, Rigid<Base, Tool>, Joints)>,
 ) -> Result<(), ReachFault> {
     let in_contact = waypoints.into_iter().enumerate().filter(|(_, (contact, ..))| *contact);
-    // Each waypoint, since an epoch can end at any of them, and the controller retracts along a line by itself without
-    // asking.
+    // Every waypoint is checked, because an epoch can end at any of them, and the controller then retracts on its own
+    // along a line.
     for (index, (_, base_from_tool, joints)) in in_contact {
         if let Err(fault) = follow_path(arm, flange_from_tool, Some(&joints), &[retract(base_from_tool)]) {
             return Err(ReachFault { index, cause: Infeasibility::Retract { why: Box::new(fault.cause) } });
@@ -251,10 +253,10 @@ pub fn check_retracts(
     Ok(())
 }
 
-/// Checks a motion with this tool in which all axes turn from the first angles to the second ones in proportion.
+/// Checks a motion with this tool in which all axes rotate in proportion from the first to the second angles.
 ///
 /// # Errors
-/// The obstacle or limit.
+/// Returns the obstacle or limit that prevents the motion.
 pub fn joint_motion(
     arm: &Kinematics,
     flange_from_tool: Rigid<Flange, Tool>,
@@ -279,7 +281,7 @@ pub fn joint_motion(
         let at: JointAngles = std::array::from_fn(|axis| from[axis] + (to[axis] - from[axis]) * share);
         let base_from_flange = arm.base_from_flange(&Joints::from(at)).ok_or(Infeasibility::NotFinite)?;
         let tip = (base_from_flange * flange_from_tool).origin();
-        // A motion out of a keep-out box is permitted.
+        // A motion that leads out of a keep-out box is permitted.
         if step > 0 {
             check_keep_out(arm, tip, &at)?;
         }
@@ -305,14 +307,14 @@ mod tests {
 
     /// The retract is the same as in the controller's program.
     #[test]
-    fn the_retract_is_the_programs() {
+    fn the_retract_equals_that_of_the_controller_program() {
         assert_eq!((RETRACT_MM, RETRACT_MM_S), (shipped("CELL_RETRACT_MM"), 1e3 * shipped("CELL_RETRACT_VEL")));
     }
 
-    /// Found by a random walk over the controller's programs: the tool points down and is so near to axis 5's limit
-    /// that the arm cannot lift it by 50 mm. In front of a panel the arm can.
+    /// A case that a random walk over the controller's programs found: the tool points down, and axis 5 is so near to
+    /// its limit that the arm cannot lift it by 50 mm. In front of a panel the arm can.
     #[test]
-    fn contact_from_which_a_stop_could_not_lift_off_is_refused() {
+    fn a_contact_without_a_possible_retract_is_refused() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}"));
         let arm = Kinematics::new(cell.arm());
         let flange_from_tool: Rigid<Flange, Tool> = KukaPose { z_mm: 100.0, ..KukaPose::default() }.to_rigid();
@@ -339,10 +341,10 @@ mod tests {
         Joints { a1_deg, a2_deg: -90.0, a3_deg: 90.0, a5_deg: 30.0, ..Joints::default() }
     }
 
-    /// A post stands beside the arm, 45° to the right (A1 = 45, as KUKA counts): a turn from 0 to 90° passes over
-    /// it, a turn to the left does not. Calculated by hand: the wrist moves at 25 + 365 = 390 mm from axis 1.
+    /// A post stands beside the arm, 45° to the right (A1 = 45, as KUKA counts): a rotation from 0 to 90° passes over
+    /// it, a rotation to the left does not. Calculated by hand: the wrist moves at 25 + 365 = 390 mm from axis 1.
     #[test]
-    fn a_swing_sweeps_what_lies_between() {
+    fn a_joint_motion_is_checked_along_its_arc() {
         let post = "[[keep_out]]\nname = 'post'\nmin_mm = [250, -300, 0]\nmax_mm = [300, -250, 900]\n";
         let cell = Cell::check("cell.toml", post).unwrap_or_else(|e| panic!("{e}"));
         let arm = Kinematics::new(cell.arm());
@@ -355,10 +357,10 @@ mod tests {
         assert_eq!(joint_motion(&arm, tool, &turn(0.0), &turn(f64::NAN)), Err(Infeasibility::NotFinite));
     }
 
-    /// The same turn over an object that a scan saw at the place of the post: by hand, at 45° the forearm passes
+    /// The same motion over an object that a scan showed at the place of the post. By hand: at 45° the forearm passes
     /// over it.
     #[test]
-    fn a_joint_motion_keeps_clear_of_what_the_scan_saw() {
+    fn a_joint_motion_keeps_its_distance_from_scanned_obstacles() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
         let obstacles = Obstacles::default()
             .with_points_of("what the scan saw", (0..45).map(|k| Point::at(275.0, -275.0, f64::from(20 * k))));
@@ -371,9 +373,10 @@ mod tests {
         assert_eq!(joint_motion(&arm, tool, &turn(0.0), &turn(90.0)), Ok(()));
     }
 
-    /// A sheet of points, one in 8 mm, lies beside the tip; elsewhere 40 mm are required. At the end of a checked path a
+    /// A sheet of points 8 mm apart lies beside the tip; elsewhere 40 mm are required. At the end of a checked path a
     /// motion away from it is permitted if it begins at 20 mm, and a motion through it is not, wherever it begins. By
-    /// hand: at 20 mm the nearest point is 20.8 mm away, and 10 mm must be left; at 4 mm it is 6.9 mm away, and 8 mm must be.
+    /// hand: at 20 mm the nearest point is 20.8 mm away, and 10 mm must be left; at 4 mm it is 6.9 mm away, and 8 mm
+    /// must be.
     #[test]
     fn a_departure_does_not_pass_through_a_surface() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
@@ -381,7 +384,7 @@ mod tests {
         let tool: Rigid<Flange, Tool> = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
         let tip = (arm.base_from_flange(&turn(0.0)).expect("finite") * tool).origin();
         let moves = |beside_mm: f64, to_deg: f64| {
-            // To the left of the tip, where a positive angle of A1 does not lead.
+            // To the left of the tip; a positive rotation of A1 leads to the right.
             let at = |x: i32, z: i32| (tip.mm.x + f64::from(8 * x), tip.mm.z + f64::from(8 * z));
             let sheet = (-12..=12).flat_map(|x| (-12..=0).map(move |z| at(x, z)));
             let points = sheet.map(|(x, z)| Point::at(x + 4.0, tip.mm.y + beside_mm, z + 4.0));
@@ -394,9 +397,9 @@ mod tests {
     }
 
     /// An object 40 mm from the forearm's centre line, and far from the tool: at the end of a path, too, the forearm
-    /// keeps its distance of 80 mm, less what it lacked at the start.
+    /// must keep the distance that it had at the start, which is less than the configured 80 mm.
     #[test]
-    fn the_arms_body_does_not_come_nearer_at_the_end_of_a_path() {
+    fn the_arm_body_keeps_its_distance_at_the_end_of_a_path() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
         let arm = Kinematics::new(cell.arm());
         let tool: Rigid<Flange, Tool> = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();

@@ -1,5 +1,5 @@
-//! The limits that every pose of a path must satisfy, and the reasons why an arm cannot follow a path, as text: which
-//! axis or part, how far, and the limit.
+//! The limits that every pose of a path must satisfy, and the reasons why an arm cannot follow a path, as text that
+//! states the axis or part, its value, and the limit.
 //!
 //! The limits are those of the axes, the singularities, speeds and accelerations, the boxes that no part of the arm
 //! may enter, and the distances from the obstacles that a scan showed.
@@ -11,27 +11,29 @@ use panelprep_base::geometry::{Base, Flange, Frame, Joints, Point, Rigid, Tool};
 use panelprep_base::number_text::{distinguishable_texts, shortest_text};
 use panelprep_cell::controller::RETRACT_MM;
 
-/// The part of the arm that may be near to the panel.
+/// Name of the part of the arm that may come near to the panel.
 const TOOL: &str = "tool";
 /// Distance between points on the arm that are compared with the keep-out boxes, mm.
 const SAMPLE_MM: f64 = 15.0;
 
-/// Largest distance of the tool from an obstacle that is required at the end of a checked path, mm. Elsewhere the
-/// configured distance is required; the arc of all axes from 40 mm over the demonstration's panel brings the rim of the
-/// disc down to 11.8 mm. The obstacles' points are thinned to 8 mm, which makes a distance of 8 mm appear as up to 10 mm.
+/// Upper limit of the tool's required distance from an obstacle on a motion away from the end of a checked path, mm.
+/// Elsewhere the configured distance is required; the joint motion that begins 40 mm above the demonstration's panel
+/// brings the rim of the disc to 11.8 mm above it. The obstacles' points are thinned to 8 mm, which makes a distance of
+/// 8 mm appear as up to 10 mm.
 const DEPARTURE_MM: f64 = 10.0;
-/// Smallest distance of the tool that shows that it does not pass through a surface, mm: between points that are
-/// thinned to 8 mm, a line keeps smaller distances from all of them.
+/// Smallest distance of the tool from the obstacle points at which it cannot pass through a surface, mm: a line that
+/// passes between points 8 mm apart comes nearer to one of them.
 const MESH_MM: f64 = 8.0;
-/// Distance that the arm's body may lose on such a motion, mm. Its configured distance contains half of its thickness.
+/// Length by which the arm's body may come nearer to an obstacle on such a motion, mm. Its configured distance includes
+/// half of its thickness.
 const BODY_SLACK_MM: f64 = 1.0;
 
 /// Kinds of singularities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Singularity {
-    /// Axes 4 and 6 are in line.
+    /// Axes 4 and 6 are aligned.
     Wrist,
-    /// The arm is stretched.
+    /// The arm is extended.
     Elbow,
     /// The wrist's centre is over axis 1.
     Overhead,
@@ -57,7 +59,7 @@ pub enum Infeasibility {
     AxisLimit {
         /// 1 to 6.
         axis: usize,
-        /// The angle that the axis would have, degrees.
+        /// The angle to which the axis would rotate, degrees.
         angle_deg: f64,
         /// Lowest and highest angle, reduced by the margins, degrees.
         allowed_deg: [f64; 2],
@@ -90,9 +92,9 @@ pub enum Infeasibility {
     AxisSpeed {
         /// 1 to 6.
         axis: usize,
-        /// Speed needed, degrees a second.
+        /// Required speed, degrees per second.
         needed_deg_s: f64,
-        /// Speed allowed, degrees a second.
+        /// Limit of the speed, degrees per second.
         allowed_deg_s: f64,
     },
     /// The acceleration of an axis is too high.
@@ -103,9 +105,9 @@ pub enum Infeasibility {
     AxisAcceleration {
         /// 1 to 6.
         axis: usize,
-        /// Acceleration needed, degrees a second squared.
+        /// Required acceleration, degrees per second squared.
         needed_deg_s2: f64,
-        /// Acceleration allowed, degrees a second squared.
+        /// Limit of the acceleration, degrees per second squared.
         allowed_deg_s2: f64,
     },
     /// A part of the arm is in a keep-out box or too near to an obstacle.
@@ -178,7 +180,7 @@ pub(super) fn first_exceeded_axis(arm: &Kinematics, at: &JointAngles) -> Option<
     })
 }
 
-/// Returns the reason that excludes all solutions: the axis limit that is exceeded least.
+/// Returns the reason if every solution exceeds an axis limit: the limit that is exceeded least.
 pub(super) fn axis_limit(arm: &Kinematics, ways: &[JointAngles]) -> Infeasibility {
     let far = |cause: &Infeasibility| match cause {
         Infeasibility::AxisLimit { angle_deg, allowed_deg, .. } => {
@@ -211,7 +213,7 @@ pub(super) fn limit_room_deg(arm: &Kinematics, look: &CheckedPose, at: &JointAng
     Ok(least.min(wrist_deg - margins.wrist_margin_deg()).min(arm.elbow_deg(at) - margins.elbow_margin_deg()))
 }
 
-/// Checks and returns the axes' speeds on a step, degrees a second.
+/// Checks and returns the axes' speeds on a step, degrees per second.
 pub(super) fn too_fast(
     arm: &Kinematics,
     look: &CheckedPose,
@@ -219,7 +221,7 @@ pub(super) fn too_fast(
     before: &JointAngles,
 ) -> Result<JointAngles, Infeasibility> {
     let axes = arm.arm().axes();
-    // A rotation on the spot takes as long as the controller plans.
+    // A pure rotation takes the time that the controller plans for it.
     if look.seconds <= 0.0 {
         return Ok([0.0; 6]);
     }
@@ -337,9 +339,9 @@ pub fn is_clear(arm: &Kinematics, flange_from_tool: Rigid<Flange, Tool>, at: &Jo
 }
 
 /// Returns the arm at the end of a checked path that led near to an obstacle: on a motion that begins with these axis
-/// angles, its tool may come as near as [`DEPARTURE_MM`], or half of the distance at the start if that is smaller, but not
-/// nearer than [`MESH_MM`]. Its body may not come nearer than configured, or than at the start if that is smaller. `None`
-/// if the angles are not finite.
+/// angles, the tool must keep half of its distance at the start, but at most [`DEPARTURE_MM`] and at least [`MESH_MM`].
+/// The body must keep its distance at the start, or the configured distance if that is smaller, less [`BODY_SLACK_MM`].
+/// `None` if the angles are not finite.
 pub fn departing(arm: &Kinematics, from: &Joints, flange_from_tool: Rigid<Flange, Tool>) -> Option<Kinematics> {
     let tip = (arm.base_from_flange(from)? * flange_from_tool).origin();
     let Some(obstacles) = arm.obstacles() else { return Some(arm.clone()) };

@@ -2,12 +2,12 @@
 //! speed.
 //!
 //! A path of linear motions is divided into steps of at most 10 mm and 3°. Each step continues with the axis solution
-//! nearest to the one before. So a path keeps the configuration that it begins with, and a flip shows as a jump. The
-//! configuration is the arm's current one, or, before it is known, the one with the most room left. Every step must
-//! keep the margins of the cell's file from the axis limits and from the three singularities (wrist, stretched elbow,
-//! wrist over axis 1). It must also keep the speed and acceleration limits of each axis, and the distances from the
-//! keep-out boxes. Corners that are rounded over b mm change speed in 2 b / feed; if the arm stops, the controller's
-//! own ramp applies. A path is rejected as a whole.
+//! nearest to the one before. So a path keeps the configuration that it begins with, and a flip of the configuration
+//! shows as a jump of an axis. The configuration is the arm's current one, or, before it is known, the one with the
+//! most room left. Every step must keep the margins of the cell's file from the axis limits and from the three
+//! singularities (wrist, stretched elbow, wrist over axis 1). It must also keep the speed and acceleration limits of
+//! each axis, and the distances from the keep-out boxes. Corners that are rounded over b mm change speed in 2 b / feed;
+//! at a stop, the controller's own acceleration ramp applies. A path is rejected as a whole.
 
 mod follow;
 mod infeasible;
@@ -42,9 +42,9 @@ mod tests {
         }
     }
 
-    /// Each cause that refuses a path, at poses calculated by hand.
+    /// Each cause for which a path is refused, at poses calculated by hand.
     #[test]
-    fn every_cause_has_its_name() {
+    fn every_cause_of_a_refusal_has_its_code() {
         let gates = Gates::new();
         let leg = |x_mm: f64, y_mm: f64, z_mm: f64| PathLine {
             base_from_tool: KukaPose { x_mm, y_mm, z_mm, b_deg: 90.0, ..KukaPose::default() }.to_rigid(),
@@ -79,8 +79,8 @@ mod tests {
         assert!(matches!(refused(&[leg(f64::NAN, 0.0, 400.0)]), Infeasibility::NotFinite));
         let fast = PathLine { feed_mm_s: 15_000.0, ..leg(560.0, -100.0, 400.0) };
         assert!(matches!(refused(&[leg(560.0, 60.0, 400.0), fast]), Infeasibility::AxisSpeed { .. }));
-        // A motion there and back, with a corner rounded over 0.5 mm at 900 mm/s, changes the speed within the time of one
-        // step.
+        // A motion in one direction and back, with a corner rounded over 0.5 mm at 900 mm/s, changes the speed within
+        // the time of one step.
         let quick = |y_mm: f64| PathLine { feed_mm_s: 900.0, blend_mm: 0.5, ..leg(560.0, y_mm, 400.0) };
         assert!(matches!(
             refused(&[quick(0.0), quick(10.0), quick(20.0), quick(10.0)]),
@@ -102,7 +102,7 @@ mod tests {
         CheckedPose { index: 0, base_from_flange, tip, seconds, change_s, is_end: true, solutions: Vec::new() }
     }
 
-    /// Calculated by hand: in 10 ms, each axis may turn by a hundredth of its speed, and its speed may change by a
+    /// Calculated by hand: in 10 ms, each axis may rotate by a hundredth of its speed, and its speed may change by a
     /// hundredth of its acceleration. If either is exceeded by a thousandth, the path is refused at that axis.
     #[test]
     fn speed_and_acceleration_hold_up_to_their_limits() {

@@ -1,6 +1,6 @@
 //! Tests of paths over areas around breaks: parts of grids, by hand on a plane of 280 × 168 mm with 3 × 5 grids of 56 mm.
 
-use super::super::breaks::{Breaks, Distances, around_breaks, laid};
+use super::super::breaks::{Breaks, Distances, around_breaks, lay_boxes};
 use super::super::gate::judge_plan;
 use super::super::plan::plan_beyond_borders;
 use super::*;
@@ -75,10 +75,10 @@ fn areas_are_counted_by_the_grids_in_which_they_lie() {
     assert_eq!(plan.paths.len(), 3);
 }
 
-/// One of two broken places lies 40 mm beside the area: half of them is reached, and a person must look. The area's own
-/// coverage does not show this.
+/// One of two broken places lies 40 mm beside the area: half of them is reached, and a person must decide. The area's
+/// own coverage does not show this.
 #[test]
-fn a_break_that_the_disc_does_not_reach_is_no_accepted_plan() {
+fn a_plan_that_misses_a_break_is_not_accepted() {
     let settings = settings("");
     let plan =
         planned(vec![area([118.0, 62.0], [162.0, 106.0])], vec![at(140.0, 84.0), at(202.0, 84.0)], &settings);
@@ -88,11 +88,11 @@ fn a_break_that_the_disc_does_not_reach_is_no_accepted_plan() {
     assert_eq!((judgement.verdict, codes), (Verdict::Review, vec!["break_missed"]));
 }
 
-/// The panel ends at the region's border, and the disc of 15 mm radius may not reach beyond it: contacts stay 15 mm away.
-/// A broken place 1 mm from the edge is 14 mm from them: within the radius, but not if the place is uncertain by 2 mm. If
-/// the disc may reach 2 mm beyond the edge, the place is 12 mm away.
+/// The panel ends at the region's border, and the disc of 15 mm radius may not reach beyond it: contacts stay 15 mm
+/// away. A broken place 1 mm from the edge is 14 mm from them: within the radius, but not surely if the place has an
+/// uncertainty of 2 mm. If the disc may reach 2 mm beyond the edge, the place is 12 mm away.
 #[test]
-fn a_break_at_the_edge_is_surely_reached_or_for_a_person() {
+fn a_break_at_the_edge_is_reached_or_needs_a_review() {
     let own = area([0.0, 50.0], [45.0, 95.0]);
     let broken = vec![at(1.0, 72.0)];
     let planned = |uncertainty_mm: f64, overhang_mm: f64| {
@@ -108,9 +108,9 @@ fn a_break_at_the_edge_is_surely_reached_or_for_a_person() {
     assert_eq!(planned(2.0, 2.0), (Some(1.0), false));
 }
 
-/// The smallest area, three radii of the disc of 30 mm, 45 mm: in a grid, in a corner of the region, and with a strip of
-/// 2 mm in a neighbouring grid. Every pattern covers it and is even by the recipe's limit. Rows in an area of 34 mm are not
-/// even.
+/// The smallest area, three radii of the disc of 30 mm, 45 mm: in a grid, in a corner of the region, and with a strip
+/// of 2 mm in a neighbouring grid. Every pattern covers the area, and the time under the disc is even within the
+/// recipe's limit. Rows in an area of 34 mm are not even.
 #[test]
 fn every_pattern_covers_the_smallest_areas() {
     let smallest =
@@ -132,10 +132,10 @@ fn every_pattern_covers_the_smallest_areas() {
     assert_eq!(uneven.collect::<Vec<_>>(), ["uneven"]);
 }
 
-/// By hand: an area of 20 × 10 mm lies wholly under a disc of 5 mm radius that moves along its middle. The whole grid of
-/// 50 × 50 mm is covered to 278.5 of 2500 mm², see `dwell_by_hand`.
+/// By hand: an area of 20 × 10 mm is completely covered by a disc of 5 mm radius that moves along its middle. The whole
+/// grid of 50 × 50 mm is covered on 278.5 of 2500 mm², see `dwell_by_hand`.
 #[test]
-fn what_was_executed_is_compared_with_the_area() {
+fn the_executed_path_is_compared_with_the_area() {
     let (surface, region) = (rectangle(50.0, 50.0), one_grid());
     let pose = |x: f64| KukaPose { x_mm: x, y_mm: 25.0, c_deg: 180.0, ..KukaPose::default() }.to_rigid();
     let at = |x: f64| dwell::ExecutedPose { panel_from_tool: pose(x), seconds: 2.0, contact: true, force_n: None };
@@ -168,7 +168,7 @@ fn corners_mm(boxes: &[ParameterPatch]) -> Vec<[f64; 4]> {
 #[test]
 fn boxes_become_one_only_if_this_costs_no_more() {
     let surface = rectangle(280.0, 168.0);
-    let found = |boxes: &[ParameterPatch]| corners_mm(&laid(&surface, boxes.to_vec(), DISTANCES));
+    let found = |boxes: &[ParameterPatch]| corners_mm(&lay_boxes(&surface, boxes.to_vec(), DISTANCES));
     let first = area([50.0, 50.0], [95.0, 95.0]);
     assert_eq!(found(&[first, area([80.0, 60.0], [125.0, 105.0])]), [[50.0, 50.0, 125.0, 105.0]]);
     let corner = area([90.0, 90.0], [135.0, 135.0]);
@@ -180,7 +180,8 @@ fn boxes_become_one_only_if_this_costs_no_more() {
     assert_eq!(found(&[large, area([60.0, 50.0], [105.0, 95.0])]), [[50.0, 40.0, 140.0, 130.0]]);
 }
 
-/// Returns what is treated of failed grids if these rectangles broke, mm from left and top to right and bottom.
+/// Returns the treatment of failed grids if the film broke in these rectangles, whose left, top, right and bottom are
+/// in mm.
 fn around(rectangles_mm: &[[f64; 4]], failed: &[&str]) -> Treated {
     let region = region();
     let mut broken = Mask::all_outside(486, 300);
@@ -203,10 +204,10 @@ fn area_mm2(treated: &Treated) -> f64 {
     areas.map(|area| 280.0 * 168.0 * (area.high.u - area.low.u) * (area.high.v - area.low.v)).sum()
 }
 
-/// By hand, with 34 mm for the margins and grids of 3136 mm². A break of 30 mm in r2c3 would be a box of 64² = 4096 mm²,
-/// so the grid is treated. One of 10 mm where four failed grids meet is a box of 45² = 2025 mm², give or take a pixel,
-/// instead of 12 544 mm². Breaks of 12 mm in r1c1 and r2c2, whose boxes of 46 mm lie 10 mm apart, stay two areas: one box
-/// would have 102² = 10 404 mm², more than both grids.
+/// By hand, with 34 mm for the margins and grids of 3136 mm². A break of 30 mm in r2c3 would be a box of 64² = 4096
+/// mm², so the grid is treated. One of 10 mm where four failed grids meet is a box of 45² = 2025 mm², to within a
+/// pixel, instead of 12 544 mm². Breaks of 12 mm in r1c1 and r2c2, whose boxes of 46 mm lie 10 mm apart, stay two
+/// areas: one box would have 102² = 10 404 mm², more than both grids.
 #[test]
 fn areas_are_never_larger_than_the_grids_that_they_replace() {
     let large = around(&[[125.0, 69.0, 155.0, 99.0]], &["r2c3"]);

@@ -1,4 +1,4 @@
-//! Tests of rasters, poses and plans on surfaces that can be checked by hand, and on fitted surfaces.
+//! Tests of rasters, poses and plans on surfaces whose results can be calculated by hand, and on fitted surfaces.
 
 mod breaks;
 mod plans;

@@ -1,6 +1,7 @@
 //! Tests of plans calculated by hand, of refused plans, and of the program that a person runs.
 //!
-//! The tool's orientation along a path: on the normal, landing, between areas, leaning.
+//! Tests of the tool's orientation along a path: along the normal, while landing, between areas, and with lead and
+//! tilt.
 
 use super::*;
 use panelprep_base::verdict::{Check, Severity};
@@ -34,7 +35,7 @@ fn a_plan_over_a_plane_by_hand() {
 }
 
 #[test]
-fn grids_that_are_not_there_or_twice_are_refused() {
+fn unknown_or_repeated_grids_are_refused() {
     let region = region();
     let surface = rectangle(280.0, 168.0);
     let asked = |grids: &[&str]| {
@@ -59,11 +60,12 @@ fn good_plan() -> (Plan, recipe::Path) {
     (plan(&surface, &region, &grids, &outline, &settings).expect("a plan"), settings)
 }
 
-/// The tool runs on each line of a plan, also in the air between two areas. By hand, the longest line is the lift: from
-/// 3 mm, the landing height, to 40 mm, the approach. The flight has waypoints at the spacing, 10 mm. Both are below
-/// `[limits] max_step_mm`, 100 mm, and the controller's `CELL_STEP_MM`, 110 mm, which no such line may exceed.
+/// The tool is running on each line of a plan, also in the air between two areas. By hand, the longest line is the lift
+/// from 3 mm, the landing height, to 40 mm, the approach height. The motion through the air has waypoints at the
+/// spacing of 10 mm. Both are below `[limits] max_step_mm`, 100 mm, and the controller's `CELL_STEP_MM`, 110 mm, which
+/// no such line may exceed.
 #[test]
-fn the_longest_line_beside_the_running_tool_is_its_lift() {
+fn the_longest_line_with_the_tool_running_is_the_lift() {
     let (plan, settings) = good_plan();
     let waypoints: Vec<Waypoint> = plan.paths.iter().flat_map(|path| path.waypoints.clone()).collect();
     let lines = waypoints.windows(2).map(|pair| {
@@ -90,9 +92,9 @@ fn spoil(plan: &mut Plan, path: usize, waypoint: usize, change: fn(&mut KukaPose
     waypoint.panel_from_tool = pose.to_rigid();
 }
 
-/// One inserted defect each; the plan without a defect is accepted.
+/// Each case has one inserted defect; the plan without a defect is accepted.
 #[test]
-fn every_planted_defect_has_its_reason() {
+fn every_inserted_defect_has_its_reason() {
     let (good, settings) = good_plan();
     assert_eq!(judge(&good, &settings).verdict, Verdict::Accept, "{:?}", judge(&good, &settings));
     let planted = |defect: fn(&mut Plan)| {
@@ -135,10 +137,9 @@ fn a_path_that_is_not_finite_is_never_followed() {
     let _ = panel_reach::follow_plan(&plan, &stand, &settings);
 }
 
-/// A person decides on a grid out of reach, but not on a path that the gate rejects, no matter which grid it is
-/// over.
+/// A person may decide on a grid out of reach, but not on a path that the gate rejects, whatever grid it is over.
 #[test]
-fn a_path_that_the_gate_rejects_is_not_for_review() {
+fn a_path_that_the_gate_rejects_needs_no_review() {
     let unreached = panel_reach::UnreachablePlan {
         fault: reach::ReachFault { index: 3, cause: reach::Infeasibility::OutOfReach { beyond_mm: 5.0 } },
         at: Point::at(0.0, 0.0, 0.0),
@@ -153,7 +154,7 @@ fn a_path_that_the_gate_rejects_is_not_for_review() {
         3,
         Ok(20.0),
         vec![Check::new("step", "mm", 9.0).with_consequence_if(true, Severity::Reject, "large_turn", || {
-            "grid r1c3: the tool turns by 20°".to_owned()
+            "grid r1c3: the tool rotates by 20°".to_owned()
         })],
     ));
     let judgement = panel_reach::judge_grids(&grids);
@@ -162,7 +163,7 @@ fn a_path_that_the_gate_rejects_is_not_for_review() {
 
 /// By hand: a pad of 6 mm absorbs 2 mm of error.
 #[test]
-fn a_press_in_needs_a_pad_that_takes_up_the_error() {
+fn a_press_in_needs_a_pad_that_absorbs_the_error() {
     let pressed = settings("press_in_mm = 2\npad_stroke_mm = 6");
     assert_eq!(judge_pad(&pressed, Some(2.0)).verdict, Verdict::Accept);
     assert_eq!(judge_pad(&pressed, Some(2.01)).reasons[0].code, "pad_stroke");
@@ -170,11 +171,11 @@ fn a_press_in_needs_a_pad_that_takes_up_the_error() {
     assert_eq!(judge_pad(&settings(""), None).verdict, Verdict::Accept, "nothing is pressed");
 }
 
-/// Calculated by hand: on a grid of 6 mm, one place would be enough for a disc of 30 mm. The disc moves over this
-/// place by half of its radius, 7.5 mm. The feed is the lowest allowed one, because the place would otherwise be under
+/// Calculated by hand: on a grid of 6 mm, one place would be enough for a disc of 30 mm. The disc moves over this place
+/// by half of its radius, 7.5 mm. The feed is the lowest that is allowed, because the place would otherwise be under
 /// the disc for too short a time.
 #[test]
-fn the_krl_program_is_as_written() {
+fn the_krl_program_agrees_with_the_expected_text() {
     let surface = rectangle(6.0, 6.0);
     let one = one_grid();
     let straight = settings("landing_mm = 0");
@@ -199,7 +200,7 @@ fn the_krl_program_is_as_written() {
 &ACCESS RVP
 &REL 1
 DEF PANEL_1()
-; Sanding paths in the frame of the panel. It switches no tool and no water. Run it in T1 first.
+; Sanding paths in the frame of the panel. The program does not switch the tool or the water. Run it in T1 first.
 ; A person must decide: DEF
 BAS(#INITMOV, 0)
 $IPO_MODE = #BASE
@@ -209,7 +210,7 @@ $BASE = {X 600.500, Y 0.000, Z 0.000, A -1.2500, B 0.0000, C 0.0000} ; the pose 
 BAS(#VEL_PTP, 20)
 BAS(#ACC_PTP, 20)
 $ACC.CP = 1.000 ; m/s2
-; In the air above the first place. The way to it has not been checked.
+; In the air above the first place. The motion to this point has not been checked.
 PTP {A1 1.5000, A2 -90.0000, A3 0.0000, A4 0.0000, A5 0.0000, A6 0.0000}
 ; grid r1c1
 $VEL.CP = 0.0600 ; m/s
@@ -302,7 +303,7 @@ fn between_grids_the_tool_stays_above_the_surface() {
 /// Calculated by hand: the chord of a cylinder of 400 mm radius deviates from the cylinder by s² / 8R; 0.02 mm
 /// allow 8 mm.
 #[test]
-fn waypoints_come_closer_where_the_panel_bends() {
+fn waypoints_are_closer_where_the_panel_is_curved() {
     let (fit, region, outline, settings) =
         fitted(Shape::Cylinder, ScanDefects::default(), "[path]\nchord_error_mm = 0.02\nplanning_time_ms = 200\n");
     let grids: Vec<GridId> = region.ids().collect();
@@ -345,7 +346,7 @@ fn the_disc_lands_and_leaves_while_it_moves() {
     assert_eq!((path[0].blend_mm, path[last].blend_mm), (0.0, 0.0));
 }
 
-/// The tool leans about its own axes, and its point does not move.
+/// Lead and tilt rotate the tool about its own axes, and its point does not move.
 #[test]
 fn lead_and_tilt_lean_the_tool_about_its_point() {
     let surface = rectangle(50.0, 50.0);

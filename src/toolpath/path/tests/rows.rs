@@ -1,6 +1,6 @@
-//! Tests of rows over patches that can be checked by hand, and on every curvature.
+//! Tests of rows over patches whose results can be calculated by hand, and on surfaces with every curvature.
 //!
-//! Tests of the area that a disc reaches and leaves out: coverage, dwell, the outline, holes, every pattern.
+//! Tests of the area that a disc covers and does not cover: coverage, dwell, the outline, holes, every pattern.
 
 use super::super::coverage::{coverage, strokes};
 use super::*;
@@ -21,7 +21,7 @@ fn a_square_of_50_mm_has_five_rows() {
         assert!(row[0].distance_mm(Point::at(from, y, 0.0)) < 1e-6, "{:?}", row[0]);
         assert!(row[5].distance_mm(Point::at(to, y, 0.0)) < 1e-6);
     }
-    // Each turn of 11 mm gets one waypoint in its middle.
+    // Each connection of 11 mm between two rows gets one waypoint in its middle.
     assert_eq!(raster.to_track(&surface, settings.waypoint_spacing_mm()).len(), 5 * 6 + 4);
 }
 
@@ -55,7 +55,8 @@ fn the_last_row_follows_the_far_border() {
     }
 }
 
-/// The cylinder unrolled: rows that run along its axis are r' apart around it, which is 400 mm times the angle.
+/// On a cylinder, rows along its axis are r' apart around the circumference, where a distance is 400 mm times the
+/// angle.
 #[test]
 fn the_step_over_holds_around_a_cylinder() {
     let (fit, _, _, settings) = fitted(Shape::Cylinder, ScanDefects::default(), "[path]\nstep_over_mm = 12\n");
@@ -70,7 +71,7 @@ fn the_step_over_holds_around_a_cylinder() {
     println!("width {width_mm:.3} mm, {} rows, r' {step_mm:.4} mm", rows.len());
     let (mut least, mut most) = (f64::INFINITY, 0.0f64);
     for pair in rows.windows(2) {
-        // On a developed cylinder: distance of a point from the chord between its neighbouring points in the next row.
+        // On the unrolled cylinder: the distance of a point from the chord between the nearest points of the next row.
         for point in &pair[0][1..pair[0].len() - 1] {
             let flat = |p: &Point<Panel>| nalgebra::Vector2::new(around_mm(p), p.mm.y);
             let here = flat(point);
@@ -118,7 +119,7 @@ fn rows_lie_at_the_equal_distance_of_their_column() {
     }
 }
 
-/// A slanted grid of this size with shifted corners, and the settings with which it is treated.
+/// A slanted grid with shifted corners, and the settings with which it is treated.
 #[derive(Debug, Clone, Copy)]
 struct Slanted {
     shift_mm: [f64; 8],
@@ -130,8 +131,8 @@ struct Slanted {
 }
 
 impl Slanted {
-    /// Rows no farther apart than requested, waypoints no farther apart than requested, and the whole grid covered.
-    fn rows_hold_what_they_promise(self) -> Result<(), TestCaseError> {
+    /// Checks that rows and waypoints are no farther apart than requested, and that the whole grid is covered.
+    fn rows_meet_their_limits(self) -> Result<(), TestCaseError> {
         let Slanted { shift_mm: shift, size_mm: [w, h], disc_mm, share, spacing_mm } = self;
         let surface = quad([
             [shift[0], shift[1]],
@@ -157,23 +158,23 @@ impl Slanted {
     }
 }
 
-/// The smallest grid, disc, step-over and spacing: this case failed once.
+/// The smallest grid, disc, step-over and spacing: a case that failed in an earlier version.
 #[test]
-fn the_smallest_rows_hold_what_they_promise() {
+fn the_smallest_rows_meet_their_limits() {
     let smallest =
         Slanted { shift_mm: [0.0; 8], size_mm: [45.0, 45.0], disc_mm: 12.0, share: 0.3, spacing_mm: 3.0 };
-    smallest.rows_hold_what_they_promise().expect("as promised");
+    smallest.rows_meet_their_limits().expect("as promised");
 }
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn rows_of_slanted_grids_hold_what_they_promise(
+    fn rows_of_slanted_grids_meet_their_limits(
         shift_mm in prop::array::uniform8(-2.5..2.5f64), size_mm in prop::array::uniform2(45.0..90.0f64),
         disc_mm in 12.0..40.0f64, share in 0.3..0.7f64, spacing_mm in 3.0..15.0f64,
     ) {
-        Slanted { shift_mm, size_mm, disc_mm, share, spacing_mm }.rows_hold_what_they_promise()?;
+        Slanted { shift_mm, size_mm, disc_mm, share, spacing_mm }.rows_meet_their_limits()?;
     }
 }
 
@@ -211,7 +212,7 @@ fn a_straight_track_covers_a_stadium() {
 /// Calculated by hand: a disc of 60 mm radius in the middle of r1c1, (−112, −56), would reach 11 mm beyond the edge at
 /// y = −105. The lines are moved inwards, and the disc still covers the grid.
 #[test]
-fn a_large_disc_keeps_off_the_outline_where_it_can() {
+fn a_large_disc_keeps_inside_the_outline() {
     let (fit, region, outline, settings) = fitted(
         Shape::Plane,
         ScanDefects::default(),
@@ -226,7 +227,7 @@ fn a_large_disc_keeps_off_the_outline_where_it_can() {
 /// By hand: the panel ends at the end of its region, and the disc must not reach beyond the edge. So its middle keeps
 /// 15 mm from the edge, and at the corner (1 − π/4) · 15² = 48.3 of 56² mm² remain untreated, 1.54 %.
 #[test]
-fn what_the_outline_forbids_is_left_and_reported() {
+fn places_that_the_outline_excludes_are_reported_as_untreated() {
     let (surface, region) = (rectangle(280.0, 168.0), region());
     let side = |n: usize| {
         let along = (n % 100) as f64 / 100.0;
@@ -295,10 +296,10 @@ fn dwell_by_hand() {
     assert!((sample(&twice, 25, 25).0 - 2.0).abs() < 0.21);
 }
 
-/// A disc that is larger than the grid reaches the whole grid, according to the plan and to the simulation of its
-/// poses, with every pattern. If the disc reaches nothing, the result is 0 and not −0.
+/// With every pattern, a disc that is larger than the grid covers the whole grid, both in the plan and in the
+/// simulation of its poses. If the disc reaches nothing, the result is 0 and not −0.
 #[test]
-fn a_disc_larger_than_the_grid_covers_it_by_every_count() {
+fn a_disc_larger_than_the_grid_covers_it() {
     let region = one_grid();
     let grids: Vec<GridId> = region.ids().collect();
     for pattern in ["raster", "cross-hatch", "spiral", "offset", "offset-spiral"] {
@@ -343,7 +344,7 @@ fn the_feed_makes_the_time_under_the_disc_even() {
 
 /// The plan's own coverage and the simulation of its poses agree.
 #[test]
-fn what_is_planned_is_what_the_simulated_path_covers() {
+fn the_planned_coverage_agrees_with_the_simulated_path() {
     let (fit, region, outline, settings) = fitted(Shape::Saddle, ScanDefects::default(), "");
     let grids: Vec<GridId> = region.ids().collect();
     let plan = plan(&fit.surface, &region, &grids, &outline, &settings).expect("a plan");
@@ -354,7 +355,7 @@ fn what_is_planned_is_what_the_simulated_path_covers() {
         dwell.share(),
         plan.coverage
     );
-    // Half of the path: the simulation shows the part that is not covered.
+    // With half of the path, the simulation shows the part that is not covered.
     let mut half = dwell::timed_poses(&plan);
     half.truncate(half.len() / 2);
     let executed = dwell::simulate(&fit.surface, &region, &grids, &half, 15.0);

@@ -1,5 +1,5 @@
-//! The light that the panel and the water reflect. Contains a diffuser above the cell with dark gaps, the hole for
-//! the camera, the robot, the room, and the laws of reflection.
+//! The light that the panel and the water reflect: from a diffuser above the cell with dark gaps and a hole for the
+//! camera, from the robot and from the room; and the laws of reflection.
 //!
 //! All sources lie in one plane above the panel, which a mirrored ray intersects. Radiance is relative to the
 //! diffuser's middle.
@@ -29,7 +29,7 @@ pub fn fresnel(cos_in: f64, index: f64) -> f64 {
     (s + p) / 2.0
 }
 
-/// The diffuse reflectance that remains under a film of water, if the eye sees through its surface with reflectance
+/// The diffuse reflectance that remains under a film of water, if the camera sees through its surface with reflectance
 /// `f`.
 pub fn wet_diffuse(rho: f64, f: f64) -> f64 {
     rho * (1.0 - DIFFUSE_IN) * (1.0 - f) / (WATER * WATER * (1.0 - DIFFUSE_BACK * rho))
@@ -63,7 +63,7 @@ pub struct Surroundings {
     pub projector: Option<([f64; 2], f64, f64)>,
 }
 
-/// Blur of mirrored objects, which are out of the camera's focus, in the plane, mm.
+/// Blur of the mirrored objects in the plane, mm: they are out of the camera's focus.
 const SOFT_MM: f64 = 9.0;
 
 fn step(x: f64, soft: f64) -> f64 {
@@ -71,7 +71,7 @@ fn step(x: f64, soft: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// Returns the normal distribution's cumulative function, to 1e-3 (Bowling et al. 2009).
+/// Returns the cumulative distribution function of the normal distribution, accurate to 1e-3 (Bowling et al. 2009).
 fn cumulative(x: f64) -> f64 {
     1.0 / (1.0 + (-1.5976 * x - 0.070_56 * x * x * x).exp())
 }

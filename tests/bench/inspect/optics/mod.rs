@@ -2,13 +2,14 @@
 //!
 //! A film is a mirror that moves. It reflects a diffuser, the room, the robot and dark gaps by Fresnel's laws on its
 //! own normals, over a panel that is darker because of the water on it ([`light`]). It drains, waves run on it, and it
-//! opens on greasy places up to a wedge of the contact angle ([`water`]). A dry place is dull: diffuse, with a blurred
-//! gloss and a weave. Whether a break is darker or brighter than the film, or looks the same, follows from that. Mains
-//! tint the pictures by channel, a projector may be seen in the film ([`scene`]), and sanding changes the panel's
-//! appearance ([`sanding`]). The sources of the numbers are in these modules.
+//! opens on greasy places, with a rim that is a wedge with the contact angle ([`water`]). A dry place is matt: it
+//! reflects diffusely, with a blurred gloss, and shows the weave. Whether a break is darker or brighter than the film,
+//! or looks the same, follows from that. The mains frequency modulates the brightness of each channel, a projector may
+//! be mirrored in the film ([`scene`]), and sanding changes the panel's appearance ([`sanding`]). The sources of the
+//! numbers are in these modules.
 //!
-//! It shares no line with `src/sim`, and its clips judge the program. For work on the program use seeds from 1000 on;
-//! the seeds below 1000 are reserved for the judgement.
+//! It shares no code with `src/sim`, and its clips are used to assess the program. For work on the program use seeds
+//! from 1000 on; the seeds below 1000 are reserved for the assessment.
 
 mod light;
 mod random;
@@ -77,8 +78,8 @@ fn one(seed: u64, reduction: usize, observed_s: f64, tally: &mut Tally) {
     let (picture, last_s) = last.expect("pictures");
     let inspection = watch.finish().expect("wet pictures");
     let wet_from_s = last_s - inspection.observation.observed_s;
-    // The breaks at the end of the observation: the film is watched for a little longer, and a break may still grow
-    // then.
+    // The breaks at the end of the observation: the film is recorded a little longer, and a break may still grow in
+    // that time.
     let broken = scene.broken(last_s.min(wet_from_s + observed_s));
     if let Ok(folder) = std::env::var("PICTURES") {
         crate::clips::save(&folder, &format!("optics{seed:04}"), &picture, &inspection, &broken);

@@ -1,9 +1,9 @@
 //! The effect of a disc on the panel's appearance, and what remains on a place on which the film has opened.
 //!
-//! Sanding bares or covers fibres (diffuse reflectance times 0.4 to 1.8), scratches the gloss away, and takes the
-//! weave with it; each pass and the disc's rim do this differently. A place whose film opened stays damp in its pores:
-//! its brightness returns to 0.75 to 1 of the dry brightness, and droplets stay on it. Grease leaves stains. The
-//! extents are assumptions, which are wider than reported for real panels.
+//! Sanding exposes or covers fibres (diffuse reflectance times 0.4 to 1.8), and removes the gloss and the visible
+//! weave, to a different extent with each pass and at the disc's rim. A place whose film opened stays damp in its
+//! pores: its brightness returns to 0.75 to 1 of the dry brightness, and droplets stay on it. Grease leaves stains. The
+//! ranges are assumptions and are wider than those reported for real panels.
 
 use super::random::Random;
 
@@ -18,7 +18,7 @@ pub struct Zone {
     rim: f64,
 }
 
-/// The appearance of a point, relative to the panel's appearance as it was made.
+/// The appearance of a point, relative to that of the new panel.
 #[derive(Debug, Clone, Copy)]
 pub struct Appearance {
     pub albedo: [f64; 3],

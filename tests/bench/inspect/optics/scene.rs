@@ -1,9 +1,9 @@
-//! A panel on a board under a camera, and its pictures: geometry, materials, exposure, mains, noise.
+//! A panel on a base board under a camera, and its pictures: geometry, materials, exposure, mains flicker, noise.
 //!
 //! - Carbon fibre in epoxy: diffuse reflectance 0.03 to 0.07; red primer 0.35 / 0.06 / 0.05; a grey board 0.16 to
 //!   0.3 (measured spectra: ECOSTRESS library, man-made materials).
 //! - Mains: the brightness of a lamp on 50 Hz is 1 + m cos(2π 100 t + φ); in an exposure of length T, m sinc(100 T)
-//!   remains. m is 0.1 to 0.4 and differs by channel, because phosphors are slow in red and the blue diode is not
+//!   remains. m is 0.1 to 0.4 and differs by channel, because red phosphors decay slowly and the blue diode does not
 //!   (IEEE 1789-2015; Lehman and Wilkins 2014). The mains' frequency deviates by 0.02 % (ENTSO-E).
 //! - A sensor's noise: variance 0.5 + 0.012 s levels² at s levels (EMVA 1288 data of 8-bit readouts, Sony IMX 2–5
 //!   MP).
@@ -142,7 +142,8 @@ fn bell(dx: f64, dy: f64, wide: f64) -> f64 {
     (-(dx * dx + dy * dy) / (2.0 * wide * wide)).exp()
 }
 
-/// Brightness of the yarn on top, from −1 to 1: a 2 × 2 twill, less if a pixel is as wide as a tow.
+/// Returns the relative brightness of the yarn on top, from −1 to 1: a 2 × 2 twill, with less contrast if a pixel is as
+/// wide as a tow.
 fn weave([x, y]: [f64; 2], pixel_mm: f64) -> f64 {
     let (i, j) = ((x / TOW_MM).floor(), (y / TOW_MM).floor());
     let sign = if (i + j).rem_euclid(4.0) < 2.0 { 1.0 } else { -1.0 };
@@ -277,7 +278,7 @@ impl Scene {
             let yarn = 1.0 + 0.08 * one.weave;
             let stain = water.grease_at(&one.place).map_or(1.0, |(index, _)| remains[index].stain);
             one.made = std::array::from_fn(|i| one.rho[i] * stain * yarn * one.lit[i] + share * lobe[i]);
-            // Deeper scratches scatter more: a sanded place mirrors a wider lobe.
+            // Deeper scratches scatter more: a sanded place has a wider reflection lobe.
             let yarn = 1.0 + 0.08 * one.weave * one.look.weave;
             let (gloss, rough) = (gloss * one.look.gloss, rough.max(0.3 * (1.0 - one.look.gloss)));
             let lobe = above.blurred(meets, wide * rough);
@@ -288,7 +289,7 @@ impl Scene {
             one.weave *= one.look.weave;
             one.rho = rho;
         }
-        // The exposure is set by the dry panel's brightest channel, and is limited so that the board is not
+        // The exposure is set to the dry panel's brightest channel, and is limited so that the board is not
         // overexposed.
         let mean = |i: usize| seen.iter().map(|one| one.made[i]).sum::<f64>() / seen.len() as f64;
         let brightest = (0..3).map(mean).fold(0.0, f64::max);
@@ -423,7 +424,7 @@ impl Scene {
         picture
     }
 
-    /// The water at a place, with the droplets that stay after the film has opened.
+    /// Returns the water at a place, with the droplets that stay after the film has opened.
     fn surface(&self, one: &Seen, time_s: f64) -> Surface {
         let surface = self.water.at(&one.place, time_s, one.pixel_mm);
         let droplet = (self.water.grease_at(&one.place).filter(|_| surface.wet < 1.0 && time_s > WET_FROM_S))
@@ -453,7 +454,7 @@ impl Scene {
         })
     }
 
-    /// The pixels of places that were sanded, and this margin around them. The panel is filmed at its taught pose.
+    /// Returns the pixels of the sanded places and of this margin around them. The panel is filmed at its taught pose.
     pub fn sanded_in_taught(&self, margin_mm: f64) -> Mask {
         let mut mask = Mask::all_outside(self.camera.width_px, self.camera.height_px);
         for one in &self.seen {
@@ -463,7 +464,7 @@ impl Scene {
         mask
     }
 
-    /// Truth: the pixels whose film is open at this time.
+    /// Returns the ground truth: the pixels at which the film is open at this time.
     pub fn broken(&self, time_s: f64) -> Mask {
         let mut mask = Mask::all_outside(self.camera.width_px, self.camera.height_px);
         for one in &self.seen {
@@ -484,7 +485,8 @@ impl Scene {
         times
     }
 
-    /// Truth: the time at which the film opens at each pixel, s of the clip; infinite if it holds.
+    /// Returns the ground truth: the time of the clip at which the film opens at each pixel, s; infinite if it does not
+    /// open.
     pub fn opens_s(&self) -> Vec<f64> {
         let mut times_s = vec![f64::INFINITY; self.camera.width_px * self.camera.height_px];
         self.seen.iter().for_each(|one| times_s[one.index] = self.water.opens_s(&one.place));
@@ -500,7 +502,7 @@ impl Seen {
         (x * slope[0] + y * slope[1] - z) / (far * long)
     }
 
-    /// The point at which the mirrored view ray meets the plane above.
+    /// Returns the point at which the mirrored view ray intersects the plane above.
     fn mirrored(&self, slope: [f64; 2], above_mm: f64) -> [f64; 2] {
         let [x, y, z] = self.point;
         let n = [slope[0], slope[1], -1.0];

@@ -1,4 +1,4 @@
-//! The water: how thick the film is, how its surface is inclined, where it opens and closes.
+//! The water: the thickness of the film, the slope of its surface, and where and when it opens.
 //!
 //! - Draining from a plate: h = h₀/√(1 + t/T) (Jeffreys, Proc. Camb. Phil. Soc. 26, 1930), some 100 to 300 µm at
 //!   first, T a few seconds on a plate that is inclined by degrees.
@@ -14,8 +14,8 @@ use std::f64::consts::TAU;
 
 pub const SPRAY_FROM_S: f64 = 1.0;
 pub const WET_FROM_S: f64 = 4.0;
-/// A rim steeper than this mirrors the surroundings of the cell; more detail is not needed.
-const STEEPEST: f64 = 0.5;
+/// Upper limit of the slope of a rim: a steeper rim mirrors the surroundings of the cell, which need no more detail.
+const MAX_RIM_SLOPE: f64 = 0.5;
 
 #[derive(Debug, Clone, Copy)]
 struct Wave {
@@ -45,7 +45,7 @@ impl Grease {
             wobble: std::array::from_fn(|_| (random.between(-0.1, 0.1), random.between(0.0, TAU))),
             opens_s: random.between(WET_FROM_S + 1.0, until_s),
             speed_mm_s: random.between(3.0, 25.0),
-            rim_slope: random.between(20.0_f64, 60.0).to_radians().tan().min(STEEPEST),
+            rim_slope: random.between(20.0_f64, 60.0).to_radians().tan().min(MAX_RIM_SLOPE),
             rim_mm: random.between(0.8, 2.5),
         }
     }
@@ -138,7 +138,7 @@ impl Water {
         Place { at, wets_s, grease: self.grease.iter().enumerate().find_map(near) }
     }
 
-    /// The time at which the film opens at this place, s; infinite if it holds.
+    /// Returns the time at which the film opens at this place, s; infinite if it does not open.
     pub fn opens_s(&self, place: &Place) -> f64 {
         place.grease.map_or(f64::INFINITY, |(index, away, _)| {
             let grease = &self.grease[index];
@@ -146,7 +146,7 @@ impl Water {
         })
     }
 
-    /// The grease at a place, and its position, mm.
+    /// Returns the index of the greasy place that contains a place, and the place's position, mm.
     pub fn grease_at(&self, place: &Place) -> Option<(usize, [f64; 2])> {
         place
             .grease
