@@ -91,7 +91,7 @@ fn doctor_reports_each_planted_fault_and_none_in_a_good_cell() {
     planted(
         folder,
         ("cell/cell.toml", "a1_deg = -120.0", "a1_deg = -320.0"),
-        ["cell file", "poses.park.a1_deg: found -320, the limits are -170 to 170", "cycle"],
+        ["cell file", "poses.park.a1_deg: found -320, but the limits of the arm's axis 1 are -170 to 170", "cycle"],
     );
     // The scan in the store is no longer the one that was taught.
     let taught = Store::open(&folder.join("cell/store")).expect("a store").taught("simulated-panel", None);

@@ -73,7 +73,7 @@ pub(super) const ALL: [Mutation; 15] = [
     change(
         "a base that differs from the one that was set is taken",
         ECHO,
-        "if distance_mm <= TOLERANCE && turn_deg <= TOLERANCE {\n            self.confirmed = id;",
+        "if distance_mm <= ECHO_TOLERANCE && turn_deg <= ECHO_TOLERANCE {\n            self.confirmed = id;",
         "if distance_mm <= 1e6 && turn_deg <= 360.0 {\n            self.confirmed = id;",
     ),
     change(
