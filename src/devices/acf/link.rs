@@ -1,4 +1,4 @@
-//! The link to a tool over TCP: a thread of its own, for which nothing waits.
+//! The TCP link to a compliant tool. It runs on its own thread, for which no other thread waits.
 
 use super::tool::{ConnectedTool, ToolReport, session_limits};
 use panelprep_base::supervision::{SupervisedThread, WatchedThread, supervise};
@@ -19,7 +19,7 @@ const CONNECT_TIMEOUT: Duration = Duration::from_millis(1_000);
 const RECONNECT_DELAY: Duration = Duration::from_millis(300);
 /// Longest time until the thread checks for new commands and sends them.
 const COMMAND_POLL_INTERVAL: Duration = Duration::from_millis(5);
-/// Longest time between two life signs of the thread.
+/// Maximum time between two heartbeats of the thread.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// The reason why no link was started.
@@ -59,7 +59,7 @@ impl Shared {
 }
 
 impl AcfLink {
-    /// Starts to connect to the tool that listens there.
+    /// Starts the thread, which connects to the tool at this address.
     ///
     /// # Errors
     /// If the system provides no thread.
@@ -107,7 +107,7 @@ impl Drop for AcfLink {
     fn drop(&mut self) {
         self.shared.ending.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
-            #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
+            #[expect(clippy::let_underscore_must_use, reason = "the panic of the thread was already reported")]
             let _ = thread.join();
         }
     }

@@ -25,11 +25,11 @@ const SPEED_MM_S: f64 = 250.0;
 const NOISE_N: f64 = 0.2;
 /// Stiffness, N/mm: the force for each millimetre that the panel pushes a tool beyond its retracted position, or
 /// pushes a stuck tool.
-const STIFF_N_MM: f64 = 40.0;
+const STIFFNESS_N_PER_MM: f64 = 40.0;
 /// Gravity, m/s².
 const GRAVITY_M_S2: f64 = 9.806_65;
 
-/// Delay of an answer if no time is named, ms, and error of the force, N.
+/// Default values of a fault: delay of an answer, ms, and error of the force, N.
 const DEFAULT_DELAY_MS: u64 = 130;
 const DEFAULT_FORCE_ERROR_N: f64 = 12.0;
 
@@ -61,7 +61,7 @@ pub enum ToolFault {
     Garbage,
     /// The tool answers with another tool's number.
     OtherId,
-    /// It reports these errors, as bits.
+    /// The tool reports these errors, one bit for each.
     Errors(u8),
     /// The mock presses with this much more force than commanded, N.
     ForceOff(f64),
@@ -78,7 +78,7 @@ pub struct MockAcf {
     fault: Option<ToolFault>,
     is_logged_in: bool,
     received: Vec<u8>,
-    /// The bytes that are to be sent, and the times.
+    /// The bytes that are to be sent, each piece with its time, ms.
     scheduled: Vec<(u64, Vec<u8>)>,
     commanded_n: [f64; 2],
     position_mm: f64,
@@ -138,8 +138,8 @@ impl MockAcf {
         }
         let pushed_mm = self.position_mm - touches_at_mm;
         let contact_n = match (is_stuck, pushed_mm >= -1e-9) {
-            (true, true) => STIFF_N_MM * pushed_mm,
-            (false, true) if pushed_mm > 1e-9 => total_n.max(0.0) + STIFF_N_MM * pushed_mm,
+            (true, true) => STIFFNESS_N_PER_MM * pushed_mm,
+            (false, true) if pushed_mm > 1e-9 => total_n.max(0.0) + STIFFNESS_N_PER_MM * pushed_mm,
             (false, true) => total_n,
             (_, false) => 0.0,
         };
@@ -212,7 +212,7 @@ fn noise_n(time_ms: u64) -> f64 {
 pub struct PlannedToolFault {
     /// The fault.
     pub fault: ToolFault,
-    /// Number of waypoints in contact that were executed before.
+    /// Number of waypoints in contact that are executed before the fault begins.
     pub from: u32,
 }
 
@@ -259,7 +259,7 @@ fn parse_finite(text: &str) -> Option<f64> {
     text.parse().ok().filter(|number: &f64| number.is_finite())
 }
 
-/// A mock that listens; when it is dropped, it ends.
+/// A mock behind a TCP port; when it is dropped, its thread ends.
 pub struct MockAcfServer {
     address: SocketAddr,
     fault: Arc<Mutex<Option<ToolFault>>>,
@@ -268,10 +268,11 @@ pub struct MockAcfServer {
 }
 
 impl MockAcfServer {
-    /// Starts to listen, with the panel at this distance in front of the tool, mm, and the tool level.
+    /// Starts to listen. The panel is at the distance `touches_at_mm` in front of the tool, and the tool's axis is
+    /// horizontal.
     ///
     /// # Errors
-    /// If there is no port or thread.
+    /// If no port is free or no thread can be started.
     pub fn start(tool: &CompliantTool, touches_at_mm: f64) -> io::Result<Self> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
         listener.set_nonblocking(true)?;
@@ -306,7 +307,7 @@ impl Drop for MockAcfServer {
     fn drop(&mut self) {
         self.ending.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
-            #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
+            #[expect(clippy::let_underscore_must_use, reason = "the panic of the thread was already reported")]
             let _ = thread.join();
         }
     }

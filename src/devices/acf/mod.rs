@@ -2,8 +2,8 @@
 //!
 //! - `tool`: a compliant tool as the loop uses it, its commands and its reports
 //! - `link`: a thread of its own that keeps the session; its received data is read without waiting
-//! - `mock`: a tool as bytes in and bytes out, with faults, also faults that begin during a path; its stroke ends when
-//!   the disc touches; and the same tool behind a TCP port, for tests of the link
+//! - `mock`: a simulated tool, bytes in and bytes out, with faults, some of which begin during a path; its stroke ends
+//!   when the disc touches; and the same tool behind a TCP port, for tests of the link
 //! - `simulated`: session and mock in the time of the simulated world
 //!
 //! **The driver has not run on a real tool yet.** To be proven on site: that the log-in word is echoed, what the tool
@@ -70,7 +70,7 @@ mod tests {
     /// Each fault of the link is reported by its name within the reply's deadline and the delay of a busy machine; then
     /// the link is established again.
     #[test]
-    fn each_fault_of_the_link_is_reported_and_mended() {
+    fn each_fault_of_the_link_is_reported_and_the_link_restored() {
         let server = MockAcfServer::start(&tool(), 15.0).expect("a port");
         let mut link = started(&server);
         let reads = |news: &ToolReport| matches!(news, ToolReport::Reading { .. });
@@ -96,7 +96,7 @@ mod tests {
     /// Calculated by hand: at 250 mm/s, the actuator needs 60 ms to extend by 15 mm; then it presses with 20 N and, if it
     /// points down, additionally with its 1.5 kg: 34.7 N.
     #[test]
-    fn the_mocks_actuator_goes_out_until_it_touches() {
+    fn the_mocks_actuator_extends_until_contact() {
         let mut mock = MockAcf::new(&tool());
         mock.receive(b"ferbak1040 20.00 20.00 0.000 0.000 0k", 0);
         let at = |time_ms, downwards| ToolSurroundings { time_ms, contact_extension_mm: 15.0, downwards };

@@ -9,7 +9,7 @@ use panelprep_cell::cell::CompliantTool;
 use panelprep_cell::force::{ForceSetPoint, LinkLossCause, Session, State, down_cosine};
 use panelprep_kuka::eki::Time;
 
-/// Step in which time passes between two calls, ms.
+/// Time step of session and mock between two calls, ms.
 const STEP_MS: u64 = 5;
 /// Time after which a lost link is tried again, ms.
 const RECONNECT_DELAY_MS: u64 = 500;

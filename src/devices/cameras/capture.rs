@@ -11,10 +11,10 @@ use panelprep_cell::files::{ClipError, CloudFileError, PictureError, PoseError};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// A channel at or above this level is saturated.
-const SATURATED: u8 = 254;
-/// A pixel is dark if its brightest channel is below this level.
-const DARK: u8 = 10;
+/// A channel at or above this grey level is saturated.
+const MIN_SATURATED_LEVEL: u8 = 254;
+/// A pixel is dark if its brightest channel is below this grey level.
+const MAX_DARK_LEVEL: u8 = 10;
 /// The steepest pixels.
 const STEEPEST_SHARE: f64 = 0.001;
 
@@ -44,7 +44,7 @@ pub enum CameraError {
     Missing {
         /// The camera.
         which: CameraRole,
-        /// The item found instead.
+        /// The reason why the camera is not available.
         reason: String,
     },
     /// The camera responds, but did not deliver a shot in time.
@@ -55,14 +55,14 @@ pub enum CameraError {
         /// Waiting time, ms.
         waited_ms: u64,
     },
-    /// A recording has come to its end.
+    /// All captures of a recording were used.
     #[error("{} contains no further {what}: all {played} were used", folder.display())]
     RecordingExhausted {
         /// The recording.
         folder: PathBuf,
         /// The item that was requested.
         what: &'static str,
-        /// Number of captures that were played.
+        /// Number of captures that were replayed.
         played: usize,
     },
     /// A shot of another size than the calibrated one.
@@ -107,7 +107,7 @@ pub enum CameraError {
         /// Its message, or the state of the connection to it.
         problem: String,
     },
-    /// The service uses the cameras, and the cell is at work.
+    /// The service uses the cameras for a cycle.
     #[error("the service is using the cameras for a cycle; try again when the cycle has ended")]
     AtWork,
     /// A fault of the Zivid, in the terms of the fault model.
@@ -135,10 +135,10 @@ pub enum FileError {
     /// A picture.
     #[error(transparent)]
     Picture(#[from] PictureError),
-    /// The pose of the flange.
+    /// The pose of the flange cannot be read.
     #[error(transparent)]
     Pose(#[from] PoseError),
-    /// A fault in the times of the pictures.
+    /// The times of the pictures are not valid.
     #[error(transparent)]
     Clip(#[from] ClipError),
 }
@@ -172,7 +172,7 @@ pub struct FlangePicture {
     pub time_s: f64,
 }
 
-/// The data that a camera reports about its last shot, each value if it reports it.
+/// The data that a camera reports about its last shot; `None` for a value that it does not report.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Conditions {
@@ -186,13 +186,13 @@ pub struct Conditions {
 
 /// The fixed 3D camera.
 pub trait Scanner: Send {
-    /// Takes points and colours of the scene, with the camera's own light.
+    /// Takes a 3D shot: points and colours of the scene, with the camera's own light.
     ///
     /// # Errors
     /// If the camera does not deliver.
     fn capture_3d(&mut self) -> Result<Shot, CameraError>;
 
-    /// Takes a colour picture with the cell's light, as for the film.
+    /// Takes a colour picture with the cell's light, as for the pictures of the water film.
     ///
     /// # Errors
     /// If the camera does not deliver.
@@ -337,8 +337,8 @@ impl PictureQuality {
         };
         PictureQuality {
             sharpness_gray_per_px: quantile(&mut slopes, 1.0 - STEEPEST_SHARE).unwrap_or(0.0),
-            saturated_share: share(&|rgb| rgb.iter().any(|level| *level >= SATURATED)),
-            dark_share: share(&|rgb| rgb.iter().all(|level| *level < DARK)),
+            saturated_share: share(&|rgb| rgb.iter().any(|level| *level >= MIN_SATURATED_LEVEL)),
+            dark_share: share(&|rgb| rgb.iter().all(|level| *level < MAX_DARK_LEVEL)),
             mean_gray: gray.gray.iter().map(|level| f64::from(*level)).sum::<f64>() / pixels,
         }
     }
@@ -380,10 +380,10 @@ fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// Calculated by hand: a vertical edge from 40 to 200 has a slope of 80 grey levels a pixel in two columns of
-    /// twenty; blurred over four pixels it has 40. A tenth of the pixels is saturated, another tenth dark.
+    /// Calculated by hand: a vertical edge from 40 to 200 has a gradient of 80 grey levels per pixel in two of twenty
+    /// columns; blurred over four pixels it has 40. A tenth of the pixels is saturated, another tenth dark.
     #[test]
-    fn an_edge_is_as_steep_as_it_is_sharp() {
+    fn a_sharp_edge_has_a_steeper_gradient() {
         let picture = |levels: [u8; 20]| {
             let mut picture = ColorPicture::uniform(20, 10, [0; 3]);
             picture.rgb.iter_mut().enumerate().for_each(|(index, rgb)| *rgb = [levels[index % 20]; 3]);

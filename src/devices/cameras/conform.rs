@@ -21,19 +21,22 @@ pub fn check_shot(scanner: &mut dyn Scanner, lens: &PinholeCamera) {
             let pixel = lens.project(point).expect("before the camera");
             let (column, row) = ((index % lens.width_px) as f64, (index / lens.width_px) as f64);
             let off_px = (pixel.u - column).hypot(pixel.v - row);
-            assert!(off_px < 0.6, "the point of pixel {column}, {row} is {off_px} px beside it");
+            assert!(off_px < 0.6, "the point of pixel {column}, {row} is projected {off_px} px beside it");
             assert!((100.0..5_000.0).contains(&point.mm.z), "{point:?}");
             there += 1;
             colors.insert(cloud.color_at(index));
         }
         let pixels = lens.width_px * lens.height_px;
-        assert!(there > pixels / 100 && there < pixels, "{there} of {pixels}: some are there, and some missing");
-        assert!(colors.len() > 50, "{} colours: a shot without colours is of one", colors.len());
+        assert!(
+            there > pixels / 100 && there < pixels,
+            "{there} of {pixels} pixels have a point: some have one, some have none"
+        );
+        assert!(colors.len() > 50, "{} colours: a shot without colours has only one", colors.len());
     }
 }
 
-/// Checks pictures: of the calibrated size, with some content, in the order of their times; and shots in between.
-pub fn pictures(scanner: &mut dyn Scanner, lens: &PinholeCamera) {
+/// Checks pictures: of the calibrated size, with some content, in the order of their times.
+pub fn check_pictures(scanner: &mut dyn Scanner, lens: &PinholeCamera) {
     let mut last_s = f64::NEG_INFINITY;
     for _ in 0..3 {
         let taken = scanner.capture_2d().expect("a picture");
@@ -46,9 +49,9 @@ pub fn pictures(scanner: &mut dyn Scanner, lens: &PinholeCamera) {
     }
 }
 
-/// Tests a clip: the times of its pictures rise, none is before its beginning or after its end; another capture
-/// ends it too. `pass` lets some time pass.
-pub fn clips(scanner: &mut dyn Scanner, lens: &PinholeCamera, mut pass: impl FnMut()) {
+/// Checks a clip: the times of its pictures increase and lie close to its start time; another capture also ends the
+/// clip. `pass` lets some time pass.
+pub fn check_clips(scanner: &mut dyn Scanner, lens: &PinholeCamera, mut pass: impl FnMut()) {
     assert!(scanner.next_clip_picture().is_err() && scanner.end_clip().is_err(), "none has begun");
     let began_s = scanner.begin_clip(10.0).expect("begun");
     let (mut last_s, mut taken) = (f64::NEG_INFINITY, 0);
@@ -59,13 +62,17 @@ pub fn clips(scanner: &mut dyn Scanner, lens: &PinholeCamera, mut pass: impl FnM
         };
         assert_eq!((next.picture.width, next.picture.height), (lens.width_px, lens.height_px));
         assert!(next.time_s > last_s, "{} after {last_s}", next.time_s);
-        assert!((next.time_s - began_s).abs() < 60.0, "begun at {began_s}, taken at {}: one clock", next.time_s);
+        assert!(
+            (next.time_s - began_s).abs() < 60.0,
+            "begun at {began_s} s, taken at {} s: both times are of one clock",
+            next.time_s
+        );
         (last_s, taken) = (next.time_s, taken + 1);
     }
     scanner.end_clip().expect("ended");
     assert!(scanner.next_clip_picture().is_err(), "it has ended");
     scanner.begin_clip(10.0).expect("begun again");
     let between = scanner.capture_2d().expect("a picture");
-    assert!(between.time_s >= last_s, "one clock for all");
+    assert!(between.time_s >= last_s, "all times are of one clock");
     assert!(scanner.next_clip_picture().is_err(), "a picture ends a clip");
 }

@@ -51,14 +51,14 @@ impl GigeFlangeCamera {
             may_repeat: false,
         };
         let needed = gige::socket_buffer_bytes(settings.size_px, settings.packet_bytes);
-        if let Some(short) = granted_socket_buffer(needed) {
+        if let Some(short) = socket_buffer_advice(needed) {
             tracing::warn!("pictures of the flange camera may arrive incomplete: {short}");
         }
         let (camera, conditions, began) = (open_camera(settings)?, Conditions::default(), Instant::now());
         Ok(GigeFlangeCamera { camera, exposure_us: cell.exposure_us, conditions, started: began })
     }
 
-    /// Returns the counters of the camera's link, now and later.
+    /// Returns a monitor that reads the counters of the camera's link, now and later.
     pub fn gauge(&self) -> LinkMonitor {
         self.camera.gauge()
     }
@@ -106,7 +106,7 @@ impl LoopbackFlangeCamera {
     pub fn start(simulated: SimulatedFlangeCamera, camera: &PinholeCamera) -> Result<Self, CameraError> {
         let size_px = [camera.width_px, camera.height_px];
         let needed = gige::burst_bytes(size_px, gige::PACKET_BYTES);
-        if let Some(reason) = granted_socket_buffer(needed) {
+        if let Some(reason) = socket_buffer_advice(needed) {
             return Err(CameraError::Missing { which: CameraRole::Flange, reason });
         }
         let sensor = Arc::new(Mutex::new(vec![0; size_px[0] * size_px[1]]));
@@ -136,7 +136,7 @@ impl LoopbackFlangeCamera {
         Ok(LoopbackFlangeCamera { camera, _loopback: loopback, sensor, simulated })
     }
 
-    /// Returns the counters of the camera's link, now and later.
+    /// Returns a monitor that reads the counters of the camera's link, now and later.
     pub fn gauge(&self) -> LinkMonitor {
         self.camera.gauge()
     }
@@ -163,9 +163,8 @@ impl FlangeCamera for LoopbackFlangeCamera {
     }
 }
 
-/// If the system gives sockets a smaller receive buffer than these bytes: returns the size that it gives and what
-/// to do.
-fn granted_socket_buffer(bytes: usize) -> Option<String> {
+/// Returns what to do, if the system grants sockets a receive buffer of fewer than `bytes` bytes; otherwise `None`.
+fn socket_buffer_advice(bytes: usize) -> Option<String> {
     let given = gige::rmem_max().filter(|given| *given < bytes)?;
     Some(format!(
         "net.core.rmem_max is {given}, at least {bytes} are needed: run sysctl -w net.core.rmem_max={bytes}"
@@ -211,7 +210,7 @@ mod tests {
 
     /// The pixel formats that a cell may name are the same as those that this program reads.
     #[test]
-    fn every_pixel_format_of_a_cell_is_known() {
+    fn every_pixel_format_of_a_cell_is_supported() {
         assert!(
             PIXEL_FORMATS.into_iter().all(|name| PixelFormat::from_name(name).is_some_and(|f| f.name() == name))
         );

@@ -2,11 +2,11 @@
 //!
 //! [`PictureQuality`] and [`ScanQuality`] state the quality of a shot. A capture blocks until the shot is available or
 //! an error states why not. Shots carry the time at which they were taken, on the clock of their source; a picture of
-//! a played or simulated flange camera carries the pose of the flange.
+//! a recorded or simulated flange camera carries the pose of the flange.
 //!
 //! - [`SimulatedScanner`], [`SimulatedFlangeCamera`]: the renderer, viewing the simulated world
 //! - [`SimulatedBoards`]: the same cameras in front of a calibration board
-//! - [`RecordedScanner`], [`RecordedFlangeCamera`]: a folder, one file a capture
+//! - [`RecordedScanner`], [`RecordedFlangeCamera`]: the files of a folder, one for each capture
 //! - [`GigeFlangeCamera`]: a GigE Vision camera on the flange · [`LoopbackFlangeCamera`], [`BayerFlangeCamera`]: the
 //!   simulated camera behind a colour sensor's filters, with and without a network between
 

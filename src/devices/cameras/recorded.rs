@@ -1,4 +1,5 @@
-//! Cameras that play a folder in file order, one file for each capture. If no file is left, a capture fails.
+//! Cameras that replay the files of a folder in the order of their names, one file for each capture. If no file is
+//! left, a capture fails.
 //!
 //! In a scanner's folder, `.pcd` and `.ply` files are the 3D shots; the pictures are those of its `clip.csv`, in the
 //! file's order and with its times. In a flange camera's folder, each picture `NAME.png` has its pose in `NAME.json`;
@@ -13,10 +14,10 @@ use std::collections::VecDeque;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const CLOUDS: [&str; 2] = ["pcd", "ply"];
-const PICTURES: [&str; 5] = ["png", "jpg", "jpeg", "tif", "tiff"];
+const CLOUD_EXTENSIONS: [&str; 2] = ["pcd", "ply"];
+const PICTURE_EXTENSIONS: [&str; 5] = ["png", "jpg", "jpeg", "tif", "tiff"];
 
-/// The files of a folder that are still to be played.
+/// The files of a folder that are still to be replayed.
 #[derive(Debug)]
 struct FileSequence<T> {
     folder: PathBuf,
@@ -45,13 +46,13 @@ impl<T> FileSequence<T> {
         ahead.front().map(drop).ok_or_else(out)
     }
 
-    /// Returns the time of the last capture, which is the count of captures so far, in s.
+    /// Returns the time of the last capture, s: the number of captures before it.
     fn count_s(&self) -> f64 {
         self.played.saturating_sub(1) as f64
     }
 }
 
-/// A scanner that plays a folder.
+/// A scanner that replays a folder.
 #[derive(Debug)]
 pub struct RecordedScanner {
     camera: PinholeCamera,
@@ -66,7 +67,7 @@ impl RecordedScanner {
     /// # Errors
     /// If there is no such folder, or its `clip.csv` is invalid.
     pub fn open(folder: &Path, camera: PinholeCamera) -> Result<Self, CameraError> {
-        let clouds = list_files(folder, &CLOUDS, CameraRole::Scanner)?;
+        let clouds = list_files(folder, &CLOUD_EXTENSIONS, CameraRole::Scanner)?;
         let list = folder.join("clip.csv");
         let entries = match list.exists() {
             true => {
@@ -146,7 +147,7 @@ impl Scanner for RecordedScanner {
     }
 }
 
-/// A flange camera that plays a folder.
+/// A flange camera that replays a folder.
 #[derive(Debug)]
 pub struct RecordedFlangeCamera {
     camera: PinholeCamera,
@@ -159,7 +160,7 @@ impl RecordedFlangeCamera {
     /// # Errors
     /// If there is no such folder.
     pub fn open(folder: &Path, camera: PinholeCamera) -> Result<Self, CameraError> {
-        let pictures = list_files(folder, &PICTURES, CameraRole::Flange)?;
+        let pictures = list_files(folder, &PICTURE_EXTENSIONS, CameraRole::Flange)?;
         Ok(RecordedFlangeCamera { camera, pictures: FileSequence::new(folder, "picture", pictures) })
     }
 }
@@ -222,7 +223,7 @@ fn with_file_name<T, E: Into<FileError>>(file: &Path, result: Result<T, E>) -> R
 
 #[cfg(test)]
 mod tests {
-    //! Recorded cameras, from folders as a user has them.
+    //! Tests of recorded cameras, with folders as a user has them.
 
     use crate::cameras::*;
     use panelprep_base::geometry::{ColorPicture, KukaPose, OrganizedCloud, PinholeCamera};
@@ -253,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn a_recorded_scanner_plays_in_order_and_runs_out() {
+    fn a_recorded_scanner_replays_in_order_and_then_fails() {
         let clip = b"file,time_s,phase\na2.png,-0.5,dry\na1.png,0.25,wet\n".to_vec();
         let files =
             [("b.pcd", pcd(2)), ("a.pcd", pcd(1)), ("a1.png", png(21)), ("a2.png", png(22)), ("clip.csv", clip)];
@@ -289,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_reported() {
+    fn unsuitable_recordings_are_reported() {
         let gone = RecordedScanner::open(Path::new("/nowhere"), camera(3, 2)).expect_err("gone");
         assert!(matches!(gone, CameraError::Missing { which: CameraRole::Scanner, .. }), "{gone}");
         let folder = folder(&[("a.pcd", pcd(1)), ("b.pcd", b"pcd".to_vec())]);

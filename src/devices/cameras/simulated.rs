@@ -258,7 +258,7 @@ impl SimulatedBoards {
     }
 }
 
-/// The simulated flange camera with such a sensor; the pixels reach the program without any other device between.
+/// The simulated flange camera with the filters of a colour sensor; its pixels reach the program without a network.
 pub struct BayerFlangeCamera {
     simulated: SimulatedFlangeCamera,
 }

@@ -161,7 +161,7 @@ pub fn frames_ahead(last: u64, id: u64) -> Option<u64> {
     }
 }
 
-/// Judges frame after frame of one stream.
+/// Judges the frames of one stream, one after the other.
 #[derive(Debug, Clone)]
 pub struct Acceptance {
     expected: FrameRequirements,
@@ -179,7 +179,7 @@ pub struct Acceptance {
 }
 
 impl Acceptance {
-    /// Creates the judge of a stream from which no frame was received yet.
+    /// Creates the check for a stream from which no frame was received yet.
     pub fn new(expected: FrameRequirements) -> Self {
         Acceptance {
             expected,
@@ -193,7 +193,7 @@ impl Acceptance {
         }
     }
 
-    /// A new stream begins: its numbers may begin anywhere. The camera's clock continues.
+    /// Begins a new stream: its numbers may begin anywhere, and the camera's clock continues.
     pub fn new_stream(&mut self) {
         (self.last_id, self.unnumbered) = (None, 0);
     }
@@ -208,7 +208,7 @@ impl Acceptance {
         self.lost
     }
 
-    /// Returns how often the camera's clock was set back.
+    /// Returns the number of times that the camera's clock was set back.
     pub fn clock_steps(&self) -> u64 {
         self.clock_steps
     }
@@ -257,7 +257,7 @@ impl Acceptance {
             self.older_time_ns = Some(camera_time_ns);
             return Err(FrameRefusal::NotNewer { id, found_ns: camera_time_ns, last_ns });
         }
-        // A picture of uniform brightness, such as from a shut lens, may repeat.
+        // A picture of uniform brightness, as from a covered lens, may repeat.
         let plain = pixels.iter().all(|level| Some(level) == pixels.first());
         if !may_repeat && !plain && pixels == self.last_pixels {
             return Err(FrameRefusal::Repeated { id });
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_wrap_at_16_bits_and_go_on_at_64() {
+    fn frame_numbers_wrap_at_16_bits_and_continue_at_64() {
         assert_eq!(frames_ahead(65_535, 1), Some(1));
         assert_eq!(frames_ahead(65_535, 65_536), Some(1));
         assert_eq!(frames_ahead(65_530, 3), Some(8));
@@ -343,9 +343,9 @@ mod tests {
         }
     }
 
-    /// A shut lens gives the same black picture again and again; a new stream begins at any number.
+    /// A covered lens gives the same black picture again and again; a new stream begins at any number.
     #[test]
-    fn black_may_repeat_and_streams_begin_anywhere() {
+    fn equal_black_frames_are_accepted_and_streams_begin_anywhere() {
         let mut acceptance = Acceptance::new(EXPECTED);
         for id in [7, 8] {
             assert_eq!(acceptance.judge(&frame(id), &[0; 8]), Ok(()));
@@ -359,7 +359,7 @@ mod tests {
     /// By hand: after 8 µs the clock continues from 1 µs. The first frame with the new time is refused, the next
     /// one accepted, and from then on the new time is valid. The same old frame is never accepted again.
     #[test]
-    fn a_clock_that_is_set_back_costs_one_picture() {
+    fn one_picture_is_refused_when_the_clock_is_set_back() {
         let at = |id: u64, camera_time_ns: u64| FrameMetadata { camera_time_ns, ..frame(id) };
         let mut acceptance = Acceptance::new(EXPECTED);
         assert_eq!(acceptance.judge(&at(7, 8_000), &pixels(7)), Ok(()));
@@ -377,7 +377,7 @@ mod tests {
         /// From any start, with any losses, across both wrap-arounds: an accepted frame is always newer, no frame is
         /// accepted twice, and in a stream every missing number is counted.
         #[test]
-        fn a_stream_is_counted(start in prop::sample::select(vec![1u64, 60_000, 65_400, 1 << 33]), wide in any::<bool>(),
+        fn missing_frames_of_a_stream_are_counted(start in prop::sample::select(vec![1u64, 60_000, 65_400, 1 << 33]), wide in any::<bool>(),
             fates in prop::collection::vec(0u8..8, 1..400)) {
             let number = |index: u64| {
                 let id = start + index;

@@ -148,7 +148,7 @@ impl ConnectedCamera {
         self.sensor.check_streaming()
     }
 
-    /// Returns what was counted since the camera was connected.
+    /// Returns the statistics since the camera was connected.
     pub fn statistics(&self) -> Statistics {
         let packets = self.sensor.packet_counts();
         Statistics {
@@ -276,7 +276,7 @@ fn set(camera: &aravis::Camera, step: &SettingStep) -> Result<(), GigeError> {
     }
 }
 
-/// The frame rate that limits the exposure, in words, if the camera reports one.
+/// Describes the frame rate that limits the exposure, in words, if the camera reports one.
 fn describe_frame_rate(camera: &aravis::Camera, node: &str) -> String {
     let rate = node.starts_with("Exposure").then(|| camera.float("AcquisitionFrameRate").ok()).flatten();
     rate.map_or(String::new(), |rate| format!(" at the camera's lowest rate, {rate:.3} pictures per second"))

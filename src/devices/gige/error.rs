@@ -55,7 +55,7 @@ pub enum GigeError {
         /// Serial number in the calibration.
         expected: String,
     },
-    /// The camera has another size than the calibrated one.
+    /// The camera's pictures have another size than those of the calibrated camera.
     #[error("the camera's picture is {}×{} px, but its calibration is for {}×{} px", found_px[0], found_px[1], expected_px[0], expected_px[1])]
     WrongSize {
         /// Width and height, px.

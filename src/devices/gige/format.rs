@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_picture_is_none() {
+    fn pixels_of_a_wrong_number_give_no_picture() {
         assert_eq!(demosaic(&[0; 24], [5, 5], PixelFormat::BayerRG8), None);
         assert_eq!(demosaic(&[0; 8], [4, 2], PixelFormat::BayerRG8), None);
         assert_eq!(demosaic(&[7; 8], [4, 2], PixelFormat::Mono8).map(|seen| seen.rgb[0]), Some([7; 3]));
@@ -205,7 +205,7 @@ mod tests {
         /// A uniform colour stays the same; a grey ramp stays the same away from the border; the values that a filter
         /// passed stay exact.
         #[test]
-        fn colour_and_ramp_stay(format in prop::sample::select(FORMATS.to_vec()), rgb in any::<[u8; 3]>(),
+        fn uniform_colour_and_grey_ramp_stay_unchanged(format in prop::sample::select(FORMATS.to_vec()), rgb in any::<[u8; 3]>(),
             size in (6usize..20, 6usize..20), slope in (0usize..4, 0usize..4)) {
             let (width, height) = size;
             let flat = picture(width, height, |_, _| rgb);

@@ -174,7 +174,7 @@ impl Drop for GigeCamera {
         self.is_ending.store(true, Ordering::Relaxed);
         self.asks = None;
         if let Some(thread) = self.thread.take() {
-            #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
+            #[expect(clippy::let_underscore_must_use, reason = "the panic of the thread was already reported")]
             let _ = thread.join();
         }
     }
@@ -211,7 +211,10 @@ impl Link {
                         self.on_lost(why.clone());
                     }
                     let is_lost = picture.is_err();
-                    #[expect(clippy::let_underscore_must_use, reason = "who asked may have given up meanwhile")]
+                    #[expect(
+                        clippy::let_underscore_must_use,
+                        reason = "the caller may no longer wait for the answer"
+                    )]
                     let _ = reply.send(picture);
                     if is_lost {
                         self.release_camera();

@@ -212,7 +212,7 @@ impl LoopbackCamera {
 }
 
 /// Makes the fake camera request its pictures from `exposures`.
-#[allow(unsafe_code, reason = "the bindings leave this one function out; its callback and data are C's")]
+#[allow(unsafe_code, reason = "the bindings do not contain this function; its callback and data are in C")]
 fn set_fill(exposures: &Arc<Exposures>) {
     let data = Arc::as_ptr(exposures).cast_mut().cast::<c_void>();
     // SAFETY: the camera is alive while it is borrowed. `data` lives as long as `LoopbackCamera`, which is the only

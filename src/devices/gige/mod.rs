@@ -6,7 +6,7 @@
 //! ```
 //!
 //! The code that decides is pure and does not use Aravis: `settings` (the settings of a camera), `acceptance` (which
-//! frames are accepted), `single_picture` (how often a picture is tried), `format` (from one colour per pixel to
+//! frames are accepted), `single_picture` (the attempts for a picture), `format` (from one colour per pixel to
 //! three). A picture that is passed on is complete, has the calibrated size, is newer than the previous one, and has
 //! the requested exposure; any doubt is an error.
 //!

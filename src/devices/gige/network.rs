@@ -8,23 +8,24 @@
 
 use std::net::Ipv4Addr;
 
-/// The minimum request, bytes: two pictures of an ordinary camera.
-const MIN_BYTES: usize = 8 << 20;
+/// The smallest buffer that is requested, bytes: two pictures of an ordinary camera.
+const MIN_SOCKET_BUFFER_BYTES: usize = 8 << 20;
 
 /// Returns the buffer requested from the system for such pictures, bytes. Granted up to `net.core.rmem_max`.
 pub fn socket_buffer_bytes(size_px: [usize; 2], packet_bytes: u16) -> usize {
-    burst_bytes(size_px, packet_bytes).max(MIN_BYTES)
+    burst_bytes(size_px, packet_bytes).max(MIN_SOCKET_BUFFER_BYTES)
 }
 
 /// Returns the receive buffer that a socket needs for a picture in one burst, bytes. The kernel counts each packet
 /// with its own overhead, and grants twice the requested size.
 pub fn burst_bytes(size_px: [usize; 2], packet_bytes: u16) -> usize {
-    // `HEADERS`: IP, UDP and GVSP headers of a packet. `OVERHEAD`: what the kernel adds to a packet before it
-    // rounds the size up to a power of two.
-    const HEADERS: usize = 36;
-    const OVERHEAD: usize = 600;
-    let each = (usize::from(packet_bytes) + OVERHEAD).next_power_of_two() + 256;
-    let packets = (size_px[0] * size_px[1]).div_ceil(usize::from(packet_bytes).saturating_sub(HEADERS).max(1)) + 2;
+    // `HEADER_BYTES`: IP, UDP and GVSP headers of a packet. `OVERHEAD_BYTES`: what the kernel adds to a packet before
+    // it rounds the size up to a power of two.
+    const HEADER_BYTES: usize = 36;
+    const OVERHEAD_BYTES: usize = 600;
+    let each = (usize::from(packet_bytes) + OVERHEAD_BYTES).next_power_of_two() + 256;
+    let packets =
+        (size_px[0] * size_px[1]).div_ceil(usize::from(packet_bytes).saturating_sub(HEADER_BYTES).max(1)) + 2;
     packets * each / 2
 }
 
@@ -142,7 +143,7 @@ pub fn search() -> Result<Vec<FoundCamera>, String> {
     Ok((0..interface.n_devices()).map(camera).collect())
 }
 
-/// The search in a program that was built without the driver.
+/// Returns an error in place of the search.
 ///
 /// # Errors
 /// Always, since this program was built without the driver.
@@ -166,7 +167,7 @@ mod tests {
     /// Calculated by hand: 3,145,728 bytes in packets of 1,364: 2,307 packets and two more. For each packet 2,048 +
     /// 256 bytes are counted, and half of the sum is requested.
     #[test]
-    fn a_burst_is_its_packets_as_the_kernel_counts_them() {
+    fn a_burst_has_the_bytes_that_the_kernel_counts() {
         assert_eq!(burst_bytes([2_048, 1_536], 1_400), 2_309 * 2_304 / 2);
         assert_eq!(socket_buffer_bytes([2_048, 1_536], 1_400), 8 << 20);
         // Calculated by hand: 19,961,856 bytes in packets of 7,964: 2,507 packets and two more, 16,384 + 256 bytes
@@ -174,8 +175,8 @@ mod tests {
         assert_eq!(socket_buffer_bytes([5_472, 3_648], 8_000), 2_509 * 16_640 / 2);
     }
 
-    /// The table as Linux writes it on a little endian machine: 172.31.1.0/24 is 00011FAC with mask 00FFFFFF. The
-    /// first line is the default route through a router, so it makes no address directly reachable.
+    /// The routing table as Linux writes it on a little endian machine: 172.31.1.0/24 is 00011FAC with mask 00FFFFFF.
+    /// The first line is the default route through a router, so it makes no address directly reachable.
     #[cfg(target_endian = "little")]
     const ROUTES: &str = "Iface\tDestination\tGateway\tFlags\tRefCnt\tUse\tMetric\tMask\tMTU\tWindow\tIRTT\n\
         eth0\t00000000\t01011FAC\t0003\t0\t0\t0\t00000000\t0\t0\t0\n\
@@ -184,7 +185,7 @@ mod tests {
 
     #[cfg(target_endian = "little")]
     #[test]
-    fn a_neighbour_is_reached_and_another_subnet_is_named() {
+    fn an_address_outside_of_the_subnets_is_reported() {
         let subnets = parse_subnets(ROUTES);
         assert_eq!(describe_subnets(&subnets), "eth0 172.31.1.0/24, eth1 192.168.64.0/20");
         for near in ["172.31.1.20", "192.168.70.9", "192.168.79.9", "127.0.0.1", "camera.local"] {
@@ -201,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_that_is_none_names_nothing() {
+    fn an_invalid_routing_table_gives_no_subnets() {
         assert_eq!(parse_subnets(""), []);
         assert_eq!(parse_subnets("Iface\neth0 zz\n"), []);
     }

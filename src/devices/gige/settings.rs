@@ -84,7 +84,7 @@ pub const PACKET_BYTES: u16 = 1_400;
 pub enum SettingStep {
     /// Execute a command.
     Command(&'static str),
-    /// Choose an enumeration's entry.
+    /// Select an entry of an enumeration.
     SetEnum(&'static str, String),
     /// Set a number.
     Number(&'static str, f64),
@@ -126,15 +126,16 @@ pub enum PlanError {
 }
 
 /// Largest exposure as a fraction of one picture's time: the camera needs the rest between two pictures.
-const EXPOSED_SHARE: f64 = 0.9;
+const MAX_EXPOSED_SHARE: f64 = 0.9;
 
-/// Returns the settings, in this order, for a camera that has the nodes for which `has` returns true.
+/// Returns the settings, in the order in which they are set, for a camera that has the nodes for which `has` returns
+/// true.
 ///
-/// A camera's longest exposure is the time of one picture at its frame rate, also in triggered mode. Therefore the
-/// rate is limited to the value that the exposure allows before the exposure is set. It is limited again afterwards,
-/// since a previous long exposure limits the rate in turn. Data with the picture (chunks) are switched off: the data
-/// stream then has pictures only. PTP is also switched off, because it sets the camera's clock while it runs, and that
-/// clock distinguishes newer pictures from older ones.
+/// A camera's longest exposure is the time of one picture at its frame rate, also in triggered mode. Therefore the rate
+/// is limited to the value that the exposure allows before the exposure is set. It is limited again afterwards, since a
+/// previous long exposure limits the rate in turn. Data with the picture (chunks) are switched off: the data stream
+/// then has pictures only. PTP is also switched off, because it sets the camera's clock while it runs, and that clock
+/// distinguishes newer pictures from older ones.
 ///
 /// # Errors
 /// If a requested setting has no node on the camera, or an exposure is longer than one picture's time.
@@ -161,7 +162,7 @@ pub fn plan(settings: &Settings, has: &dyn Fn(&str) -> bool) -> Result<Vec<Setti
         has("AcquisitionFrameRateEnable").then_some(SettingStep::Switch("AcquisitionFrameRateEnable", true));
     let rate = match settings.exposure_mode {
         ExposureMode::Triggered => {
-            let limit = |exposure_us| EXPOSED_SHARE * 1e6 / exposure_us;
+            let limit = |exposure_us| MAX_EXPOSED_SHARE * 1e6 / exposure_us;
             let node = RATES.into_iter().find(|node| has(node));
             settings.exposure_us.and_then(|exposure_us| Some(SettingStep::Limit(node?, limit(exposure_us))))
         }
@@ -241,7 +242,7 @@ mod tests {
     /// The nodes that LUCID's own driver names. Calculated by hand: 8 ms are nine tenths of 8.889 ms, 112.5
     /// pictures a second.
     #[test]
-    fn a_triton_is_set_from_its_user_set_on() {
+    fn a_triton_is_set_starting_from_its_user_set() {
         let nodes = [
             "UserSetSelector",
             "UserSetLoad",
@@ -288,7 +289,7 @@ mod tests {
 
     /// A camera without user sets and without automatic functions, and with an older name of a node.
     #[test]
-    fn what_is_not_there_is_left_out() {
+    fn settings_of_missing_features_are_omitted() {
         let nodes = ["PixelFormat", "ExposureTimeAbs", "TriggerMode", "AcquisitionFrameRate"];
         let free = Settings {
             gain_db: None,
@@ -308,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_asked_for_and_not_there_is_refused() {
+    fn a_requested_setting_without_a_node_is_refused() {
         let nodes = ["PixelFormat", "ExposureTime", "TriggerMode", "TriggerSource", "TriggerSoftware", "GainRaw"];
         let refused = plan(&settings(), &|node| nodes.contains(&node)).expect_err("no gain in dB").to_string();
         assert_eq!(

@@ -42,7 +42,7 @@ pub struct Statistics {
 }
 
 impl Statistics {
-    /// Returns the sum of both.
+    /// Returns the sums of these statistics and `other`.
     pub fn plus(self, other: Statistics) -> Self {
         Statistics {
             accepted: self.accepted + other.accepted,
@@ -106,7 +106,7 @@ pub trait TriggeredCamera {
 pub enum StillError<G> {
     /// The camera is not available any more.
     Gone(G),
-    /// At the last try, nothing came in time.
+    /// At the last try, no frame came in time.
     Timeout,
     /// At the last try, the frame could not be used.
     Refused(FrameRefusal),
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn a_still_is_tried_three_times() {
+    fn a_still_is_attempted_three_times() {
         use Fate::{Gone, Good, Late, Nothing, Torn};
         assert_eq!(take_of(&[Good]).0, Ok(1));
         let (taken, statistics) = take_of(&[Torn, Nothing, Good]);

@@ -12,8 +12,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Number of pictures that Aravis may fill before the first one is fetched.
-const BUFFERS: usize = 8;
+/// Number of buffers, and so of pictures that Aravis can receive before the first one is fetched.
+const BUFFER_COUNT: usize = 8;
 /// Timeouts for the rest of a picture, and for a packet that was requested again, µs.
 const FRAME_RETENTION_US: u32 = 200_000;
 const PACKET_TIMEOUT_US: u32 = 20_000;
@@ -22,7 +22,7 @@ const CONNECTION_CHECK_INTERVAL: Duration = Duration::from_millis(50);
 /// Interval at which the wait for a sensor checks that it is ready for its trigger.
 const TRIGGER_POLL_INTERVAL: Duration = Duration::from_millis(2);
 /// The node that reports that the sensor is ready, in cameras that have this node.
-const ARMED: &str = "TriggerArmed";
+const ARMED_NODE: &str = "TriggerArmed";
 /// Largest number of waits for a camera that does not report ready: some models report it only after the first
 /// trigger, and some never.
 const MAX_UNARMED_WAITS: u64 = 3;
@@ -30,7 +30,7 @@ const MAX_UNARMED_WAITS: u64 = 3;
 /// completely and reports its format.
 const BUFFER_BYTES_PER_PIXEL: usize = 2;
 /// The node of the camera's temperature, in cameras that have this node.
-const TEMPERATURE: &str = "DeviceTemperature";
+const TEMPERATURE_NODE: &str = "DeviceTemperature";
 
 /// A configured camera and its stream.
 pub(super) struct Streaming {
@@ -71,7 +71,7 @@ impl Streaming {
     ) -> Result<Self, GigeError> {
         let payload = camera.payload().map_err(gone_error)? as usize;
         let has = |node| camera.is_feature_available(node).unwrap_or(false);
-        let (tells_armed, tells_temperature) = (has(ARMED), has(TEMPERATURE));
+        let (tells_armed, tells_temperature) = (has(ARMED_NODE), has(TEMPERATURE_NODE));
         let (patience, ended) = (settings.picture_timeout(), PacketCounts::default());
         let socket_bytes = socket_buffer_bytes(settings.size_px, settings.packet_bytes);
         let mut streaming = Streaming {
@@ -101,7 +101,7 @@ impl Streaming {
         stream.set_packet_resend(GvStreamPacketResend::Always);
         stream.set_frame_retention(FRAME_RETENTION_US);
         stream.set_packet_timeout(PACKET_TIMEOUT_US);
-        for _ in 0..BUFFERS {
+        for _ in 0..BUFFER_COUNT {
             stream.push_buffer(aravis::Buffer::new_allocate(BUFFER_BYTES_PER_PIXEL * self.payload));
         }
         self.stream = Some(stream);
@@ -118,14 +118,14 @@ impl Streaming {
         }
     }
 
-    /// Returns what was counted since the camera was opened.
+    /// Returns the packet counts since the camera was opened.
     pub fn packet_counts(&self) -> PacketCounts {
         self.earlier_counts.plus(self.stream.as_ref().map(PacketCounts::from_stream).unwrap_or_default())
     }
 
     /// Returns the camera's temperature, °C, if the camera reports one.
     pub fn temperature_c(&self) -> Option<f64> {
-        self.reports_temperature.then(|| self.camera.float(TEMPERATURE).ok()).flatten()
+        self.reports_temperature.then(|| self.camera.float(TEMPERATURE_NODE).ok()).flatten()
     }
 
     /// Waits until the camera is ready, because most cameras ignore a trigger during sensor readout. If the camera
@@ -133,13 +133,13 @@ impl Streaming {
     /// ignored, the missing picture shows this.
     fn wait_until_armed(&mut self) -> Result<(), GigeError> {
         let begun = Instant::now();
-        while self.reports_armed && !self.camera.boolean(ARMED).map_err(gone_error)? {
+        while self.reports_armed && !self.camera.boolean(ARMED_NODE).map_err(gone_error)? {
             self.check_streaming()?;
             if begun.elapsed() > self.picture_timeout {
                 self.unarmed += 1;
                 if self.unarmed >= MAX_UNARMED_WAITS {
                     tracing::warn!(
-                        "the camera never reports that it is ready for its trigger ({ARMED}); the program triggers the \
+                        "the camera never reports that it is ready for its trigger ({ARMED_NODE}); the program triggers the \
                          camera without this report"
                     );
                     self.reports_armed = false;
@@ -224,8 +224,7 @@ impl PacketCounts {
     }
 }
 
-/// Returns a frame's facts, and its pixels if it is complete. For other frames Aravis knows neither size nor
-/// format.
+/// Returns a frame's metadata, and its pixels if it is complete. For other frames Aravis knows neither size nor format.
 fn read(buffer: &aravis::Buffer) -> (FrameMetadata, Vec<u8>) {
     let is_image = buffer.payload_type() == BufferPayloadType::Image;
     let delivery = match buffer.status() {

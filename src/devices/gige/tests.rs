@@ -1,4 +1,4 @@
-//! The adapter against Aravis's fake camera: control and stream packets over the loopback interface, pictures on
+//! Tests of the adapter with Aravis's fake camera: control and stream packets over the loopback interface, pictures on
 //! demand, and a camera that runs freely.
 
 mod faults;
@@ -52,7 +52,7 @@ fn settings(size_px: [usize; 2], format: PixelFormat) -> Settings {
 /// nine tenths of one picture's time, 111.1 ms; before, the camera took 25 pictures a second, at which it can expose
 /// for 40 ms at most.
 #[test]
-fn a_camera_is_set_feature_by_feature() {
+fn each_feature_of_a_camera_is_set() {
     let _alone = alone();
     let size_px = [64, 48];
     let raw = vec![vec![7; 64 * 48]];
@@ -126,7 +126,7 @@ fn exposure_of(frame: &Frame, pictures: &[Vec<u8>]) -> u64 {
 
 /// Each picture of the simulated cell, in colour and in monochrome, is received as it was sent.
 #[test]
-fn stills_come_byte_by_byte() {
+fn stills_are_received_byte_for_byte() {
     let _alone = alone();
     let pictures = flange_pictures();
     let size_px = [pictures[0].width, pictures[0].height];
@@ -152,7 +152,7 @@ fn stills_come_byte_by_byte() {
 
 /// Aravis's fake camera numbers its frames from 65401 on: after 134 frames the numbers begin again at 1.
 #[test]
-fn numbers_begin_again_and_no_frame_is_lost() {
+fn frame_numbers_begin_again_and_no_frame_is_lost() {
     let _alone = alone();
     let (size_px, format) = ([64, 48], PixelFormat::Mono8);
     let raw = vec![(0..64 * 48).map(|pixel| (pixel % 251) as u8).collect::<Vec<u8>>()];

@@ -364,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
+    fn each_error_of_a_file_is_reported() {
         let file = |inside: &str| ChannelFile::parse(&format!("<ETHERNETKRL>{inside}</ETHERNETKRL>"));
         assert_eq!(file(""), Err(FileProblem::Missing("RECEIVE elements")));
         let odd = "<RECEIVE><XML><ELEMENT Tag=\"A/@B\" Type=\"AXIS\"/></XML></RECEIVE>";

@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn other_order_unknown_tags_and_self_closing_are_taken() {
+    fn other_order_unknown_tags_and_empty_elements_are_accepted() {
         let values = values(
             "<Cmd Op=\"1\" New=\"x\" Id=\"2\"><Other/><P C=\"6\" B=\"5\" A=\"4\" Z=\"3\" Y=\"2\" X=\"1\"/></Cmd>",
         );
@@ -315,7 +315,7 @@ mod tests {
 
     /// Text of elements, BOOL and STRING, with the five entities that XML predefines.
     #[test]
-    fn element_text_is_a_value_too() {
+    fn the_text_of_an_element_is_also_a_value() {
         let elements = [("S/Name", ElementKind::Text), ("S/On", ElementKind::Bool), ("S/N", ElementKind::Int)]
             .map(|(tag, kind)| Element::new(tag, Some(kind)));
         let document = "<S><Name> a &lt;b&gt; &amp; c </Name><On>1</On><N></N><N>4</N><N>5</N></S>";
@@ -361,7 +361,7 @@ mod tests {
 
     /// 1/128 is 0.0078125, a tie: `%f` rounds to the even digit.
     #[test]
-    fn numbers_are_percent_f() {
+    fn numbers_are_written_in_percent_f_format() {
         for (number, text) in [
             (0.007_812_5, "0.007812"),
             (-0.0, "-0.000000"),
@@ -375,15 +375,15 @@ mod tests {
 
     proptest! {
         #[test]
-        fn they_are_the_exact_decimals(bits in any::<u32>()) {
+        fn written_numbers_are_the_exact_decimals(bits in any::<u32>()) {
             let number = f32::from_bits(bits);
             prop_assert_eq!(written(number), format!("{number:.6}"));
         }
     }
 
-    /// Calculated by hand from MA's sample: `%f` of a 32-bit float, −90.00003 becomes −90.000031.
+    /// Calculated by hand: `%f` writes −90.00003, as a 32-bit float, as −90.000031.
     #[test]
-    fn what_is_sent_has_every_tag_in_the_files_order() {
+    fn a_sent_document_has_every_tag_in_the_files_order() {
         let template = Template::new(&commands().sent, &["Ack/@Done", "Ack/@Rx", "Ack/@Ep", "Ack/@Free"]);
         let mut out = Vec::new();
         template.write(&mut out, &[Value::Real(-90.000_03), Value::Int(17), Value::Int(-3), Value::Unset]);

@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_document_is_refused() {
+    fn bytes_that_are_no_document_are_refused() {
         for wrong in ["x", "</A>", "<>", "<!DOCTYPE a><a/>", "<A></A></A>", "<A><!-- --></A>"] {
             assert_eq!(documents(&[wrong.as_bytes()]), Err(EkiFault::Malformed), "{wrong}");
         }
@@ -172,7 +172,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_cut_of_the_stream_gives_the_same(cuts in prop::collection::vec(0..STREAM.len(), 0..8)) {
+        fn documents_are_the_same_for_every_cut_of_the_stream(cuts in prop::collection::vec(0..STREAM.len(), 0..8)) {
             let mut cuts = cuts;
             cuts.extend([0, STREAM.len()]);
             cuts.sort_unstable();

@@ -61,7 +61,7 @@ pub enum Unreachable {
 }
 
 /// If the sine of q5 is below this value, axes 4 and 6 are taken as coincident.
-const WRIST_POLE: f64 = 1e-9;
+const MIN_SIN_Q5: f64 = 1e-9;
 
 impl Arm {
     /// Returns the dimensions of the KUKA KR 6 R700-2.
@@ -94,17 +94,17 @@ impl Arm {
         let radius_mm = self.a1_mm + self.c2_mm * q2.sin() + k_mm * (q2 + phi_rad).sin();
         let height_mm = self.c1_mm + self.c2_mm * q2.cos() + k_mm * (q2 + phi_rad).cos();
         // Eq. (2)
-        let rotation = turn_z(q1) * turn_y(q2 + q3) * turn_z(q4) * turn_y(q5) * turn_z(q6);
+        let rotation = rotation_z(q1) * rotation_y(q2 + q3) * rotation_z(q4) * rotation_y(q5) * rotation_z(q6);
         let wrist_mm = Vector3::new(radius_mm * q1.cos(), radius_mm * q1.sin(), height_mm);
         let origin_mm = wrist_mm + rotation * Vector3::z() * self.c4_mm;
         Rigid::from_isometry_unchecked(Isometry3::from_parts(Translation3::from(origin_mm), rotation))
     }
 
-    /// Returns all solutions for this flange pose, up to eight. Each axis angle is chosen by full turns within its
-    /// limits, nearest to `near`; solutions that cannot be brought within the limits are left out.
+    /// Returns all solutions for this flange pose, up to eight. To each axis angle a multiple of 360° is added so that
+    /// it lies within its limits and nearest to `near`; a solution for which this is not possible is omitted.
     pub fn inverse_solutions(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Vec<Joints> {
         let ways = self.solutions_rad(base_from_flange, near);
-        ways.iter().filter_map(|&way| self.wind_to_limits(way, near).ok()).map(to_joints).collect()
+        ways.iter().filter_map(|&way| self.shift_into_limits(way, near).ok()).map(to_joints).collect()
     }
 
     /// Returns the axis angles for this flange pose that the axes reach from `near` in the least time.
@@ -119,10 +119,10 @@ impl Arm {
         let best = |ways: &mut dyn Iterator<Item = [f64; 6]>| {
             ways.min_by(|one, other| self.effort_s(one, near).total_cmp(&self.effort_s(other, near)))
         };
-        if let Some(inside) = best(&mut ways.iter().filter_map(|&way| self.wind_to_limits(way, near).ok())) {
+        if let Some(inside) = best(&mut ways.iter().filter_map(|&way| self.shift_into_limits(way, near).ok())) {
             return Ok(to_joints(inside));
         }
-        let refused = ways.iter().filter_map(|&way| self.wind_to_limits(way, near).err());
+        let refused = ways.iter().filter_map(|&way| self.shift_into_limits(way, near).err());
         let off_deg = |refused: &Unreachable| match refused {
             Unreachable::AxisLimit { axis, angle_deg, .. } => (angle_deg - angles_deg(near)[axis - 1]).abs(),
             Unreachable::Distance { .. } => f64::INFINITY,
@@ -163,7 +163,7 @@ impl Arm {
         (side * wrist_mm.x.hypot(wrist_mm.y) - self.a1_mm, wrist_mm.z - self.c1_mm)
     }
 
-    /// Returns the model's angles of every solution for this pose, each within half a turn of zero.
+    /// Returns the model's angles of every solution for this pose, each between −π and π.
     fn solutions_rad(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Vec<[f64; 6]> {
         let wrist_mm = self.wrist_mm(base_from_flange);
         let [near_q1, _, _, near_q4, ..] = model_rad(near);
@@ -183,7 +183,7 @@ impl Arm {
                 let behind_rad = (k_mm * phi_rad.sin()).atan2(self.c2_mm + k_mm * phi_rad.cos());
                 let q2 = across_mm.atan2(up_mm) - behind_rad;
                 let q3 = phi_rad - self.a2_mm.atan2(self.c3_mm);
-                let arm = turn_z(q1) * turn_y(q2 + q3);
+                let arm = rotation_z(q1) * rotation_y(q2 + q3);
                 let wrist = (arm.inverse() * base_from_flange.isometry().rotation).to_rotation_matrix();
                 for [q4, q5, q6] in wrist_solutions_rad(wrist.matrix(), near_q4) {
                     ways.push([q1, q2, q3, q4, q5, q6]);
@@ -193,8 +193,9 @@ impl Arm {
         ways
     }
 
-    /// Returns the controller's angles of a solution, each chosen by full turns within its limits, nearest to `near`.
-    fn wind_to_limits(&self, way_rad: [f64; 6], near: &Joints) -> Result<[f64; 6], Unreachable> {
+    /// Returns the controller's angles of a solution; to each a multiple of 360° is added so that it lies within its
+    /// limits and nearest to `near`.
+    fn shift_into_limits(&self, way_rad: [f64; 6], near: &Joints) -> Result<[f64; 6], Unreachable> {
         let (mut wound_deg, near_deg) = (controller_deg(way_rad), angles_deg(near));
         for (index, angle_deg) in wound_deg.iter_mut().enumerate() {
             let [lowest, highest] = self.limits_deg[index];
@@ -224,7 +225,7 @@ fn wrist_solutions_rad(r: &nalgebra::Matrix3<f64>, near_q4_rad: f64) -> Vec<[f64
     use std::f64::consts::PI;
     let sine = r[(0, 2)].hypot(r[(1, 2)]);
     let q5 = sine.atan2(r[(2, 2)]);
-    if sine < WRIST_POLE {
+    if sine < MIN_SIN_Q5 {
         // With q5 = 0 the rotation is Rz(q4 + q6); with q5 = π (beyond any limit) it is Rz(q4) Ry(π) Rz(q6).
         let whole_rad = if q5 < 1.0 { r[(1, 0)].atan2(r[(0, 0)]) } else { (-r[(1, 0)]).atan2(-r[(0, 0)]) };
         let q6 = if q5 < 1.0 { whole_rad - near_q4_rad } else { near_q4_rad - whole_rad };
@@ -255,11 +256,11 @@ fn controller_deg(way_rad: [f64; 6]) -> [f64; 6] {
     [-q1, q2 - 90.0, q3, -q4, q5, -q6]
 }
 
-fn turn_z(angle_rad: f64) -> UnitQuaternion<f64> {
+fn rotation_z(angle_rad: f64) -> UnitQuaternion<f64> {
     UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle_rad)
 }
 
-fn turn_y(angle_rad: f64) -> UnitQuaternion<f64> {
+fn rotation_y(angle_rad: f64) -> UnitQuaternion<f64> {
     UnitQuaternion::from_axis_angle(&Vector3::y_axis(), angle_rad)
 }
 
@@ -294,7 +295,7 @@ mod tests {
     /// Calculated by hand, with the upper arm upright: x = 25 + 365 + 90 = 480, z = 400 + 335 + 25 = 760; A 0, B
     /// 90, C 0.
     #[test]
-    fn at_home_the_forearm_is_level_and_the_flange_looks_forward() {
+    fn at_home_the_forearm_is_level_and_the_flange_points_forward() {
         let home = [0.0, -90.0, 90.0, 0.0, 0.0, 0.0];
         assert_flange(home, [480.0, 0.0, 760.0], [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]);
         let pose = KukaPose::from_rigid(&at(home));
@@ -305,7 +306,7 @@ mod tests {
     /// pendant's usual A 180, B 0, C 180 has flange X backwards and Z down. A1 = 90 turns clockwise seen from
     /// above, to −y. A6 = 90 turns the flange clockwise about its Z.
     #[test]
-    fn signs_are_the_controllers() {
+    fn axis_signs_are_those_of_the_controller() {
         assert_flange(
             [0.0, -90.0, 90.0, 0.0, 90.0, 0.0],
             [390.0, 0.0, 670.0],
@@ -326,7 +327,7 @@ mod tests {
 
     /// Calculated by hand: the wrist's centre can be at most 335 + hypot(25, 365) = 700.9 mm from axis 2.
     #[test]
-    fn beyond_reach_is_refused_with_the_distance() {
+    fn a_pose_out_of_reach_is_refused_with_the_distance() {
         let far = Rigid::<Base, Flange>::from_isometry_unchecked(Isometry3::from_parts(
             Translation3::new(1115.0, 0.0, 400.0),
             at([0.0; 6]).isometry().rotation,
@@ -352,7 +353,7 @@ mod tests {
 
     /// When axes 4 and 6 are in line, axis 4 keeps its angle and axis 6 makes the whole rotation.
     #[test]
-    fn at_the_wrists_pole_axis_4_stays() {
+    fn at_the_wrist_singularity_axis_4_keeps_its_angle() {
         let pose = at([10.0, -80.0, 100.0, 25.0, 0.0, 35.0]);
         let found = ARM.nearest(&pose, &to_joints([10.0, -80.0, 100.0, 40.0, 0.0, 0.0])).expect("reached");
         assert!((found.a4_deg - 40.0).abs() < 1e-9 && (found.a6_deg - 20.0).abs() < 1e-6, "{found:?}");
@@ -365,7 +366,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_way_leads_back_to_the_pose(angles in inside(), near in inside()) {
+        fn every_inverse_solution_gives_the_pose(angles in inside(), near in inside()) {
             let pose = at(angles);
             for way in ARM.inverse_solutions(&pose, &to_joints(near)) {
                 let there = ARM.base_from_flange(&way);
@@ -378,7 +379,7 @@ mod tests {
         /// Away from the singularities of wrist, elbow and shoulder, the solution nearest to the arm's present angles
         /// equals these angles.
         #[test]
-        fn the_nearest_way_is_at_the_arm(angles in inside()) {
+        fn the_nearest_solution_equals_the_arms_angles(angles in inside()) {
             let pose = at(angles);
             let wrist_mm = ARM.wrist_mm(&pose);
             let phi_deg = angles[2] + ARM.a2_mm.atan2(ARM.c3_mm).to_degrees();

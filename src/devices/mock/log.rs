@@ -11,7 +11,7 @@ pub struct ExecutedMotion {
     pub epoch: i32,
     /// Its id.
     pub id: i32,
-    /// The axes where the move ended, or in the middle of its blend.
+    /// The axis angles at the end of the move, or in the middle of its blend.
     pub joints: Joints,
     /// Pose of the flange at these axes.
     pub base_from_flange: Rigid<Base, Flange>,

@@ -222,7 +222,7 @@ mod tests {
 
     /// The limit is 64: the 65th value closes the channel but is still stored.
     #[test]
-    fn one_entry_too_many_is_stored_and_closes() {
+    fn one_entry_too_many_is_stored_and_closes_the_channel() {
         let mut memory = shipped();
         let id = memory.position_of("Req/@Id", ElementKind::Int).expect("received");
         assert_eq!(memory.receive(format!("{}<Else/>", request(1)).repeat(64).as_bytes()), Ok(128));
@@ -285,7 +285,7 @@ mod tests {
 
     /// The root's flag is set by the whole structure, a leaf's flag only if the leaf is present.
     #[test]
-    fn flags_are_raised_by_what_arrived() {
+    fn elements_that_arrived_set_their_flags() {
         let mut memory = memory(|file| {
             let leaf = "Tag=\"Req/@N1\" Type=\"INT\"";
             file.replace(leaf, &format!("{leaf} Set_Flag=\"860\" Set_Out=\"12\""))
@@ -299,7 +299,7 @@ mod tests {
 
     /// Up to 16384 bytes of one document may wait; the next byte is too many.
     #[test]
-    fn buffsize_bounds_what_is_not_interpreted() {
+    fn buffsize_limits_the_bytes_of_an_incomplete_document() {
         let mut memory = shipped();
         let open = format!("<Req Id=\"{}", " ".repeat(16_384 - 9));
         assert_eq!(memory.receive(open.as_bytes()), Ok(0));

@@ -28,7 +28,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 /// One interpolation and submit cycle.
 pub(super) const TICK_MS: u64 = 12;
 
-/// Number of entries in the ring.
+/// Number of entries in the ring buffer of commands.
 pub(super) const RING: usize = 100;
 
 /// Length of a retract along the tool's −Z, mm.
@@ -169,7 +169,7 @@ impl Controller {
             self.check_watchdog();
             self.switch_off_due_outputs();
         } else {
-            self.miss_submit();
+            self.stop_without_submit();
         }
         self.interpret();
         self.step_arm();
@@ -300,7 +300,7 @@ impl ContactState {
     }
 
     /// Records that this move is being executed.
-    pub(super) fn heads_for(&mut self, front: Option<&Move>) {
+    pub(super) fn on_move_started(&mut self, front: Option<&Move>) {
         if let Some(Move::Lin(lin)) = front
             && lin.contact
         {
@@ -316,7 +316,8 @@ impl ContactState {
         }
     }
 
-    /// Stops: the tool retracts from the panel as soon as the arm has stopped, if this is allowed.
+    /// Records a stop: if the tool is in contact and `may_retract` is true, it retracts from the panel as soon as
+    /// the arm has stopped.
     pub(super) fn stop(&mut self, front: Option<&Move>, may_retract: bool) {
         self.was_last_point_in_contact = self.touches(front);
         self.retract =

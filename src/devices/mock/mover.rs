@@ -5,7 +5,7 @@
 //! its start is passed becomes an exact stop. PTP moves all axes together; the slowest sets the pace. If an axis
 //! would exceed its maximum speed, the tool slows down, as with $CP_VEL_TYPE = #VAR_ALL. If that does not help (a
 //! pole, a change of configuration), the motion fails. Not modelled: jerk, centripetal acceleration in a blend,
-//! load. On its lines the tool looks ahead: the legs up to the next stop give the permitted speed.
+//! load. On lines the speed is planned ahead: all legs up to the next stop limit it.
 
 use super::kinematics::{Arm, Unreachable, angles_deg, to_joints};
 use super::moves::{
@@ -18,12 +18,12 @@ use std::collections::VecDeque;
 /// Time in which an axis reaches its highest speed.
 const AXIS_RAMP_S: f64 = 0.2;
 /// Number of times that the step may be halved if an axis would be too fast.
-const HALVINGS: i32 = 7;
+const MAX_HALVINGS: i32 = 7;
 
 /// $VEL.ORI1: the highest rotational speed of the tool, degrees/s.
-const TURN_DEG_S: f64 = 200.0;
+const MAX_ROTATION_DEG_S: f64 = 200.0;
 /// Smallest deceleration of BRAKE on a line, mm/s².
-const BRAKE_MM_S2: f64 = 5000.0;
+const MIN_BRAKE_MM_S2: f64 = 5000.0;
 
 /// A move that was executed.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -257,7 +257,7 @@ impl Mover {
         };
         let (further_mm, speed) = ramp_step(self.speed, self.line_limits(&legs, allowed, step_s), step_s);
         let mut share = 1.0;
-        for halving in 0..=HALVINGS {
+        for halving in 0..=MAX_HALVINGS {
             let Some(pose) = pose_ahead(&legs, self.leg_distance + further_mm * share) else { break };
             let next = self.joints_at(&pose, &flange_from_tool).map_err(MoveBlocked::Unreachable)?;
             match self.too_fast(&next, step_s) {
@@ -269,7 +269,7 @@ impl Mover {
                     self.cached_legs = same_leg.then_some(legs);
                     return Ok(());
                 }
-                Some(axis) if halving == HALVINGS => return Err(MoveBlocked::AxisSpeed(axis)),
+                Some(axis) if halving == MAX_HALVINGS => return Err(MoveBlocked::AxisSpeed(axis)),
                 Some(_) => share *= 0.5,
             }
         }
@@ -361,7 +361,7 @@ impl Mover {
             ahead_mm += leg.length_mm();
         }
         if self.braking {
-            return Limits { to_stop: ahead_mm, speed: 0.0, acceleration: acceleration.max(BRAKE_MM_S2) };
+            return Limits { to_stop: ahead_mm, speed: 0.0, acceleration: acceleration.max(MIN_BRAKE_MM_S2) };
         }
         Limits { to_stop: ahead_mm, speed, acceleration }
     }
@@ -387,7 +387,7 @@ impl Mover {
             MotionState::Standing | MotionState::Axes { .. } => return legs,
         };
         for (index, &lin) in lins.iter().enumerate() {
-            let mm_per_deg = lin.speed_mm_s / TURN_DEG_S;
+            let mm_per_deg = lin.speed_mm_s / MAX_ROTATION_DEG_S;
             let corner = lins.get(index + 1).and_then(|next| {
                 let (vertex, next) = (lin.target, next.target);
                 Corner::new(&CornerBlend {

@@ -299,7 +299,7 @@ pub(super) fn ramp_step(speed: f64, limits: Limits, step_s: f64) -> (f64, f64) {
         change(&mut gone, &mut now, &mut left_s, 0.0);
     }
     // A nanometre before the stop counts as the stop, and a nanometre per second as standstill: otherwise rounding
-    // would leave a rest such as 10⁻³²⁰ without end.
+    // would leave a remainder such as 10⁻³²⁰ without end.
     if to_stop - gone < 1e-6 { (to_stop, 0.0) } else { (gone, if now < 1e-6 { 0.0 } else { now }) }
 }
 
@@ -347,7 +347,7 @@ mod tests {
 
     /// Equal steps of the measure are equal steps of the tool, and the orientation is continuous.
     #[test]
-    fn the_corner_is_run_at_even_pace() {
+    fn the_speed_is_constant_in_the_corner() {
         let corner = Corner::new(&right_angle(2.0)).expect("blended");
         let poses: Vec<Pose> =
             (0..=20).map(|part| corner.pose_at(corner.length_mm * f64::from(part) / 20.0)).collect();
@@ -362,7 +362,7 @@ mod tests {
 
     /// If one degree counts as 1 mm, a rotation of 30° on a line of 6 mm has the length 30 mm.
     #[test]
-    fn turning_counts_where_it_takes_longer() {
+    fn a_rotation_determines_the_length_if_it_needs_more_time() {
         let (from, to) = (pose(10.0, 0.0, 0.0), pose(10.0, 6.0, 30.0));
         assert!((measure_mm(&from, &to, 1.0) - 30.0).abs() < 1e-9);
         assert!((measure_mm(&from, &to, 0.1) - 6.0).abs() < 1e-9);
@@ -385,21 +385,21 @@ mod tests {
 
     /// By hand: 250 mm at 100 mm/s and 1000 mm/s² need 250/100 + 100/1000 = 2.6 s; 217 ticks are 2.604 s.
     #[test]
-    fn a_long_way_takes_length_by_speed_and_one_ramp() {
+    fn a_long_path_needs_length_over_speed_plus_one_ramp() {
         let (time_s, fastest) = run(Limits { to_stop: 250.0, speed: 100.0, acceleration: 1000.0 });
         assert!((time_s - 2.604).abs() < 1e-9 && (fastest - 100.0).abs() < 1e-9, "{time_s} {fastest}");
     }
 
     /// By hand: 4 mm at 1000 mm/s² never reach 100 mm/s, only √(1000·4) = 63.2; they need 2·0.0632 = 0.126 s.
     #[test]
-    fn a_short_way_is_a_triangle() {
+    fn a_short_path_has_a_triangular_speed_profile() {
         let (time_s, fastest) = run(Limits { to_stop: 4.0, speed: 100.0, acceleration: 1000.0 });
         assert!((time_s - 0.132).abs() < 1e-9 && fastest < 63.3, "{time_s} {fastest}");
     }
 
     /// By hand: from 100 mm/s down to 40 at 1000 mm/s² needs 60 ms, five ticks.
     #[test]
-    fn too_fast_is_braked_down() {
+    fn a_speed_above_the_limit_is_reduced() {
         let mut speed = 100.0;
         for _ in 0..5 {
             speed = ramp_step(speed, Limits { to_stop: 500.0, speed: 40.0, acceleration: 1000.0 }, 0.012).1;
@@ -410,7 +410,7 @@ mod tests {
     proptest! {
         /// Braking ends at a speed of exactly 0, at the latest one step after the time that the braking needs.
         #[test]
-        fn a_brake_holds(mut speed in 0.1..2000.0f64, acceleration in 50.0..9000.0f64) {
+        fn braking_ends_at_speed_zero(mut speed in 0.1..2000.0f64, acceleration in 50.0..9000.0f64) {
             let steps = (speed / acceleration / 0.012).ceil() as usize + 1;
             for _ in 0..steps {
                 speed = ramp_step(speed, Limits { to_stop: 1e4, speed: 0.0, acceleration }, 0.012).1;
@@ -419,7 +419,7 @@ mod tests {
         }
 
         #[test]
-        fn it_stops_where_and_when_it_must(
+        fn a_motion_ends_at_the_stop_in_time(
             to_stop in 1e-3..500.0f64, speed in 10.0..2000.0f64, acceleration in 100.0..9000.0f64,
         ) {
             let (time_s, _) = run(Limits { to_stop, speed, acceleration });

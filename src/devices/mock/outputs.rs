@@ -20,7 +20,7 @@ impl Controller {
         }
     }
 
-    /// Sets the outputs to a line: the lowest bit is its first output.
+    /// Sets the outputs to a production line: the lowest bit is the first of these outputs.
     pub(super) fn set_line_outputs(&mut self, bits: i32) {
         for (place, number) in self.setup.line_outputs.into_iter().enumerate() {
             if number > 0 {

@@ -134,7 +134,7 @@ impl Controller {
         if let Some(blocked) = blocked {
             self.on_blocked(&blocked);
         }
-        self.contact.heads_for(self.mover.current_move());
+        self.contact.on_move_started(self.mover.current_move());
         self.update_executed_count();
         let dwells = self.epoch.open && self.mover.is_idle() && self.epoch.ring.is_empty();
         if dwells && self.contact.touches(None) {

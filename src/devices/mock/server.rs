@@ -188,7 +188,7 @@ impl Drop for MockServer {
     fn drop(&mut self) {
         self.ending.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
-            #[expect(clippy::let_underscore_must_use, reason = "its panic was reported where it happened")]
+            #[expect(clippy::let_underscore_must_use, reason = "the panic of the thread was already reported")]
             let _ = thread.join();
         }
     }
@@ -230,7 +230,7 @@ impl AcceptThread {
             self.handle.lock().disconnect_client(*channel);
         }
         for reader in self.readers.drain(..) {
-            #[expect(clippy::let_underscore_must_use, reason = "its panic was reported where it happened")]
+            #[expect(clippy::let_underscore_must_use, reason = "the panic of the thread was already reported")]
             let _ = reader.join();
         }
     }

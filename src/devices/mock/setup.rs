@@ -66,7 +66,7 @@ pub struct Setup {
     pub faults: FaultSpec,
     /// The controller's own programs that are executed; `None` for the model in Rust.
     pub programs: Option<Programs>,
-    /// A rule that is not followed; for tests of the tests.
+    /// A rule that the mock controller does not follow, to check that the tests detect this.
     pub omitted_rule: Option<Rule>,
 }
 
@@ -130,7 +130,7 @@ pub struct Programs {
     pub meaning: UndocumentedBehaviour,
     /// Seed of the scheduler.
     pub seed: u64,
-    /// The scheduler chooses turns of any length; otherwise each interpreter runs until it waits.
+    /// The scheduler chooses random numbers of statements; otherwise each interpreter runs until it waits.
     pub is_adverse_scheduling: bool,
     /// A start of the controller uses the values of the data lists; otherwise it uses the values at the last end.
     pub cold_start: bool,

@@ -226,15 +226,15 @@ impl Controller {
         }
     }
 
-    /// Without a running program, queued commands have no receiver.
+    /// Ends the epoch if commands are queued but no program runs that could execute them.
     pub(super) fn check_program_running(&mut self) {
         if self.epoch.open && self.is_busy() && !self.safety.has_program() {
             self.stop(StopCause::Deselected, String::new());
         }
     }
 
-    /// Stops the robot program, because the submit interpreter does not run.
-    pub(super) fn miss_submit(&mut self) {
+    /// Stops the robot program if the submit interpreter has not run for the time of the watchdog.
+    pub(super) fn stop_without_submit(&mut self) {
         let watches = self.setup.omitted_rule != Some(Rule::Watchdog);
         let dead_ms = self.now_ms - self.submit_ran_ms;
         if !(self.safety.has_program() && watches && dead_ms >= WATCHDOG_MS) {
@@ -247,7 +247,8 @@ impl Controller {
         self.switch_off_outputs(|_| true);
     }
 
-    /// Ends the epoch when its link is lost, busy or not: a tool that runs in the air is switched off, too.
+    /// Ends the epoch when its link is lost, also if no command is queued: a tool that runs in the air is switched off,
+    /// too.
     pub(super) fn link_lost(&mut self) {
         if self.running.is_none() && self.epoch.open && self.setup.omitted_rule != Some(Rule::LinkLoss) {
             self.stop(StopCause::LinkLost, String::new());
@@ -258,8 +259,8 @@ impl Controller {
         !self.epoch.ring.is_empty() || !self.mover.is_idle()
     }
 
-    /// Ends the epoch: switches tool and water off, brakes, discards, and retracts from the panel if the tool
-    /// touches and the drives stay on.
+    /// Ends the epoch: switches tool and water off, brakes, discards the queued commands, and retracts from the panel
+    /// if the tool touches and the drives stay on.
     pub(super) fn stop(&mut self, cause: StopCause, detail: String) {
         if self.running.is_some() {
             return self.stop_interpreted(cause);

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use tokio::runtime::Runtime;
 use tokio::sync::{mpsc, oneshot};
 
-/// The longest time without a sign of life of the thread.
+/// Maximum time between two heartbeats of the thread.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(4);
 /// Time within which the link's thread answers each request, and within which it ends.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(2);
@@ -253,7 +253,7 @@ impl Drop for RobotLink {
             }
             std::thread::sleep(Duration::from_millis(1));
         }
-        #[expect(clippy::let_underscore_must_use, reason = "its panic was reported where it happened")]
+        #[expect(clippy::let_underscore_must_use, reason = "the panic of the thread was already reported")]
         let _ = thread.join();
     }
 }

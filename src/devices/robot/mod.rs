@@ -5,9 +5,9 @@
 //! reconnected with back-off; reconnecting requests the controller's state and moves nothing. Dropping the link
 //! aborts the motion in progress.
 //!
-//! In lock step ([`Pace::LockStep`]) the controller's virtual time passes only while a caller waits in
+//! In lock step (`ClockMode::LockStep`) the controller's virtual time passes only while a caller waits in
 //! [`RobotLink::next`] and no report is left: 100 ms for each wait. The same commands at the same reports give the
-//! same motion, bit by bit, however slow the machine is.
+//! same motion, bit for bit, however slow the machine is.
 //!
 //! The link does not judge waypoints: see the gate in `path`. It reports events and decides nothing: see `cycle`.
 

@@ -1,4 +1,4 @@
-//! The link over loopback: its reports about a missing controller, and a path against the mock.
+//! The link over loopback: its reports about a missing controller, and a path with the mock.
 
 use super::*;
 use crate::mock::{self, MockServer};
@@ -30,7 +30,7 @@ fn first_loss(address: Address) -> LinkLoss {
 }
 
 #[test]
-fn nothing_that_listens_is_reported_as_refused() {
+fn a_port_without_a_listener_is_reported_as_refused() {
     let address = address(&listener(), &listener());
     let why = first_loss(address);
     assert!(matches!(why, LinkLoss::Refused { channel: Channel::Command, .. }), "{why}");
@@ -44,7 +44,7 @@ fn a_controller_that_sends_nothing_is_reported_as_silent() {
 }
 
 #[test]
-fn a_controller_that_hangs_up_before_a_word_has_another_client() {
+fn a_controller_that_closes_at_once_has_another_client() {
     let (command, state) = (listener(), listener());
     let address = address(&command, &state);
     let server = std::thread::spawn(move || {
@@ -136,7 +136,7 @@ fn circle(pace: ClockMode, points: usize, speed_m_s: f64) -> (Vec<mock::Executed
 /// The pause is longer than a controller may be silent: during a computation no time passes, and nothing is requested
 /// from the controller.
 #[test]
-fn a_pause_between_two_questions_is_no_silence_in_lock_step() {
+fn a_pause_between_two_requests_is_no_silence_in_lock_step() {
     let (_server, mut link) = cell(ClockMode::LockStep);
     let mut heard = |count: usize| {
         (0..count).for_each(|_| {
@@ -162,11 +162,12 @@ fn five_hundred_points_are_executed_once_in_lock_step() {
     // braking at the ends.
     let took_ms = executed[499].time_ms - executed[0].time_ms;
     assert!((6_200..6_500).contains(&took_ms), "{took_ms} ms");
-    // In virtual time a second run is equal to the bit, whatever the machine does.
+    // In virtual time a second run is equal bit for bit, however slow the machine is.
     assert_eq!(circle(ClockMode::LockStep, 500, 0.04).0, executed);
 }
 
-/// A circle on the wall clock: 63 points of 4 mm at 200 mm/s are 1.3 s, with heartbeats and watchdog by deadline.
+/// A circle in wall-clock time: 63 points 4 mm apart at 200 mm/s take 1.3 s. Heartbeats and watchdog follow the
+/// computer's clock.
 #[test]
 fn a_path_runs_on_the_wall_clock() {
     let (executed, underruns, progress) = circle(ClockMode::Wall, 63, 0.2);
@@ -175,7 +176,7 @@ fn a_path_runs_on_the_wall_clock() {
 }
 
 #[test]
-fn an_abort_on_the_way_ends_in_standstill() {
+fn an_abort_on_the_path_ends_in_standstill() {
     let (server, mut link) = cell(ClockMode::LockStep);
     wait(&mut link, |report| matches!(report, Report::Connected { .. }).then_some(()));
     link.open_epoch().expect("connected");
@@ -200,7 +201,7 @@ fn an_abort_on_the_way_ends_in_standstill() {
 
 /// The controller's programs restart with a path queued: the link connects again by itself and nothing moves.
 #[test]
-fn a_link_that_returns_moves_nothing() {
+fn a_reconnected_link_moves_nothing() {
     let (server, mut link) = cell(ClockMode::LockStep);
     wait(&mut link, |report| matches!(report, Report::Connected { .. }).then_some(()));
     link.open_epoch().expect("connected");

@@ -18,8 +18,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 /// Longest time between two messages for which the motion between them is interpolated, ms.
-const STRAIGHT_MS: u64 = 350;
-/// Distance of the interpolated positions between two messages, mm.
+const MAX_INTERPOLATED_MS: u64 = 350;
+/// Distance between two interpolated positions, mm.
 const STEP_MM: f64 = 1.0;
 
 /// Lets the world follow a controller by its messages; all clones follow the same controller.
@@ -92,7 +92,7 @@ impl Follower {
                     received.last.map_or(vec![], |last| swept_poses(&last, &heard, self.tool_is_on(&last.state)));
                 received.trace.extend(way);
             }
-            let earliest_ms = heard.time_ms().saturating_sub(STRAIGHT_MS);
+            let earliest_ms = heard.time_ms().saturating_sub(MAX_INTERPOLATED_MS);
             let since_ms = received.last.map_or(heard.time_ms(), |last| last.time_ms().max(earliest_ms));
             received.last = Some(heard);
             changed.into_iter().map(|(number, on)| (number, on, since_ms)).collect::<Vec<_>>()
@@ -152,7 +152,7 @@ fn swept_poses(from: &ReceivedState, to: &ReceivedState, ran: bool) -> Vec<Conta
         tool_on: true,
     };
     let (start, end) = (from.base_from_tool(), to.base_from_tool());
-    let is_known = ran && to.time_ms().saturating_sub(from.time_ms()) <= STRAIGHT_MS;
+    let is_known = ran && to.time_ms().saturating_sub(from.time_ms()) <= MAX_INTERPOLATED_MS;
     let length_mm = start.origin().distance_mm(end.origin());
     let steps = if is_known { (length_mm / STEP_MM).ceil().max(1.0) as usize } else { 1 };
     (1..=steps)
@@ -225,7 +225,7 @@ mod tests {
     /// Calculated by hand: the base is at X 100, the TCP 10 to 16 mm in front of the base and the flange 120 mm behind the
     /// TCP; 6 mm in steps of 1 mm.
     #[test]
-    fn the_tool_goes_straight_from_one_message_to_the_next() {
+    fn the_tool_moves_straight_from_one_message_to_the_next() {
         let follower = follower();
         follower.process_state(&state_message(1_000, 0, at(0.0)));
         follower.process_state(&state_message(1_100, TOOL, at(10.0)));
@@ -283,7 +283,7 @@ mod tests {
     /// If messages every 100 ms show a pass over a spot, the spot's grease is removed; with a pass 3 mm above it, this is
     /// not so.
     #[test]
-    fn what_the_messages_state_abrades() {
+    fn passes_in_the_messages_remove_grease() {
         let follower = follower();
         let truth = follower.world.truth().clone();
         let spot = &truth.spots[0];

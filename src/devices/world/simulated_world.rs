@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// Fraction of a spot's area that must be covered for the grease to be removed.
 const MIN_REMOVED_SHARE: f64 = 0.9;
 /// Largest distance of an axis from its park angle at which the axis counts as parked, degrees.
-const PARKED_DEG: f64 = 0.1;
+const MAX_PARK_DEVIATION_DEG: f64 = 0.1;
 
 /// The reason why no world can be made from a cell's file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -191,7 +191,7 @@ impl SimulatedWorld {
     /// If the arm is not parked, or moves.
     pub fn scan(&self, now: &RobotMoment) -> Result<Shot, CameraError> {
         let axis_off_deg = now.joints.max_difference_deg(&self.fixed.park);
-        if now.moving || axis_off_deg > PARKED_DEG {
+        if now.moving || axis_off_deg > MAX_PARK_DEVIATION_DEG {
             self.record_violation(now, Violation::ArmInView);
             return Err(CameraError::ArmInView { axis_off_deg, moving: now.moving });
         }

@@ -20,8 +20,8 @@ use std::sync::Arc;
 
 /// Time between the signal and the moment at which a part is brought in or taken out.
 const PART_TRANSPORT_MS: u64 = 1_000;
-/// Delay between the part and the start request, and delay with which the request ends.
-const ANSWERS_MS: u64 = 500;
+/// Delay from the part to the start request, and delay with which the request ends, ms.
+const LINE_RESPONSE_MS: u64 = 500;
 
 /// An action that violates the process rules, as seen by the world. For tests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -297,11 +297,11 @@ impl SimulatedLine {
         if number == self.ready && on && self.parts > 0 {
             self.parts -= 1;
             part_present.change(true, now_ms, PART_TRANSPORT_MS);
-            start_request.change(true, now_ms, PART_TRANSPORT_MS + ANSWERS_MS);
+            start_request.change(true, now_ms, PART_TRANSPORT_MS + LINE_RESPONSE_MS);
             return true;
         }
         if number == self.ready && !on {
-            start_request.change(false, now_ms, ANSWERS_MS);
+            start_request.change(false, now_ms, LINE_RESPONSE_MS);
         } else if number == self.cycle_done && on {
             part_present.change(false, now_ms, PART_TRANSPORT_MS);
         } else if number == self.fault && on && start_request.is_on_at(now_ms) {
@@ -324,7 +324,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_switched_off_before_it_ran_never_ran() {
+    fn a_device_that_is_switched_off_early_never_runs() {
         let mut tool = Signal::new(Output::Tool, 5, 4);
         tool.switch(true, 100);
         assert!(!tool.is_feedback_on(1_099));
@@ -376,7 +376,7 @@ mod tests {
 
     /// One part is brought in, its cycle is requested, and it is removed; there is no second part.
     #[test]
-    fn a_part_comes_is_asked_for_and_goes() {
+    fn a_part_is_brought_requested_and_removed() {
         let mut line = line(1);
         assert!(line.process_output(40, true, 0));
         assert_eq!(
@@ -393,7 +393,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_ends_its_asking() {
+    fn a_fault_ends_the_requests_of_the_line() {
         let mut line = line(5);
         line.process_output(45, true, 0);
         assert!(line.process_output(40, true, 10), "a fault before it asks is none of its own");

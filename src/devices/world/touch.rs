@@ -196,7 +196,7 @@ mod tests {
     /// Calculated by hand: rows of 60 mm on a flat panel, 10, 10 and 12 mm apart, with a connecting motion between
     /// neighbouring rows.
     #[test]
-    fn rows_are_distinguished_from_the_ways_between_them() {
+    fn rows_are_distinguished_from_their_connections() {
         let at = |x_mm: f64, y_mm: f64| Point::<Panel>::at(0.0, x_mm, y_mm);
         let mut track = Vec::new();
         for (row, y_mm) in [0.0, 10.0, 20.0, 32.0].into_iter().enumerate() {

@@ -146,13 +146,13 @@ mod tests {
     }
 
     #[test]
-    fn what_was_asked_for_is_accepted_at_its_limits() {
+    fn a_requested_shot_is_accepted_at_its_limits() {
         assert_eq!(accept(&taken(), 2, &asked()), Ok(()));
         assert_eq!(accept_pause(&taken(), "a picture"), Ok(()));
     }
 
     #[test]
-    fn each_doubt_has_its_row() {
+    fn each_doubt_is_reported_as_its_fault() {
         let row = |change: &dyn Fn(&mut ShotInfo)| {
             let mut taken = taken();
             change(&mut taken);

@@ -102,7 +102,7 @@ mod tests {
     /// end at minute 9 it is not, nor after an end at minute 30 without a request. A person's request then restarts
     /// it, since all three restarts are more than 10 minutes ago.
     #[test]
-    fn the_fourth_in_ten_minutes_stays_down() {
+    fn after_the_fourth_end_in_ten_minutes_the_worker_stays_down() {
         let mut budget = RestartBudget::new(Restarts::default());
         let ends = [0, 3, 6].map(|minute| budget.on_worker_ended(at(minute)));
         assert_eq!(ends, [1, 2, 3].map(|number| Restart { number }));
@@ -117,7 +117,7 @@ mod tests {
 
     /// Calculated by hand: of ends at 0, 4, 8 and 12 minutes, no four lie within ten minutes.
     #[test]
-    fn restarts_that_are_long_ago_count_no_more() {
+    fn old_restarts_are_not_counted() {
         let mut budget = RestartBudget::new(Restarts::default());
         let numbers = [0, 4, 8, 12, 16].map(|minute| budget.on_worker_ended(at(minute)));
         assert_eq!(numbers, [1, 2, 3, 3, 3].map(|number| Restart { number }));
@@ -126,7 +126,7 @@ mod tests {
     proptest! {
         /// For any times of ends and requests, no period of ten minutes has more than three starts.
         #[test]
-        fn no_stretch_of_time_has_more_starts(
+        fn no_period_has_more_restarts_than_allowed(
             steps in proptest::collection::vec((0_u64..400, any::<bool>()), 1..60),
         ) {
             let mut budget = RestartBudget::new(Restarts::default());

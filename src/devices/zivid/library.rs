@@ -348,6 +348,7 @@ fn text_until_nul(text: &[c_char]) -> String {
 }
 
 fn c_string(text: &OsStr) -> Result<CString, Refusal> {
-    let refused = |_| Refusal { trouble: Trouble::Settings, message: format!("{} holds a NUL", text.display()) };
+    let refused =
+        |_| Refusal { trouble: Trouble::Settings, message: format!("{} contains a NUL character", text.display()) };
     CString::new(text.as_bytes()).map_err(refused)
 }

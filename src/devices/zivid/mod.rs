@@ -8,8 +8,8 @@
 //! daemon loads no part of the SDK: one program serves cells with and without it.
 //!
 //! - [`wire`]: frames that are complete and unchanged, or refused · [`message`]: their messages
-//! - [`budget`]: how often a worker is started again · [`accept`]: whether the received data is what was requested ·
-//!   [`fault`]: faults in words
+//! - [`budget`]: the limit of the worker's restarts · [`accept`]: whether the received data is what was requested ·
+//!   [`fault`]: the faults and their messages
 //! - [`warmth`]: whether the camera has reached its stable temperature
 //! - [`host`], [`process`]: the daemon's side, with its end of the link · [`ZividScanner`]: the camera as the cell has
 //!   it

@@ -26,7 +26,7 @@ const KILL_TIMEOUT: Duration = Duration::from_secs(2);
 const EXIT_POLL_INTERVAL: Duration = Duration::from_millis(5);
 
 /// Bytes of one point: x, y, z as f32, three colours, one f32.
-const SCAN_BYTES: usize = 12 + 3 + 4;
+const POINT_BYTES: usize = 12 + 3 + 4;
 
 /// Interval of checks whether the program ends.
 const SHUTDOWN_POLL_INTERVAL: Duration = Duration::from_millis(100);
@@ -69,7 +69,7 @@ struct WorkerProcess {
 impl WorkerPeer for WorkerProcess {
     fn kill(&mut self) {
         let Some(child) = &mut self.child else { return };
-        #[expect(clippy::let_underscore_must_use, reason = "fails only where it has ended already")]
+        #[expect(clippy::let_underscore_must_use, reason = "it fails only if the process has already ended")]
         let _ = child.kill();
         if self.wait_ended(KILL_TIMEOUT).is_some() {
             return;
@@ -202,8 +202,8 @@ fn bytes(size: Size, each: usize) -> usize {
 }
 
 fn scan(opened: OpenedFrame, timed: &mut TimedSocket<'_>, taken: ShotInfo) -> Result<Answer, WireError> {
-    opened.check_payload_size(bytes(taken.size, SCAN_BYTES))?;
-    // Read directly into its final memory.
+    opened.check_payload_size(bytes(taken.size, POINT_BYTES))?;
+    // The shot is read directly into its final memory.
     let mut planes = ShotPlanes::with_size(taken.size);
     let into = &mut [
         bytemuck::cast_slice_mut(planes.points_mm.as_mut_slice()),

@@ -291,7 +291,7 @@ impl Drop for ZividScanner {
     fn drop(&mut self) {
         self.shared.is_ending.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
-            #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
+            #[expect(clippy::let_underscore_must_use, reason = "the panic of the thread was already reported")]
             let _ = thread.join();
         }
     }

@@ -65,8 +65,8 @@ impl ShotPlanes {
     }
 }
 
-/// A 3D camera that also takes colour pictures. Each call blocks; a request that it cannot fulfil is refused in
-/// words.
+/// A 3D camera that also takes colour pictures. Each call blocks; a request that it cannot fulfil is refused with a
+/// reason.
 pub trait Sensor: Send {
     /// Returns the version of the SDK with which the sensor was built.
     fn sdk_version(&self) -> String;
@@ -169,7 +169,7 @@ struct ClipQueue {
     waiting: VecDeque<PictureWithMetadata>,
     taken: u64,
     dropped: u64,
-    /// Pictures in a row that the camera did not give.
+    /// Number of consecutive pictures that the camera did not deliver.
     missed: u32,
     /// Time of the last request for a picture.
     asked_ns: u64,
@@ -245,8 +245,8 @@ impl Clip {
                 let mut queue = lock(queue);
                 queue.receive(taken, now_ns());
                 news.notify_all();
-                // If the camera is late, the schedule continues from the present time; missed pictures are not made up
-                // for.
+                // If the camera is late, the schedule continues from the present time; missed pictures are not taken
+                // later.
                 due_ns = (due_ns + period_ns).max(now_ns());
                 while !queue.is_over && now_ns() < due_ns {
                     let left = Duration::from_nanos(due_ns.saturating_sub(now_ns()));
@@ -285,7 +285,7 @@ impl Clip {
         lock(queue).is_over = true;
         news.notify_all();
         if let Some(thread) = self.thread.take() {
-            #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
+            #[expect(clippy::let_underscore_must_use, reason = "the panic of the thread was already reported")]
             let _ = thread.join();
         }
         let queue = lock(queue);
@@ -338,7 +338,7 @@ mod tests {
     /// Two pictures in a row may be missing, which the times of the other pictures show; a third missing picture
     /// ends the clip.
     #[test]
-    fn a_missing_picture_is_a_gap_and_three_are_the_end() {
+    fn two_missing_pictures_are_a_gap_and_three_end_the_clip() {
         let mut queue = ClipQueue::default();
         for taken in [Err(no_shot()), Err(no_shot()), Ok(photo(1)), Err(no_shot()), Err(no_shot())] {
             queue.receive(taken, 0);
@@ -353,7 +353,7 @@ mod tests {
 
     /// The clip of an abandoned film continues for ten seconds and no longer.
     #[test]
-    fn a_clip_that_is_not_requested_ends() {
+    fn a_clip_without_requests_ends() {
         let mut queue = ClipQueue { asked_ns: 5_000_000_000, ..ClipQueue::default() };
         queue.receive(Ok(photo(1)), 15_000_000_000);
         assert!(!queue.is_over);

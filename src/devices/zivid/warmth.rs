@@ -2,26 +2,28 @@
 //! clock.
 //!
 //! The camera measures by angles between its projector and its sensor, and these angles change while it warms up or
-//! cools down. The maker requires ten minutes of shots, and gives these figures: during warm-up the temperature rises
-//! by 0.5 to 1.5 °C a minute; the air of a production hall changes it by at most 0.03 °C a minute. So the camera is
-//! warm if a straight line through the temperatures of the last minutes,
+//! cools down. The manufacturer requires ten minutes of shots, and gives these figures: during warm-up the temperature
+//! rises by 0.5 to 1.5 °C a minute; the air of a production hall changes it by at most 0.03 °C a minute. So the camera
+//! is warm if a straight line through the temperatures of the last minutes,
 //!     T(t) = T₀ + s t,   s = Σ (tᵢ − t̄)(Tᵢ − T̄) / Σ (tᵢ − t̄)²,   σₛ² = Σ rᵢ² / (n − 2) / Σ (tᵢ − t̄)²,          (1)
 //! rises or falls by less than a limit between these two figures, including its own error 2 σₛ. If the temperatures
-//! were recorded for less than the ten minutes, or the limit lies within the error of the result, a doubt is reported.
-//! This module never waits and never stops a cycle. Source: support.zivid.com, "Warm-up" and "Thermal Stabilization".
+//! were recorded for less than the ten minutes, or the limit lies within the error of the result, the state is reported
+//! as unclear. This module never waits and never stops a cycle. Source: support.zivid.com, "Warm-up" and "Thermal
+//! Stabilization".
 
 use panelprep_base::number_text::distinguishable_texts;
 
 /// How long the camera's temperature must have been recorded, s: the manufacturer's ten minutes.
 const MIN_OBSERVED_S: f64 = 600.0;
-/// Length of the last period to whose temperatures the line is fitted, s.
-const LINE_S: f64 = 300.0;
+/// The line is fitted to the temperatures of this last period, s.
+const FITTED_PERIOD_S: f64 = 300.0;
 /// Longest time between two temperatures of one series, s: in a longer gap the camera may have been off.
 const MAX_GAP_S: f64 = 120.0;
-/// Limit of the rise, °C a minute: three times that of the air in a production hall, a fifth of a slow warm-up.
-const LIMIT_C_PER_MIN: f64 = 0.1;
-/// Temperatures are reported in steps. Their error is at least the standard deviation of half a step of 0.1 °C,
-/// uniformly distributed.
+/// Largest rise of a warm camera, °C a minute: three times that of the air in a production hall, a fifth of a slow
+/// warm-up.
+const MAX_RISE_C_PER_MIN: f64 = 0.1;
+/// Temperatures are reported in steps of 0.1 °C. Their error is at least the standard deviation of a uniform
+/// distribution within half a step to either side.
 const MIN_ERROR_C: f64 = 0.05 / 1.732;
 /// Age beyond which temperatures are not used, s.
 pub const MAX_TEMPERATURE_AGE_S: f64 = MIN_OBSERVED_S + MAX_GAP_S;
@@ -74,7 +76,7 @@ impl std::fmt::Display for WarmUpState {
             }
             WarmUpState::Changing { rise_c_per_min } => {
                 let verb = if *rise_c_per_min > 0.0 { "warms up" } else { "cools down" };
-                let [found, limit] = distinguishable_texts(rise_c_per_min.abs(), LIMIT_C_PER_MIN, 2);
+                let [found, limit] = distinguishable_texts(rise_c_per_min.abs(), MAX_RISE_C_PER_MIN, 2);
                 write!(
                     f,
                     "the 3D camera still {verb}, by {found} °C per minute (limit {limit} °C per minute). Take shots \
@@ -84,7 +86,7 @@ impl std::fmt::Display for WarmUpState {
             WarmUpState::Unclear { rise_c_per_min, error_c_per_min } => write!(
                 f,
                 "it is not clear whether the 3D camera is warm: its temperature changes by {rise_c_per_min:.2} ± \
-                 {error_c_per_min:.2} °C per minute (warm: {LIMIT_C_PER_MIN} °C per minute or less)"
+                 {error_c_per_min:.2} °C per minute (warm: {MAX_RISE_C_PER_MIN} °C per minute or less)"
             ),
             WarmUpState::NoReadings { followed_s } => write!(
                 f,
@@ -104,13 +106,13 @@ pub fn judge_warm_up(readings: &[TemperatureReading], now_s: f64) -> WarmUpState
         return WarmUpState::NoReadings { followed_s };
     }
     let line: Vec<TemperatureReading> =
-        series.iter().filter(|reading| now_s - reading.at_s <= LINE_S).copied().collect();
+        series.iter().filter(|reading| now_s - reading.at_s <= FITTED_PERIOD_S).copied().collect();
     let Some((rise_c_per_min, error_c_per_min)) = temperature_slope(&line) else {
         return WarmUpState::NoReadings { followed_s: 0.0 };
     };
     match rise_c_per_min.abs() {
-        most if most + error_c_per_min <= LIMIT_C_PER_MIN => WarmUpState::Warm { rise_c_per_min },
-        least if least - error_c_per_min > LIMIT_C_PER_MIN => WarmUpState::Changing { rise_c_per_min },
+        most if most + error_c_per_min <= MAX_RISE_C_PER_MIN => WarmUpState::Warm { rise_c_per_min },
+        least if least - error_c_per_min > MAX_RISE_C_PER_MIN => WarmUpState::Changing { rise_c_per_min },
         _ => WarmUpState::Unclear { rise_c_per_min, error_c_per_min },
     }
 }
@@ -161,7 +163,7 @@ mod tests {
     /// 30² · 55 = 99,000 s², with the root 314.64 s. The smallest error gives 60 · 2 · 0.02887 / 314.64 = 0.0110 °C
     /// a minute.
     #[test]
-    fn a_straight_rise_is_found_with_its_error() {
+    fn a_linear_rise_is_measured_with_its_error() {
         let line = readings(600.0, |at_s| 30.0 + 0.001 * at_s);
         let (rise_c, error_c) = temperature_slope(&line).expect("eleven");
         assert!((rise_c - 0.06).abs() < 1e-9 && (error_c - 0.01101).abs() < 1e-5, "{rise_c} {error_c}");
@@ -171,7 +173,7 @@ mod tests {
     /// A camera that approaches its final temperature as 40 − 15 e^(−t/τ), τ = 2.5 min: at 15 min its temperature
     /// rises by 15/2.5 · e^(−6) = 0.015 °C a minute, at 5 min by 0.81.
     #[test]
-    fn a_camera_is_warm_when_it_changes_no_more() {
+    fn a_camera_of_constant_temperature_is_warm() {
         let warming = |at_s: f64| 40.0 - 15.0 * (-at_s / 150.0_f64).exp();
         assert!(
             matches!(judge_warm_up(&readings(0.0, warming), 900.0), WarmUpState::Warm { rise_c_per_min } if rise_c_per_min > 0.03)
@@ -188,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_known_is_reported() {
+    fn missing_temperatures_are_reported() {
         let steady = |_: f64| 36.0;
         let short = judge_warm_up(&readings(330.0, steady), 900.0);
         assert_eq!(short, WarmUpState::NoReadings { followed_s: 570.0 });

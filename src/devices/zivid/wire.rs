@@ -35,12 +35,12 @@ const MAGIC: [u8; 4] = *b"PPZV";
 /// The version of this protocol: of the frames and of the messages in them.
 pub const VERSION: u16 = 2;
 
-/// The sender of a frame.
+/// The kinds of frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, VariantArray)]
 pub enum FrameKind {
     /// From the worker, when it starts.
     Hello,
-    /// The daemon sent the frame.
+    /// From the daemon.
     Request,
     /// From the worker, once for each request.
     Reply,
@@ -335,7 +335,7 @@ mod tests {
 
     /// By hand: 24 bytes of opening, 2 of head, 3 of payload and three checksums of 4.
     #[test]
-    fn a_frame_is_what_the_page_states() {
+    fn a_frame_has_the_documented_bytes() {
         let bytes = written(258, b"{}", &[&[1, 2, 3]]);
         assert_eq!(bytes.len(), 24 + 4 + 2 + 4 + 3 + 4);
         assert_eq!(bytes[..24], *b"PPZV\x02\0\x03\0\x02\x01\0\0\x02\0\0\0\x03\0\0\0\0\0\0\0");
@@ -344,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_frame_is_reported() {
+    fn bytes_that_are_no_frame_are_reported() {
         let bytes = written(1, b"{}", &[&[7; 9]]);
         let told = |bytes: &[u8], size| read(bytes, &[size]).expect_err("refused").to_string();
         assert_eq!(told(&[], 9), "the connection has ended");
@@ -361,7 +361,7 @@ mod tests {
 
     /// If a peer claims a long payload, no memory is allocated for it.
     #[test]
-    fn a_length_beyond_all_frames_is_refused_on_both_sides() {
+    fn a_length_above_the_limit_is_refused_on_both_sides() {
         let mut opening = b"PPZV\x02\0\x03\0\0\0\0\0".to_vec();
         opening.extend(0_u32.to_le_bytes());
         opening.extend(u64::MAX.to_le_bytes());
@@ -375,7 +375,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_was_written_is_read(
+        fn a_written_frame_is_read_unchanged(
             sequence: u32, head in proptest::collection::vec(any::<u8>(), 0..300),
             planes in proptest::collection::vec(proptest::collection::vec(any::<u8>(), 0..2_000), 0..4),
         ) {
@@ -407,7 +407,7 @@ mod tests {
 
         /// Parts of two frames do not form a valid frame.
         #[test]
-        fn parts_of_different_frames_do_not_go_together(first: [u8; 8], second: [u8; 8]) {
+        fn parts_of_different_frames_form_no_frame(first: [u8; 8], second: [u8; 8]) {
             prop_assume!(first != second);
             let (one, other) = (written(1, &first, &[b"same"]), written(1, &second, &[b"same"]));
             let mixed = [&one[..40], &other[40..]].concat();

@@ -162,7 +162,7 @@ impl SensorWorker {
             trouble: Trouble::Settings,
             message: format!("the settings cannot be passed to the SDK as a file: {error}"),
         };
-        // The SDK recognises the file's type by the ending.
+        // The SDK recognises the file's type by its extension.
         let mut file = tempfile::Builder::new().suffix(".yml").tempfile().map_err(failed)?;
         file.write_all(yaml.as_bytes()).and_then(|()| file.flush()).map_err(failed)?;
         let (slot, size) = lock(&self.camera).sensor.settings(usage, file.path())?;
@@ -208,7 +208,7 @@ mod tests {
 
     /// `printf 'a: 1\n' | sha256sum`
     #[test]
-    fn settings_are_named_by_their_content() {
+    fn settings_are_identified_by_their_hash() {
         assert_eq!(settings_hash("a: 1\n"), "37b128c59f1f5097f73f82691cb519f1f568667faab5ced1b4ab979d36837eae");
     }
 }

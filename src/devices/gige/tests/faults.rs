@@ -19,7 +19,7 @@ fn opened() -> GigeCamera {
 /// A picture has 37 packets and 3 % of them are lost, so about a third of the pictures is complete. Only complete
 /// pictures are passed on.
 #[test]
-fn torn_pictures_are_tried_again_and_never_handed_on() {
+fn incomplete_pictures_are_retried_and_never_delivered() {
     let _alone = alone();
     let loopback = loopback(SIZE, FORMAT, numbered(picture()));
     let mut camera = opened();
@@ -66,7 +66,7 @@ fn torn_pictures_are_tried_again_and_never_handed_on() {
 /// A camera that disappears while in use is reported once, and no client waits for it. When it is back, it delivers
 /// again.
 #[test]
-fn a_camera_that_dies_is_reported_once_and_returns() {
+fn a_lost_camera_is_reported_once_and_reconnected() {
     let _alone = alone();
     let first = loopback(SIZE, FORMAT, numbered(picture()));
     let mut camera = opened();
@@ -92,7 +92,7 @@ fn a_camera_that_dies_is_reported_once_and_returns() {
 
 /// A camera that answers but gives no picture is opened again, and thereby configured again.
 #[test]
-fn a_camera_that_gives_no_picture_is_set_again() {
+fn a_camera_without_a_picture_is_configured_again() {
     let _alone = alone();
     let loopback = loopback(SIZE, FORMAT, numbered(picture()));
     let mut camera = opened();
@@ -111,7 +111,7 @@ fn a_camera_that_gives_no_picture_is_set_again() {
 
 /// The heartbeat reports the loss although no picture is requested.
 #[test]
-fn a_camera_that_dies_unused_is_noticed() {
+fn the_loss_of_an_unused_camera_is_detected() {
     let _alone = alone();
     let first = loopback(SIZE, FORMAT, numbered(picture()));
     let camera = opened();
@@ -121,7 +121,7 @@ fn a_camera_that_dies_unused_is_noticed() {
 }
 
 #[test]
-fn a_wrong_camera_is_refused_in_words() {
+fn each_wrong_camera_is_refused_with_its_reason() {
     let _alone = alone();
     let says = |settings: Settings| {
         let mut camera = GigeCamera::open(settings).expect("a thread");
@@ -171,7 +171,7 @@ fn a_wrong_camera_is_refused_in_words() {
 
 /// The camera's size is changed while it delivers.
 #[test]
-fn a_size_that_changes_is_refused() {
+fn a_changed_picture_size_is_refused() {
     let _alone = alone();
     let loopback = loopback(SIZE, FORMAT, numbered(picture()));
     let mut camera = opened();
@@ -193,7 +193,7 @@ fn a_size_that_changes_is_refused() {
 /// The camera accepts BayerRG8 and sends BayerRG12, as a TRI032S is documented to do. This is reported as a wrong
 /// format, not as a network that loses packets.
 #[test]
-fn a_format_that_the_camera_changed_is_named() {
+fn a_pixel_format_that_the_camera_changed_is_reported() {
     let _alone = alone();
     const BAYER_RG12: u32 = 0x0110_0011;
     let begun = Instant::now();

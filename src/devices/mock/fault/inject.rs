@@ -114,7 +114,7 @@ impl Controller {
         }
     }
 
-    /// Performs an action of people, of the safety controller or of the mains.
+    /// Performs an action of a person, of the safety controller or of the mains supply.
     fn perform_person_action(&mut self, fault: Fault, begins: bool) -> Option<u64> {
         let for_ms = self.perform_single_action(fault, begins);
         if !begins {
@@ -165,7 +165,8 @@ impl Controller {
         }
     }
 
-    /// Plugs the cable in again: the waiting bytes arrive first, then the closing of connections.
+    /// Plugs the cable in again: the bytes that waited for the cable arrive first, then the end of each closed
+    /// connection.
     fn reconnect_cable(&mut self) {
         for (index, channel) in [Channel::Command, Channel::State].into_iter().enumerate() {
             let bytes = std::mem::take(&mut self.troubles.cable_buffer[index]);

@@ -1,11 +1,11 @@
-//! The faults of a controller or of the link to it, and their times, so that users can test their own cell against
-//! them: those that are still to come, and those that last.
+//! The faults of a controller or of the link to it, and their times: faults that are planned and faults that are
+//! active. With them, users can test their own cell.
 //!
 //! A [`FaultSpec`] is written as text (`mock-robot --fault`), see [`FaultSpec::HELP`]; [`Controller::apply_fault`]
 //! makes one fault happen now. Times are the controller's own: in lock step they pass only with the client's
 //! heartbeats.
 //!
-//! [`Controller::apply_fault`]: super::Controller::inject
+//! [`Controller::apply_fault`]: super::Controller::apply_fault
 
 mod inject;
 mod spec;
@@ -16,7 +16,7 @@ pub use spec::{ConnectionSide, Fault, FaultSpec, FaultSpecError, FaultTime, Plan
 /// The error of a wrong base, mm.
 const BASE_ERROR_MM: f64 = 1.0;
 
-/// The faults of a controller: those that are still to come, and those that last.
+/// The faults of a controller: those that are planned, and those that are active.
 #[derive(Debug, Default)]
 pub(super) struct FaultState {
     planned: Vec<PlannedFault>,
@@ -103,7 +103,7 @@ impl FaultState {
     /// Returns the value to which `$BASE` or `$TOOL` is really set when a program sets it, with the faults applied;
     /// `None` if there is no effect. Null frames are not affected: the program itself sets them, at the start of an
     /// epoch.
-    pub(super) fn spoil_frame(&mut self, is_base: bool, mut frame: [f32; 6]) -> Option<[f32; 6]> {
+    pub(super) fn apply_frame_faults(&mut self, is_base: bool, mut frame: [f32; 6]) -> Option<[f32; 6]> {
         let operation = if is_base { SET_BASE } else { SET_TCP };
         if frame == [0.0; 6] {
             return Some(frame);

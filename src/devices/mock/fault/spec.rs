@@ -244,10 +244,10 @@ Items separated by commas. A fault is NAME[=VALUE][/DURATION]@WHEN; WHEN is a ti
 the arrival of the Nth command; without a duration, the fault remains.
   cut[=command|state|both]@WHEN   close the connections      garbage[=command|state|both]@WHEN   send no XML
   unplug[/D]@WHEN  cable out      mute[/D]@WHEN  send nothing      no-acks[/D]@WHEN  acknowledge nothing
-  stall[/D]@WHEN   submit stops   skip-state@WHEN  skip a state number
+  stall[/D]@WHEN   stall the submit interpreter   skip-state@WHEN  skip a state number
   lose-base@WHEN, lose-tool@WHEN, wrong-base@WHEN    the next set_base or set_tcp has no effect, or is 1 mm off
-  refuse=1..12@WHEN   refuse the next command with that Err  slow=1..100[/D]@WHEN   percent of the speed
-  override=1..100[/D]@WHEN   the override that a person sets (slow is not reported; with refuse, the programs end the motion with Err 8 for any Err)
+  refuse=1..12@WHEN   refuse the next command with that Err (the controller's own programs report Err 8 in its place)
+  slow=1..100[/D]@WHEN   percent of the speed, not reported   override=1..100[/D]@WHEN   a person sets the override
   measured=1..200[/D]@WHEN   the tool's pose is reported this many mm off along Z
   e-stop[/D]@WHEN, guard[/D]@WHEN, drives[/D]@WHEN, mode=T1|T2|AUT|EXT[/D]@WHEN, deselect[/D]@WHEN, reboot[/D]@WHEN
 Settings: seed=N   delay=20ms or delay=2ms..25ms, each way   fragment   random=N/D: N random faults within the duration D

@@ -45,7 +45,7 @@ pub(super) fn call(
             let msg_no = if state.initialised { 0 } else { NOT_AVAILABLE };
             (state.initialised, state.listens, state.cleared_ms) = (false, false, now_ms);
             values.changed = true;
-            controller.eki_closes(channel);
+            controller.close_by_program(channel);
             controller.link(channel).memory.clear();
             msg_no
         }
@@ -70,7 +70,7 @@ pub(super) fn call(
         Builtin::EkiClose => {
             state.listens = false;
             values.changed = true;
-            controller.eki_closes(channel);
+            controller.close_by_program(channel);
             0
         }
         Builtin::EkiLock | Builtin::EkiUnlock => 0,
@@ -204,7 +204,7 @@ impl Controller {
     }
 
     /// Closes the channel, as the program requested.
-    pub(super) fn eki_closes(&mut self, channel: Channel) {
+    pub(super) fn close_by_program(&mut self, channel: Channel) {
         self.troubles.cable_buffer[channel as usize].clear();
         self.troubles.hung_up[channel as usize] = false;
         let link = self.link(channel);
@@ -220,7 +220,7 @@ impl Controller {
         }
     }
 
-    /// Notes that an interrupt's condition may have changed.
+    /// Records that an interrupt's condition may have changed.
     pub(in super::super) fn note_change(&mut self) {
         if let Some(running) = &mut self.running {
             running.values.changed = true;

@@ -36,7 +36,7 @@ pub(in super::super) struct RunningPrograms {
     /// The time at which the submit interpreter begins.
     pub(super) boots_at_ms: u64,
     pub(super) initialised: bool,
-    /// The numbers of the motions that the mover has, oldest first.
+    /// The numbers of the motions in the mover's plan, oldest first.
     pub(super) sequences: VecDeque<u64>,
     pub(super) next_sequence: u64,
     /// Triggers that are due: the number of the motion, and the time at which the trigger becomes due.
@@ -212,7 +212,7 @@ pub(super) struct Document {
     pub(super) number: Option<i32>,
 }
 
-/// The documents that wait to be sent.
+/// The received documents that are held back until the programs may read them.
 #[derive(Debug)]
 pub(super) struct HeldDocuments {
     pub(super) framers: [Framer; 2],

@@ -25,7 +25,7 @@ const SUBMIT_STATEMENTS: u32 = 2_000;
 const BUSY_SUBMIT_STATEMENTS: u32 = 600;
 const ROBOT_STATEMENTS: u32 = 60;
 
-const IDLE_TURN: SchedulerTurn = SchedulerTurn { remaining_steps: 0, done: true };
+const IDLE_SHARE: StatementShare = StatementShare { remaining_steps: 0, done: true };
 
 /// Time that a heartbeat grants.
 const HEARTBEAT_GRANT_MS: u64 = 100;
@@ -34,15 +34,15 @@ const BOOT_MS: u64 = 600;
 /// Time limit for an answer, or for a channel that must be opened, ms.
 const RESPONSE_TIMEOUT_MS: u64 = 10_000;
 
-/// The turn of one of the two interpreters in a tick.
+/// The share of one of the two interpreters in a tick: the number of its statements.
 #[derive(Debug, Clone, Copy)]
-struct SchedulerTurn {
+struct StatementShare {
     remaining_steps: u32,
     done: bool,
 }
 
-fn submit_turn(runs: bool, statements: u32) -> SchedulerTurn {
-    SchedulerTurn { remaining_steps: statements, done: !runs }
+fn submit_share(runs: bool, statements: u32) -> StatementShare {
+    StatementShare { remaining_steps: statements, done: !runs }
 }
 
 impl Controller {
@@ -60,7 +60,7 @@ impl RunningPrograms {
         self.pass_states(controller);
         self.update_bias(controller.now_ms);
         controller.process_input();
-        let [mut submit, mut robot] = self.scheduler_turns(controller);
+        let [mut submit, mut robot] = self.statement_shares(controller);
         while !(submit.done && robot.done) {
             let submit_next = if submit.done || robot.done { robot.done } else { self.random.random_bool(0.5) };
             let burst = self.random_burst();
@@ -97,7 +97,7 @@ impl RunningPrograms {
         };
     }
 
-    fn scheduler_turns(&mut self, controller: &Controller) -> [SchedulerTurn; 2] {
+    fn statement_shares(&mut self, controller: &Controller) -> [StatementShare; 2] {
         let submit_runs = controller.now_ms >= self.boots_at_ms && !controller.troubles.is_submit_stalled();
         let submit = match self.scheduler_bias {
             SchedulerBias::StarvesSubmit => self.random.random_range(40..200),
@@ -106,13 +106,13 @@ impl RunningPrograms {
         };
         let robot = match self.scheduler_bias {
             SchedulerBias::StarvesRobot if self.random.random_bool(0.5) => {
-                return [submit_turn(submit_runs, submit), IDLE_TURN];
+                return [submit_share(submit_runs, submit), IDLE_SHARE];
             }
             SchedulerBias::StarvesRobot => self.random.random_range(10..ROBOT_STATEMENTS),
             _ => ROBOT_STATEMENTS,
         };
         let robot_runs = self.values.state == RobotState::Active && !self.robot.is_idle();
-        [submit_turn(submit_runs, submit), SchedulerTurn { remaining_steps: robot, done: !robot_runs }]
+        [submit_share(submit_runs, submit), StatementShare { remaining_steps: robot, done: !robot_runs }]
     }
 
     fn random_burst(&mut self) -> u32 {
@@ -235,7 +235,7 @@ impl RunningPrograms {
         if controller.mover.is_idle() {
             self.sequences.clear();
         }
-        controller.contact.heads_for(controller.mover.current_move());
+        controller.contact.on_move_started(controller.mover.current_move());
         controller.sample();
         self.note_stop(controller);
     }

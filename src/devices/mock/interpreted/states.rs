@@ -135,7 +135,7 @@ impl Controller {
     pub(in super::super) fn reboot_interpreted(&mut self, down_ms: u64) {
         let at_ms = self.now_ms + down_ms;
         for channel in [Channel::Command, Channel::State] {
-            self.eki_closes(channel);
+            self.close_by_program(channel);
             self.link(channel).memory.clear();
         }
         self.setup.boot = self.setup.boot.wrapping_add(1);
@@ -211,7 +211,7 @@ impl RunningPrograms {
         self.initialised && self.reset_since_ms.is_some_and(|since_ms| now_ms >= since_ms + wait_ms)
     }
 
-    /// Notes that the programs have ended an epoch.
+    /// Records that the programs have ended an epoch.
     pub(super) fn note_stop(&mut self, controller: &mut Controller) {
         // If the submit interpreter is dead, the robot program itself ends the epoch.
         let is_open = self.memory.bool(self.cells.open) && !self.robot_has_ended();

@@ -249,7 +249,7 @@ fn write_variable(
                 // Setting a frame again to the same value must not consume a fault: the client sets the frame only
                 // once, and the controller reports it back.
                 if frame.now != Some(whole) {
-                    frame.now = controller.troubles.spoil_frame(is_base, whole).or(frame.now);
+                    frame.now = controller.troubles.apply_frame_faults(is_base, whole).or(frame.now);
                 }
             }
         }

@@ -41,7 +41,7 @@ fn a_move_of_the_axes_takes_the_time_computed_by_hand() {
 fn zigzag(rig: &mut Rig, blend_mm: f64, contact: bool) {
     rig.command(2, [20, i32::from(contact)], [0.0; 2], [0.0; 6]);
     for point in 1..=20 {
-        // 5 mm steps, 15° aside to either side.
+        // Steps of 5 mm along a zigzag, each at 15° to X.
         let (along, aside) = (5.0_f64 * 15_f64.to_radians().cos(), 5.0 * 15_f64.to_radians().sin());
         let p = [along * f64::from(point), aside * f64::from(point % 2), 0.0, f64::from(point), 0.0, 0.0];
         rig.command(2, [20 - point, i32::from(contact)], [blend_mm, 0.0], p);
@@ -101,7 +101,7 @@ fn the_trace_covers_the_contact() {
 
 /// Ten points of twenty: the arm stops exactly at the tenth, once, and continues when the others arrive.
 #[test]
-fn starving_in_the_air_is_an_exact_stop_and_counted() {
+fn a_missing_point_in_the_air_gives_an_exact_stop_and_is_counted() {
     let mut rig = Rig::ready(Clock::LockStep);
     rig.line(20, 10, false);
     rig.settle();
@@ -134,7 +134,7 @@ fn dense_points_slow_the_arm_down() {
 /// A fast motion is followed by a slower one: 200 mm/s are commanded for the first half, 50 for the second; the speed
 /// is already reduced when the second half begins.
 #[test]
-fn a_slower_move_is_braked_for_before_it_begins() {
+fn the_speed_is_reduced_before_a_slower_move_begins() {
     let mut rig = Rig::ready(Clock::LockStep);
     rig.command(5, [100, 100], [0.2, 1.0], [0.0; 6]);
     rig.command(2, [2, 1], [0.0; 2], [0.0; 6]);
@@ -155,7 +155,7 @@ fn a_slower_move_is_braked_for_before_it_begins() {
 
 /// A rotation without translation needs time: 90° at 200°/s are 0.45 s plus the ramps.
 #[test]
-fn turning_in_place_takes_time() {
+fn a_rotation_without_translation_takes_time() {
     let mut rig = Rig::ready(Clock::LockStep);
     let from_ms = rig.controller.time_ms();
     rig.command(2, [0, 0], [0.0; 2], [0.0, 0.0, 0.0, 90.0, 0.0, 0.0]);
@@ -194,7 +194,7 @@ fn t1_is_slow_and_waits_for_the_key() {
 /// An output on the path switches at the end of the preceding point, and the arm does not stop for it. A second one
 /// at the same point waits until the arm has stopped there.
 #[test]
-fn an_output_on_the_path_stops_nothing() {
+fn an_output_on_the_path_does_not_stop_the_arm() {
     let run = |synchronous: &[f64]| {
         let mut rig = Rig::ready(Clock::LockStep);
         rig.line(20, 10, false);
@@ -211,7 +211,7 @@ fn an_output_on_the_path_stops_nothing() {
     };
     let (blended, changes) = run(&[1.0]);
     assert_eq!(changes, [(3, true, blended[9])]);
-    // Calculated by hand: braking and starting again at 100 mm/s and 1000 mm/s² costs 0.1 s.
+    // Calculated by hand: braking and starting again at 100 mm/s and 1000 mm/s² needs 0.1 s more.
     for standing in [&[0.0][..], &[1.0, 1.0]] {
         let (times, _) = run(standing);
         assert!((84..=132).contains(&(times[19] - blended[19])), "{} {}", times[19], blended[19]);
@@ -236,10 +236,10 @@ fn standing_at(angles_deg: [f64; 6]) -> Rig {
 }
 
 /// The wrist moves from 20° on one side to the other side, past the straight position by about 1.5°. Axis 4 has to
-/// turn by almost half a turn, so the tool slows down. Calculated by hand: the rotation alone would need about 0.3 s,
-/// axis 4 needs 150° / 450°/s = 0.33 s more.
+/// rotate by almost 180°, so the tool slows down. Calculated by hand: the rotation alone would need about 0.3 s, axis 4
+/// needs 150° / 450°/s = 0.33 s more.
 #[test]
-fn near_the_wrists_pole_the_tool_slows_down() {
+fn near_the_wrist_singularity_the_tool_slows_down() {
     let mut rig = standing_at([0.0, -90.0, 90.0, 90.0, 20.0, -90.0]);
     rig.command(2, [0, 0], [0.0; 2], flange_numbers([0.0, -90.0, 90.0, -81.5, 20.2, 81.5]));
     let (from_ms, mut fastest_deg_s) = (rig.controller.time_ms(), 0.0_f64);

@@ -6,7 +6,8 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
-/// Calculated by hand: boot 1, sum 1, EXT, flags 1 + 2 + 4 + 16 = drives, no e-stop, guard, motion possible.
+/// Calculated by hand: boot number 1, checksum 1, EXT, flags 1 + 2 + 4 + 16 = drives, no e-stop, guard, motion
+/// possible.
 #[test]
 fn the_first_state_is_as_agreed() {
     let mut rig = Rig::before_reset(Clock::LockStep);
@@ -20,10 +21,10 @@ fn the_first_state_is_as_agreed() {
     assert!(rig.states.contains(base) && rig.states.ends_with("</Tool></St>"), "{}", rig.states);
 }
 
-/// Calculated by hand: 100 ms are 8 ticks of 12 ms and a rest of 4 ms. The second 100 ms make 104 ms: 8 ticks and a
-/// rest of 8 ms. The third make 9 ticks.
+/// Calculated by hand: 100 ms are 8 ticks of 12 ms and a remainder of 4 ms. The second 100 ms make 104 ms: 8 ticks and
+/// a remainder of 8 ms. The third make 9 ticks.
 #[test]
-fn a_heartbeat_grants_a_tenth_of_a_second_and_keeps_the_rest() {
+fn a_heartbeat_grants_100_ms_and_keeps_the_remainder() {
     let mut rig = Rig::new(Clock::LockStep);
     let times = [96, 192, 300].map(|_: i32| {
         rig.beat();
@@ -80,7 +81,7 @@ fn a_heartbeat_waits_for_a_channel_that_is_not_yet_open() {
 
 /// On the wall clock a state is sent unrequested at least every 100 ms, with the last request in Re.
 #[test]
-fn states_come_unasked_on_the_wall_clock() {
+fn states_are_sent_unrequested_in_wall_clock_time() {
     let mut rig = Rig::new(Clock::Free);
     rig.controller.advance_ms(1000);
     rig.listen();
@@ -155,7 +156,7 @@ fn each_wrong_command_is_refused_with_its_number() {
 }
 
 #[test]
-fn only_the_present_epoch_is_executed() {
+fn only_commands_of_the_present_epoch_are_executed() {
     let mut rig = Rig::before_reset(Clock::LockStep);
     rig.command(6, [1, 1], [0.0; 2], [0.0; 6]);
     rig.beat();
@@ -247,7 +248,7 @@ fn a_mapped_input_sets_its_flag() {
 }
 
 #[test]
-fn what_cannot_be_read_closes_the_channel() {
+fn an_unreadable_value_closes_the_channel() {
     let mut rig = Rig::new(Clock::LockStep);
     rig.controller.command_bytes(b"<Cmd Id=\"1\"></Cmd>"); // lacks the rest
     rig.id = 1;
@@ -260,7 +261,7 @@ fn what_cannot_be_read_closes_the_channel() {
 }
 
 #[test]
-fn a_file_without_what_the_program_reads_is_refused() {
+fn a_file_without_an_element_that_the_program_reads_is_refused() {
     let states = ChannelFile::parse(include_str!("../../../../config/kuka/CELLSTAT.xml")).expect("read");
     let swapped = Setup { commands: states, ..setup(Clock::Free) };
     let Err(MockError::File { channel, problem }) = Controller::new(swapped, Box::new(UnconnectedWorld)) else {
@@ -320,7 +321,7 @@ fn path() -> Vec<String> {
 
 /// Over sockets in lock step the controller gives the same results to the bit as without sockets.
 #[test]
-fn a_path_over_tcp_is_the_path_without_it() {
+fn a_path_over_tcp_equals_the_path_without_tcp() {
     let server = serve(Clock::LockStep);
     let mut client = Client::new(&server);
     assert_eq!(last(&client.ask(0, 9, 0), "Ep"), "0");
@@ -348,7 +349,7 @@ fn a_path_over_tcp_is_the_path_without_it() {
 }
 
 #[test]
-fn a_second_client_is_turned_away_and_the_next_one_is_not() {
+fn a_second_client_is_refused_and_a_later_one_accepted() {
     let server = serve(Clock::LockStep);
     let mut first = Client::new(&server);
     first.ask(0, 9, 0);
@@ -370,7 +371,7 @@ fn a_second_client_is_turned_away_and_the_next_one_is_not() {
 }
 
 #[test]
-fn malformed_bytes_hang_up() {
+fn malformed_bytes_close_the_connection() {
     let server = serve(Clock::LockStep);
     let mut client = Client::new(&server);
     client.ask(0, 9, 0);
@@ -407,7 +408,7 @@ fn on_the_wall_clock_a_cut_link_stops_the_arm() {
 }
 
 #[test]
-fn dropping_the_server_hangs_up_and_frees_its_ports() {
+fn dropping_the_server_closes_connections_and_frees_ports() {
     let server = serve(Clock::LockStep);
     let mut client = Client::new(&server);
     client.ask(0, 9, 0);

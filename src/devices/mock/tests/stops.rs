@@ -80,7 +80,7 @@ fn abort_in_the_air_only_stops() {
 }
 
 #[test]
-fn starving_in_contact_retracts() {
+fn a_missing_point_in_contact_retracts() {
     let mut rig = Rig::ready(Clock::LockStep);
     rig.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0; 2], [0.0; 6]);
     rig.line(40, 10, true);
@@ -96,7 +96,7 @@ fn starving_in_contact_retracts() {
 /// Calculated by hand: the last frame arrives at the end of a beat; 34 ticks or 408 ms later, nothing was received for
 /// 400 ms.
 #[test]
-fn silence_stops_what_is_queued() {
+fn silence_of_the_client_stops_queued_commands() {
     let mut rig = sanding(Clock::Free);
     let heard_ms = rig.controller.last_frame_ms;
     rig.controller.advance_ms(3200);
@@ -125,7 +125,7 @@ fn silence_stops_what_is_queued() {
 /// that tries again every second must not keep the disappeared client's channel open, and is accepted after three
 /// seconds.
 #[test]
-fn a_client_that_tries_again_does_not_keep_a_dead_one_alive() {
+fn attempts_of_a_new_client_do_not_keep_a_lost_client_connected() {
     let mut rig = Rig::ready(Clock::Free);
     rig.controller.disconnect(Channel::Command);
     for _ in 0..3 {
@@ -141,7 +141,7 @@ fn a_client_that_tries_again_does_not_keep_a_dead_one_alive() {
 }
 
 #[test]
-fn a_lost_link_stops_what_is_queued() {
+fn a_lost_link_stops_queued_commands() {
     for channel in [Channel::Command, Channel::State] {
         let mut rig = sanding(Clock::Free);
         rig.controller.disconnect(channel);
@@ -154,7 +154,7 @@ fn a_lost_link_stops_what_is_queued() {
 }
 
 #[test]
-fn a_gap_in_contact_retracts() {
+fn a_gap_of_ids_in_contact_retracts() {
     let mut rig = sanding(Clock::LockStep);
     rig.id += 1;
     rig.line(1, 1, true);
@@ -261,7 +261,7 @@ fn a_stop_while_the_program_is_paused_resets_it() {
 
 /// Without a running program, a command has no receiver: the epoch is over.
 #[test]
-fn without_a_program_nothing_is_kept() {
+fn without_a_program_a_command_ends_the_epoch() {
     let mut rig = Rig::new(Clock::LockStep);
     rig.controller.deselect_program();
     rig.open();
@@ -287,7 +287,7 @@ fn a_dead_submit_interpreter_stops_the_arm() {
 /// The tool runs in the air and nothing is queued: 400 ms of silence still switch it off. A client that sends
 /// commands but no requests keeps it on for 3 s.
 #[test]
-fn a_running_tool_is_watched_like_a_motion() {
+fn the_watchdog_covers_a_running_tool() {
     let mut rig = Rig::ready(Clock::Free);
     rig.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0; 2], [0.0; 6]);
     rig.beat();
@@ -307,7 +307,7 @@ fn a_running_tool_is_watched_like_a_motion() {
 
 /// Each executed command is reported once, in order, up to the stop and during braking, and Done reports the same.
 #[test]
-fn done_is_what_was_executed() {
+fn done_counts_the_executed_commands() {
     let mut rig = sanding(Clock::Free);
     rig.controller.advance_ms(900);
     rig.beat();
@@ -342,7 +342,7 @@ fn contact_at_another_override_is_refused() {
 
 /// The reported pose is off while the arm moves to the commanded positions: the client must detect the difference.
 #[test]
-fn a_measured_pose_that_is_off_is_reported() {
+fn a_measured_pose_with_a_deviation_is_reported() {
     let mut rig = sanding(Clock::LockStep);
     let z_mm = |rig: &Rig| {
         let tcp = &rig.states[rig.states.rfind("<Tcp ").expect("reported")..];
@@ -385,7 +385,7 @@ fn ask(rig: &mut Rig, operation: i32, number: i32) {
 }
 
 #[test]
-fn every_end_of_an_epoch_switches_its_outputs_off_in_time() {
+fn every_end_of_an_epoch_switches_outputs_off_in_time() {
     type End = fn(&mut Rig);
     let ends: [(&str, u64, End); 8] = [
         ("an abort", 24, |rig| rig.ask(11, 2)),
@@ -416,7 +416,7 @@ fn every_end_of_an_epoch_switches_its_outputs_off_in_time() {
 
 /// The submit interpreter counts the delays; if it is dead, the robot program switches all outputs off at once.
 #[test]
-fn a_dead_submit_interpreter_leaves_nothing_on() {
+fn a_dead_submit_interpreter_leaves_no_output_on() {
     let mut rig = all_on();
     rig.controller.apply_fault(Fault::Stall { for_ms: None });
     rig.controller.advance_ms(424);
@@ -446,7 +446,7 @@ fn an_open_epoch_keeps_its_outputs_and_a_second_stop_changes_nothing() {
 
 /// In an earlier version, a single request with the highest number left no numbers for further requests.
 #[test]
-fn no_request_uses_the_count_up() {
+fn no_request_exhausts_the_epoch_numbers() {
     for operation in [11, 12] {
         for number in [i32::MAX, i32::MAX - 1, 1_000_002, i32::MIN, -1, 0, 1] {
             let mut rig = all_on();

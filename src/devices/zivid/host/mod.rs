@@ -34,7 +34,7 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-/// Number of attempts for a shot that the camera did not deliver: once and two more.
+/// Largest number of attempts for a shot that the camera did not deliver: the first one and two repetitions.
 pub(super) const MAX_ATTEMPTS: u32 = 3;
 
 /// Interval of the checks of an idle worker.
@@ -157,7 +157,7 @@ impl Host {
             self.start_and_open_if_due();
             match orders.recv_timeout(POLL_INTERVAL) {
                 Ok(order) if order.is_abandoned.load(Ordering::Relaxed) => {}
-                // The caller may have gone meanwhile.
+                // The caller may no longer wait for the answer.
                 Ok(order) => drop(order.answer.send(self.perform(order.ask))),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return self.end_session(),
@@ -303,7 +303,7 @@ impl Host {
         }
     }
 
-    /// Returns the fault of a refusal; none if another attempt may help.
+    /// Returns the fault of a refusal; `None` if another attempt may help.
     fn refused(&mut self, ask: CameraRequest, refusal: &Refusal) -> Option<ZividFault> {
         let (during, message) = (ask.describe(), refusal.message.clone());
         let is_shot = matches!(ask, CameraRequest::Scan | CameraRequest::Picture);

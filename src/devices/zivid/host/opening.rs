@@ -238,7 +238,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_camera_that_is_wrong_is_opened_ever_more_rarely() {
+    fn a_faulty_camera_is_opened_at_increasing_intervals() {
         let wrong = ZividFault::WrongCamera { found: "1".to_owned(), expected: "2".to_owned() };
         let shortest = Duration::from_secs(3);
         let pauses =

@@ -111,7 +111,7 @@ pub struct Status {
     pub faults: VecDeque<ZividFault>,
     /// The worker's process.
     pub worker: Option<u32>,
-    /// The lens's temperatures, in order, for the period that is needed to judge its warmth.
+    /// The lens's temperatures, in order, for the period that is needed to judge whether the camera is warm.
     pub temperatures: VecDeque<TemperatureReading>,
 }
 

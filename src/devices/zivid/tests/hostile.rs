@@ -1,4 +1,4 @@
-//! Damage to bytes in transit, between a good worker and the daemon.
+//! Tests with bytes that are damaged in transit, between a good worker and the daemon.
 
 use super::super::*;
 use super::TIMEOUT;
@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// Number of frames before a shot: the worker's first message, connect, two settings and the warm-up.
-const SHOT: usize = 5;
+const FRAMES_BEFORE_SHOT: usize = 5;
 
 /// Changes the worker's n-th frame, counted over all workers, before it is forwarded. Returns whether the rest is
 /// sent.
@@ -62,7 +62,8 @@ fn tampered(tamper: impl Fn(usize, &mut Vec<u8>) -> Rest + Send + Sync + 'static
 fn first_shot(tamper: impl Fn(&mut Vec<u8>) -> Rest + Send + Sync + 'static) -> ZividFault {
     let mut setup = setup();
     setup.timeouts.scan = Duration::from_millis(400);
-    let launch = tampered(move |number, bytes| if number == SHOT { tamper(bytes) } else { Rest::GoesOn });
+    let launch =
+        tampered(move |number, bytes| if number == FRAMES_BEFORE_SHOT { tamper(bytes) } else { Rest::GoesOn });
     let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
     scanner.wait_ready(TIMEOUT).expect("ready");
     let fault = scanner.take_scan().expect_err("tampered with");
@@ -80,7 +81,7 @@ fn each<const N: usize>(cases: [usize; N], check: impl Fn(usize) + Sync) {
 
 /// A worker that ends at each part of a frame.
 #[test]
-fn a_shot_that_is_cut_off_is_a_worker_that_ended() {
+fn a_shot_that_is_cut_off_is_reported_as_an_ended_worker() {
     each([0, 10, 26, 40, 300, 900], |keep| {
         let fault = first_shot(move |bytes| {
             bytes.truncate(keep);
@@ -93,7 +94,7 @@ fn a_shot_that_is_cut_off_is_a_worker_that_ended() {
 }
 
 #[test]
-fn a_shot_that_stalls_under_way_is_given_up_in_time() {
+fn a_shot_that_stalls_in_transit_is_abandoned_in_time() {
     each([0, 20, 500], |keep| {
         let since = Instant::now();
         let fault = first_shot(move |bytes| {
@@ -112,7 +113,7 @@ fn a_shot_that_stalls_under_way_is_given_up_in_time() {
 
 /// A changed byte in opening, head, payload and checksum.
 #[test]
-fn a_shot_that_was_changed_is_thrown_away() {
+fn a_changed_shot_is_discarded() {
     each([0, 12, 26, 40, 700, usize::MAX], |at| {
         let fault = first_shot(move |bytes| {
             let at = at.min(bytes.len() - 1);
@@ -128,7 +129,7 @@ fn a_shot_that_was_changed_is_thrown_away() {
 
 /// Correct checksums, but fewer numbers than the head states.
 #[test]
-fn a_payload_that_is_short_is_thrown_away() {
+fn a_short_payload_is_discarded() {
     let fault = first_shot(|bytes| {
         let head = u32::from_le_bytes([bytes[12], bytes[13], bytes[14], bytes[15]]) as usize;
         let sequence = u32::from_le_bytes([bytes[8], bytes[9], bytes[10], bytes[11]]);
@@ -144,11 +145,11 @@ fn a_payload_that_is_short_is_thrown_away() {
 
 /// The previous answer is sent once more.
 #[test]
-fn an_answer_to_another_request_is_thrown_away() {
+fn an_answer_to_another_request_is_discarded() {
     let kept = Mutex::new(Vec::new());
     let launch = tampered(move |number, bytes| {
         let mut kept = kept.lock().expect("one at a time");
-        if number == SHOT {
+        if number == FRAMES_BEFORE_SHOT {
             bytes.clone_from(&kept);
         }
         kept.clone_from(bytes);
@@ -206,10 +207,10 @@ fn a_worker_without_its_library_reports_it() {
 
 /// A worker that ends at its first shot each time is restarted three times, and then stays down.
 #[test]
-fn the_fourth_end_stays_down_and_reports_it() {
+fn a_worker_stays_down_after_its_fourth_end() {
     let launch = tampered(|number, bytes| {
         // Each worker sends hello, connect, settings, settings, and half a shot.
-        if number % SHOT == SHOT - 1 {
+        if number % FRAMES_BEFORE_SHOT == FRAMES_BEFORE_SHOT - 1 {
             bytes.truncate(100);
             return Rest::HangsUp;
         }
@@ -236,11 +237,11 @@ fn the_fourth_end_stays_down_and_reports_it() {
 /// The behaviour in virtual time is tested in `budget`. Here the period is short, and a person's reset starts the
 /// worker again after the period.
 #[test]
-fn a_person_has_it_started_again_when_the_time_is_over() {
+fn a_persons_reset_starts_the_worker_after_the_period() {
     let restarts = Restarts { max_restarts: 1, within: Duration::from_millis(300) };
     // The reply to the warm-up of the first two workers does not arrive.
     let launch = tampered(|number, bytes| {
-        if [SHOT - 1, 2 * SHOT - 1].contains(&number) {
+        if [FRAMES_BEFORE_SHOT - 1, 2 * FRAMES_BEFORE_SHOT - 1].contains(&number) {
             bytes.clear();
             return Rest::HangsUp;
         }

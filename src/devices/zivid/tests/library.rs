@@ -42,12 +42,12 @@ fn lens() -> PinholeCamera {
 }
 
 #[test]
-fn the_camera_behind_the_sdk_does_what_every_scanner_does() {
+fn the_camera_behind_the_sdk_passes_the_tests_of_all_scanners() {
     let folder = tempfile::tempdir().expect("a folder");
     let (setup, launch) = file_camera(folder.path(), "width 162\nheight 100\nserial 2127A0F3\nlens 35.5\n");
     let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
     conform::check_shot(&mut scanner, &lens());
-    conform::pictures(&mut scanner, &lens());
+    conform::check_pictures(&mut scanner, &lens());
     scanner.capture_3d().expect("a shot after pictures");
     let found = scanner.intrinsics().expect("a lens");
     assert_eq!(found.matrix_px, [lens().fx_px, lens().fy_px, 80.5, 49.5]);
@@ -58,13 +58,13 @@ fn the_camera_behind_the_sdk_does_what_every_scanner_does() {
     assert_eq!((taken.serial.as_str(), taken.lens_c), ("2127A0F3", Some(35.5)));
     assert_eq!(scanner.history().0, []);
     // These tests also make requests that must be refused.
-    conform::clips(&mut scanner, &lens(), || ());
+    conform::check_clips(&mut scanner, &lens(), || ());
 }
 
 /// Calculated by hand, for pixel (81, 50) of 162×100: z = 700 + 25 sin 3 + 15 · 50/162 = 708.158 and up to 0.05 more,
 /// x = 0.5 z / f.
 #[test]
-fn numbers_come_through_the_interface_as_they_were() {
+fn numbers_pass_the_interface_unchanged() {
     let folder = tempfile::tempdir().expect("a folder");
     let (setup, launch) = file_camera(folder.path(), "width 162\nheight 100\n");
     let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
@@ -121,7 +121,7 @@ fn settings_that_the_sdk_refuses_are_reported_in_its_words() {
 }
 
 #[test]
-fn a_library_that_is_none_is_refused() {
+fn a_file_that_is_no_library_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let gone = Sdk::open(&folder.path().join("gone.so")).err().expect("none").to_string();
     assert!(gone.contains("build it with `make zivid` on a computer that has the Zivid SDK"), "{gone}");
@@ -209,7 +209,7 @@ fn each_call_of_the_sdk_is_listed_and_each_listed_one_is_made() {
 
 /// With an older SDK the library cannot be built, and the reason is reported.
 #[test]
-fn an_older_sdk_does_not_build_it_and_states_why() {
+fn the_build_with_an_older_sdk_fails_with_the_reason() {
     let folder = tempfile::tempdir().expect("a folder");
     let older = |major: u32, minor: u32| {
         let version = folder.path().join("Zivid/Version.h");

@@ -29,7 +29,7 @@ fn delivers_again(scanner: &mut ZividScanner) {
 }
 
 #[test]
-fn a_good_camera_delivers_all_it_is_asked_for() {
+fn a_good_camera_answers_all_requests() {
     let mut scanner = ready(Plan::default());
     let shot = scanner.take_scan().expect("a shot");
     assert_eq!((shot.cloud.width(), shot.cloud.height(), shot.snr.len()), (SIZE.width, SIZE.height, 48));
@@ -75,7 +75,7 @@ fn a_clip_has_true_times_and_drops_the_oldest() {
 
 /// For each case, the sensor's behaviour at its n-th shot, and the resulting message.
 #[test]
-fn each_trouble_of_the_camera_has_its_name() {
+fn each_trouble_of_the_camera_has_its_message() {
     let cases: [(Plan, &str); 8] = [
         (Plan { missing: vec![2], ..Plan::default() }, "C6 no 3D data: 0.00 % of the shot's pixels"),
         (
@@ -116,7 +116,7 @@ fn each_trouble_of_the_camera_has_its_name() {
 }
 
 #[test]
-fn a_shot_that_fails_now_and_then_is_asked_for_again() {
+fn a_shot_that_fails_sometimes_is_requested_again() {
     let mut scanner = ready(Plan { no_shot: vec![2, 3], frozen: vec![5], ..Plan::default() });
     assert_eq!(scanner.take_scan().expect("the third try").metadata.number, 2, "shots that were none do not count");
     scanner.take_scan().expect("one that came twice is thrown away");
@@ -125,7 +125,7 @@ fn a_shot_that_fails_now_and_then_is_asked_for_again() {
 
 /// A film with a pause cannot be used; a 3D shot of a stationary scene tolerates a pause.
 #[test]
-fn a_hot_camera_spoils_a_picture_and_not_a_shot() {
+fn a_pause_to_cool_invalidates_a_film_but_not_a_shot() {
     let mut scanner = ready(Plan { hot: vec![2, 3], ..Plan::default() });
     assert!((scanner.take_scan().expect("stands").metadata.throttled_ms - 900.0).abs() < 1e-9);
     let fault = scanner.take_picture().expect_err("too late").to_string();
@@ -136,7 +136,7 @@ fn a_hot_camera_spoils_a_picture_and_not_a_shot() {
 
 /// A text that was changed in transit does not match the announced hash.
 #[test]
-fn settings_whose_text_is_not_what_was_announced_are_refused() {
+fn settings_with_a_wrong_hash_are_refused() {
     let (stream, _peer) = played(Plan::default())().expect("a worker");
     let mut link = process::Link::new(stream, std::sync::Arc::default());
     link.receive_hello(TIMEOUT).expect("its first words");
@@ -150,7 +150,7 @@ fn settings_whose_text_is_not_what_was_announced_are_refused() {
 
 /// A lamp that is out is reported by the evaluation of the pictures, not as a frozen camera.
 #[test]
-fn two_black_pictures_are_two_pictures() {
+fn two_black_pictures_are_not_a_frozen_camera() {
     let mut scanner = ready(Plan { dark: vec![2, 3], ..Plan::default() });
     for _ in 0..2 {
         assert!(scanner.take_picture().expect("dark").picture.rgb.iter().all(|pixel| *pixel == [0; 3]));
@@ -160,7 +160,7 @@ fn two_black_pictures_are_two_pictures() {
 
 /// A person's reset starts a search for an absent camera at once, even if the next search is not due for a long time.
 #[test]
-fn a_check_looks_for_a_camera_that_is_absent() {
+fn a_check_searches_for_an_absent_camera() {
     let mut setup = setup();
     setup.timeouts.search = Duration::from_secs(3_600);
     let mut scanner =
@@ -171,7 +171,7 @@ fn a_check_looks_for_a_camera_that_is_absent() {
 }
 
 #[test]
-fn a_camera_that_is_absent_is_reported_once_and_found_by_itself() {
+fn an_absent_camera_is_reported_once_and_found_automatically() {
     let plan = Plan { absent_for: 3, ..Plan::default() };
     let mut scanner = ZividScanner::start(setup(), played(plan)).expect("a thread");
     let fault = scanner.wait_ready(TIMEOUT).expect_err("absent");

@@ -64,7 +64,7 @@ pub fn in_thread(serve: impl Fn(UnixStream) + Send + Sync + 'static) -> WorkerLa
         let (ours, theirs) = UnixStream::pair()?;
         let (again, serve) = (theirs.try_clone()?, serve.clone());
         let thread = std::thread::spawn(move || {
-            let hangs_up = HangsUp(again);
+            let hangs_up = ClosesOnDrop(again);
             serve(theirs);
             drop(hangs_up);
         });
@@ -74,9 +74,9 @@ pub fn in_thread(serve: impl Fn(UnixStream) + Send + Sync + 'static) -> WorkerLa
 }
 
 /// Closes the socket when the thread ends, as a process's sockets close in every case.
-struct HangsUp(UnixStream);
+struct ClosesOnDrop(UnixStream);
 
-impl Drop for HangsUp {
+impl Drop for ClosesOnDrop {
     fn drop(&mut self) {
         let _ = self.0.shutdown(std::net::Shutdown::Both);
     }

@@ -160,7 +160,7 @@ pub(super) struct NewPassword {
     new: String,
 }
 
-/// The form with which a person changes the own password, so that no other person knows it.
+/// Shows the form with which people change their own passwords, so that no other person knows them.
 pub(super) async fn own(Extension(visitor): VisitorExtension) -> Response {
     let words = visitor.language();
     let word = |key| words.text(key);
@@ -364,7 +364,8 @@ fn store_change(web: &Web, line: AuditEntry, changed: AccountChange, exists: Str
 
 fn account(changed: &AccountChange, former: Option<&Account>) -> Result<Account, String> {
     let AccountChange { name, printed_name, role, password, is_enabled, .. } = changed;
-    let salt = random::bytes().map_err(|error| format!("this computer has no random numbers: {error}"))?;
+    let salt = random::bytes()
+        .map_err(|error| format!("this computer's random number generator cannot be used: {error}"))?;
     let password = Some(password.as_str()).filter(|password| !password.is_empty());
     Account::create_validated((name, printed_name), (*role, *is_enabled), (password, salt), former)
 }
@@ -380,7 +381,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_browser_is_redirected() {
+    fn no_browser_is_redirected_to_another_site() {
         for path in ["/", "/cycle/7", "/setup/recipe/panel.toml"] {
             assert_eq!(local_path(path), path);
         }

@@ -1,5 +1,5 @@
-//! The answers of the pages: the store is read beside the page's runtime, an error becomes a page, and the data of a
-//! page is also a file: CSV for a spreadsheet, JSON for a program.
+//! The answers of the pages: the store is read outside of the page's runtime, an error becomes a page, and the data of
+//! a page is also a file: CSV for a spreadsheet, JSON for a program.
 
 use super::guard::not_found_page;
 use super::layout::error_page;

@@ -16,9 +16,9 @@ use panelprep_store::store::{NumberedEntry, NumberedRequest, Store, StoreError, 
 use serde::Deserialize;
 use std::sync::Arc;
 
-/// Number of lines on one page, and in one file.
-const PAGE: usize = 100;
-const FILE: usize = 100_000;
+/// Number of lines on one page; the next constant is the largest number of lines in one file.
+const PAGE_LINES: usize = 100;
+const MAX_FILE_LINES: usize = 100_000;
 
 /// The line before which a page begins: the last one of the page before.
 #[derive(Debug, Clone, Default, Deserialize)]
@@ -131,10 +131,10 @@ pub(super) async fn page(
     Extension(visitor): VisitorExtension,
     Query(before): Query<Before>,
 ) -> Answer {
-    let lines = reading(&web, &visitor, move |store| lines(store, &before, PAGE)).await?;
+    let lines = reading(&web, &visitor, move |store| lines(store, &before, PAGE_LINES)).await?;
     let words = visitor.language();
     let word = |key| words.text(key);
-    let older = lines.last().filter(|_| lines.len() == PAGE);
+    let older = lines.last().filter(|_| lines.len() == PAGE_LINES);
     let older = older.map(|line| format!("/audit?before={}&line={}", line.entry.unix_ms, line.label()));
     let body = html! {
         section.card {
@@ -168,7 +168,7 @@ pub(super) async fn page(
 
 /// Returns the whole trail as a file.
 pub(super) async fn csv(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Answer {
-    let lines = reading(&web, &visitor, |store| lines(store, &Before::default(), FILE)).await?;
+    let lines = reading(&web, &visitor, |store| lines(store, &Before::default(), MAX_FILE_LINES)).await?;
     Ok(answers::csv(&visitor, "audit", &table(&lines)))
 }
 
@@ -199,7 +199,7 @@ mod tests {
     use panelprep_cell::record::RequestRecord;
 
     #[test]
-    fn a_line_is_a_row_and_no_formula() {
+    fn a_line_is_a_csv_row_and_never_a_formula() {
         let entry = AuditEntry {
             unix_ms: 7,
             who: Some("anna".to_owned()),

@@ -99,7 +99,7 @@ pub(super) async fn picture(State(web): State<Arc<Web>>, Path(name): Path<String
     }
 }
 
-/// Has a camera take a picture, if the cell is at rest without a cycle.
+/// Takes a picture with a camera, if the cell is at rest without a cycle.
 pub(super) async fn capture(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,

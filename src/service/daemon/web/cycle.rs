@@ -299,7 +299,7 @@ fn signed(web: &Web, signs: PersonSigningRequest, person: &Person, password: &st
 /// The name of the file with the public key, as in an export.
 const PUBLIC_KEY: &str = "public-key.pem";
 
-/// Returns the name of a signed record, without its ending, as in an export.
+/// Returns the file name of a signed record, without its extension, as in an export.
 fn stem(row: &SignatureRow) -> String {
     match row.is_of_person {
         true => person_signature_stem(row.cycle, row.number),
@@ -350,7 +350,7 @@ fn bytes_of<E>(
     }
 }
 
-/// Serves one of the signed files of a cycle, byte by byte as it was signed.
+/// Serves one of the signed files of a cycle, byte for byte as it was signed.
 pub(super) async fn signed_file(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,
@@ -375,7 +375,7 @@ mod tests {
     use super::*;
     use panelprep_store::signing::CellKey;
 
-    /// What the page offers verifies with nothing but what the page offers.
+    /// The files that the page offers can be verified with these files alone.
     #[test]
     fn the_offered_files_verify_each_other() {
         let key = CellKey::from_random_bytes(&[7; 32]);

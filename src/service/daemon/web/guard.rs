@@ -17,7 +17,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 
 /// The header that each change by a person must contain.
-const CSRF: &str = "x-csrf-token";
+const CSRF_HEADER: &str = "x-csrf-token";
 /// The content security policy: nothing is loaded from other sites, no inline script is executed, and the page cannot
 /// be framed by other sites.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; frame-src 'self'; \
@@ -148,7 +148,7 @@ fn cross_site_refusal(headers: &HeaderMap, visitor: &Visitor, access: Access) ->
     // A request that needs no session needs no session token either: a stop from a page with an ended session is
     // still executed.
     match &visitor.person {
-        Some(person) if access != Access::Open && text(CSRF) != Some(&person.csrf) => {
+        Some(person) if access != Access::Open && text(CSRF_HEADER) != Some(&person.csrf) => {
             Some(refusal(StatusCode::FORBIDDEN, "token", visitor.language().text("refused.token")))
         }
         _ => None,
@@ -177,8 +177,8 @@ async fn refused(web: &Arc<Web>, visitor: Visitor, path: String, is_change: bool
     refusal(StatusCode::FORBIDDEN, "role", &told)
 }
 
-/// Returns the answer if nothing is at an address. It has no text of its own: a person reads the general one in the
-/// own language.
+/// Returns the answer if nothing is at an address. It has no text of its own: the person reads the general text in the
+/// chosen language.
 pub(super) async fn not_found_page() -> Response {
     let body = json!({ "code": "not_found", "message": "there is no page at this address" });
     (StatusCode::NOT_FOUND, Json(body)).into_response()
@@ -203,8 +203,9 @@ fn error_as_page(viewer: &Visitor, response: &Response) -> Option<Response> {
     Some(layout::without_page(viewer, status, own.unwrap_or_else(|| viewer.language().text(general))))
 }
 
-/// Returns whether a person goes to a page with this request, who needs Stop and the navigation also beside an error.
-fn looks_at_a_page(request: &Request) -> bool {
+/// Returns whether a person opens a page with this request. The person then needs Stop and the navigation, also beside
+/// an error.
+fn opens_page(request: &Request) -> bool {
     let accepted = request.headers().get(header::ACCEPT).and_then(|value| value.to_str().ok());
     request.method() == axum::http::Method::GET && accepted.is_some_and(|accepted| accepted.contains("text/html"))
 }
@@ -222,7 +223,7 @@ pub(super) async fn headers(State(web): State<Arc<Web>>, request: Request<Body>,
         }
     }
     let is_asset = request.uri().path().starts_with("/assets/");
-    let viewer = looks_at_a_page(&request).then(|| request.extensions().get::<ConnectInfo<SocketAddr>>().copied());
+    let viewer = opens_page(&request).then(|| request.extensions().get::<ConnectInfo<SocketAddr>>().copied());
     let viewer = viewer.flatten().map(|from| find_visitor(&web, request.headers(), from.0, false));
     let mut response = next.run(request).await;
     if let Some(page) = viewer.and_then(|viewer| error_as_page(&viewer, &response)) {

@@ -25,9 +25,9 @@ use serde::Deserialize;
 use std::sync::Arc;
 
 /// Number of cycles on one page.
-const PAGE: usize = 50;
+const PAGE_CYCLES: usize = 50;
 /// Largest number of cycles in one file.
-const FILE: usize = panelprep_store::history::MAX_HITS;
+const MAX_FILE_CYCLES: usize = panelprep_store::history::MAX_HITS;
 const VERDICTS: [Verdict; 7] = [
     Verdict::Pass,
     Verdict::Fail,
@@ -109,15 +109,17 @@ async fn search_cycles(
     QueryString(form): QueryString<SearchForm>,
     as_what: DownloadFormat,
 ) -> Answer {
-    let query = form.query(if as_what == DownloadFormat::Page { PAGE } else { FILE }).map_err(|error| {
-        let message = match as_what {
-            DownloadFormat::Page => {
-                history_page(&visitor, &body(visitor.language(), &form, &Hits::default(), Some(&error)))
-            }
-            DownloadFormat::Csv | DownloadFormat::Json => error.to_string().into_response(),
-        };
-        (StatusCode::BAD_REQUEST, message).into_response()
-    })?;
+    let query = form.query(if as_what == DownloadFormat::Page { PAGE_CYCLES } else { MAX_FILE_CYCLES }).map_err(
+        |error| {
+            let message = match as_what {
+                DownloadFormat::Page => {
+                    history_page(&visitor, &body(visitor.language(), &form, &Hits::default(), Some(&error)))
+                }
+                DownloadFormat::Csv | DownloadFormat::Json => error.to_string().into_response(),
+            };
+            (StatusCode::BAD_REQUEST, message).into_response()
+        },
+    )?;
     let hits = reading(&web, &visitor, move |store| store.search(&query)).await?;
     Ok(match as_what {
         DownloadFormat::Page => history_page(&visitor, &body(visitor.language(), &form, &hits, None)),
@@ -416,15 +418,15 @@ mod tests {
             text: "low  overlap".to_owned(),
             ..SearchForm::default()
         };
-        let query = form.query(PAGE).expect("a date");
+        let query = form.query(PAGE_CYCLES).expect("a date");
         assert_eq!((query.serial.as_deref(), query.end), (Some("SN&1"), Some(RequiredEnd::Running)));
         assert_eq!((query.words.len(), query.panel), (2, None));
         assert!(form.address().contains("part=+SN%261+&from=2026-05-31"), "{}", form.address());
-        assert!(SearchForm { to: "yesterday".to_owned(), ..form }.query(PAGE).is_err());
+        assert!(SearchForm { to: "yesterday".to_owned(), ..form }.query(PAGE_CYCLES).is_err());
     }
 
     #[test]
-    fn the_page_has_every_word_and_executes_no_name() {
+    fn the_page_has_every_word_and_executes_no_script_in_a_name() {
         let words = Translations::read(None).expect("the program's own");
         for language in ["en", "de"] {
             let hits = Hits { hits: vec![hit()], next: Some(CycleId(7)) };

@@ -139,7 +139,7 @@ pub(super) fn local_time(unix_ms: i64) -> Markup {
     html! { time data-ms=(unix_ms) { (utc_text(unix_ms.div_euclid(1_000))) } }
 }
 
-/// Returns a page that reports an error in making the requested page.
+/// Returns a page that reports why the requested page could not be made.
 pub(super) fn error_page(visitor: &Visitor, error: &dyn std::fmt::Display) -> Response {
     tracing::warn!("the page could not be built: {error}");
     let words = visitor.language();

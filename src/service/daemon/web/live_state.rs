@@ -13,13 +13,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// The state of the cell.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub(super) struct LiveState {
-    /// The service's clock when the loop answered last, ms since 1970.
+    /// Time at which the loop last answered, by the service's clock, ms since 1970.
     pub answered_ms: u64,
     /// Whether the loop answers now.
     pub answers: bool,
     pub state: Option<String>,
     pub phase: Option<String>,
-    /// The step of the cycle's table that is shown; a person's decision names this step.
+    /// The step of the cycle's state table that is shown; a person's decision names this step.
     pub step: Option<u64>,
     pub panel: Option<String>,
     pub pass: Option<u8>,
@@ -30,7 +30,7 @@ pub(super) struct LiveState {
     pub cycle: Option<i64>,
     pub verdict: Option<Verdict>,
     pub reasons: Vec<Reason>,
-    /// The requests that the table would accept now.
+    /// The requests that the cycle's state table would accept now.
     pub possible: Vec<&'static str>,
     pub is_review: bool,
     pub grids: Vec<String>,
@@ -72,7 +72,7 @@ impl LiveState {
     }
 
     /// Returns the state as a visitor without a session sees it: without the names of people.
-    pub fn for_strangers(&self) -> Self {
+    pub fn without_names(&self) -> Self {
         let reasons = self.reasons.iter().filter(|reason| reason.code != "held_by").cloned().collect();
         LiveState { reasons, ..self.clone() }
     }
@@ -183,7 +183,7 @@ mod tests {
     #[test]
     fn a_visitor_without_a_session_sees_no_names() {
         let reasons = vec![Reason::new("asked", "held"), Reason::new("held_by", "anna: a hair")];
-        let live = LiveState { reasons, ..LiveState::default() }.for_strangers();
+        let live = LiveState { reasons, ..LiveState::default() }.without_names();
         assert_eq!(live.reasons, [Reason::new("asked", "held")]);
     }
 }

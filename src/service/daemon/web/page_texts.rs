@@ -16,9 +16,9 @@ const ADDITIONAL_TABLES: [&str; 2] =
     [panelprep_interfaces::page::drawing::canvas::TRANSLATION_TABLE, include_str!("short.csv")];
 
 /// The text with which the keys of messages begin.
-const MESSAGE: &str = "message.";
+const MESSAGE_PREFIX: &str = "message.";
 /// The text with which the keys of the short lines of codes begin.
-const SHORT: &str = "short.";
+const SHORT_PREFIX: &str = "short.";
 
 /// The reason why a translation table cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -63,7 +63,7 @@ impl Translations {
                 words.languages.push(language.clone());
             }
             for (key, row) in &mut words.table {
-                let has_default = [MESSAGE, SHORT].iter().any(|beginning| key.starts_with(beginning));
+                let has_default = [MESSAGE_PREFIX, SHORT_PREFIX].iter().any(|beginning| key.starts_with(beginning));
                 let own = has_default.then(|| row[column.unwrap_or(0)].clone());
                 let Some(word) = more.table.get(key).map(|row| row[at].clone()).or(own) else {
                     return Err(WordsError { line: 1, problem: format!("the key {key} is missing") });
@@ -127,8 +127,8 @@ fn messages(languages: &[String]) -> BTreeMap<String, Vec<String>> {
         let row = |language: &String| row(&code.code, language);
         let cause = |language: &String| row(language).map_or(&*code.cause, |row| row.cause).to_owned();
         let remedy = |language: &String| row(language).map_or(&*code.remedy, |row| row.remedy).to_owned();
-        table.insert(format!("{MESSAGE}{}.cause", code.code), languages.iter().map(cause).collect());
-        table.insert(format!("{MESSAGE}{}.remedy", code.code), languages.iter().map(remedy).collect());
+        table.insert(format!("{MESSAGE_PREFIX}{}.cause", code.code), languages.iter().map(cause).collect());
+        table.insert(format!("{MESSAGE_PREFIX}{}.remedy", code.code), languages.iter().map(remedy).collect());
     }
     table
 }
@@ -137,7 +137,7 @@ impl<'w> Language<'w> {
     /// Returns the meaning of this code, and its remedy; `None` if it is not in the manual.
     pub fn message(&self, code: &str) -> Option<(&'w str, &'w str)> {
         let word = |what: &str| {
-            let row = self.words.table.get(&format!("{MESSAGE}{code}.{what}"))?;
+            let row = self.words.table.get(&format!("{MESSAGE_PREFIX}{code}.{what}"))?;
             row.get(self.column).map(String::as_str)
         };
         Some((word("cause")?, word("remedy")?))
@@ -145,7 +145,7 @@ impl<'w> Language<'w> {
 
     /// Returns the short line of this code; `None` if it has none.
     pub fn short(&self, code: &str) -> Option<&'w str> {
-        self.words.table.get(&format!("{SHORT}{code}"))?.get(self.column).map(String::as_str)
+        self.words.table.get(&format!("{SHORT_PREFIX}{code}"))?.get(self.column).map(String::as_str)
     }
 
     /// Returns whether the language is English, like the program's sentences.
@@ -211,8 +211,11 @@ mod tests {
             let lines = ["en", "de"].map(|language| short(language, &code.code).expect(&code.code));
             assert!(lines[0] != lines[1], "{lines:?}");
         }
-        for (key, row) in words.table.iter().filter(|(key, _)| key.starts_with(SHORT)) {
-            assert!(codes().iter().any(|code| key.strip_prefix(SHORT) == Some(&*code.code)), "{key} is no code");
+        for (key, row) in words.table.iter().filter(|(key, _)| key.starts_with(SHORT_PREFIX)) {
+            assert!(
+                codes().iter().any(|code| key.strip_prefix(SHORT_PREFIX) == Some(&*code.code)),
+                "{key} is no code"
+            );
             assert!(row.iter().all(|line| line.chars().count() <= 85), "{row:?}");
         }
         assert_eq!(short("de", "guard_open"), Some("Die Schutztür ist offen."));
@@ -220,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_that_is_not_whole_is_refused() {
+    fn an_incomplete_translation_table_is_refused() {
         let problem = |text: &str| Translations::parse_table(text).expect_err("refused").to_string();
         assert_eq!(problem("key,en\na,b\na,c\n"), "line 3: the key a appears twice");
         assert_eq!(problem("key,en,de\na,b,\n"), "line 2: the key a has no text in one language");

@@ -75,8 +75,8 @@ pub(super) async fn accept(
     perform_request(&web, &visitor, RequestKind::Decided { request: cycle::Request::Accept, step }).await
 }
 
-/// The longest reason, in characters.
-const MAX_CHARACTERS: usize = 200;
+/// Largest number of characters in a reason.
+const MAX_REASON_CHARACTERS: usize = 200;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -91,7 +91,7 @@ pub(super) async fn hold(
     Extension(visitor): VisitorExtension,
     Json(Hold { why }): Json<Hold>,
 ) -> Response {
-    let why: String = why.trim().chars().filter(|c| !c.is_control()).take(MAX_CHARACTERS).collect();
+    let why: String = why.trim().chars().filter(|c| !c.is_control()).take(MAX_REASON_CHARACTERS).collect();
     let what = match why.is_empty() {
         true => RequestKind::Table(cycle::Request::Hold),
         false => RequestKind::Hold { why },

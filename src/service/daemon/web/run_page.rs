@@ -288,7 +288,7 @@ pub(super) async fn events(
         }
         let now = live.borrow_and_update().clone();
         let session = token.as_deref().and_then(|token| web.sessions().find(token, web.now_s(), false));
-        let now = if session.is_some() { now } else { Arc::new(now.for_strangers()) };
+        let now = if session.is_some() { now } else { Arc::new(now.without_names()) };
         let seen = Seen { live: &now, by: session.map(|session| session.name) };
         let event = Event::default().json_data(seen).unwrap_or_default();
         Some((Ok(event), (live, place, web, token)))
@@ -370,7 +370,7 @@ mod tests {
     use crate::daemon::web::page_texts::Translations;
 
     #[test]
-    fn the_part_of_the_page_names_its_cycle_where_it_has_one() {
+    fn the_part_of_the_page_names_its_cycle_if_it_has_one() {
         let words = Translations::read(None).expect("the program's own");
         let page = |cycle| show_scene(words.language(Some("de"), None), cycle).into_string();
         assert!(page(Some(CycleId(4))).contains("data-cycle=\"4\"") && !page(None).contains("data-cycle"));

@@ -7,7 +7,7 @@
 
 use super::live_state::{FrameEncoder, LiveState};
 use super::page_texts::Translations;
-use super::state::{CONNECTIONS, ViewerSlots, Web, WebParts, owner, run_blocking};
+use super::state::{MAX_PAGE_CONNECTIONS, ViewerSlots, Web, WebParts, owner, run_blocking};
 use super::{accounts, routes, run_page};
 use crate::daemon::background::lower_priority;
 use crate::daemon::gateway::InterfaceContext;
@@ -45,16 +45,16 @@ use tokio::sync::{Semaphore, oneshot, watch};
 use tokio::time::{Instant, sleep, timeout, timeout_at};
 use tokio_rustls::TlsAcceptor;
 
-/// Largest number of connections that must give way and are still read: a request that was sent in the meantime is
-/// processed.
+/// Largest number of connections whose slots other clients need and on which a request is still received: a request
+/// that was sent in the meantime is processed.
 const MAX_DRAINING: usize = 64;
-/// How long a connection that must give way is still read.
+/// Time limit to receive the rest of a request on a connection whose slot another client needs.
 const DRAIN_TIMEOUT: Duration = Duration::from_millis(50);
 /// Time within which the TLS handshake, and the head of each request, must arrive.
 const REQUEST_HEAD_TIMEOUT: Duration = Duration::from_secs(10);
 /// Time after which an unavailable address is tried again.
 const BIND_RETRY_DELAY: Duration = Duration::from_secs(1);
-/// A peer that accepts no data for this time is gone.
+/// A client that accepts no data for this time is considered disconnected.
 const DISCONNECT_TIMEOUT: Duration = Duration::from_secs(30);
 /// Number of threads that wait for the store's disk, hash passwords and encode pictures. The cell's computer has two
 /// cores: with twice as many threads, two readers that wait for the disk leave two for pictures and passwords. More
@@ -129,7 +129,7 @@ impl OperatorPage {
     /// program uses it or the network is down, it tries again: the cell does not wait for its page.
     ///
     /// # Errors
-    /// If the certificate or the translation table cannot be used, or the system refuses.
+    /// If the certificate or the translation table cannot be used, or the system cannot start a thread.
     pub fn serve(parts: PageParts) -> Result<Option<Self>, PageError> {
         let PageParts { page, folder, front, view, records } = parts;
         let gateway = front.gateway.clone();
@@ -253,8 +253,8 @@ pub(in crate::daemon) async fn listen_and_serve(
 }
 
 async fn accept(listener: TcpListener, acceptor: Option<TlsAcceptor>, router: Router) {
-    let places = ViewerSlots::new(CONNECTIONS);
-    let attended = Arc::new(Semaphore::new(CONNECTIONS.total + MAX_DRAINING));
+    let places = ViewerSlots::new(MAX_PAGE_CONNECTIONS);
+    let attended = Arc::new(Semaphore::new(MAX_PAGE_CONNECTIONS.total + MAX_DRAINING));
     loop {
         let Ok(attended) = attended.clone().acquire_owned().await else { return };
         match listener.accept().await {

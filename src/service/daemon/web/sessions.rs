@@ -4,7 +4,7 @@
 //! Sessions are stored in memory only: a restart of the service ends all of them. A wall display ([`Role::Display`])
 //! is the exception. No person clicks there, so its session has no time limit, and the service begins it again at its
 //! start (`accounts::begin_displays`). It ends with a log-out, another password or a disabled account; its role can only
-//! look.
+//! view.
 //!
 //! [`AccountStamps`] checks whether a session's account is unchanged since the session began. The account may have
 //! been disabled, or given another role or password: on another page, on the terminal, or while the person was logging
@@ -122,7 +122,7 @@ impl Sessions {
     fn forget(&mut self, now_s: f64) {
         let idle_s = self.idle_s;
         let lasts = |session: &Session| now_s - session.seen_s < idle_s && now_s - session.began_s < MAX_SESSION_S;
-        // No person clicks on a screen on the wall; its role can only look, and its account can be disabled.
+        // No person clicks on a screen on the wall; its role can only view, and its account can be disabled.
         self.open.retain(|_, session| session.role == Role::Display || lasts(session));
     }
 }
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn an_account_has_a_limited_number() {
+    fn an_account_has_a_limited_number_of_sessions() {
         let mut sessions = Sessions::new(60.0, 2);
         for (token, now_s) in [("a", 0.0), ("b", 1.0)] {
             sessions.begin_session((token, String::new()), anna(), now_s);

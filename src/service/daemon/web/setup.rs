@@ -166,7 +166,7 @@ pub(super) struct RecipeTextForm {
     before: String,
 }
 
-/// Checks this text and returns what is wrong with it; nothing is written.
+/// Checks this text and returns its problems; nothing is written.
 pub(super) async fn check_text(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,
@@ -434,7 +434,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_audit_trail_cannot_have_is_not_written() {
+    fn a_recipe_that_the_audit_trail_cannot_store_is_not_written() {
         let site = PageFixture::new();
         let store = site.folder.path().join("store");
         fs::remove_dir_all(&store).expect("removed");
@@ -446,7 +446,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_first_with_what_to_do() {
+    fn problems_are_shown_first_with_their_remedy() {
         let one = |name: &str, is_right, advice: &str| ExaminedItem {
             name: name.to_owned(),
             is_right,

@@ -205,9 +205,10 @@ impl Refusals {
 
 /// Largest number of connections at one time. If all are in use, the one that has been silent for longest gives way to
 /// a new one.
-pub(super) const CONNECTIONS: MaxConnections = MaxConnections { per_owner: 256, total: 512 };
+pub(super) const MAX_PAGE_CONNECTIONS: MaxConnections = MaxConnections { per_owner: 256, total: 512 };
 /// Largest number of connections among these that may follow the events, a response without an end. Most connections
-/// stay free for requests: even with all viewers there, 320 of 512 can carry a stop, and 192 of one address.
+/// stay free for requests: even with the largest number of viewers, 320 of 512 can carry a stop, and 192 of one
+/// address.
 const MAX_VIEWERS: MaxConnections = MaxConnections { per_owner: 64, total: 192 };
 
 /// Places of connections, by their owners.

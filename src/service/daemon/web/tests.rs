@@ -1,4 +1,4 @@
-//! The page as browsers and attackers meet it: the page's own router, with a queue in place of the loop.
+//! Tests of the page as a browser or an attacker uses it: the page's own router, with a queue in place of the loop.
 
 mod attacks;
 mod drawing;

@@ -19,7 +19,7 @@ use serde::Deserialize;
 use std::sync::Arc;
 
 /// Largest number of the newest cycles of a panel, or of the newest verifications, that are shown.
-const CYCLES: usize = 200;
+const MAX_CYCLES: usize = 200;
 
 /// The selection of what is shown; empty fields are chosen by the page.
 #[derive(Debug, Clone, Default, Deserialize)]
@@ -60,7 +60,7 @@ impl TrendQuery {
     fn read(&self, store: &Store) -> Result<TrendSelection, StoreError> {
         let panels = store.cycle_panels()?;
         let (panel, name) = (self.panel(store, &panels)?, self.name());
-        let cycles = store.past_cycles(&panel, CYCLES)?;
+        let cycles = store.past_cycles(&panel, MAX_CYCLES)?;
         let quantity = Quantity::from_keyword(&name);
         let trend = match &quantity {
             Quantity::Known(known) if known.verified_subject().is_some() => {
@@ -68,7 +68,7 @@ impl TrendQuery {
                 let subject = known.verified_subject().unwrap_or_default();
                 Trend::from_points(
                     (title.to_owned(), unit.to_owned()),
-                    store.verification_points(subject, CYCLES)?,
+                    store.verification_points(subject, MAX_CYCLES)?,
                     0,
                 )
             }
@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn a_check_by_its_name_goes_before_the_list() {
+    fn a_typed_check_name_has_priority_over_the_list() {
         let query = |name: &str, check: &str| TrendQuery {
             name: name.to_owned(),
             check: check.to_owned(),

@@ -117,10 +117,10 @@ mod tests {
         NumberedEntry { number: unix_ms, entry }
     }
 
-    /// Each text has the text before it as its predecessor: a change beside the page, and a line that is missing in the
-    /// trail, are named.
+    /// Each text has the text before it as its predecessor: a change from outside of the page, and a line that is
+    /// missing in the trail, are reported.
     #[test]
-    fn a_break_in_the_chain_of_texts_is_named() {
+    fn a_gap_in_the_chain_of_texts_is_reported() {
         let words = Translations::read(None).expect("the program's own");
         let words = words.language(None, None);
         let breaks = |versions: &[NumberedEntry]| {
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn a_removed_limit_of_the_removal_is_named_until_it_is_back() {
+    fn a_removed_removal_limit_is_reported_until_it_is_restored() {
         let (with, without) = ("[removal]\ntarget_um = 12\nmax_um = 25\n", "[removal]\ntarget_um = 12\n");
         assert_eq!(removed_limit_um(with, without), Some(25.0));
         assert_eq!(removed_limit_um(with, "rows = 1\n"), Some(25.0), "with its whole table");

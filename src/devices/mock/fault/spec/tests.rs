@@ -35,7 +35,7 @@ fn every_kind_of_item_is_read() {
 }
 
 #[test]
-fn what_is_wrong_is_reported_with_what_is_allowed() {
+fn an_invalid_item_is_reported_with_the_valid_values() {
     let cases = [
         ("", "an item is empty; items are separated by single commas"),
         ("cut@1s,,cut@2s", "an item is empty; items are separated by single commas"),
@@ -76,7 +76,7 @@ fn what_is_wrong_is_reported_with_what_is_allowed() {
 
 /// Fifty random faults lie within their time, and the same seed always gives the same sequence.
 #[test]
-fn random_faults_come_from_the_seed() {
+fn the_seed_determines_the_random_faults() {
     let spec = read("random=50/20s,seed=3").expect("read");
     assert_eq!(spec.planned.len(), 50);
     assert!(spec.planned.iter().all(|planned| matches!(planned.when, FaultTime::AtMs(0..20_000))));

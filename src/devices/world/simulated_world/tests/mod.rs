@@ -203,7 +203,7 @@ fn feedbacks_follow_their_outputs_in_the_controllers_time() {
 
 /// The picture shows the view from the arm's true pose, not from the commanded one.
 #[test]
-fn a_flange_picture_shows_what_the_executed_pose_sees() {
+fn a_flange_picture_shows_the_view_from_the_executed_pose() {
     let mut bench = Bench::new();
     let view = bench.sim.corner_views()[0];
     let aim = bench.sim.displaced_corner_pose(&view);
@@ -267,22 +267,22 @@ fn a_flange_picture_over_gige_is_the_one_without() {
 }
 
 #[test]
-fn the_simulated_scanner_does_what_every_scanner_does() {
+fn the_simulated_scanner_passes_the_tests_of_all_scanners() {
     let mut bench = Bench::new();
     let lens = *bench.sim.scanner();
     bench.park();
     conform::check_shot(&mut bench.scanner, &lens);
     bench.switch(Output::Light, true);
     bench.pass_s(1.5);
-    conform::pictures(&mut bench.scanner, &lens);
+    conform::check_pictures(&mut bench.scanner, &lens);
     let mut scanner = bench.scanner.clone();
-    conform::clips(&mut scanner, &lens, || bench.pass_s(0.03));
+    conform::check_clips(&mut scanner, &lens, || bench.pass_s(0.03));
 }
 
 /// Calculated by hand: the third picture of a clip of two pictures a second is due after one second; missed
 /// pictures are not taken later.
 #[test]
-fn a_simulated_clip_keeps_the_worlds_time() {
+fn a_simulated_clip_follows_the_worlds_time() {
     let mut bench = Bench::new();
     let mut scanner = bench.scanner.clone();
     scanner.begin_clip(2.0).expect("begun");
@@ -296,7 +296,7 @@ fn a_simulated_clip_keeps_the_worlds_time() {
 }
 
 #[test]
-fn a_moving_arm_is_not_pictured() {
+fn a_moving_arm_gives_no_picture() {
     let mut bench = Bench::new();
     let joints = bench.cell.park_pose().expect("named");
     bench.link.send(Command::MoveJ(MoveJ { joints, axis_speed_percent: 5.0 })).expect("good");
@@ -366,7 +366,7 @@ fn an_abraded_spot_holds_water_after_it_is_wetted_again() {
 }
 
 #[test]
-fn what_the_cells_file_does_not_name_is_reported() {
+fn a_value_that_is_missing_in_the_cells_file_is_reported() {
     let cell = |text: &str| cell::Cell::check("f", text).unwrap_or_else(|problems| panic!("{problems}"));
     let told = |text: &str| {
         let made = SimulatedWorld::new(sim::Cell::new(1, Scene::Clean, 8), &cell(text));
@@ -377,10 +377,10 @@ fn what_the_cells_file_does_not_name_is_reported() {
     assert_eq!(told(outputs), "[io.feedbacks] light_on is missing; the simulated world needs its number");
 }
 
-/// The films of a part are removed with the part. A third part is not brought in, so the third film is the second
-/// part's second film.
+/// When a part is removed, its films are removed with it. No third part is brought in, so the third film is the second
+/// film of the second part.
 #[test]
-fn the_films_of_a_part_go_with_it() {
+fn the_films_of_a_part_are_removed_with_it() {
     const READY: u16 = 40;
     let text = include_str!("../../../../../config/cell.toml")
         .replace("water_off = 1\n", "water_off = 1\npart_present = 30\nstart_request = 31\n");

@@ -85,7 +85,7 @@ pub(super) fn standing(truth: &CellTruth, point: Point<Panel>, height_mm: f64) -
     Rigid::from_axes([x, z.cross(&x), z].map(Vector::new), point + normal * height_mm)
 }
 
-/// The margins that are left, over all poses.
+/// The smallest margins over all poses.
 #[derive(Debug, Clone, Copy)]
 struct Margins {
     /// Smallest distance to an axis limit, degrees.

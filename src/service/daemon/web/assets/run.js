@@ -51,7 +51,7 @@ function meaning(code) {
   return meanings.get(code);
 }
 
-/** What a review waits for: a worn disc, a decision on what the tool did (the phase Assess), which drying the panel does not change, or another decision. */
+/** What a review waits for: a new disc, a decision on the result of sanding (phase Assess), which drying the panel does not change, or another decision. */
 function reviewKind() {
   // A person who may not accept the result calls one who may.
   const call = document.querySelector('button[data-request="accept"]') ? "" : "_call";
@@ -184,7 +184,7 @@ function showGrids() {
   place.replaceChildren(table);
 }
 
-/** The picture's name: "now" is said of a film only while it is watched. */
+/** The picture's name: only a film that is being watched is called the film now. */
 function frameName() {
   const isFilm = now.frame_name === "film" && now.state === "execute" && now.phase === "inspect";
   return isFilm ? word("picture.film") : word("picture.last");
@@ -303,7 +303,7 @@ id("start")?.addEventListener("keydown", (event) => {
   if (fields.includes(event.target)) fields[fields.indexOf(event.target) + 1]?.focus();
 });
 
-// A space in a scanned code would press the second button: the code's other characters withdraw the question before.
+// A space in a scanned code would press the second button: the code's other characters cancel the question before that.
 document.addEventListener("keydown", (event) => { if (startAsked !== null && event.key.length === 1 && event.key !== " ") askStart(false); });
 
 // The next part is another one, so the form is emptied after a start.

@@ -14,7 +14,7 @@ const JSON: (&str, &str) = ("content-type", "application/json");
 
 /// Requests from another site, from a form of another site, and from a browser that states no origin.
 #[tokio::test]
-async fn no_other_site_causes_a_change() {
+async fn another_site_cannot_cause_a_change() {
     let site = PageFixture::new();
     let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
     let cookie = ("cookie", operator.cookie.as_deref().expect("a session"));
@@ -67,7 +67,7 @@ async fn names_are_text_and_never_a_script() {
 }
 
 #[tokio::test]
-async fn a_path_leads_nowhere_else() {
+async fn a_path_cannot_leave_its_folder() {
     let site = PageFixture::new();
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     for path in [
@@ -93,7 +93,7 @@ async fn a_path_leads_nowhere_else() {
 }
 
 #[tokio::test]
-async fn nothing_goes_into_a_header() {
+async fn a_request_cannot_add_a_header() {
     let site = PageFixture::new();
     let told = site.get(&Browser::default(), "/language/de%0d%0aSet-Cookie:%20a=b").await;
     assert_eq!(told.status, StatusCode::NOT_FOUND);
@@ -109,7 +109,7 @@ async fn nothing_goes_into_a_header() {
 }
 
 #[tokio::test]
-async fn bodies_have_an_end_and_a_form() {
+async fn long_and_malformed_bodies_are_refused() {
     let site = PageFixture::new();
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     let long = format!("{{\"text\":\"{}\"}}", "x".repeat(MAX_BODY_BYTES));
@@ -205,7 +205,7 @@ fn answered(address: SocketAddr, request: &str) -> Option<String> {
 }
 
 #[test]
-fn an_address_that_is_taken_delays_nothing_and_is_served_once_it_is_free() {
+fn an_address_in_use_delays_nothing_and_is_served_later() {
     let site = PageFixture::new();
     let other = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = other.local_addr().expect("its address");
@@ -241,7 +241,7 @@ fn connected(count: usize, address: SocketAddr, begins: &str) -> Vec<TcpStream> 
 /// Requests whose bodies never arrive do not block a slot: a stop at the same time is executed at once, and these
 /// requests end automatically.
 #[test]
-fn bodies_that_never_come_keep_no_stop_waiting() {
+fn unfinished_bodies_do_not_delay_a_stop() {
     let site = PageFixture::new();
     let (_page, address) = served(&site);
     let head = format!("POST /login HTTP/1.1\r\nhost: {address}\r\norigin: http://{address}\r\n");
@@ -257,9 +257,9 @@ fn bodies_that_never_come_keep_no_stop_waiting() {
     assert!(rest.starts_with("HTTP/1.1 4"), "{rest}");
 }
 
-/// Viewers of the events without an account keep no one out.
+/// Viewers of the events without an account do not block other visitors.
 #[test]
-fn many_spectators_keep_no_stop_waiting() {
+fn many_viewers_do_not_delay_a_stop() {
     let site = PageFixture::new();
     let (_page, address) = served(&site);
     let begins = format!("GET /events HTTP/1.1\r\nhost: {address}\r\n\r\n");

@@ -15,7 +15,7 @@ fn drawn() -> Value {
 /// The drawing becomes lines of the recipe. The recipe is written with the same form as every change, with its
 /// reason.
 #[tokio::test]
-async fn what_is_drawn_is_proposed_and_not_yet_written() {
+async fn a_drawing_is_proposed_and_not_yet_written() {
     let site = PageFixture::new();
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     let reply = site.get(&engineer, "/setup/recipe/door.toml/drawing.json").await;
@@ -52,7 +52,7 @@ async fn what_is_drawn_is_proposed_and_not_yet_written() {
 }
 
 #[tokio::test]
-async fn what_is_no_region_is_not_proposed() {
+async fn an_invalid_region_is_not_proposed() {
     let site = PageFixture::new();
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     let with = |key: &str, value: Value| {
@@ -76,7 +76,7 @@ async fn what_is_no_region_is_not_proposed() {
 
 /// Without cameras the reason is reported, and the attempt is in the audit trail.
 #[tokio::test]
-async fn a_picture_that_cannot_be_taken_states_why() {
+async fn a_picture_that_cannot_be_taken_gives_the_reason() {
     let site = PageFixture::new();
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     let told = site.post(&engineer, "/setup/cameras/scanner", "{}").await;
@@ -90,7 +90,7 @@ async fn a_picture_that_cannot_be_taken_states_why() {
 /// The office's offer is shown with its differences; it is copied into the form if the person requests this, but is
 /// not saved by this.
 #[tokio::test]
-async fn a_recipe_of_the_office_is_shown_and_taken_by_a_person() {
+async fn a_recipe_of_the_office_is_shown_and_copied_by_a_person() {
     let site = PageFixture::new();
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     let page = site.get(&engineer, "/setup/recipe/door.toml").await.body;

@@ -106,8 +106,8 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
             &format!("unhold --dried by {by}"),
             &format!("hold: waterleaks by {by}"),
             &format!("abort by {by}"),
-            // Of the recipe that was changed, of the missing statement, then of the loader: each is one line of the
-            // trail, among the requests.
+            // The refusals for the changed recipe, for the missing statement, and by the loader: each is one line of
+            // the trail, among the requests.
             &start,
             &start,
             &start,
@@ -150,12 +150,12 @@ async fn a_changed_account_logs_in_again_and_the_last_administrator_stays() {
 }
 
 #[tokio::test]
-async fn one_changes_ones_own_password_by_the_old_one() {
+async fn a_person_changes_the_own_password_with_the_old_one() {
     let site = PageFixture::new();
     let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
     let told = site.post(&operator, "/password", r#"{"password":"wrong horse","new":"another horse"}"#).await;
     assert_eq!(told.status, StatusCode::UNPROCESSABLE_ENTITY);
-    // A new password that is too short does not count as a wrong one: no one has to wait, regardless of the number
+    // A new password that is too short does not count as a wrong one: no person has to wait, regardless of the number
     // of attempts.
     for _ in 0..6 {
         let body = format!(r#"{{"password":"{PASSWORD}","new":"x"}}"#);
@@ -167,8 +167,8 @@ async fn one_changes_ones_own_password_by_the_old_one() {
     site.log_in("operator", "another horse").await.expect("the new one");
 }
 
-/// Changes an account in the store without the page, as another process does.
-fn change_beside(site: &PageFixture, name: &str, change: impl FnOnce(&mut Account)) {
+/// Changes an account in the store from outside of the page, as another process does.
+fn change_from_outside(site: &PageFixture, name: &str, change: impl FnOnce(&mut Account)) {
     let mut store = Store::open_for_accounts(&site.folder.path().join("store")).expect("open");
     let mut account = store.accounts().expect("read").remove(name).expect("an account");
     change(&mut account);
@@ -190,14 +190,14 @@ async fn ends(site: &PageFixture, browser: &Browser) {
 }
 
 #[tokio::test]
-async fn an_account_that_is_changed_beside_the_page_signs_nothing_and_loses_its_sessions() {
+async fn an_account_changed_outside_the_page_signs_nothing_and_loses_its_sessions() {
     let site = PageFixture::new();
     let signs = format!(r#"{{"meaning":"reviewed","remark":"","password":"{PASSWORD}"}}"#);
     let inspector = site.log_in("inspector", PASSWORD).await.expect("logged in");
     let reply = site.post(&inspector, "/cycle/1/sign", &signs).await;
     assert_eq!(reply.status, StatusCode::OK, "{}", reply.body);
     // The accounts were read just now: the signature reads them nevertheless.
-    change_beside(&site, "inspector", |account| account.role = Role::Viewer);
+    change_from_outside(&site, "inspector", |account| account.role = Role::Viewer);
     let reply = site.post(&inspector, "/cycle/1/sign", &signs).await;
     assert!(
         reply.body.contains("was changed since the log-in") || reply.status == StatusCode::UNAUTHORIZED,
@@ -207,14 +207,14 @@ async fn an_account_that_is_changed_beside_the_page_signs_nothing_and_loses_its_
 
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     assert_eq!(site.get(&engineer, "/setup").await.status, StatusCode::OK);
-    change_beside(&site, "engineer", |account| account.is_enabled = false);
+    change_from_outside(&site, "engineer", |account| account.is_enabled = false);
     ends(&site, &engineer).await;
     assert_eq!(site.get(&engineer, "/setup").await.status, StatusCode::SEE_OTHER);
     // A stop never needs an account.
     assert_eq!(site.post(&engineer, "/request/stop", "{}").await.status, StatusCode::OK);
 
     // A person who logs in after the change can continue at once.
-    change_beside(&site, "engineer", |account| account.is_enabled = true);
+    change_from_outside(&site, "engineer", |account| account.is_enabled = true);
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     assert_eq!(site.get(&engineer, "/setup").await.status, StatusCode::OK);
 }
@@ -237,7 +237,7 @@ async fn a_page_without_its_session_reports_it_and_a_display_keeps_its_own() {
     crate::daemon::web::accounts::begin_displays(&site.web);
     assert_eq!(site.get(&display, "/history").await.status, StatusCode::OK, "after a restart of the service");
     assert_eq!(site.post(&display, "/request/reset", "{}").await.status, StatusCode::FORBIDDEN);
-    change_beside(&site, "display", |account| account.is_enabled = false);
+    change_from_outside(&site, "display", |account| account.is_enabled = false);
     ends(&site, &display).await;
     crate::daemon::web::accounts::begin_displays(&site.web);
     assert_eq!(site.get(&display, "/history").await.status, StatusCode::SEE_OTHER);
@@ -308,7 +308,7 @@ async fn each_role_gets_what_the_table_gives_it_and_nothing_else() {
 
 /// The router is made only from the table.
 #[test]
-fn no_route_is_beside_the_table() {
+fn no_route_exists_outside_of_the_table() {
     let folder = std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).join("src/service/daemon/web");
     let mut files = 0;
     for entry in std::fs::read_dir(folder).expect("there") {
@@ -328,7 +328,7 @@ fn no_route_is_beside_the_table() {
 /// Each permission is needed somewhere. A request that moves the cell needs a permission; a request that stops it
 /// needs none.
 #[test]
-fn what_stops_is_open_and_what_moves_is_not() {
+fn a_stop_needs_no_permission_and_a_motion_needs_one() {
     let access = |path: &str| ROUTES.iter().find(|route| route.path == path).map(|route| route.access);
     for path in ["/request/stop", "/request/abort"] {
         assert_eq!(access(path), Some(Access::Open));
@@ -343,7 +343,7 @@ fn what_stops_is_open_and_what_moves_is_not() {
 
 /// A viewer that repeats requests that it may not make is refused each time, and writes a few lines.
 #[tokio::test]
-async fn a_flood_of_refused_requests_is_a_few_lines_of_the_audit_trail() {
+async fn many_refused_requests_give_few_lines_of_the_audit_trail() {
     let site = PageFixture::new();
     let viewer = site.log_in("viewer", super::PASSWORD).await.expect("logged in");
     for _ in 0..1_000 {
