@@ -415,7 +415,7 @@ bench-recording:
 # The cycles in fixtures/, recorded again: a seventh of the pixels in each direction, a picture of the film every two seconds.
 RECORDED := target/fixtures
 fixtures: setup
-	cargo build --locked
+	cargo build --locked --features plant
 	rm -rf $(RECORDED)
 	$(call record,good,cycle)
 	$(call record,wrong-panel,rejected)
