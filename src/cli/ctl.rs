@@ -150,7 +150,7 @@ pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
     };
     match args.ask {
         CtlAsk::Start { wait: true, .. } if reply.answer == RequestResult::Done => wait_for_end(&socket, &reply),
-        CtlAsk::Reset { wait: true } if reply.answer == RequestResult::Done => to_idle(&socket),
+        CtlAsk::Reset { wait: true } if reply.answer == RequestResult::Done => wait_for_idle(&socket),
         _ => Ok(outcome(&reply)),
     }
 }
@@ -266,7 +266,7 @@ pub fn wait_for_end(socket: &Path, begun: &Reply) -> Result<Outcome, Fault> {
 ///
 /// # Errors
 /// If the service does not answer any more.
-fn to_idle(socket: &Path) -> Result<Outcome, Fault> {
+fn wait_for_idle(socket: &Path) -> Result<Outcome, Fault> {
     let since = Instant::now();
     loop {
         let reply = state(socket)?;

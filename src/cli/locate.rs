@@ -75,7 +75,7 @@ fn outcome(located: &LocateOutcome<'_>, elapsed_ms: f64) -> Outcome {
             outcome.add_line(format!("base from drawing: {pose}"));
         }
         outcome.add_line(format!(
-            "residuals {:.3} mm rms beside a bend of {}; outline {:.2} px rms; overlap {:.3}; pose uncertainty {:.2} mm (95 %), largest {}, {:.2} mm",
+            "residuals {:.3} mm rms after removal of a bend of {}; outline {:.2} px rms; overlap {:.3}; pose uncertainty {:.2} mm (95 %), largest {}, {:.2} mm",
             fit.rms_mm,
             fit.deviation_mm.map_or_else(|| "unknown size".to_owned(), |mm| format!("{mm:.2} mm at most")),
             fit.outline_rms_px,

@@ -144,7 +144,7 @@ pub(super) fn draw(seed: Seed, shape: &Shape, wet_from_s: f64) -> Vec<GreasySpot
         let centre = Vector2::new(random.random_range(-170.0..170.0), random.random_range(-120.0..120.0));
         let apart = spots.iter().all(|spot| (spot.centre - centre).norm() > MIN_SPOT_DISTANCE_MM);
         if apart && shape.outline().distance(centre).0 < -MIN_SPOT_EDGE_MM {
-            // The first spot breaks early, so that a short film shows a break.
+            // The first spot breaks early, so that a film that is observed for a short time also shows a break.
             let latest_s = if spots.is_empty() { 6.0 } else { 25.0 };
             spots.push(spot(&mut random, centre, wet_from_s + 1.5, latest_s));
         }

@@ -94,10 +94,10 @@ fn timed<T>(runs: usize, mut work: impl FnMut() -> T) -> Timed {
     let threads = std::thread::available_parallelism().map_or(1.0, |threads| threads.get() as f64);
     let (mut walls, mut shares) = (Vec::new(), Vec::new());
     for _ in 0..runs {
-        let (started, before_ms) = (Instant::now(), processors_ms());
+        let (started, before_ms) = (Instant::now(), cpu_time_ms());
         black_box(work());
         walls.push(started.elapsed().as_secs_f64() * 1e3);
-        shares.push((processors_ms() - before_ms) / threads);
+        shares.push((cpu_time_ms() - before_ms) / threads);
     }
     Timed { wall_ms: median(&mut walls).unwrap_or(f64::NAN), share_ms: median(&mut shares).unwrap_or(f64::NAN) }
 }
@@ -110,7 +110,7 @@ fn timed_alone<T>(runs: usize, work: impl FnMut() -> T) -> Timed {
 }
 
 /// Returns the time that all threads have spent on processors, as the kernel counts it, ms.
-fn processors_ms() -> f64 {
+fn cpu_time_ms() -> f64 {
     let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
     let text = |task: std::fs::DirEntry| std::fs::read_to_string(task.path().join("schedstat")).unwrap_or_default();
     let spent = tasks.filter_map(|task| text(task).split(' ').next().and_then(|word| word.parse::<f64>().ok()));

@@ -31,7 +31,7 @@ const MAX_PROCESSES: u64 = 12;
 const WRONG: &str = "wrong ";
 const END: &str = "end";
 
-/// The results of killing.
+/// The counts and the violations of the runs in which processes are killed.
 #[derive(Debug, Default)]
 pub struct Killed {
     /// Number of processes that were killed.

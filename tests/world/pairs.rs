@@ -198,8 +198,8 @@ fn full_disk(draw: &mut Pcg64) -> Vec<Entry> {
     vec![within(draw, &["locate", "dry", "wet", "inspect", "inspect", "inspect", "plan"], 2_000, fault)]
 }
 
-/// Draws new starts of controller and process, one while the other is away. The controller has forgotten all epochs,
-/// and the process knows them only from its store.
+/// Draws a restart of the controller and one of the process, so that one restarts while the other is down. The
+/// controller has forgotten all epochs, and the process knows them only from its store.
 fn new_controller_and_process(draw: &mut Pcg64) -> Vec<Entry> {
     let power =
         if draw.random_bool(0.5) { Power::Kill } else { Power::Cut { seed: draw.random_range(0..1 << 32) } };

@@ -160,7 +160,7 @@ enum Counted {
     Begins {
         another: bool,
     },
-    /// Counted as the finding of a film.
+    /// The finding of an inspection: from then on, the cycle has a film.
     Finds,
     Nothing,
 }

@@ -70,7 +70,7 @@ impl Robot {
 /// Changes a report so that it has the axes before a person jogged the arm.
 fn hides_jog(world: &Inside, report: &mut Report) {
     if let Report::Connected { state } | Report::Rebooted { state } | Report::State(state) = report
-        && let Some(before) = world.places.before_the_jog(&world.cell.controller.joints())
+        && let Some(before) = world.places.joints_before_jog(&world.cell.controller.joints())
     {
         state.joints = before;
     }

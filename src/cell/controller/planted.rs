@@ -262,7 +262,7 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
         "host = \"localhost\"",
         "[robot] host of the cell's file is localhost (127.0.0.1",
     ),
-    // Outputs of the cell's own that no stop switches off.
+    // The cell's own outputs that no stop switches off.
     ("cell", "spray = 18\n", "spray = 18\npump = 22\n", "NO STOP SWITCHES PUMP OFF"),
     ("cell", "spray = 18\n", "spray = 18\ntool_2 = 22\n", "NO STOP SWITCHES TOOL_2 OFF"),
     // The program of the submit interpreter.

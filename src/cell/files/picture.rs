@@ -128,7 +128,7 @@ pub fn read_color_of(bytes: &[u8], camera: &PinholeCamera) -> Result<ColorPictur
     Ok(color(decode(PictureKind::detect(bytes)?, bytes, Some(camera))?))
 }
 
-/// Reads a picture of the camera with this calibration in which the position of something is measured.
+/// Reads a picture for a measurement, taken by the camera with this calibration.
 ///
 /// # Errors
 /// As [`read_color_of`], and if it is not a PNG.

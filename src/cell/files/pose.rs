@@ -37,7 +37,9 @@ pub enum PoseError {
     )]
     OfDrawing,
     /// The file is the output of a command that states that its pose must not be used.
-    #[error("the verdict in this file is 'reject'; its {key} must not be used")]
+    #[error(
+        "the verdict in this file is 'reject'; its {key} must not be used: correct what its reasons name, and run the command again"
+    )]
     Rejected {
         /// The key.
         key: &'static str,

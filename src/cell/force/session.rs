@@ -57,7 +57,7 @@ pub enum LinkLossCause {
         /// Duration of the silence, ms.
         ms: u64,
     },
-    /// Its answer is not a reply.
+    /// The tool's reply is not valid.
     #[error("the tool's reply is not valid: {problem}")]
     Garbage {
         /// The problem in the reply.

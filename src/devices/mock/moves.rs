@@ -267,7 +267,7 @@ pub(super) struct Limits {
     pub(super) to_stop: f64,
     /// Highest speed, in units of length per second.
     pub(super) speed: f64,
-    /// Acceleration and deceleration per second².
+    /// Acceleration and deceleration, in units of length per second².
     pub(super) acceleration: f64,
 }
 

@@ -34,7 +34,7 @@ pub enum ArchiveError {
         problem: String,
     },
     /// The database accepted a statement but does not answer.
-    #[error("the database has not responded for {seconds} s")]
+    #[error("the database has not responded for {seconds} s; check the database server and the network")]
     Silent {
         /// Time without an answer, s.
         seconds: u64,

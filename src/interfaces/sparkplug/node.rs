@@ -387,7 +387,8 @@ impl PrimaryHost {
         self.is_online
     }
 
-    /// Returns the state for a new connection to the broker: of earlier statements, only the newest time is kept.
+    /// Returns the state for a new connection to the broker: of earlier STATE messages, only the newest timestamps are
+    /// kept.
     pub fn connected(self) -> Self {
         PrimaryHost { is_online: false, ..self }
     }

@@ -40,7 +40,7 @@ pub enum Cell {
 pub struct MemoryAddress {
     /// The memory space.
     pub space: MemorySpace,
-    /// The cell within the memory.
+    /// Index of the memory cell within the memory space.
     pub offset: u32,
 }
 

@@ -433,7 +433,7 @@ fn parse_spline_head(reader: &mut TokenReader<'_>) -> ReadResult<Vec<(VariableRe
     }
 }
 
-/// Reads a part of a spline other than its motions, after its first word; `None` if it is not such a part.
+/// Reads a statement of a spline block that is not a segment, after its first word; `None` if it is another statement.
 fn spline_part(reader: &mut TokenReader<'_>, first: &str) -> Option<ReadResult<Action>> {
     match first {
         "TIME_BLOCK" => Some(parse_bounded_part(reader, "TIME_BLOCK", &["START", "PART", "END"])),

@@ -352,7 +352,7 @@ impl Rounds for Sender {
 
 impl Sender {
     /// Continues after the last completed signature. If the store was restored from a backup, other signatures may have
-    /// the same numbers: all signatures are then put again.
+    /// the same numbers: all signatures are then sent again.
     fn resume_position(&mut self, store: &Store) -> Result<(), String> {
         let Progress { number, record_hash, .. } = &self.progress;
         if *number == 0 {

@@ -9,7 +9,7 @@ fn keys(text: &str, purpose: Purpose) -> Vec<String> {
 
 /// Each case is one change of the shipped cell's file, with the keys that are then reported.
 #[test]
-fn each_cause_for_which_a_cycle_refuses_is_reported() {
+fn each_cause_that_prevents_a_cycle_is_reported() {
     assert_eq!(keys(COMPLETE_CELL, Purpose::Cycle), [""; 0]);
     let robot = "[robot]\nkind = \"mock\"";
     let eki = |host: &str| COMPLETE_CELL.replace(robot, &format!("[robot]\nkind = \"eki\"\nhost = \"{host}\""));

@@ -188,8 +188,9 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: the middle of 15 and 30 N is 21.213 N. At 30 N an exponent of 1.02 ± 0.05 leaves
-    /// ln(√2) · 0.07 = 0.024 26. An unknown exponent counts beyond the coupons' forces: at 33 N ln(1.1) · 0.5.
+    /// Calculated by hand: the geometric mean of 15 and 30 N is 21.213 N. At 30 N an exponent of 1.02 ± 0.05 gives a
+    /// relative error of ln(√2) · 0.07 = 0.024 26. If the exponent is not known, its assumed uncertainty of 0.5 has an
+    /// effect only outside the range of the coupons' forces: at 33 N ln(1.1) · 0.5.
     #[test]
     fn a_force_beside_those_of_the_coupons_adds_an_error() {
         let near = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-5, "{found} {expected}");

@@ -110,7 +110,7 @@ const MIN_SLOPE: f64 = 0.05;
 const BARRIER_RADII: usize = 12;
 /// Usual standard deviation of the principal point from the middle, as a share of the picture's side.
 const CENTRE_PRIOR_SHARE: f64 = 0.15;
-/// Usual standard deviation of the ratio of both focal lengths from 1.
+/// Prior standard deviation of the ratio of both focal lengths, whose expected value is 1.
 const FOCAL_RATIO_PRIOR: f64 = 0.02;
 
 /// Fits a lens from a start value; `None` if the corners determine no lens.

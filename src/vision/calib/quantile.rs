@@ -135,7 +135,8 @@ mod tests {
         Rigid::from_isometry_unchecked(Isometry3::new(place, Vector3::zeros()))
     }
 
-    /// Fifteen poses in a cube of 400 mm with independent errors: in about 2 % of 300 sets, several poses count as one.
+    /// Fifteen poses in a cube of 400 mm with independent errors: in about 2 % of 300 sets, a correlation is found by
+    /// chance.
     #[test]
     fn independent_errors_show_no_correlation() {
         let mut random = Pcg64::seed_from_u64(1);

@@ -238,8 +238,8 @@ pub(super) struct ConvergedState {
 }
 
 impl ConvergedState {
-    /// Returns the factor between the size of this arm's parameters and the usual one: the variance component of
-    /// the second sum of (1), from the parameters that the data determine (Förstner, as in `adjust`).
+    /// Returns the scale factor of this arm's parameters relative to their prior standard deviations: the variance
+    /// component of the second sum of (1), from the parameters that the data determine (Förstner, as in `adjust`).
     pub fn size(&self) -> f64 {
         let (mut square, mut redundancy) = (0.0, 0.0);
         for (index, (number, usual)) in

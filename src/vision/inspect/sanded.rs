@@ -29,9 +29,9 @@ const MIN_SHIMMER: f64 = 1.35;
 const MIN_EXCESS_SIGMA: f64 = 4.5;
 /// The shimmer of still places is below `MIN_SHIMMER` by at least this many standard deviations.
 const MIN_STILL_SIGMA: f64 = 3.0;
-/// A place is still if its movement is surely less than this fraction of the movement on a film of the clip. If more
-/// than the second fraction of the places of similar brightness is still, there is no film. On rendered films at most
-/// 0.023 of them was still (for 99 % of all places), on bare places 0.31.
+/// A place is still if its movement is, with confidence, less than `MIN_FILM_SHARE` of the movement on a film of the
+/// clip. If more than `MAX_STILL_SHARE` of the places of similar brightness are still, there is no film. On rendered
+/// films, this share was at most 0.023 for 99 % of all places; on bare places it was 0.31.
 const MIN_FILM_SHARE: f64 = 0.2;
 const MAX_STILL_SHARE: f64 = 0.05;
 /// This fraction of the second differences, the largest ones, does not count, since they may show a shadow or a glint

@@ -231,7 +231,7 @@ pub(super) const POSITION_COUNT: usize = 2 * HALF_LENGTH_PX + 1;
 /// The levels are read between these two distances from the edge, px.
 const LEVEL_FROM_PX: f64 = 2.5;
 const LEVEL_TO_PX: f64 = 6.0;
-/// The step is searched up to this distance from its expected position, px.
+/// The edge is searched for up to this distance on either side of its expected position, px.
 const SEARCH_REACH_PX: f64 = 3.0;
 /// The sum of (1) extends over this distance to each side of the crossing, px.
 const SUM_REACH_PX: f64 = 1.6;

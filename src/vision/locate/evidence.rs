@@ -50,11 +50,11 @@ pub struct Fit {
     pub outline_rms_mm: f64,
     /// Root mean square of the distances across the outline, in pixels of the 3D camera.
     pub outline_rms_px: f64,
-    /// Fraction of the taught points that are found in the scan, 0…1. This fraction, `scan_found` and `measured` are
+    /// Fraction of the taught points that are found in the scan, 0…1. This fraction, `scan_found_share` and `measured` are
     /// relative to a scan with the same number of missing points as the taught one.
     pub taught_found: f64,
     /// Fraction of the area of the scan's pieces that the taught panel covers, 0…1.
-    pub scan_found: f64,
+    pub scan_found_share: f64,
     /// Fraction of the taught outline that is found in the scan, 0…1.
     pub outline_found: f64,
     /// Fraction of the taught points at which the scan shows a surface farther away.
@@ -140,7 +140,7 @@ impl Fit {
     /// Returns the smaller of two fractions: that of the taught points found in the scan, and that of the scan's points
     /// found among the taught points.
     pub fn overlap(&self) -> f64 {
-        self.taught_found.min(self.scan_found)
+        self.taught_found.min(self.scan_found_share)
     }
 
     /// Returns the pose with its uncertainty increased by this additional error, mm.
@@ -228,7 +228,7 @@ pub(super) fn compute_evidence(
         outline_rms_mm: outline.rms_px / px_per_mm,
         outline_rms_px: outline.rms_px,
         taught_found: of_expected(surface.found),
-        scan_found: of_expected(scan_found(&motion, inputs, pieces)),
+        scan_found_share: of_expected(scan_found_share(&motion, inputs, pieces)),
         outline_found: outline.found,
         seen_through_share: surface.through,
         outline_absent: outline.absent,
@@ -381,7 +381,7 @@ fn marks_found(residuals: &Residuals, model: &Model) -> Option<f64> {
 
 /// Returns the fraction of the panel's pieces that the taught panel covers. An object attached to the panel at a held
 /// place counts as another piece.
-fn scan_found(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
+fn scan_found_share(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
     if !inputs.model.held_px.is_empty() {
         return scan_overlap(motion, inputs, &cut_held_places(motion, inputs, pieces));
     }

@@ -225,7 +225,7 @@ fn check_overlap(fit: &Fit, limits: &recipe::Locate) -> [Check; 2] {
     let words = || {
         let [taught, taught_needed] = distinguishable_percents(fit.taught_found, allowed, 0);
         let [outline, outline_needed] = distinguishable_percents(fit.outline_found, outline_allowed, 0);
-        let [scan, scan_needed] = distinguishable_percents(fit.scan_found, allowed, 0);
+        let [scan, scan_needed] = distinguishable_percents(fit.scan_found_share, allowed, 0);
         format!(
             "{taught} % of the taught surface, {outline} % of its outline and {scan} % of the scanned surface \
              match; at least {taught_needed}, {outline_needed} and {scan_needed} % are needed; check that it is \

@@ -57,7 +57,7 @@ impl Places {
     }
 
     /// Returns the arm's axis angles before a person jogged it to its present ones.
-    pub fn before_the_jog(&self, now: &Joints) -> Option<Joints> {
+    pub fn joints_before_jog(&self, now: &Joints) -> Option<Joints> {
         self.jogged.filter(|(_, to)| to == now).map(|(from, _)| from)
     }
 }

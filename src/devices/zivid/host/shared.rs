@@ -34,7 +34,7 @@ pub struct CameraSetup {
 /// Time limits for the answers of the worker.
 #[derive(Debug, Clone, Copy)]
 pub struct AnswerTimeouts {
-    /// For the worker's first message: the SDK starts.
+    /// For the worker's first message, before which the worker starts the SDK.
     pub hello: Duration,
     /// For finding and opening a camera; the vendor's own samples allow 100 s.
     pub connect: Duration,

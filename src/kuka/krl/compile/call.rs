@@ -97,7 +97,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// Compiles a text, or an array as a whole, that is passed by value.
+    /// Compiles a string, or an array as a whole, that is passed by value.
     fn array_by_value(&mut self, given: &Expression, wanted: &Argument) {
         self.record_unexecuted("an array that is passed by value");
         let found = match given {

@@ -230,7 +230,7 @@ pub(super) fn csv(name: &str, table: &Table) -> Response {
         .unwrap_or_else(|error| (StatusCode::INTERNAL_SERVER_ERROR, error.to_string()).into_response())
 }
 
-/// Returns the pairs as the query part of an address.
+/// Returns the pairs as the query string of a URL.
 pub(super) fn address(pairs: &[(&str, &str)]) -> String {
     form_urlencoded::Serializer::new(String::new()).extend_pairs(pairs).finish()
 }

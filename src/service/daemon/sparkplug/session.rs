@@ -245,7 +245,9 @@ fn describe_error(error: &ConnectionError) -> String {
                 "the broker refuses the user or the password; check [sparkplug] user and password_file".to_owned()
             }
             ConnectReturnCode::BadClientId => "the broker refuses the client ID".to_owned(),
-            ConnectReturnCode::RefusedProtocolVersion => "the broker does not support MQTT 3.1.1".to_owned(),
+            ConnectReturnCode::RefusedProtocolVersion => {
+                "the broker does not support MQTT 3.1.1; enable it on the broker, or use another broker".to_owned()
+            }
             _ => "the broker is not available".to_owned(),
         },
         ConnectionError::NetworkTimeout => format!("no response within {CONNECT_TIMEOUT_S} s"),

@@ -163,8 +163,8 @@ fn an_arm_left_at_the_panel_does_not_move_by_its_axes() {
 }
 
 /// The panel has bowed by 0.6 mm since it was taught: the path follows its present surface, and the record states the
-/// distance from the taught surface. On the taught surface, the distances of the points of contact would differ by more
-/// than half of the bow.
+/// distance from the taught surface. If the path followed the taught surface, the distances of the contact points from
+/// the panel would vary by more than half of the bow.
 #[test]
 fn the_path_follows_the_present_surface() {
     let spread_mm = |story: &fake::Story| {

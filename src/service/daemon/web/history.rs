@@ -74,7 +74,7 @@ impl SearchForm {
         })
     }
 
-    /// Returns the search as the query part of an address.
+    /// Returns the search as the query string of a URL.
     fn address(&self) -> String {
         let fields = [
             ("part", &self.part),

@@ -230,8 +230,8 @@ fn days_are_counted_back_from_the_newest_cycle() {
     assert_eq!((kept(&folder, &old), kept(&folder, &failed)), (0, 4));
 }
 
-/// A process that ended between the rows and the files has only recorded the files as removed; the next process removes
-/// them from the disk.
+/// A process that was killed after it changed the rows and before it deleted the files has only recorded the files as
+/// removed; the next process removes them from the disk.
 #[test]
 fn files_left_by_a_killed_process_are_removed_by_the_next() {
     let (folder, mut store) = new_store();

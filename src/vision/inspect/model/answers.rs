@@ -74,7 +74,7 @@ impl Model {
         self.wet_levels(index)
     }
 
-    /// Returns the movement that was measured on the places without a dry look; `None` if there are no such places.
+    /// Returns the shimmer that was measured on the places without a dry reference; `None` if there are no such places.
     pub fn measured_shimmer(&self) -> Option<&Shimmer> {
         self.shimmer.as_ref()
     }

@@ -83,8 +83,8 @@ pub fn weighted_looks(pixels: &[[u8; 3]], weights: [u16; 3], out: &mut [u16]) {
     }
 }
 
-/// Sums of the measured and the expected looks over the pixels of a tile that lie within a band around the expected
-/// look.
+/// Sums of the measured and of the expected brightness over those pixels of a tile whose measured brightness lies
+/// within a band around the expected one.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Sum {
     pub found: u32,

@@ -146,8 +146,8 @@ fn a_flash_is_no_break() {
     }
 }
 
-/// Under the spray a place is wet if its look differs from each bare one by a tenth of its dry look: by hand below
-/// 70 and above 120 levels.
+/// While water is sprayed, a place is wet if its brightness is outside the range of the bare place by more than a tenth
+/// of its dry brightness. Calculated by hand: below 70 or above 120 levels.
 #[test]
 fn wet_places_under_the_spray_are_found() {
     for (level, is_wet) in [(69, true), (71, false), (119, false), (121, true)] {

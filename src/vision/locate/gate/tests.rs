@@ -15,7 +15,7 @@ pub(super) fn good() -> Fit {
         outline_rms_mm: 0.1,
         outline_rms_px: 0.25,
         taught_found: 0.99,
-        scan_found: 0.98,
+        scan_found_share: 0.98,
         outline_found: 0.97,
         seen_through_share: 0.001,
         outline_absent: 0.01,
@@ -68,7 +68,7 @@ fn each_limit_has_its_reason() {
 
 #[test]
 fn slightly_low_overlap_is_a_review_and_very_low_overlap_a_reject() {
-    assert_eq!(judged(&Fit { scan_found: 0.7, ..good() }), (Verdict::Review, vec!["low_overlap".into()]));
+    assert_eq!(judged(&Fit { scan_found_share: 0.7, ..good() }), (Verdict::Review, vec!["low_overlap".into()]));
     assert_eq!(judged(&Fit { taught_found: 0.64, ..good() }), (Verdict::Reject, vec!["low_overlap".into()]));
     assert_eq!(judged(&Fit { outline_found: 0.55, ..good() }), (Verdict::Review, vec!["low_overlap".into()]));
     assert_eq!(judged(&Fit { outline_found: 0.45, ..good() }), (Verdict::Reject, vec!["low_overlap".into()]));
