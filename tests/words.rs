@@ -7,9 +7,11 @@ use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
 
 /// Texts that are read by machines, or by programmers: part of the file's name, part of the text.
-const FOR_MACHINES: [(&str, &str); 29] = [
+const FOR_MACHINES: [(&str, &str); 31] = [
     // TOML and digests need every digit, and quotes around a text.
-    ("cell/calibration.rs", ""),
+    ("cell/calibration.rs", "{number:?}"),
+    ("cell/calibration.rs", "{:?}"),
+    ("cell/calibration.rs", "{coefficients_mm:?}"),
     ("cell/provenance.rs", "{:?}"),
     ("cell/robot_correction.rs", "{number:?}"),
     ("cli/render.rs", "verify_limit_mm = {:?}"),

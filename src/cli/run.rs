@@ -45,6 +45,10 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let (sender, queue) = daemon::request_queue();
     signals(sender.clone())?;
     let files = Arc::new(CellFiles::read(common)?);
+    // Before anything is connected: a service that a line or an office expects must not start without them.
+    if let Some(missing) = DeviceFault::missing_plant(&files.cell) {
+        return Err(missing.into());
+    }
     files.require(Purpose::Cycle)?;
     let cell = Arc::new(CellSetup::new(&files.cell).map_err(Fault::stage)?);
     let calibrated = Calibrated::read(&files, common)?;

@@ -27,21 +27,16 @@ impl OfficeStatus {
     }
 }
 
-/// Refuses a cell whose file names a system of the plant.
+/// Connects nothing: a cell whose file names a system of the plant was refused before ([`DeviceFault::missing_plant`]).
 ///
 /// # Errors
-/// If the file names one.
+/// None.
 pub fn connect(
-    files: &CellFiles,
+    _files: &CellFiles,
     _context: &InterfaceContext,
     _status: &OfficeStatus,
 ) -> Result<PlantConnections, Fault> {
-    let tables = files.cell.plant_tables();
-    if tables.is_empty() {
-        Ok(PlantConnections)
-    } else {
-        Err(DeviceFault::BuiltWithoutPlant { what: tables.join(", ") }.into())
-    }
+    Ok(PlantConnections)
 }
 
 /// Refuses `panelprep archive`.
@@ -70,8 +65,9 @@ mod tests {
         let cell = "[opcua]\nlisten = '127.0.0.1:4840'\n[office]\nbroker = 'nats://10.0.0.1:4222'\ncell = 'a'\n";
         let cell = Cell::check("cell.toml", cell).expect("good");
         assert_eq!(cell.plant_tables(), ["[office]", "[opcua] listen"]);
-        let fault = Fault::from(DeviceFault::BuiltWithoutPlant { what: cell.plant_tables().join(", ") });
-        let words = fault.to_string();
+        let words = Fault::from(DeviceFault::missing_plant(&cell).expect("refused")).to_string();
         assert!(words.starts_with("[office], [opcua] listen: ") && words.contains("--features plant"), "{words}");
+        let without = Cell::check("cell.toml", "").expect("good");
+        assert!(DeviceFault::missing_plant(&without).is_none());
     }
 }

@@ -17,9 +17,7 @@ const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
 /// Checks all plant connections that the cell's file names.
 pub(super) fn check_connections(cell: &Cell) -> Vec<Check> {
     let mut checks = Vec::new();
-    let tables = cell.plant_tables();
-    if !cfg!(feature = "plant") && !tables.is_empty() {
-        let fault = DeviceFault::BuiltWithoutPlant { what: tables.join(", ") };
+    if let Some(fault) = DeviceFault::missing_plant(cell) {
         checks.push(Check::failed("plant", fault.to_string(), "use the program of the package"));
     }
     checks.extend(cell.line().map(|line| recipe(&line.recipe)));

@@ -1,7 +1,7 @@
 //! The faults of the cell that stop a command: of a controller, a camera or a tool, real or simulated, and of a
 //! calibration that is missing, contradicts another one, or lacks the data for its measurement.
 
-use panelprep_cell::cell::{ProofStage, Unsigned};
+use panelprep_cell::cell::{Cell, ProofStage, Unsigned};
 use panelprep_service::requirements::CALIBRATION_ADVICE;
 use std::path::PathBuf;
 
@@ -153,6 +153,16 @@ pub enum DeviceFault {
          the command, run panelprep mock-robot and set host = \"127.0.0.1\")"
     )]
     NothingToProve,
+}
+
+impl DeviceFault {
+    /// Returns the fault of a cell whose file names a system of the plant that this program was built without; `None` if
+    /// there is none.
+    pub fn missing_plant(cell: &Cell) -> Option<Self> {
+        let tables = cell.plant_tables();
+        let is_missing = !cfg!(feature = "plant") && !tables.is_empty();
+        is_missing.then(|| DeviceFault::BuiltWithoutPlant { what: tables.join(", ") })
+    }
 }
 
 /// The reason why a calibration cannot be used or made.

@@ -10,6 +10,8 @@
 
 pub mod drawing;
 pub mod label;
+#[cfg(test)]
+mod local_client;
 
 use axum::body::Body;
 use axum::extract::{Request, State};

@@ -131,9 +131,8 @@ async fn end(State(inside): State<Arc<PageState>>) -> Response {
 /// The page as a browser requests it.
 #[cfg(test)]
 mod tests {
+    use super::super::local_client;
     use super::*;
-    use std::io::{Read as _, Write as _};
-    use std::net::TcpStream;
     use std::thread::JoinHandle;
 
     const RECIPE: &str = "panel = \"door\" # the left one\n\n[locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [900, 900, 900]\n\n\
@@ -159,21 +158,12 @@ mod tests {
 
     impl Open {
         fn host(&self) -> &str {
-            self.url.trim_start_matches("http://").split('/').next().expect("a host")
+            local_client::address(&self.url)
         }
 
         /// Sends a request as this host; returns the status and the body.
         fn ask_as(&self, host: &str, method: &str, path: &str, body: &str) -> (u16, String) {
-            let mut stream = TcpStream::connect(self.host()).expect("it listens");
-            let request = format!(
-                "{method} {path} HTTP/1.1\r\nhost: {host}\r\nconnection: close\r\ncontent-type: application/json\r\n\
-                 content-length: {}\r\n\r\n{body}",
-                body.len()
-            );
-            stream.write_all(request.as_bytes()).expect("sent");
-            let mut answer = String::new();
-            stream.read_to_string(&mut answer).expect("answered");
-            let status = answer.split(' ').nth(1).and_then(|word| word.parse().ok()).expect("a status");
+            let (status, answer) = local_client::ask(self.host(), host, [method, path, body]);
             (status, answer.split_once("\r\n\r\n").map_or(String::new(), |(_, body)| body.to_owned()))
         }
 

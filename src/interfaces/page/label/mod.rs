@@ -203,10 +203,9 @@ async fn end(State(inside): State<Arc<PageState>>) -> Response {
 /// The page as a browser requests it.
 #[cfg(test)]
 mod tests {
+    use super::super::local_client;
     use super::*;
     use panelprep_base::phase::Phase;
-    use std::io::{Read as _, Write as _};
-    use std::net::TcpStream;
     use std::sync::Mutex;
     use std::thread::JoinHandle;
 
@@ -276,7 +275,7 @@ mod tests {
 
     impl Open {
         fn host(&self) -> &str {
-            self.url.trim_start_matches("http://").split('/').next().expect("a host")
+            local_client::address(&self.url)
         }
 
         fn key(&self) -> &str {
@@ -285,18 +284,7 @@ mod tests {
 
         /// Sends a request as this host; returns the status and the whole answer.
         fn ask_as(&self, host: &str, method: &str, path: &str, body: &str) -> (u16, String) {
-            let mut stream = TcpStream::connect(self.host()).expect("it listens");
-            let request = format!(
-                "{method} {path} HTTP/1.1\r\nhost: {host}\r\nconnection: close\r\ncontent-type: application/json\r\n\
-                 content-length: {}\r\n\r\n{body}",
-                body.len()
-            );
-            stream.write_all(request.as_bytes()).expect("sent");
-            let mut answer = Vec::new();
-            stream.read_to_end(&mut answer).expect("answered");
-            let answer = String::from_utf8_lossy(&answer).into_owned();
-            let status = answer.split(' ').nth(1).and_then(|word| word.parse().ok()).expect("a status");
-            (status, answer)
+            local_client::ask(self.host(), host, [method, path, body])
         }
 
         fn ask(&self, method: &str, page: &str, body: &str) -> (u16, String) {
