@@ -412,7 +412,7 @@ bench-recording:
 	  rm -rf $(READERS); echo 'The Python package mcap cannot be set up.' >&2; exit 1; }
 	$(READERS)/bin/python tests/bench/recording_peers.py fixtures/*.mcap
 
-# The cycles in fixtures/, recorded again: a seventh of the pixels in each direction, a picture of the film every two seconds.
+# The cycles in fixtures/, recorded again: a seventh of the pixels in each direction, two pictures of the film in a second.
 RECORDED := target/fixtures
 fixtures: setup
 	cargo build --locked --features plant
