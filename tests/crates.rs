@@ -1,5 +1,5 @@
-//! The picture of the crates in `src/README.md` shows what their `Cargo.toml` files state. Run this test with
-//! `DRAW=1` to draw it again.
+//! The two pictures in `src/README.md`: the crates, as their `Cargo.toml` files state them, and the data of a cycle, as the
+//! page's table states them. Run these tests with `DRAW=1` to draw them again.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -10,7 +10,7 @@ const WIDTH: usize = 900;
 const BOX: [usize; 2] = [150, 40];
 const ROW: usize = 78;
 
-/// The crates on which each crate depends, without those that only its tests use.
+/// The crates on which each crate depends, without those that only its tests use; or the data that each datum is made from.
 type Dependencies = BTreeMap<String, BTreeSet<String>>;
 
 fn dependencies(root: &Path) -> Dependencies {
@@ -47,29 +47,47 @@ fn height(all: &Dependencies, name: &str) -> usize {
     all[name].iter().map(|below| height(all, below) + 1).max().unwrap_or(0)
 }
 
-fn drawing(all: &Dependencies) -> String {
+/// Returns the row of each crate, from the top: what depends on others is above them.
+fn crate_rows(all: &Dependencies) -> BTreeMap<&str, usize> {
+    let top = all.keys().map(|name| height(all, name)).max().unwrap_or(0);
+    all.keys().map(|name| (name.as_str(), top - height(all, name))).collect()
+}
+
+/// Returns the row of each datum, from the top: what is made from others is below them, and what is made from nothing is just
+/// above the first datum that is made from it.
+fn data_rows(all: &Dependencies) -> BTreeMap<&str, usize> {
+    let first_use = |name: &str| {
+        let users = all.iter().filter(|(_, parts)| parts.contains(name)).map(|(user, _)| height(all, user));
+        users.min().map_or(0, |row| row - 1)
+    };
+    let row = |name: &str| if all[name].is_empty() { first_use(name) } else { height(all, name) };
+    all.keys().map(|name| (name.as_str(), row(name))).collect()
+}
+
+fn drawing(all: &Dependencies, row_of: &BTreeMap<&str, usize>) -> String {
     let mut rows: BTreeMap<usize, Vec<&str>> = BTreeMap::new();
-    for name in all.keys() {
-        rows.entry(height(all, name)).or_default().push(name);
+    for (name, row) in row_of {
+        rows.entry(*row).or_default().push(name);
     }
     // Crates that depend on the simulator are on the right, where the lines that pass other rows go down.
     rows.values_mut().for_each(|row| row.sort_by_key(|name| reached(all, name).contains("sim")));
-    let top = rows.keys().copied().max().unwrap_or(0);
+    let bottom = rows.keys().copied().max().unwrap_or(0);
     let place = |name: &str| {
-        let height = height(all, name);
-        let row = &rows[&height];
+        let row = &rows[&row_of[name]];
         let index = row.iter().position(|other| *other == name).expect("in its row");
-        [WIDTH * (2 * index + 1) / (2 * row.len()), 30 + ROW * (top - height)]
+        [WIDTH * (2 * index + 1) / (2 * row.len()), 30 + ROW * row_of[name]]
     };
     let mut text = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {}\" font-family=\"sans-serif\" \
          font-size=\"16\" text-anchor=\"middle\">\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n",
-        60 + ROW * top
+        60 + ROW * bottom
     );
     for (from, to) in arrows(all) {
+        // From the upper end down.
+        let (from, to) = if row_of[from] < row_of[to] { (from, to) } else { (to, from) };
         let ([x1, y1], [x2, y2]) = (place(from), place(to));
         let half = BOX.map(|side| side / 2);
-        let line = if height(all, from) - height(all, to) > 1 {
+        let line = if row_of[to] - row_of[from] > 1 {
             let [x1, x2, x] = [x1 + half[0], x2 + half[0], WIDTH - 10];
             format!("M{x1} {y1}C{x} {y1} {x} {y2} {x2} {y2}")
         } else {
@@ -94,16 +112,48 @@ fn drawing(all: &Dependencies) -> String {
     text + "</svg>\n"
 }
 
+/// Compares a picture with its file, or writes the file if `DRAW` is set.
+fn assert_drawn(file: &str, drawn: &str) {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
+    if std::env::var_os("DRAW").is_some() {
+        fs::write(&file, drawn).expect("the picture");
+    }
+    assert_eq!(fs::read_to_string(&file).expect("the picture"), drawn, "draw it again with DRAW=1");
+}
+
+/// Returns the data of a cycle from the table in `src/README.md`; panics at a row that does not have its four cells.
+fn data_of_a_cycle(page: &str) -> Dependencies {
+    let head = "| Data | Type | Made from | Made in |";
+    let rows = page.lines().skip_while(|line| *line != head).skip(2).take_while(|line| line.starts_with('|'));
+    let datum = |row: &str| {
+        let cells: Vec<&str> = row.trim_matches('|').split(" | ").map(str::trim).collect();
+        let [name, _, parts, _] = cells[..] else { panic!("four cells: {row}") };
+        (name.to_owned(), parts.split(", ").filter(|part| *part != "–").map(str::to_owned).collect())
+    };
+    rows.map(datum).collect()
+}
+
+#[test]
+fn the_picture_of_the_data_is_drawn_from_the_table() {
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/README.md");
+    let all = data_of_a_cycle(&fs::read_to_string(page).expect("the page"));
+    let parts: BTreeSet<&String> = all.values().flatten().collect();
+    assert!(parts.iter().all(|part| all.contains_key(*part)), "each datum has its own row: {parts:?}");
+    // A signed record goes back to the scan, to the film and to the poses that the robot reported.
+    let signed = reached(&all, "signed record");
+    assert!(
+        ["scan", "film pictures", "reported poses"].iter().all(|source| signed.contains(*source)),
+        "{signed:?}"
+    );
+    assert_drawn("src/cycle.svg", &drawing(&all, &data_rows(&all)));
+}
+
 #[test]
 fn the_picture_of_the_crates_is_drawn_from_their_manifests() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let (all, file) = (dependencies(root), root.join("src/crates.svg"));
+    let all = dependencies(root);
     assert!((8..=12).contains(&all.len()), "{all:?}");
-    let drawn = drawing(&all);
-    if std::env::var_os("DRAW").is_some() {
-        fs::write(&file, &drawn).expect("the picture");
-    }
-    assert_eq!(fs::read_to_string(&file).expect("the picture"), drawn, "draw it again with DRAW=1");
+    assert_drawn("src/crates.svg", &drawing(&all, &crate_rows(&all)));
 }
 
 /// Of three crates in a line, the arrow from the first to the last is implied.

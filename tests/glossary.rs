@@ -123,6 +123,30 @@ fn each_term_of_the_glossary_is_in_the_code_and_has_no_second_word() {
     assert!(wrong.is_empty(), "{} places: {wrong:#?}", wrong.len());
 }
 
+/// Every type and every folder or file that the table of a cycle's data names exists.
+#[test]
+fn the_table_of_the_data_names_what_exists() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let page = std::fs::read_to_string(root.join("src/README.md")).expect("the page");
+    let head = "| Data | Type | Made from | Made in |";
+    let rows = page.lines().skip_while(|line| *line != head).skip(2).take_while(|line| line.starts_with('|'));
+    let (defined, mut wrong, mut named) = (defined(), Vec::new(), 0);
+    let quoted = |cell: &str| cell.split('`').skip(1).step_by(2).map(str::to_owned).collect::<Vec<_>>();
+    for row in rows {
+        let cells: Vec<&str> = row.split(" | ").collect();
+        let (types, places) = (quoted(cells[1]), quoted(cells[3]));
+        named += types.len();
+        wrong.extend(types.into_iter().filter(|name| !defined.contains(name)));
+        wrong.extend(places.into_iter().filter(|place| place.contains('/')).filter(|place| {
+            let service = Path::new("src/service").join(place);
+            let exists = |path: &Path| root.join(path).exists() || root.join(path).with_extension("rs").exists();
+            !exists(&Path::new("src").join(place)) && !exists(&service)
+        }));
+    }
+    assert!(named > 15, "{named} types");
+    assert!(wrong.is_empty(), "not defined or not there: {wrong:?}");
+}
+
 #[test]
 fn names_are_found_at_any_place_where_they_are_defined() {
     let source = "pub struct A { field_mm: f64 } enum B { Variant } impl A { fn method(&self) {} } mod inner { type C = A; }\n\

@@ -104,7 +104,7 @@ impl Walk {
     fn new() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         copy(&Path::new(env!("CARGO_MANIFEST_DIR")).join("config"), &folder.path().join("config"));
-        let bin = folder.path().join("target/release");
+        let bin = folder.path().join("target/debug");
         fs::create_dir_all(&bin).expect("a folder");
         std::os::unix::fs::symlink(program(), bin.join("panelprep")).expect("a link");
         Walk { folder }
@@ -113,7 +113,7 @@ impl Walk {
     /// Runs a line in a shell, as a person types it.
     fn command(&self, line: &str) -> Command {
         let mut command = Command::new("sh");
-        let path = format!("{}:{}", self.folder.path().join("target/release").display(), env!("PATH"));
+        let path = format!("{}:{}", self.folder.path().join("target/debug").display(), env!("PATH"));
         command.args(["-c", line]).current_dir(self.folder.path()).env("PATH", path);
         command
     }
@@ -310,7 +310,7 @@ fn readme(walk: &Walk) {
                 make.args(["-n", "-C", makefile, target]).env_remove("CARGO_TARGET_DIR").output().expect("make");
             assert!(output.status.success(), "{line}: {output:?}");
             let does = String::from_utf8_lossy(&output.stdout).into_owned();
-            does.lines().filter(|line| line.starts_with("target/release/panelprep")).for_each(|line| {
+            does.lines().filter(|line| line.starts_with("target/debug/panelprep")).for_each(|line| {
                 walk.run(line);
             });
         } else if !line.is_empty() && !line.starts_with('#') {

@@ -146,7 +146,13 @@ impl Score {
         }
         for (index, one) in self.inspections.iter().enumerate() {
             let shown = |number: Option<usize>| number.map_or("unknown".to_owned(), |number| number.to_string());
-            let iou = one.iou.map_or("unknown".to_owned(), |iou| format!("{iou:.3}"));
+            // Without a break that counts, the ratio compares only spots that are too small to fail a grid.
+            let has_break = one.grids_failed > 0 || one.grids_true != Some(0);
+            let iou = match one.iou {
+                Some(iou) if has_break => format!("{iou:.3}"),
+                Some(_) => "not applicable (no break)".to_owned(),
+                None => "unknown".to_owned(),
+            };
             let value = format!(
                 "intersection over union {iou}; {} grids failed, {} are truly broken, {} wrongly judged",
                 one.grids_failed,

@@ -55,9 +55,17 @@ await presses(operator, "#start-first:enabled", "Space");
 await operator.waitForSelector("#start-second button[type=submit]:enabled");
 // A code with a space that is scanned now presses nothing.
 await to(operator, "#start-second button[type=submit]:enabled");
-await operator.keyboard.type("SN 17");
+for (const code of ["SN 17", " SN17", "  17", "17 "]) {
+  await operator.keyboard.type(code);
+  await operator.waitForSelector("#start-second", { state: "hidden" });
+  await operator.waitForTimeout(400);
+  if ((await state(operator)) !== "idle") fail(`the scanned code "${code}" starts a cycle`);
+  await presses(operator, "#start-first:enabled", "Space");
+  await operator.waitForSelector("#start-second button[type=submit]:enabled");
+  await to(operator, "#start-second button[type=submit]:enabled");
+}
+await operator.keyboard.type("17");
 await operator.waitForSelector("#start-second", { state: "hidden" });
-if ((await state(operator)) !== "idle") fail("a scanned code starts a cycle");
 await presses(operator, "#start-first:enabled", "Space");
 await operator.waitForSelector("#start-second button[type=submit]:enabled");
 await presses(operator, "#start-second button[type=submit]:enabled", "Space");

@@ -16,7 +16,7 @@ use panelprep_base::geometry::{Base, Flange, Joints, KukaPose, Rigid, Tool};
 use panelprep_base::supervision::ThreadFault;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use panelprep_cell::cell::{Arm, Cell, InputsOutputs, LOCAL_CONTROL, ProofStage};
-use panelprep_cell::cycle::{Action, Path};
+use panelprep_cell::cycle::{Action, Path, Switch};
 use panelprep_kuka::eki::{
     Command, CommandId, Epoch, LinkLoss, Mode, MoveJ, QueueError, Report, SetAccSpeed, SetTcp, Signal, State, Time,
 };
@@ -261,8 +261,13 @@ impl<'r> SingleRobot<'r> {
         // Also checked before an output is switched off: with other programs, its number may belong to another output.
         require_accept(Judgement::new(self.other_programs(cell).into_iter().collect(), vec![]))?;
         let number = output_number(name, cell.inputs_outputs())?;
+        let switch = single_interlocks::switch_of_output(name).filter(|_| on);
+        // In automatic mode no person holds an enabling switch, so water must not run before stage A has proven the outputs.
+        if matches!(switch, Some(Switch::Spray | Switch::Rinse)) {
+            self.check_proofs(cell)?;
+        }
         self.open_epoch()?;
-        if let Some(switch) = single_interlocks::switch_of_output(name).filter(|_| on) {
+        if let Some(switch) = switch {
             self.check_interlocks(name, Action::Switch(switch), cell)?;
         }
         let id = self.send(Command::SetDigout(Signal { number, on }))?;
