@@ -1,6 +1,6 @@
-//! The controller's side: the KRL language and the messages of EthernetKRL.
+//! The interface to the KUKA controller: the language KRL, and the messages of EthernetKRL.
 //!
-//! Each paragraph of `pub mod` lines is a layer; a module may name only modules of earlier paragraphs.
+//! Each paragraph of `pub mod` lines is a layer; a module may use only modules of earlier paragraphs.
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 // Every result is handled, or an `expect` attribute next to it states why it is ignored.
 #![cfg_attr(not(test), deny(clippy::let_underscore_must_use))]

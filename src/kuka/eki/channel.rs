@@ -1,14 +1,14 @@
-//! A classic EthernetKRL file: the description of one channel of the controller. This is the only reader of such
-//! files in the product; the mock controller intentionally has its own reader.
+//! Reads a classic EthernetKRL file, which configures one communication channel of the controller. All other code of
+//! the product uses this reader; only the mock controller has its own, so that each checks the other.
 //!
-//! One file describes one channel: which machine listens and where, how much is buffered, and which tags are sent.
-//! `RECEIVE` and `SEND` are seen from the controller. `TYPE` names the other machine: `Client` means that the
-//! controller listens.
+//! One file configures one channel: which machine listens and at which address, how much is buffered, and which tags
+//! are sent. `RECEIVE` and `SEND` are named from the controller's side. `TYPE` is the role of the other machine:
+//! `Client` means that the controller listens.
 //!
-//! `tree` converts the text to a tree, and `manual` compares it with the manual and notes every problem with its
-//! line. `stated` contains the file's statements, each value with its line. [`ChannelFile`] is the channel that the
+//! `tree` parses the text to a tree, and `manual` compares the tree with the manual and reports every problem with its
+//! line. `stated` extracts the file's statements, each value with its line. [`ChannelFile`] is the channel that the
 //! client uses: the statements, and the manual's defaults for everything that the file does not state. `panelprep
-//! check` uses the statements and all notes; the client refuses a file with a problem, and a RAW channel.
+//! check` prints all problems and warnings; the client refuses a file with a problem, and a RAW channel.
 
 mod manual;
 mod stated;
@@ -18,78 +18,78 @@ pub use manual::{Environment, Findings, Kind, PeerRole, Protocol, ReadOrder};
 use panelprep_base::config::Problem;
 pub use stated::{Signal, Stated, StatedChannel, StatedElement, StatedRaw};
 
-/// The values that apply if a file does not state them (`eki.md` 1.3).
+/// The manual's default values for entries that a file omits (`eki.md` 1.3).
 const DEFAULT_MEMORY_ENTRIES: u32 = 16;
 const DEFAULT_MEMORY_BYTES: u32 = 16_384;
 const DEFAULT_PORT: u16 = 54_600;
 
-/// The memories of a channel, one for each tag with a type.
+/// The receive buffers of a channel: the controller has one buffer for each tag with a type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Memory {
-    /// Which entry is read first, unless a tag states otherwise.
+    /// The order in which buffered values are read, unless a tag states another order.
     pub order: ReadOrder,
-    /// Number of entries of each memory; one more entry closes the connection.
+    /// Maximum number of values in each buffer; one more value closes the connection.
     pub entries: u32,
-    /// Largest number of bytes that are received and not yet interpreted.
+    /// Maximum number of bytes that are received and not yet parsed.
     pub bytes: u32,
 }
 
 /// One tag.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Element {
-    /// The tag's path without a leading slash, `Cmd/@Id`.
+    /// The tag's path without a leading slash, for example `Cmd/@Id`.
     pub tag: String,
-    /// The type in its memory; `None` if the tag only sets a flag.
+    /// The data type of the tag's value; `None` if the tag only sets a flag.
     pub kind: Option<Kind>,
-    /// Read order of the tag, if it differs from the channel's order.
+    /// The read order of the tag's values, if it differs from the channel's order.
     pub order: Option<ReadOrder>,
-    /// `$FLAG` that is set when the element has arrived.
+    /// The number of the `$FLAG` that the controller sets when the element has arrived.
     pub set_flag: Option<u32>,
-    /// `$OUT` that is set when the element has arrived.
+    /// The number of the `$OUT` that the controller sets when the element has arrived.
     pub set_out: Option<u32>,
-    /// The line of the element in the file, from 1.
+    /// The line of the element in the file; the first line is 1.
     pub line: usize,
 }
 
-/// An EthernetKRL file that was read.
+/// The configuration of one channel, parsed from an EthernetKRL file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ChannelFile {
     /// The role of the other machine.
     pub peer: PeerRole,
     /// The address of the machine that listens: the controller's, or the other machine's if the controller connects.
-    /// Any text is allowed: placeholders are common.
+    /// The text is not checked, because files often contain placeholders.
     pub address: Option<String>,
-    /// Port on which the server listens.
+    /// The TCP port of the machine that listens.
     pub port: u16,
-    /// The event that ends the channel.
+    /// The event on which the controller closes the channel.
     pub environment: Environment,
-    /// The protocol that transfers the bytes.
+    /// The transport protocol of the channel.
     pub protocol: Protocol,
     /// The memories.
     pub memory: Memory,
-    /// How long the controller tries to connect, or waits for a connection, ms.
+    /// Maximum time for which the controller tries to connect, or waits for a connection, ms.
     pub connect_timeout_ms: Option<u32>,
-    /// `$FLAG` that is true while connected.
+    /// The number of the `$FLAG` that is true while the channel is connected.
     pub alive_flag: Option<u32>,
-    /// `$OUT` that is true while connected.
+    /// The number of the `$OUT` that is true while the channel is connected.
     pub alive_out: Option<u32>,
-    /// `Ping` of `ALIVE`, as written.
+    /// The value of the attribute `Ping` of the element `ALIVE`, as written in the file.
     pub ping: Option<u32>,
-    /// Tags that the controller receives, in the file's order.
+    /// The tags that the controller receives, in the order of the file.
     pub received: Vec<Element>,
-    /// Tags that the controller sends, in the file's order.
+    /// The tags that the controller sends, in the order of the file.
     pub sent: Vec<Element>,
-    /// Names and texts that are in no manual, in the file's order.
+    /// The names and texts in the file that the manual does not define, in the order of the file.
     pub unknown: Vec<Problem>,
 }
 
 /// The reason why the client cannot use a file as a channel. Each reason names its line.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ChannelError {
-    /// The file has errors: the first one.
+    /// The file has errors; this is the first of them.
     #[error("line {}: {}{}{}", .0.line, .0.key, if .0.key.is_empty() { "" } else { ": " }, .0.message)]
     Wrong(Problem),
-    /// The file transfers bytes instead of tags.
+    /// The file configures a RAW channel, which transfers bytes instead of tags.
     #[error("line {line}: found a RAW channel, which transfers bytes; this program supports only XML channels")]
     Raw {
         /// Line, from 1.
@@ -98,10 +98,11 @@ pub enum ChannelError {
 }
 
 impl ChannelFile {
-    /// Reads the text of a classic EthernetKRL file.
+    /// Parses the text of a classic EthernetKRL file.
     ///
     /// # Errors
-    /// The first entry in the file that the controller would refuse or this program cannot use.
+    /// If the file has an entry that the controller would refuse or this program cannot use; the error names the first
+    /// one.
     pub fn parse(text: &str) -> Result<Self, ChannelError> {
         let (stated, found) = read("", text).map_err(ChannelError::Wrong)?;
         if let Some(first) = found.problems.into_iter().min_by_key(|problem| problem.line) {
@@ -154,7 +155,7 @@ impl Element {
     }
 }
 
-/// Returns a file's statements, with everything that differs from the manual; `name` is the file's name.
+/// Returns the statements of a file, and every difference between the file and the manual; `name` is the file's name.
 ///
 /// # Errors
 /// If the text is not XML or not a classic EthernetKRL file.
@@ -172,7 +173,8 @@ mod tests {
     use super::*;
     use crate::eki::{CELLCMD, CELLSTAT};
 
-    /// Returns the smallest file with these lines inside `INTERNAL` and `RECEIVE/XML`, from lines 3 and 4.
+    /// Returns a minimal channel file. Line 3 has these elements in `INTERNAL`, and line 4 has these elements in
+    /// `RECEIVE/XML`.
     fn file(internal: &str, received: &str) -> String {
         format!(
             "<ETHERNETKRL><CONFIGURATION>\n<EXTERNAL><TYPE>Client</TYPE></EXTERNAL>\n<INTERNAL>{internal}</INTERNAL>\n\
@@ -200,8 +202,8 @@ mod tests {
         assert_eq!((command.unknown, state.unknown), (vec![], vec![]));
     }
 
-    /// The manual's defaults apply if a file states nothing; if the controller connects, the port is that of the other
-    /// machine.
+    /// The manual's defaults apply to entries that the file omits. If the controller connects, the port is that of the
+    /// other machine.
     #[test]
     fn values_that_a_file_does_not_state_have_the_manuals_default() {
         let silent = ChannelFile::parse(&file("", "")).expect("reads");

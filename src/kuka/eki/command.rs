@@ -1,13 +1,13 @@
 //! Commands to the robot: the nine functions of thesis Table 3.1, as values of one type.
 //!
-//! Numbers carry their unit. When a command is queued, they are compared with the limits of any controller of this
-//! kind; the gate checks the cell's own limits. Nothing is clamped.
+//! Field names contain the unit. When a command is queued, its values are compared with the limits that apply to every
+//! controller of this type; the limits of the cell are checked before. A value out of range is refused, never clamped.
 
 use super::ids::{Epoch, Keyword, intern_keyword};
 use panelprep_base::geometry::{Joints, KukaPose};
 use serde::{Deserialize, Serialize};
 
-/// A function of thesis Table 3.1.
+/// A robot function of thesis Table 3.1, with its arguments.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, strum::IntoStaticStr)]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
@@ -16,48 +16,49 @@ pub enum Command {
     MoveLin(MoveLin),
     /// `move_j(joints_pose)`: moves each axis to its angle; all axes arrive at the same time.
     MoveJ(MoveJ),
-    /// `get_current_state()`: axis angles, flange pose and TCP pose; requested on the state channel.
+    /// `get_current_state()`: requests axis angles, flange pose and TCP pose, on the state channel.
     GetCurrentState,
-    /// `set_base(base_frame)`: the frame of the poses that follow, given in the robot's base; it is the panel's pose.
+    /// `set_base(base_frame)`: sets the base frame of the poses that follow. It is the panel's pose in the robot's
+    /// base.
     SetBase(KukaPose),
     /// `set_tcp(tcp_frame)`: the TCP frame of the tool, in the flange frame.
     SetTcp(SetTcp),
     /// `set_acc_speed(acceleration, speed)`.
     SetAccSpeed(SetAccSpeed),
-    /// `set_digin(number, value)`: inputs of a KRC are read-only, so the command is refused unless the controller maps
-    /// the input to a flag ([`MappedInputs`]).
+    /// `set_digin(number, value)`: sets an input of the controller. Inputs of a KRC are read-only, so the command is
+    /// refused unless the controller maps the input to a flag ([`MappedInputs`]).
     SetDigin(Signal),
-    /// `set_digout(number, value)`: executed when the arm has stopped at the end of the previous commands.
+    /// `set_digout(number, value)`: sets an output after the arm has stopped at the end of the previous commands.
     SetDigout(Signal),
-    /// `set_digout(number, value)` on the path: executed at the end of the previous motion, which is still blended.
+    /// `set_digout(number, value)` on the path: sets an output at the end of the previous motion, without a stop.
     #[strum(serialize = "set_digout")]
     SetDigoutOnPath(Signal),
-    /// `call_subroutine()`: one of the controller's predefined subroutines, by its index.
+    /// `call_subroutine()`: calls one of the controller's predefined subroutines, by its index.
     CallSubroutine {
         /// The index of the subroutine in the controller's own list.
         index: u16,
     },
 }
 
-/// A linear motion to a pose.
+/// The arguments of a linear motion of the TCP to a pose.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct MoveLin {
     /// The TCP's target pose, in the active base.
     pub pose: KukaPose,
     /// Distance before the pose at which blending may begin, mm; 0 stops exactly at the pose.
     pub blend_mm: f64,
-    /// True if the tool touches the panel during the motion.
+    /// Whether the tool touches the panel during the motion.
     pub contact: bool,
-    /// Speed of the TCP from here on, m/s; with `None` the speed set before remains.
+    /// Speed of the TCP for this and all following motions, m/s; `None` keeps the speed that was set before.
     pub speed_m_s: Option<f64>,
 }
 
-/// A motion of all axes to their angles.
+/// The arguments of a motion of all axes to their target angles.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct MoveJ {
-    /// The target of the axes.
+    /// The target angles of the axes.
     pub joints: Joints,
-    /// Percentage of the axes' maximum speed.
+    /// Speed of the axes as a percentage of their maximum speed.
     pub axis_speed_percent: f64,
 }
 
@@ -74,9 +75,9 @@ pub struct SetTcp {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TcpKind {
-    /// The flange camera, or any tool that never touches the panel.
+    /// The flange camera, or another tool that never touches the panel.
     Other,
-    /// The sanding tool: the controller retracts along its −Z.
+    /// The sanding tool; the controller retracts it along the tool's −Z axis.
     Sanding,
 }
 
@@ -87,30 +88,31 @@ pub struct SetAccSpeed {
     pub speed_m_s: f64,
     /// Acceleration of the TCP, m/s².
     pub acceleration_m_s2: f64,
-    /// Percentage of the axes' maximum speed.
+    /// Speed of the axes as a percentage of their maximum speed.
     pub axis_speed_percent: u8,
-    /// Percentage of the axes' maximum acceleration.
+    /// Acceleration of the axes as a percentage of their maximum acceleration.
     pub axis_acceleration_percent: u8,
 }
 
-/// A digital signal and its value.
+/// A digital input or output and the value to set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Signal {
-    /// The number of the signal on the controller, from 1.
+    /// The number of the input or output on the controller; the first number is 1.
     pub number: u16,
     /// On or off.
     pub on: bool,
 }
 
-/// The inputs that the controller maps to flags, so that they can be set; none unless the cell's file names some.
+/// The inputs that the controller maps to flags, so that they can be set. The list is empty unless the cell file names
+/// inputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct MappedInputs([u16; MappedInputs::MAX]);
 
 impl MappedInputs {
-    /// The number of entries in the controller's list.
+    /// Maximum number of mapped inputs: the length of the controller's list.
     pub const MAX: usize = 8;
 
-    /// Returns these inputs, by their numbers; `None` if there are too many.
+    /// Creates the list from the numbers of the inputs; returns `None` if there are more than [`MappedInputs::MAX`].
     pub fn new(numbers: impl IntoIterator<Item = u16>) -> Option<Self> {
         let mut mapped = MappedInputs::default();
         let mut places = mapped.0.iter_mut();
@@ -120,54 +122,54 @@ impl MappedInputs {
         Some(mapped)
     }
 
-    /// Returns whether this input can be set.
+    /// Returns whether this input is mapped to a flag and can be set.
     pub fn contains(&self, number: u16) -> bool {
         number > 0 && self.0.contains(&number)
     }
 }
 
-/// A request on the state channel.
+/// A request to the controller on the state channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Request {
     /// The state, now.
     State,
-    /// The client is alive and has sent commands up to this one.
+    /// Reports that the client is alive, and up to which command it has sent commands.
     Heartbeat {
-        /// The last command sent in this epoch, 0 if none was sent.
+        /// The last command that was sent in this epoch; 0 if no command was sent.
         last_sent: u32,
     },
-    /// Ends the epoch: switches the tool off, brakes, discards the queued commands, and retracts if the tool is in
-    /// contact. Then the next epoch begins.
+    /// Ends the epoch: the controller switches the tool off, brakes, discards the queued commands, and retracts if the
+    /// tool is in contact. Then the next epoch begins.
     Abort {
-        /// The epoch after the abort.
+        /// The epoch that begins after the abort.
         next: Epoch,
     },
-    /// The signals to a production line, as bits of the controller's outputs to that line; nothing moves.
+    /// Sets the controller's outputs to a production line. The request moves nothing.
     Line {
-        /// The values of the outputs: the first output is the lowest bit.
+        /// The values of the outputs as bits; the lowest bit is the first output.
         bits: u32,
     },
-    /// Begins this epoch; nothing moves.
+    /// Begins a new epoch. The request moves nothing.
     Reset {
         /// The epoch to begin.
         next: Epoch,
     },
 }
 
-/// The reason why a command cannot be sent. The message contains the value and its limits.
+/// The reason why a command cannot be sent. If a value is out of range, the message contains the value and its limits.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum CommandError {
-    /// The value is not a number, too small or too large.
+    /// A value is NaN, too small or too large.
     #[error("{function}: {field} is {found}; the limits are {low} to {high}")]
     OutOfRange {
-        /// The function of Table 3.1.
+        /// The name of the function in thesis Table 3.1.
         #[serde(deserialize_with = "intern_keyword")]
         function: Keyword,
         /// The name of the value, with its unit.
         #[serde(deserialize_with = "intern_keyword")]
         field: Keyword,
-        /// The value as given.
+        /// The value that the caller gave.
         found: f64,
         /// Smallest allowed.
         low: f64,
@@ -183,12 +185,13 @@ pub enum CommandError {
         /// The input.
         number: u16,
     },
-    /// Requested on the wrong channel.
+    /// `get_current_state` was queued as a command instead of being requested on the state channel.
     #[error("get_current_state is not a command for the controller's ring buffer; request it on the state channel")]
     NotACommand,
 }
 
-/// The content of a command on the wire, after its head: operation, N1, N2, R1, R2 and the six numbers of P.
+/// The values of a command's fields in its message, without the common header: operation, N1, N2, R1, R2 and the six
+/// values of P.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct CommandFields {
     pub operation: i32,
@@ -197,9 +200,9 @@ pub(super) struct CommandFields {
     pub p: [f64; 6],
 }
 
-/// Largest coordinate that a pose may have, mm.
+/// Maximum magnitude of a coordinate of a pose, mm.
 pub(super) const MAX_COORDINATE_MM: f64 = 100_000.0;
-/// Largest angle that a pose or an axis may have, degrees: ten rotations.
+/// Maximum magnitude of an angle of a pose or an axis, degrees: ten rotations.
 pub(super) const MAX_ANGLE_DEG: f64 = 3_600.0;
 
 impl Command {
@@ -208,7 +211,8 @@ impl Command {
         self.into()
     }
 
-    /// Returns the fields of the message; `to_come` is the number of points of the same path that follow this one.
+    /// Returns the values of the message's fields; `to_come` is the number of points of the same path that follow this
+    /// point.
     pub(super) fn fields(&self, to_come: u32) -> Result<CommandFields, CommandError> {
         let check = RangeCheck { function: self.name() };
         let none = CommandFields { operation: 0, n: [0; 2], r: [0.0; 2], p: [0.0; 6] };
@@ -225,7 +229,7 @@ impl Command {
             Command::MoveLin(MoveLin { pose, blend_mm, contact, speed_m_s }) => {
                 let p = check.pose(pose)?;
                 let blend_mm = check.range("blend (mm)", blend_mm, 0.0, 1_000.0)?;
-                // On the wire, 0 keeps the speed that was set before.
+                // In the message, the speed 0 keeps the speed that was set before.
                 let speed_m_s = match speed_m_s {
                     Some(speed_m_s) => check.range("speed (m/s)", speed_m_s, 0.001, 3.0)?,
                     None => 0.0,
@@ -268,13 +272,13 @@ impl Command {
     }
 }
 
-/// Checks the numbers of one function.
+/// Checks the arguments of one function against their limits.
 struct RangeCheck {
     function: &'static str,
 }
 
 impl RangeCheck {
-    /// Returns the number if it is in range; NaN fails.
+    /// Returns the value if it is within the limits; NaN is an error.
     fn range(&self, field: &'static str, found: f64, low: f64, high: f64) -> Result<f64, CommandError> {
         let function = self.function;
         if found >= low && found <= high {

@@ -1,27 +1,28 @@
-//! Finds the documents in a stream of bytes, however the stream is divided into reads.
+//! Finds the XML documents in a stream of bytes. The result does not depend on how the stream is divided into reads.
 //!
-//! EthernetKRL sends documents back to back, without length or delimiter; one read may contain half a document or
-//! three. A document ends where the depth of its tags returns to zero, counted outside quotes, byte by byte: it does
-//! not matter how the stream is divided. Between documents white space, NUL, byte order marks and XML prologs are
-//! skipped. Some content is never sent by a controller: a document type, comments, entities, instructions, anything but
-//! printable ASCII, more than [`MAX_DOCUMENT_BYTES`]. After such content the framer accepts nothing more: the stream
-//! has no mark by which to find the next document, so only a new connection can continue.
+//! EthernetKRL sends documents one after another, without length or delimiter; one read may contain half a document or
+//! three. A document ends where the nesting depth of its tags returns to zero, counted byte by byte and outside quotes.
+//! Between documents, white space, NUL, byte order marks and XML prologs are skipped. A controller never sends a
+//! document type, comments, entities, processing instructions, characters other than printable ASCII, or more than
+//! [`MAX_DOCUMENT_BYTES`]. After one of these the framer accepts nothing more: the stream has no mark by which to find
+//! the next document, so a new connection is needed.
 //!
-//! The framer does not check names or values, nor whether tags match: `schema` does.
+//! The framer does not check names or values, nor whether start and end tags match: `schema` checks them.
 
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// Largest size of a document with its prolog.
+/// Maximum size of a document with its prolog, bytes.
 pub const MAX_DOCUMENT_BYTES: usize = 8 * 1024;
-/// Deepest nesting; the documents of this program have two levels.
+/// Maximum nesting depth; the documents of this protocol have two levels.
 const MAX_DEPTH: usize = 8;
 
-/// The reason why a stream cannot be divided into documents. `at` counts the stream's bytes from 0.
+/// The reason why a stream cannot be divided into documents. `at` is the byte's position in the stream; the first byte
+/// is 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum FrameError {
-    /// Text or invalid bytes between documents.
+    /// There is a text or an invalid byte between two documents.
     #[error("byte {at}: found {byte:#04x} between two documents; only '<' is valid there")]
     Stray {
         /// The position.
@@ -49,7 +50,7 @@ pub enum FrameError {
         /// The position.
         at: u64,
     },
-    /// An entity, or a bare ampersand.
+    /// An entity, or an ampersand without an entity.
     #[error("byte {at}: an entity, which no controller sends")]
     Entity {
         /// The position.
@@ -74,44 +75,44 @@ pub enum FrameError {
     TooDeep {
         /// The position.
         at: u64,
-        /// The largest valid depth.
+        /// The maximum nesting depth.
         limit: usize,
     },
-    /// A document that is longer than any message.
+    /// A document that is longer than any valid message.
     #[error("byte {at}: a document of more than {limit} bytes")]
     TooLong {
         /// The position.
         at: u64,
-        /// The largest valid length.
+        /// The maximum length of a document, bytes.
         limit: usize,
     },
 }
 
-/// The state of the scan.
+/// The position of the scanner in the syntax of the stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum ScanState {
-    /// Outside of tags: between documents or between the tags of one.
+    /// Outside of tags: between two documents, or between two tags of one document.
     Outside,
-    /// In a byte order mark, after this number of its bytes.
+    /// In a byte order mark, after this number of its three bytes.
     Mark(usize),
     /// Behind `<`.
     Opened,
-    /// In the name or the attributes of a start tag; whether the last byte was `/`.
+    /// In the name or the attributes of a start tag. `slash` is true if the previous byte was `/`.
     Start { slash: bool },
-    /// In an attribute's value, until this quote.
+    /// In an attribute's value, which ends at this quote character.
     Quoted(u8),
-    /// After an attribute's value: white space or the end of the tag follows.
+    /// After an attribute's value; white space or the end of the tag must follow.
     Valued,
-    /// In an end tag; whether a byte of its name was seen.
+    /// In an end tag. `named` is true if its name has begun.
     End { named: bool },
-    /// In `<?…`; whether the last byte was `?`.
+    /// In an instruction `<?…`. `question` is true if the previous byte was `?`.
     Prolog { question: bool },
 }
 
 const BYTE_ORDER_MARK: [u8; 3] = [0xEF, 0xBB, 0xBF];
 const PROLOG: &[u8] = b"<?xml";
 
-/// Cuts one stream into documents.
+/// Divides one stream of bytes into XML documents.
 #[derive(Debug, Clone)]
 pub struct Framer {
     state: ScanState,
@@ -136,7 +137,7 @@ impl Default for Framer {
 }
 
 impl Framer {
-    /// Accepts the stream's next bytes. Bytes after an error are ignored.
+    /// Processes the next bytes of the stream. Bytes after an error are ignored.
     pub fn push(&mut self, bytes: &[u8]) {
         let mut rest = bytes;
         while let (Some((&byte, behind)), None) = (rest.split_first(), self.broken) {
@@ -155,8 +156,8 @@ impl Framer {
         }
     }
 
-    /// Returns the number of leading bytes that are ordinary content: they extend the document and do not change the
-    /// state of the scan.
+    /// Returns how many of the first bytes are ordinary content: such bytes extend the document and do not change the
+    /// scanner's state.
     fn content_length(&self, bytes: &[u8]) -> usize {
         match self.state {
             ScanState::Outside if self.depth > 0 => {}
@@ -168,11 +169,11 @@ impl Framer {
         bytes.iter().take(room).take_while(|byte| is_plain(byte)).count()
     }
 
-    /// Returns the next complete document; `None` while more bytes are needed. Documents that were complete before an
+    /// Returns the next complete document, or `None` if more bytes are needed. Documents that were complete before an
     /// error are returned first.
     ///
     /// # Errors
-    /// If the stream cannot be divided any further; every later call returns the same error.
+    /// If the stream contains data that no controller sends; every later call returns the same error.
     pub fn next_document(&mut self) -> Result<Option<String>, FrameError> {
         match (self.ready.pop_front(), self.broken) {
             (Some(document), _) => Ok(Some(document)),
@@ -258,7 +259,7 @@ impl Framer {
     fn end_element(&mut self, depth: usize) -> ScanState {
         self.depth = depth;
         if depth == 0 {
-            // Every byte was checked to be ASCII.
+            // Only ASCII bytes reach this point, so nothing is replaced.
             self.ready.push_back(String::from_utf8_lossy(&self.document).into_owned());
             self.document.clear();
         }
@@ -282,12 +283,12 @@ mod tests {
     use crate::eki::fixture::{ACK, STATE};
     use proptest::prelude::*;
 
-    /// Divides a stream that arrives in one read; returns the documents and the final error.
+    /// Divides a stream that arrives in one read. Returns the documents and the error, if any.
     fn cut(stream: &[u8]) -> (Vec<String>, Option<FrameError>) {
         cut_at(stream, &[])
     }
 
-    /// Divides a stream that arrives in several reads, which end at these positions.
+    /// Divides a stream that arrives in several reads; `cuts` are the positions at which the reads end.
     fn cut_at(stream: &[u8], cuts: &[usize]) -> (Vec<String>, Option<FrameError>) {
         let mut framer = Framer::default();
         let (mut documents, mut from) = (Vec::new(), 0);
@@ -314,8 +315,8 @@ mod tests {
         assert_eq!(error, None);
     }
 
-    /// A stream with all kinds of content, divided at every single position, and at every pair of positions in its first
-    /// part.
+    /// Divides a stream with all kinds of content at every single position, and at every pair of positions in its first
+    /// part. The documents are always the same.
     #[test]
     fn the_division_into_reads_does_not_matter() {
         let stream =
@@ -370,7 +371,8 @@ mod tests {
         }
     }
 
-    /// 8192 bytes are one document, one more is too long; eight levels are allowed, nine are not.
+    /// A document of 8192 bytes is accepted, and one of 8193 bytes is too long. Eight nesting levels are accepted, nine
+    /// are not.
     #[test]
     fn size_and_depth_are_limited() {
         let padded = |bytes: usize| format!("<a b=\"{}\"/>", "x".repeat(bytes - 9));

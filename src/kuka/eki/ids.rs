@@ -1,5 +1,5 @@
-//! Small values that all messages share: the numbers of commands and of the epochs in which they are sent, the time
-//! of the session's clock, and fixed keywords that are read from a recording.
+//! Basic types that all messages share: command numbers, epoch numbers, the time of the session's clock, and keywords
+//! that are read from a recording.
 
 use serde::de::Error;
 use serde::{Deserialize, Deserializer};
@@ -7,15 +7,15 @@ use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-/// A command's number, contiguous from 1 in each epoch; 0 means no command.
+/// The number of a command. In each epoch the numbers are contiguous from 1; 0 means no command.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash, serde::Serialize, serde::Deserialize,
 )]
 #[serde(transparent)]
 pub struct CommandId(pub u32);
 
-/// A sequence of commands that begins with a reset and ends with an abort, a stop or the loss of the link. An ended
-/// epoch never moves the robot.
+/// The number of an epoch: a sequence of commands that begins with a reset and ends with an abort, a stop or the loss
+/// of the link. An ended epoch never moves the robot.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash, serde::Serialize, serde::Deserialize,
 )]
@@ -34,27 +34,29 @@ impl std::fmt::Display for Epoch {
     }
 }
 
-/// The maximum by which one request may raise the controller's epoch, and by which one message may be ahead of the
-/// known epoch. A cell opens a few thousand epochs a day, so no real epoch is farther away. Two thousand wrong
-/// messages would be needed to exhaust the counter.
+/// Maximum step by which one request may raise the controller's epoch, and by which one message may be ahead of the
+/// known epoch. A cell opens a few thousand epochs a day, so a larger step is an error. Two thousand wrong messages
+/// would be needed to exhaust the counter.
 pub const MAX_EPOCH_STEP: u32 = 1_000_000;
-/// A controller that begins a connection with a higher epoch is refused, since hardly any numbers would be left.
+/// Maximum epoch of a controller at the begin of a connection. A controller with a higher epoch is refused, because too
+/// few epoch numbers would remain.
 pub(super) const MAX_EPOCH: u32 = 2_000_000_000;
 
-/// The largest number: numbers on the wire are signed 32-bit integers.
+/// The maximum number of an epoch or a command: numbers in messages are signed 32-bit integers.
 pub(super) const LAST_NUMBER: u32 = i32::MAX.cast_unsigned();
 
-/// A moment, counted from any fixed start: that of the link on a real robot, that of the controller in lock step.
+/// A point in time, counted from a fixed start: the start of the link for a real robot, the start of the controller in
+/// lock step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash)]
 pub struct Time(Duration);
 
 impl Time {
-    /// Returns the moment at this time after the start.
+    /// Returns the point in time at this duration after the start.
     pub fn from_start(since: Duration) -> Self {
         Time(since)
     }
 
-    /// Returns the moment at this count of milliseconds.
+    /// Returns the point in time at this number of milliseconds after the start.
     pub fn from_ms(ms: u64) -> Self {
         Time(Duration::from_millis(ms))
     }
@@ -77,13 +79,14 @@ impl std::ops::Add<Duration> for Time {
     }
 }
 
-/// A keyword from this program's own text.
+/// A keyword that is defined in this program's source.
 pub(super) type Keyword = &'static str;
 
-/// Length of the longest keyword.
+/// Maximum length of a keyword, bytes.
 const MAX_KEYWORD_BYTES: usize = 100;
 
-/// Reads a keyword from a recording. Each keyword is stored once until the program ends: there are some tens.
+/// Reads a keyword from a recording. Each different keyword is allocated once and never freed; there are fewer than a
+/// hundred.
 pub(super) fn intern_keyword<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Keyword, D::Error> {
     static KNOWN_KEYWORDS: Mutex<BTreeSet<Keyword>> = Mutex::new(BTreeSet::new());
     let text = String::deserialize(deserializer)?;

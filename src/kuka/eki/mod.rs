@@ -1,15 +1,15 @@
-//! The robot's protocol without sockets: the client's half of EthernetKRL (EKI).
+//! The client's half of the robot protocol EthernetKRL (EKI), without sockets.
 //!
-//! A session receives bytes and commands, and returns bytes and reports. The caller passes the time as `now`, so one
-//! session runs on the wall clock or in virtual time. There are two channels: commands with their acknowledgements, and
-//! the controller's state with heartbeat and abort, which no motion can delay. Tags and their order come from the
-//! EthernetKRL files of the controller itself, `config/kuka/`.
+//! A session receives bytes and commands, and returns bytes and reports. The caller passes the time as `now`, so a
+//! session runs on the wall clock or in virtual time. There are two channels: the command channel with commands and
+//! acknowledgements, and the state channel with the controller's state, heartbeats and aborts, which no motion can
+//! delay. The tags and their order are defined by the controller's own EthernetKRL files, `config/kuka/`.
 //!
 //! Read in this order: [`channel`](ChannelFile) (the content of a file) · [`command`](Command) (the robot's commands) ·
 //! [`framer`](Framer) and [`wire`](Wire) (bytes to documents to values) · [`session`](Session) (epochs, ids, credits,
 //! the watchdog).
 //!
-//! This module opens no sockets and reads no clock: `devices::robot` does.
+//! This module opens no sockets and reads no clock; `devices::robot` does both.
 
 pub mod channel;
 mod command;
@@ -38,7 +38,7 @@ pub const CELLCMD: &str = include_str!("../../../config/kuka/CELLCMD.xml");
 /// The state channel's configuration file as it is loaded on the controller.
 pub const CELLSTAT: &str = include_str!("../../../config/kuka/CELLSTAT.xml");
 
-/// Documents as a controller writes them, for the tests of this module.
+/// Documents in the form in which a controller writes them, for the tests of this module.
 #[cfg(test)]
 mod fixture {
     use super::{CELLCMD, CELLSTAT, ChannelFile, Wire};
@@ -48,7 +48,7 @@ mod fixture {
         Wire::new(&command, &state).expect("the shipped files fit")
     }
 
-    /// A state message that was written by hand, value by value, in the form of a KRC.
+    /// A state message of a KRC, written by hand value by value.
     pub(super) const STATE: &str = "<St T=\"1200\" Seq=\"7\" Re=\"3\" Ep=\"2\" Boot=\"77\" Sum=\"-12345\" Mode=\"4\" Flags=\"119\" \
         In=\"5\" Out=\"2\" Done=\"17\" Under=\"0\" Ov=\"100\"><J A1=\"4.999516\" A2=\"-90.000031\" A3=\"90.000000\" A4=\"0.000000\" \
         A5=\"45.500000\" A6=\"-185.250000\"></J><Tcp X=\"100.250000\" Y=\"-20.500000\" Z=\"300.125000\" A=\"90.000000\" \
@@ -56,6 +56,6 @@ mod fixture {
         B=\"0.000000\" C=\"0.000000\"></Base><Tool X=\"0.000000\" Y=\"0.000000\" Z=\"120.000000\" A=\"0.000000\" \
         B=\"0.000000\" C=\"0.000000\"></Tool></St>";
 
-    /// An acknowledgement written by hand.
+    /// An acknowledgement of a KRC, written by hand.
     pub(super) const ACK: &str = "<Ack Rx=\"20\" Done=\"17\" Free=\"97\" Err=\"0\" ErrId=\"0\" Ep=\"2\"></Ack>";
 }

@@ -1,4 +1,4 @@
-//! Reports of a session: everything that the rest of the program learns about the robot.
+//! The reports of a session, by which the rest of the program is informed about the robot.
 
 use super::framer::FrameError;
 use super::ids::{CommandId, Epoch, Keyword, intern_keyword};
@@ -9,7 +9,7 @@ use panelprep_base::number_text::distinguishable_texts;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// One of the two connections.
+/// One of the two connections to the controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Channel {
@@ -28,30 +28,30 @@ impl std::fmt::Display for Channel {
     }
 }
 
-/// A report of a session. Ids and `done` are of the current epoch.
+/// A report of a session. Command ids, and the field `done`, belong to the current epoch.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Report {
-    /// The controller has answered for the first time on this connection. This starts no motion.
+    /// The controller has replied for the first time on this connection. No motion is started.
     Connected {
-        /// State of the controller.
+        /// The state of the controller in its first reply.
         state: Box<State>,
     },
-    /// The controller is in the new epoch; commands may be queued.
+    /// The controller has begun the new epoch; commands may be queued.
     EpochOpened {
         /// The epoch.
         epoch: Epoch,
     },
-    /// The controller did not enter the new epoch.
+    /// The controller has not begun the new epoch.
     EpochNotOpened {
         /// The requested epoch.
         asked: Epoch,
-        /// The present epoch of the controller.
+        /// The epoch in which the controller is.
         found: Epoch,
     },
-    /// The controller's state, about ten times a second.
+    /// The controller's state, reported about ten times a second.
     State(Box<State>),
-    /// All commands up to this one have been executed.
+    /// All commands up to the command `done` have been executed.
     Progress {
         /// The last executed command.
         done: CommandId,
@@ -65,53 +65,53 @@ pub enum Report {
     Refused {
         /// The command.
         id: CommandId,
-        /// Reason of the refusal.
+        /// The reason why the controller refused the command.
         refusal: Refusal,
     },
-    /// Base or tool on the controller are not what was set; the epoch is being ended.
+    /// The base or tool on the controller differs from the frame that was set; the epoch is being ended.
     EchoMismatch(Box<EchoMismatch>),
-    /// The robot cannot continue with the queued commands; the epoch is being ended.
+    /// The robot cannot execute the remaining commands; the epoch is being ended.
     Interrupted {
         /// Cause of the interruption.
         cause: StopCause,
     },
-    /// The numbers that the controller reports do not match those of the session; the epoch is being ended.
+    /// A command, request or epoch number from the controller does not match the session; the epoch is being ended.
     SequenceError(SequenceError),
-    /// The controller was silent while commands were queued; the epoch is being ended.
+    /// The controller sent nothing for too long while commands were queued; the epoch is being ended.
     WatchdogExpired {
         /// The silent channel.
         channel: Channel,
         /// Duration of the silence.
         silence: Duration,
     },
-    /// The robot is far behind its plan: a point took more than twice its planned time plus half a second. Reported
-    /// once for each path; in contact the epoch is being ended.
+    /// The robot is much slower than planned: a point took more than twice its planned time plus half a second. This is
+    /// reported once for each path. If the tool is in contact, the epoch is being ended.
     Slow {
-        /// Id of the waypoint's command.
+        /// The command of the delayed waypoint.
         id: CommandId,
-        /// The tool is on the panel, or on its way to it.
+        /// Whether the tool is on the panel, or on its way to the panel.
         contact: bool,
-        /// How long the command has taken so far.
+        /// The time that the command has taken so far.
         waited: Duration,
     },
     /// The robot has stopped after an abort.
     Standstill {
-        /// The last executed command of the ended epoch, as far as the controller has reported.
+        /// The last command of the ended epoch that the controller has reported as executed.
         done: CommandId,
     },
-    /// The controller was started again, or its programs were changed; the epoch has ended.
+    /// The controller was restarted, or its programs were changed; the epoch has ended.
     Rebooted {
-        /// State of the controller.
+        /// The state of the controller after the restart.
         state: Box<State>,
     },
-    /// The connection is lost, or could not be made. The queued commands are discarded.
+    /// The connection is lost, or could not be opened. The queued commands are discarded.
     LinkLost {
-        /// Cause of the loss.
+        /// The cause of the loss.
         why: LinkLoss,
     },
 }
 
-/// The reason why a robot cannot continue.
+/// The reason why the robot cannot execute the remaining commands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum StopCause {
@@ -124,32 +124,32 @@ pub enum StopCause {
     /// The drives are off.
     #[error("the drives are off")]
     DrivesOff,
-    /// The override differs from the one for which contact is planned, while the tool touches the panel or is about to
-    /// touch it.
+    /// The speed override is not 100 % although the tool touches the panel or is about to touch it. Contact paths are
+    /// planned for 100 %.
     #[error("the override is not 100 % while the tool is in contact")]
     Override,
-    /// The mode switch was turned.
+    /// The mode switch was set to T1 or T2.
     #[error("the mode switch was turned to T1 or T2")]
     ModeTurned,
-    /// The epoch was stopped, and no robot program was able to move the robot.
+    /// The epoch was stopped because no robot program was running that could move the robot.
     #[error(
         "no robot program is running: select cell_motion and start it. Possible causes: in T1, the Start key was \
          released, or a message waits to be acknowledged"
     )]
     NoProgram,
-    /// The controller's program has stopped the epoch.
+    /// The robot program on the controller has stopped the epoch by itself.
     #[error("the controller's program has stopped by itself")]
     ByProgram,
-    /// The robot's reports are not read: the part of the program that supervises the robot has stalled.
+    /// This program does not read the robot's reports any more: the part that supervises the robot has stalled.
     #[error("the program that supervises the robot has not read the robot's reports for too long")]
     Unattended,
 }
 
-/// A base or tool on the controller that differs from the one that was set.
+/// A base or tool frame on the controller that differs from the frame that was set.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum EchoMismatch {
-    /// The controller does not report that the frame was set.
+    /// The command was executed, but the controller does not report the frame as set.
     #[error(
         "command {id}, which sets the {frame}, was executed, but the controller reports that this frame is not set in \
          this epoch"
@@ -161,7 +161,7 @@ pub enum EchoMismatch {
         /// The command.
         id: CommandId,
     },
-    /// Another frame is active.
+    /// The controller reports another frame than the one that was set.
     #[error(
         "the {frame} set by command {id} is {sent}, but the controller has {found}: {} mm and {}° apart (limits 0.001 \
          mm and 0.001°)",
@@ -173,42 +173,42 @@ pub enum EchoMismatch {
         frame: Keyword,
         /// The command.
         id: CommandId,
-        /// The value that was set.
+        /// The frame that this program has set.
         sent: KukaPose,
         /// The active value.
         found: KukaPose,
-        /// Largest difference along an axis, mm.
+        /// Largest difference between the two positions along an axis, mm.
         distance_mm: f64,
-        /// Angle between the rotations, degrees.
+        /// Angle between the two orientations, degrees.
         turn_deg: f64,
     },
 }
 
-/// Impossible numbers from the controller.
+/// A number in a message of the controller that contradicts what this session has sent or received.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum SequenceError {
-    /// A state is missing, repeated or out of order.
+    /// A state message is missing, repeated or out of order.
     #[error(
         "state message {found} was received after state message {last}: a message is missing, repeated or out of order"
     )]
     State {
-        /// Number of the state message before it.
+        /// The number of the previous state message.
         last: u32,
         /// The received number.
         found: u32,
     },
-    /// An answer without a request.
+    /// A response to a request that was not sent.
     #[error("the controller sent a response to request {found}; valid: {first} to {last}")]
     Answer {
-        /// Number of the command that the answer names.
+        /// The request number in the response.
         found: u32,
-        /// The last request answered.
+        /// The lowest valid request number: the last request that was answered.
         first: u32,
-        /// The last request sent.
+        /// The highest valid request number: the last request that was sent.
         last: u32,
     },
-    /// The controller reports a received or executed command that was not sent, or a number that is lower than before.
+    /// The controller reports as received or executed a command that was not sent, or an earlier command than before.
     #[error("the controller reports that command {found} was {what}; valid: {first} to {last}")]
     Command {
         /// Received or executed.
@@ -216,12 +216,12 @@ pub enum SequenceError {
         what: Keyword,
         /// The reported command.
         found: CommandId,
-        /// The lowest command that the controller may report.
+        /// The lowest command number that is valid in the report.
         first: CommandId,
-        /// The highest command that the controller may report.
+        /// The highest command number that is valid in the report.
         last: CommandId,
     },
-    /// An epoch that this client did not open.
+    /// The controller is in an epoch that this client did not open.
     #[error(
         "the controller is in epoch {found}, but this program is in epoch {ours}; check whether another client is \
          connected"
@@ -229,16 +229,16 @@ pub enum SequenceError {
     Epoch {
         /// Its epoch.
         found: Epoch,
-        /// Epoch of this program.
+        /// The epoch that this program has opened.
         ours: Epoch,
     },
 }
 
-/// Causes of a lost or refused connection.
+/// The cause of a lost or refused connection.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum LinkLoss {
-    /// No program listens on the port.
+    /// The connection was refused, because no program listens on the port.
     #[error(
         "{address} refuses the {channel}: the controller responds, but its EthernetKRL server does not. Check that the \
          controller's program is running, and that the port is the same as in the channel's file"
@@ -249,7 +249,7 @@ pub enum LinkLoss {
         /// Host and port.
         address: String,
     },
-    /// The controller does not answer.
+    /// The controller does not respond to the connection request.
     #[error(
         "{address} does not respond within {waited_ms} ms ({channel}): check that the controller is on, the cable is \
          connected, the subnet is the controller's, and the port is open in its firewall"
@@ -262,7 +262,7 @@ pub enum LinkLoss {
         /// Waiting time, ms.
         waited_ms: u64,
     },
-    /// The client is connected, but receives no message.
+    /// The client is connected, but receives no messages.
     #[error(
         "the {channel} is connected, but no message was received for {silence_ms} ms: check that the program on the \
          controller is running, and that no other client is connected"
@@ -270,18 +270,18 @@ pub enum LinkLoss {
     Silent {
         /// The connection.
         channel: Channel,
-        /// Duration of the silence, ms.
+        /// Time without a message, ms.
         silence_ms: u64,
     },
-    /// A message has begun and does not end.
+    /// The end of a message was not received in time.
     #[error("the {channel} received the start of a message, but not its end within {waited_ms} ms")]
     Unfinished {
         /// The connection.
         channel: Channel,
-        /// Time since the message began, ms.
+        /// Time since the start of the message, ms.
         waited_ms: u64,
     },
-    /// An epoch that no controller can have reached from the last known one.
+    /// The reported epoch cannot follow the last known epoch.
     #[error(
         "the {channel} reports epoch {found}, but the last known epoch is {known}: the message is rejected, because a \
          controller's epoch never decreases, and never increases by more than {step}"
@@ -291,12 +291,12 @@ pub enum LinkLoss {
         channel: Channel,
         /// The reported epoch.
         found: Epoch,
-        /// The highest known epoch.
+        /// The highest epoch that is known for this controller.
         known: Epoch,
-        /// Largest allowed step above the known epoch.
+        /// Maximum step above the known epoch.
         step: u32,
     },
-    /// A controller that has hardly any epochs left.
+    /// The controller's epoch is so high that too few epoch numbers remain.
     #[error(
         "the controller is in epoch {found} (limit {most}): its epoch counter is corrupt. Deselect all programs on the \
          controller, set CELL_EP to 0, and perform a cold start"
@@ -304,10 +304,11 @@ pub enum LinkLoss {
     EpochTooHigh {
         /// Its epoch.
         found: Epoch,
-        /// The highest epoch that is accepted.
+        /// The maximum epoch that is accepted.
         most: u32,
     },
-    /// An abort that the controller did not answer. Without a client the controller stops by itself.
+    /// The controller did not respond to an abort. The connections are closed, after which the controller stops by
+    /// itself.
     #[error(
         "the controller did not respond to an abort within {waited_ms} ms: the connections are closed, which also \
          stops the controller"
@@ -316,29 +317,30 @@ pub enum LinkLoss {
         /// Waiting time, ms.
         waited_ms: u64,
     },
-    /// Commands of several epochs were not acknowledged, although states arrive: closing the channel may remove the
-    /// cause.
+    /// The commands of several consecutive epochs were not acknowledged, although state messages arrive. Closing the
+    /// channel may remove the cause.
     #[error(
         "the controller has acknowledged no command in {epochs} consecutive epochs, although it reports its state: \
          the connections are opened again"
     )]
     NotAcknowledged {
-        /// Number of epochs without an acknowledgement.
+        /// The number of consecutive epochs without an acknowledgement.
         epochs: u32,
     },
-    /// An abort that was answered but not carried out. Without a client the controller stops by itself.
+    /// The controller responded to an abort, but did not stop. The connections are closed, after which the controller
+    /// stops by itself.
     #[error(
         "the controller responded to an abort, but did not stop: the connections are closed, which also stops the \
          controller"
     )]
     AbortNotObeyed,
-    /// The connection has used all request numbers of 32 bits; a new connection starts counting again.
+    /// The connection has used all request numbers of 32 bits. A new connection counts from 1 again.
     #[error("{most} requests were sent on this connection, the limit of the request counter")]
     RequestsExhausted {
         /// The highest request number.
         most: u32,
     },
-    /// The controller closed the channel before its first message: another client is connected to it.
+    /// The controller closed the channel before its first message, usually because another client is connected.
     #[error(
         "the controller closed the {channel} before it sent any data. Possible causes: another client is connected \
          (another PC, or a program that hangs); the previous connection is not yet released; the controller's XML \
@@ -348,13 +350,13 @@ pub enum LinkLoss {
         /// The connection.
         channel: Channel,
     },
-    /// The two ports are exchanged: each one leads to the other channel.
+    /// The two ports are exchanged: the connection leads to the other channel.
     #[error("the {channel} received messages of the other channel: command_port and state_port are exchanged")]
     PortsExchanged {
         /// The connection.
         channel: Channel,
     },
-    /// Closed by the controller.
+    /// The controller closed the channel.
     #[error("the controller closed the {channel}")]
     Closed {
         /// The connection.
@@ -368,20 +370,20 @@ pub enum LinkLoss {
         /// The system's error.
         problem: String,
     },
-    /// Bytes that do not form documents.
+    /// The received bytes do not form XML documents.
     #[error("the {channel} received data that no controller sends: {error}")]
     Frame {
         /// The connection.
         channel: Channel,
-        /// The error and its position.
+        /// The error in the bytes, with its position.
         error: FrameError,
     },
-    /// A document that is not a valid message.
+    /// A received document is not a valid message.
     #[error("the {channel} received an invalid message: {error}")]
     Message {
         /// The connection.
         channel: Channel,
-        /// The error of the message.
+        /// The reason why the message is invalid.
         error: DecodeError,
     },
 }

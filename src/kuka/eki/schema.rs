@@ -1,8 +1,9 @@
-//! One kind of document: the tags of an EthernetKRL file, assigned to the fields that this program knows.
+//! The schema of one kind of document: it assigns the tags of an EthernetKRL file to the fields that this program
+//! knows.
 //!
-//! Names and order come from the file. The required fields, their ranges and their meaning come from the caller. A
-//! document is read strictly by its schema: each field occurs exactly once, is finite and in range, and there is no
-//! other content. A missing field is an error and never zero.
+//! The file defines names and order. The caller defines the required fields, their ranges and their meaning. A document
+//! is read strictly by its schema: each field occurs exactly once, is finite and in range, and no other content is
+//! accepted. A missing field is an error and is never read as zero.
 
 use super::channel::{Element, Kind};
 use super::ids::{Keyword, intern_keyword};
@@ -11,7 +12,7 @@ use quick_xml::events::{BytesStart, Event};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
-/// A field that the program knows: its tag, whether it is a whole number, and its range.
+/// A field that the program knows: its tag, whether it is an integer, and its range.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Field {
     pub tag: &'static str,
@@ -20,31 +21,31 @@ pub(super) struct Field {
     pub high: f64,
 }
 
-/// Returns a field with a whole number in this range.
+/// Returns a field that contains an integer in this range.
 pub(super) const fn integer_field(tag: &'static str, low: i32, high: i32) -> Field {
     Field { tag, whole: true, low: low as f64, high: high as f64 }
 }
 
-/// Returns a field with a number of at most this magnitude, of either sign.
+/// Returns a field that contains a positive or negative number of at most this magnitude.
 pub(super) const fn number_field(tag: &'static str, largest: f64) -> Field {
     Field { tag, whole: false, low: -largest, high: largest }
 }
 
-/// The reason why a channel's tags do not match this program.
+/// The reason why the tags of a channel's file do not match the fields of this program.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SchemaError {
-    /// A tag that matches no field.
+    /// The file has a tag that matches no field.
     #[error("line {line}: this program does not use the tag {tag}")]
     Unknown {
-        /// Line in the file, from 1.
+        /// The line of the tag in the file; the first line is 1.
         line: usize,
         /// The tag.
         tag: String,
     },
-    /// A tag with another type.
+    /// The tag has another type than the field.
     #[error("line {line}: the Type of the tag {tag} must be {needed}, found {found}")]
     Type {
-        /// Line in the file, from 1.
+        /// The line of the tag in the file; the first line is 1.
         line: usize,
         /// The tag.
         tag: String,
@@ -53,15 +54,15 @@ pub enum SchemaError {
         /// The type that the file states.
         found: Kind,
     },
-    /// A tag appears twice.
+    /// The tag appears twice.
     #[error("line {line}: the tag {tag} appears twice")]
     Twice {
-        /// Line in the file, from 1.
+        /// The line of the second tag in the file; the first line is 1.
         line: usize,
         /// The tag.
         tag: String,
     },
-    /// A field without a tag.
+    /// The file has no tag for a field.
     #[error("the tag {tag} is missing")]
     Missing {
         /// The tag.
@@ -69,7 +70,7 @@ pub enum SchemaError {
     },
 }
 
-/// An element with its attributes (name and field) and children, in the file's order.
+/// An element of a document with its attributes (name and index of the field) and its children, in the file's order.
 #[derive(Debug, Clone, PartialEq, Default)]
 struct Node {
     name: String,
@@ -79,7 +80,7 @@ struct Node {
 }
 
 impl Node {
-    /// Returns the child of this name, which is created if there is none.
+    /// Returns the child element with this name; creates it if there is none.
     fn child(&mut self, name: &str) -> &mut Node {
         let at = self.children.iter().position(|child| child.name == name).unwrap_or_else(|| {
             let path = if self.path.is_empty() { name.to_owned() } else { format!("{}/{name}", self.path) };
@@ -94,8 +95,8 @@ impl Node {
         let _ = write!(text, "<{}", self.name);
         for (name, field) in &self.attributes {
             let value = values[*field];
-            // A whole number is written as an integer: the digits are the same, and writing the exact decimals of a
-            // float takes ten times as long.
+            // A number without fraction is formatted as an integer. The digits are the same, but formatting the exact
+            // decimals of a float takes ten times as long.
             let is_plain =
                 value.fract() == 0.0 && value.abs() < 1e15 && !(value == 0.0 && value.is_sign_negative());
             let _ = match fields[*field].whole {
@@ -110,11 +111,11 @@ impl Node {
     }
 }
 
-/// One kind of document.
+/// The schema of one kind of document.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Schema {
     fields: &'static [Field],
-    /// A node above the root, with the root as its only child.
+    /// An additional node above the root; the root is its only child.
     parent: Node,
 }
 
@@ -128,7 +129,7 @@ impl Schema {
     pub(super) fn new(elements: &[Element], fields: &'static [Field]) -> Result<Self, SchemaError> {
         let mut above = Node::default();
         let mut seen = vec![false; fields.len()];
-        // A tag without a type sets a flag when its element has arrived; it carries no value.
+        // A tag without a type only sets a flag on the controller; it has no value.
         for element in elements.iter().filter(|element| element.kind.is_some() || element.tag.contains('@')) {
             let Element { line, kind, .. } = *element;
             let tags = match kind {
@@ -143,7 +144,8 @@ impl Schema {
                     true => ("INT", matches!(kind, None | Some(Kind::Int))),
                     false => ("REAL", matches!(kind, None | Some(Kind::Real | Kind::Frame))),
                 };
-                // With another type, program and controller would read another number in the same message.
+                // If the types differ, this program and the controller would read different numbers from the same
+                // message.
                 if let (Some(found), false) = (kind, fits) {
                     return Err(SchemaError::Type { line, tag, needed, found });
                 }
@@ -161,7 +163,7 @@ impl Schema {
         }
     }
 
-    /// Writes the document with these values, which the caller has checked; one value for each field.
+    /// Writes the document with these values: one value for each field, already checked by the caller.
     pub(super) fn encode(&self, values: &[f64]) -> Vec<u8> {
         let mut text = String::with_capacity(256);
         self.parent.children.iter().for_each(|root| root.write(self.fields, values, &mut text));
@@ -169,7 +171,7 @@ impl Schema {
     }
 }
 
-/// The reason why a document does not match its schema. `field` is a tag of the EthernetKRL file.
+/// The reason why a document does not match its schema. `field` is the tag in the EthernetKRL file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum DecodeError {
@@ -179,30 +181,30 @@ pub enum DecodeError {
         /// The parser's message.
         problem: String,
     },
-    /// Content that no controller sends: text, comments, instructions, entities.
+    /// The document contains text, comments, instructions or entities, which no controller sends.
     #[error("{what} inside <{element}>, which may contain only elements")]
     Foreign {
-        /// Kind of the element that is not valid here.
+        /// The kind of content that is not valid here.
         #[serde(deserialize_with = "intern_keyword")]
         what: Keyword,
-        /// The enclosing element; empty outside all elements.
+        /// The enclosing element; empty if the content is outside of all elements.
         element: String,
     },
-    /// The document is of another kind.
+    /// The document is of another kind than expected.
     #[error("the document is <{found}>, expected <{expected}>")]
     Root {
-        /// The root element found.
+        /// The root element of the received document.
         found: String,
         /// The expected kind.
         expected: String,
     },
-    /// Two documents instead of one.
+    /// There is a second root element after the first.
     #[error("a second root element, <{found}>, follows the first")]
     SecondRoot {
-        /// The second root element.
+        /// The name of the second root element.
         found: String,
     },
-    /// An element that the channel file does not define.
+    /// The document has an element that the channel's file does not define.
     #[error("the element {element} is not defined in the channel's file")]
     UnknownElement {
         /// Its path.
@@ -214,7 +216,7 @@ pub enum DecodeError {
         /// Its path.
         element: String,
     },
-    /// An attribute that the channel file does not define.
+    /// The document has an attribute that the channel's file does not define.
     #[error("{field} is not defined in the channel's file")]
     Unknown {
         /// Its path.
@@ -227,21 +229,21 @@ pub enum DecodeError {
         #[serde(deserialize_with = "intern_keyword")]
         field: Keyword,
     },
-    /// An attribute that is missing.
+    /// A required attribute is missing.
     #[error("{field} is missing")]
     Missing {
         /// Its path.
         #[serde(deserialize_with = "intern_keyword")]
         field: Keyword,
     },
-    /// An attribute that was never set on the controller.
+    /// The attribute is empty, because its value was never set on the controller.
     #[error("{field} is empty: it was not set on the controller")]
     Empty {
         /// Its path.
         #[serde(deserialize_with = "intern_keyword")]
         field: Keyword,
     },
-    /// A text that is not a number in the form of EthernetKRL.
+    /// The value is not a number in the format of EthernetKRL.
     #[error("{field} is \"{found}\", which is not a {needed}")]
     NotANumber {
         /// Its path.
@@ -249,11 +251,11 @@ pub enum DecodeError {
         field: Keyword,
         /// The text found.
         found: String,
-        /// The required form of the value.
+        /// The required format of the value.
         #[serde(deserialize_with = "intern_keyword")]
         needed: Keyword,
     },
-    /// A number outside of the range that a controller can report.
+    /// The number is outside of the range that a controller can report.
     #[error("{field} is {found}; the limits are {low} to {high}")]
     OutOfRange {
         /// Its path.
@@ -272,7 +274,7 @@ impl Schema {
     /// Returns the values of a document, one for each field, in the order of the fields.
     ///
     /// # Errors
-    /// The first part that does not match the schema.
+    /// If the document does not match the schema; the error describes the first difference.
     pub(super) fn decode(&self, document: &str) -> Result<Vec<f64>, DecodeError> {
         let mut reading =
             PartialDocument { fields: self.fields, values: vec![None; self.fields.len()], open: Vec::new() };
@@ -318,7 +320,7 @@ fn xml_error(error: &dyn std::fmt::Display) -> DecodeError {
     DecodeError::NotXml { problem: error.to_string() }
 }
 
-/// A document that is partly read: the open elements, each with its children seen so far.
+/// The state while a document is read: the open elements, each with the names of its children so far.
 struct PartialDocument<'a> {
     fields: &'static [Field],
     values: Vec<Option<f64>>,
@@ -343,7 +345,8 @@ impl PartialDocument<'_> {
                 false => DecodeError::UnknownElement { element: format!("{}/{found}", parent.path) },
             });
         };
-        // The second one would silently replace the first: two messages were merged by a loss in between.
+        // A repeated element would silently replace the first one. It can occur if bytes were lost and two messages
+        // were merged.
         if seen.contains(&node.name.as_str()) {
             return Err(DecodeError::RepeatedElement { element: node.path.clone() });
         }
@@ -371,7 +374,7 @@ impl PartialDocument<'_> {
     }
 }
 
-/// Returns whether white space follows the value of every attribute; the parser does not check this.
+/// Returns whether white space separates all attributes of a tag; the XML parser does not check this.
 fn are_attributes_spaced(tag: &str) -> bool {
     let (mut quote, mut is_valued) = (None, false);
     tag.bytes().all(|byte| {
@@ -386,14 +389,15 @@ fn are_attributes_spaced(tag: &str) -> bool {
     })
 }
 
-/// Parses a number in the form of EthernetKRL: `%d`, or `%f`: a sign, digits, a point and digits, and nothing else.
+/// Parses a number in the format of EthernetKRL (`%d` or `%f`): an optional minus sign, digits, and for `%f` a decimal
+/// point and digits.
 fn number(field: &Field, text: &str) -> Result<f64, DecodeError> {
     let &Field { tag, whole, low, high } = field;
     if text.is_empty() {
         return Err(DecodeError::Empty { field: tag });
     }
     let is_digits = |digits: &str| !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit());
-    // Stricter than Rust's parser, which also accepts `inf`, `NaN`, `+1` and `1e5`: no controller writes those.
+    // Rust's parser also accepts `inf`, `NaN`, `+1` and `1e5`, which no controller writes.
     let digits = text.strip_prefix('-').unwrap_or(text);
     let right = match digits.split_once('.') {
         Some((before, after)) => !whole && is_digits(before) && is_digits(after),
@@ -402,7 +406,7 @@ fn number(field: &Field, text: &str) -> Result<f64, DecodeError> {
     let needed = if whole { "whole number" } else { "number such as -12.345678" };
     let wrong = || DecodeError::NotANumber { field: tag, found: text.to_owned(), needed };
     let value: f64 = if right { text.parse().map_err(|_| wrong())? } else { return Err(wrong()) };
-    // A field without a limit would let a damaged digit become a pose.
+    // Without limits, a corrupted digit would result in a wrong pose.
     if value >= low && value <= high {
         Ok(value)
     } else {

@@ -1,5 +1,5 @@
-//! The controller's messages. The state has the values of one instant; the acknowledgements state which commands the
-//! controller has received and executed, and the first command that it refused.
+//! The controller's messages. A state message contains the values of one instant. An acknowledgement states which
+//! commands the controller has received and executed, and the first command that it refused.
 
 use super::command::{MAX_ANGLE_DEG, MAX_COORDINATE_MM};
 use super::ids::{CommandId, Epoch};
@@ -12,38 +12,38 @@ use strum::VariantArray;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, strum::IntoStaticStr)]
 #[serde(rename_all = "snake_case")]
 pub enum Mode {
-    /// T1: operated by hand, at most 250 mm/s.
+    /// T1: manual mode with reduced speed, at most 250 mm/s.
     T1,
-    /// T2: operated by hand, full speed.
+    /// T2: manual mode with full speed.
     T2,
     /// AUT: by itself.
     #[strum(serialize = "AUT")]
     Automatic,
-    /// EXT: automatic, started from outside.
+    /// EXT: automatic mode, started by an external signal.
     #[strum(serialize = "EXT")]
     External,
 }
 
 impl Mode {
-    /// Returns the mode's name, as the controller displays it.
+    /// Returns the name of the mode, as the controller displays it.
     pub fn name(self) -> &'static str {
         self.into()
     }
 }
 
-/// The override, %, for which contact is planned: at another override the disc stays longer at each place.
+/// The speed override for which contact paths are planned, %. At a lower override the dwell time of the disc is longer.
 pub const CONTACT_OVERRIDE_PERCENT: u8 = 100;
 
-/// The controller's state at one moment.
+/// The controller's state at one instant.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// Time since the controller's start, ms.
     pub time_ms: u32,
-    /// Counts the states sent.
+    /// The number of this state message.
     pub sequence: u32,
-    /// The last answered request.
+    /// The number of the last request to which the controller has replied.
     pub answered: u32,
-    /// The controller's present epoch.
+    /// The epoch in which the controller is.
     pub epoch: Epoch,
     /// A number that changes with each start of the controller.
     pub boot: i32,
@@ -51,29 +51,29 @@ pub struct State {
     pub programs_checksum: i32,
     /// Operating mode.
     pub mode: Mode,
-    /// The drives are on.
+    /// Whether the drives are on.
     pub drives_on: bool,
-    /// An emergency stop is pressed.
+    /// Whether an emergency stop is pressed.
     pub emergency_stop: bool,
-    /// The guard is closed.
+    /// Whether the guard is closed.
     pub guard_closed: bool,
     /// The arm moves.
     pub moving: bool,
-    /// A motion could start.
+    /// Whether a motion could start.
     pub motion_possible: bool,
-    /// The base was set in this epoch.
+    /// Whether the base was set in this epoch.
     pub base_set: bool,
-    /// The tool was set in this epoch.
+    /// Whether the tool was set in this epoch.
     pub tool_set: bool,
-    /// The controller's program has stopped this epoch by itself.
+    /// Whether the robot program on the controller has stopped this epoch by itself.
     pub stopped: bool,
-    /// Mapped inputs, one per bit.
+    /// The values of the mapped inputs, one bit each.
     pub inputs: u32,
-    /// Mapped outputs, one per bit.
+    /// The values of the mapped outputs, one bit each.
     pub outputs: u32,
     /// The last command executed in this epoch.
     pub done: CommandId,
-    /// Number of times that a path had an underrun before its end.
+    /// Number of underruns: how often the controller ran out of commands before the end of a path.
     pub underruns: u32,
     /// The program override, `$OV_PRO`: the percentage of each commanded speed at which the arm moves, %.
     pub override_percent: u8,
@@ -129,24 +129,25 @@ pub(super) const STATE: [Field; 37] = [
     number_field("St/Tool/@C", MAX_ANGLE_DEG),
 ];
 
-/// Boot ids of a mock controller. The controller's programs compute a boot id from the date, in seconds; these values
-/// correspond to day 0 of month 0, which no controller's clock shows. 0 is the value of a controller whose programs did
-/// not begin (`CELL_INIT`), which may be a real one.
+/// The boot ids of a mock controller. A real controller's programs compute the boot id from the date, in seconds; the
+/// values of this range correspond to day 0 of month 0, which no clock shows. 0 is excluded, because a controller whose
+/// programs have not run `CELL_INIT` reports 0, and such a controller may be real.
 const MOCK_BOOT_IDS: std::ops::Range<i32> = 1..86_400;
 
 impl State {
-    /// Returns whether a mock controller sent this state: observations on it prove nothing about a real one.
+    /// Returns whether a mock controller sent this state. Such a state is no evidence about a real controller.
     pub fn is_simulated(&self) -> bool {
         MOCK_BOOT_IDS.contains(&self.boot)
     }
 
-    /// Returns whether the controller does not know the pose of the tool centre point: before its program is started
-    /// it reports 0 for every number.
+    /// Returns whether the controller does not know the pose of the TCP: before the robot program is started, all
+    /// values of the pose are 0.
     pub fn tip_is_unknown(&self) -> bool {
         self.base_from_tcp == KukaPose::default()
     }
 
-    /// Creates a state from the values of [`STATE`], which are in range, and integers if integers are required.
+    /// Creates a state from the values of the fields [`STATE`]. The values are in range, and integers where the field
+    /// requires an integer.
     pub(super) fn from_values(values: &[f64]) -> Option<Self> {
         let (whole, poses) = values.split_at_checked(MAX_WHOLE_DIGITS)?;
         let [
@@ -201,16 +202,16 @@ fn pose(&[x_mm, y_mm, z_mm, a_deg, b_deg, c_deg]: &[f64; 6]) -> KukaPose {
     KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }
 }
 
-/// An acknowledgement. The counts refer to its epoch.
+/// An acknowledgement of commands. Its command numbers belong to its epoch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Ack {
-    /// The last command received; all commands before it were received too.
+    /// The last command that was received; all commands before it were received, too.
     pub received: CommandId,
-    /// The last command executed.
+    /// The last command that was executed.
     pub done: CommandId,
-    /// Number of free entries in the controller's ring.
+    /// Number of free entries in the controller's ring buffer.
     pub free: u32,
-    /// The first command refused, and why.
+    /// The first command that was refused, and the reason.
     pub refused: Option<(CommandId, Refusal)>,
     /// The epoch to which the acknowledgement belongs.
     pub epoch: Epoch,
@@ -274,7 +275,8 @@ pub(super) const ACK: [Field; 6] = [
 ];
 
 impl Ack {
-    /// Creates an acknowledgement from the values of [`ACK`], which are in range, and integers where required.
+    /// Creates an acknowledgement from the values of the fields [`ACK`]. The values are in range, and integers where
+    /// the field requires an integer.
     pub(super) fn from_values(values: &[f64]) -> Option<Self> {
         let [received, done, free, error, error_id, epoch] = *<&[f64; 6]>::try_from(values).ok()?;
         let refusal = (error as usize).checked_sub(1).and_then(|index| Refusal::IN_ORDER.get(index));

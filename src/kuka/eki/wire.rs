@@ -1,9 +1,8 @@
-//! Converts values to documents and back: the four kinds of message, with tags and order from the EthernetKRL
+//! Converts values to XML documents and back: the four kinds of message, with tags and their order from the EthernetKRL
 //! files.
 //!
-//! `Cmd` and `Req` go out, `Ack` and `St` come in. Numbers are written as the controller writes them, `%d` and
-//! `%f`: six decimals, no exponent. A number that cannot be written in this form is refused when the command is
-//! queued.
+//! `Cmd` and `Req` are sent, `Ack` and `St` are received. Numbers are written in the controller's own format, `%d` and
+//! `%f`: six decimals, no exponent. A number that does not fit this format is refused when the command is queued.
 
 use super::channel::ChannelFile;
 use super::command::{Command, CommandError, CommandFields, Request};
@@ -11,8 +10,8 @@ use super::ids::{CommandId, Epoch};
 use super::schema::{DecodeError, Field, Schema, SchemaError, integer_field, number_field};
 use super::state::{ACK, Ack, STATE, State};
 
-/// Values are not checked again here: a command was checked when it was queued, and a request contains only
-/// numbers.
+/// These ranges are not needed for encoding: a command is checked when it is queued, and a request contains only
+/// counters.
 const COMMAND: [Field; 13] = [
     integer_field("Cmd/@Id", 1, i32::MAX),
     integer_field("Cmd/@Ep", 1, i32::MAX),
@@ -46,10 +45,10 @@ pub struct Wire {
 }
 
 impl Wire {
-    /// Creates the message formats from these two channel files.
+    /// Creates the message formats from the two channel files.
     ///
     /// # Errors
-    /// If a file lacks a tag, or has one that this program does not know.
+    /// If a file does not define a required tag, or defines a tag that this program does not know.
     pub fn new(command_channel: &ChannelFile, state_channel: &ChannelFile) -> Result<Self, SchemaError> {
         Ok(Wire {
             command: Schema::new(&command_channel.received, &COMMAND)?,
@@ -59,10 +58,10 @@ impl Wire {
         })
     }
 
-    /// Returns a command as bytes; `to_come` is how many points of the same path follow.
+    /// Encodes a command; `to_come` is the number of points of the same path that follow.
     ///
     /// # Errors
-    /// If a number is not finite or out of range, or the function is not allowed on this channel.
+    /// If a value is not finite or out of range, or the function cannot be sent on the command channel.
     pub fn encode_command(
         &self,
         id: CommandId,
@@ -77,7 +76,7 @@ impl Wire {
         Ok(self.command.encode(&values))
     }
 
-    /// Encodes a request; `id` counts the requests of a connection from 1.
+    /// Encodes a request; `id` is the number of the request on this connection, from 1.
     pub fn encode_request(&self, id: u32, epoch: Epoch, request: &Request) -> Vec<u8> {
         let (operation, number) = match *request {
             Request::State => (9, 0),
@@ -89,18 +88,18 @@ impl Wire {
         self.request.encode(&[id, epoch.0, operation, number].map(f64::from))
     }
 
-    /// Reads an acknowledgement from its document.
+    /// Decodes an acknowledgement.
     ///
     /// # Errors
-    /// If the document is not exactly one `Ack`.
+    /// If the document is not exactly one valid `Ack` element.
     pub fn decode_ack(&self, document: &str) -> Result<Ack, DecodeError> {
         Ack::from_values(&self.ack.decode(document)?).ok_or(DecodeError::Missing { field: "Ack" })
     }
 
-    /// Reads a state from its document.
+    /// Decodes a state message.
     ///
     /// # Errors
-    /// If the document is not exactly one `St`.
+    /// If the document is not exactly one valid `St` element.
     pub fn decode_state(&self, document: &str) -> Result<State, DecodeError> {
         State::from_values(&self.state.decode(document)?).ok_or(DecodeError::Missing { field: "St" })
     }
@@ -120,7 +119,8 @@ mod tests {
         String::from_utf8(bytes).expect("ASCII")
     }
 
-    /// The nine functions of Table 3.1 except the two that are never sent, byte by byte.
+    /// Compares the encoded bytes of the functions of Table 3.1, except the two that are never sent, with the expected
+    /// text.
     #[test]
     fn commands_are_written_as_the_file_states() {
         let pose =
@@ -240,7 +240,7 @@ mod tests {
         assert_eq!(read(10), Some((CommandId(19), Refusal::Stopped)));
     }
 
-    /// Each line is one fault in an otherwise good document, and its error.
+    /// Each line has one error in an otherwise valid document, and the expected message.
     #[test]
     fn faulty_acknowledgements_give_exact_errors() {
         let with = |old: &str, new: &str| {
@@ -388,8 +388,8 @@ mod tests {
         }
     }
 
-    /// The file is the only source: another order in the file gives another order on the wire, and a missing tag is an
-    /// error.
+    /// Tags and order come only from the channel's file: if the order in the file changes, the order in the message
+    /// changes, and a missing tag is an error.
     #[test]
     fn tags_and_order_come_from_the_file() {
         let state = ChannelFile::parse(CELLSTAT).expect("reads");
@@ -414,7 +414,7 @@ mod tests {
         let wrong_type =
             SchemaError::Type { line: 37, tag: "Ack/@Free".to_owned(), needed: "INT", found: Kind::Real };
         assert_eq!(with(free, &free.replace("INT", "REAL")), Err(wrong_type));
-        // Six REAL attributes are the same bytes as a FRAME.
+        // Six REAL attributes are encoded to the same bytes as a FRAME.
         let six = ["X", "Y", "Z", "A", "B", "C"]
             .map(|name| format!("<ELEMENT Tag=\"Cmd/P/@{name}\" Type=\"REAL\"/>"))
             .concat();

@@ -1,13 +1,12 @@
-//! The compiled form of a program: one list of small steps for a stack machine, divided into statements; routines,
-//! memory and texts.
+//! The compiled form of a program: a list of small operations (steps) for a stack machine, divided into statements;
+//! also the routines, the memory and the texts of the program.
 //!
-//! Between two statements another interpreter may run or an interrupt may occur; within a statement neither is
-//! possible.
+//! Another interpreter may run, or an interrupt may occur, only between two statements.
 //!
-//! Steps are combined for speed: an expression without calls, a jump on the value of an expression, or an
-//! assignment of that value. The list of steps is not changed: it defines the meaning of a program, and is executed
-//! step by step if one of the steps may wait for the arm. For each step, the combined operation that begins there
-//! and the next step are stored, so that jumps lead to the same steps as before.
+//! For speed, several steps are combined to one operation: an expression without calls, a conditional jump on an
+//! expression, or an assignment of an expression. The list of steps stays unchanged and defines the meaning of the
+//! program. It is executed step by step if one of the steps may wait for the arm. For each step, the combined operation
+//! that begins there is stored, together with the step that follows it. So the targets of jumps stay valid.
 
 use super::routines::Builtin;
 use super::syntax::{Approximation, Binary, Motion};
@@ -17,7 +16,7 @@ use std::collections::BTreeMap;
 /// One value in memory or on the stack.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Cell {
-    /// A value that was never assigned: reading it stops an interpreter.
+    /// A value that was never assigned; reading it stops the interpreter.
     Unset,
     /// INT
     Int(i32),
@@ -27,9 +26,9 @@ pub enum Cell {
     Bool(bool),
     /// CHAR
     Char(u8),
-    /// An enumeration constant, by its index in the enumeration.
+    /// An enumeration constant, as its index in the enumeration.
     Word(u16),
-    /// A text, by its index among the program's texts.
+    /// A text, as its index in the list of the program's texts.
     Text(u32),
     /// The address of a variable.
     Address(MemoryAddress),
@@ -47,11 +46,11 @@ pub struct MemoryAddress {
 /// A memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MemorySpace {
-    /// Data lists, shared by all interpreters.
+    /// The memory of the data lists, which all interpreters share.
     Global,
-    /// Parameters and local variables of one interpreter.
+    /// The parameters and local variables of one interpreter.
     Frame,
-    /// A system variable, by its index in the table.
+    /// A system variable, by its index in the table of system variables.
     System(u16),
 }
 
@@ -59,11 +58,11 @@ pub enum MemorySpace {
 #[allow(missing_docs)] // a field is what the step's sentence says of it
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Op {
-    /// Begins a statement, given by its index among the program's statements.
+    /// Marks the start of a statement; the operand is its index in the list of statements.
     Statement(u32),
-    /// Puts a value on the stack.
+    /// Pushes a value on the stack.
     Push(Cell),
-    /// Puts an address on the stack: of a shared variable, of a local variable, of the variable to which a
+    /// The following operations push an address: of a shared variable, of a local variable, of the variable to which a
     /// parameter refers, or of a system variable.
     Global(u32),
     /// See [`Op::Global`].
@@ -72,29 +71,30 @@ pub enum Op {
     Referred(u32),
     /// See [`Op::Global`].
     System(u16),
-    /// Advances the address by this number of cells.
+    /// Advances the address on the stack by this number of cells.
     Component(u32),
-    /// Pops an index and advances the address to that element, of `count` elements with `size` cells each.
+    /// Pops an index, and advances the address on the stack to that element of an array of `count` elements with `size`
+    /// cells each.
     Index { count: u32, size: u32 },
-    /// Replaces an address by the value at this address.
+    /// Replaces the address on the stack by the value at this address.
     Load,
-    /// Puts the value of this shared or local cell on the stack.
+    /// Pushes the value of this shared or local cell.
     LoadGlobal(u32),
     /// See [`Op::LoadGlobal`].
     LoadLocal(u32),
-    /// Replaces an address by the values of this number of cells from this address on.
+    /// Replaces the address on the stack by the values of this number of cells, which begin at the address.
     LoadBlock(u32),
     /// Pops a value and the address below it, and writes the value to the address.
     Store,
     /// Pops this number of cells and the address below them, and writes the cells to the address.
     StoreBlock(u32),
-    /// As [`Op::StoreBlock`], for `{…}`, in which components may be left out.
+    /// Like [`Op::StoreBlock`], for an aggregate `{…}`, in which components may be omitted.
     StoreAggregate(u32),
     /// Pops a text and an address, and writes at most this number of characters.
     StoreText(u32),
-    /// Converts an INT to REAL; the INT lies this number of cells below the top of the stack.
+    /// Converts an INT to REAL; the INT is this number of cells below the top of the stack.
     ToReal(u32),
-    /// Converts a REAL to INT, rounded.
+    /// Converts a REAL to the nearest INT.
     ToInt,
     /// Changes the sign.
     Negate,
@@ -102,49 +102,49 @@ pub enum Op {
     Not,
     /// B_NOT
     BitNot,
-    /// Applies an operator to two simple values.
+    /// Applies a binary operator to two simple values.
     Binary(Binary),
-    /// Applies `:` to two frames of 6 numbers.
+    /// Applies the geometric operator `:` to two frames of six numbers.
     Geometric,
-    /// Keeps the `first` cells of `of` cells and drops the others, for example to get a FRAME from a POS.
+    /// Keeps the first `first` of the top `of` cells and drops the others, for example to convert a POS to a FRAME.
     Keep { first: u32, of: u32 },
-    /// Continues at another step.
+    /// Jumps to another step.
     Jump(u32),
-    /// Pops a BOOL and continues at another step if it is FALSE.
+    /// Pops a BOOL and jumps to another step if it is FALSE.
     JumpIfNot(u32),
-    /// Continues at another step if AND or OR is decided by its left side and the controller leaves out the right
-    /// one.
+    /// Jumps to another step if the left operand decides the result of AND or OR and the controller skips the right
+    /// operand (short-circuit evaluation).
     JumpDecided { decided: bool, to: u32 },
-    /// Pops step, end and counter of a FOR and reports whether the loop continues.
+    /// Pops step, end value and counter of a FOR loop, and pushes whether the loop continues.
     ForTest,
-    /// Calls a routine with its arguments on the stack.
+    /// Calls a routine; its arguments are on the stack.
     Call(u32),
-    /// Calls a routine of the controller.
+    /// Calls one of the controller's own routines.
     Builtin(Builtin),
-    /// Leaves the routine with a value of this number of cells.
+    /// Returns from the routine with a value of this number of cells.
     Return(u32),
-    /// Reports that a function ended without RETURN.
+    /// Stops the interpreter, because a function has ended without RETURN.
     NoReturn,
-    /// Discards this number of cells of the stack.
+    /// Removes this number of cells from the stack.
     Drop(u32),
-    /// Requests a motion; its target is 6 numbers on the stack, axes or a pose.
+    /// Requests a motion. Its target is six numbers on the stack: axis angles or a pose.
     Motion { motion: Motion, axes: bool, approximates: Option<Approximation> },
-    /// Pops the waiting time in seconds.
+    /// Pops the waiting time in seconds, and waits.
     WaitSeconds,
-    /// Pops a BOOL; if it is FALSE, continues at this step, which evaluates the condition again.
+    /// Pops a BOOL. If it is FALSE, jumps to the given step, which evaluates the condition again.
     WaitFor(u32),
-    /// Pops the number of the interrupt. The code of the condition begins at the next step, the code of the call at
-    /// `call`, and the program continues at `after`.
+    /// Declares an interrupt, whose number is popped. The code of the condition begins at the next step, the code of
+    /// the call at `call`, and the program continues at `after`.
     InterruptDeclaration { global: bool, call: u32, after: u32 },
-    /// Pops the number of an interrupt and switches it.
+    /// Pops the number of an interrupt, and switches the interrupt on or off.
     InterruptSwitch { on: bool },
     /// Switches all interrupts.
     InterruptSwitchAll { on: bool },
-    /// Ends a condition; its value is on the stack.
+    /// Ends the code of a condition; its result is on the stack.
     EndCondition,
-    /// Ends the call of an interrupt or a trigger.
+    /// Ends the code that an interrupt or a trigger calls.
     EndInterrupt,
-    /// BRAKE or BRAKE F.
+    /// Brakes the arm: BRAKE or BRAKE F.
     Brake { fast: bool },
     /// RESUME
     Resume,
@@ -152,12 +152,12 @@ pub enum Op {
     Halt,
     /// CONTINUE
     Continue,
-    /// Pops priority, delay and distance. The code of the call begins at the next step, and the program continues at
-    /// `after`.
+    /// Declares a trigger; pops its priority, delay and distance. The code of the call begins at the next step, and the
+    /// program continues at `after`.
     Trigger { after: u32 },
 }
 
-/// The location of a statement in the text.
+/// The location of a statement in a source file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Location {
     /// Index of the file in the list of files.
@@ -166,7 +166,7 @@ pub struct Location {
     pub line: usize,
 }
 
-/// A routine that can be called.
+/// A routine of the program.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Entry {
     /// In upper case.
@@ -179,11 +179,11 @@ pub struct Entry {
     pub frame_cells: u32,
     /// Index of the file in the list of files.
     pub file: usize,
-    /// Parameters and local variables.
+    /// The routine's parameters and local variables.
     pub locals: Vec<LocalVariable>,
 }
 
-/// A parameter or local variable.
+/// A parameter or a local variable of a routine.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LocalVariable {
     /// In upper case.
@@ -205,7 +205,7 @@ pub struct Shared {
     pub cells: u32,
 }
 
-/// A program that can be executed.
+/// A compiled program.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Program {
     /// The steps.
@@ -214,7 +214,7 @@ pub struct Program {
     pub statements: Vec<Location>,
     /// All routines.
     pub routines: Vec<Entry>,
-    /// Shared memory with the values of the data lists.
+    /// The initial values of the shared memory, from the data lists.
     pub memory: Vec<Cell>,
     /// All shared variables.
     pub shared: Vec<Shared>,
@@ -222,45 +222,44 @@ pub struct Program {
     pub texts: Vec<String>,
     /// The files' names.
     pub files: Vec<String>,
-    /// Statements that are not executed, by their indices, each with a description of the part that is not
-    /// executed.
+    /// The statements that are checked but not executed: their index, and a description of the unsupported part.
     pub unexecuted: BTreeMap<u32, String>,
-    /// Whether the program has more steps than are stored; it must not be executed then.
+    /// Whether the program exceeds the maximum number of steps. Such a program must not be executed.
     pub is_too_large: bool,
-    /// The steps in combined form.
+    /// The steps in their combined form.
     pub(super) condensed: Condensed,
 }
 
 impl Program {
-    /// Returns the routine of this name.
+    /// Returns the index of the routine with this name.
     pub fn routine(&self, name: &str) -> Option<u32> {
         self.routines.iter().position(|routine| routine.name == name).and_then(|index| u32::try_from(index).ok())
     }
 
-    /// Returns the first cell of the shared variable of this name.
+    /// Returns the index of the first cell of the shared variable with this name.
     pub fn cell(&self, name: &str) -> Option<u32> {
         self.shared.iter().find(|shared| shared.name == name).map(|shared| shared.offset)
     }
 }
 
-/// The maximum number of values on the stack of one expression. More values are a list and not an expression, and a
-/// list is never condensed.
+/// Maximum number of values on the stack for one combined expression. More values occur only in a list, and lists are
+/// not combined.
 const MAX_STACK_DEPTH: usize = 32;
 
-/// The operation that combines the steps from one index onward.
+/// The combined operation that begins at one step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum CombinedOp {
-    /// The step is combined with no other.
+    /// The step is not combined with others.
     Nothing,
-    /// The steps put a value on the stack.
+    /// The steps push a value on the stack.
     Value { value: u32, next: u32 },
-    /// The steps jump if a value is FALSE; `at` is the index of the jump.
+    /// The steps jump if a value is FALSE; `at` is the index of the jump step.
     Branch { value: u32, at: u32, to: u32, next: u32 },
     /// The steps assign a value to a memory location.
     Assign { place: u32, value: u32, next: u32 },
 }
 
-/// A value, composed of other values by their indices in the list.
+/// A value in the combined form; operands are indices in the list of values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum CondensedValue {
     Fixed(Cell),
@@ -268,7 +267,7 @@ pub(super) enum CondensedValue {
     Local(u32),
     At(u32),
     Binary(Binary, u32, u32),
-    /// AND or OR with a right side that may be left out.
+    /// AND or OR whose right operand may be skipped.
     Decided {
         operator: Binary,
         left: u32,
@@ -282,15 +281,15 @@ pub(super) enum CondensedValue {
     ForTest([u32; 3]),
 }
 
-/// The start of a memory location.
+/// The base of a memory location.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum LocationStart {
     Space(MemorySpace),
-    /// The memory at the address in this local cell.
+    /// The location whose address is in this local cell.
     Referred(u32),
 }
 
-/// A variable, a component or an element.
+/// A memory location: a variable, a component of it or an element of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct MemoryRef {
     pub(super) start: LocationStart,
@@ -298,7 +297,7 @@ pub(super) struct MemoryRef {
     pub(super) index: Option<Index>,
 }
 
-/// An element of an array of `count` elements with `size` cells each.
+/// An index into an array of `count` elements with `size` cells each.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Index {
     pub(super) value: u32,
@@ -306,7 +305,7 @@ pub(super) struct Index {
     pub(super) size: u32,
 }
 
-/// The condensed form of a whole program.
+/// The combined form of a whole program.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Condensed {
     /// For each step, the combined operation that begins there, and whether it may wait for the arm.
@@ -315,18 +314,18 @@ pub(super) struct Condensed {
     pub(super) places: Vec<MemoryRef>,
 }
 
-/// A value or a memory location that a step would have put on the stack.
+/// A value or a memory location that a step would push on the stack.
 #[derive(Debug, Clone, Copy)]
 enum StackItem {
     Memory(MemoryRef),
     Value(u32),
 }
 
-/// Reads the steps from one index onward, as far as they are understood.
+/// Combines steps from one index onward, as long as they are supported.
 struct CondenseReader<'a> {
     all: &'a mut Condensed,
     stack: Vec<StackItem>,
-    /// The ends of the right sides of AND and OR that have begun.
+    /// The steps at which the right operands of the open AND and OR operators end.
     decided: Vec<u32>,
     waits: bool,
 }
@@ -355,7 +354,7 @@ impl Condensed {
 }
 
 impl CondenseReader<'_> {
-    /// Reads the longest run of steps that forms one value, or the jump or assignment with which the run ends.
+    /// Finds the longest sequence of steps that forms one value, or the jump or assignment that ends the sequence.
     fn read(&mut self, code: &[Op], from: usize) -> (CombinedOp, bool) {
         let mut found = (CombinedOp::Nothing, false);
         for (at, op) in code.iter().enumerate().skip(from) {
@@ -406,7 +405,7 @@ impl CondenseReader<'_> {
         Some(())
     }
 
-    /// Adds one step; `None` if it is not part of an expression.
+    /// Adds one step to the expression; returns `None` if the step cannot be part of an expression.
     fn push_op(&mut self, op: &Op, next: u32) -> Option<()> {
         match *op {
             Op::Push(cell) => self.push(CondensedValue::Fixed(cell)),
@@ -460,7 +459,7 @@ impl CondenseReader<'_> {
                 if !matches!(operator, Binary::And | Binary::Or) {
                     return self.push(CondensedValue::Binary(operator, left, last));
                 }
-                // The right side of this operator, and of no other, must end at this step.
+                // The right operand of this operator must end exactly at this step.
                 (self.decided.pop()? == next).then_some(())?;
                 self.push(CondensedValue::Decided { operator, left, right: last })
             }
@@ -473,8 +472,8 @@ impl CondenseReader<'_> {
     }
 }
 
-/// Returns whether reading or writing a memory location may stop the advance run. For a variable that the caller
-/// passed, this is assumed.
+/// Returns whether an access to a memory location may stop the advance run. For a variable that is passed by reference,
+/// this is assumed.
 fn may_stop_advance(place: &MemoryRef) -> bool {
     match place.start {
         LocationStart::Space(MemorySpace::System(index)) => SYSTEM_VARIABLES[index as usize].stops_advance,

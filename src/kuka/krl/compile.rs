@@ -1,8 +1,9 @@
-//! Compiles KRL files to one program: names, types, memory, steps; and reports all their problems.
+//! Compiles KRL files to one program (names, types, memory, steps), and reports all problems in the files.
 //!
-//! `compiler` declares structures and enumerations, `data` lays out the data lists, `place` finds variables, `value`
-//! compiles expressions, `call` arguments, `body` statements. `flow` finds variables that may be read before they are
-//! assigned, and functions that may end without RETURN, and checks the memories that EthernetKRL reads.
+//! `compiler` declares structures and enumerations, `data` allocates the data lists, `place` resolves variables,
+//! `value` compiles expressions, `call` compiles calls with their arguments, `body` compiles statements. `flow` finds
+//! variables that may be read before they are assigned, and functions that may end without RETURN; it also checks the
+//! buffers that EthernetKRL reads.
 
 mod body;
 mod call;
@@ -20,24 +21,24 @@ use compiler::{Argument, Compiler, Signature, Variable, VariableLocation, cells_
 use panelprep_base::config::Problem;
 use std::collections::BTreeMap;
 
-/// The results for files that belong together.
+/// The result of compiling a set of files.
 #[derive(Debug)]
 pub struct Analysis {
-    /// Problems that a controller refuses; for each file, in the order of its lines.
+    /// The problems that a controller refuses; one list for each file, in the order of its lines.
     pub problems: Vec<Vec<Problem>>,
-    /// Parts that were not checked, because they were not read or another file declares them, and errors that may
-    /// occur at run time.
+    /// For each file: the parts that were not checked, because they were not parsed or another file declares them, and
+    /// errors that may occur at run time.
     pub warnings: Vec<Vec<Problem>>,
-    /// Parts that were read and checked but are not executed: the line, and a description.
+    /// For each file: the parts that were checked but are not executed, each with its line and a description.
     pub unexecuted: Vec<Vec<Problem>>,
-    /// The program; it may be executed if there is no problem. A statement that is not executed stops the program
-    /// with its line.
+    /// The compiled program. It may be executed if there are no problems. A statement that is not supported stops the
+    /// execution; the message contains its line.
     pub program: Program,
 }
 
-/// Checks files that belong together for a controller with this version of KSS, and makes a program of them. A
-/// feature that the stated version lacks is a problem. If no version is stated, a feature that the lowest version
-/// lacks is a warning.
+/// Checks a set of files for a controller with this version of KSS, and compiles them to a program. A feature that the
+/// given version does not have is a problem. If no version is given, a feature that the lowest supported version does
+/// not have is a warning.
 pub fn analyse(files: &[File], kss: Option<Kss>) -> Analysis {
     let mut compiler = Compiler::new(files, kss);
     compiler.program.files = files.iter().map(|file| file.name.clone()).collect();
@@ -129,7 +130,7 @@ impl Compiler<'_> {
         let signature = self.routines[place].clone();
         self.routine = Some(place);
         self.line = routine.line;
-        // The location of the routine's first statement.
+        // The routine starts at the next statement that is emitted.
         self.statement = cells_u32(self.program.statements.len());
         (self.locals, self.frame_cells) = (BTreeMap::new(), 0);
         (self.ranges, self.returns) = (BTreeMap::new(), signature.returns);
@@ -225,7 +226,7 @@ impl Compiler<'_> {
     }
 }
 
-/// Returns the declaration of a parameter in its routine.
+/// Returns the type and the item with which the routine declares this parameter.
 fn parameter_declaration<'a>(routine: &'a Routine, name: &str) -> Option<(&'a str, &'a Item)> {
     routine.declarations.iter().find_map(|declaration| match &declaration.kind {
         DeclarationContent::Variables { type_name, items, .. } => {

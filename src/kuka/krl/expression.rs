@@ -1,5 +1,6 @@
-//! Reads the expressions and the declarations of a line: variables, structures, enumerations, signals, and items that
-//! are declared elsewhere. Comparisons have the lowest precedence in KRL: `A>0 AND B` is `A>(0 AND B)`.
+//! Parses the expressions and the declarations of a line: variables, structures, enumerations, signals, and
+//! declarations of items in other files. Comparisons have the lowest precedence in KRL: `A>0 AND B` means `A>(0 AND
+//! B)`.
 
 use super::lex::{RESERVED, Token};
 use super::syntax::{
@@ -7,12 +8,12 @@ use super::syntax::{
     ReturnType, Step, Unary, VariableRef,
 };
 
-/// The reason why a line was not read.
+/// The reason why a line was not parsed.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum NotRead {
-    /// A controller refuses the line.
+    /// The line is not valid KRL: a controller refuses it.
     Wrong(String),
-    /// A controller may accept it.
+    /// The line may be valid KRL, but this parser does not support it.
     NotChecked(String),
 }
 
@@ -51,7 +52,7 @@ impl<'a> TokenReader<'a> {
         self.tokens.get(self.at + count)
     }
 
-    /// Describes the next token, for a message.
+    /// Returns a description of the next token, for messages.
     pub(super) fn describe_next(&self) -> String {
         self.peek_token().map_or("the end of the line".to_owned(), |token| format!("'{token}'"))
     }
@@ -106,7 +107,7 @@ impl<'a> TokenReader<'a> {
         }
     }
 
-    /// Skips to this word and continues after it; false if the line ends or `=` follows first.
+    /// Skips all tokens up to and including this word; returns false if the line ends or `=` comes first.
     fn skip_past_word(&mut self, word: &str) -> bool {
         while !self.is_word(word) && self.peek_token().is_some() && !self.is_sign("=") {
             self.at += 1;
@@ -114,12 +115,12 @@ impl<'a> TokenReader<'a> {
         self.accept_word(word)
     }
 
-    /// Skips the rest of the line, which is not read.
+    /// Skips the rest of the line without parsing it.
     pub(super) fn skip_line(&mut self) {
         self.at = self.tokens.len();
     }
 
-    /// Checks that nothing is left on the line.
+    /// Checks that the line has no further tokens.
     pub(super) fn end(&self) -> ReadResult<()> {
         match self.peek_token() {
             None => Ok(()),
@@ -131,7 +132,7 @@ impl<'a> TokenReader<'a> {
         self.binary(0)
     }
 
-    /// Reads a value and the operators behind it that have at least this precedence.
+    /// Parses an operand and all following operators whose precedence is at least `weakest`.
     fn binary(&mut self, weakest: usize) -> ReadResult<Expression> {
         let mut left = self.parse_unary()?;
         while let Some((operator, level)) = self.peek_operator().filter(|(_, level)| *level >= weakest) {
@@ -155,7 +156,7 @@ impl<'a> TokenReader<'a> {
         OPERATOR_PRECEDENCES.iter().find(|(sign, ..)| *sign == next).map(|(_, operator, level)| (*operator, *level))
     }
 
-    /// Reads one nesting level deeper, if the limit permits it.
+    /// Calls `read` one nesting level deeper, unless the maximum depth is exceeded.
     fn read_nested<T>(&mut self, read: impl FnOnce(&mut Self) -> ReadResult<T>) -> ReadResult<T> {
         if self.depth >= MAX_EXPRESSION_DEPTH {
             let message =
@@ -230,7 +231,7 @@ impl<'a> TokenReader<'a> {
         Ok(value)
     }
 
-    /// Reads a name with its indices and components.
+    /// Parses a variable: its name with indices and components.
     pub(super) fn parse_variable(&mut self) -> ReadResult<VariableRef> {
         let name = self.name()?;
         let mut steps = Vec::new();
@@ -245,12 +246,12 @@ impl<'a> TokenReader<'a> {
         }
     }
 
-    /// Reads `1,2]`, also `]`, `,]` and `3,]`.
+    /// Parses indices up to the bracket, for example `1,2]`, `]`, `,]` or `3,]`.
     fn indices(&mut self) -> ReadResult<Vec<Option<Expression>>> {
         self.parse_list_until("]")
     }
 
-    /// Reads expressions between commas up to the end sign; each expression may be omitted.
+    /// Parses a comma-separated list of expressions up to the end sign; each expression may be omitted.
     fn parse_list_until(&mut self, end: &str) -> ReadResult<Vec<Option<Expression>>> {
         let mut list = Vec::new();
         loop {
@@ -263,7 +264,7 @@ impl<'a> TokenReader<'a> {
         }
     }
 
-    /// Reads a routine's name and its arguments in brackets; each argument may be omitted.
+    /// Parses a call: the routine's name and its arguments in brackets; each argument may be omitted.
     pub(super) fn call(&mut self) -> ReadResult<Call> {
         let name = self.name()?;
         self.sign("(")?;
@@ -275,7 +276,7 @@ impl<'a> TokenReader<'a> {
         if self.accept_sign(")") { Ok(Vec::new()) } else { self.parse_list_until(")") }
     }
 
-    /// Reads `{X 1.0,Y 2.0}`, with or without its type: `{FRAME: X 1.0}`.
+    /// Parses an aggregate with or without its type: `{X 1.0,Y 2.0}` or `{FRAME: X 1.0}`.
     fn aggregate(&mut self) -> ReadResult<Expression> {
         self.sign("{")?;
         let type_name = match (self.peek_token(), self.peek_ahead(1)) {
@@ -297,7 +298,7 @@ impl<'a> TokenReader<'a> {
     }
 }
 
-/// Each operator with its precedence; 0 is the lowest.
+/// The binary operators with their precedence; 0 is the lowest.
 const OPERATOR_PRECEDENCES: [(&str, Binary, usize); 17] = [
     ("==", Binary::Equal, 0),
     ("<>", Binary::Unequal, 0),
@@ -318,10 +319,10 @@ const OPERATOR_PRECEDENCES: [(&str, Binary, usize); 17] = [
     (":", Binary::Geometric, 6),
 ];
 
-/// Types that need no DECL in front of them.
+/// The types whose declaration does not need the keyword DECL.
 const SIMPLE_TYPES: [&str; 11] =
     ["INT", "REAL", "BOOL", "CHAR", "FRAME", "POS", "E3POS", "E6POS", "AXIS", "E3AXIS", "E6AXIS"];
-/// Keywords for routines that are defined elsewhere; KUKA's own data lists use the two with P.
+/// Keywords that declare routines of other files. The two that end with P occur only in KUKA's own data lists.
 const EXTERNAL_KEYWORDS: [&str; 4] = ["EXT", "EXTFCT", "EXTP", "EXTFCTP"];
 
 /// Returns whether a line is a declaration.
@@ -341,7 +342,7 @@ pub(super) fn is_declaration(tokens: &[Token]) -> bool {
     }
 }
 
-/// Returns whether a line is `NAME NAME`, a declaration that lacks its DECL: a type, then its first variable.
+/// Returns whether a line is a declaration without the required DECL: a type and a variable, `NAME NAME`.
 pub(super) fn lacks_decl(tokens: &[Token]) -> bool {
     let is_name =
         |token: &Token| matches!(token, Token::Name(name) if RESERVED.binary_search(&name.as_str()).is_err());
@@ -383,7 +384,7 @@ pub(super) fn parse_declaration(reader: &mut TokenReader<'_>, line: usize) -> Re
     Ok(Declaration { line, global, kind })
 }
 
-/// Reads the type of a DEFFCT: `INT`, or `CHAR[20]` for a text.
+/// Parses the return type of a DEFFCT: a type such as `INT`, or `CHAR[20]` for a string.
 pub(super) fn parse_return_type(reader: &mut TokenReader<'_>) -> ReadResult<ReturnType> {
     Ok(ReturnType { type_name: reader.name()?, dimensions: dimensions(reader)? })
 }
@@ -397,7 +398,7 @@ fn enumeration(reader: &mut TokenReader<'_>) -> ReadResult<DeclarationContent> {
     Ok(DeclarationContent::Enumeration { name, words })
 }
 
-/// Reads `STRUC NAME INT A,B,REAL C`: a component has the last type in front of it.
+/// Parses a structure, `STRUC NAME INT A,B,REAL C`. The type of a component is the last type before it.
 fn parse_struc(reader: &mut TokenReader<'_>) -> ReadResult<DeclarationContent> {
     let name = reader.name()?;
     let mut type_name = String::new();
@@ -416,7 +417,7 @@ fn parse_struc(reader: &mut TokenReader<'_>) -> ReadResult<DeclarationContent> {
     }
 }
 
-/// Reads `SIGNAL NAME $OUT[3]`, `SIGNAL NAME $IN[1] TO $IN[8]`, `SIGNAL NAME FALSE`.
+/// Parses a signal: `SIGNAL NAME $OUT[3]`, `SIGNAL NAME $IN[1] TO $IN[8]` or `SIGNAL NAME FALSE`.
 fn signal(reader: &mut TokenReader<'_>) -> ReadResult<DeclarationContent> {
     let name = reader.name()?;
     if reader.accept_word("FALSE") || reader.accept_word("TRUE") {
@@ -427,7 +428,7 @@ fn signal(reader: &mut TokenReader<'_>) -> ReadResult<DeclarationContent> {
     Ok(DeclarationContent::Signal { name, from: Some(from), to })
 }
 
-/// Reads `IMPORT INT NAME IS /R1/OTHER..NAME`.
+/// Parses an import: `IMPORT INT NAME IS /R1/OTHER..NAME`.
 fn import(reader: &mut TokenReader<'_>) -> ReadResult<DeclarationContent> {
     let type_name = reader.name()?;
     let name = reader.name()?;
@@ -448,7 +449,7 @@ fn item(reader: &mut TokenReader<'_>) -> ReadResult<Item> {
     Ok(Item { name, dimensions, value })
 }
 
-/// Reads `[3,4]`, `[]`, or nothing.
+/// Parses the dimensions of an array: `[3,4]`, `[]`, or nothing.
 fn dimensions(reader: &mut TokenReader<'_>) -> ReadResult<Vec<Option<Expression>>> {
     let dimensions = if reader.accept_sign("[") { reader.parse_list_until("]")? } else { Vec::new() };
     match dimensions.len() {

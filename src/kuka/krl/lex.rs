@@ -1,18 +1,17 @@
-//! Splits one line of KRL into tokens. KRL ends a statement with its line, and does not distinguish upper and lower
-//! case.
+//! Splits one line of KRL into tokens. In KRL each statement has its own line, and upper and lower case are equivalent.
 
 /// A token of a line. Names are in upper case and include their `$`.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Token {
     Name(String),
-    /// An INT without its sign: 2147483648 is read, too, because `-2147483648` is an INT.
+    /// An INT without its sign. 2147483648 is accepted as well, because `-2147483648` is a valid INT.
     Int(i64),
     Real(f32),
     Text(String),
-    /// The enumeration constant behind `#`, in upper case.
+    /// An enumeration constant: the name after `#`, in upper case.
     Word(String),
     Sign(&'static str),
-    /// From this token onward the line cannot be read; the message was reported.
+    /// From this point the line cannot be split into tokens; the reason was reported.
     Unreadable,
 }
 
@@ -33,8 +32,8 @@ impl std::fmt::Display for Token {
 const SIGNS: [&str; 21] =
     ["==", "<>", "<=", ">=", "<", ">", "=", "+", "-", "*", "/", "(", ")", "[", "]", "{", "}", ",", ":", ".", "!"];
 
-/// Returns the tokens of a line; none for an empty line, a comment or a header line that begins with `&`. The message
-/// states why the line is read only up to its [`Token::Unreadable`].
+/// Returns the tokens of a line; none for an empty line, a comment or a header line that begins with `&`. If the tokens
+/// end with [`Token::Unreadable`], the message states the reason.
 pub(super) fn tokens(line: &str) -> (Vec<Token>, Option<String>) {
     let mut rest = line;
     let mut found = Vec::new();
@@ -52,8 +51,8 @@ pub(super) fn tokens(line: &str) -> (Vec<Token>, Option<String>) {
                 rest = &rest[length..];
             }
             Err(message) => {
-                // The rest of the line is not read: tokens behind an unknown character would give a second, wrong
-                // message.
+                // The rest of the line is ignored, because tokens after an unknown character would cause a second,
+                // misleading message.
                 found.push(Token::Unreadable);
                 return (found, Some(message));
             }
@@ -61,7 +60,7 @@ pub(super) fn tokens(line: &str) -> (Vec<Token>, Option<String>) {
     }
 }
 
-/// Returns the token at the beginning of a text, and its length.
+/// Returns the token at the start of a text, and its length.
 fn token(rest: &str) -> Result<(Token, usize), String> {
     let mut characters = rest.chars();
     match (characters.next().unwrap_or_default(), characters.next()) {
@@ -84,7 +83,7 @@ fn name_length(text: &str) -> usize {
     text.bytes().take_while(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'$')).count()
 }
 
-/// Reads `#RED`, also `# RED`.
+/// Parses an enumeration constant, `#RED` or `# RED`.
 fn lex_constant(rest: &str) -> Result<(Token, usize), String> {
     let behind = &rest[1..];
     let blanks = behind.len() - behind.trim_start_matches([' ', '\t']).len();
@@ -101,7 +100,7 @@ fn text(rest: &str) -> Result<(Token, usize), String> {
     Ok((Token::Text(inside.to_owned()), inside.len() + 2))
 }
 
-/// Reads `'H1F'` and `'B101'`.
+/// Parses a hexadecimal or binary number, `'H1F'` or `'B101'`.
 fn lex_based_number(rest: &str) -> Result<(Token, usize), String> {
     let wrong = || "a number in apostrophes must be hexadecimal or binary, such as 'H1F' or 'B101'".to_owned();
     let inside = rest[1..].split_once('\'').map(|(inside, _)| inside).ok_or_else(wrong)?;
@@ -111,7 +110,7 @@ fn lex_based_number(rest: &str) -> Result<(Token, usize), String> {
         Some(b'B' | b'b') => 2,
         _ => return Err(wrong()),
     };
-    // Read as unsigned and reinterpreted: a bit pattern such as 'HFFFFFFFF' is the INT −1 on the controller.
+    // The digits are an unsigned bit pattern: on the controller, 'HFFFFFFFF' is the INT −1.
     let bits = u32::from_str_radix(digits, base).map_err(|_| wrong())?;
     Ok((Token::Int(i64::from(bits.cast_signed())), inside.len() + 2))
 }
@@ -141,7 +140,7 @@ fn number(rest: &str) -> Result<(Token, usize), String> {
     token.map(|token| (token, length)).ok_or_else(|| format!("the number {written} does not fit into 32 bits"))
 }
 
-/// Keywords that are not permitted as names of variables or routines.
+/// Keywords that are not valid as names of variables or routines.
 pub const RESERVED: [&str; 58] = [
     "AND",
     "BRAKE",
@@ -228,7 +227,7 @@ mod tests {
         assert_eq!(words("END\u{a0}\0\0"), "END");
     }
 
-    /// The tokens before the error are kept, so that a block does not lose its first word.
+    /// The tokens before the error are kept, so that the keyword that begins or ends a block is not lost.
     #[test]
     fn unreadable_characters_are_reported() {
         for line in ["A=\"x", "A=2147483649", "A='Q1'", "A=1 % 2", "A=#", "A=1.0E99", "A='H'", "A='"] {

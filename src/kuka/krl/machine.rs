@@ -1,10 +1,9 @@
-//! Executes a program, one statement at a time: one interpreter of a controller over memory that it shares with
-//! another.
+//! Executes a program statement by statement: one of the controller's interpreters, whose memory is shared with the
+//! other one.
 //!
-//! The [`Host`] provides all that lies outside of the language (system variables, the arm, EthernetKRL). Between two
-//! statements the host may let the other interpreter run, or an interrupt may occur. A statement that waits for the arm
-//! can be interrupted while it waits. An invalid value, an index outside of its array or a division by zero stops the
-//! interpreter.
+//! The [`Host`] provides everything outside of the language: system variables, the arm, EthernetKRL. Between two
+//! statements the host may run the other interpreter, or an interrupt may occur. A statement that waits for the arm can
+//! be interrupted. An invalid value, an index outside of its array or a division by zero stops the interpreter.
 
 mod host;
 mod interpreter;

@@ -1,16 +1,17 @@
-//! KUKA's robot language: read, checked, and, as far as the cell's programs use it, compiled to steps that the mock
-//! controller executes. `panelprep check` uses the same reader for programs of other people.
+//! KUKA's robot language KRL: parser, checker, and compiler for the language features that the cell's programs use. The
+//! mock controller executes the compiled programs. `panelprep check` uses the same parser for the programs of other
+//! people.
 //!
-//! Three groups are distinguished. Read and executed: the statements of the shipped programs. Read and only checked,
-//! so that execution stops with a message that has the line: GOTO, circles, splines, relative motions, texts in
-//! variables, names that no file declares. Not read: the rest, with a warning that has the line and begins with "not
-//! checked". README.md beside this file states the source of each rule.
+//! There are three groups of statements. Supported and executed: the statements of the shipped programs. Only checked,
+//! so that the execution stops with a message that contains the line: GOTO, circles, splines, relative motions, strings
+//! in variables, names that no file declares. Not parsed: all others, with a warning that contains the line and begins
+//! with "not checked". README.md beside this file states the source of each rule.
 //!
-//! - the text: `lex` (a line to tokens), `parse`, `statement` and `expression` (lines to a tree), `syntax` (the
-//!   tree, and upper bounds of time, memory and recursion depth for any input)
-//! - the meaning: `types` (and the memory that each needs), `system` (the controller's own variables), `routines`
-//!   (its own routines), `compile` (names, types, steps), `code` (the steps, and several of them as one), `machine`
-//!   (executes them)
+//! - the text: `lex` (a line to tokens), `parse`, `statement` and `expression` (lines to a tree), `syntax` (the tree,
+//!   and the limits of time, memory and recursion depth for any input)
+//! - the meaning: `types` (with the memory size of each), `system` (the controller's system variables), `routines` (the
+//!   controller's own routines), `compile` (names, types, steps), `code` (the steps, and their combined form),
+//!   `machine` (executes the steps)
 
 mod code;
 mod compile;

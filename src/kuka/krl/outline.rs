@@ -1,6 +1,6 @@
-//! The outline of a file: what it declares, which routines and cases it has, what its main routine calls, and the
-//! numbers that a data list states, each with its line. Another program can compare them with other files without
-//! executing anything.
+//! The outline of a file: its declarations, its routines with their cases, the calls of its main routine, and the
+//! numbers in a data list, each with its line. Other code can compare an outline with other files without executing the
+//! program.
 
 use super::syntax::{Action, DeclarationContent, Expression, File, Item, Statement, Step, Unary};
 use std::fmt;
@@ -8,21 +8,21 @@ use std::fmt;
 /// A variable that a data list declares.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DeclaredVariable {
-    /// Its name, in upper case.
+    /// The name of the variable, in upper case.
     pub name: String,
     /// Line, from 1.
     pub line: usize,
-    /// The type, in upper case.
+    /// The name of its type, in upper case.
     pub type_name: String,
-    /// Whether other files see it, if their list is PUBLIC.
+    /// Whether the variable is GLOBAL: other files see it if the data list is PUBLIC.
     pub global: bool,
     /// CONST.
     pub constant: bool,
-    /// The size of each dimension; 0 if it is not a plain number. Empty for a single variable.
+    /// The size of each dimension of an array; 0 if the size is not a plain number. Empty for a single variable.
     pub sizes: Vec<i32>,
 }
 
-/// Writes the declaration without its value: `DECL GLOBAL CONST INT N`.
+/// Formats the declaration without its value, for example `DECL GLOBAL CONST INT N`.
 impl fmt::Display for DeclaredVariable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let word = |has: bool, word: &'static str| if has { word } else { "" };
@@ -33,23 +33,23 @@ impl fmt::Display for DeclaredVariable {
     }
 }
 
-/// A SWITCH of a routine.
+/// A SWITCH statement of a routine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StatedSwitch {
     /// Line, from 1.
     pub line: usize,
-    /// Whether it decides by the routine's first parameter alone.
+    /// Whether the selector is the routine's first parameter alone.
     pub is_on_first_parameter: bool,
 }
 
-/// A CASE of a routine's SWITCH with a plain number.
+/// A CASE of a SWITCH whose value is a plain number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StatedCase {
     /// The number.
     pub value: i32,
     /// Line, from 1.
     pub line: usize,
-    /// Whether no statement follows it.
+    /// Whether the CASE contains no statement.
     pub is_empty: bool,
 }
 
@@ -58,24 +58,24 @@ pub struct StatedCase {
 pub struct StatedRoutine {
     /// Line, from 1.
     pub line: usize,
-    /// Whether other files see it.
+    /// Whether the routine is visible in other files.
     pub global: bool,
-    /// The number of its parameters.
+    /// The number of the routine's parameters.
     pub parameters: usize,
-    /// The SWITCH statements at its top level.
+    /// The SWITCH statements at the top level of the routine.
     pub switches: Vec<StatedSwitch>,
-    /// The cases of those that decide by the first parameter.
+    /// The cases of the SWITCH statements whose selector is the first parameter.
     pub cases: Vec<StatedCase>,
 }
 
 /// A call in the main routine of a program.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StatedCall {
-    /// The called routine, in upper case.
+    /// The name of the called routine, in upper case.
     pub name: String,
     /// Line, from 1.
     pub line: usize,
-    /// Whether a loop repeats it.
+    /// Whether the call is inside a loop.
     pub in_loop: bool,
 }
 
@@ -85,7 +85,7 @@ impl File {
         self.data.as_ref().map(|data| (data.line, data.public))
     }
 
-    /// Returns the variables that the data list declares, in the order of the text.
+    /// Returns the variables that the data list declares, in the order of the file.
     pub fn declared_variables(&self) -> Vec<DeclaredVariable> {
         let declarations = self.data.iter().flat_map(|data| &data.declarations);
         let of_each = declarations.filter_map(|declaration| match &declaration.kind {
@@ -108,7 +108,7 @@ impl File {
             .collect()
     }
 
-    /// Returns the routine with this name, in upper case.
+    /// Returns the routine with this name; the name must be in upper case.
     pub fn stated_routine(&self, name: &str) -> Option<StatedRoutine> {
         let place = self.routines.iter().position(|routine| routine.name == name)?;
         let routine = &self.routines[place];
@@ -136,7 +136,7 @@ impl File {
         });
         Some(StatedRoutine {
             line: routine.line,
-            // The first routine of a file is seen by all.
+            // The first routine of a file is visible in all files.
             global: routine.global || place == 0,
             parameters: routine.parameters.len(),
             switches: switches.collect(),
@@ -144,7 +144,7 @@ impl File {
         })
     }
 
-    /// Returns the calls in all routines but the main one, in the order of the text.
+    /// Returns the calls in all routines except the main routine, in the order of the file.
     pub fn other_calls(&self) -> Vec<StatedCall> {
         let mut calls = Vec::new();
         for routine in self.routines.iter().skip(1) {
@@ -153,7 +153,7 @@ impl File {
         calls
     }
 
-    /// Returns the calls in the main routine, which is the first one, in the order of the text.
+    /// Returns the calls in the main routine (the first of the file), in the order of the file.
     pub fn main_calls(&self) -> Vec<StatedCall> {
         let mut calls = Vec::new();
         if let Some(main) = self.routines.first() {
@@ -186,7 +186,7 @@ fn collect_calls(body: &[Statement], in_loop: bool, calls: &mut Vec<StatedCall>)
     }
 }
 
-/// A number of a data list.
+/// A variable or array element of a data list whose value is a plain number.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StatedValue {
     /// The name of the variable, in upper case.
@@ -199,20 +199,20 @@ pub struct StatedValue {
     pub value: f64,
 }
 
-/// A value of a data list that is no plain number.
+/// A variable or array element of a data list whose value is not a plain number.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UnreadValue {
     /// The name of the variable, in upper case.
     pub name: String,
-    /// The index in a one-dimensional array; `None` for a single variable, and for an index that is no plain number.
+    /// The index in a one-dimensional array; `None` for a single variable, and for an index that is not a plain number.
     pub index: Option<i32>,
     /// Line, from 1.
     pub line: usize,
 }
 
 impl File {
-    /// Returns the values of the data list that are no plain numbers, in the order of the text: [`File::stated_values`]
-    /// omits them, and each of them may replace a number that was stated before.
+    /// Returns the entries of the data list whose values are not plain numbers, in the order of the file.
+    /// [`File::stated_values`] omits them; each of them may replace a number of an earlier line.
     pub fn unread_values(&self) -> Vec<UnreadValue> {
         let Some(data) = &self.data else { return Vec::new() };
         let declared = data.declarations.iter().flat_map(|declaration| {
@@ -240,8 +240,8 @@ impl File {
         declared.chain(assigned).collect()
     }
 
-    /// Returns the numbers of the data list, in the order of the text; empty for a program. Values that are not
-    /// plain numbers are omitted.
+    /// Returns the numbers of the data list, in the order of the file; empty for a program. Values that are not plain
+    /// numbers are omitted.
     pub fn stated_values(&self) -> Vec<StatedValue> {
         let Some(data) = &self.data else { return Vec::new() };
         let mut all = Vec::new();
@@ -268,7 +268,7 @@ impl File {
         all
     }
 
-    /// Returns whether the data list declares this variable; the name is in upper case.
+    /// Returns whether the data list declares this variable; the name must be in upper case.
     pub fn declares_variable(&self, name: &str) -> bool {
         let declarations = self.data.iter().flat_map(|data| &data.declarations);
         let mut items = declarations.flat_map(|declaration| match &declaration.kind {
@@ -282,7 +282,8 @@ impl File {
 fn number(value: &Expression) -> Option<f64> {
     match value {
         Expression::Int(value) => Some(f64::from(*value)),
-        // The number as it is written, and not as its 32-bit value.
+        // The number is converted through its decimal text, so that it equals the number in the file instead of its
+        // 32-bit value.
         Expression::Real(value) => value.to_string().parse().ok(),
         Expression::Unary(Unary::Minus, value) => number(value).map(|value| -value),
         _ => None,

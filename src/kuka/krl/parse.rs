@@ -1,5 +1,5 @@
-//! Reads a file: its routines or its data list. If a line cannot be read, it is reported and its block continues.
-//! Thus one pass finds all problems of a file, and no problem causes another one.
+//! Parses a file: its routines or its data list. A line with an error is reported, and its block continues. So one pass
+//! finds all problems of a file, and no problem causes another one.
 
 use super::expression::{
     NotRead, ReadResult, TokenReader, is_declaration, lacks_decl, parse_declaration, parse_return_type,
@@ -11,10 +11,10 @@ use super::syntax::{
 };
 use panelprep_base::config::Problem;
 
-/// The character that ends a text in DOS; the characters behind it do not belong to the text.
+/// The DOS end-of-file character; the characters after it do not belong to the text.
 const END_OF_TEXT: char = '\u{1a}';
 
-/// Reads one file. `name` is its name in messages; without folder and extension it is the name of the module.
+/// Parses one file. `name` is the file's name for messages; without folder and extension it is the name of the module.
 pub fn parse(name: &str, text: &str) -> File {
     let base = name.rsplit(['/', '\\']).next().unwrap_or(name);
     let module = base.rsplit_once('.').map_or(base, |(stem, _)| stem).to_uppercase();
@@ -42,14 +42,14 @@ pub fn parse(name: &str, text: &str) -> File {
     file
 }
 
-/// Sorts the reports by line and removes duplicates.
+/// Sorts the problems by line and removes duplicates.
 fn sort_reports(mut reports: Vec<Problem>) -> Vec<Problem> {
     reports.sort_by_key(|report| report.line);
     reports.dedup();
     reports
 }
 
-/// A line that is not empty.
+/// A line of the file that is not empty.
 #[derive(Debug, Default)]
 struct SourceLine {
     number: usize,
@@ -70,9 +70,10 @@ pub(super) struct Parser {
 impl Parser {
     fn read_lines(&mut self, text: &str) {
         let text = text.trim_start_matches('\u{feff}');
-        // Old editors leave meaningless characters behind the end mark of DOS; a controller does not read them either.
+        // Old editors leave meaningless characters after the DOS end-of-file character; a controller ignores them as
+        // well.
         let text = text.split(END_OF_TEXT).next().unwrap_or_default();
-        // A file without line feeds ends its lines with carriage returns only.
+        // A file without line feeds uses carriage returns as line ends.
         let end = if text.contains('\n') { '\n' } else { '\r' };
         for (index, line) in text.split(end).enumerate() {
             let number = index + 1;
@@ -96,7 +97,7 @@ impl Parser {
             return;
         }
         if !self.lines.iter().any(opens_a_routine) {
-            // The file is of another kind: this one message helps, and messages on single lines would hide it.
+            // The file is not a KRL file. This single message is useful; messages about its lines would only hide it.
             self.problems.clear();
             self.problem(1, "", "the file contains no DEF, DEFFCT or DEFDAT: it is not a KRL file");
             return;
@@ -107,8 +108,8 @@ impl Parser {
         self.check_first_routine_name(file);
     }
 
-    /// Checks the name of the first routine: a controller finds a module by its file and selects the routine of the
-    /// same name.
+    /// Checks that the first routine has the name of the file: a controller finds a module by its file name and selects
+    /// the routine with the same name.
     fn check_first_routine_name(&mut self, file: &File) {
         let Some(first) = file.routines.first().filter(|first| !first.name.is_empty()) else { return };
         if first.name == file.module {
@@ -116,7 +117,7 @@ impl Parser {
         }
         let (line, name, module) = (first.line, first.name.clone(), &file.module);
         if !is_routine_name(module) {
-            // The file must have another name on the controller.
+            // On the controller the file must have the name of its routine.
             let message = format!(
                 "the file name {module} is not a valid KRL name: on a controller, the file must be named {name}"
             );
@@ -149,10 +150,10 @@ impl Parser {
         }
     }
 
-    /// Reports why a line is not read, unless its characters were reported already.
+    /// Reports why a line was not parsed, unless an unreadable character in the line was already reported.
     pub(super) fn report(&mut self, line: usize, tokens: &[Token], key: &str, unread: NotRead) {
         match unread {
-            // The unreadable character was reported; that the statement is incomplete is its consequence.
+            // The unreadable character was already reported, and it is the reason why the statement is incomplete.
             NotRead::Wrong(_) if tokens.contains(&Token::Unreadable) => {}
             NotRead::Wrong(message) => self.problem(line, key, message),
             NotRead::NotChecked(message) => self.warn(line, key, format!("not checked: {message}")),
@@ -163,7 +164,7 @@ impl Parser {
         self.ends_at
     }
 
-    /// Returns the next line to be read, and its first keyword.
+    /// Returns the index of the next line, and its first keyword.
     pub(super) fn peek_first_word(&self) -> Option<(usize, String)> {
         let line = self.lines.get(self.at)?;
         Some((line.number, line.tokens.first().map(ToString::to_string).unwrap_or_default()))
@@ -183,7 +184,7 @@ impl Parser {
         tokens
     }
 
-    /// Consumes the next line if it begins with this word, which must be alone there.
+    /// Consumes the next line if it begins with this word; reports a problem if other tokens follow.
     pub(super) fn accept_line(&mut self, word: &str) -> bool {
         let Some((line, first)) = self.peek_first_word() else { return false };
         if first != word {
@@ -195,7 +196,7 @@ impl Parser {
         true
     }
 
-    /// Returns whether a line begins or ends a routine or a data list; such a line cannot be inside a block.
+    /// Returns whether the next line begins or ends a routine or a data list. Such a line cannot be inside a block.
     pub(super) fn closes_a_routine(&self) -> bool {
         match self.lines.get(self.at) {
             Some(line) if opens_a_routine(line) => true,
@@ -206,13 +207,13 @@ impl Parser {
         }
     }
 
-    /// Reads the next routine of the file; lines before its first line belong to no routine.
+    /// Parses the next routine of the file. Lines before its first line belong to no routine.
     fn parse_routine(&mut self) -> Option<Routine> {
         if let Some((line, first)) =
             self.peek_first_word().filter(|_| !self.lines.get(self.at).is_some_and(opens_a_routine))
         {
             self.problem(line, &first, format!("DEF or DEFFCT is expected instead of '{first}'"));
-            // One message for all lines up to the next routine, instead of one for each.
+            // One message is reported for all lines up to the next routine, instead of one for each line.
             while self.lines.get(self.at).is_some_and(|line| !opens_a_routine(line)) {
                 self.at += 1;
             }
@@ -238,8 +239,8 @@ impl Parser {
         Some(Routine { name, line, end_line, global, returns, parameters, declarations, body })
     }
 
-    /// Reads the next declarations. A line that may lack its DECL is a declaration if it is in a data list or in
-    /// front of another declaration.
+    /// Parses the declarations that follow. A line that may be a declaration without DECL is accepted as a declaration
+    /// in a data list, or if another declaration follows.
     fn parse_declarations(&mut self, in_data: bool) -> Vec<Declaration> {
         let mut found = Vec::new();
         loop {
@@ -267,7 +268,7 @@ impl Parser {
         read.map_err(|unread| self.report(line, &tokens, &first, unread)).ok()
     }
 
-    /// Reads DEFDAT … ENDDAT, with declarations and initial values mixed.
+    /// Parses a data list, DEFDAT … ENDDAT, in which declarations and initial values may be mixed.
     fn data(&mut self) -> Data {
         let line = self.peek_first_word().map_or(1, |(line, _)| line);
         let tokens = self.next_line();
@@ -300,7 +301,7 @@ impl Parser {
     }
 }
 
-/// Returns whether a text is a valid name of a routine.
+/// Returns whether a text is a valid name for a routine.
 fn is_routine_name(text: &str) -> bool {
     let is_inside = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '$');
     let begins = text.starts_with(|c: char| is_inside(c) && !c.is_ascii_digit());
@@ -317,7 +318,7 @@ fn opens_a_routine(line: &SourceLine) -> bool {
     is_head(word(0)) || (word(0) == "GLOBAL" && is_head(word(1)))
 }
 
-/// Reads `NAME[1]=17` in a data list.
+/// Parses an initial value in a data list, such as `NAME[1]=17`.
 fn parse_initial_value(reader: &mut TokenReader<'_>, line: usize) -> ReadResult<Statement> {
     let to = reader.parse_variable()?;
     reader.sign("=")?;
@@ -355,7 +356,7 @@ fn parse_routine_head(reader: &mut TokenReader<'_>) -> ReadResult<RoutineHead> {
     Ok(RoutineHead { global, returns, name, parameters })
 }
 
-/// Reads `NAME`, `NAME:IN` or `NAME[,]:OUT`.
+/// Parses a parameter of a routine: `NAME`, `NAME:IN` or `NAME[,]:OUT`.
 fn parse_parameter(reader: &mut TokenReader<'_>) -> ReadResult<Parameter> {
     let name = reader.name()?;
     if reader.accept_sign("[") {

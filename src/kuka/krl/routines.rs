@@ -1,10 +1,10 @@
-//! The controller's own routines and those that KUKA delivers: their arguments and their return values. Sources:
+//! The controller's own routines, and the routines that KUKA delivers, with their arguments and return values. Sources:
 //! README.md beside this file.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-/// A routine that the execution implements.
+/// A controller routine that the interpreter can execute.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[allow(missing_docs)] // each is the routine of its name
 pub enum Builtin {
@@ -42,28 +42,28 @@ pub enum Builtin {
     EkiCheck,
 }
 
-/// The way in which an argument is passed.
+/// How an argument is passed to a routine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum ArgumentPassing {
-    /// A value of this type.
+    /// The argument is a value of this type.
     Value(&'static str),
-    /// A variable of this type, with any value.
+    /// The argument is a variable of this type; it may be unassigned.
     Variable(&'static str),
-    /// A variable of this type that must already have a value: otherwise EthernetKRL stops the program.
+    /// The argument is a variable of this type that has a value; without a value EthernetKRL stops the program.
     Filled(&'static str),
     /// Any argument.
     Any,
 }
 
-/// A routine of the controller.
+/// The signature of a routine of the controller.
 #[derive(Debug)]
 pub(super) struct KnownRoutine {
-    /// The implementation of the routine; `None` if the routine is only checked.
+    /// The routine in the interpreter; `None` if calls of the routine are only checked.
     pub(super) builtin: Option<Builtin>,
     pub(super) argument_passing: Vec<ArgumentPassing>,
-    /// The number of arguments that must be given.
+    /// Minimum number of arguments.
     pub(super) min_arguments: usize,
-    /// Whether more arguments of any kind may follow.
+    /// Whether any number of further arguments may follow.
     pub(super) accepts_more: bool,
     /// The type of the routine's return value; `None` if it returns no value.
     pub(super) returns: Option<&'static str>,
@@ -71,7 +71,7 @@ pub(super) struct KnownRoutine {
     pub(super) of_ethernet_krl_6: bool,
 }
 
-/// Returns the controller's routine of this name.
+/// Returns the controller's routine with this name.
 pub(super) fn find_routine(name: &str) -> Option<&'static KnownRoutine> {
     ROUTINES.get(name)
 }
@@ -86,8 +86,8 @@ static ROUTINES: LazyLock<BTreeMap<&'static str, KnownRoutine>> = LazyLock::new(
     executed.chain(checked).chain(newer).collect()
 });
 
-/// Returns whether a routine or variable exists only in EthernetKRL 6: a file that names it is written for
-/// EthernetKRL 6.
+/// Returns whether a routine or variable exists only in EthernetKRL 6. A file that names it is written for EthernetKRL
+/// 6.
 pub(super) fn is_ethernet_krl_6_only(name: &str) -> bool {
     VARIABLES_OF_ETHERNET_KRL_6.contains(&name) || find_routine(name).is_some_and(|known| known.of_ethernet_krl_6)
 }
@@ -95,9 +95,9 @@ pub(super) fn is_ethernet_krl_6_only(name: &str) -> bool {
 /// Variables that exist only in EthernetKRL 6.
 pub(super) const VARIABLES_OF_ETHERNET_KRL_6: [&str; 2] = ["EKIOK", "EKIINVALIDOPERATION"];
 
-/// Parses `NAME arguments : type`. An argument is a type by value, `=TYPE` a variable, `+TYPE` a variable that must
-/// have a value, `*` anything. `?` stands in front of the first argument that may be omitted; `…` represents any
-/// further arguments.
+/// Parses a row of the tables below, `NAME arguments : type`. `TYPE` is an argument by value, `=TYPE` a variable,
+/// `+TYPE` a variable that must have a value, and `*` any argument. `?` is written before the first optional argument,
+/// and `…` stands for any number of further arguments.
 fn parse_signature(row: &'static str, builtin: Option<Builtin>) -> (&'static str, KnownRoutine) {
     let (head, returns) = match row.split_once(" : ") {
         Some((head, returns)) => (head, Some(returns)),
@@ -165,8 +165,8 @@ const EXECUTED_ROUTINES: [(&str, Builtin); 32] = [
     ("EKI_CHECK EKI_STATUS EKI_MODE ? TEXT", Builtin::EkiCheck),
 ];
 
-/// Routines that are only checked, by subject: EthernetKRL; messages (MsgLib); texts; arithmetic and poses;
-/// channels; signals, times and errors; motion parameters; sensors.
+/// Routines whose calls are only checked, grouped by subject: EthernetKRL; messages (MsgLib); texts; arithmetic and
+/// poses; channels; signals, times and errors; motion parameters; sensors.
 const CHECKED_ROUTINES: [&str; 123] = [
     "EKI_GETSTRING TEXT TEXT +TEXT : EKI_STATUS",
     "EKI_SETSTRING TEXT TEXT TEXT : EKI_STATUS",

@@ -1,5 +1,5 @@
-//! Reads the statements of a routine: one line each; blocks from their first keyword to their last; motions, the
-//! parts of a spline, triggers and interrupts.
+//! Parses the statements of a routine: simple statements of one line, blocks, motions, the parts of a spline, triggers
+//! and interrupts.
 
 use super::expression::{NotRead, ReadResult, TokenReader};
 use super::lex::Token;
@@ -9,11 +9,11 @@ use super::syntax::{
     Statement, TriggerPlace, VariableRef,
 };
 
-/// First keywords of statements that a controller reads but this parser does not support.
+/// First keywords of valid KRL statements that this parser does not support.
 const UNSUPPORTED_KEYWORDS: [&str; 8] =
     ["ANIN", "ANOUT", "DIGIN", "ASYPTP", "ASYCONT", "ASYSTOP", "ASYCANCEL", "CANCEL"];
 
-/// The first and last keywords of blocks.
+/// The keywords that begin and end each kind of block.
 const BLOCKS: [(&str, &str); 8] = [
     ("IF", "ENDIF"),
     ("SWITCH", "ENDSWITCH"),
@@ -34,7 +34,7 @@ const FOREIGN_KEYWORDS: [(&str, &str); 5] = [
     ("BREAK", "KRL has no BREAK: leave a loop with EXIT"),
 ];
 
-/// Motions: the first keyword, and the path.
+/// The motion keywords, each with the path that it selects.
 const MOTIONS: [(&str, PathKind); 14] = [
     ("PTP", PathKind::Joint),
     ("LIN", PathKind::Line),
@@ -61,7 +61,7 @@ const APPROXIMATIONS: [(&str, Approximation); 5] = [
 ];
 
 impl Parser {
-    /// Reads the statements up to a line that begins with one of these words; that line is not consumed.
+    /// Parses statements up to a line that begins with one of these words; that line is not consumed.
     pub(super) fn block(&mut self, ends: &[&str]) -> Vec<Statement> {
         self.depth += 1;
         let mut found = Vec::new();
@@ -117,7 +117,7 @@ impl Parser {
         })
     }
 
-    /// Skips the rest of a block, including all blocks in it.
+    /// Skips the rest of a block, including all nested blocks.
     fn skip_block(&mut self, last: &str) {
         let mut open = 1;
         while let Some((_, first)) = self.peek_first_word() {
@@ -135,8 +135,8 @@ impl Parser {
         }
     }
 
-    /// Reads the head of a block and reports it if it cannot be read: the statements of the block are checked in
-    /// any case.
+    /// Parses the first line of a block, and reports a problem if it is not valid. The statements of the block are
+    /// checked in any case.
     fn head<T>(
         &mut self,
         line: usize,
@@ -248,12 +248,12 @@ impl Parser {
     }
 }
 
-/// Returns whether a line consists only of `NAME:`.
+/// Returns whether a line is a label: only `NAME:`.
 fn is_label(tokens: &[Token]) -> bool {
     matches!(tokens, [Token::Name(_), Token::Sign(":")])
 }
 
-/// Returns whether a line begins with `NAME=`, `NAME[` or `NAME.`: an assignment.
+/// Returns whether a line is an assignment: it begins with `NAME=`, `NAME[` or `NAME.`.
 fn is_assignment(tokens: &[Token]) -> bool {
     matches!(tokens, [Token::Name(_), Token::Sign("=" | "[" | "."), ..])
 }
@@ -335,7 +335,7 @@ fn parse_simple_statement(reader: &mut TokenReader<'_>, line: usize, first: &str
     }
 }
 
-/// Reads a motion or a part of a spline; anything else is not a statement of KRL.
+/// Parses a motion or a part of a spline; any other line is reported as not valid.
 fn parse_motion_or_spline(reader: &mut TokenReader<'_>, first: &str) -> ReadResult<Action> {
     if let Some(found) = motion(reader, first).or_else(|| spline_part(reader, first)) {
         return found;
@@ -359,7 +359,7 @@ fn parse_motion_or_spline(reader: &mut TokenReader<'_>, first: &str) -> ReadResu
     Err(NotRead::NotChecked(message))
 }
 
-/// Reads a motion after its first keyword; `None` if the keyword does not begin a motion.
+/// Parses the rest of a motion after its first keyword; `None` if the keyword does not begin a motion.
 fn motion(reader: &mut TokenReader<'_>, first: &str) -> Option<ReadResult<Action>> {
     let (word, path) = MOTIONS.iter().find(|(word, _)| *word == first)?;
     Some(parse_motion(reader, word, *path))
@@ -388,7 +388,7 @@ fn parse_motion(reader: &mut TokenReader<'_>, word: &'static str, path: PathKind
     Ok(Action::Motion(Box::new(motion)))
 }
 
-/// Reads the parts that may follow the target; false if the next token is none of them.
+/// Parses one option after the target of a motion; returns false if the next token is not an option.
 fn parse_motion_options(reader: &mut TokenReader<'_>, motion: &mut MotionStatement) -> ReadResult<bool> {
     if let Some((_, approximation)) = APPROXIMATIONS.iter().find(|(word, _)| reader.accept_word(word)) {
         motion.approximates.push(*approximation);
@@ -400,7 +400,7 @@ fn parse_motion_options(reader: &mut TokenReader<'_>, motion: &mut MotionStateme
         reader.accept_sign("=");
         motion.angle = Some(reader.expression()?);
     } else if matches!(reader.peek_token(), Some(Token::Word(_))) {
-        // `#BASE` or `#TOOL`: the reference of a relative motion.
+        // `#BASE` or `#TOOL` selects the reference frame of a relative motion.
         reader.next();
     } else {
         return Ok(false);
@@ -421,7 +421,7 @@ fn settings(reader: &mut TokenReader<'_>) -> ReadResult<Vec<(VariableRef, Expres
     }
 }
 
-/// Reads what may follow SPLINE and ENDSPLINE.
+/// Parses the settings that may follow SPLINE and ENDSPLINE.
 fn parse_spline_head(reader: &mut TokenReader<'_>) -> ReadResult<Vec<(VariableRef, Expression)>> {
     let mut with = Vec::new();
     loop {
@@ -433,7 +433,8 @@ fn parse_spline_head(reader: &mut TokenReader<'_>) -> ReadResult<Vec<(VariableRe
     }
 }
 
-/// Reads a statement of a spline block that is not a segment, after its first word; `None` if it is another statement.
+/// Parses a line of a spline block that is not a segment, after its first word; `None` if the word begins another
+/// statement.
 fn spline_part(reader: &mut TokenReader<'_>, first: &str) -> Option<ReadResult<Action>> {
     match first {
         "TIME_BLOCK" => Some(parse_bounded_part(reader, "TIME_BLOCK", &["START", "PART", "END"])),
@@ -443,7 +444,7 @@ fn spline_part(reader: &mut TokenReader<'_>, first: &str) -> Option<ReadResult<A
     }
 }
 
-/// Reads `TIME_BLOCK PART=40`, `CONST_VEL START=5 ONSTART`.
+/// Parses a line such as `TIME_BLOCK PART=40` or `CONST_VEL START=5 ONSTART`.
 fn parse_bounded_part(reader: &mut TokenReader<'_>, word: &'static str, kinds: &[&str]) -> ReadResult<Action> {
     if !kinds.iter().any(|kind| reader.accept_word(kind)) {
         return Err(
@@ -458,7 +459,7 @@ fn parse_bounded_part(reader: &mut TokenReader<'_>, word: &'static str, kinds: &
     Ok(Action::Checked { word, values })
 }
 
-/// Reads `STOP WHEN PATH=50 ONSTART IF $IN[3]`.
+/// Parses a conditional stop, such as `STOP WHEN PATH=50 ONSTART IF $IN[3]`.
 fn conditional_stop(reader: &mut TokenReader<'_>) -> ReadResult<Action> {
     reader.expect_word("WHEN")?;
     reader.expect_word("PATH")?;
@@ -469,8 +470,8 @@ fn conditional_stop(reader: &mut TokenReader<'_>) -> ReadResult<Action> {
     Ok(Action::Checked { word: "STOP WHEN", values: vec![(path, "REAL"), (reader.expression()?, "BOOL")] })
 }
 
-/// Reads `INTERRUPT DECL 20 WHEN $FLAG[1] DO NAME( )`, `INTERRUPT WITH BRAKE DECL …`, `INTERRUPT ON 20`, after the
-/// first keyword.
+/// Parses an interrupt statement after its first keyword: `INTERRUPT DECL 20 WHEN $FLAG[1] DO NAME( )`, `INTERRUPT WITH
+/// BRAKE DECL …` or `INTERRUPT ON 20`.
 fn interrupt(reader: &mut TokenReader<'_>, global: bool) -> ReadResult<Action> {
     let with_brake = reader.accept_word("WITH");
     if with_brake {
@@ -501,8 +502,8 @@ fn interrupt(reader: &mut TokenReader<'_>, global: bool) -> ReadResult<Action> {
     Ok(Action::InterruptSwitch { how, number })
 }
 
-/// Reads `TRIGGER WHEN DISTANCE=1 DELAY=0 DO NAME( ) PRIO=-1`, or with `PATH=` and an assignment behind DO, after
-/// the first keyword.
+/// Parses a trigger after its first keyword: `TRIGGER WHEN DISTANCE=1 DELAY=0 DO NAME( ) PRIO=-1`, or with `PATH=`, or
+/// with an assignment after DO.
 fn trigger(reader: &mut TokenReader<'_>, line: usize) -> ReadResult<Action> {
     reader.expect_word("WHEN")?;
     let at = if reader.accept_word("PATH") {

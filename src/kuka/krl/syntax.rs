@@ -1,7 +1,7 @@
-//! The contents of a KRL file, as a tree. All names are in upper case; every part has its line number, from 1.
+//! The syntax tree of a KRL file. All names are in upper case, and every node has its line number; the first line is 1.
 //!
-//! The limits of this reader bound time, memory and recursion depth for any input; an input beyond a limit is
-//! reported with its line.
+//! The limits below bound time, memory and recursion depth for any input. An input that exceeds a limit is reported
+//! with its line.
 
 use panelprep_base::config::Problem;
 
@@ -13,11 +13,11 @@ pub(super) const MAX_BLOCK_DEPTH: usize = 100;
 pub(super) const MAX_EXPRESSION_DEPTH: usize = 100;
 /// The maximum number of operators between two values on one line.
 pub(super) const MAX_OPERATORS: usize = 200;
-/// The maximum number of values in one array or structure; more do not fit into a controller's memory.
+/// The maximum number of values in one array or structure; a controller has no memory for more.
 pub(super) const MAX_ARRAY_VALUES: usize = 10_000_000;
-/// The maximum number of values that are allocated to execute a program, in all data lists together or in one routine.
+/// The maximum number of values for which memory is allocated, in all data lists together or in one routine.
 pub(super) const MAX_MEMORY_VALUES: usize = 1_000_000;
-/// The maximum size of a structure, in values and in components, whose aggregates are executed.
+/// The maximum size of a structure whose aggregates can be executed, in values and in components.
 pub(super) const MAX_AGGREGATE_VALUES: usize = 256;
 /// The maximum number of steps of an executable program; a larger program is only checked.
 pub(super) const MAX_PROGRAM_STEPS: usize = 2_000_000;
@@ -26,27 +26,27 @@ pub(super) const MAX_REPORTS: usize = 1_000;
 /// The maximum number of names that a message lists.
 pub(super) const MAX_LISTED: usize = 20;
 
-/// A file that was read.
+/// A parsed KRL file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct File {
     /// The file's name as the user wrote it.
     pub name: String,
-    /// Problems in the text that a controller refuses, in the order of the lines.
+    /// The problems in the text because of which a controller refuses the file, in the order of the lines.
     pub problems: Vec<Problem>,
-    /// The parts of the file that were not read, in the order of the lines.
+    /// The parts of the file that were not parsed, in the order of the lines.
     pub warnings: Vec<Problem>,
     /// Whether the file is written for EthernetKRL 6 (iiQKA.OS2).
     pub(super) of_ethernet_krl_6: bool,
     /// The file's name without folder and extension, in upper case.
     pub(super) module: String,
-    /// The DEF and DEFFCT of a `.src` or `.sub`.
+    /// The routines (DEF and DEFFCT) of a `.src` or `.sub` file.
     pub(super) routines: Vec<Routine>,
-    /// The DEFDAT of a `.dat`.
+    /// The data list (DEFDAT) of a `.dat` file.
     pub(super) data: Option<Data>,
 }
 
 impl File {
-    /// Describes the content of the file in a sentence.
+    /// Returns one sentence that describes the content of the file.
     pub fn sentence(&self) -> String {
         let list = |names: Vec<&str>| if names.is_empty() { "none".to_owned() } else { names.join(", ") };
         let Some(data) = &self.data else {
@@ -77,11 +77,11 @@ impl File {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Data {
     pub(super) line: usize,
-    /// The name that DEFDAT states; a controller requires the file's name.
+    /// The name after DEFDAT; a controller requires that it is the file's name.
     pub(super) name: String,
     pub(super) public: bool,
     pub(super) declarations: Vec<Declaration>,
-    /// Assignments such as `NAME[1]=17` below the declarations.
+    /// The assignments below the declarations, such as `NAME[1]=17`.
     pub(super) values: Vec<Statement>,
 }
 
@@ -99,7 +99,7 @@ pub(super) struct Routine {
     pub(super) body: Vec<Statement>,
 }
 
-/// The return type of a DEFFCT: a type, or an array of CHAR.
+/// The return type of a function (DEFFCT): a type, or an array of CHAR.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ReturnType {
     pub(super) type_name: String,
@@ -109,7 +109,7 @@ pub(super) struct ReturnType {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Parameter {
     pub(super) name: String,
-    /// `:IN`, by value; otherwise by reference, which is also KRL's default.
+    /// Whether the parameter is passed by value (`:IN`); the default in KRL is by reference.
     pub(super) by_value: bool,
 }
 
@@ -127,7 +127,7 @@ pub(super) enum DeclarationContent {
         type_name: String,
         items: Vec<Item>,
     },
-    /// A structure: components with their types, in order.
+    /// A structure (STRUC) with its components and their types.
     Struc {
         name: String,
         components: Vec<(String, Item)>,
@@ -136,7 +136,8 @@ pub(super) enum DeclarationContent {
         name: String,
         words: Vec<String>,
     },
-    /// A signal: a name for an input or output, or for several up to `to`; `None` for `SIGNAL NAME FALSE`.
+    /// A signal: the name of one input or output, or of a range that ends at `to`. Both are `None` for `SIGNAL NAME
+    /// FALSE`.
     Signal {
         name: String,
         from: Option<VariableRef>,
@@ -147,11 +148,11 @@ pub(super) enum DeclarationContent {
         type_name: String,
         name: String,
     },
-    /// EXT and EXTFCT, for a routine that is defined elsewhere, and CHANNEL.
+    /// A declaration of a routine of another file (EXT, EXTFCT), or of a CHANNEL.
     Foreign,
 }
 
-/// A variable or component: name, dimensions, initial value.
+/// A declared variable or component: its name, dimensions and initial value.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Item {
     pub(super) name: String,
@@ -169,7 +170,7 @@ pub(super) struct Statement {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Call {
     pub(super) name: String,
-    /// The arguments; `None` for an argument that is omitted: `F(1, ,3)`.
+    /// The arguments; `None` for an omitted argument, as in `F(1, ,3)`.
     pub(super) arguments: Vec<Option<Expression>>,
 }
 
@@ -247,13 +248,13 @@ pub(super) enum Action {
     },
     WaitSeconds(Expression),
     WaitFor(Expression),
-    /// A statement that is never executed; only its expressions are checked. Contains its first word, and its values
-    /// with the types that they must have.
+    /// A statement that cannot be executed; only its expressions are checked. Contains its first word, and its values
+    /// with their required types.
     Checked {
         word: &'static str,
         values: Vec<(Expression, &'static str)>,
     },
-    /// A statement that was not read; it was reported.
+    /// A statement that was not parsed, and was reported.
     NotRead,
 }
 
@@ -274,13 +275,13 @@ pub(super) enum InterruptSwitch {
 
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum TriggerPlace {
-    /// `DISTANCE=0` or `DISTANCE=1`: the start or the end of a motion.
+    /// `DISTANCE=0` or `DISTANCE=1`: the trigger fires at the start or the end of the motion.
     Distance(Expression),
-    /// `PATH=-10`: mm from the start or the end of a motion.
+    /// `PATH=-10`: the trigger fires at this distance from the start or the end of the motion, mm.
     Path(Expression),
 }
 
-/// A motion as written in the program.
+/// A motion statement of the program.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct MotionStatement {
     /// Its first word.
@@ -289,15 +290,15 @@ pub(super) struct MotionStatement {
     /// The auxiliary point through which a circle passes.
     pub(super) auxiliary: Option<Expression>,
     pub(super) target: Expression,
-    /// `CA`: the angle of a circle.
+    /// `CA`: the angle of a circular motion.
     pub(super) angle: Option<Expression>,
     pub(super) approximates: Vec<Approximation>,
-    /// `WITH $VEL.CP=0.2` of a spline motion.
+    /// The settings of a spline motion, such as `WITH $VEL.CP=0.2`.
     pub(super) with: Vec<(VariableRef, Expression)>,
 }
 
 impl MotionStatement {
-    /// Returns the motion that is executed; `None` if the statement is only checked.
+    /// Returns the motion if the interpreter can execute it; `None` if the statement is only checked.
     pub(super) fn executed(&self) -> Option<Motion> {
         let motion = match self.word {
             "PTP" => Motion::Ptp,
@@ -308,10 +309,10 @@ impl MotionStatement {
     }
 }
 
-/// The path of a motion, and whether the motion is absolute, relative or part of a spline.
+/// The shape of a motion's path, and whether the motion is absolute, relative or part of a spline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum PathKind {
-    /// A synchronous motion of the axes; the target may be axes or a pose.
+    /// A synchronous motion of all axes; the target may be axis angles or a pose.
     Joint,
     Line,
     Circle,
@@ -319,16 +320,16 @@ pub(super) enum PathKind {
     Curve,
 }
 
-/// A motion that is executed.
+/// A motion that the interpreter can execute.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Motion {
     /// Axes together.
     Ptp,
-    /// A motion of the tool on a straight line.
+    /// A motion of the TCP on a straight line.
     Lin,
 }
 
-/// The way in which a motion's end is approximated.
+/// The criterion by which the end of a motion is approximated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Approximation {
     /// C_PTP.
@@ -343,7 +344,7 @@ pub enum Approximation {
     Spline,
 }
 
-/// A variable and the path to a part of it.
+/// A reference to a variable, or to a component or element of it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct VariableRef {
     pub(super) name: String,
@@ -353,7 +354,8 @@ pub(super) struct VariableRef {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Step {
     Component(String),
-    /// `[1,2]`; an index is left out in `[]`, `[,]` and `[3,]`: the array as a whole, or one of its rows.
+    /// The indices of an element, `[1,2]`. An omitted index selects the whole array (`[]`, `[,]`) or a row of it
+    /// (`[3,]`).
     Index(Vec<Option<Expression>>),
 }
 
@@ -372,9 +374,9 @@ pub(super) enum Expression {
     },
     Unary(Unary, Box<Expression>),
     Binary(Binary, Box<Expression>, Box<Expression>),
-    /// `:SER_1`, a channel of COPEN.
+    /// A channel of COPEN, such as `:SER_1`.
     Channel,
-    /// An expression that was not read; it was reported.
+    /// An expression that was not parsed, and was reported.
     NotRead,
 }
 
@@ -385,18 +387,18 @@ pub(super) enum Unary {
     BitNot,
 }
 
-/// An operator between two values.
+/// A binary operator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Binary {
     /// `*`
     Multiply,
-    /// `/`: division, which truncates if both values are INT.
+    /// `/`: division; if both operands are INT, the result is truncated.
     Divide,
     /// `+`
     Plus,
     /// `-`
     Minus,
-    /// `:`: one frame relative to another.
+    /// `:`: the geometric operator, which combines two frames.
     Geometric,
     /// AND
     And,
@@ -425,7 +427,7 @@ pub enum Binary {
 }
 
 impl Action {
-    /// Returns the blocks of statements in this statement.
+    /// Returns the nested blocks of this statement.
     pub(super) fn statement_blocks(&self) -> Vec<&[Statement]> {
         match self {
             Action::If { then, otherwise, .. } => vec![then, otherwise],

@@ -1,18 +1,18 @@
-//! The controller's own variables, as far as programs of a cell use them.
+//! The controller's system variables that programs of a cell use.
 //!
-//! KUKA's public manuals define the effect of a variable on the advance run, its write access, and the versions of KSS
-//! in which it exists. If the manuals do not define one of these, the entry has a note. Sources of the other entries:
-//! README.md beside this file.
+//! KUKA's public manuals define for each variable whether it stops the advance run, whether it is writable, and in
+//! which versions of KSS it exists. An entry has a note if the manuals do not define one of these. The sources of the
+//! other entries are in README.md beside this file.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-/// A version of KUKA System Software, as `8.6`.
+/// A version of KUKA System Software (KSS), for example `8.6`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Kss {
-    /// The number before the dot.
+    /// The major version: the number before the dot.
     pub major: u8,
-    /// The number behind the dot.
+    /// The minor version: the number after the dot.
     pub minor: u8,
 }
 
@@ -35,7 +35,7 @@ impl std::str::FromStr for Kss {
     }
 }
 
-/// The lowest version that the installation page names.
+/// The lowest version of KSS that the installation page supports.
 pub const LOWEST_KSS: Kss = Kss { major: 8, minor: 3 };
 
 /// A system variable.
@@ -44,10 +44,10 @@ pub struct SystemVariable {
     /// With its `$`.
     pub name: &'static str,
     pub(super) type_name: &'static str,
-    /// Number of elements; 0 if the variable is not an array.
+    /// Number of array elements; 0 if the variable is not an array.
     pub(super) count: usize,
     pub(super) writable: bool,
-    /// Whether reading or writing the variable makes the advance run wait for the arm.
+    /// Whether an access to the variable stops the advance run until the arm has stopped.
     pub stops_advance: bool,
     /// The minor version of KSS 8 that introduced the variable.
     pub(super) since: u8,
@@ -65,7 +65,8 @@ const fn variable(
     SystemVariable { name, type_name, count, writable, stops_advance: access[1] == b's', since }
 }
 
-/// The system variables. Access: `r` read-only or `w` writable; `s` stops the advance run, `-` does not stop it.
+/// The table of system variables. Access is `r` (read-only) or `w` (writable), followed by `s` (stops the advance run)
+/// or `-` (does not stop it).
 pub const SYSTEM_VARIABLES: [SystemVariable; 77] = [
     variable("$ACC", "CP", 0, "w-", 0),
     variable("$ACC_AXIS", "INT", 12, "w-", 0),
@@ -85,7 +86,8 @@ pub const SYSTEM_VARIABLES: [SystemVariable; 77] = [
     variable("$BASE", "FRAME", 0, "w-", 0),
     variable("$BASE_C", "FRAME", 0, "rs", 0),
     variable("$CMD", "INT", 0, "r-", 0),
-    // Found in public programs for 8.5 and 8.6; the data lists of a controller with 8.3 do not declare it.
+    // This variable is used in public programs for 8.5 and 8.6, but the data lists of a controller with 8.3 do not
+    // declare it.
     variable("$COULD_START_MOTION", "BOOL", 0, "rs", 5),
     variable("$CP_VEL_TYPE", "CP_VEL_TYPE", 0, "w-", 0),
     variable("$CYCFLAG", "BOOL", 256, "w-", 0),
@@ -152,16 +154,16 @@ pub(super) fn find(name: &str) -> Option<usize> {
     SYSTEM_VARIABLES.iter().position(|variable| variable.name == name)
 }
 
-/// A variable of which only the type is known and that is never executed: a variable of the controller, or one that
-/// every `$config.dat` declares.
+/// A variable for which only the type is known, so that statements with it are not executed: a system variable, or a
+/// variable that every `$config.dat` declares.
 #[derive(Debug, Clone)]
 pub(super) struct NameOnlyVariable {
     pub(super) type_name: &'static str,
-    /// The number of dimensions; their sizes differ between controllers.
+    /// The number of dimensions; the sizes of the dimensions differ between controllers.
     pub(super) dimensions: usize,
 }
 
-/// Returns the variable of this name.
+/// Returns the variable with this name.
 pub(super) fn find_variable(name: &str) -> Option<&'static NameOnlyVariable> {
     static NAME_ONLY_VARIABLES: LazyLock<BTreeMap<&'static str, NameOnlyVariable>> = LazyLock::new(|| {
         let mut all = BTreeMap::new();
@@ -179,8 +181,8 @@ pub(super) fn find_variable(name: &str) -> Option<&'static NameOnlyVariable> {
     NAME_ONLY_VARIABLES.get(name)
 }
 
-/// A type, and its variables; `ANY` for a type that is left open. First the system variables, then those of
-/// `$config.dat`.
+/// Each row has a type and its variables; `ANY` stands for an unspecified type. The system variables come first, then
+/// those of `$config.dat`.
 const NAMES: &str = "\
 BOOL $AUX_POWER $BRAKETEST_MONTIME $BRAKETEST_REQ_EX $BRAKETEST_REQ_INT $BRAKETEST_WARN $BWDSTART $CHCK_MOVENA $COLLMON_ACTIVE_COM $COLLMON_ACTIVE_PRO $COLL_ALARM $COLL_ENABLE \
 $CONF_MESS $CONSENT $DATA_INTEGRITY $DRIVES_ENABLE $EXCLU $EXT_START $IMM_STOP $IMPROVED_COLLMON $IN_HOME1 $IN_HOME2 $IN_HOME3 $IN_HOME4 $IN_HOME5 $IOSIM_OPT $IS_OFFICE_LITE $I_O_ACT $I_O_ACTCONF $KCP_CONNECT \

@@ -1,4 +1,4 @@
-//! Tests the parser and its messages: the shipped files, and one planted fault for each rule.
+//! Tests the parser, the checks and their messages with the shipped files, and with one deliberate error for each rule.
 
 use super::{Analysis, Kss, analyse, parse};
 use panelprep_base::config::Problem;
@@ -9,13 +9,13 @@ const DATA: &str = "DEFDAT CELL_DATA PUBLIC\nGLOBAL STRUC POINT INT ID,N,REAL R,
     DECL GLOBAL POINT PLACES[2]\nDECL GLOBAL COLOUR SHADE=#RED\nDECL GLOBAL CHAR WORDS[8]\n\
     WORDS[]=\"abc\"\nENDDAT\n";
 
-/// Returns all messages about a program together with [`DATA`], as `line: key: message`.
+/// Returns all messages about a program and the data list [`DATA`], in the form `line: key: message`.
 fn reported_messages(program: &str) -> Vec<String> {
     let [problems, warnings, _] = reported(program);
     [problems, warnings].concat()
 }
 
-/// Returns the problems, the warnings, and the parts that are not executed.
+/// Returns three lists: the problems, the warnings, and the parts that are not executed.
 fn reported(program: &str) -> [Vec<String>; 3] {
     let files = [("cell_data.dat", DATA), ("a.src", program)].map(|(name, text)| parse(name, text));
     let analysis = analyse(&files, HIGHEST);
@@ -25,7 +25,7 @@ fn reported(program: &str) -> [Vec<String>; 3] {
     })
 }
 
-/// Returns the messages about these statements in a routine in which `I`, `R`, `B` are assigned.
+/// Returns the messages about these statements in a routine in which `I`, `R` and `B` have values.
 fn messages_about(statements: &str) -> Vec<String> {
     reported_messages(&format!(
         "DEF A( )\nDECL INT I\nDECL REAL R\nDECL BOOL B\nDECL POINT P\nI=1\nR=1.0\nB=FALSE\nP=PLACES[1]\n{statements}\n\
@@ -73,7 +73,8 @@ fn common_statements_are_read() {
     assert_eq!(reported_messages(foreign), Vec::<String>::new());
 }
 
-/// Each line is one mistake, with the beginning of its report; the first statement is in line 10.
+/// Each entry is a statement with one error, and the beginning of the expected message; the first statement is in line
+/// 10.
 #[test]
 fn each_planted_mistake_is_reported_with_its_line() {
     for (statement, expected) in [
@@ -165,7 +166,7 @@ fn incomplete_routines_are_reported() {
             "{program}: {reported:#?} instead of {expected}"
         );
     }
-    // On every path the value is assigned.
+    // In this program every path assigns the value before it is read.
     let right = "DEF A( )\nDECL INT I\nIF COUNT>0 THEN\nI=1\nELSE\nRETURN\nENDIF\nCOUNT=I\nLOOP\nI=2\nENDLOOP\nEND\n\
         DEFFCT INT F( )\nDECL EKI_STATUS RET\nDECL INT I\nI=0\nRET=EKI_GetInt(\"C\",\"T\",I)\nSWITCH I\nCASE 1\nRETURN 1\n\
         DEFAULT\nRETURN RET.Buff\nENDSWITCH\nENDFCT";
@@ -184,7 +185,7 @@ fn the_kss_version_determines_the_system_variables() {
     assert!("9.1".parse::<Kss>().is_err() && "8.1".parse::<Kss>().is_err() && "8".parse::<Kss>().is_err());
 }
 
-/// An error that may occur at run time is a warning, and so is an item that no file declares; each name is reported
+/// An error that may occur only at run time is a warning, and so is a name that no file declares; each name is reported
 /// once.
 #[test]
 fn uncertain_errors_are_warnings() {
@@ -206,7 +207,7 @@ fn uncertain_errors_are_warnings() {
     );
 }
 
-/// A statement that is only checked is identified by its line, and only this statement stops the execution.
+/// A statement that is only checked is listed with its line, and the execution stops only at this statement.
 #[test]
 fn statements_that_are_only_checked_are_listed_with_their_line() {
     let [problems, warnings, unexecuted] = reported(
@@ -217,7 +218,7 @@ fn statements_that_are_only_checked_are_listed_with_their_line() {
     assert_eq!(unexecuted, ["8: CIRC: is not executed", "12: STRLEN: is not executed"]);
 }
 
-/// Types with the same name in two modules are two types; a variable of another data list is visible if it is
+/// Types with the same name in two modules are different types. A variable of another data list is visible if it is
 /// GLOBAL.
 #[test]
 fn a_name_is_visible_only_in_its_scope() {
@@ -243,14 +244,14 @@ fn a_name_is_visible_only_in_its_scope() {
     let hidden = parse("four.src", "DEF FOUR( )\nDECL SIDE_T S\nS=#LEFT\nEND");
     let reported = analyse(&[files[0].clone(), hidden], HIGHEST).warnings.concat();
     assert!(reported[0].message.starts_with("this type is visible only in another module"), "{reported:?}");
-    // Declared twice; the message states the place.
+    // The variable is declared twice; the message contains the location of the other declaration.
     let again = parse("three.dat", "DEFDAT THREE PUBLIC\nDECL GLOBAL INT TWO_N=2\nENDDAT\n");
     let [_, _, two, _] = files;
     let reported = analyse(&[two, again], HIGHEST).problems.concat();
     assert_eq!(reported[0].message, "this name is declared twice: two.dat, line 4");
 }
 
-/// Any content of a file is either reported or read; nothing panics.
+/// Any content of a file is either parsed or reported, and never causes a panic.
 #[test]
 fn damaged_files_are_reported_without_a_panic() {
     let whole = include_str!("../../../config/kuka/cell_motion.src");

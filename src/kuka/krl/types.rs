@@ -1,11 +1,10 @@
-//! Types and the number of memory cells of each: a simple value has one, a structure those of its components in
-//! order.
+//! The types of KRL, and the number of memory cells of each type: a simple value has one cell, a structure has the
+//! cells of its components in their order.
 //!
-//! A type is declared in a routine, in a module or for all files; KUKA's own types are known everywhere and may be
-//! declared again, as a controller's data lists do. They are listed as far as programs of a cell name them. A
-//! controller declares most of them in data lists of its own (`$operate.dat`, `$config.dat`). If these are checked
-//! together with a program, their declarations count. A type that is missing here is reported as not checked, never
-//! as wrong. Sources: README.md beside this file.
+//! A type is declared in a routine, in a module or for all files. KUKA's own types are always known and may be declared
+//! again, as the controller's data lists do (`$operate.dat`, `$config.dat`). If these data lists are checked together
+//! with a program, their declarations are used. Only the types that programs of a cell use are listed here. A type that
+//! is not listed is reported as not checked, never as an error. Sources: README.md beside this file.
 
 use super::expression::{TokenReader, parse_declaration};
 use super::lex::tokens;
@@ -16,7 +15,7 @@ use std::sync::LazyLock;
 /// The type of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Type {
-    /// An unknown type, because its declaration is missing. It is reported once, at the declaration that names it.
+    /// An unknown type, whose declaration is missing. It is reported once, where a declaration names it.
     Unknown,
     /// 32 bits.
     Int,
@@ -26,7 +25,7 @@ pub enum Type {
     Bool,
     /// One character.
     Char,
-    /// A text in quotation marks.
+    /// A string literal in quotation marks.
     Text,
     /// A constant of this enumeration.
     Enumeration(usize),
@@ -41,9 +40,9 @@ pub struct Component {
     pub name: String,
     /// Its type.
     pub kind: Type,
-    /// Dimensions of an array.
+    /// The size of each dimension, if the component is an array.
     pub dimensions: Vec<usize>,
-    /// Number of cells before it.
+    /// Number of cells before the component in its structure.
     pub offset: usize,
 }
 
@@ -58,8 +57,8 @@ pub struct Struc {
     places: BTreeMap<String, usize>,
     /// Number of cells.
     pub size: usize,
-    /// Whether no file declares the type: it is KUKA's own type as far as it is known here, and may have more
-    /// components.
+    /// Whether the structure is KUKA's own and no file declares it; it may then have components that are not known
+    /// here.
     pub(super) kuka: bool,
 }
 
@@ -76,11 +75,12 @@ pub(super) struct Enumeration {
     pub(super) name: String,
     pub(super) words: Vec<String>,
     places: BTreeMap<String, u16>,
-    /// Whether no file declares the enumeration: it is KUKA's own type, and may have more constants.
+    /// Whether the enumeration is KUKA's own and no file declares it; it may then have constants that are not known
+    /// here.
     pub(super) kuka: bool,
 }
 
-/// The scope in which a type is known; the innermost one counts.
+/// The scope in which a type is visible. If a name is declared in several scopes, the innermost one is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Scope {
     Routine {
@@ -101,16 +101,16 @@ pub struct Types {
     names: BTreeMap<String, Vec<(Scope, Type)>>,
 }
 
-/// A component that has no memory offset yet.
+/// A component whose memory offset is not computed yet.
 pub(super) struct NewComponent {
     pub(super) name: String,
     pub(super) kind: Type,
     pub(super) dimensions: Vec<usize>,
 }
 
-/// The first components of KUKA's poses; a shorter type is the beginning of a longer one.
+/// KUKA's pose types, from the shortest to the longest; each has the components of the previous one and further ones.
 const POSES: [&str; 4] = ["FRAME", "POS", "E3POS", "E6POS"];
-/// The first components of KUKA's axis types, in the same order as for the poses.
+/// KUKA's types of axis positions, in the same order as the pose types.
 const AXES: [&str; 3] = ["AXIS", "E3AXIS", "E6AXIS"];
 
 impl Types {
@@ -121,20 +121,20 @@ impl Types {
         }
     }
 
-    /// Returns the type of this name that is visible in the scopes; KUKA's own types come last.
+    /// Returns the type with this name that is visible in the scopes. KUKA's own types are searched last.
     pub(super) fn find(&self, name: &str, scopes: &[Scope]) -> Option<Type> {
         let known = self.names.get(name)?;
         let of = |scope: &Scope| known.iter().find(|(known, _)| known == scope).map(|(_, kind)| *kind);
         scopes.iter().chain(&[Scope::Everywhere, Scope::Kuka]).find_map(of)
     }
 
-    /// Returns whether a type of this name is declared in any scope: if [`Types::find`] does not find it, the scope is
-    /// not visible.
+    /// Returns whether any scope declares a type with this name. If [`Types::find`] does not find the type, that scope
+    /// is not visible.
     pub(super) fn is_hidden(&self, name: &str) -> bool {
         self.names.contains_key(name)
     }
 
-    /// Returns one of KUKA's own types; [`Type::Text`] for a text.
+    /// Returns KUKA's own type with this name; [`Type::Text`] for a text.
     pub(super) fn kuka_type(&self, name: &str) -> Type {
         match name {
             "TEXT" => Type::Text,
@@ -142,7 +142,7 @@ impl Types {
         }
     }
 
-    /// Adds an enumeration; false if the name is already used in this scope.
+    /// Adds an enumeration; returns false if the name already exists in this scope.
     pub(super) fn add_enumeration(&mut self, scope: Scope, name: &str, words: Vec<String>) -> bool {
         let kind = Type::Enumeration(self.enumerations.len());
         let places = (0..=u16::MAX).zip(&words).map(|(place, word)| (word.clone(), place)).collect();
@@ -151,7 +151,7 @@ impl Types {
         self.add(scope, name, kind)
     }
 
-    /// Adds a structure; false if the name is already used in this scope.
+    /// Adds a structure; returns false if the name already exists in this scope.
     pub(super) fn add_struc(&mut self, scope: Scope, name: &str, components: Vec<NewComponent>) -> bool {
         let mut size = 0_usize;
         let mut placed = Vec::new();
@@ -185,7 +185,7 @@ impl Types {
         }
     }
 
-    /// Returns the number of cells of an array of this type; `usize::MAX` if the number is too large.
+    /// Returns the number of cells of an array of this type; `usize::MAX` if the number overflows.
     pub(super) fn cells(&self, kind: Type, dimensions: &[usize]) -> usize {
         dimensions.iter().fold(self.size(kind), |cells, dimension| cells.saturating_mul(*dimension))
     }
@@ -218,23 +218,22 @@ impl Types {
         self.structure(kind).is_some_and(|struc| names.contains(&struc.name.as_str()))
     }
 
-    /// Returns whether the type begins with X, Y, Z, A, B, C.
+    /// Returns whether the first components of the type are X, Y, Z, A, B and C.
     pub(super) fn is_pose(&self, kind: Type) -> bool {
         self.is_one_of_types(kind, &POSES)
     }
 
-    /// Returns whether the type begins with A1 to A6.
+    /// Returns whether the first components of the type are A1 to A6.
     pub(super) fn is_axes(&self, kind: Type) -> bool {
         self.is_one_of_types(kind, &AXES)
     }
 
-    /// Returns whether the controller converts the two types into each other: both are poses, or both are axis
-    /// positions.
+    /// Returns whether the controller converts the two types to each other: both are poses, or both are axis positions.
     pub(super) fn are_convertible(&self, one: Type, other: Type) -> bool {
         (self.is_pose(one) && self.is_pose(other)) || (self.is_axes(one) && self.is_axes(other))
     }
 
-    /// Returns whether two types are the same: one of KUKA's own types may be declared a second time.
+    /// Returns whether two types are the same; one of KUKA's own types may be declared again in a file.
     pub(super) fn are_same_type(&self, one: Type, other: Type) -> bool {
         match (one, other) {
             (Type::Enumeration(_), Type::Enumeration(_)) | (Type::Struc(_), Type::Struc(_)) => {
@@ -251,14 +250,14 @@ impl Types {
 }
 
 impl Struc {
-    /// Lists the components of the structure, for a message.
+    /// Returns a list of the structure's components, for messages.
     pub(super) fn describe_components(&self) -> String {
         join_names(self.components.iter().map(|component| component.name.as_str()), "")
     }
 }
 
 impl Enumeration {
-    /// Lists the constants of the enumeration, for a message.
+    /// Returns a list of the enumeration's constants, for messages.
     pub(super) fn describe_constants(&self) -> String {
         join_names(self.words.iter().map(String::as_str), "#")
     }
@@ -272,7 +271,7 @@ fn join_names<'a>(names: impl Iterator<Item = &'a str>, sign: &str) -> String {
     all.join(", ")
 }
 
-/// Declarations in KRL, each after the types that it names.
+/// KUKA's types as KRL declarations; each follows the types that it uses.
 const KUKA_TYPES: &str = "
 STRUC FRAME REAL X,Y,Z,A,B,C
 STRUC POS REAL X,Y,Z,A,B,C,INT S,T
@@ -324,8 +323,8 @@ STRUC LDAT REAL VEL,ACC,APO_DIST,APO_FAC,AXIS_VEL,AXIS_ACC,ORI_TYPE ORI_TYP,CIRC
 STRUC BASIS_SUGG_T CHAR POINT1[24],POINT2[24],CP_PARAMS[24],PTP_PARAMS[24],CONT[24],CP_VEL[24],PTP_VEL[24],SYNC_PARAMS[24],SPL_NAME[24],A_PARAMS[24]
 ";
 
-/// More of KUKA's own types, from machine data and from programs that KUKA delivers. Only their names are known:
-/// their components are not checked.
+/// Further types of KUKA, from machine data and from programs that KUKA delivers. Only their names are known, so their
+/// components are not checked.
 const NAME_ONLY_TYPES: [&str; 39] = [
     "ACC_CAR",
     "ADAP_ACC",
@@ -368,12 +367,12 @@ const NAME_ONLY_TYPES: [&str; 39] = [
     "WS_CONFIG",
 ];
 
-/// Returns whether KUKA has a type of this name with contents that are not known here.
+/// Returns whether this is the name of a KUKA type whose components are not known here.
 pub(super) fn is_name_only_type(name: &str) -> bool {
     NAME_ONLY_TYPES.binary_search(&name).is_ok()
 }
 
-/// Returns all of KUKA's types; files are checked with a copy of them.
+/// Returns all of KUKA's types. Each check works with a copy of them.
 pub(super) fn kuka_types() -> &'static Types {
     static KUKA: LazyLock<Types> = LazyLock::new(|| {
         let mut types = Types::default();
@@ -417,7 +416,8 @@ fn size(dimension: &Option<Expression>) -> usize {
 mod tests {
     use super::*;
 
-    /// By hand: six REAL, two INT, six REAL; RET1, HITS, LENGTH, MSG_NO, MSG_TYPE and sixty characters.
+    /// Expected sizes, calculated by hand. The first structure has six REAL, two INT and six REAL. The second one has
+    /// RET1, HITS, LENGTH, MSG_NO, MSG_TYPE and sixty characters.
     #[test]
     fn each_declared_kuka_type_is_read() {
         let types = kuka_types();

@@ -1,14 +1,14 @@
-//! The manual's elements and attributes, with their allowed content (`eki.md` 1.2 to 1.4), and the notes on
-//! problems that are found while a file is read.
+//! The manual's elements and attributes with their valid content (`eki.md` 1.2 to 1.4), and the list of problems that
+//! are found in a file.
 //!
-//! Keywords are read in upper or lower case, as the manual itself mixes both.
+//! Keywords are accepted in upper and lower case, because the manual itself mixes both.
 
 use super::tree::Node;
 use panelprep_base::config::Problem;
 use std::collections::BTreeSet;
 use strum::{Display, EnumString, VariantNames};
 
-/// The role of the other machine, as the controller sees it.
+/// The role of the other machine, as the file of the controller states it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Display, EnumString, VariantNames)]
 #[strum(ascii_case_insensitive)]
 pub enum PeerRole {
@@ -18,63 +18,63 @@ pub enum PeerRole {
     Server,
 }
 
-/// The event that ends the channel on the controller.
+/// The event on which the controller closes the channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Display, EnumString, VariantNames)]
 #[strum(ascii_case_insensitive)]
 pub enum Environment {
-    /// Resetting or deselecting the program.
+    /// The channel is closed when the robot program is reset or deselected.
     Program,
-    /// Cancelling the submit interpreter.
+    /// The channel is closed when the submit interpreter is cancelled.
     Submit,
-    /// Only a new I/O configuration.
+    /// The channel is closed only when the controller loads a new I/O configuration.
     System,
 }
 
-/// Which entry of a memory is read first.
+/// The order in which the values in a tag's buffer are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Display, EnumString, VariantNames)]
 #[strum(ascii_case_insensitive, serialize_all = "UPPERCASE")]
 pub enum ReadOrder {
-    /// The oldest entry is read first.
+    /// The oldest value is read first.
     Fifo,
-    /// The newest entry is read first.
+    /// The newest value is read first.
     Lifo,
 }
 
-/// The protocol that transfers the bytes.
+/// The transport protocol of a channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Display, EnumString, VariantNames)]
 #[strum(ascii_case_insensitive, serialize_all = "UPPERCASE")]
 pub enum Protocol {
     /// A stream.
     Tcp,
-    /// Datagrams, which the manual does not recommend.
+    /// UDP datagrams; the manual advises against UDP.
     Udp,
 }
 
-/// The type of the values in a tag's memory.
+/// The data type of a tag's value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Display, EnumString, VariantNames)]
 #[strum(ascii_case_insensitive, serialize_all = "UPPERCASE")]
 pub enum Kind {
     /// Characters.
     #[strum(serialize = "STRING")]
     Text,
-    /// A single-precision number, written `%f`.
+    /// A single-precision floating-point number, sent in the format `%f`.
     Real,
     /// A signed 32-bit integer.
     Int,
     /// 0 or 1.
     Bool,
-    /// Six attributes X Y Z A B C.
+    /// A frame, sent as the six attributes X, Y, Z, A, B and C.
     Frame,
 }
 
-/// Errors and doubts in one file, in the order in which they were found.
+/// The errors and warnings of one file, in the order in which they were found.
 #[derive(Debug, Default)]
 pub struct Findings {
-    /// Entries that the controller refuses or cannot work with.
+    /// Entries that the controller refuses, or with which the channel cannot work.
     pub problems: Vec<Problem>,
-    /// Entries that the controller accepts but that cause problems, with all entries of `unknown`.
+    /// Entries that the controller accepts but that may cause problems, including all entries of `unknown`.
     pub warnings: Vec<Problem>,
-    /// Names and texts that are in no manual.
+    /// Names and texts that the manual does not define.
     pub unknown: Vec<Problem>,
 }
 
@@ -89,7 +89,7 @@ impl Findings {
         self.warnings.push(Problem { line, key: key.into(), message: message.into() });
     }
 
-    /// Notes a name or a text that is in no manual, which is a warning.
+    /// Adds a warning for a name or a text that the manual does not define.
     fn unknown(&mut self, line: usize, key: impl Into<String>, message: impl Into<String>) {
         let warning = Problem { line, key: key.into(), message: message.into() };
         self.unknown.push(warning.clone());
@@ -97,13 +97,13 @@ impl Findings {
     }
 }
 
-/// The allowed content of an attribute, or between the tags of an element.
+/// The rule for the value of an attribute, or for the text inside an element.
 enum ContentRule {
     Words(&'static [&'static str]),
     Number(u32, u32),
-    /// Any text, since placeholders for addresses are common; `stated` reads tags.
+    /// Any text is valid, because addresses are often placeholders. Tags are checked in `stated`.
     Free,
-    /// Character codes such as `13,10`, alternatives separated by `|`.
+    /// Character codes such as `13,10`; alternatives are separated by `|`.
     Codes,
 }
 
@@ -111,7 +111,7 @@ struct KnownElement {
     path: &'static str,
     attributes: &'static [(&'static str, ContentRule)],
     text: Option<ContentRule>,
-    /// The element may occur only once in its parent.
+    /// Whether the element may occur only once in its parent.
     once: bool,
 }
 
@@ -131,7 +131,7 @@ const fn element(path: &'static str, attributes: &'static [(&'static str, Conten
     KnownElement { path, attributes, text: None, once: false }
 }
 
-/// The ranges of `$FLAG` and `$OUT` numbers by the manual.
+/// The ranges of the numbers of `$FLAG` and `$OUT` according to the manual.
 const FLAG: ContentRule = ContentRule::Number(1, 1025);
 const OUTPUT_NUMBER_RULE: ContentRule = ContentRule::Number(1, 4096);
 const READ_ORDER_RULE: ContentRule = ContentRule::Words(ReadOrder::VARIANTS);
@@ -195,7 +195,7 @@ const KNOWN_ELEMENTS: [KnownElement; 24] = [
     section(""),
 ];
 
-/// Checks whether the root is the root element of the classic dialect.
+/// Checks that the root element is that of the classic dialect (KSS 8).
 pub(super) fn is_classic_dialect(root: &Node) -> Result<(), Problem> {
     let found = &root.name;
     let message = if found.eq_ignore_ascii_case("ETHERNETKRL") {

@@ -1,17 +1,16 @@
-//! The values that a file states about one channel, each with its line. Values that were reported as invalid are left
-//! out.
+//! The values that a file states for one channel, each with its line. Values that were reported as invalid are omitted.
 
 use super::manual::{Environment, Findings, PeerRole, Protocol, ReadOrder};
 use super::tree::Node;
 use std::str::FromStr;
 
-/// A channel of the controller, as its file states it.
+/// The configuration of one channel of the controller, as its file states it.
 pub struct StatedChannel {
-    /// The file's name without folder and extension, by which KRL refers to the channel.
+    /// The file's name without folder and extension. KRL programs use this name to open the channel.
     pub name: String,
-    /// TYPE if its keyword is valid; the manual's default is `Server`.
+    /// The value of TYPE, if its keyword is valid; the manual's default is `Server`.
     peer: Option<PeerRole>,
-    /// Whether TYPE is stated, with any keyword.
+    /// Whether the file contains TYPE, with a valid keyword or another.
     pub type_stated: bool,
     /// The line where INTERNAL begins; 1 if there is none.
     pub internal_line: usize,
@@ -19,46 +18,46 @@ pub struct StatedChannel {
     pub internal: Address,
     /// The address of the other machine.
     pub external: Address,
-    /// The event that ends the channel.
+    /// The event on which the controller closes the channel.
     pub environment: Option<Stated<Environment>>,
     /// TCP or UDP.
     pub protocol: Option<Stated<Protocol>>,
-    /// The order in which buffered elements are read.
+    /// The order in which buffered values are read.
     pub order: Option<Stated<ReadOrder>>,
-    /// Number of elements that the buffer can hold.
+    /// Maximum number of values in the buffer of each tag.
     pub entries: Option<Stated<u32>>,
-    /// Number of bytes that the buffer can hold.
+    /// Maximum number of bytes in the receive buffer.
     pub bytes: Option<Stated<u32>>,
     /// The time limit of a connection attempt, ms.
     pub connect_ms: Option<Stated<u32>>,
-    /// The line of ALIVE.
+    /// The line of the element ALIVE.
     pub alive_line: Option<usize>,
-    /// The signals that are on while a connection exists.
+    /// The flags and outputs that are on while the channel is connected.
     pub(super) alive: Vec<Signal>,
-    /// `Ping` of ALIVE, as written.
+    /// The value of the attribute `Ping` of ALIVE, as written in the file.
     pub ping: Option<Stated<u32>>,
-    /// `Logging` and `Display` of MESSAGES.
+    /// The attributes `Logging` and `Display` of the element MESSAGES.
     pub messages: [Option<String>; 2],
     /// The elements that the controller receives.
     pub received: Vec<StatedElement>,
     /// The line of the first RAW section.
     pub(super) raw_line: Option<usize>,
-    /// The elements of RAW.
+    /// The elements of the RAW section.
     pub raw: Vec<StatedRaw>,
     /// The elements that the controller sends.
     pub sent: Vec<StatedElement>,
 }
 
-/// A value and its line.
+/// A value that the file states, and its line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stated<T> {
     /// The value.
     pub value: T,
-    /// Its line in the file.
+    /// The line of the value in the file.
     pub line: usize,
 }
 
-/// The address on which one of the two machines listens.
+/// The address and port on which one of the two machines listens.
 #[derive(Debug, Default)]
 pub struct Address {
     /// The IP address.
@@ -67,21 +66,21 @@ pub struct Address {
     pub port: Option<Stated<u16>>,
 }
 
-/// `$FLAG[number]` or `$OUT[number]`, and the event that sets it.
+/// A variable `$FLAG[number]` or `$OUT[number]`, and the event on which the controller sets it.
 #[derive(Debug, Clone)]
 pub struct Signal {
-    /// Its line in the file.
+    /// The line of the signal in the file.
     pub line: usize,
-    /// Whether it is a flag; otherwise it is an output.
+    /// Whether the signal is a flag; otherwise it is an output.
     pub is_flag: bool,
     /// The number of the flag or output.
     pub number: u32,
-    /// The tag whose arrival sets the signal; `None` for ALIVE.
+    /// The tag whose arrival sets the signal; `None` if the signal belongs to ALIVE.
     pub tag: Option<String>,
 }
 
 impl Signal {
-    /// Returns the variable in the notation of KRL.
+    /// Returns the variable in KRL notation, for example `$FLAG[5]`.
     pub fn variable(&self) -> String {
         format!("{}[{}]", if self.is_flag { "$FLAG" } else { "$OUT" }, self.number)
     }
@@ -91,56 +90,57 @@ impl Signal {
         self.tag.as_ref().map_or("a connection".to_owned(), |tag| format!("the arrival of {tag}"))
     }
 
-    /// Returns the name by which messages refer to the element that states the signal.
+    /// Returns the name of the file's element that contains the signal, for use in messages.
     pub fn key(&self) -> String {
         self.tag.as_ref().map_or("CONFIGURATION/INTERNAL/ALIVE".to_owned(), |tag| format!("RECEIVE ELEMENT[{tag}]"))
     }
 }
 
-/// An element of XML.
+/// An element of an XML channel: one value that is received or sent.
 #[derive(Debug)]
 pub struct StatedElement {
-    /// Its line in the file.
+    /// The line of the element in the file.
     pub line: usize,
     /// The path of the element, such as `Ack/@Rx`.
     pub tag: String,
-    /// The type's keyword in capitals, valid or not.
+    /// The keyword of the data type in capital letters, valid or not.
     pub kind: Option<String>,
-    /// The order in which its values are read.
+    /// The order in which the element's buffered values are read.
     pub order: Option<ReadOrder>,
     /// The signals that the element's arrival sets.
     pub(super) signals: Vec<Signal>,
 }
 
 impl StatedElement {
-    /// Returns the name of the outermost element.
+    /// Returns the first name in the tag's path: the root element of the message.
     pub fn root(&self) -> &str {
         self.tag.split('/').next().unwrap_or_default()
     }
 
-    /// Returns the part of the tag below the root, `@Id`, `P` or `J/@A1`; empty for the root.
+    /// Returns the part of the tag's path below the root element, for example `@Id`, `P` or `J/@A1`; empty for the
+    /// root.
     pub fn tag_below_root(&self) -> &str {
         self.tag.split_once('/').map_or("", |(_, inside)| inside)
     }
 }
 
-/// An element of RAW.
+/// An element of a RAW channel: a block of bytes that is received or sent.
 #[derive(Debug)]
 pub struct StatedRaw {
-    /// Its line in the file.
+    /// The line of the element in the file.
     pub line: usize,
-    /// Whether it is a stream of any length; otherwise its size is fixed.
+    /// Whether the element is a stream of variable length; otherwise its size is fixed.
     pub is_stream: bool,
     /// The size, bytes.
     pub size: Option<u32>,
-    /// The bytes that end a stream.
+    /// The end marker of a stream, as character codes.
     pub end: Option<String>,
     /// The signals that the element's arrival sets.
     signals: Vec<Signal>,
 }
 
 impl StatedChannel {
-    /// Extracts the statements from the tree of a file with this name, and records elements without a usable tag.
+    /// Extracts the statements from the parsed file with this name, and reports elements without a usable tag.
     pub(super) fn from_xml(name: &str, root: &Node, found: &mut Findings) -> StatedChannel {
         let internal = |part: &str| first_node(root, &format!("CONFIGURATION/INTERNAL/{part}"));
         let peer = first_node(root, "CONFIGURATION/EXTERNAL/TYPE").filter(|node| !node.text.is_empty());
@@ -186,12 +186,12 @@ impl StatedChannel {
         self.peer_role() == PeerRole::Client
     }
 
-    /// Returns the address on which the server listens.
+    /// Returns the address of the machine that listens.
     pub fn server(&self) -> &Address {
         if self.does_controller_listen() { &self.internal } else { &self.external }
     }
 
-    /// Returns all entries that set a flag or an output.
+    /// Returns all flags and outputs that the channel sets.
     pub fn signals(&self) -> impl Iterator<Item = &Signal> {
         let received = self.received.iter().flat_map(|element| &element.signals);
         self.alive.iter().chain(received).chain(self.raw.iter().flat_map(|raw| &raw.signals))
@@ -257,7 +257,7 @@ fn element(node: &Node, found: &mut Findings) -> Option<StatedElement> {
         return None;
     }
     let kind = node.attribute("Type").map(|kind| kind.value.to_uppercase());
-    // The manual defines neither order nor signals for SEND.
+    // The manual defines read order and signals for RECEIVE only, not for SEND.
     let is_received = node.path.starts_with("RECEIVE/");
     let order = parse_read_order(node).filter(|_| is_received).map(|order| order.value);
     let signals = if is_received { signals(node, Some(&tag.value)) } else { Vec::new() };

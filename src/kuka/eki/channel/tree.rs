@@ -1,25 +1,25 @@
-//! Parses the text to a tree of nodes with their lines.
+//! Parses the text of a channel file to a tree of XML nodes with their line numbers.
 
 use panelprep_base::config::Problem;
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 
-/// Limit of the nesting; these files have four levels at most.
+/// Maximum nesting depth of elements; channel files have at most four levels.
 const MAX_DEPTH: usize = 32;
 
-/// An element of the file.
+/// An XML element of the file.
 #[derive(Debug)]
 pub(super) struct Node {
     /// As written.
     pub(super) name: String,
-    /// The path of the element's parents and the element below the root, in capitals: `RECEIVE/XML/ELEMENT`; empty
-    /// for the root.
+    /// The path of the element below the root, in capital letters, for example `RECEIVE/XML/ELEMENT`; empty for the
+    /// root.
     pub(super) path: String,
     pub(super) line: usize,
     pub(super) attributes: Vec<Attribute>,
-    /// Text directly inside, trimmed.
+    /// The text directly inside the element, trimmed.
     pub(super) text: String,
-    /// The line where that text begins.
+    /// The line on which the text begins.
     pub(super) text_line: usize,
     pub(super) children: Vec<Node>,
 }
@@ -33,12 +33,12 @@ pub(super) struct Attribute {
 }
 
 impl Node {
-    /// Returns the node's attribute of this name, in upper or lower case.
+    /// Returns the node's attribute of this name; upper and lower case are equivalent.
     pub(super) fn attribute(&self, name: &str) -> Option<&Attribute> {
         self.attributes.iter().find(|attribute| attribute.name.eq_ignore_ascii_case(name))
     }
 
-    /// Returns all nodes with this path, in this node and below.
+    /// Returns all nodes with this path among this node and its descendants.
     pub(super) fn nodes_at<'a>(&'a self, path: &str) -> Vec<&'a Node> {
         let mut found: Vec<&Node> = self.children.iter().flat_map(|child| child.nodes_at(path)).collect();
         if self.path == path {
@@ -47,7 +47,7 @@ impl Node {
         found
     }
 
-    /// Returns the name by which messages refer to the node: its path, and the tag of an ELEMENT.
+    /// Returns the name of the node for messages: its path, and the tag if the node is an ELEMENT.
     pub(super) fn key(&self) -> String {
         let path = if self.path.is_empty() { &self.name } else { &self.path };
         match self.attribute("Tag") {
@@ -57,10 +57,10 @@ impl Node {
     }
 }
 
-/// Reads the whole text.
+/// Parses the whole text of a channel file and returns its root node.
 ///
 /// # Errors
-/// If it is not well-formed XML.
+/// If the text is not well-formed XML.
 pub(super) fn tree(text: &str) -> Result<Node, Problem> {
     let mut reader = Reader::from_str(text);
     reader.config_mut().check_comments = false;
@@ -165,7 +165,7 @@ fn node(text: &str, at: usize, tag: &BytesStart<'_>, parent: Option<&Node>) -> R
     for attribute in tag.attributes().with_checks(false) {
         let attribute = attribute.map_err(|error| xml_problem(line, &error.to_string()))?;
         let key = attribute.key.0;
-        // An element may extend over several lines.
+        // The attributes of an element may be on several lines.
         cursor += text.get(cursor..).and_then(|rest| rest.find(key)).unwrap_or(0);
         let attribute =
             Attribute { name: key.to_owned(), value: attribute.value.to_string(), line: line_number(text, cursor) };

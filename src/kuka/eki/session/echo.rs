@@ -1,23 +1,23 @@
-//! Compares base and tool as they were sent with the ones that the controller reports.
+//! Compares the base and tool frames that were sent with the frames that the controller reports.
 //!
-//! A lost `set_base` leads to a collision although every pose looks plausible. So no linear motion is sent before the
-//! state shows, in this epoch, the frame that was set. Rotations are compared, not angles: near B = ±90° angles are
-//! noise. The controller stores single-precision numbers: below 8 m their error is at most half the tolerance, and for
-//! angles it is far smaller.
+//! If a `set_base` is lost, the robot collides although every pose is plausible. So no linear motion is sent before the
+//! controller's state shows, in this epoch, the frame that was set. The comparison uses rotations instead of the angles
+//! A, B and C, because A and C are not unique near B = ±90°. The controller stores single-precision numbers: below 8 m
+//! their rounding error is at most half of the tolerance, and for angles it is far smaller.
 
 use crate::eki::ids::CommandId;
 use crate::eki::report::EchoMismatch;
 use panelprep_base::geometry::{Base, KukaPose, Tool};
 use std::collections::VecDeque;
 
-/// Largest difference between what was set and what is active, mm and degrees.
+/// Maximum difference between the frame that was set and the active frame, mm and degrees.
 const ECHO_TOLERANCE: f64 = 0.001;
 
-/// The echo of base or tool.
+/// The comparison of one frame, base or tool, with its value on the controller.
 #[derive(Debug)]
 pub(super) struct FrameEcho {
     frame: &'static str,
-    /// The frame that is or should be active, and the frames queued after that one.
+    /// The frame that is or should be active, followed by the frames that are queued after it.
     set: VecDeque<(CommandId, KukaPose)>,
     confirmed: CommandId,
 }
@@ -31,19 +31,19 @@ impl FrameEcho {
         self.set.push_back((id, pose));
     }
 
-    /// Returns the last queued command that sets the frame; linear motions that are queued after that command wait for
-    /// its echo.
+    /// Returns the last queued command that sets the frame. Linear motions that are queued after this command are not
+    /// sent before the controller reports its frame.
     pub(super) fn last_queued(&self) -> Option<CommandId> {
         self.set.back().map(|&(id, _)| id)
     }
 
-    /// Returns true if the controller's state has shown the frame of this command or of a later one.
+    /// Returns true if the controller's state has shown the frame of this command or of a subsequent one.
     pub(super) fn is_confirmed(&self, id: CommandId) -> bool {
         self.confirmed >= id
     }
 
-    /// Compares the frame with a state in which all commands up to `done` are executed; commands up to `sent` have
-    /// been sent.
+    /// Compares the frame with a state of the controller in which all commands up to `done` are executed; `sent` is the
+    /// last command that was sent.
     pub(super) fn compare_with_state(
         &mut self,
         done: CommandId,
@@ -51,11 +51,11 @@ impl FrameEcho {
         is_set: bool,
         found: KukaPose,
     ) -> Result<(), Box<EchoMismatch>> {
-        // Only the last executed frame is active; earlier ones were replaced before the state was made.
+        // Only the last executed frame is active; it had replaced the earlier frames before the state was generated.
         while self.set.get(1).is_some_and(|&(next, _)| next <= done) {
             self.set.pop_front();
         }
-        // While the controller may be changing to the next frame, the state may show either frame.
+        // While the controller changes to the next frame, the state may show the old frame or the new one.
         let changing = self.set.iter().any(|&(id, _)| id > done && id <= sent);
         let Some(&(id, sent)) = self.set.front().filter(|&&(id, _)| id <= done && !changing) else { return Ok(()) };
         let frame = self.frame;
@@ -89,8 +89,8 @@ mod tests {
         echo.compare_with_state(CommandId(1), CommandId(1), true, found).is_ok() && echo.is_confirmed(CommandId(1))
     }
 
-    /// At B = 90° only C − A counts: (40, 90, 10) and (0, 90, −30) are the same rotation, (0, 90, −30.01) is
-    /// another.
+    /// At B = 90° a rotation depends only on C − A: (40, 90, 10) and (0, 90, −30) are the same rotation, and (0, 90,
+    /// −30.01) is another.
     #[test]
     fn rotations_are_compared_and_not_angles() {
         let turned = |a_deg, b_deg, c_deg| KukaPose { a_deg, b_deg, c_deg, ..KukaPose::default() };
@@ -100,7 +100,7 @@ mod tests {
         assert!(!echo(turned(0.0, 0.0, 0.002), turned(0.0, 0.0, 0.0)));
     }
 
-    /// 5678.123456 mm is 5678.12353515625 in single precision; a difference of one and a half micrometres is
+    /// In single precision 5678.123456 mm is 5678.12353515625 mm, which is accepted. A difference of 1.5 micrometres is
     /// another position.
     #[test]
     fn rounding_to_single_precision_is_no_difference() {
@@ -109,8 +109,8 @@ mod tests {
         assert!(!echo(at(5_678.123_456), at(5_678.125)));
     }
 
-    /// Base 1 is active and base 2 was sent: the state may show either base, and neither counts as an echo of base
-    /// 2.
+    /// Base 1 is active and base 2 was sent: the state may show either of them, and neither is accepted as the echo of
+    /// base 2.
     #[test]
     fn while_a_frame_changes_it_is_not_judged() {
         let at = |x_mm| KukaPose { x_mm, ..KukaPose::default() };

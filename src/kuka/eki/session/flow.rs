@@ -1,11 +1,11 @@
-//! The commands of one epoch: queued, sent, received, executed; the limits of a link, and the reasons why a command
-//! is not queued.
+//! The flow of commands in one epoch: which are queued, sent, received and executed; the limits of a link, and the
+//! reasons why a command is not queued.
 //!
-//! Commands that are sent but not executed stay inside a window. The window limits their number and the time of their
-//! motion, since the arm still executes these commands when the link drops. A path's motion is counted as distance
-//! over speed. Points of a path are sent at least a few at a time, however long they last, so that the controller can
-//! blend. Bytes that are not yet received stay below the size of its buffer, and commands below the number of free
-//! places that it last reported.
+//! Commands that are sent but not executed stay inside a window. The window limits their number and the duration of
+//! their motion, because the arm executes these commands even after the link is lost. The duration of a path is its
+//! length divided by its speed. A minimum number of points of a path is sent together, regardless of their duration, so
+//! that the controller can blend. The bytes that are not yet received stay below the size of the controller's buffer,
+//! and the commands below the number of free entries that it last reported.
 
 use super::echo::FrameEcho;
 use crate::eki::command::{Command, CommandError, MappedInputs, MoveLin, SetTcp};
@@ -18,33 +18,33 @@ use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Largest number of bytes sent and not yet received: half of what a channel buffers by default (`eki.md` 6, 30).
+/// Maximum number of bytes that are sent and not yet received: half of a channel's default buffer (`eki.md` 6, 30).
 const MAX_UNRECEIVED_BYTES: usize = 8 * 1024;
-/// Rotation speed with which the duration of a linear motion is calculated if the rotation takes longer than the
-/// translation, degrees a second. It is lower than the controller's own speed (`$VEL.ORI`, 200), so that the duration
-/// is not too short.
+/// Rotation speed that determines the duration of a linear motion if the rotation takes longer than the translation,
+/// degrees per second. It is lower than the controller's own speed (`$VEL.ORI`, 200), so that the duration is not
+/// underestimated.
 const MIN_ROTATION_SPEED_DEG_S: f64 = 90.0;
-/// Largest delay of a point behind its plan, in addition to twice its duration (`faults.md` R5).
+/// Maximum delay of a point beyond twice its planned duration (`faults.md` R5).
 const MAX_LATENESS: Duration = Duration::from_millis(500);
 
-/// The limits of a link (`design.md`, "Limits").
+/// The limits of a link to the controller (`design.md`, "Limits").
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LinkLimits {
-    /// Longest motion sent and not yet executed.
+    /// Maximum duration of the motion that is sent and not yet executed.
     pub window: Duration,
-    /// Largest number of commands sent and not yet executed.
+    /// Maximum number of commands that are sent and not yet executed.
     pub window_commands: usize,
-    /// Number of points that are sent together when a path starts, and that are always sent ahead, whatever their
+    /// Number of points that are sent together when a path starts, and that are always sent ahead, regardless of their
     /// duration.
     pub min_points: usize,
     /// Interval between heartbeats.
     pub heartbeat: Duration,
-    /// Duration of silence after which the epoch is ended, while anything is queued.
+    /// Time without a message after which the epoch is ended, if commands are queued.
     pub watchdog: Duration,
-    /// The inputs that can be set.
+    /// The inputs that `set_digin` can set.
     pub mapped_inputs: MappedInputs,
-    /// Bits of the state's outputs that do harm without supervision: tool and water. While one is on, silence
-    /// counts as it does while commands are queued.
+    /// The bits of the outputs in the state message that are dangerous without supervision: tool and water. While one
+    /// of them is on, the watchdog applies as it does while commands are queued.
     pub harmful_outputs: u32,
 }
 
@@ -62,14 +62,14 @@ impl Default for LinkLimits {
     }
 }
 
-/// The reason why a command was not queued. No part of the command was sent.
+/// The reason why a command was not queued. Nothing of the command was sent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum QueueError {
     /// No controller.
     #[error("there is no connection to the controller")]
     NotConnected,
-    /// A new epoch would begin while the robot moves.
+    /// A new epoch was requested while the robot moves.
     #[error("the robot is still moving; abort the motion, and wait for standstill")]
     NotStanding,
     /// No epoch is open.
@@ -82,19 +82,19 @@ pub enum QueueError {
          perform a cold start"
     )]
     EpochTooFar {
-        /// The number that the next epoch would have: one above all epochs opened before.
+        /// The number of the next epoch: one above all epochs that were opened before.
         next: u64,
-        /// Epoch of the controller.
+        /// The epoch in which the controller is.
         found: Epoch,
-        /// Largest allowed distance between the two epochs.
+        /// Maximum difference between the two epochs.
         most: u32,
-        /// The epoch that should be set on the controller.
+        /// The epoch that a person should set on the controller.
         above: u64,
     },
-    /// Linear motions need both frames, base and tool.
+    /// A linear motion was queued before both base and tool were set.
     #[error("move_lin needs base and tool to be set in this epoch; {missing} is not set")]
     FramesNotSet {
-        /// The frame that is missing.
+        /// The frame that is not set.
         #[serde(deserialize_with = "intern_keyword")]
         missing: Keyword,
     },
@@ -107,13 +107,12 @@ pub enum QueueError {
         /// The last id.
         most: u32,
     },
-    /// The correction of the arm needs the axis angles at the point, and the point cannot be reached with any axis
-    /// angles.
+    /// The robot correction needs the axis angles at a point that cannot be reached with any axis angles.
     #[error(
         "point {point} cannot be reached with any axis angles, so the robot correction cannot be applied to this point"
     )]
     Uncorrected {
-        /// Number of the point, from 1.
+        /// The number of the point in the path; the first point is 1.
         point: usize,
     },
     /// A command that no controller can execute.
@@ -126,25 +125,25 @@ pub enum QueueError {
 struct QueuedCommand {
     id: CommandId,
     bytes: Vec<u8>,
-    /// The duration of its motion by our calculation; zero if nothing moves.
+    /// The calculated duration of the command's motion; zero if nothing moves.
     motion: Duration,
-    /// Whether start and speed of the command's linear motion are known, so that `motion` is its duration.
+    /// Whether `motion` was calculated from a known start and speed of the linear motion.
     measured: bool,
     /// Whether the command's motion ends on the panel.
     contact: bool,
-    /// The path of which the command is a point; `None` for other commands.
+    /// The path to which the command's point belongs; `None` for other commands.
     path: Option<PathPoint>,
-    /// The end and the speed of the command's linear motion, while its start is not known.
+    /// The end and the speed of the command's linear motion, as long as its start is not known.
     from_anywhere: Option<(KukaPose, Option<f64>)>,
     sent_at: Time,
 }
 
-/// The path of a point: its first and its last command.
+/// The path to which a point belongs: its first and its last command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct PathPoint {
     first: CommandId,
     last: CommandId,
-    /// The commands that set base and tool; the points of the path wait for the echoes of both.
+    /// The commands that set base and tool. The points of the path are sent only after the echoes of both.
     base: CommandId,
     tool: CommandId,
 }
@@ -155,35 +154,35 @@ pub(super) struct CommandFlow {
     epoch: Epoch,
     queue: VecDeque<QueuedCommand>,
     in_flight: VecDeque<QueuedCommand>,
-    /// Motion of the commands in flight, and bytes of those not yet received.
+    /// The duration of the motion that is sent and not yet executed, and the number of bytes that are not yet received.
     motion: Duration,
     unreceived_bytes: usize,
     next_id: CommandId,
     sent: CommandId,
     received: CommandId,
-    /// The last values that each channel reported, since one channel may be behind the other.
+    /// The last values that each of the two channels reported, because one channel may be behind the other.
     acked_received: CommandId,
     acked_done: CommandId,
     state_done: CommandId,
     reported: CommandId,
-    /// The highest command number that may be sent, from the free places in the controller's ring.
+    /// The highest command number that may be sent, calculated from the free entries in the controller's ring buffer.
     max_sendable: Option<u64>,
     base: FrameEcho,
     tool: FrameEcho,
     speed_mm_s: Option<f64>,
-    /// The end of the last queued line, if known.
+    /// The end pose of the last queued linear motion, if known.
     last_line_end: Option<KukaPose>,
     path_ends: VecDeque<CommandId>,
-    /// The time at which the last command was executed, as far as reported, and whether it ended on the panel.
+    /// The time at which the last executed command was reported, and whether it ended on the panel.
     progressed_at: Time,
     touches: bool,
     /// The last point of the path that was reported as late.
     late: Option<CommandId>,
-    /// The last command that may be sent; the commands behind it wait.
+    /// The last command that may be sent; subsequent commands wait.
     permitted: Option<CommandId>,
 }
 
-/// A point that should have been executed long ago.
+/// A point of a path that takes much longer than planned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct LatePoint {
     pub id: CommandId,
@@ -231,12 +230,12 @@ impl CommandFlow {
         self.acked_done.max(self.state_done)
     }
 
-    /// Returns whether a command waits, or was sent and not executed.
+    /// Returns whether a command waits in the queue, or was sent and is not executed.
     pub(super) fn is_busy(&self) -> bool {
         !self.queue.is_empty() || !self.in_flight.is_empty()
     }
 
-    /// Returns the time at which the oldest command was sent that the controller has not received.
+    /// Returns the time at which the oldest command that the controller has not received was sent.
     pub(super) fn oldest_unreceived(&self) -> Option<Time> {
         let received = self.in_flight.partition_point(|queued| queued.id <= self.received);
         self.in_flight.get(received).map(|queued| queued.sent_at)
@@ -249,7 +248,7 @@ impl CommandFlow {
         limits: &LinkLimits,
     ) -> Result<CommandId, QueueError> {
         let id = self.reserve_ids(1)?;
-        // The command is encoded before anything changes: a refused command leaves neither a gap in the ids nor a frame
+        // The command is encoded before anything changes. So a refused command leaves no gap in the ids, and no frame
         // that waits for its echo.
         let bytes = wire.encode_command(id, self.epoch, &command, 0)?;
         let mut motion = Duration::ZERO;
@@ -257,7 +256,7 @@ impl CommandFlow {
             Command::SetBase(base) => self.base.queued(id, base),
             Command::SetTcp(SetTcp { flange_from_tool, .. }) => self.tool.queued(id, flange_from_tool),
             Command::SetAccSpeed(speed) => self.speed_mm_s = Some(1_000.0 * speed.speed_m_s),
-            // Only the controller knows how long these commands take: each of them fills the window alone.
+            // Only the controller knows the duration of these commands, so each of them fills the window alone.
             Command::MoveJ(_) | Command::CallSubroutine { .. } => motion = limits.window,
             Command::MoveLin(MoveLin { speed_m_s: Some(speed_m_s), .. }) => {
                 self.speed_mm_s = Some(1_000.0 * speed_m_s)
@@ -266,7 +265,7 @@ impl CommandFlow {
         }
         if matches!(
             command,
-            // After these commands, only the controller knows the position of the tip in the active frames.
+            // After these commands only the controller knows the position of the TCP in the active frames.
             Command::SetBase(_) | Command::SetTcp(_) | Command::MoveJ(_) | Command::CallSubroutine { .. }
         ) {
             self.last_line_end = None;
@@ -300,8 +299,8 @@ impl CommandFlow {
         let first = self.reserve_ids(count)?;
         let last = CommandId(first.0 + (count - 1));
         let path = Some(PathPoint { first, last, base, tool });
-        // Changes are made to copies until every point is encoded: one bad point refuses the whole path, since a part
-        // of it would end in contact.
+        // The changes are made on copies until every point is encoded. One invalid point refuses the whole path,
+        // because an incomplete path would end in contact.
         let (mut end, mut speed_mm_s) = (self.last_line_end, self.speed_mm_s);
         let mut queued = Vec::with_capacity(points.len());
         for (point, id) in points.iter().zip((first.0..=last.0).map(CommandId)) {
@@ -313,8 +312,8 @@ impl CommandFlow {
             queued.push(QueuedCommand {
                 id,
                 bytes,
-                // A line of unknown length fills the window alone: too few commands ahead only cost time, too many
-                // cannot be taken back.
+                // A linear motion of unknown length fills the window alone. Too few commands ahead only cost time, but
+                // commands that are sent cannot be taken back.
                 motion: motion.unwrap_or(limits.window),
                 measured: motion.is_some(),
                 contact: point.contact,
@@ -329,12 +328,12 @@ impl CommandFlow {
         Ok(last)
     }
 
-    /// Permits commands up to this one; those behind it wait until a later one is permitted. `None` removes this limit.
+    /// Permits the session to send commands up to this one; subsequent commands wait. `None` removes the limit.
     pub(super) fn permit_up_to(&mut self, last: Option<CommandId>) {
         self.permitted = last;
     }
 
-    /// Returns the first id of a block of this number of new ids.
+    /// Reserves this number of new ids, and returns the first of them.
     fn reserve_ids(&self, count: u32) -> Result<CommandId, QueueError> {
         match self.next_id.0.checked_add(count) {
             Some(after) if after <= LAST_NUMBER => Ok(self.next_id),
@@ -342,7 +341,7 @@ impl CommandFlow {
         }
     }
 
-    /// Returns the bytes of the next command, if it may be sent now.
+    /// Returns the encoded next command, if it may be sent now.
     pub(super) fn next_command_bytes(&mut self, now: Time, limits: &LinkLimits) -> Option<Vec<u8>> {
         if !self.queue.front().is_some_and(|next| self.may_send(next, limits)) {
             return None;
@@ -357,13 +356,13 @@ impl CommandFlow {
     }
 
     fn may_send(&self, next: &QueuedCommand, limits: &LinkLimits) -> bool {
-        // The points behind the permitted one are planned, but the caller has not yet checked them; the controller
-        // executes every point that it receives.
+        // The caller has not yet checked the points after the permitted one, and the controller executes every point
+        // that it receives.
         if self.permitted.is_some_and(|last| next.id > last) {
             return false;
         }
-        // Both limits apply: the free places in the ring of the controller's program, and the bytes that EthernetKRL
-        // buffers before that program reads them.
+        // Two limits apply: the free entries in the ring buffer of the robot program, and the bytes that EthernetKRL
+        // buffers before the program reads them.
         let has_place = self.max_sendable.is_none_or(|credit| u64::from(next.id.0) <= credit)
             && self.unreceived_bytes + next.bytes.len() <= MAX_UNRECEIVED_BYTES;
         let commands = self.in_flight.len();
@@ -371,19 +370,19 @@ impl CommandFlow {
             let fits = next.motion.is_zero() || self.motion + next.motion <= limits.window;
             return has_place && fits && commands < limits.window_commands;
         };
-        // A line in another frame than the planned one ends at another place, so no point is sent before both echoes
-        // agree.
+        // A linear motion in another frame than planned ends at another place. So no point is sent before both echoes
+        // match.
         if !(self.base.is_confirmed(part.base) && self.tool.is_confirmed(part.tool)) {
             return false;
         }
-        // A path starts when there are enough points to blend, or when it is complete.
+        // A path starts when it has enough points to blend, or when it is complete.
         let points = (part.last.0 - part.first.0 + 1) as usize;
         let together = if next.id == part.first { points.min(limits.min_points) } else { 1 };
         has_place && commands + together <= limits.window_commands && self.motion_fits(part, together, limits)
     }
 
-    /// Returns whether the duration of the path's next points fits into the window. If only a few points of the path
-    /// are in flight, the duration is not limited.
+    /// Returns whether the duration of the path's next points fits into the window. If fewer than the minimum number of
+    /// points are in flight, the duration is not limited.
     fn motion_fits(&self, part: PathPoint, together: usize, limits: &LinkLimits) -> bool {
         let is_ours = |queued: &QueuedCommand| queued.path == Some(part);
         let ahead = self.in_flight.iter().filter(|queued| is_ours(queued)).count();
@@ -393,25 +392,25 @@ impl CommandFlow {
         few || self.motion + motion <= limits.window
     }
 
-    /// Accepts an acknowledgement of this epoch.
+    /// Processes an acknowledgement of this epoch.
     pub(super) fn acknowledge(&mut self, ack: &Ack, now: Time) -> Result<(), SequenceError> {
         check_range("received", ack.received, self.acked_received, self.sent)?;
-        // A command cannot be executed before it is received: such an acknowledgement is damaged or is for another
-        // client.
+        // A command cannot be executed before it is received. An acknowledgement that reports this is corrupted or
+        // belongs to another client.
         check_range("executed", ack.done, self.acked_done, ack.received)?;
         (self.acked_received, self.acked_done) = (ack.received, ack.done);
         self.acknowledge_up_to(ack.received);
-        // Calculated in 64 bits: a damaged count near the largest number must not wrap into a small or a huge credit.
+        // The sum has 64 bits, so that a corrupted count near the maximum does not overflow to a wrong credit.
         self.max_sendable = Some(u64::from(ack.received.0) + u64::from(ack.free));
         self.remove_executed(now);
         Ok(())
     }
 
-    /// Accepts a state of this epoch.
+    /// Processes a state message of this epoch.
     pub(super) fn accept_state(&mut self, state: &State, now: Time) -> Result<(), Report> {
         check_range("executed", state.done, self.state_done, self.sent).map_err(Report::SequenceError)?;
         self.state_done = state.done;
-        // The state may arrive before the acknowledgement on the other channel; a command that was executed was also
+        // The state may arrive before the acknowledgement on the other channel. A command that was executed was also
         // received.
         self.acknowledge_up_to(state.done);
         self.remove_executed(now);
@@ -429,7 +428,8 @@ impl CommandFlow {
     /// Calculates the duration of a linear motion that starts at the arm's present position.
     fn measure_start(&mut self, state: &State) {
         let is_seen = |frame: &FrameEcho| frame.last_queued().is_some_and(|last| frame.is_confirmed(last));
-        // Only an arm at rest in confirmed frames is at the reported pose; an arm that moves has already left it.
+        // The reported pose is the start of the next motion only if the arm is at rest and both frames are confirmed.
+        // An arm that moves has already left the reported pose.
         if !self.is_busy() && is_seen(&self.base) && is_seen(&self.tool) {
             self.last_line_end = Some(state.base_from_tcp);
         }
@@ -446,7 +446,8 @@ impl CommandFlow {
 
     pub(super) fn acknowledge_up_to(&mut self, id: CommandId) {
         let before = self.in_flight.partition_point(|queued| queued.id <= self.received);
-        // Never beyond what was sent, or the bytes in flight would be subtracted twice.
+        // The number is limited to the commands that were sent, because otherwise the bytes in flight would be
+        // subtracted twice.
         self.received = self.received.max(id).min(self.sent);
         let fresh = self.in_flight.iter().skip(before).take_while(|queued| queued.id <= self.received);
         self.unreceived_bytes -= fresh.map(|queued| queued.bytes.len()).sum::<usize>();
@@ -460,12 +461,12 @@ impl CommandFlow {
         }
     }
 
-    /// Returns the point to which the arm is moving, if the motion takes far longer than planned; at most once for each
-    /// path.
+    /// Returns the point to which the arm is moving, if the motion takes much longer than planned; at most once for
+    /// each path.
     pub(super) fn late_point(&mut self, now: Time) -> Option<LatePoint> {
         let next = self.in_flight.front().filter(|next| next.measured)?;
         let last = next.path?.last;
-        // A point that waits behind others is not late: its time counts from the end of the point before it.
+        // A point that waits for earlier points is not late: its time begins when the previous point is reached.
         let waited = now.since(next.sent_at.max(self.progressed_at));
         if waited <= 2 * next.motion + MAX_LATENESS || self.late.replace(last) == Some(last) {
             return None;
@@ -473,12 +474,12 @@ impl CommandFlow {
         Some(LatePoint { id: next.id, contact: next.contact || self.touches, waited })
     }
 
-    /// Returns whether the tool touches the panel, or a sent point will touch it.
+    /// Returns whether the tool touches the panel, or a point that was sent will touch the panel.
     pub(super) fn is_contact_possible(&self) -> bool {
         self.in_flight.iter().any(|queued| queued.contact) || (self.is_busy() && self.touches)
     }
 
-    /// Returns the progress and the completed paths since the last call.
+    /// Returns reports of the progress, and of the paths that were completed since the last call.
     pub(super) fn take_progress(&mut self) -> Vec<Report> {
         let done = self.last_executed();
         let mut news = Vec::new();
@@ -502,7 +503,7 @@ fn check_range(
     if found >= first && found <= last { Ok(()) } else { Err(SequenceError::Command { what, found, first, last }) }
 }
 
-/// Returns the duration of a line; `None` if start or speed are not known.
+/// Returns the duration of a linear motion; `None` if its start or speed is not known.
 fn line_time(start: Option<KukaPose>, end: KukaPose, speed_mm_s: Option<f64>) -> Option<Duration> {
     let [start, end] = [start?, end].map(|pose| pose.to_rigid::<Base, Tool>());
     let along_s = start.origin().distance_mm(end.origin()) / speed_mm_s?;

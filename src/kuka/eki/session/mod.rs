@@ -1,20 +1,21 @@
 //! The client's side of the protocol: epochs, ids, credits and the watchdog, without a socket.
 //!
 //! Inputs are bytes, commands and `now`. Outputs are polled: [`Session::poll_transmit`] until it returns `None`, then
-//! [`Session::poll_report`]. One epoch at a time is open. Any fault in it (a refusal, a wrong count, an echo that
-//! differs, silence) ends it: the session sends an abort, empties the queue and reports the fault. Nothing moves again
-//! before [`Session::open_epoch`]. A new connection only requests the state.
+//! [`Session::poll_report`]. One epoch at a time is open. Any fault ends the epoch: a refusal, a wrong command number,
+//! a different echo, or a channel that sends nothing. The session then sends an abort, empties the queue and reports
+//! the fault. Nothing moves again before [`Session::open_epoch`]. On a new connection the session only requests the
+//! state.
 //!
-//! A stop reaches the arm in every state. An abort needs no unused number: the controller stops even if the abort's
-//! number is not a valid successor. The abort must be answered and obeyed within the watchdog's time, or the
-//! connections are closed, which stops the controller by its own rules. Reports never exceed what the controller has
-//! reported. Epochs that jump by more than [`MAX_EPOCH_STEP`](super::MAX_EPOCH_STEP) are refused on both sides, so that
-//! one wrong message cannot exhaust the counter. The controller's epoch is known only as long as the connection lasts;
-//! epochs that this program opened are remembered beyond it. After a controller's cold start, or with a store that was
-//! restored from a backup, the next epoch is reached in steps.
+//! A stop reaches the arm in every phase. The controller obeys an abort even if the epoch number in the abort is not a
+//! valid successor. The controller must respond to the abort and stop within the watchdog's time; otherwise the
+//! connections are closed, and the controller stops by itself. A report never states more progress than the controller
+//! has reported. Epochs that increase by more than [`MAX_EPOCH_STEP`](super::MAX_EPOCH_STEP) are refused on both sides,
+//! so that one wrong message cannot exhaust the counter. The controller's epoch is known only while the connection
+//! lasts; the epochs that this program opened are remembered longer. After a cold start of the controller, or if the
+//! store was restored from a backup, the next epoch is reached in steps.
 //!
 //! On the wall clock a heartbeat is sent automatically at [`Session::deadline`]. In lock step there are no deadlines:
-//! each heartbeat is requested, and grants the controller its next 100 ms.
+//! the caller requests each heartbeat, which permits the controller to run for the next 100 ms.
 
 mod echo;
 mod epochs;
@@ -33,12 +34,12 @@ use flow::CommandFlow;
 pub use flow::{LinkLimits, QueueError};
 use std::collections::VecDeque;
 
-/// The clock that applies.
+/// The clock on which a session runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ClockMode {
     /// The wall clock: heartbeats and watchdog follow deadlines.
     Wall,
-    /// The controller's virtual clock: it advances only as far as heartbeats allow.
+    /// The virtual clock of the controller, which heartbeats advance.
     LockStep,
 }
 
@@ -47,11 +48,11 @@ pub enum ClockMode {
 enum Phase {
     /// No connection.
     Offline,
-    /// Connected; the state was requested, and also a stop if an abort was commanded before the answer arrived.
+    /// Connected; the state was requested. `abort` is set if an abort was commanded before the first reply.
     Greeting { abort: Option<PendingAbort> },
-    /// The controller is known; no epoch is open.
+    /// The controller has replied; no epoch is open.
     Idle,
-    /// The session has requested an epoch; `request` is the number of this request.
+    /// The session has requested an epoch and waits for the controller; `request` is the number of the request.
     Opening { epoch: Epoch, request: u32 },
     /// Commands flow.
     Open(Box<CommandFlow>),
@@ -59,10 +60,10 @@ enum Phase {
     Stopping(PendingAbort),
 }
 
-/// An abort in progress.
+/// An abort that was sent and is not completed.
 #[derive(Debug, Clone, Copy)]
 struct PendingAbort {
-    /// The epoch that the abort ended, with the sent and executed commands of that epoch.
+    /// The epoch that the abort ended, and the numbers of the commands that were sent and executed in it.
     ended: Option<Epoch>,
     sent: CommandId,
     done: CommandId,
@@ -70,12 +71,12 @@ struct PendingAbort {
     /// The number of the abort request, and the time at which it was sent.
     request: u32,
     asked_at: Option<Time>,
-    /// The controller has answered the abort, and so has stopped.
+    /// Whether the controller has responded to the abort and has stopped.
     obeyed: bool,
 }
 
-/// Returns why a connection ended before the controller identified itself. If the controller closed it, another
-/// client is connected. A message that belongs on the other channel means exchanged ports.
+/// Returns why a connection ended before the first message of the controller. If the controller closed it, another
+/// client is connected. A message of the other channel means that the ports are exchanged.
 fn connection_end_cause(why: LinkLoss) -> LinkLoss {
     match why {
         LinkLoss::Closed { channel } => LinkLoss::Occupied { channel },
@@ -97,36 +98,36 @@ pub struct Session {
     phase: Phase,
     command_framer: Framer,
     state_framer: Framer,
-    /// When the unfinished message began, by channel.
+    /// The time at which the unfinished message of each channel began.
     begun: [Option<Time>; 2],
     requests: VecDeque<Vec<u8>>,
     reports: VecDeque<Report>,
-    /// Whether the last state in an open epoch was in mode AUT or EXT.
+    /// Whether the last state of an open epoch was in the mode AUT or EXT.
     was_automatic: bool,
-    /// Boot id and checksum of the programs of the controller that was last connected.
+    /// The boot id of the last connected controller, and the checksum of its programs.
     identity: Option<(i32, i32)>,
     /// The controller's epoch and the highest requested one, on this connection.
     controller_epoch: Epoch,
     asked_epoch: Epoch,
-    /// The highest epoch that was ever requested, as far as this session and its callers know.
+    /// The highest epoch that was ever requested by this session, or that its caller has passed.
     opened_epoch: Epoch,
-    /// The number of the last request sent, and of the last request answered, on this connection.
+    /// The numbers of the last request sent and of the last request answered on this connection.
     asked: u32,
     answered: u32,
-    /// The numbers of the unanswered heartbeats, each with the last command that the heartbeat names; in lock step
-    /// only.
+    /// The numbers of the unanswered heartbeats, each with the last sent command that the heartbeat contains; only in
+    /// lock step.
     heartbeat_commands: VecDeque<(u32, u32)>,
     last_sequence: Option<u32>,
-    /// Whether the arm moves, by the last state.
+    /// Whether the arm moves, according to the last state message.
     moving: bool,
     harmful_on: bool,
     last_received: Time,
     next_heartbeat: Time,
     stale_messages: u64,
-    /// The commanded outputs to a production line, and those already sent to the controller on this connection.
+    /// The commanded outputs to a production line, and those that were already sent on this connection.
     line: Option<u32>,
     sent_line: Option<u32>,
-    /// Number of successive epochs in which no command was acknowledged in time.
+    /// Number of consecutive epochs in which no command was acknowledged in time.
     unacknowledged: u32,
 }
 
@@ -163,7 +164,7 @@ impl Session {
         }
     }
 
-    /// Starts on two established connections. Requests the state; nothing moves.
+    /// Starts the session on two open connections. The state is requested; nothing moves.
     pub fn connected(&mut self, now: Time) {
         self.command_framer = Framer::default();
         self.state_framer = Framer::default();
@@ -178,8 +179,8 @@ impl Session {
         self.number_request(Request::State);
     }
 
-    /// Handles a connection that failed, or could not be made. Queued commands are discarded. A pending abort is still
-    /// sent, in case the state channel is still connected.
+    /// Processes the failure of a connection, or of an attempt to connect. Queued commands are discarded. A pending
+    /// abort is still sent, because the state channel may still be connected.
     pub fn disconnected(&mut self, why: LinkLoss) {
         let why = if self.is_waiting_for_greeting() { connection_end_cause(why) } else { why };
         if self.is_connected() {
@@ -189,17 +190,18 @@ impl Session {
         self.reports.push_back(Report::LinkLost { why });
     }
 
-    /// Returns false if the connections are to be closed once the remaining bytes are sent.
+    /// Returns whether the connections are in use. If false, the caller sends the remaining bytes and closes the
+    /// connections.
     pub fn is_connected(&self) -> bool {
         !matches!(self.phase, Phase::Offline)
     }
 
-    /// Returns whether a request has no answer yet, so that another report is certain to come.
+    /// Returns whether a request is unanswered, so that another report will follow.
     pub fn awaits_answer(&self) -> bool {
         self.is_connected() && self.answered < self.asked
     }
 
-    /// Returns the open epoch.
+    /// Returns the open epoch; `None` if no epoch is open.
     pub fn epoch(&self) -> Option<Epoch> {
         if let Phase::Open(flow) = &self.phase { Some(flow.epoch()) } else { None }
     }
@@ -209,7 +211,7 @@ impl Session {
         self.stale_messages
     }
 
-    /// Returns the next bytes to send. Requests come first, so that no command delays an abort.
+    /// Returns the next bytes to send. Requests are returned before commands, so that no command delays an abort.
     pub fn poll_transmit(&mut self, now: Time) -> Option<(Channel, Vec<u8>)> {
         if let Some(stopping) = self.stopping_mut() {
             stopping.asked_at.get_or_insert(now);
@@ -240,7 +242,7 @@ impl Session {
         }
     }
 
-    /// Returns the epoch in which requests are sent.
+    /// Returns the epoch number that requests contain.
     fn current_epoch(&self) -> Epoch {
         match &self.phase {
             Phase::Open(flow) => flow.epoch(),
@@ -249,8 +251,8 @@ impl Session {
         }
     }
 
-    /// Sets the signals to a production line from now on, as bits of the controller's outputs to that line. They are
-    /// sent at once if a controller answers, and again on each new connection; they move nothing.
+    /// Sets the outputs to a production line, as bits. They are sent immediately if a controller has replied, and again
+    /// on each new connection. They move nothing.
     pub fn set_line_signals(&mut self, bits: u32) {
         self.line = Some(bits);
         if self.require_greeting().is_ok() {
@@ -266,7 +268,7 @@ impl Session {
     }
 
     fn number_request(&mut self, request: Request) -> u32 {
-        // The last request number is reserved for an abort; any other request that would need this number ends the
+        // The last request number is reserved for an abort. Any other request that needs this number ends the
         // connection.
         if self.asked + 1 >= LAST_NUMBER && !matches!(request, Request::Abort { .. }) {
             self.disconnected(LinkLoss::RequestsExhausted { most: LAST_NUMBER });
@@ -280,7 +282,7 @@ impl Session {
 }
 
 impl Session {
-    /// Queues one command and returns its id. [`Command::GetCurrentState`] is requested at once and has the id 0.
+    /// Queues one command and returns its id. [`Command::GetCurrentState`] is requested immediately and has the id 0.
     ///
     /// # Errors
     /// If no epoch is open, or the command cannot be executed; the epoch stays open.
@@ -292,7 +294,8 @@ impl Session {
                 Ok(CommandId(0))
             }
             Command::MoveLin(point) => self.queue_path(&[point]),
-            // Refused here with the remedy: the controller would only stop the program with its own message.
+            // The command is refused here with a message that states what to do. The controller would only stop the
+            // program.
             Command::SetDigin(Signal { number, .. }) if !self.limits.mapped_inputs.contains(number) => {
                 self.require_greeting()?;
                 Err(CommandError::InputReadOnly { number }.into())
@@ -304,21 +307,21 @@ impl Session {
         }
     }
 
-    /// Queues a whole path and returns the id of its last point. If one point is invalid, all are refused.
+    /// Queues a whole path and returns the id of its last point. If one point is invalid, the whole path is refused.
     ///
     /// # Errors
-    /// As [`Session::queue`], and if base or tool were not set in this epoch.
+    /// The errors of [`Session::queue`], and if base or tool were not set in this epoch.
     pub fn queue_path(&mut self, points: &[MoveLin]) -> Result<CommandId, QueueError> {
         let (flow, wire, limits) = self.open_flow()?;
         flow.queue_path(points, wire, limits)
     }
 
-    /// Queues a whole path as [`Session::queue_path`] does, but sends only this number of points until
-    /// [`Session::permit_commands`] permits more. A client that records which points the robot may have executed records
-    /// them before it permits them.
+    /// Queues a whole path like [`Session::queue_path`], but sends only the first `permitted` points until
+    /// [`Session::permit_commands`] permits more. So a client can record which points the robot may execute before they
+    /// are sent.
     ///
     /// # Errors
-    /// As [`Session::queue_path`].
+    /// The errors of [`Session::queue_path`].
     pub fn queue_path_within(&mut self, points: &[MoveLin], permitted: u32) -> Result<CommandId, QueueError> {
         let (flow, wire, limits) = self.open_flow()?;
         let last = flow.queue_path(points, wire, limits)?;
@@ -327,7 +330,7 @@ impl Session {
         Ok(last)
     }
 
-    /// Permits commands up to this one to be sent, or all if it is `None`.
+    /// Permits the session to send commands up to this one; `None` permits all commands.
     ///
     /// # Errors
     /// If no epoch is open.

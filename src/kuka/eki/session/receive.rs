@@ -1,5 +1,5 @@
-//! Receives messages: converts bytes to documents, and processes the documents according to the phase of the
-//! session.
+//! Receives messages: divides the bytes into documents, decodes them, and processes them according to the session's
+//! phase.
 
 use super::flow::{CommandFlow, LatePoint};
 use super::{PendingAbort, Phase, Session};
@@ -62,7 +62,7 @@ impl Session {
                     Err(error) => return self.report_fault(Report::SequenceError(error)),
                     Ok(()) => self.report_progress(),
                 }
-                // A controller that receives commands again has no half message in its memory.
+                // If the controller receives commands again, no half message is left in its memory.
                 if ack.received > CommandId(0) {
                     self.unacknowledged = 0;
                 }
@@ -73,7 +73,7 @@ impl Session {
                     }
                 }
             }
-            // The reason for the stop may arrive after the state that shows the stop.
+            // The acknowledgement with the reason of the stop may arrive after the state that shows the stop.
             Phase::Stopping(stopping) if Some(ack.epoch) == stopping.ended => {
                 let new_refusal = ack.refused.filter(|_| !stopping.is_refusal_reported);
                 stopping.is_refusal_reported |= new_refusal.is_some();
@@ -83,21 +83,20 @@ impl Session {
             }
             Phase::Open(flow) if ack.epoch > flow.epoch() => {
                 let error = SequenceError::Epoch { found: ack.epoch, ours: flow.epoch() };
-                // The abort's number must be above this epoch.
+                // The abort needs an epoch number above the epoch of the other client.
                 self.asked_epoch = self.asked_epoch.max(ack.epoch);
                 self.report_fault(Report::SequenceError(error));
             }
-            // After an abort, acknowledgements of the ended epoch are normal: they were already on their way. They are
-            // only counted.
+            // After an abort, acknowledgements of the ended epoch may still be in transit. They are only counted.
             _ => self.stale_messages += u64::from(ack.epoch < self.highest_known_epoch()),
         }
     }
 
-    /// Returns whether the controller can be in this epoch, according to the reports on this connection. If it cannot,
-    /// this is reported, and no part of its message is used.
+    /// Returns whether the controller can be in this epoch, according to its reports on this connection. Otherwise
+    /// reports the epoch as implausible; the message must then be ignored.
     fn is_plausible_epoch(&mut self, channel: Channel, found: Epoch) -> bool {
         let known = self.highest_known_epoch();
-        // States arrive in order; an acknowledgement may belong to a previous epoch.
+        // States arrive in order, but an acknowledgement may belong to a previous epoch.
         let goes_back = channel == Channel::State && found < self.controller_epoch;
         let follows = found.0 <= known.0.saturating_add(MAX_EPOCH_STEP) && !goes_back;
         if !follows {
@@ -109,8 +108,8 @@ impl Session {
     fn process_state(&mut self, state: State, now: Time) {
         let identity = (state.boot, state.programs_checksum);
         if self.identity.is_some_and(|known| known != identity) {
-            // The controller's count may begin again; the client's count does not, so that no number ever belongs
-            // to two epochs.
+            // The controller counts from zero again after a restart. The client continues its own count, so that no
+            // number belongs to two epochs.
             (self.last_sequence, self.controller_epoch, self.asked_epoch) = (None, Epoch(0), Epoch(0));
             self.reports.push_back(Report::Rebooted { state: Box::new(state) });
         }
@@ -124,8 +123,7 @@ impl Session {
             return;
         }
         if is_new && !self.is_waiting_for_greeting() {
-            // If the controller has not restarted after all, it must not continue the commands of the client's
-            // epoch.
+            // If the controller has not really restarted, it must not continue the commands of the client's epoch.
             self.controller_epoch = state.epoch;
             self.stop();
         }
@@ -135,8 +133,7 @@ impl Session {
         }
         self.harmful_on = state.outputs & self.limits.harmful_outputs != 0;
         if let Phase::Greeting { abort } = self.phase {
-            // Until the first request of this client is answered, the state may be an answer to the previous
-            // client.
+            // Before the reply to this client's first request, a state message may be a reply to the previous client.
             if state.answered != self.asked {
                 return;
             }
@@ -174,7 +171,7 @@ impl Session {
     fn record_counts(&mut self, state: &State) {
         self.last_sequence = Some(state.sequence);
         self.answered = state.answered.clamp(self.answered, self.asked);
-        // In lock step the controller answers a heartbeat only when it has received the commands that the heartbeat
+        // In lock step the controller replies to a heartbeat only after it has received the commands that the heartbeat
         // names.
         while let Some((_, last_sent)) =
             self.heartbeat_commands.pop_front_if(|(request, _)| *request <= self.answered)
@@ -194,7 +191,7 @@ impl Session {
             }
             Phase::Opening { epoch, request } if state.answered >= *request => {
                 self.reports.push_back(Report::EpochNotOpened { asked: *epoch, found: state.epoch });
-                // The controller did not take the requested number: the next request must be above the controller's
+                // The controller did not accept the requested number. The next request must be above the controller's
                 // actual epoch.
                 self.asked_epoch = self.controller_epoch;
                 self.phase = Phase::Idle;
@@ -207,7 +204,7 @@ impl Session {
                     self.check_interlocks(state);
                 }
             },
-            // The epoch is not that of the client, and on this channel no message is delayed.
+            // The controller is in another epoch than the client, and the state channel delivers no delayed messages.
             Phase::Open(flow) => {
                 let error = SequenceError::Epoch { found: state.epoch, ours: flow.epoch() };
                 self.report_fault(Report::SequenceError(error));
@@ -216,7 +213,7 @@ impl Session {
         }
     }
 
-    /// Evaluates a state during an abort in progress.
+    /// Processes a state message while an abort is in progress.
     fn process_stopping_state(&mut self, state: &State) {
         let (asked, Phase::Stopping(stopping)) = (self.asked, &mut self.phase) else { return };
         if stopping.ended == Some(state.epoch)
@@ -227,10 +224,10 @@ impl Session {
         if !(stopping.request..=asked).contains(&state.answered) {
             return;
         }
-        // In the ended epoch the state reports the stop; in the next one nothing has begun.
+        // In the ended epoch the state reports the stop; in the next epoch no command has started.
         if stopping.ended == Some(state.epoch) && !state.stopped {
-            // The controller has answered the abort, but has neither stopped nor begun the next epoch. Closing the
-            // connection is the last resort: the controller's own watchdog then stops it.
+            // The controller has responded to the abort, but has neither stopped nor begun the next epoch. As a last
+            // resort the connection is closed; the controller's own watchdog then stops the robot.
             return self.disconnected(LinkLoss::AbortNotObeyed);
         }
         stopping.obeyed = true;
@@ -241,8 +238,8 @@ impl Session {
         }
     }
 
-    /// Checks whether the robot is far behind its plan: in the air this is only reported; in contact it ends the epoch,
-    /// because the disc has stayed too long at one place.
+    /// Checks whether the robot is much slower than planned. Without contact this is only reported. In contact it ends
+    /// the epoch, because the disc has stayed at one place for too long.
     fn check_pace(&mut self, now: Time) {
         let Phase::Open(flow) = &mut self.phase else { return };
         match flow.late_point(now) {
@@ -254,7 +251,7 @@ impl Session {
         }
     }
 
-    /// Reports the progress of the open epoch, once.
+    /// Adds reports of the progress in the open epoch, each once.
     fn report_progress(&mut self) {
         if let Phase::Open(flow) = &mut self.phase {
             self.reports.extend(flow.take_progress());
@@ -269,8 +266,8 @@ impl Session {
     fn check_interlocks(&mut self, state: &State) {
         let by_hand = matches!(state.mode, Mode::T1 | Mode::T2);
         let causes = [
-            // In the order of what the operator must do first: an open guard also switches the drives off, so the
-            // operator must remove the cause first.
+            // The causes are in the order in which the operator must remove them: for example, an open guard also
+            // switches the drives off.
             (state.emergency_stop, StopCause::EmergencyStop),
             (!state.guard_closed, StopCause::GuardOpen),
             (!state.drives_on, StopCause::DrivesOff),
@@ -279,7 +276,8 @@ impl Session {
             (state.stopped && !state.motion_possible, StopCause::NoProgram),
             (state.stopped, StopCause::ByProgram),
         ];
-        // An epoch that the controller has stopped accepts no more commands, busy or not.
+        // If the controller has stopped the epoch, it accepts no more commands, so the epoch ends even if nothing is
+        // queued.
         let ends = state.stopped || matches!(&self.phase, Phase::Open(flow) if flow.is_busy());
         if let Some(&(_, cause)) = causes.iter().find(|(holds, _)| ends && *holds) {
             self.report_fault(Report::Interrupted { cause });
@@ -288,7 +286,7 @@ impl Session {
 }
 
 impl PendingAbort {
-    /// Records the number of executed commands of the ended epoch; more than were sent is an error.
+    /// Records the last executed command of the ended epoch. A command that was not sent is an error.
     fn record_executed(&mut self, done: CommandId) -> Result<(), SequenceError> {
         let (first, last) = (CommandId(0), self.sent);
         if done > last {
@@ -299,8 +297,8 @@ impl PendingAbort {
     }
 }
 
-/// Returns the time at which the unfinished message began. If another message has ended in these bytes, the unfinished
-/// one began with these bytes, now.
+/// Returns the time at which the unfinished message began. If a previous message ended in these bytes, the unfinished
+/// message began with these bytes, at the time `now`.
 fn message_start(before: Option<Time>, framer: &Framer, has_ended: bool, now: Time) -> Option<Time> {
     framer.is_inside().then(|| before.filter(|_| !has_ended).unwrap_or(now))
 }

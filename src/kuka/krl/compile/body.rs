@@ -1,4 +1,4 @@
-//! Compiles statements to steps, also motions, splines and triggers.
+//! Compiles statements to steps, including motions, splines and triggers.
 
 use super::super::code::{Cell, Op};
 use super::super::syntax::{
@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 
 impl Compiler<'_> {
     pub(super) fn block(&mut self, statements: &[Statement]) {
-        // The code after the block belongs to the outer statement again.
+        // The code after the block belongs to the enclosing statement again.
         let around = self.statement;
         for statement in statements {
             self.statement(statement);
@@ -162,7 +162,7 @@ impl Compiler<'_> {
         });
     }
 
-    /// Compiles `TEXT[]="abc"`; no other array is assigned as a whole.
+    /// Compiles the assignment of a string, `TEXT[]="abc"`; other arrays cannot be assigned as a whole.
     fn assign_array(&mut self, to: &VariableRef, value: &Expression, dimensions: &[usize], kind: Type) {
         let given = self.value(value, Type::Text);
         let is_text = [Type::Text, Type::Char, Type::Unknown].contains(&given);
@@ -187,7 +187,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// Compiles a condition, and the jump that is executed if the condition is FALSE.
+    /// Compiles a condition, and a jump for the case that the condition is FALSE; returns the index of the jump.
     fn condition(&mut self, condition: &Expression) -> usize {
         let kind = self.value(condition, Type::Bool);
         if ![Type::Bool, Type::Unknown].contains(&kind) {
@@ -211,7 +211,8 @@ impl Compiler<'_> {
     }
 
     fn compile_switch(&mut self, on: &Expression, cases: &[Case], default: Option<&[Statement]>) {
-        // Evaluated once: a function call behind SWITCH must not run again for each CASE.
+        // The selector is evaluated only once: a function that is called after SWITCH must not be called again for each
+        // CASE.
         let selector = self.reserve(1);
         self.emit(Op::Local(selector));
         let kind = self.value(on, Type::Unknown);
@@ -260,8 +261,8 @@ impl Compiler<'_> {
     ) {
         let (last, by) = (self.reserve(1), self.reserve(1));
         self.assign(variable, from);
-        // End and step are evaluated once, at the start: a body that changes their variables does not change the number
-        // of rounds.
+        // End value and step are evaluated once, at the start. So the number of iterations does not change if the body
+        // changes these variables.
         for (place, value) in [(last, to), (by, step.unwrap_or(&Expression::Int(1)))] {
             self.emit(Op::Local(place));
             self.typed_value(value, Type::Int, "FOR");
@@ -279,7 +280,8 @@ impl Compiler<'_> {
         self.emit(Op::ForTest);
         let out = self.emit(Op::JumpIfNot(0));
         if let (Some(Cell::Int(from)), Some(Cell::Int(to)), None) = (self.evaluate_constant(from), self.evaluate_constant(to), step)
-            // Only then is the range of the counter known, so that an index with it can be checked before the start.
+            // The range of the counter is known only under this condition. With a known range, array indices can be
+            // checked before the program runs.
             && from <= to
         {
             self.ranges.insert(variable.name.clone(), (from, to));
@@ -359,7 +361,8 @@ impl Compiler<'_> {
         }
     }
 
-    /// Compiles a target, so that 6 numbers are on the stack. Returns true for axes, false for a pose.
+    /// Compiles the target of a motion, which leaves six numbers on the stack. Returns true if they are axis angles,
+    /// false if they are a pose.
     fn target(&mut self, path: PathKind, target: &Expression) -> bool {
         let wanted = match target {
             Expression::Aggregate { type_name: None, parts } => self.infer_aggregate_type(parts),
@@ -378,7 +381,7 @@ impl Compiler<'_> {
         axes
     }
 
-    /// Compiles `WITH $VEL.CP=0.2`; these settings are checked as assignments.
+    /// Compiles the settings of a motion, such as `WITH $VEL.CP=0.2`; they are checked like assignments.
     fn settings(&mut self, with: &[(VariableRef, Expression)]) {
         with.iter().for_each(|(to, value)| self.assign(to, value));
     }
@@ -415,7 +418,7 @@ impl Compiler<'_> {
         self.set_jump_target(trigger);
     }
 
-    /// Checks that each GOTO leads to a label of its own routine, and that each label exists once.
+    /// Checks that each GOTO has a label in the same routine, and that each label exists only once.
     pub(super) fn check_labels(&mut self, body: &[Statement]) {
         let (mut labels, mut jumps) = (Vec::new(), Vec::new());
         collect_labels(body, &mut labels, &mut jumps);

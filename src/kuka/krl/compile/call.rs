@@ -1,4 +1,5 @@
-//! Compiles calls: the number of arguments, their types, and whether they are passed by value or as a variable.
+//! Compiles calls of routines, and checks the number of arguments, their types, and how they are passed (by value or by
+//! reference).
 
 use super::super::code::Op;
 use super::super::routines::{ArgumentPassing, Builtin, KnownRoutine, find_routine};
@@ -7,8 +8,8 @@ use super::super::types::Type;
 use super::compiler::{Argument, Compiler, cells_u32};
 
 impl Compiler<'_> {
-    /// Compiles a call and returns the type of the routine's result, `None` if it has no result. `wanted` is the
-    /// expected type.
+    /// Compiles a call and returns the type of the routine's result; `None` if it has no result. `wanted` is the type
+    /// that the caller expects.
     pub(super) fn call(&mut self, call: &Call, wanted: Type) -> Option<Type> {
         if let Some(index) = self.visible_routine(&call.name) {
             return self.call_routine(call, index);
@@ -30,7 +31,7 @@ impl Compiler<'_> {
         Some(Type::Unknown)
     }
 
-    /// Returns the routine of this name that is visible in this file: its own routine, or else a global one.
+    /// Returns the routine with this name that is visible in this file: a local one, or else a global one.
     pub(super) fn visible_routine(&self, name: &str) -> Option<usize> {
         let places = self.routine_places.get(name)?;
         let own = places.iter().find(|place| self.routines[**place].file == self.file);
@@ -44,7 +45,7 @@ impl Compiler<'_> {
             self.problem(&call.name, format!("found {given} arguments, expected {wanted}"));
         }
         if given != wanted || call.arguments.contains(&None) {
-            // The routine uses VARSTATE to determine which arguments were given.
+            // The routine calls VARSTATE to find out which arguments were passed.
             self.record_unexecuted(&call.name);
         }
         for (place, given) in call.arguments.iter().enumerate() {
@@ -57,7 +58,7 @@ impl Compiler<'_> {
         returns
     }
 
-    /// Compiles an argument of which nothing is known: a value, a variable, or an array.
+    /// Compiles an argument whose expected type is unknown: a value, a variable or an array.
     fn compile_untyped_argument(&mut self, given: &Expression) {
         if let Expression::Variable(place) = given {
             self.address(place);
@@ -82,7 +83,7 @@ impl Compiler<'_> {
         };
         let Some(found) = self.address(place) else { return };
         if !found.writable {
-            // It is not checked whether the routine writes the argument.
+            // This is only a warning, because it is not checked whether the routine writes the argument.
             self.warn(
                 &place.name,
                 format!(
@@ -97,7 +98,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// Compiles a string, or an array as a whole, that is passed by value.
+    /// Compiles an argument that is passed by value and is a string or a whole array.
     fn array_by_value(&mut self, given: &Expression, wanted: &Argument) {
         self.record_unexecuted("an array that is passed by value");
         let found = match given {
@@ -117,7 +118,8 @@ impl Compiler<'_> {
         }
     }
 
-    /// Checks that a passed variable has the expected type, or a type that the controller converts into it.
+    /// Checks that a variable that is passed by reference has the expected type, or a type that the controller converts
+    /// to it.
     fn same_variable(&mut self, place: &VariableRef, found: Type, wanted: Type) {
         if found == Type::Unknown || wanted == Type::Unknown || self.types.are_same_type(found, wanted) {
             return;
@@ -176,7 +178,7 @@ impl Compiler<'_> {
         returns
     }
 
-    /// Checks the text of VARSTATE: it is the name of a variable, in which an index must be a number.
+    /// Checks the argument of VARSTATE: it must be the name of a variable, and an index in it must be a number.
     fn check_varstate_text(&mut self, call: &Call, known: &KnownRoutine) {
         let Some(Some(Expression::Text(text))) = call.arguments.first() else { return };
         let index = text.split_once('[').and_then(|(_, behind)| behind.split_once(']')).map(|(index, _)| index);
@@ -248,7 +250,7 @@ impl Compiler<'_> {
     }
 }
 
-/// Returns the number of arguments that a routine needs for its execution.
+/// Returns the number of arguments of a controller routine that the interpreter uses.
 fn executed_argument_count(builtin: Builtin, known: &KnownRoutine) -> usize {
     match builtin {
         Builtin::Bas => 2,

@@ -1,6 +1,7 @@
-//! The data that are collected while files are compiled, and the functions that add types, steps and problems.
+//! The state of the compiler while files are compiled, and functions that add types, steps and problems.
 //!
-//! STRUC and ENUM of all files are declared here. A structure may refer to a structure that is declared after it.
+//! The STRUC and ENUM declarations of all files are processed here. A structure may refer to a structure that is
+//! declared after it.
 
 use crate::krl::code::{Cell, Location, Op, Program};
 use crate::krl::lex::RESERVED;
@@ -13,7 +14,7 @@ use crate::krl::types::{NewComponent, Scope, Type, Types, is_name_only_type, kuk
 use panelprep_base::config::Problem;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The maximum length of a name; a controller does not compile longer names.
+/// Maximum length of a name, characters; a controller refuses longer names.
 const MAX_NAME_LENGTH: usize = 24;
 
 /// The location of a variable.
@@ -23,28 +24,28 @@ pub(super) enum VariableLocation {
     Local(u32),
     Referred(u32),
     System(u16),
-    /// One input or output, numbered from 1: a SIGNAL.
+    /// A single input or output, whose number starts at 1; declared by SIGNAL.
     Bit {
         variable: u16,
         number: i32,
     },
-    /// Not in memory, because only the variable's type is known: a statement that names the variable is not executed.
+    /// The variable has no memory, because only its type is known. A statement that names the variable is not executed.
     Nowhere,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Variable {
     pub(super) kind: Type,
-    /// The sizes of an array; 0 if the caller determines the size, or if it is not known.
+    /// The size of each dimension of an array; 0 if the caller determines the size, or if the size is not known.
     pub(super) dimensions: Vec<usize>,
     pub(super) location: VariableLocation,
     pub(super) constant: bool,
-    /// Value of a constant.
+    /// The value, if the variable is a constant.
     pub(super) value: Option<Cell>,
     pub(super) writable: bool,
 }
 
-/// A variable of a data list, and the location of its declaration.
+/// A variable of a data list, with the location of its declaration.
 #[derive(Debug, Clone)]
 pub(super) struct SharedVariable {
     pub(super) variable: Variable,
@@ -60,7 +61,7 @@ pub(super) struct Argument {
     pub(super) dimensions: Vec<usize>,
 }
 
-/// The data of a routine that a caller needs.
+/// The signature of a routine: the data that a caller needs.
 #[derive(Debug, Clone)]
 pub(super) struct Signature {
     pub(super) file: usize,
@@ -74,23 +75,23 @@ pub(super) struct Compiler<'a> {
     pub(super) files: &'a [File],
     pub(super) kss: Option<Kss>,
     pub(super) types: Types,
-    /// The module of each file: a data list and the program of the same name share one.
+    /// The module of each file. A data list and the program of the same name are one module.
     pub(super) modules: Vec<usize>,
     /// Variables that are visible in every file.
     pub(super) globals: BTreeMap<String, SharedVariable>,
-    /// Variables of a data list that are visible only in the program of the same name.
+    /// Variables of a data list that are visible only in the program with the same name.
     pub(super) of_module: BTreeMap<(usize, String), SharedVariable>,
-    /// Values of constants, of a module or of all files.
+    /// The values of constants, for one module or (`None`) for all files.
     pub(super) constants: BTreeMap<(Option<usize>, String), Cell>,
     pub(super) routines: Vec<Signature>,
-    /// The indices of all routines with the same name.
+    /// The indices of all routines that have the same name.
     pub(super) routine_places: BTreeMap<String, Vec<usize>>,
     pub(super) program: Program,
     pub(super) problems: Vec<Vec<Problem>>,
     pub(super) warnings: Vec<Vec<Problem>>,
-    /// Statements that are understood but not executed.
+    /// The statements that are checked but not executed, for each file.
     pub(super) unexecuted: Vec<Vec<Problem>>,
-    /// Names that were reported as unknown, for each file.
+    /// The unknown names that were already reported, for each file.
     pub(super) reported: BTreeSet<(usize, String)>,
     pub(super) text_places: BTreeMap<String, u32>,
     /// The file that is being compiled.
@@ -102,14 +103,14 @@ pub(super) struct Compiler<'a> {
     pub(super) locals: BTreeMap<String, Variable>,
     pub(super) frame_cells: usize,
     pub(super) returns: Option<Type>,
-    /// Counters of FOR with known initial and final value.
+    /// The FOR counters whose initial and final values are known.
     pub(super) ranges: BTreeMap<String, (i32, i32)>,
-    /// Jumps of EXIT that wait for the end of their loop.
+    /// For each open loop, the jumps of its EXIT statements, whose target is set at the end of the loop.
     pub(super) exits: Vec<Vec<usize>>,
 }
 
 impl<'a> Compiler<'a> {
-    /// Creates a compiler that knows the files, with nothing declared yet.
+    /// Creates a compiler for these files; nothing is declared yet.
     pub(super) fn new(files: &'a [File], kss: Option<Kss>) -> Self {
         Compiler {
             files,
@@ -140,7 +141,7 @@ impl<'a> Compiler<'a> {
     }
 }
 
-/// Assigns files to modules: files with the same name are one module. If several data lists have this name, the
+/// Assigns each file to a module: files with the same name are one module. If several data lists have this name, the
 /// files of one folder are one module.
 fn modules(files: &[File]) -> Vec<usize> {
     let folder = |file: &File| file.name.rfind(['/', '\\']).map_or(String::new(), |at| file.name[..at].to_owned());
@@ -169,14 +170,14 @@ impl Compiler<'_> {
         push(&mut self.warnings[self.file], problem);
     }
 
-    /// Warns about a name once for each file.
+    /// Adds a warning about a name, at most once for each file.
     pub(super) fn warn_once(&mut self, name: &str, message: impl Into<String>) {
         if self.reported.insert((self.file, name.to_owned())) {
             self.warn(name, message);
         }
     }
 
-    /// Records that the statement being compiled is understood but not executed.
+    /// Records that the current statement is checked but not executed.
     pub(super) fn record_unexecuted(&mut self, what: &str) {
         let problem = Problem { line: self.line, key: what.to_owned(), message: "is not executed".to_owned() };
         push(&mut self.unexecuted[self.file], problem);
@@ -193,13 +194,13 @@ impl Compiler<'_> {
         }
     }
 
-    /// Returns the scopes in which a type is looked for, the innermost one first.
+    /// Returns the scopes in which a type is searched, the innermost first.
     fn type_scopes(&self) -> Vec<Scope> {
         let routine = self.routine.map(|place| Scope::Routine { file: self.file, place });
         routine.into_iter().chain([Scope::Module(self.modules[self.file])]).collect()
     }
 
-    /// Returns the type of this name, and warns if the name is unknown.
+    /// Returns the type with this name; adds a warning if the name is unknown.
     pub(super) fn resolve_type(&mut self, name: &str) -> Type {
         if let Some(kind) = self.types.find(name, &self.type_scopes()) {
             return kind;
@@ -249,8 +250,8 @@ impl Compiler<'_> {
         }
     }
 
-    /// Reserves cells of the frame for a variable or a counter. Variables that do not fit into memory are not
-    /// allocated.
+    /// Reserves cells in the routine's frame for a variable or a counter. A variable that exceeds the memory limit is
+    /// not allocated.
     pub(super) fn reserve(&mut self, cells: usize) -> u32 {
         let offset = self.frame_cells;
         if cells <= MAX_MEMORY_VALUES.saturating_sub(offset) {
@@ -268,12 +269,12 @@ fn push(list: &mut Vec<Problem>, problem: Problem) {
     }
 }
 
-/// Converts a number to 32 bits. A cell's programs are so small that a larger index cannot occur.
+/// Converts an index to 32 bits. The memory limits exclude larger indices.
 pub(super) fn cells_u32(count: usize) -> u32 {
     u32::try_from(count).unwrap_or(u32::MAX)
 }
 
-/// A structure that is still to be declared.
+/// A structure that is not declared yet.
 struct PendingStructure<'a> {
     file: usize,
     routine: Option<usize>,
@@ -308,7 +309,7 @@ impl<'a> Compiler<'a> {
         self.routine = None;
     }
 
-    /// Declares an enumeration; a structure waits until all enumerations are known.
+    /// Declares an enumeration, or adds a structure to the waiting list until all enumerations are known.
     fn collect(
         &mut self,
         (file, routine): (usize, Option<usize>),
@@ -343,15 +344,15 @@ impl<'a> Compiler<'a> {
         }
     }
 
-    /// Declares each structure after the structures to which it refers. The structures that remain refer to each other
-    /// in a circle.
+    /// Declares each structure after the structures to which it refers. Structures that remain form a circular
+    /// reference.
     fn declare_strucs(&mut self, waiting: &[PendingStructure<'_>]) {
         let mut by_name: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
         for (place, struc) in waiting.iter().enumerate() {
             by_name.entry(struc.name).or_default().push(place);
         }
-        // For each structure, the number of its referenced structures that are still to be declared, and the
-        // structures that wait for it.
+        // For each structure: the number of its referenced structures that are not declared yet, and the structures
+        // that wait for it.
         let mut awaits = vec![0_usize; waiting.len()];
         let mut waiters: Vec<Vec<usize>> = vec![Vec::new(); waiting.len()];
         for (place, struc) in waiting.iter().enumerate() {
@@ -391,7 +392,7 @@ impl<'a> Compiler<'a> {
         }
     }
 
-    /// Returns whether the second structure is known at the declaration of the first one.
+    /// Returns whether the declaration of the first structure can refer to the second one.
     fn is_visible_to(&self, from: &PendingStructure<'_>, other: &PendingStructure<'_>) -> bool {
         other.scope == Scope::Everywhere
             || other.scope == Scope::Module(self.modules[from.file])
@@ -422,8 +423,8 @@ impl<'a> Compiler<'a> {
     }
 }
 
-/// Returns whether a data list is visible everywhere. The controller's own data lists, `$config.dat` and others, are
-/// visible in every program, even without PUBLIC and GLOBAL.
+/// Returns whether a data list is visible in every program. The controller's own data lists (`$config.dat` and others)
+/// are visible even without PUBLIC and GLOBAL.
 pub(super) fn is_visible_everywhere(data: &Data) -> bool {
     data.name.starts_with('$')
 }

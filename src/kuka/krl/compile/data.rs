@@ -10,17 +10,17 @@ use super::super::types::Type;
 use super::compiler::{Compiler, SharedVariable, Variable, VariableLocation, cells_u32, is_visible_everywhere};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Part of a shared variable that receives a first value.
+/// The part of a shared variable to which an initial value is assigned.
 #[derive(Clone)]
 struct InitialPart {
-    /// The first cell of the part; `None` if no memory is allocated for the part.
+    /// The first cell of the part; `None` if no memory is allocated.
     at: Option<usize>,
     kind: Type,
     dimensions: Vec<usize>,
 }
 
 impl Compiler<'_> {
-    /// Returns an array's size; 0 if the caller determines it.
+    /// Returns the size of one dimension of an array; 0 if the caller determines it.
     pub(super) fn dimension(&mut self, size: Option<&Expression>) -> usize {
         let Some(size) = size else { return 0 };
         match self.evaluate_constant(size) {
@@ -33,8 +33,8 @@ impl Compiler<'_> {
         }
     }
 
-    /// Returns whether a size that is unknown here may be known to the controller, from a constant in a file that is
-    /// not part of this check.
+    /// Returns whether the controller may know a size that is unknown here, because a constant may be declared in a
+    /// file that was not given.
     fn is_size_possibly_constant(&self, size: &Expression) -> bool {
         match size {
             Expression::Variable(place) => self.shared_variable(&place.name).is_none_or(|known| known.constant),
@@ -46,11 +46,10 @@ impl Compiler<'_> {
         }
     }
 
-    /// Finds the values of constants. Sizes of other lists may use them before memory is allocated for the list of
-    /// the constant.
+    /// Evaluates the constants of all data lists. Array sizes in other lists may use them before memory is allocated.
     pub(super) fn find_constants(&mut self) {
         let files = self.files;
-        // Two passes: a constant may refer to a constant of a later list.
+        // Two passes are needed, because a constant may refer to a constant of a subsequent list.
         for _ in 0..2 {
             for (index, file) in files.iter().enumerate() {
                 self.file = index;
@@ -97,7 +96,7 @@ impl Compiler<'_> {
     fn declare_list(&mut self, data: &Data) {
         for declaration in &data.declarations {
             self.line = declaration.line;
-            // A statement that is executed never belongs to a declaration.
+            // Declarations belong to no executed statement.
             self.statement = u32::MAX;
             match &declaration.kind {
                 DeclarationContent::Variables { constant, type_name, items } => {
@@ -148,7 +147,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// Allocates memory for a shared variable and returns its first cell; `None` if it does not fit into memory.
+    /// Allocates memory for a shared variable and returns its first cell; `None` if it exceeds the memory limit.
     fn allocate_variable(&mut self, name: &str, kind: Type, dimensions: &[usize]) -> Option<usize> {
         let cells = self.types.cells(kind, dimensions);
         if cells > MAX_ARRAY_VALUES {
@@ -196,7 +195,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// Declares a signal: `SIGNAL NAME $OUT[3]` is a BOOL, a signal of several outputs is an INT, an analog signal
+    /// Declares a signal: `SIGNAL NAME $OUT[3]` is a BOOL, a signal of several outputs is an INT, and an analog signal
     /// is a REAL.
     pub(super) fn signal(&mut self, name: &str, [from, to]: [&Option<VariableRef>; 2]) -> Variable {
         self.check_name(name);
@@ -216,7 +215,7 @@ impl Compiler<'_> {
         variable
     }
 
-    /// Returns the system variable and the number of `$OUT[3]`.
+    /// Returns the index of the system variable and the number of the output, for example of `$OUT[3]`.
     fn bit(&mut self, place: &VariableRef) -> Option<(u16, i32)> {
         let index = system::find(&place.name)?;
         let [Step::Index(indices)] = &place.steps[..] else { return None };
@@ -230,7 +229,7 @@ impl Compiler<'_> {
         Some((u16::try_from(index).ok()?, number))
     }
 
-    /// Checks that each CONST without a value in its declaration receives one in a later line.
+    /// Checks that each CONST without a value in its declaration receives one in a subsequent line.
     fn check_constant_values(&mut self, data: &Data) {
         let valued: BTreeSet<&str> = data
             .values
@@ -252,7 +251,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// Compiles `NAME[1]=17` in a data list.
+    /// Compiles an initial value in a data list, such as `NAME[1]=17`.
     fn compile_initial_value(&mut self, to: &VariableRef, value: &Expression) {
         self.statement = u32::MAX;
         let Some(variable) = self.shared_variable(&to.name).cloned() else {
@@ -306,11 +305,11 @@ impl Compiler<'_> {
         Some(())
     }
 
-    /// Selects an element, or a row of a table: `NAME[2,]`.
+    /// Selects an element of an array, or a row such as `NAME[2,]`.
     fn index_part(&mut self, name: &str, indices: &[Option<Expression>], part: &mut InitialPart) -> Option<()> {
         let dimensions = std::mem::take(&mut part.dimensions);
         if indices.len() != dimensions.len() {
-            // Text in a row of characters is written with [].
+            // `NAME[]` selects a whole row of characters, to which a string is assigned.
             if indices.iter().all(Option::is_none) {
                 part.dimensions = dimensions;
                 return Some(());
@@ -356,7 +355,7 @@ impl Compiler<'_> {
                         format!("the string has {length} characters, but the variable has only {cells}"),
                     );
                 }
-                // At run time a character is one byte.
+                // At run time each character has one byte.
                 let bytes = text.chars().map(|character| u8::try_from(u32::from(character)).unwrap_or(b'?'));
                 for (place, byte) in bytes.take(cells).enumerate() {
                     self.set(at.map(|at| at + place), Cell::Char(byte));
@@ -438,7 +437,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// Returns the value of an expression that is known before the program runs.
+    /// Returns the value of an expression if it is a constant.
     pub(super) fn evaluate_constant(&self, expression: &Expression) -> Option<Cell> {
         use super::super::syntax::Binary::{Divide, Minus, Multiply, Plus};
         match expression {
@@ -490,7 +489,7 @@ impl Compiler<'_> {
     }
 }
 
-/// Returns a variable of which only the type is known.
+/// Returns a variable for which only the type is known, and no memory exists.
 pub(super) fn untyped_location(kind: Type, dimensions: Vec<usize>) -> Variable {
     Variable { kind, dimensions, location: VariableLocation::Nowhere, constant: false, value: None, writable: true }
 }

@@ -1,13 +1,14 @@
-//! Warnings about the flow of a routine: local variables that it may read before they are assigned, functions that can
-//! end without RETURN, and memories of EthernetKRL that are read directly after they were cleared. All are warnings,
-//! because it is not known here which paths the conditions exclude.
+//! Warnings about the control flow of a routine: local variables that may be read before they are assigned, functions
+//! that may end without RETURN, and EthernetKRL buffers that are read directly after they were cleared. They are
+//! warnings, because it is not known which paths the conditions exclude.
 //!
-//! A variable counts as assigned if every path to that point assigns it completely or in part. A variable that is
-//! passed by reference to a routine counts as assigned by that routine; EthernetKRL's readers need a variable that
-//! already holds a value. A routine with labels is not checked: a GOTO may lead to a label from any line.
+//! A variable is treated as assigned if every path to this point assigns it, completely or in part. If a variable is
+//! passed to a routine by reference, the routine is assumed to assign it; but EthernetKRL's read functions need a
+//! variable that already has a value. A routine with labels is not checked, because GOTO can lead to a label from any
+//! line.
 //!
-//! EKI_Get does not wait: directly after a memory was cleared, it finds the memory empty. This check examines one
-//! block, statement by statement. It ends at any statement that may wait, or that is not known.
+//! EKI_Get does not wait: directly after a buffer was cleared, it finds the buffer empty. This check examines one
+//! block, statement by statement. It ends at a statement that may wait, or that is not supported.
 
 use super::super::routines::Builtin::{EkiCheckBuffer, EkiClear, EkiClearBuffer, EkiClose};
 use super::super::routines::{ArgumentPassing, Builtin, find_routine};
@@ -18,10 +19,11 @@ use super::super::syntax::{
 use super::compiler::{Compiler, Signature};
 use std::collections::BTreeMap;
 
-/// The local variables that are assigned, by their numbers; `None` if this point of the program is never reached.
+/// The local variables that are assigned at one point of the program, by their indices; `None` if the point is never
+/// reached.
 type AssignedVariables = Option<VariableSet>;
 
-/// A set of local variables.
+/// A set of local variables, as a bit set.
 #[derive(Debug, Clone, Default)]
 struct VariableSet(Vec<u64>);
 
@@ -49,12 +51,12 @@ struct FlowAnalysis<'a, 'b> {
     compiler: &'a mut Compiler<'b>,
     locals: BTreeMap<&'a str, usize>,
     reported: VariableSet,
-    /// For each loop, the variables that are assigned at each EXIT.
+    /// For each open loop, the variables that are assigned at each of its EXIT statements.
     exits: Vec<Vec<VariableSet>>,
 }
 
 pub(super) fn check_assignments(compiler: &mut Compiler<'_>, routine: &Routine, signature: &Signature) {
-    // With GOTO any line may follow any other; the check would report variables that are assigned in fact.
+    // With GOTO any line may follow any other, so the check would report variables that are in fact assigned.
     if has_labels(&routine.body) {
         return;
     }
@@ -174,7 +176,7 @@ impl FlowAnalysis<'_, '_> {
                 number.iter().for_each(|number| self.read(number, &mut now));
             }
             Action::Checked { values, .. } => values.iter().for_each(|(value, _)| self.read(value, &mut now)),
-            // A statement that was not read may have assigned any variable.
+            // A statement that was not parsed may have assigned any variable.
             Action::NotRead => (0..self.locals.len()).for_each(|number| now.insert(number)),
             Action::Brake { .. } | Action::Halt | Action::Continue | Action::Label(_) | Action::Goto(_) => {}
         }
@@ -194,12 +196,13 @@ impl FlowAnalysis<'_, '_> {
         }
     }
 
-    /// Evaluates a loop. `may_skip` is true if the loop can also end without EXIT, so that its body may be skipped.
+    /// Analyses a loop. `may_skip` is true if the loop can end without EXIT, so that its body may not be executed at
+    /// all.
     fn analyse_loop(&mut self, body: &[Statement], now: VariableSet, may_skip: bool) -> AssignedVariables {
         self.exits.push(Vec::new());
         self.block(body, Some(now.clone()));
         let exits = self.exits.pop().unwrap_or_default();
-        // Assignments of the body do not count after the loop, since the body may not be executed at all.
+        // Assignments in the body are ignored after the loop, because the body may not be executed at all.
         let after = may_skip.then_some(now);
         exits.into_iter().fold(after, |after, exit| assigned_on_both(after, Some(exit)))
     }
@@ -231,7 +234,7 @@ impl FlowAnalysis<'_, '_> {
     fn require_assigned(&mut self, name: &str, now: &VariableSet) {
         let Some(number) = self.locals.get(name).copied() else { return };
         if !now.contains(number) && !self.reported.contains(number) {
-            // Once for each variable: its other uses have the same cause.
+            // Each variable is reported once, because its other uses have the same cause.
             self.reported.insert(number);
             self.compiler.warn(name, "this local variable may be read here before a value is assigned to it");
         }
@@ -268,7 +271,7 @@ impl FlowAnalysis<'_, '_> {
     }
 }
 
-/// Returns the variables that are assigned on both paths that meet here.
+/// Returns the variables that are assigned on both of two paths that join.
 fn assigned_on_both(one: AssignedVariables, other: AssignedVariables) -> AssignedVariables {
     match (one, other) {
         (Some(one), Some(other)) => Some(one.intersection(&other)),
@@ -276,7 +279,7 @@ fn assigned_on_both(one: AssignedVariables, other: AssignedVariables) -> Assigne
     }
 }
 
-/// A memory, or a whole channel, that was cleared.
+/// The buffer of a tag, or of a whole channel, that was cleared.
 struct ClearedMemory<'a> {
     channel: &'a str,
     tag: Option<&'a str>,
@@ -292,7 +295,7 @@ impl Compiler<'_> {
                 Action::Assign { value: Expression::Call(call), .. } | Action::Call(call) => {
                     self.check_call(call, statement.line, &mut cleared);
                 }
-                // A plain assignment takes almost no time.
+                // An assignment without a call takes almost no time, so the buffer is still empty.
                 Action::Assign { value, .. } if !calls(value) => {}
                 action => {
                     cleared.clear();
@@ -335,8 +338,8 @@ impl Compiler<'_> {
     }
 }
 
-/// Returns whether a memory is still empty after this routine: not after EKI_CheckBuffer, which reports whether
-/// something has arrived, and not after routines that open or send, which need time.
+/// Returns whether a buffer is still empty after this routine. This is not the case after EKI_CheckBuffer, which
+/// reports whether data has arrived, and after routines that open or send, which take time.
 fn is_instant(builtin: Builtin) -> bool {
     use Builtin::{
         Bas, Cwrite, EkiCheck, EkiClear, EkiClearBuffer, EkiInit, EkiLock, EkiOpen, EkiSend, EkiUnlock, IrStopm,
@@ -358,7 +361,7 @@ fn is_instant(builtin: Builtin) -> bool {
     )
 }
 
-/// Returns whether a tag is the cleared tag, or a part of the cleared tag.
+/// Returns whether a tag is the cleared tag or below it.
 fn is_part_of_tag(tag: &str, cleared: Option<&str>) -> bool {
     cleared.is_none_or(|cleared| {
         tag.strip_prefix(cleared).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))

@@ -1,4 +1,4 @@
-//! Compiles addresses of variables and of their components and elements.
+//! Compiles the addresses of variables, and of their components and elements.
 
 use super::super::code::{Cell, Op};
 use super::super::routines::VARIABLES_OF_ETHERNET_KRL_6;
@@ -8,10 +8,10 @@ use super::super::types::{Component, Type};
 use super::compiler::{Compiler, Variable, VariableLocation, cells_u32};
 use super::data::untyped_location;
 
-/// A variable or a part of one, whose address the steps have put on the stack.
+/// A variable, or a part of it, whose address is on the stack.
 pub(super) struct ResolvedVariable {
     pub(super) kind: Type,
-    /// The sizes if the value is a whole array; empty for a single value.
+    /// The sizes of the dimensions if the value is a whole array; empty for a single value.
     pub(super) dimensions: Vec<usize>,
     pub(super) writable: bool,
     pub(super) constant: bool,
@@ -36,8 +36,8 @@ impl Compiler<'_> {
         None
     }
 
-    /// Checks that a variable is writable. Writing a constant is an error; for other read-only variables it is not
-    /// known whether a controller refuses the program.
+    /// Checks that a variable is writable. Writing a constant is an error. Writing another read-only variable is a
+    /// warning, because it is not known whether a controller refuses the program.
     pub(super) fn check_writable(&mut self, name: &str, found: &ResolvedVariable, message: &str) {
         if found.writable {
             return;
@@ -93,8 +93,8 @@ impl Compiler<'_> {
         }
     }
 
-    /// Puts the address of a variable, or of one of its parts, on the stack; `None` if the variable is not known; in
-    /// that case the statement is not executed.
+    /// Pushes the address of a variable, or of a part of it. Returns `None` if the variable is not known; the statement
+    /// is then not executed.
     pub(super) fn address(&mut self, place: &VariableRef) -> Option<ResolvedVariable> {
         let Some(variable) = self.variable(&place.name) else {
             self.record_unexecuted(&place.name);
@@ -132,7 +132,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// Checks the indices of an unknown variable: the variables in the indices may be known.
+    /// Checks the index expressions of an unknown variable, because they may contain known variables.
     fn check_indices(&mut self, place: &VariableRef) {
         for step in &place.steps {
             if let Step::Index(indices) = step {
@@ -141,7 +141,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// Returns the component of this name, and reports if it does not exist.
+    /// Returns the component with this name; reports a problem if the type has no such component.
     pub(super) fn resolve_component(&mut self, variable: &str, kind: Type, name: &str) -> Option<Component> {
         let struc = self.types.structure(kind);
         if let Some(component) = struc.and_then(|struc| struc.component(name)) {
@@ -226,7 +226,7 @@ impl Compiler<'_> {
         Some(())
     }
 
-    /// Checks an index that is known before the program runs, or whose range follows from the FOR around it.
+    /// Checks an index whose value is known at compile time, or whose range is known from an enclosing FOR loop.
     fn check_bounds(&mut self, variable: &str, index: &Expression, count: usize) {
         if count == 0 {
             return;
@@ -242,7 +242,7 @@ impl Compiler<'_> {
         }
         let Expression::Variable(place) = index else { return };
         let range = self.ranges.get(&place.name).filter(|_| place.steps.is_empty()).copied();
-        // An IF may exclude this value of the index.
+        // This is only a warning, because an IF may exclude this value of the index.
         if let Some(wrong) = range.and_then(|(low, high)| [low, high].into_iter().find(is_outside)) {
             self.warn(variable, message(wrong));
         }

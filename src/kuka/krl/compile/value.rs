@@ -1,4 +1,4 @@
-//! Compiles values: expressions that put a value on the stack, and operators between two values.
+//! Compiles expressions, which push a value on the stack, and the operators between two values.
 
 use super::super::code::{Cell, Op};
 use super::super::syntax::{Binary, Expression, MAX_AGGREGATE_VALUES, Step, Unary, VariableRef};
@@ -6,8 +6,8 @@ use super::super::types::{Component, Type};
 use super::compiler::{Compiler, cells_u32};
 
 impl Compiler<'_> {
-    /// Puts the value of an expression on the stack and returns its type. `wanted` determines the enumeration of a
-    /// word, the structure of an aggregate, and whether a text of one character is a CHAR.
+    /// Compiles an expression and returns its type. `wanted` is the expected type; it determines the enumeration of a
+    /// constant, the structure of an aggregate, and whether a string of one character is a CHAR.
     pub(super) fn value(&mut self, expression: &Expression, wanted: Type) -> Type {
         match expression {
             Expression::Int(number) => self.push(Cell::Int(*number), Type::Int),
@@ -72,7 +72,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// Returns the index of a constant in its enumeration, and reports if the enumeration does not contain it.
+    /// Returns the index of a constant in its enumeration; reports a problem if the enumeration has no such constant.
     pub(super) fn constant_index(&mut self, word: &str, kind: Type) -> Option<u16> {
         if kind == Type::Unknown {
             return None;
@@ -119,8 +119,7 @@ impl Compiler<'_> {
         Type::Unknown
     }
 
-    /// Returns the type of an aggregate whose type is neither expected nor stated; the type follows from its
-    /// components.
+    /// Infers the type of an aggregate from its components, for an aggregate without a stated or expected type.
     pub(super) fn infer_aggregate_type(&self, parts: &[(VariableRef, Expression)]) -> Type {
         let has = |name: &str| parts.iter().any(|(place, _)| place.name == name);
         let any = |names: &[&str]| names.iter().any(|name| has(name));
@@ -182,7 +181,7 @@ impl Compiler<'_> {
         kind
     }
 
-    /// Compiles one component of an aggregate: `X 1`, `NAME[] "abc"`, `LIST[2] 7`.
+    /// Compiles one component of an aggregate, for example `X 1`, `NAME[] "abc"` or `LIST[2] 7`.
     fn part(&mut self, place: &VariableRef, value: &Expression, kind: Type, dimensions: &[usize]) {
         match place.steps.first() {
             None if dimensions.is_empty() => self.typed_value(value, kind, &place.name),
@@ -222,7 +221,7 @@ impl Compiler<'_> {
         kind
     }
 
-    /// Compiles a value that must have this type; INT and REAL are converted into each other, as in KRL.
+    /// Compiles an expression that must have this type; INT and REAL are converted to each other, as KRL does.
     pub(super) fn typed_value(&mut self, expression: &Expression, wanted: Type, key: &str) {
         let found = self.value(expression, wanted);
         self.convert(found, wanted, key);
@@ -242,14 +241,15 @@ impl Compiler<'_> {
             (Type::Int, Type::Char) | (Type::Char, Type::Int | Type::Real) | (Type::Text, Type::Char) => {
                 self.record_unexecuted("a conversion between CHAR and another type");
             }
-            // One character instead of a text.
+            // A single character is required, but the value is a string.
             (Type::Char, Type::Text) => self.record_unexecuted("a string in a variable"),
             _ if self.types.are_convertible(found, wanted) => self.resize(found, wanted),
             _ => self.report_type_mismatch(found, wanted, key),
         }
     }
 
-    /// Converts a pose or axes of one type to another type: the shorter type is the beginning of the longer one.
+    /// Converts a pose or axis position to another type. The components of the shorter type are the first components of
+    /// the longer one.
     fn resize(&mut self, found: Type, wanted: Type) {
         let [from, to] = [found, wanted].map(|kind| cells_u32(self.types.size(kind)));
         if from > to {
@@ -272,8 +272,8 @@ impl Compiler<'_> {
             Binary::And | Binary::Or => self.compile_logical(operator, left, right),
             Binary::Geometric => self.compile_geometric(left, right),
             Binary::Equal | Binary::Unequal => {
-                // An enumeration constant belongs to the enumeration on the other side; a text of one character is
-                // a CHAR if the other side is a CHAR.
+                // A constant belongs to the enumeration of the other operand, and a string of one character is a CHAR
+                // if the other operand is a CHAR.
                 let is_of_other = matches!(left, Expression::Word(_) | Expression::Text(_));
                 let (left, right) = if is_of_other { (right, left) } else { (left, right) };
                 self.compare(operator, left, right)
@@ -299,7 +299,7 @@ impl Compiler<'_> {
         (left, self.value(right, left))
     }
 
-    /// Compiles an arithmetic operator: INT with REAL gives REAL; CHAR is a number from 0 to 255.
+    /// Compiles an arithmetic operator: INT with REAL gives REAL, and CHAR is a number from 0 to 255.
     fn number(&mut self, operator: Binary, left: Type, right: Type) -> Type {
         match (left, right) {
             (Type::Unknown, _) | (_, Type::Unknown) => Type::Unknown,
@@ -374,7 +374,7 @@ impl Compiler<'_> {
         Type::Bool
     }
 
-    /// Compiles `POS:FRAME` and similar expressions: two values of 6 numbers each, with 6 numbers as the result.
+    /// Compiles the geometric operator, as in `POS:FRAME`: two operands of six numbers each give six numbers.
     fn compile_geometric(&mut self, left: &Expression, right: &Expression) -> Type {
         let frame = self.types.kuka_type("FRAME");
         let mut sides = [Type::Unknown; 2];

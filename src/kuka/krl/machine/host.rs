@@ -1,102 +1,103 @@
-//! The controller around an interpreter: the interface to everything outside of the language, and the steps that
-//! use it: motions, waiting, braking, its own routines.
+//! The interface between the interpreter and the controller around it, and the steps that use this interface: motions,
+//! waiting, braking, the controller's own routines.
 
 use super::interpreter::{Interpreter, Memory, StepError, StepFlow, Trigger};
 use crate::krl::code::{Cell, MemoryAddress, Op, Program};
 use crate::krl::routines::Builtin;
 use crate::krl::syntax::{Approximation, Motion};
 
-/// A motion as stated in the program.
+/// A motion that the program requests.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotionRequest {
     /// PTP or LIN.
     pub motion: Motion,
-    /// True if the target is axes; false if it is a pose.
+    /// Whether the target is given as axis angles; otherwise it is a pose.
     pub axes: bool,
-    /// The target: degrees for axes, mm and degrees for a pose.
+    /// The target: axis angles in degrees, or a pose in mm and degrees.
     pub target: [f32; 6],
-    /// The approximation of the motion's end.
+    /// How the end of the motion is approximated; `None` for an exact stop.
     pub approximates: Option<Approximation>,
 }
 
-/// The answer of EthernetKRL: `EKI_STATUS`, and the value that was read.
+/// The result of an EthernetKRL function: the components of `EKI_STATUS`, and the value that was read.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EkiAnswer {
-    /// Number of entries left.
+    /// Number of values that remain in the buffer.
     pub buff: i32,
-    /// Number of entries read.
+    /// Number of values that were read from the buffer.
     pub read: i32,
-    /// The number of the message; 0 for no message.
+    /// The number of the error message; 0 if there is no error.
     pub msg_no: i32,
     /// Whether a client is connected.
     pub connected: bool,
-    /// The counter of the message that brought the entry.
+    /// The counter of the message that contained the value.
     pub counter: i32,
-    /// The value that was read: a simple value, or six numbers.
+    /// The value that was read: a simple value in the first cell, or six numbers.
     pub value: [Cell; 6],
 }
 
-/// The controller around an interpreter.
+/// The controller, as the interpreter uses it.
 pub trait Host {
-    /// Reads a cell of a system variable.
+    /// Reads one cell of a system variable.
     ///
     /// # Errors
-    /// If reading it stops an interpreter.
+    /// If the controller would stop the program at this access.
     fn read(&mut self, variable: u16, offset: u32) -> Result<Cell, String>;
 
-    /// Writes a cell of a system variable.
+    /// Writes one cell of a system variable.
     ///
     /// # Errors
-    /// If the value is not allowed.
+    /// If the value is not valid for the variable.
     fn write(&mut self, variable: u16, offset: u32, value: Cell) -> Result<(), String>;
 
-    /// Returns the time since the controller's start, ms.
+    /// Returns the time since the start of the controller, ms.
     fn now_ms(&self) -> u64;
 
-    /// Returns whether no motion is planned and the arm does not move.
+    /// Returns whether the arm is at rest and no motion is planned.
     fn is_arm_at_rest(&self) -> bool;
 
-    /// Returns the number of planned motions, including the present one.
+    /// Returns the number of planned motions, including the current one.
     fn planned_motions(&self) -> usize;
 
     /// Returns the value of `$ADVANCE`.
     fn advance(&self) -> usize;
 
-    /// Plans a motion and returns its number among all motions; its end is reported with this number.
+    /// Plans a motion and returns its sequence number, with which its end is reported.
     ///
     /// # Errors
     /// If the controller cannot plan the motion.
     fn plan(&mut self, request: &MotionRequest, caller: &Caller<'_>) -> Result<u64, String>;
 
-    /// Executes all planned motions to their end, because a statement waits for the arm.
+    /// Requests that all planned motions are executed to their end, because a statement waits for the arm.
     fn finish_motions(&mut self);
 
     /// Starts braking; the arm has stopped once [`Host::is_arm_at_rest`] is true.
     fn start_braking(&mut self, fast: bool);
 
-    /// Discards the planned motions after RESUME.
+    /// Discards the planned motions after a RESUME.
     fn discard(&mut self);
 
     /// Executes a function of EthernetKRL.
     ///
     /// # Errors
-    /// If the call stops an interpreter.
+    /// If the controller would stop the program at this call.
     fn eki(&mut self, what: Builtin, channel: &str, tag: &str, value: &[Cell]) -> Result<EkiAnswer, String>;
 
-    /// Executes CWRITE to `$CMD`.
+    /// Executes CWRITE to the channel `$CMD`.
     ///
     /// # Errors
     /// If the command is not known.
     fn command(&mut self, text: &str) -> Result<(), String>;
 
-    /// Sets speeds and accelerations to their defaults: BAS(#INITMOV,…).
+    /// Sets speeds and accelerations to their defaults, as BAS(#INITMOV,…) does.
     fn init_motion(&mut self);
 
-    /// Returns whether a system variable has a value.
+    /// Returns whether a value was assigned to a system variable.
     fn is_initialized(&mut self, name: &str) -> bool;
 }
 
-/// The interpreter's frames when it requests a motion, for logs that state which command it belongs to.
+/// The call stack of the interpreter when it requests a motion, so that a log can state to which command the motion
+/// belongs.
 pub struct Caller<'a> {
     pub(super) program: &'a Program,
     pub(super) interpreter: &'a Interpreter,
@@ -104,7 +105,7 @@ pub struct Caller<'a> {
 }
 
 impl Caller<'_> {
-    /// Returns this number of cells of the innermost local variable of this name.
+    /// Returns the values of the innermost local variable with this name; `cells` is the variable's size.
     pub fn local_cells(&self, name: &str, cells: usize) -> Option<Vec<Cell>> {
         self.interpreter.local_cells(self.program, self.memory, name, cells)
     }
@@ -118,7 +119,7 @@ impl Interpreter {
         memory: &mut Memory,
         host: &mut dyn Host,
     ) -> Result<StepFlow, StepError> {
-        // The submit interpreter runs beside every program, also while the drives are off.
+        // The submit interpreter runs in parallel to the robot program, even while the drives are off.
         if !self.moves && !matches!(op, Op::WaitSeconds | Op::Continue) {
             return Err("motions and interrupts are not valid in the submit interpreter".into());
         }
@@ -135,8 +136,8 @@ impl Interpreter {
             }
             Op::Motion { motion, axes, approximates } => {
                 if !self.planned {
-                    // The advance run may plan only `$ADVANCE` motions beyond the present one; without this limit
-                    // blending would look better than it is.
+                    // The advance run plans at most `$ADVANCE` motions beyond the current one. Without this limit the
+                    // simulated blending would be better than on a controller.
                     if host.planned_motions() > host.advance() {
                         return Ok(StepFlow::Wait);
                     }
@@ -147,7 +148,8 @@ impl Interpreter {
                     let request = MotionRequest { motion, axes, target, approximates };
                     let planned = host.plan(&request, &Caller { program, interpreter: self, memory });
                     if planned.is_err() {
-                        // After a restart the program tries this motion again, so its target is put back on the stack.
+                        // After a restart the program executes this motion again, so its target is pushed back on the
+                        // stack.
                         self.stack.extend(target.map(Cell::Real));
                     }
                     let sequence = planned?;
@@ -172,8 +174,8 @@ impl Interpreter {
             Op::InterruptSwitchAll { on } => self.switch(None, on, program, memory, host)?,
             Op::Trigger { after } => {
                 let (_priority, delay, distance) = (self.pop_int()?, self.pop_real()?, self.pop_int()?);
-                // Any other trigger is an error and is not approximated: a trigger at another moment switches the tool
-                // at another place.
+                // Other triggers are an error and are not approximated, because a trigger at another time switches the
+                // tool at another position.
                 if distance != 1 || delay != 0.0 {
                     return Err("this interpreter supports only TRIGGER WHEN DISTANCE=1 DELAY=0".into());
                 }
@@ -283,7 +285,8 @@ impl Interpreter {
         match builtin {
             EkiGetBool | EkiGetInt | EkiGetReal | EkiGetFrame => {
                 let address = self.pop_address()?;
-                // EthernetKRL refuses such a variable, and a program that works only here would stop on the controller.
+                // EthernetKRL refuses a variable without a value. If it were accepted here, the program would still
+                // stop on the controller.
                 if self.read(address, memory, host)? == Cell::Unset {
                     return Err("a variable must have a value before it is passed to an EKI_Get function".into());
                 }
@@ -303,7 +306,7 @@ impl Interpreter {
         let channel = self.pop_text_index()?;
         let text = |index: usize| program.texts.get(index).map_or("", String::as_str);
         let answer = host.eki(builtin, text(channel), tag.map_or("", text), &value)?;
-        // After an error the variable keeps its old value, which a program must not use as a received value.
+        // After an error the variable keeps its old value, which the program must not use as a received value.
         if let Some(address) = into.filter(|_| answer.msg_no == 0) {
             let cells = if builtin == EkiGetFrame { 6 } else { 1 };
             for (offset, cell) in (address.offset..).zip(answer.value.into_iter().take(cells)) {
@@ -321,7 +324,10 @@ impl Interpreter {
     }
 }
 
-/// Returns six REAL numbers; an invalid number is an error.
+/// Converts six cells to REAL numbers.
+///
+/// # Errors
+/// If a cell was never assigned a value.
 pub(super) fn numbers(cells: [Cell; 6]) -> Result<[f32; 6], StepError> {
     let mut found = [0.0; 6];
     for (number, cell) in found.iter_mut().zip(cells) {
@@ -337,7 +343,7 @@ type Matrix = nalgebra::Isometry3<f64>;
 
 fn frame_to_isometry(frame: [f32; 6]) -> Matrix {
     let [x, y, z, a, b, c] = frame.map(f64::from);
-    // KUKA rotates about Z, then about the new Y, then about the newest X.
+    // KUKA's angles are intrinsic rotations: A about Z, then B about the rotated Y, then C about the rotated X.
     let turn = nalgebra::UnitQuaternion::from_euler_angles(c.to_radians(), b.to_radians(), a.to_radians());
     Matrix::from_parts(nalgebra::Translation3::new(x, y, z), turn)
 }

@@ -1,42 +1,41 @@
-//! The state of a run: frames, stack, local variables, interrupts; the interpreter's memory, and the result of a
-//! step.
+//! The state of an interpreter (frames, stack, local variables, interrupts), its memory, and the result of a step.
 //!
-//! If a cell is removed from the stack and is not of the expected kind, the reason is returned. Points that public
-//! documents do not specify are interpreted by [`UndocumentedBehaviour`].
+//! If a cell that is popped from the stack is not of the expected kind, an error with the reason is returned. Behaviour
+//! that public documents do not specify is selected by [`UndocumentedBehaviour`].
 
 use crate::krl::code::{Cell, MemoryAddress, MemorySpace, Program};
 
 pub(super) const INVALID: &str = "a variable is used before a value is assigned to the variable";
 
-/// One interpreter: the state of a run. The program is passed with each call; it must always be the same program.
+/// One interpreter. The program is passed with each call, and must always be the same.
 #[derive(Debug, Clone)]
 pub struct Interpreter {
     pub(super) meaning: UndocumentedBehaviour,
-    /// Whether this is the robot interpreter: it moves the arm, waits for it, and has interrupts.
+    /// Whether this is the robot interpreter, which moves the arm, waits for it, and has interrupts.
     pub(super) moves: bool,
     pub(super) step_index: usize,
     pub(super) stack: Vec<Cell>,
-    /// Parameters and local variables.
+    /// The parameters and local variables of all frames.
     pub(super) cells: Vec<Cell>,
     pub(super) frames: Vec<Frame>,
     pub(super) interrupts: Vec<Interrupt>,
-    /// Triggers of the next motion and of the planned motions.
+    /// The triggers of the next motion and of the planned motions.
     pub(super) armed: Vec<Trigger>,
     pub(super) waits_until_ms: Option<u64>,
-    /// Present if BRAKE was requested in this interrupt; true if the planned motions are lost.
+    /// Set if BRAKE was executed in this interrupt; true if the planned motions are lost.
     pub(super) braked: Option<bool>,
-    /// Whether the motion of this statement is planned.
+    /// Whether the motion of the current statement is already planned.
     pub(super) planned: bool,
     /// The statement to which CONTINUE applies.
     pub(super) continue_statement: Option<usize>,
-    /// The effect of ON_ERROR_PROCEED: the error of the next statement is ignored.
+    /// The state of ON_ERROR_PROCEED, which suppresses the error of the next statement.
     pub(super) error_suppression: u8,
-    /// The saved `planned`, `continue_statement` and `statement` of each interrupted statement.
+    /// For each interrupted statement, its saved `planned`, `continue_statement` and `statement`.
     pub(super) saved: Vec<(bool, Option<usize>, usize)>,
     pub(super) statement: usize,
     pub(super) statement_height: usize,
-    /// Present while an interrupt's condition is evaluated: the first cell of the routine that declared it, and the
-    /// number of frames before the condition calls functions.
+    /// Set while the condition of an interrupt is evaluated: the first cell of the routine that declared the interrupt,
+    /// and the number of frames before the condition calls functions.
     pub(super) condition_base: Option<(usize, usize)>,
 }
 
@@ -64,7 +63,7 @@ impl Interpreter {
         }
     }
 
-    /// Resets the interpreter and begins at this routine, which has no arguments.
+    /// Resets the interpreter and starts this routine, which must have no parameters.
     pub fn start_routine(&mut self, program: &Program, routine: u32) {
         self.clear();
         self.enter_routine(program, routine, usize::MAX, 0);
@@ -73,7 +72,7 @@ impl Interpreter {
     /// Clears all memory.
     pub fn clear(&mut self) {
         let Interpreter { stack, cells, frames, interrupts, armed, saved, .. } = self;
-        // The allocated memory is reused: a cycle begins 83 times a second.
+        // The allocated memory is reused, because a program is restarted 83 times a second.
         stack.clear();
         cells.clear();
         frames.clear();
@@ -85,13 +84,13 @@ impl Interpreter {
         (self.error_suppression, self.condition_base) = (0, None);
     }
 
-    /// Returns whether there is nothing to execute.
+    /// Returns whether the interpreter has nothing to execute.
     #[inline]
     pub fn is_idle(&self) -> bool {
         self.frames.is_empty()
     }
 
-    /// Returns the file and the line that are executed.
+    /// Returns the file and the line of the current statement.
     pub fn current_location(&self, program: &Program) -> String {
         let location = program.statements.get(self.statement);
         location.map_or(String::new(), |at| format!("{}:{}", program.files[at.file], at.line))
@@ -100,8 +99,8 @@ impl Interpreter {
     pub(super) fn enter_routine(&mut self, program: &Program, routine: u32, return_to: usize, height: usize) {
         let entry = &program.routines[routine as usize];
         let base = self.cells.len();
-        // Unset and not zero: a controller stops at a variable that was never assigned, and this interpreter must stop
-        // as well.
+        // New variables are unset instead of zero: a controller stops when an unassigned variable is read, and this
+        // interpreter must do the same.
         self.cells.resize(base + entry.frame_cells as usize, Cell::Unset);
         let parameters = entry.parameter_cells as usize;
         let given = self.stack.len().saturating_sub(parameters);
@@ -177,7 +176,7 @@ impl Interpreter {
         }
     }
 
-    /// Removes the newest cells from the stack and returns them.
+    /// Pops the top `N` cells from the stack.
     pub(super) fn pop_block<const N: usize>(&mut self) -> Result<[Cell; N], StepError> {
         let at =
             self.stack.len().checked_sub(N).ok_or("internal error of the KRL interpreter: its stack is empty")?;
@@ -192,7 +191,7 @@ impl Interpreter {
         program.texts.get(index).map(String::as_str).ok_or_else(|| "a text is missing".into())
     }
 
-    /// Removes a text's index among the program's texts from the stack and returns it.
+    /// Pops a text from the stack, as its index in the list of the program's texts.
     pub(super) fn pop_text_index(&mut self) -> Result<usize, StepError> {
         match self.pop()? {
             Cell::Text(index) => Ok(index as usize),
@@ -210,17 +209,17 @@ pub(super) struct Frame {
     pub(super) return_to: usize,
     /// Its first cell.
     pub(super) base: usize,
-    /// Height of the stack when the routine was called.
+    /// The height of the stack when the routine was called.
     pub(super) height: usize,
-    /// Present if an interrupt or trigger called the routine: its priority, and what the interrupted program waited
-    /// for.
+    /// Set if an interrupt or a trigger called the routine: the priority, and for what the interrupted program was
+    /// waiting.
     pub(super) interrupt_entry: Option<InterruptEntry>,
 }
 
 #[derive(Debug, Clone)]
 pub(super) struct InterruptEntry {
     pub(super) priority: i32,
-    /// The frame that declared the interrupt.
+    /// The index of the frame that declared the interrupt.
     pub(super) declared_in: usize,
     pub(super) waits_until_ms: Option<u64>,
     pub(super) braked: Option<bool>,
@@ -231,7 +230,7 @@ pub(super) struct InterruptEntry {
 pub(super) struct Interrupt {
     pub(super) number: i32,
     pub(super) global: bool,
-    /// The frame that declared the interrupt.
+    /// The index of the frame that declared the interrupt.
     pub(super) declared_in: usize,
     pub(super) condition: usize,
     pub(super) call: usize,
@@ -244,52 +243,53 @@ pub(super) struct Interrupt {
 /// A trigger that belongs to a motion.
 #[derive(Debug, Clone)]
 pub(super) struct Trigger {
-    /// The number of the trigger's motion, as soon as this motion is planned.
+    /// The sequence number of the trigger's motion, once this motion is planned.
     pub(super) sequence: Option<u64>,
     pub(super) call: usize,
     pub(super) base: usize,
 }
 
-/// Behaviour that public documents do not specify. Each item may be true or false on a controller; the programs must
-/// work in both cases.
+/// Behaviour of a controller that public documents do not specify. Each item may be true or false on a real controller,
+/// so the cell's programs must work in both cases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct UndocumentedBehaviour {
-    /// RESUME requires `$ADVANCE` = 0 at the time of its execution; otherwise the program stops.
+    /// RESUME requires `$ADVANCE` = 0 when it is executed; otherwise the program stops.
     pub resume_needs_advance_0: bool,
-    /// INTERRUPT ON fires if the condition already holds.
+    /// INTERRUPT ON triggers the interrupt immediately if its condition is already TRUE.
     pub on_fires_at_once: bool,
-    /// AND and OR leave out their right side if the left one decides.
+    /// AND and OR do not evaluate the right operand if the left one decides the result.
     pub short_circuit: bool,
-    /// `{X 1}` assigned to a variable leaves the other components unchanged; otherwise they become invalid.
+    /// Assigning `{X 1}` to a variable leaves the other components unchanged; otherwise they become invalid.
     pub aggregate_keeps_rest: bool,
-    /// A trigger may fire a while after the arm has reached its point, even when the advance run already continues.
+    /// A trigger may fire some time after the arm has reached its point, even after the advance run has continued.
     pub late_triggers: bool,
-    /// An approximated motion from standstill waits for the next motion, or for a statement that stops the advance run.
+    /// An approximated motion from standstill does not start before the next motion is planned, or a statement stops
+    /// the advance run.
     pub lone_approximation_waits: bool,
-    /// EKI_Clear of a channel that was never initialised stops the interpreter.
+    /// EKI_Clear stops the interpreter if the channel was never initialised.
     pub clear_of_unknown_stops: bool,
-    /// EKI_Open within two cycles after EKI_Clear fails: the server exists already.
+    /// EKI_Open fails within two cycles after EKI_Clear, because the old server still exists.
     pub immediate_reopen_fails: bool,
-    /// If no motion is planned after a motion, its trigger may not fire at all.
+    /// If no motion is planned after a motion, the trigger of that motion may not fire at all.
     pub triggers_get_lost: bool,
-    /// A program that the safety controller stops is reported as stopped a few cycles later, and executes
-    /// statements until then.
+    /// A program that the safety controller stops continues to execute statements for a few cycles before it is
+    /// reported as stopped.
     pub stops_late: bool,
 }
 
-/// The memory that both interpreters share, and a record of the executed statements.
+/// The memory that both interpreters share, and statistics of the executed statements.
 #[derive(Debug, Clone)]
 pub struct Memory {
-    /// The data lists' cells.
+    /// The cells of all data lists.
     pub cells: Vec<Cell>,
     /// The number of executions of each statement.
     pub hits: Vec<u32>,
-    /// For each condition, whether it was ever TRUE and ever FALSE; indexed by the step.
+    /// For each condition, indexed by its step: whether it was ever TRUE, and whether it was ever FALSE.
     pub branches: Vec<[bool; 2]>,
 }
 
 impl Memory {
-    /// Creates the memory with the values of the data lists.
+    /// Creates the memory with the initial values of the data lists.
     pub fn new(program: &Program) -> Self {
         Memory {
             cells: program.memory.clone(),
@@ -298,7 +298,7 @@ impl Memory {
         }
     }
 
-    /// Returns a shared INT; 0 if the cell holds none.
+    /// Returns the value of a shared INT; 0 if the cell contains no INT.
     #[inline]
     pub fn shared_int(&self, cell: Option<u32>) -> i32 {
         match cell.and_then(|cell| self.cells.get(cell as usize)) {
@@ -307,35 +307,35 @@ impl Memory {
         }
     }
 
-    /// Returns a shared BOOL; FALSE if the cell holds none.
+    /// Returns the value of a shared BOOL; FALSE if the cell contains no BOOL.
     #[inline]
     pub fn bool(&self, cell: Option<u32>) -> bool {
         matches!(cell.and_then(|cell| self.cells.get(cell as usize)), Some(Cell::Bool(true)))
     }
 }
 
-/// The way in which a step ended.
+/// The reason why the interpreter returns from a call of [`Interpreter::step`].
 #[derive(Debug, Clone, PartialEq)]
 pub enum StepPause {
-    /// The statement has ended.
+    /// The statement is completed.
     Statement,
-    /// The step waits, for the arm or for time.
+    /// The statement waits for the arm or for a time.
     Waits,
     /// The program has reached its end.
     Ended,
-    /// The interpreter cannot continue: file, line and reason.
+    /// The program has an error; the message contains file, line and reason.
     Fault(String),
 }
 
-/// The result of a step.
+/// How the execution continues after a step.
 pub(super) enum StepFlow {
     Next,
-    /// The same step must be executed again later.
+    /// The step must wait, and is executed again at the next call.
     Wait,
     Ended,
 }
 
-/// The error of a step: a message, boxed so that the result of a successful step stays small.
+/// The error message of a step. It is boxed, so that the result of a successful step stays small.
 #[derive(Debug)]
 #[allow(clippy::box_collection, reason = "a result is twice as large with the text itself")]
 pub(super) struct StepError(Box<String>);

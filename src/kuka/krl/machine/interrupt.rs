@@ -1,16 +1,15 @@
-//! Interrupts, which are declared at a call level, detected at the edge of their condition and executed by priority;
-//! triggers; and RESUME.
+//! Interrupts, triggers and RESUME. An interrupt is declared at a call level, detected at the rising edge of its
+//! condition, and executed by priority.
 //!
-//! An interrupt with a smaller priority number interrupts one with a larger number. A trigger has the lowest priority
-//! of all.
+//! An interrupt with a smaller number has the higher priority. Triggers have the lowest priority.
 
 use super::super::code::{Op, Program};
 use super::host::Host;
 use super::interpreter::{Frame, Interpreter, Interrupt, InterruptEntry, Memory, StepError, StepFlow};
 
-/// Priority of a trigger with PRIO=-1: the controller uses a priority that programs may not use.
+/// The priority of a trigger with PRIO=-1; the controller assigns a priority that programs cannot use.
 const TRIGGER_PRIORITY: i32 = 80;
-/// The number of interrupts that may be declared at once.
+/// Maximum number of interrupts that are declared at the same time.
 pub const MAX_DECLARED_INTERRUPTS: usize = 32;
 
 impl Interpreter {
@@ -20,7 +19,7 @@ impl Interpreter {
             return Err(format!("interrupt {number} does not exist (valid: 1 to 39 and 81 to 128)").into());
         }
         let declared_in = self.frames.len() - 1;
-        // A second declaration of a number replaces the first, as on the controller.
+        // A new declaration with the same number replaces the old one, as on the controller.
         self.interrupts.retain(|interrupt| interrupt.number != number);
         if self.interrupts.len() >= MAX_DECLARED_INTERRUPTS {
             return Err("more than 32 interrupts are declared".into());
@@ -35,7 +34,7 @@ impl Interpreter {
             last_condition: false,
             pending: false,
         });
-        // The number is the priority: if several are pending, the lowest is executed first.
+        // The number is the priority: of several pending interrupts, the one with the lowest number is executed first.
         self.interrupts.sort_by_key(|interrupt| interrupt.number);
         Ok(())
     }
@@ -66,7 +65,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Evaluates an interrupt's condition.
+    /// Evaluates the condition of an interrupt and returns its value.
     fn condition(
         &mut self,
         index: usize,
@@ -77,7 +76,7 @@ impl Interpreter {
         let (at, height) = (self.step_index, self.stack.len());
         let interrupt = &self.interrupts[index];
         let (start, level) = (interrupt.condition, interrupt.declared_in);
-        // A condition uses the variables of the routine that declared it.
+        // A condition uses the local variables of the routine that declared the interrupt.
         self.condition_base = self.frames.get(level).map(|frame| (frame.base, self.frames.len()));
         self.step_index = start;
         let value = loop {
@@ -107,7 +106,7 @@ impl Interpreter {
             return Ok(());
         }
         if let Op::Load = op {
-            // Evaluating the condition never waits for the arm.
+            // While a condition is evaluated, reading a variable never waits for the arm.
             let address = self.pop_address()?;
             let cell = self.read(address, memory, host)?;
             self.stack.push(cell);
@@ -120,7 +119,7 @@ impl Interpreter {
         }
     }
 
-    /// Evaluates all conditions: a detected edge stays pending until its interrupt program may run.
+    /// Evaluates the conditions of all interrupts. A detected edge stays pending until the interrupt program can run.
     ///
     /// # Errors
     /// If a condition cannot be evaluated.
@@ -142,7 +141,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Interrupts the program if an interrupt with a higher priority is pending. Returns true if there is one.
+    /// Calls the interrupt program if an interrupt with a higher priority is pending; returns whether it was called.
     pub fn run_pending_interrupt(&mut self) -> bool {
         let current = self.priority();
         let found = self.interrupts.iter().position(|it| it.on && it.pending && it.number < current);
@@ -155,9 +154,8 @@ impl Interpreter {
         true
     }
 
-    /// Fires the triggers of a motion that has passed its end, or the middle of its blend. Returns false if a
-    /// trigger must wait, so that the motion must be offered again; true if a trigger interrupts or none is armed
-    /// for this motion.
+    /// Fires the triggers of a motion whose end, or the middle of whose blend, was passed. Returns false if a trigger
+    /// must wait, so that the function must be called again for this motion; otherwise true.
     pub fn fire_triggers(&mut self, sequence: u64) -> bool {
         if self.priority() <= TRIGGER_PRIORITY {
             return false;
@@ -197,7 +195,8 @@ impl Interpreter {
         self.step_index = call;
     }
 
-    /// Returns the priority of the code that runs now; the program itself comes after all interrupts.
+    /// Returns the priority of the code that is currently executed; the program itself has a lower priority than all
+    /// interrupts.
     fn priority(&self) -> i32 {
         let broke_in = self.frames.iter().rev().find_map(|frame| frame.interrupt_entry.as_ref());
         broke_in.map_or(i32::MAX, |broke_in| broke_in.priority)
@@ -231,7 +230,7 @@ impl Interpreter {
         }
     }
 
-    /// Leaves all frames above the level that declared the interrupt, and continues at that level.
+    /// Removes all frames above the level that declared the interrupt, and continues at that level.
     pub(super) fn resume(&mut self, host: &mut dyn Host) -> Result<StepFlow, StepError> {
         let innermost = self.frames.iter().rposition(|frame| frame.interrupt_entry.is_some());
         let innermost = innermost.ok_or("RESUME is valid only in an interrupt program")?;
@@ -254,17 +253,17 @@ impl Interpreter {
         self.armed.clear();
         let level = self.frames.len();
         self.interrupts.retain(|interrupt| interrupt.global || interrupt.declared_in < level);
-        // The planned motions belong to the routines that were left; none of them may be executed after this.
+        // The planned motions belong to the removed routines and must not be executed.
         host.discard();
         Ok(StepFlow::Next)
     }
 
-    /// Removes the triggers of this motion, so that they never fire.
+    /// Removes the triggers of this motion, so that they do not fire.
     pub fn forget_triggers(&mut self, sequence: u64) {
         self.armed.retain(|trigger| trigger.sequence != Some(sequence));
     }
 
-    /// Returns whether a late trigger of this motion must still fire.
+    /// Returns whether a trigger of this motion has not fired yet.
     pub fn has_trigger(&self, sequence: u64) -> bool {
         self.armed.iter().any(|trigger| trigger.sequence == Some(sequence))
     }

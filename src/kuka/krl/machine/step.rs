@@ -1,6 +1,6 @@
-//! Executes one statement: step after step until the next statement begins, or until a step must wait.
+//! Executes one statement: its steps one after another, until the next statement begins or a step must wait.
 //!
-//! A step reads and writes cells of the data lists, of a frame, and of the system. An access to a system variable
+//! A step reads and writes cells of the data lists, of a frame, and of system variables. An access to a system variable
 //! may have to wait for the arm.
 
 use super::super::code::{Cell, MemoryAddress, MemorySpace, Op, Program};
@@ -9,7 +9,7 @@ use super::host::Host;
 use super::interpreter::{INVALID, Interpreter, Memory, StepError, StepFlow, StepPause, StepResult};
 
 impl Interpreter {
-    /// Executes the next statement, or continues one that waits.
+    /// Executes the next statement, or continues a statement that waits.
     pub fn step(&mut self, program: &Program, memory: &mut Memory, host: &mut dyn Host) -> StepPause {
         if self.frames.is_empty() {
             return StepPause::Ended;
@@ -18,8 +18,8 @@ impl Interpreter {
             let Some(op) = program.code.get(self.step_index) else { return StepPause::Ended };
             if let Op::Statement(index) = op {
                 self.begin_statement(*index as usize, program, memory);
-                // The program stops here and names the statement: if the statement were skipped, all later results
-                // would be unreliable.
+                // The program stops here with a message that names the statement. If the statement were skipped, all
+                // later results would be unreliable.
                 if let Some(what) = program.unexecuted.get(index) {
                     return StepPause::Fault(format!(
                         "{}: this interpreter does not execute {what}",
@@ -64,7 +64,7 @@ impl Interpreter {
         }
     }
 
-    /// Skips the rest of the statement, as ON_ERROR_PROCEED requires.
+    /// Skips the rest of the statement after an error that ON_ERROR_PROCEED suppresses.
     fn skip_statement(&mut self, program: &Program) {
         self.stack.truncate(self.statement_height);
         let behind = &program.code[self.step_index..];
@@ -178,7 +178,7 @@ impl Interpreter {
         Ok(StepFlow::Next)
     }
 
-    /// Leaves a routine, with its return value on the stack.
+    /// Returns from a routine and pushes its return value.
     fn leave_routine(&mut self, cells: usize) -> StepResult {
         let Some(frame) = self.frames.pop() else { return Ok(StepFlow::Ended) };
         let level = self.frames.len();
@@ -206,7 +206,7 @@ impl Interpreter {
         }
     }
 
-    /// Returns whether reading this address must wait for the arm.
+    /// Returns whether an access to this address must wait for the arm.
     #[inline]
     fn must_wait_for_arm(&self, address: MemoryAddress, host: &mut dyn Host) -> bool {
         let MemorySpace::System(index) = address.space else { return false };

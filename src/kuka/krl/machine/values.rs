@@ -1,7 +1,7 @@
-//! Steps that pop and push values: operators and functions of the language.
+//! Steps that only pop and push values: the operators and functions of the language.
 //!
-//! Steps that the compiler has combined are executed at once. Arithmetic is KRL's: INT of 32 bits with truncation,
-//! REAL of 32 bits, enumeration constants and BOOL.
+//! Combined steps are executed as one operation. Arithmetic is that of KRL: 32-bit INT with truncating division, 32-bit
+//! REAL, enumeration constants and BOOL.
 
 use super::super::code::{
     Cell, CombinedOp, CondensedValue, LocationStart, MemoryAddress, MemorySpace, Op, Program,
@@ -93,7 +93,8 @@ impl Interpreter {
 }
 
 impl Interpreter {
-    /// Executes the combined steps that begin here; returns false if they must be executed one by one.
+    /// Executes the combined operation that begins at this step; returns false if its steps must be executed one by
+    /// one.
     pub(super) fn run_condensed(
         &mut self,
         program: &Program,
@@ -104,8 +105,7 @@ impl Interpreter {
             None | Some((CombinedOp::Nothing, _)) => return Ok(false),
             Some((together, waits)) => (together, *waits),
         };
-        // The steps must be executed one by one if the robot program may have to wait for the arm in the middle of
-        // them.
+        // The steps must be executed one by one if the robot program may have to wait for the arm between them.
         let may_not = self.condition_base.is_none() || matches!(together, CombinedOp::Assign { .. });
         if waits && self.moves && may_not {
             return Ok(false);
@@ -167,7 +167,7 @@ impl Interpreter {
         Ok(address)
     }
 
-    /// Evaluates an operand of another value: most operands are constants and variables.
+    /// Evaluates an operand. Constants and variables, the most common operands, are handled here without a call.
     #[inline(always)]
     fn part(
         &self,
@@ -183,7 +183,7 @@ impl Interpreter {
             CondensedValue::Local(at) => self.cells[base + at as usize],
             _ => Cell::Unset,
         };
-        // A value that was never assigned is also evaluated by `value`, which reports it.
+        // If the value was never assigned, `value` is called because it reports the error.
         if cell == Cell::Unset { self.value(value, base, program, memory, host) } else { Ok(cell) }
     }
 
@@ -263,7 +263,7 @@ impl Interpreter {
     }
 }
 
-/// Returns the result of an operator between two values of the same type.
+/// Applies an operator to two values of the same type.
 fn binary(operator: Binary, left: Cell, right: Cell) -> Result<Cell, StepError> {
     match (left, right) {
         (Cell::Int(left), Cell::Int(right)) => integer_operation(operator, left, right),

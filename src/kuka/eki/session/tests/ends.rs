@@ -1,4 +1,4 @@
-//! Tests the faults that end an epoch, and that no command of the epoch moves the robot afterwards.
+//! Tests that each fault ends the epoch, and that no command of the ended epoch moves the robot afterwards.
 
 use super::*;
 
@@ -18,7 +18,7 @@ fn a_refusal_ends_the_epoch_and_names_the_command() {
     assert_eq!(cell.controller.epoch, 8);
 }
 
-/// After an abort the queue is empty on both sides, and a new epoch begins without commands.
+/// After an abort the queue is empty on both sides, and a new epoch begins without commands of the old one.
 #[test]
 fn after_an_abort_no_command_of_the_old_epoch_is_executed() {
     let mut cell = Cell::ready();
@@ -55,7 +55,8 @@ fn standstill_is_reported_only_when_the_robot_is_at_rest() {
     assert!(matches!(cell.events()[..], [.., Report::Standstill { .. }]));
 }
 
-/// The last state arrives at 1,200 ms. The abort is sent 400 ms later, and the link is closed after one second.
+/// The last state message arrives at 1200 ms. The abort is sent 400 ms later, and the link is closed one second after
+/// the last message.
 #[test]
 fn silence_during_a_path_aborts_and_then_closes_the_link() {
     let mut cell = Cell::ready();
@@ -70,7 +71,7 @@ fn silence_during_a_path_aborts_and_then_closes_the_link() {
     let expired = Report::WatchdogExpired { channel: Channel::State, silence };
     assert_eq!(cell.events()[2..], [&expired]);
     cell.pass(700);
-    // The abort was not answered either.
+    // The controller did not respond to the abort either.
     let unanswered = LinkLoss::AbortNotAnswered { waited_ms: 400 };
     assert_eq!(cell.events().last(), Some(&&Report::LinkLost { why: unanswered }));
     assert!(!cell.session.is_connected());
@@ -88,7 +89,7 @@ fn silence_of_an_idle_robot_only_closes_the_link() {
     assert_eq!(cell.events()[2..], [&Report::LinkLost { why: silent }]);
 }
 
-/// States keep coming, but the commands are lost: without an abort the robot would have an underrun without any
+/// State messages arrive, but the commands are lost. Without the abort, the robot would run out of commands without any
 /// message.
 #[test]
 fn commands_without_acknowledgement_cause_an_abort() {
@@ -104,9 +105,8 @@ fn commands_without_acknowledgement_cause_an_abort() {
     assert_eq!(cell.events()[2..4], [&expired, &Report::Standstill { done: CommandId(3) }]);
 }
 
-/// Half a message that a disturbance leaves in the controller's memory absorbs every command until the channel is
-/// opened again. The second such epoch in a row ends the connections, and one command that arrives resets the
-/// count.
+/// After a disturbance, half a message in the controller's memory swallows every command until the channel is opened
+/// again. The second such epoch in sequence ends the connections. One acknowledged command resets the count.
 #[test]
 fn two_epochs_without_acknowledgement_close_the_connections() {
     let swallowed = |cell: &mut Cell| {

@@ -1,4 +1,4 @@
-//! Tests the connection: restarts of the controller, invalid data, reconnection, refusals at queueing, lock step.
+//! Tests the connection: restarts of the controller, invalid data, reconnection, refused commands, lock step.
 
 use super::*;
 
@@ -10,7 +10,7 @@ fn a_restart_ends_the_epoch_and_its_number_is_not_used_again() {
     (cell.controller.boot, cell.controller.sequence) = (78, 0);
     cell.controller.begin(0);
     cell.pass(200);
-    // The controller's commands of the old epoch are stopped, in case it has not restarted after all.
+    // An abort is sent for the old epoch, in case the controller has not really restarted.
     assert!(
         matches!(cell.events()[..], [.., Report::Rebooted { .. }, Report::Standstill { .. }]),
         "{:?}",
@@ -20,8 +20,8 @@ fn a_restart_ends_the_epoch_and_its_number_is_not_used_again() {
     assert_eq!(cell.session.open_epoch(), Ok(Epoch(8)));
 }
 
-/// The answer to the opening was lost with the link, and the controller then counts from zero again. An epoch that
-/// it may have opened is not opened a second time.
+/// The response to the request for an epoch was lost with the link, and the controller counts from zero again. The
+/// epoch that it may have opened is not opened a second time.
 #[test]
 fn an_epoch_that_was_requested_but_not_confirmed_is_never_used_again() {
     let mut cell = Cell::ready();
@@ -41,7 +41,7 @@ fn an_epoch_that_was_requested_but_not_confirmed_is_never_used_again() {
     assert!(next > asked, "{next:?} after {asked:?}");
 }
 
-/// A malformed message with a path underway: the abort still goes out, then the link is closed.
+/// A malformed message arrives during a path: the abort is still sent, then the link is closed.
 #[test]
 fn an_invalid_message_aborts_and_closes_the_link() {
     let mut cell = Cell::ready();
@@ -57,7 +57,7 @@ fn an_invalid_message_aborts_and_closes_the_link() {
     assert!(matches!((channel, error), (Channel::State, FrameError::Declaration { .. })), "{error}");
 }
 
-/// A new connection requests the state and nothing else, whatever was queued before.
+/// On a new connection only the state is requested, even if commands were queued before.
 #[test]
 fn a_reconnection_moves_nothing() {
     let mut cell = Cell::ready();
@@ -91,7 +91,7 @@ fn commands_that_cannot_be_executed_are_refused_when_queued() {
     cell.session.limits = LinkLimits { mapped_inputs, ..LinkLimits::default() };
     let unmapped = Command::SetDigin(Signal { number: 4, on: true });
     assert!(matches!(cell.session.queue(unmapped), Err(QueueError::Command(_))));
-    // None of these commands was queued: the next id follows base, tool and speed.
+    // None of the refused commands was queued: the next id follows those of base, tool and speed.
     assert_eq!(cell.session.queue_path(&path(1, 2.0)), Ok(CommandId(4)));
     assert_eq!(cell.session.queue(input), Ok(CommandId(5)));
     assert_eq!(cell.session.open_epoch(), Err(QueueError::NotStanding));
@@ -100,7 +100,7 @@ fn commands_that_cannot_be_executed_are_refused_when_queued() {
     assert_eq!(offline.open_epoch(), Err(QueueError::NotConnected));
 }
 
-/// In lock step there is no deadline, and an answered heartbeat means that the commands it named have arrived.
+/// In lock step there is no deadline, and a reply to a heartbeat shows that the commands it names have arrived.
 #[test]
 fn in_lock_step_only_heartbeats_advance_the_time() {
     let mut cell = Cell::new();
@@ -120,8 +120,8 @@ fn in_lock_step_only_heartbeats_advance_the_time() {
     assert!(cell.session.awaits_answer());
 }
 
-/// A state that begins at 300 ms and has not ended at 500 ms counts as never ending; a state that ends in time is
-/// accepted.
+/// A state message that begins at 300 ms and has not ended at 500 ms is treated as never ending; one that ends in time
+/// is accepted.
 #[test]
 fn a_message_has_200_ms_from_its_first_byte_to_its_last() {
     let mut cell = Cell::ready();
@@ -138,7 +138,7 @@ fn a_message_has_200_ms_from_its_first_byte_to_its_last() {
     assert_eq!(cell.events().last(), Some(&&Report::LinkLost { why: unfinished }));
 }
 
-/// Request 2³¹ − 1 is the last: the connection ends, and the next one counts from 1.
+/// Request 2³¹ − 1 is the last one: the connection ends, and the next connection counts from 1.
 #[test]
 fn request_numbers_do_not_wrap() {
     let mut cell = Cell::ready();
@@ -153,8 +153,8 @@ fn request_numbers_do_not_wrap() {
     assert!(request.starts_with(b"<Req Id=\"1\""));
 }
 
-/// An acknowledgement of another client's epoch ends the epoch of this client, and the abort's number is above the
-/// other epoch.
+/// An acknowledgement with the epoch of another client ends the epoch of this client. The number in the abort is above
+/// the other client's epoch.
 #[test]
 fn an_epoch_of_another_client_is_reported_and_exceeded() {
     let mut cell = Cell::ready();
@@ -170,8 +170,8 @@ fn an_epoch_of_another_client_is_reported_and_exceeded() {
     assert_eq!(cell.controller.epoch, 21);
 }
 
-/// Before the first message, a closed channel means that another client is connected, and a message of the other
-/// channel means that the ports are exchanged. After a first message the two are reported as a closed channel and an
+/// If a channel is closed before the first message, another client is connected; if it receives a message of the other
+/// channel, the ports are exchanged. After a first message, both are reported as they are: a closed channel and an
 /// invalid message.
 #[test]
 fn the_end_of_a_connection_before_its_first_message_has_its_own_cause() {

@@ -14,7 +14,8 @@ use crate::eki::{
 use panelprep_base::geometry::KukaPose;
 use std::time::Duration;
 
-/// A minimal controller that follows the wire format: it executes commands at a set rate and answers at once.
+/// A minimal controller for the tests. It uses the messages of a real controller, executes commands at a constant rate
+/// and replies immediately.
 struct Controller {
     now_ms: u64,
     epoch: u32,
@@ -27,19 +28,19 @@ struct Controller {
     frames: [Option<[String; 6]>; 2],
     sequence: u32,
     answered: u32,
-    /// Offset that is added to the number of the last answered request in the controller's reports.
+    /// Offset that is added to the number of the last answered request, to report a wrong number.
     answers_ahead: u32,
     flags: u32,
-    /// Whether the program has stopped the epoch.
+    /// Whether the robot program has stopped the epoch.
     stopped: bool,
     boot: u32,
     ms_per_command: u64,
     busy_until_ms: u64,
     ring_places: usize,
     silent: bool,
-    /// Whether it neither executes commands nor answers requests.
+    /// Whether the controller neither executes commands nor replies to requests.
     is_unresponsive: bool,
-    /// Whether it answers aborts without carrying them out.
+    /// Whether the controller responds to aborts without stopping.
     ignores_aborts: bool,
     deaf_to_commands: bool,
     mode: u32,
@@ -49,7 +50,8 @@ struct Controller {
     state_bytes: Vec<u8>,
 }
 
-/// Flags: drives on, no emergency stop, guard closed, motion possible.
+/// The flags of a controller that is ready: drives on (1), no emergency stop (2), guard closed (4), motion possible
+/// (16).
 const READY: u32 = 1 + 2 + 4 + 16;
 
 impl Controller {
@@ -85,7 +87,7 @@ impl Controller {
         }
     }
 
-    /// Reads the values between quotes of one document.
+    /// Reads the attribute values of one document and processes the message.
     fn receive(&mut self, bytes: &[u8]) {
         let text = std::str::from_utf8(bytes).expect("ASCII");
         let values: Vec<String> = text.split('"').skip(1).step_by(2).map(str::to_owned).collect();
@@ -200,7 +202,7 @@ impl Controller {
     }
 }
 
-/// Session and controller, advanced in steps of ten milliseconds.
+/// A session and a controller, which advance in steps of 10 ms of virtual time.
 struct Cell {
     session: Session,
     controller: Controller,
@@ -214,7 +216,7 @@ impl Cell {
         Cell { session, controller: Controller::new(), now_ms: 0, reports: Vec::new() }
     }
 
-    /// Creates a connected session in an epoch, with base, tool and speed queued.
+    /// Creates a connected session with an open epoch, in which base, tool and speed are queued.
     fn ready() -> Self {
         Cell::ready_at(ClockMode::Wall)
     }
@@ -265,7 +267,7 @@ impl Cell {
         }
     }
 
-    /// Returns the reports, without the states and the progress.
+    /// Returns all reports except states and progress.
     fn events(&self) -> Vec<&Report> {
         let is_event = |report: &&Report| !matches!(report, Report::State(_) | Report::Progress { .. });
         self.reports.iter().filter(is_event).collect()

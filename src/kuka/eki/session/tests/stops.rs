@@ -1,20 +1,20 @@
-//! Tests that a stop reaches the arm in every state, whatever the controller has reported before.
+//! Tests that a stop reaches the arm in every phase, regardless of what the controller has reported before.
 
 use super::*;
 use crate::eki::MAX_EPOCH_STEP;
 use rayon::prelude::*;
 
-/// Time limit in which the controller must have stopped after an abort is commanded, ms.
+/// Maximum time from an abort to the controller's stop, ms.
 const STOP_LIMIT_MS: u64 = 500;
-/// The values that are tried in each field: the ends of every field's range, values beyond it, and the ends of an epoch
-/// step; the epoch is 6 to 8 here.
+/// The values that are tried in each field: the ends of the ranges of all fields, values outside of them, and the ends
+/// of a valid epoch step. The epoch is 6 to 8 in these tests.
 const TRIED_VALUES: [i64; 9] =
     [i32::MIN as i64, -1, 0, 1, 9, 255, MAX_EPOCH_STEP as i64, MAX_EPOCH_STEP as i64 + 9, i32::MAX as i64];
 const ACK_FIELDS: [&str; 6] = ["Rx", "Done", "Free", "Err", "ErrId", "Ep"];
 const STATE_FIELDS: [&str; 15] =
     ["T", "Seq", "Re", "Ep", "Boot", "Sum", "Mode", "Flags", "In", "Out", "Done", "Under", "A1", "X", "C"];
 
-/// The phase of the session at which the message arrives.
+/// The phase of the session in which the message arrives.
 #[derive(Debug, Clone, Copy)]
 enum Stage {
     Greeting,
@@ -63,7 +63,7 @@ impl Stage {
     }
 }
 
-/// Returns the document with another value of this field.
+/// Returns the document with this value in one field.
 fn with_value(document: &str, field: &str, value: i64) -> String {
     let start = document.find(&format!(" {field}=\"")).expect("it has the field") + field.len() + 3;
     let end = start + document[start..].find('"').expect("quoted");
@@ -71,7 +71,7 @@ fn with_value(document: &str, field: &str, value: i64) -> String {
 }
 
 impl Cell {
-    /// Lets time pass; a controller without its client stops by itself.
+    /// Advances the time; the controller stops by itself if its client is disconnected.
     fn pass_until_stopped(&mut self, ms: u64) {
         for _ in 0..ms / 10 {
             self.pass(10);
@@ -82,15 +82,15 @@ impl Cell {
         }
     }
 
-    /// Sends one message with a value that no controller sends, then an abort. Checks that the controller has stopped
-    /// within the time limit, that nothing more is executed, and that the session then works as before.
+    /// Sends one message with a value that no controller sends, then an abort. Checks that the controller stops within
+    /// the time limit, that no further command is executed, and that the session then works as before.
     fn assert_that_a_stop_succeeds(mut self, name: &str, channel: Channel, message: &str) {
         let now = Time::from_ms(self.now_ms);
         match channel {
             Channel::Command => self.session.push_command_bytes(message.as_bytes(), now),
             Channel::State => self.session.push_state_bytes(message.as_bytes(), now),
         }
-        // The abort is refused only if the connection was closed, which also stops the controller.
+        // The session refuses the abort only if the connection is closed, which also stops the controller.
         assert_eq!(self.session.abort().is_err(), !self.session.is_connected(), "{name}");
         self.pass_until_stopped(STOP_LIMIT_MS);
         assert!(self.controller.stopped && self.controller.ring.is_empty(), "{name}: it runs on");
@@ -143,8 +143,8 @@ fn a_stop_reaches_the_controller_after_any_value_of_any_field_in_any_state() {
     });
 }
 
-/// In an earlier version this message used up all epoch numbers. Now the abort is sent with a number after which at
-/// least one more is left.
+/// Regression test: this message once used up all epoch numbers. The abort must now have a number that leaves at least
+/// one higher number.
 #[test]
 fn the_largest_epoch_number_in_one_message_is_rejected() {
     for message in [Channel::Command, Channel::State] {
@@ -170,7 +170,8 @@ fn the_largest_epoch_number_in_one_message_is_rejected() {
     }
 }
 
-/// A controller with a damaged count is refused with an explanation each time, and never commanded.
+/// A controller with a corrupt epoch counter is refused with an explanation on each connection, and receives no
+/// commands.
 #[test]
 fn a_controller_near_the_largest_epoch_is_refused() {
     let mut cell = Cell::new();
@@ -183,7 +184,7 @@ fn a_controller_near_the_largest_epoch_is_refused() {
         assert_eq!(cell.events().last(), Some(&&Report::LinkLost { why }));
         assert!(cell.session.open_epoch().is_err());
     }
-    // A repaired controller is accepted again.
+    // A controller with a corrected counter is accepted again.
     (cell.controller.epoch, cell.controller.answered) = (0, 0);
     cell.session.connected(Time::from_ms(cell.now_ms));
     cell.pass(100);
@@ -215,8 +216,7 @@ fn an_abort_that_is_not_obeyed_ends_the_connection() {
     assert!(!cell.session.is_connected());
 }
 
-/// An abort is commanded before the controller's first message: it is requested at once, and the answer is
-/// reported.
+/// An abort that is commanded before the controller's first message is sent immediately, and the response is reported.
 #[test]
 fn an_abort_before_the_first_state_is_sent_at_once() {
     let mut cell = Stage::Greeting.cell();
@@ -228,13 +228,13 @@ fn an_abort_before_the_first_state_is_sent_at_once() {
         "{:?}",
         cell.events()
     );
-    // The controller's count was not known, so the abort's number did not raise it.
+    // The controller's epoch was not yet known, so the number in the abort did not raise it.
     assert_eq!(cell.session.open_epoch(), Ok(Epoch(7)));
 }
 
-/// After a controller was restarted from its files, its epoch is far below the cell's. The next epoch is reached in
-/// steps, since no number is used twice. A store from a backup, which knows less than the controller, continues from
-/// the controller's count.
+/// If a controller was restored from its files, its epoch is far below the cell's. The next epoch is then reached in
+/// steps, because no number is used twice. If the cell's store was restored from a backup, the controller's epoch is
+/// higher, and the next epoch follows the controller's.
 #[test]
 fn the_next_epoch_is_above_those_of_cell_and_controller() {
     let mut cell = Stage::Idle.cell();
@@ -256,8 +256,8 @@ fn the_next_epoch_is_above_those_of_cell_and_controller() {
     assert!(cell.session.is_connected() && cell.session.open_epoch().is_ok(), "nothing is lost by it");
 }
 
-/// With water or tool on and nothing queued, silence ends the epoch, and so does a program that no longer
-/// supervises the link.
+/// If water or tool is on and no command is queued, a silent controller ends the epoch, and so does a program that no
+/// longer supervises the link.
 #[test]
 fn silence_ends_the_epoch_while_water_or_tool_is_on() {
     let harmful = |cell: &mut Cell| {
@@ -279,8 +279,8 @@ fn silence_ends_the_epoch_while_water_or_tool_is_on() {
     assert!(cell.session.epoch().is_none() && cell.controller.stopped);
 }
 
-/// A robot that stopped an epoch with nothing queued accepts no more commands in it: the epoch is also over for the
-/// client.
+/// If the robot stops an epoch in which no command is queued, it accepts no more commands in this epoch. The client
+/// must end the epoch as well.
 #[test]
 fn an_epoch_that_the_controller_stopped_has_ended() {
     let mut cell = Stage::Open.cell();
@@ -291,7 +291,8 @@ fn an_epoch_that_the_controller_stopped_has_ended() {
     assert!(cell.session.open_epoch().is_ok());
 }
 
-/// Another override in contact ends the epoch, whatever the controller does; in the air any override is allowed.
+/// An override other than 100 % during contact ends the epoch, even if the controller continues. Without contact any
+/// override is valid.
 #[test]
 fn another_override_in_contact_ends_the_epoch() {
     let overridden = Report::Interrupted { cause: StopCause::Override };
@@ -307,10 +308,11 @@ fn another_override_in_contact_ends_the_epoch() {
     }
 }
 
-/// The cause of the stop is the mode switch, or that no program could move the robot, or otherwise the program.
+/// The reported cause of the stop is the mode switch, or that no robot program was running, or otherwise the robot
+/// program itself.
 #[test]
 fn a_stopped_epoch_states_why() {
-    // Drives on, no emergency stop, guard closed; with bit 4 a motion is also possible.
+    // The flags mean: drives on, no emergency stop, guard closed. With bit 4 a motion is also possible.
     for (mode, flags, cause) in [
         (1, 0b1_0111, StopCause::ModeTurned),
         (4, 0b0_0111, StopCause::NoProgram),

@@ -1,11 +1,11 @@
-//! Tests the limits of the commands that are sent and not executed: the window by commands, by time, by the ring and by
-//! bytes. Also tests a robot behind its plan, and base and tool: no line is sent before the state shows both as they
-//! were set.
+//! Tests the limits of the commands that are sent and not executed: their number, their duration, the free entries of
+//! the ring buffer, and the number of bytes. Also tests a robot that is slower than planned, and that no linear motion
+//! is sent before the state shows base and tool as they were set.
 
 use super::*;
 
-/// 200 points 1 mm apart at 100 mm/s are 10 ms each, 100 of them a second: 50 commands are sent ahead and never
-/// more.
+/// 200 points at a spacing of 1 mm and a speed of 100 mm/s take 10 ms each, so a window of a second has room for 100 of
+/// them. The limit of 50 commands applies first: never more than 50 are sent ahead.
 #[test]
 fn two_hundred_points_are_each_executed_once_within_the_window() {
     let mut cell = Cell::ready();
@@ -28,7 +28,8 @@ fn two_hundred_points_are_each_executed_once_within_the_window() {
     assert!(told.is_sorted() && told.last() == Some(&203));
 }
 
-/// The arm is already at the first point, which needs no time; 10 mm at 100 mm/s are 0.1 s: ten more are a second.
+/// The arm is already at the first point, so this point needs no time. Each further point, 10 mm at 100 mm/s, takes 0.1
+/// s: ten of them fit into the window of one second.
 #[test]
 fn the_window_also_limits_the_duration() {
     let mut cell = Cell::ready();
@@ -39,7 +40,7 @@ fn the_window_also_limits_the_duration() {
     assert_eq!((cell.controller.most_in_ring, cell.controller.done), (11, 63));
 }
 
-/// 100 mm at 100 mm/s are a second for each point. Still five points are sent ahead, so that the controller can
+/// Each point, 100 mm at 100 mm/s, takes one second. Five points are still sent ahead, so that the controller can
 /// blend.
 #[test]
 fn a_few_points_are_sent_ahead_whatever_their_duration() {
@@ -51,7 +52,7 @@ fn a_few_points_are_sent_ahead_whatever_their_duration() {
     assert_eq!(cell.controller.most_in_ring, 5);
 }
 
-/// A free ring of eight places never holds a ninth command, whatever the window allows.
+/// A ring buffer with eight free entries never receives a ninth command, however large the window is.
 #[test]
 fn the_free_places_of_the_ring_are_not_exceeded() {
     let mut cell = Cell::ready();
@@ -62,8 +63,8 @@ fn the_free_places_of_the_ring_are_not_exceeded() {
     assert_eq!((cell.controller.most_in_ring, cell.controller.done), (8, 103));
 }
 
-/// Only the permitted part of a path is sent, whatever room the window has. When more is permitted, the rest
-/// follows, and commands behind the path are not held back.
+/// Only the permitted part of a path is sent, even if the window has room for more. When more points are permitted,
+/// they are sent, and so are the commands after the path.
 #[test]
 fn commands_that_are_not_permitted_wait() {
     let mut cell = Cell::ready();
@@ -80,15 +81,15 @@ fn commands_that_are_not_permitted_wait() {
     assert_eq!((cell.controller.done, after), (44, CommandId(44)));
 }
 
-/// Without an acknowledgement at most 8 KiB are in transit. In lock step an answered heartbeat acknowledges the
-/// commands that it names: then the window fills to its 50 commands.
+/// Without an acknowledgement at most 8 KiB are in transit. In lock step a reply to a heartbeat acknowledges the
+/// commands that the heartbeat names; then the window fills to its 50 commands.
 #[test]
 fn the_bytes_not_yet_received_are_limited() {
     let mut cell = Cell::ready_at(ClockMode::LockStep);
     cell.pass(300);
     let mut points = path(200, 1.0);
     for MoveLin { pose, .. } in &mut points {
-        // Ten whole rotations: the same orientation, written with more bytes.
+        // Ten full rotations give the same orientation, but the text is longer.
         (pose.a_deg, pose.b_deg, pose.c_deg) = (-3_600.0, -3_600.0, -3_600.0);
     }
     cell.session.queue_path(&points).expect("a good path");
@@ -106,8 +107,8 @@ fn the_bytes_not_yet_received_are_limited() {
     assert_eq!(first.len() + send(&mut cell.session).len(), 50);
 }
 
-/// 10 mm at 100 mm/s are 0.1 s: up to 0.7 s are tolerated, more is reported. In the air it is reported once, in
-/// contact it ends the epoch.
+/// A point, 10 mm at 100 mm/s, takes 0.1 s. A time of up to 0.7 s is tolerated; a longer time is reported. Without
+/// contact it is reported once, in contact it ends the epoch.
 #[test]
 fn a_robot_far_behind_its_plan_is_reported_and_stopped_in_contact() {
     for (ms, contact, told) in [(650, true, 0), (800, true, 1), (800, false, 1)] {
@@ -127,13 +128,13 @@ fn a_robot_far_behind_its_plan_is_reported_and_stopped_in_contact() {
     }
 }
 
-/// Linear motions wait until the state shows base and tool; nothing else releases them.
+/// Linear motions wait until the state shows base and tool; an acknowledgement does not release them.
 #[test]
 fn no_linear_motion_is_sent_before_base_and_tool_are_confirmed() {
     let mut cell = Cell::ready();
     cell.session.queue_path(&path(3, 2.0)).expect("a good path");
     cell.pass(90);
-    // Executed and acknowledged, but no state has come since.
+    // The commands are executed and acknowledged, but no state message has arrived since.
     assert_eq!((cell.controller.done, cell.controller.received), (3, 3));
     cell.pass(200);
     assert_eq!(cell.controller.done, 6);
@@ -168,7 +169,7 @@ fn a_base_that_was_lost_ends_the_epoch() {
     assert_eq!(cell.controller.executed.len(), 3);
 }
 
-/// The echo applies for the whole epoch: a person who changes the base on the pendant ends the epoch.
+/// Base and tool are compared during the whole epoch: if a person changes the base on the pendant, the epoch ends.
 #[test]
 fn a_base_that_changes_during_a_path_ends_the_epoch() {
     let mut cell = Cell::ready();
