@@ -1,4 +1,4 @@
-//! The TCP link to a compliant tool. It runs on its own thread, for which no other thread waits.
+//! The TCP link to a compliant tool. The link has its own thread, and no other thread waits for it.
 
 use super::tool::{ConnectedTool, ToolReport, session_limits};
 use panelprep_base::supervision::{SupervisedThread, WatchedThread, supervise};
@@ -13,21 +13,21 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Time limit for making a connection.
+/// Time limit for opening a connection.
 const CONNECT_TIMEOUT: Duration = Duration::from_millis(1_000);
-/// Time after which a lost link is tried again.
+/// Delay before a lost connection is opened again.
 const RECONNECT_DELAY: Duration = Duration::from_millis(300);
-/// Longest time until the thread checks for new commands and sends them.
+/// Maximum interval at which the thread checks for new commands and sends them.
 const COMMAND_POLL_INTERVAL: Duration = Duration::from_millis(5);
-/// Maximum time between two heartbeats of the thread.
+/// Maximum time between two heartbeats of the link's thread; after this time its supervisor reports it as hanging.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// The reason why no link was started.
+/// The reason why the link could not be started.
 #[derive(Debug, thiserror::Error)]
 #[error("the thread for the connection to the compliant tool cannot be started: {0}")]
 pub struct AcfStartError(#[from] io::Error);
 
-/// A link that its thread keeps connected; when it is dropped, the connection is closed.
+/// The link to a compliant tool. Its thread opens a lost connection again; dropping the link closes the connection.
 pub struct AcfLink {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
@@ -62,7 +62,7 @@ impl AcfLink {
     /// Starts the thread, which connects to the tool at this address.
     ///
     /// # Errors
-    /// If the system provides no thread.
+    /// If the operating system cannot start a thread.
     pub fn start(tool: &CompliantTool, address: &ToolAddress) -> Result<Self, AcfStartError> {
         let (sign, watched) = supervise("compliant tool", HEARTBEAT_TIMEOUT);
         let shared = Arc::new(Shared::default());
@@ -80,7 +80,7 @@ impl AcfLink {
         Ok(AcfLink { shared, thread: Some(thread), watched, last_report: None })
     }
 
-    /// Returns the link's thread, for its supervisor.
+    /// Returns the handle by which a supervisor watches the link's thread.
     pub fn supervision_handle(&self) -> WatchedThread {
         self.watched.clone()
     }
@@ -113,7 +113,7 @@ impl Drop for AcfLink {
     }
 }
 
-/// The data of the link's thread.
+/// The data of the thread that runs the link.
 struct LinkThread {
     address: ToolAddress,
     limits: SessionLimits,
@@ -134,7 +134,7 @@ impl LinkThread {
                 Ok(stream) => self.run_session(stream, sign, &mut last_loss),
                 Err(error) => Some(LinkLossCause::Unreachable { problem: error.to_string() }),
             };
-            // A repeated loss for the same reason is reported only once.
+            // If a connection is lost again for the same reason, the loss is not reported again.
             if let Some(loss) = loss.filter(|loss| last_loss.as_ref() != Some(loss)) {
                 self.shared.lock().loss = Some(loss.clone());
                 last_loss = Some(loss);
@@ -155,7 +155,7 @@ impl LinkThread {
         Ok(stream)
     }
 
-    /// Runs a session on this connection until its end.
+    /// Runs a session with the tool on this connection until the connection ends.
     fn run_session(
         &self,
         mut stream: TcpStream,
@@ -164,7 +164,7 @@ impl LinkThread {
     ) -> Option<LinkLossCause> {
         let mut session = Session::new(self.limits.clone());
         let login = session.connected(self.now());
-        // Set-points for the previous session do not apply to this one.
+        // A set-point that was commanded for the previous session must not apply to the new one.
         self.shared.lock().set_point = None;
         if stream.write_all(&login).is_err() {
             return Some(LinkLossCause::Closed);

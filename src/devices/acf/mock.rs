@@ -1,13 +1,13 @@
-//! A mock of the tool: bytes in, bytes out, and an actuator between them. The mock and the session have only the data
-//! format in common.
+//! A mock of the compliant tool: it receives and sends the tool's telegrams as bytes, and simulates the actuator. The
+//! mock and the client's session share only the data format.
 //!
-//! The actuator moves out or back at a bounded speed, until its stroke or the panel ends the motion. In contact it
-//! presses with the commanded force, to which the weight of its payload is added according to its attitude. Its sensor
-//! reports the actuator's force with a small zero error and with noise that depends only on the time, so that two runs
-//! are equal.
+//! The actuator extends or retracts at a limited speed until it reaches the end of its stroke or touches the panel. In
+//! contact it presses with the commanded force plus the component of its payload's weight along the tool's axis. Its
+//! sensor reports the actuator's force with a small zero error and with noise that depends only on the time, so that
+//! runs are reproducible.
 //!
-//! A fault can be planned to begin during a path: `silent@40`, from the 40th waypoint in contact on. For tests of the
-//! link and of the doctor the mock is also behind a TCP port of this machine, for one client at a time.
+//! An injected fault can begin during a path: `silent@40` begins at the 40th waypoint in contact. For tests of the link
+//! and of `doctor`, the mock can also listen on a TCP port of this computer, for one client at a time.
 
 use panelprep_cell::cell::CompliantTool;
 use std::io;
@@ -21,53 +21,53 @@ use std::time::{Duration, Instant};
 
 /// Speed of the actuator, mm/s.
 const SPEED_MM_S: f64 = 250.0;
-/// Noise of the sensor in each direction, N.
+/// Amplitude of the sensor's noise, N.
 const NOISE_N: f64 = 0.2;
-/// Stiffness, N/mm: the force for each millimetre that the panel pushes a tool beyond its retracted position, or
-/// pushes a stuck tool.
+/// Contact stiffness, N/mm: the force for each millimetre by which the panel pushes the tool beyond its retracted
+/// position, or pushes a stuck tool.
 const STIFFNESS_N_PER_MM: f64 = 40.0;
 /// Gravity, m/s².
 const GRAVITY_M_S2: f64 = 9.806_65;
 
-/// Default values of a fault: delay of an answer, ms, and error of the force, N.
+/// Default parameters of injected faults: delay of a reply, ms, and error of the force, N.
 const DEFAULT_DELAY_MS: u64 = 130;
 const DEFAULT_FORCE_ERROR_N: f64 = 12.0;
 
-/// How long the mock waits for bytes or a client.
+/// Time for which the mock waits for bytes or for a client before it checks whether it must end.
 const POLL_TIMEOUT: Duration = Duration::from_millis(2);
 
-/// The surroundings of the tool.
+/// The position of the panel relative to the tool, and the tool's attitude.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ToolSurroundings {
     /// The time, ms.
     pub time_ms: u64,
-    /// The extension at which the disc touches, mm; infinite if nothing is in front of it, negative if the arm
-    /// pushes it against its stop.
+    /// The extension of the actuator at which the disc touches the panel, mm. Infinite if there is no panel in front of
+    /// the tool; negative if the arm pushes the tool beyond its retracted position.
     pub contact_extension_mm: f64,
-    /// The downward component of the tool's direction, −1…1.
+    /// The downward component of the tool's direction, −1 to 1.
     pub downwards: f64,
 }
 
-/// A fault of the mock.
+/// A fault that can be injected into the mock.
 #[derive(Debug, Clone, Copy, PartialEq, strum::Display)]
 pub enum ToolFault {
-    /// The mock cuts the connection.
+    /// The mock closes the connection.
     LinkCut,
-    /// It accepts commands and does not answer.
+    /// The mock accepts commands and does not reply.
     Silent,
-    /// It answers this many ms late.
+    /// The mock replies with this delay, ms.
     Late(u64),
-    /// The tool answers with bytes that are not a reply.
+    /// The mock replies with bytes that are not a valid telegram.
     Garbage,
-    /// The tool answers with another tool's number.
+    /// The mock replies with the identification number of another tool.
     OtherId,
-    /// The tool reports these errors, one bit for each.
+    /// The mock reports these error bits.
     Errors(u8),
-    /// The mock presses with this much more force than commanded, N.
+    /// The force of the mock differs from the commanded force by this amount, N.
     ForceOff(f64),
     /// The mock always reports that there is no contact.
     NoContact,
-    /// The tool's actuator does not move any more.
+    /// The actuator of the mock does not move any more.
     Stuck,
 }
 
@@ -78,7 +78,7 @@ pub struct MockAcf {
     fault: Option<ToolFault>,
     is_logged_in: bool,
     received: Vec<u8>,
-    /// The bytes that are to be sent, each piece with its time, ms.
+    /// The replies that are not sent yet, each with the time at which it is sent, ms.
     scheduled: Vec<(u64, Vec<u8>)>,
     commanded_n: [f64; 2],
     position_mm: f64,
@@ -88,7 +88,7 @@ pub struct MockAcf {
 }
 
 impl MockAcf {
-    /// Creates a tool as the cell's file describes it.
+    /// Creates a mock with the parameters of the tool in the cell file.
     pub fn new(tool: &CompliantTool) -> Self {
         MockAcf {
             tool: tool.clone(),
@@ -104,7 +104,7 @@ impl MockAcf {
         }
     }
 
-    /// Sets the fault that the mock has from now on; `None` means no fault.
+    /// Sets the injected fault; `None` removes it.
     pub fn set_fault(&mut self, fault: Option<ToolFault>) {
         self.fault = fault;
     }
@@ -133,7 +133,7 @@ impl MockAcf {
             let most_mm = SPEED_MM_S * passed_s;
             let goal_mm = if total_n > 0.0 { touches_at_mm.min(self.tool.stroke_mm) } else { 0.0 };
             let step_mm = (goal_mm - self.position_mm).clamp(-most_mm, most_mm);
-            // The panel pushes the actuator in as fast as the arm approaches.
+            // The panel pushes the actuator back as fast as the arm approaches.
             self.position_mm = (self.position_mm + step_mm).min(touches_at_mm).max(0.0);
         }
         let pushed_mm = self.position_mm - touches_at_mm;
@@ -147,7 +147,7 @@ impl MockAcf {
         self.sensor_n = self.tool.zero_n + contact_n.max(0.0) - weight_n + noise_n(time_ms);
     }
 
-    /// Processes bytes that were received.
+    /// Processes the bytes that the client has sent.
     pub fn receive(&mut self, bytes: &[u8], now_ms: u64) {
         self.received.extend(bytes);
         while let Some(end) = self.received.iter().position(|byte| *byte == b'k') {
@@ -186,7 +186,7 @@ impl MockAcf {
         format!("{id} {:.2} {:.2} {contact} {errors}k", self.sensor_n, self.position_mm).into_bytes()
     }
 
-    /// Returns the bytes that the mock has sent by now; `None` if the connection is cut.
+    /// Returns the bytes that the mock has sent up to this time; `None` if the connection is closed.
     pub fn sent_bytes(&mut self, now_ms: u64) -> Option<Vec<u8>> {
         if self.fault == Some(ToolFault::LinkCut) {
             return None;
@@ -195,28 +195,28 @@ impl MockAcf {
         Some(due.flat_map(|(_, bytes)| bytes).collect())
     }
 
-    /// Returns how far the actuator is extended, mm.
+    /// Returns the extension of the actuator, mm.
     pub fn position_mm(&self) -> f64 {
         self.position_mm
     }
 }
 
-/// Returns noise that depends only on the time.
+/// Returns the sensor's noise at this time; the noise is reproducible.
 fn noise_n(time_ms: u64) -> f64 {
     let mixed = time_ms.wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(17).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     NOISE_N * ((mixed >> 40) as f64 / f64::from(1_u32 << 23) - 1.0)
 }
 
-/// A fault, and the number of waypoints after which the tool has the fault.
+/// An injected fault, and the waypoint in contact at which it begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlannedToolFault {
     /// The fault.
     pub fault: ToolFault,
-    /// Number of waypoints in contact that are executed before the fault begins.
+    /// The number of the waypoint in contact at which the fault begins.
     pub from: u32,
 }
 
-/// The error of a fault specification.
+/// The error of an invalid fault specification.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("found \"{found}\"; valid: {}", PlannedToolFault::HELP)]
 pub struct PlannedToolFaultError {
@@ -224,7 +224,7 @@ pub struct PlannedToolFaultError {
 }
 
 impl PlannedToolFault {
-    /// The syntax of a fault.
+    /// The syntax of a fault specification, for help texts.
     pub const HELP: &'static str = "NAME[=VALUE]@N, N being a waypoint in contact from 1 on: link-cut, silent, late=MS, garbage, \
                                     other-id, errors=BITS, force=N, no-contact, stuck; for example silent@40 or force=-12@3";
 }
@@ -259,7 +259,7 @@ fn parse_finite(text: &str) -> Option<f64> {
     text.parse().ok().filter(|number: &f64| number.is_finite())
 }
 
-/// A mock behind a TCP port; when it is dropped, its thread ends.
+/// A mock tool that listens on a TCP port; dropping it ends its thread.
 pub struct MockAcfServer {
     address: SocketAddr,
     fault: Arc<Mutex<Option<ToolFault>>>,
@@ -268,11 +268,11 @@ pub struct MockAcfServer {
 }
 
 impl MockAcfServer {
-    /// Starts to listen. The panel is at the distance `touches_at_mm` in front of the tool, and the tool's axis is
-    /// horizontal.
+    /// Starts a mock tool that listens on a free TCP port. Its axis is horizontal, and the panel is `touches_at_mm` in
+    /// front of its retracted position.
     ///
     /// # Errors
-    /// If no port is free or no thread can be started.
+    /// If no port is free, or the operating system cannot start a thread.
     pub fn start(tool: &CompliantTool, touches_at_mm: f64) -> io::Result<Self> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
         listener.set_nonblocking(true)?;
@@ -292,12 +292,12 @@ impl MockAcfServer {
         Ok(MockAcfServer { address, fault, ending: ends, thread: Some(thread) })
     }
 
-    /// Returns the address at which it listens.
+    /// Returns the address on which the mock listens.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Sets the fault that the mock has from now on.
+    /// Sets the injected fault; `None` removes it.
     pub fn set_fault(&self, fault: Option<ToolFault>) {
         *self.fault.lock().unwrap_or_else(PoisonError::into_inner) = fault;
     }
@@ -315,7 +315,7 @@ impl Drop for MockAcfServer {
 
 type Control<'a> = (&'a Mutex<Option<ToolFault>>, &'a AtomicBool);
 
-/// Serves one client, until the client leaves or the mock cuts the connection.
+/// Serves one client until the client disconnects or the mock closes the connection.
 fn serve(
     mut stream: TcpStream,
     mock: &mut MockAcf,

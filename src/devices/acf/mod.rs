@@ -1,13 +1,13 @@
-//! The compliant tool: a FerRobotics ACF over TCP, and a mock of this tool inside the program.
+//! The compliant tool (a FerRobotics ACF over TCP), and a mock of it in this program.
 //!
-//! - `tool`: a compliant tool as the loop uses it, its commands and its reports
-//! - `link`: a thread of its own that keeps the session; its received data is read without waiting
-//! - `mock`: a simulated tool, bytes in and bytes out, with faults, some of which begin during a path; its stroke ends
-//!   when the disc touches; and the same tool behind a TCP port, for tests of the link
+//! - `tool`: the interface of a compliant tool for the control loop: commands and reports
+//! - `link`: the connection to a real tool, in its own thread; received reports are read without waiting
+//! - `mock`: a simulated tool with injected faults, some of which begin during a path; it can also listen on a TCP
+//!   port, for tests of the link
 //! - `simulated`: session and mock in the time of the simulated world
 //!
-//! **The driver has not run on a real tool yet.** To be proven on site: that the log-in word is echoed, what the tool
-//! does automatically when its link is cut, and that its force agrees with a scale.
+//! **The driver has not been tested with a real tool yet.** To be tested on site: that the tool echoes the log-in word,
+//! what the tool does when its connection is lost, and that its force agrees with a scale.
 
 mod link;
 mod mock;
@@ -21,7 +21,8 @@ pub use tool::{ConnectedTool, ToolReport, session_limits};
 
 #[cfg(test)]
 mod tests {
-    //! The link over a real socket, with each fault; and the mock's actuator, calculated by hand.
+    //! Tests the link over a real socket with each injected fault, and the mock's actuator against values calculated by
+    //! hand.
 
     use super::*;
     use panelprep_cell::cell::{Cell, CompliantTool, ToolAddress};
@@ -38,7 +39,7 @@ mod tests {
         AcfLink::start(&tool(), &address).expect("a thread")
     }
 
-    /// Returns the expected report if it arrives within four seconds, and the time until then.
+    /// Waits up to four seconds for the expected report; returns the report and the waiting time.
     fn wait(link: &mut AcfLink, wanted: impl Fn(&ToolReport) -> bool) -> (ToolReport, Duration) {
         let began = Instant::now();
         while began.elapsed() < Duration::from_secs(4) {
@@ -50,7 +51,7 @@ mod tests {
         panic!("nothing came");
     }
 
-    /// After a command to press, the tool presses, and its force and position are read back.
+    /// After a force is commanded, the tool presses with it, and the client receives its measured force and position.
     #[test]
     fn a_tool_over_a_socket_presses_as_commanded() {
         let server = MockAcfServer::start(&tool(), 15.0).expect("a port");
@@ -67,8 +68,8 @@ mod tests {
         );
     }
 
-    /// Each fault of the link is reported by its name within the reply's deadline and the delay of a busy machine; then
-    /// the link is established again.
+    /// Each injected fault of the link is reported by its name within the reply timeout plus the delay of a busy
+    /// computer. Then the connection is opened again.
     #[test]
     fn each_fault_of_the_link_is_reported_and_the_link_restored() {
         let server = MockAcfServer::start(&tool(), 15.0).expect("a port");
@@ -93,8 +94,8 @@ mod tests {
         wait(&mut link, reads);
     }
 
-    /// Calculated by hand: at 250 mm/s, the actuator needs 60 ms to extend by 15 mm; then it presses with 20 N and, if it
-    /// points down, additionally with its 1.5 kg: 34.7 N.
+    /// Expected values, calculated by hand: at 250 mm/s the actuator needs 60 ms to extend by 15 mm. Then it presses
+    /// with 20 N. If it points down, the weight of its 1.5 kg is added: 34.7 N.
     #[test]
     fn the_mocks_actuator_extends_until_contact() {
         let mut mock = MockAcf::new(&tool());
@@ -106,7 +107,7 @@ mod tests {
         mock.advance(at(70, 0.0));
         assert!((mock.position_mm() - 15.0).abs() < 1e-9 && mock.contact);
         mock.advance(at(80, 1.0));
-        // The sensor reports the actuator's force.
+        // The sensor measures the force of the actuator, without the weight.
         assert!((mock.sensor_n - 20.0).abs() <= 0.2, "{}", mock.sensor_n);
         mock.set_fault(Some(ToolFault::ForceOff(12.0)));
         mock.advance(at(90, 0.0));

@@ -1,4 +1,5 @@
-//! The tool of the simulated cell: session and mock in the world's time, which passes only while the loop waits.
+//! The compliant tool of the simulated cell. Session and mock run in the world's time, which advances only while the
+//! control loop waits.
 
 use super::mock::{MockAcf, PlannedToolFault, ToolFault, ToolSurroundings};
 use super::tool::{ConnectedTool, ToolReport, session_limits};
@@ -9,18 +10,18 @@ use panelprep_cell::cell::CompliantTool;
 use panelprep_cell::force::{ForceSetPoint, LinkLossCause, Session, State, down_cosine};
 use panelprep_kuka::eki::Time;
 
-/// Time step of session and mock between two calls, ms.
+/// Time step of the simulation, ms.
 const STEP_MS: u64 = 5;
-/// Time after which a lost link is tried again, ms.
+/// Delay before a lost connection is opened again, ms.
 const RECONNECT_DELAY_MS: u64 = 500;
-/// Distance outside the panel's outline, mm, beyond which nothing is in front of the disc.
+/// Maximum distance outside the panel's outline at which the disc still touches the panel, mm.
 const OUTLINE_MARGIN_MM: f64 = 15.0;
 
-/// The source of the tool's surroundings.
+/// A source of the tool's surroundings: the panel in front of the tool and the tool's attitude.
 pub trait Surroundings: Send {
-    /// Returns the tool's present surroundings; `None` if they are not known yet.
+    /// Returns the current surroundings of the tool; `None` if they are not known yet.
     fn now(&mut self) -> Option<ToolSurroundings>;
-    /// Returns the fault that the tool has now.
+    /// Returns the fault that is injected at present.
     fn current_fault(&mut self) -> Option<ToolFault> {
         None
     }
@@ -39,7 +40,7 @@ pub struct SimulatedAcf<S> {
 }
 
 impl<S: Surroundings> SimulatedAcf<S> {
-    /// Creates a tool as the cell's file describes it, in these surroundings.
+    /// Creates a tool with the parameters of the cell file, in these surroundings.
     pub fn new(tool: &CompliantTool, around: S) -> Self {
         SimulatedAcf {
             surroundings: around,
@@ -53,7 +54,7 @@ impl<S: Surroundings> SimulatedAcf<S> {
         }
     }
 
-    /// Advances session and mock to the present time.
+    /// Advances session and mock to the current time of the world.
     fn advance_to_now(&mut self, now: ToolSurroundings) {
         let from = self.last.replace(now).unwrap_or(ToolSurroundings { time_ms: now.time_ms, ..now });
         let span_ms = now.time_ms.saturating_sub(from.time_ms);
@@ -121,7 +122,7 @@ impl<S: Surroundings> ConnectedTool for SimulatedAcf<S> {
     }
 }
 
-/// The true panel in front of the arm of the simulated world.
+/// The true panel of the simulated world, relative to the tool on the arm.
 pub struct SimulatedPanel {
     world: SimulatedWorld,
     arm: Arm,
@@ -131,13 +132,13 @@ pub struct SimulatedPanel {
 }
 
 impl SimulatedPanel {
-    /// Creates the panel for a tool of this stroke that is mounted on this arm.
+    /// Creates the surroundings of a tool with this stroke on this arm.
     pub fn new((world, arm): (SimulatedWorld, Arm), flange_from_tool: Rigid<Flange, Tool>, stroke_mm: f64) -> Self {
         SimulatedPanel { world, arm, flange_from_tool, stroke_mm, planned: None }
     }
 
-    /// Returns the same panel with a planned fault of the tool. A controller in another process does not report its
-    /// progress on the path; the tool then has no fault.
+    /// Adds an injected fault that begins at a waypoint. A controller in another process does not report its progress
+    /// on the path; in this case the fault never begins.
     #[must_use]
     pub fn with_fault(self, planned: Option<PlannedToolFault>) -> Self {
         SimulatedPanel { planned, ..self }
@@ -151,7 +152,8 @@ impl Surroundings for SimulatedPanel {
         let base_from_tool = moment.base_from_flange() * self.flange_from_tool;
         let tip = (truth.base_from_panel.inverse() * base_from_tool).origin();
         let is_beside = truth.outline_distance_mm(tip) > OUTLINE_MARGIN_MM;
-        // The disc is flat on the panel: the distance along the tool's axis equals the distance along the normal.
+        // The disc is parallel to the panel, so the distance along the tool's axis equals the distance along the
+        // normal.
         let height_mm = if is_beside { f64::INFINITY } else { truth.distance_mm(tip) };
         Some(ToolSurroundings {
             time_ms: moment.time_ms(),

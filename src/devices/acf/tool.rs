@@ -1,34 +1,34 @@
-//! A compliant tool as the loop uses it: its commands, its reports, and the limits of its session.
+//! The interface of a compliant tool for the control loop: its commands and reports, and the limits of its session.
 
 use panelprep_cell::cell::CompliantTool;
 use panelprep_cell::force::{ForceSetPoint, LinkLossCause, SessionLimits, ToolReading};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// A report of a tool.
+/// A report of a compliant tool.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum ToolReport {
-    /// A reading, with its age, ms.
+    /// A measurement of the tool (force, position, contact, errors), with its age.
     Reading {
         /// Its report.
         reading: ToolReading,
-        /// Age of the reading, ms.
+        /// Age of the measurement, ms.
         age_ms: u32,
     },
-    /// The link to the tool is lost; reported once.
+    /// The connection to the tool is lost; each loss is reported once.
     Lost(LinkLossCause),
 }
 
-/// A compliant tool that is connected by a link. No call blocks for an answer of the tool.
+/// A compliant tool with a connection. No method blocks until the tool replies.
 pub trait ConnectedTool: Send {
-    /// Commands the force with which the tool presses from now on.
+    /// Sets the force with which the tool presses from now on.
     fn set_force(&mut self, press: ForceSetPoint);
-    /// Returns the next report of the tool; `None` if there is none.
+    /// Returns the next report of the tool; `None` if there is no new one.
     fn next_report(&mut self) -> Option<ToolReport>;
 }
 
-/// Returns the limits that a session with this tool uses.
+/// Returns the session limits for a tool with these parameters of the cell file.
 pub fn session_limits(tool: &CompliantTool) -> SessionLimits {
     SessionLimits {
         login: tool.login.clone(),

@@ -1,9 +1,9 @@
-//! A shot: its data, the interface of a camera that takes it, the reason why a camera did not deliver it, and its
-//! quality in numbers on which a person can act: sharpness, saturation, darkness, missing points.
+//! A captured picture or scan: its data, the interface of the cameras, the reasons why a camera delivers none, and
+//! quality measures on which a person can act: sharpness, saturation, darkness, missing points.
 //!
-//! Sharpness is the steepness of edges: the gradient of grey levels, √(gᵤ² + gᵥ²) by central differences, at the
-//! steepest thousandth of the pixels. It increases as the picture comes into focus and depends on the scene. It can
-//! therefore compare two focus settings for the same scene, but it cannot judge one setting alone.
+//! Sharpness is the gradient of the grey levels, √(gᵤ² + gᵥ²) by central differences, that a thousandth of the pixels
+//! exceed. It increases as the picture comes into focus, and it depends on the scene. So it can compare two focus
+//! settings for the same scene, but it cannot judge one setting alone.
 
 use crate::zivid::ZividFault;
 use panelprep_base::geometry::{Base, Camera, ColorPicture, Flange, OrganizedCloud, Rigid};
@@ -11,9 +11,9 @@ use panelprep_cell::files::{ClipError, CloudFileError, PictureError, PoseError};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// A channel at or above this grey level is saturated.
+/// Minimum grey level at which a channel is saturated.
 const MIN_SATURATED_LEVEL: u8 = 254;
-/// A pixel is dark if its brightest channel is below this grey level.
+/// Brightest channel below which a pixel is dark, grey levels.
 const MAX_DARK_LEVEL: u8 = 10;
 /// The steepest pixels.
 const STEEPEST_SHARE: f64 = 0.001;
@@ -36,7 +36,7 @@ impl std::fmt::Display for CameraRole {
     }
 }
 
-/// The reason why a shot could not be taken.
+/// The reason why a camera delivers no picture or scan.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
     /// No camera answers.
@@ -47,7 +47,7 @@ pub enum CameraError {
         /// The reason why the camera is not available.
         reason: String,
     },
-    /// The camera responds, but did not deliver a shot in time.
+    /// The camera responds, but delivers no picture in time.
     #[error("no shot from the {which} within {waited_ms} ms")]
     Timeout {
         /// The camera.
@@ -55,41 +55,41 @@ pub enum CameraError {
         /// Waiting time, ms.
         waited_ms: u64,
     },
-    /// All captures of a recording were used.
+    /// All captures of the recording were replayed.
     #[error("{} contains no further {what}: all {played} were used", folder.display())]
     RecordingExhausted {
         /// The recording.
         folder: PathBuf,
-        /// The item that was requested.
+        /// The kind of file that was requested.
         what: &'static str,
         /// Number of captures that were replayed.
         played: usize,
     },
-    /// A shot of another size than the calibrated one.
+    /// The picture does not have the size of the calibrated camera.
     #[error("a shot of the {which} is {}×{} px, but its calibration is for {}×{} px", found_px[0], found_px[1], expected_px[0], expected_px[1])]
     WrongSize {
         /// The camera.
         which: CameraRole,
-        /// Width and height, px.
+        /// Width and height of the picture, px.
         found_px: [usize; 2],
-        /// Width and height in the calibration, px.
+        /// Width and height in the camera's calibration, px.
         expected_px: [usize; 2],
     },
-    /// The camera answers, but its data cannot be used.
+    /// The camera responds, but its data cannot be used.
     #[error("the {which} delivered no usable picture: {reason}")]
     Unusable {
         /// The camera.
         which: CameraRole,
-        /// The reason why the shot is not usable.
+        /// The reason why the data cannot be used.
         reason: String,
     },
-    /// A picture of a clip that was not begun, or that has ended.
+    /// A picture of a clip was requested, but the clip was not begun or has ended.
     #[error("the {which} is not recording a clip, so it has no picture of a clip")]
     NoClip {
         /// The camera.
         which: CameraRole,
     },
-    /// A 3D shot with the arm in front of the camera.
+    /// A 3D scan was requested while the arm may be in front of the camera.
     #[error("a 3D shot needs the arm at standstill in its park pose; the largest deviation of an axis is \
              {axis_off_deg:.2}°, {}", if *moving { "and the arm is moving" } else { "and the arm is at standstill" })]
     ArmInView {
@@ -98,57 +98,57 @@ pub enum CameraError {
         /// Whether the arm is moving.
         moving: bool,
     },
-    /// A picture of the flange camera while the flange moves.
+    /// A picture of the flange camera was requested while the flange moves.
     #[error("a picture of the flange camera needs the arm at standstill, but the arm is moving")]
     ArmMoves,
-    /// The service uses the cameras, and delivers no picture.
+    /// The service owns the cameras, and delivers no picture.
     #[error("the service, which uses the cameras, reports: {problem}")]
     Service {
-        /// Its message, or the state of the connection to it.
+        /// The message of the service, or the state of the connection to the service.
         problem: String,
     },
     /// The service uses the cameras for a cycle.
     #[error("the service is using the cameras for a cycle; try again when the cycle has ended")]
     AtWork,
-    /// A fault of the Zivid, in the terms of the fault model.
+    /// A fault of the Zivid camera, in the terms of the fault model.
     #[error(transparent)]
     Zivid(#[from] ZividFault),
-    /// A file of a recording that cannot be used.
+    /// A file of the recording cannot be used.
     #[error("{}: {cause}", file.display())]
     File {
         /// The file.
         file: PathBuf,
-        /// The problem in the file.
+        /// The reason why the file cannot be used.
         cause: FileError,
     },
 }
 
-/// Problems of a file of a recording.
+/// The reason why a file of a recording cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
-    /// The disk reported an error.
+    /// Reading the file from the disk failed.
     #[error(transparent)]
     Disk(#[from] std::io::Error),
-    /// The cloud cannot be read.
+    /// The point cloud in the file is not valid.
     #[error(transparent)]
     Cloud(#[from] CloudFileError),
     /// A picture.
     #[error(transparent)]
     Picture(#[from] PictureError),
-    /// The pose of the flange cannot be read.
+    /// The flange pose in the file is not valid.
     #[error(transparent)]
     Pose(#[from] PoseError),
-    /// The times of the pictures are not valid.
+    /// The times of the clip's pictures are not valid.
     #[error(transparent)]
     Clip(#[from] ClipError),
 }
 
-/// A shot of the 3D camera.
+/// A scan of the 3D camera.
 #[derive(Debug, Clone)]
 pub struct Shot {
     /// Points and colours.
     pub cloud: OrganizedCloud<Camera>,
-    /// Time of the shot, s.
+    /// Time of the scan, s.
     pub time_s: f64,
 }
 
@@ -166,13 +166,13 @@ pub struct Picture {
 pub struct FlangePicture {
     /// The picture.
     pub picture: ColorPicture,
-    /// The pose of the flange at that time, if the source of the picture knows it; a real camera does not.
+    /// The pose of the flange at the time of the picture, if the source knows the pose; a real camera does not.
     pub base_from_flange: Option<Rigid<Base, Flange>>,
     /// Time of the picture, s.
     pub time_s: f64,
 }
 
-/// The data that a camera reports about its last shot; `None` for a value that it does not report.
+/// The conditions of a camera's last capture, as the camera reports them; `None` for a value that it does not report.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Conditions {
@@ -180,57 +180,57 @@ pub struct Conditions {
     pub exposure_us: Option<f64>,
     /// The temperature of the camera's lens or, if it has no such sensor, of its housing, °C.
     pub camera_c: Option<f64>,
-    /// Pause before the shot because the camera was too hot, ms.
+    /// The pause before the capture because the camera was too hot, ms.
     pub throttled_ms: Option<f64>,
 }
 
 /// The fixed 3D camera.
 pub trait Scanner: Send {
-    /// Takes a 3D shot: points and colours of the scene, with the camera's own light.
+    /// Captures a 3D scan: points and colours of the scene, in the camera's own light.
     ///
     /// # Errors
-    /// If the camera does not deliver.
+    /// If the camera delivers no scan.
     fn capture_3d(&mut self) -> Result<Shot, CameraError>;
 
-    /// Takes a colour picture with the cell's light, as for the pictures of the water film.
+    /// Captures a colour picture in the light of the cell, as for the pictures of the water film.
     ///
     /// # Errors
-    /// If the camera does not deliver.
+    /// If the camera delivers no picture.
     fn capture_2d(&mut self) -> Result<Picture, CameraError>;
 
-    /// Begins a clip: colour pictures one after the other, at most this many per second. Any other capture ends the
-    /// clip. Returns the start time on the clock of the pictures: a picture that is missing after this time is a gap
-    /// in the clip.
+    /// Begins a clip: a sequence of colour pictures, at most `pictures_per_second`. Any other capture ends the clip.
+    /// Returns the start time on the clock of the pictures; a picture that is missing after this time is a gap in the
+    /// clip.
     ///
     /// # Errors
-    /// If the camera does not begin.
+    /// If the camera cannot begin the clip.
     fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError>;
 
-    /// Returns the clip's next picture; `None` if none is due yet. If the camera takes pictures automatically, this
-    /// waits for the next one. Of the pictures that are not fetched in time, the oldest are dropped: each picture has
-    /// the time at which it was taken.
+    /// Returns the next picture of the clip; `None` if no picture is due yet. If the camera captures automatically,
+    /// this function waits for the next picture. Each picture has the time of its exposure. If pictures are not fetched
+    /// in time, the oldest are dropped.
     ///
     /// # Errors
-    /// If the camera does not deliver, or no clip is being taken.
+    /// If the camera delivers no picture, or no clip was begun.
     fn next_clip_picture(&mut self) -> Result<Option<Picture>, CameraError>;
 
-    /// Ends the clip; returns how many of its pictures were dropped.
+    /// Ends the clip; returns the number of its pictures that were dropped.
     ///
     /// # Errors
-    /// If the camera does not report this, or no clip is being taken.
+    /// If the camera does not report the number, or no clip was begun.
     fn end_clip(&mut self) -> Result<u64, CameraError>;
 
-    /// Checks whether the camera is able to deliver. The check takes no shot that a cycle needs.
+    /// Checks whether the camera is able to deliver pictures. The check uses up no recorded picture that a cycle needs.
     ///
     /// # Errors
-    /// If the camera is not able to deliver.
+    /// If the camera is not able to deliver pictures.
     fn check_ready(&mut self) -> Result<(), CameraError>;
 
-    /// Waits while the camera is being started, which may take minutes; [`Scanner::check_ready`] reports its state
-    /// afterwards.
+    /// Waits until the camera has started, which may take minutes. Afterwards [`Scanner::check_ready`] reports its
+    /// state.
     fn wait_warmed_up(&mut self) {}
 
-    /// Returns what the camera reports about its last shot.
+    /// Returns the conditions that the camera reports about its last capture.
     fn conditions(&self) -> Conditions {
         Conditions::default()
     }
@@ -238,19 +238,19 @@ pub trait Scanner: Send {
 
 /// The colour camera on the flange, with its own lamp.
 pub trait FlangeCamera: Send {
-    /// Takes a picture from the present pose of the flange.
+    /// Captures a picture from the current pose of the flange.
     ///
     /// # Errors
-    /// If the camera does not deliver.
+    /// If the camera delivers no picture.
     fn capture(&mut self) -> Result<FlangePicture, CameraError>;
 
-    /// Checks whether the camera is able to deliver. The check takes no shot that a cycle needs.
+    /// Checks whether the camera is able to deliver pictures. The check uses up no recorded picture that a cycle needs.
     ///
     /// # Errors
-    /// If the camera is not able to deliver.
+    /// If the camera is not able to deliver pictures.
     fn check_ready(&mut self) -> Result<(), CameraError>;
 
-    /// Returns what the camera reports about its last shot.
+    /// Returns the conditions that the camera reports about its last capture.
     fn conditions(&self) -> Conditions {
         Conditions::default()
     }
@@ -304,21 +304,21 @@ impl<C: FlangeCamera + ?Sized> FlangeCamera for Box<C> {
     }
 }
 
-/// The quality of a picture, from its pixels.
+/// Quality measures of a picture, computed from its pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PictureQuality {
-    /// Gradient at the steepest thousandth of the pixels, grey levels per pixel.
+    /// Gradient that a thousandth of the pixels exceed, grey levels per pixel.
     pub sharpness_gray_per_px: f64,
-    /// Share of pixels with a saturated channel.
+    /// Fraction of the pixels that have a saturated channel.
     pub saturated_share: f64,
-    /// Share of dark pixels.
+    /// Fraction of the pixels that are dark.
     pub dark_share: f64,
     /// Mean grey level.
     pub mean_gray: f64,
 }
 
 impl PictureQuality {
-    /// Returns the quality of a picture; all zero if it has no inner pixel.
+    /// Computes the quality measures of a picture; all are zero if the picture has only border pixels.
     pub fn compute(picture: &ColorPicture) -> Self {
         let gray = picture.to_gray();
         let (width, height) = (gray.width, gray.height);
@@ -344,19 +344,19 @@ impl PictureQuality {
     }
 }
 
-/// The quality of a scan, from its points.
+/// Quality measures of a scan, computed from its points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScanQuality {
     /// Number of pixels that have a point.
     pub points: usize,
-    /// Share of pixels without a point.
+    /// Fraction of the pixels that have no point.
     pub missing_share: f64,
-    /// Distances along the camera's axis below which 5, 50 and 95 % of the points lie, mm; `None` without points.
+    /// The 5, 50 and 95 % quantiles of the points' distance along the camera's axis, mm; `None` if there are no points.
     pub depth_mm: Option<[f64; 3]>,
 }
 
 impl ScanQuality {
-    /// Computes the quality of a scan.
+    /// Computes the quality measures of a scan.
     pub fn compute(cloud: &OrganizedCloud<Camera>) -> Self {
         let mut depths: Vec<f64> = cloud.valid_points().map(|(_, point)| point.mm.z).collect();
         let points = depths.len();
@@ -370,7 +370,7 @@ impl ScanQuality {
     }
 }
 
-/// Returns the quantile of these values for this fraction; `None` if there are no values.
+/// Returns the quantile of the values at this fraction; `None` if there are no values.
 fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
     let index = ((values.len() as f64 * share) as usize).min(values.len().checked_sub(1)?);
     Some(*values.select_nth_unstable_by(index, f64::total_cmp).1)
@@ -380,8 +380,9 @@ fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// Calculated by hand: a vertical edge from 40 to 200 has a gradient of 80 grey levels per pixel in two of twenty
-    /// columns; blurred over four pixels it has 40. A tenth of the pixels is saturated, another tenth dark.
+    /// Expected values, calculated by hand: a vertical edge from 40 to 200 has a gradient of 80 grey levels per pixel
+    /// in two of twenty columns. Blurred over four pixels, the edge has 40. A tenth of the pixels is saturated, and
+    /// another tenth is dark.
     #[test]
     fn a_sharp_edge_has_a_steeper_gradient() {
         let picture = |levels: [u8; 20]| {
@@ -402,7 +403,7 @@ mod tests {
         assert_eq!((clipped.saturated_share, clipped.dark_share), (0.1, 0.1));
     }
 
-    /// Calculated by hand: two of six pixels have no point.
+    /// Expected value, calculated by hand: two of six pixels have no point.
     #[test]
     fn missing_points_are_counted() {
         let nan = [f32::NAN; 3];

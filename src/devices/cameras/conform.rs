@@ -1,11 +1,11 @@
-//! The behaviour common to all scanners: the same tests run on the simulated one and on the Zivid's.
+//! Conformance tests for all scanners; they are run on the simulated scanner and on the Zivid's.
 
 use super::Scanner;
 use panelprep_base::geometry::PinholeCamera;
 use std::collections::BTreeSet;
 
-/// Checks 3D shots: of the calibrated size, each point in the pixel that sees it, with colours, in the order of
-/// their times.
+/// Checks 3D scans: they have the calibrated size and colours, each point projects to its own pixel, and their times
+/// increase.
 pub fn check_shot(scanner: &mut dyn Scanner, lens: &PinholeCamera) {
     scanner.wait_warmed_up();
     scanner.check_ready().expect("it would deliver");
@@ -35,7 +35,7 @@ pub fn check_shot(scanner: &mut dyn Scanner, lens: &PinholeCamera) {
     }
 }
 
-/// Checks pictures: of the calibrated size, with some content, in the order of their times.
+/// Checks colour pictures: they have the calibrated size, are not uniform, and their times increase.
 pub fn check_pictures(scanner: &mut dyn Scanner, lens: &PinholeCamera) {
     let mut last_s = f64::NEG_INFINITY;
     for _ in 0..3 {
@@ -49,8 +49,8 @@ pub fn check_pictures(scanner: &mut dyn Scanner, lens: &PinholeCamera) {
     }
 }
 
-/// Checks a clip: the times of its pictures increase and lie close to its start time; another capture also ends the
-/// clip. `pass` lets some time pass.
+/// Checks a clip: the times of its pictures increase and are close to its start time, and another capture ends the
+/// clip. `pass` advances the time.
 pub fn check_clips(scanner: &mut dyn Scanner, lens: &PinholeCamera, mut pass: impl FnMut()) {
     assert!(scanner.next_clip_picture().is_err() && scanner.end_clip().is_err(), "none has begun");
     let began_s = scanner.begin_clip(10.0).expect("begun");

@@ -1,4 +1,4 @@
-//! GigE Vision cameras as flange cameras: a real one, and the simulated one over the loopback interface.
+//! GigE Vision cameras as flange cameras: a real camera, and the simulated camera over the loopback interface.
 
 use super::simulated::FORMAT;
 use super::{CameraError, CameraRole, Conditions, FlangeCamera, FlangePicture, SimulatedFlangeCamera};
@@ -15,19 +15,19 @@ use std::time::Instant;
 #[derive(Debug)]
 pub struct GigeFlangeCamera {
     camera: GigeCamera,
-    /// Exposure of each picture, µs: as stated in the cell's file and confirmed by the camera.
+    /// Exposure time of each picture, µs, from the cell file; the camera has confirmed this value.
     exposure_us: f64,
     conditions: Conditions,
     started: Instant,
 }
 
 impl GigeFlangeCamera {
-    /// Begins to search for the camera that the cell's file names; its pictures must have the size of `calibrated`,
-    /// and the camera must have this `serial`, if that is known. If the camera is not present yet,
+    /// Starts to search for the camera that the cell file names. Its pictures must have the size of `calibrated`, and
+    /// the camera must have the serial number `serial`, if given. If the camera is not found yet,
     /// [`FlangeCamera::check_ready`] reports this.
     ///
     /// # Errors
-    /// If the system provides no thread.
+    /// If the operating system cannot start a thread.
     pub fn open(cell: &Gige, calibrated: &PinholeCamera, serial: Option<String>) -> Result<Self, CameraError> {
         let which = match (&cell.serial, &cell.address) {
             (_, Some(address)) => gige::CameraSelector::Address(address.clone()),
@@ -58,7 +58,7 @@ impl GigeFlangeCamera {
         Ok(GigeFlangeCamera { camera, exposure_us: cell.exposure_us, conditions, started: began })
     }
 
-    /// Returns a monitor that reads the counters of the camera's link, now and later.
+    /// Returns a monitor by which other threads can read the counters of the camera's link at any time.
     pub fn gauge(&self) -> LinkMonitor {
         self.camera.gauge()
     }
@@ -68,7 +68,7 @@ impl FlangeCamera for GigeFlangeCamera {
     fn capture(&mut self) -> Result<FlangePicture, CameraError> {
         let frame = self.camera.picture().map_err(camera_error)?;
         let exposure_us = Some(self.exposure_us);
-        // Such a camera has no projector, and makes no pauses because of heat.
+        // A GigE Vision camera has no projector, and never pauses because of heat.
         self.conditions = Conditions { exposure_us, camera_c: frame.camera_c, throttled_ms: None };
         let picture = to_color(&frame)?;
         Ok(FlangePicture { picture, base_from_flange: None, time_s: self.started.elapsed().as_secs_f64() })
@@ -86,13 +86,13 @@ impl FlangeCamera for GigeFlangeCamera {
 /// The serial number of the simulated flange camera.
 const SERIAL: &str = "SIMULATED";
 
-/// The simulated flange camera, with its pictures sent over GigE Vision through the loopback interface.
+/// The simulated flange camera; its pictures are sent over GigE Vision through the loopback interface.
 pub struct LoopbackFlangeCamera {
-    // The order of the fields is important: `camera` must be dropped first, because its driver waits for a camera that
-    // has disappeared.
+    // `camera` is the first field because it must be dropped first: otherwise its driver would wait for a camera that
+    // does not exist any more.
     camera: GigeCamera,
     _loopback: LoopbackCamera,
-    /// The pixels that the sensor sees.
+    /// The pixels of the scene that the simulated sensor exposes next.
     sensor: Arc<Mutex<Vec<u8>>>,
     simulated: SimulatedFlangeCamera,
 }
@@ -101,8 +101,8 @@ impl LoopbackFlangeCamera {
     /// Starts the loopback camera; its pictures have the size of `camera`.
     ///
     /// # Errors
-    /// If the loopback camera's port is in use, it does not support that size, or the buffers of the system's sockets
-    /// are too small for a picture.
+    /// If its port is in use, if it does not support the picture size, or if the operating system's socket buffers are
+    /// too small for a picture.
     pub fn start(simulated: SimulatedFlangeCamera, camera: &PinholeCamera) -> Result<Self, CameraError> {
         let size_px = [camera.width_px, camera.height_px];
         let needed = gige::burst_bytes(size_px, gige::PACKET_BYTES);
@@ -136,7 +136,7 @@ impl LoopbackFlangeCamera {
         Ok(LoopbackFlangeCamera { camera, _loopback: loopback, sensor, simulated })
     }
 
-    /// Returns a monitor that reads the counters of the camera's link, now and later.
+    /// Returns a monitor by which other threads can read the counters of the camera's link at any time.
     pub fn gauge(&self) -> LinkMonitor {
         self.camera.gauge()
     }
@@ -163,7 +163,8 @@ impl FlangeCamera for LoopbackFlangeCamera {
     }
 }
 
-/// Returns what to do, if the system grants sockets a receive buffer of fewer than `bytes` bytes; otherwise `None`.
+/// Returns advice on how to increase the socket buffers if the operating system permits fewer than `bytes` bytes;
+/// otherwise `None`.
 fn socket_buffer_advice(bytes: usize) -> Option<String> {
     let given = gige::rmem_max().filter(|given| *given < bytes)?;
     Some(format!(
@@ -208,7 +209,7 @@ mod tests {
     use super::*;
     use panelprep_cell::cell::PIXEL_FORMATS;
 
-    /// The pixel formats that a cell may name are the same as those that this program reads.
+    /// The driver supports exactly the pixel formats that a cell file can name.
     #[test]
     fn every_pixel_format_of_a_cell_is_supported() {
         assert!(

@@ -1,14 +1,14 @@
-//! The cell's two cameras: the content of a shot, and the sources that deliver it.
+//! The two cameras of the cell: the data of a picture or scan, and the sources that deliver them.
 //!
-//! [`PictureQuality`] and [`ScanQuality`] state the quality of a shot. A capture blocks until the shot is available or
-//! an error states why not. Shots carry the time at which they were taken, on the clock of their source; a picture of
-//! a recorded or simulated flange camera carries the pose of the flange.
+//! [`PictureQuality`] and [`ScanQuality`] are quality measures. A capture blocks until the picture is available, or
+//! returns an error with the reason. Each picture contains the time of its exposure on the clock of its source; a
+//! picture of a recorded or simulated flange camera also contains the pose of the flange.
 //!
-//! - [`SimulatedScanner`], [`SimulatedFlangeCamera`]: the renderer, viewing the simulated world
+//! - [`SimulatedScanner`], [`SimulatedFlangeCamera`]: render the simulated world
 //! - [`SimulatedBoards`]: the same cameras in front of a calibration board
-//! - [`RecordedScanner`], [`RecordedFlangeCamera`]: the files of a folder, one for each capture
+//! - [`RecordedScanner`], [`RecordedFlangeCamera`]: replay the files of a folder, one for each capture
 //! - [`GigeFlangeCamera`]: a GigE Vision camera on the flange · [`LoopbackFlangeCamera`], [`BayerFlangeCamera`]: the
-//!   simulated camera behind a colour sensor's filters, with and without a network between
+//!   simulated camera with a colour sensor's filters; the first sends its pictures over a network, the second does not
 
 mod capture;
 #[cfg(feature = "gige")]

@@ -1,10 +1,11 @@
-//! Cameras that replay the files of a folder in the order of their names, one file for each capture. If no file is
-//! left, a capture fails.
+//! Cameras that replay the files of a folder in the order of their names, one file for each capture. When all files are
+//! replayed, a capture fails.
 //!
-//! In a scanner's folder, `.pcd` and `.ply` files are the 3D shots; the pictures are those of its `clip.csv`, in the
-//! file's order and with its times. In a flange camera's folder, each picture `NAME.png` has its pose in `NAME.json`;
-//! other pictures are refused, since a corner is measured in each picture. A capture without a recorded time gets a
-//! count as its time: 0, 1, 2 … s. Only names are read ahead, so a folder may contain many files.
+//! In a scanner's folder, the `.pcd` and `.ply` files are the 3D scans. The pictures are those that its `clip.csv`
+//! lists, in this order and with these times. In a flange camera's folder, each picture `NAME.png` has its pose in
+//! `NAME.json`; a picture without a pose is refused, because a corner is measured in each picture. A capture without a
+//! recorded time has the number of earlier captures as its time, in seconds. Only the file names are read in advance,
+//! so a folder may contain many files.
 
 use super::{CameraError, CameraRole, FileError, FlangeCamera, FlangePicture, Picture, Scanner, Shot};
 use panelprep_base::disk;
@@ -17,7 +18,7 @@ use std::path::{Path, PathBuf};
 const CLOUD_EXTENSIONS: [&str; 2] = ["pcd", "ply"];
 const PICTURE_EXTENSIONS: [&str; 5] = ["png", "jpg", "jpeg", "tif", "tiff"];
 
-/// The files of a folder that are still to be replayed.
+/// The files of a folder that are not replayed yet.
 #[derive(Debug)]
 struct FileSequence<T> {
     folder: PathBuf,
@@ -39,7 +40,7 @@ impl<T> FileSequence<T> {
         Ok(next)
     }
 
-    /// Checks whether a file is left.
+    /// Checks that at least one file is not replayed yet.
     fn check_remaining(&self) -> Result<(), CameraError> {
         let FileSequence { folder, what, played, read_ahead: ahead } = self;
         let out = || CameraError::RecordingExhausted { folder: folder.clone(), what, played: *played };
@@ -52,7 +53,7 @@ impl<T> FileSequence<T> {
     }
 }
 
-/// A scanner that replays a folder.
+/// A scanner that replays the files of a folder.
 #[derive(Debug)]
 pub struct RecordedScanner {
     camera: PinholeCamera,
@@ -62,10 +63,10 @@ pub struct RecordedScanner {
 }
 
 impl RecordedScanner {
-    /// Opens a folder; `camera` is the calibration that its shots must fit.
+    /// Opens a folder with recorded scans and pictures; `camera` is the calibration that they must match.
     ///
     /// # Errors
-    /// If there is no such folder, or its `clip.csv` is invalid.
+    /// If the folder does not exist, or its `clip.csv` is invalid.
     pub fn open(folder: &Path, camera: PinholeCamera) -> Result<Self, CameraError> {
         let clouds = list_files(folder, &CLOUD_EXTENSIONS, CameraRole::Scanner)?;
         let list = folder.join("clip.csv");
@@ -104,8 +105,8 @@ impl Scanner for RecordedScanner {
     fn capture_3d(&mut self) -> Result<Shot, CameraError> {
         self.takes_clip = false;
         let file = self.clouds.next()?;
-        // Only the size is checked: the stage that uses the scan compares it with the lens, which may not be
-        // calibrated here.
+        // Only the size is checked. The stage that uses the scan compares it with the lens, which may not be calibrated
+        // here.
         let size_px = (self.camera.width_px, self.camera.height_px);
         let cloud = match files::read_any_cloud(&read(&file)?, Some(size_px)) {
             Err(CloudFileError::Size { width, height, .. }) => {
@@ -124,7 +125,7 @@ impl Scanner for RecordedScanner {
         self.picture()
     }
 
-    /// Each picture is available at once, with its recorded time.
+    /// Each picture is available immediately, with its recorded time.
     fn begin_clip(&mut self, _: f64) -> Result<f64, CameraError> {
         self.takes_clip = true;
         self.pictures.check_remaining()?;
@@ -147,7 +148,7 @@ impl Scanner for RecordedScanner {
     }
 }
 
-/// A flange camera that replays a folder.
+/// A flange camera that replays the files of a folder.
 #[derive(Debug)]
 pub struct RecordedFlangeCamera {
     camera: PinholeCamera,
@@ -155,10 +156,10 @@ pub struct RecordedFlangeCamera {
 }
 
 impl RecordedFlangeCamera {
-    /// Opens a folder; `camera` is the calibration that its pictures must fit.
+    /// Opens a folder with recorded pictures; `camera` is the calibration that they must match.
     ///
     /// # Errors
-    /// If there is no such folder.
+    /// If the folder does not exist.
     pub fn open(folder: &Path, camera: PinholeCamera) -> Result<Self, CameraError> {
         let pictures = list_files(folder, &PICTURE_EXTENSIONS, CameraRole::Flange)?;
         Ok(RecordedFlangeCamera { camera, pictures: FileSequence::new(folder, "picture", pictures) })
@@ -179,7 +180,8 @@ impl FlangeCamera for RecordedFlangeCamera {
     }
 }
 
-/// A picture of the wrong size is reported as an error of the camera, any other problem as an error of the file.
+/// A picture of the wrong size is reported as an error of the camera; any other problem is reported as an error of the
+/// file.
 fn check_size(
     file: &Path,
     which: CameraRole,
@@ -197,7 +199,7 @@ fn wrong_size_error(which: CameraRole, found_px: [usize; 2], camera: &PinholeCam
     CameraError::WrongSize { which, found_px, expected_px: [camera.width_px, camera.height_px] }
 }
 
-/// Returns the folder's files of these kinds, in the order of their names.
+/// Returns the files of a folder that have one of these extensions, in the order of their names.
 fn list_files(folder: &Path, kinds: &[&str], which: CameraRole) -> Result<Vec<PathBuf>, CameraError> {
     let gone = |error: std::io::Error| CameraError::Missing {
         which,
@@ -223,7 +225,7 @@ fn with_file_name<T, E: Into<FileError>>(file: &Path, result: Result<T, E>) -> R
 
 #[cfg(test)]
 mod tests {
-    //! Tests of recorded cameras, with folders as a user has them.
+    //! Tests of recorded cameras with folders in the form in which users have them.
 
     use crate::cameras::*;
     use panelprep_base::geometry::{ColorPicture, KukaPose, OrganizedCloud, PinholeCamera};

@@ -1,12 +1,12 @@
-//! The simulated world's cameras: each capture queries the arm for its time and pose, then renders the world at that
-//! time. The arm is a mock controller in this process, or a mock controller in another process whose messages are
-//! followed.
+//! The cameras of the simulated world. Each capture requests time and pose from the arm, then renders the world at this
+//! time. The arm is a mock controller in this process, or one in another process whose messages are followed.
 //!
-//! The same cameras in front of calibration boards: held by hand, on the flange, or fixed. If the arm moves, it is the
-//! mock controller's arm; without an arm, a simulated person moves the board or the camera to a new pose for each
-//! picture. The true poses of the boards do not leave this module.
+//! Also the same cameras in front of calibration boards: held by a person, mounted on the flange, or fixed. If the arm
+//! moves, it is the mock controller's arm. Without an arm, a simulated person moves the board or the camera to a new
+//! pose for each picture. The true poses of the boards are not accessible outside of this module.
 //!
-//! Behind a colour sensor's filters each pixel of the flange camera sees one colour, and the other two are estimated.
+//! With a colour sensor's filters, each pixel of the flange camera measures one colour, and the other two are
+//! interpolated.
 
 use super::{CameraError, CameraRole, FlangeCamera, FlangePicture, Picture, Scanner, Shot};
 use crate::gige::{PixelFormat, demosaic, mosaic};
@@ -15,15 +15,15 @@ use crate::world::{Follower, RobotMoment, SimulatedWorld};
 use panelprep_base::geometry::{Base, Camera, ColorPicture, Flange, OrganizedCloud, Rigid};
 use panelprep_sim::{BoardCell, BoardShot, ScannerDistortion};
 
-/// The filters of the simulated sensor.
+/// The pixel format of the simulated sensor, which defines its colour filters.
 pub(super) const FORMAT: PixelFormat = PixelFormat::BayerRG8;
 
-/// The arm that moves in a simulated world.
+/// The robot arm in a simulated world.
 #[derive(Clone)]
 pub enum Arm {
     /// A mock controller in this process.
     Mock(MockHandle),
-    /// A mock controller in another process, in a rehearsal.
+    /// A mock controller in another process, whose messages are followed; used in a rehearsal.
     Followed(Follower),
 }
 
@@ -38,13 +38,13 @@ impl Arm {
         }
     }
 
-    /// Returns the time and pose of the arm for callers that take no picture; `None` if nothing was received from the
+    /// Returns the time and pose of the arm without taking a picture; `None` if no message was received from the
     /// controller yet.
     pub(crate) fn moment_now(&self) -> Option<RobotMoment> {
         self.current_moment(CameraRole::Flange).ok()
     }
 
-    /// Returns the path of the tool up to this time.
+    /// Returns the path of the tool in contact up to this time.
     fn trace(&self, until_ms: u64) -> Vec<ContactSample> {
         match self {
             Arm::Mock(robot) => robot.with_controller(|controller| {
@@ -55,7 +55,7 @@ impl Arm {
     }
 }
 
-/// The scanner that looks at the simulated world.
+/// The fixed 3D camera in the simulated world.
 #[derive(Clone)]
 pub struct SimulatedScanner {
     world: SimulatedWorld,
@@ -63,7 +63,7 @@ pub struct SimulatedScanner {
     clip: Option<Clip>,
 }
 
-/// A clip that is being taken, in the world's time.
+/// A clip that is being recorded, in the time of the world.
 #[derive(Debug, Clone, Copy)]
 struct Clip {
     began_ms: u64,
@@ -77,14 +77,14 @@ impl Clip {
     }
 }
 
-/// The camera on the mock robot's flange.
+/// The camera on the flange of the mock robot.
 #[derive(Clone)]
 pub struct SimulatedFlangeCamera {
     world: SimulatedWorld,
     arm: Arm,
 }
 
-/// Returns both cameras of a world and of the arm that moves in it.
+/// Creates both cameras of a world in which this arm moves.
 pub fn simulated_cameras(world: &SimulatedWorld, arm: &Arm) -> (SimulatedScanner, SimulatedFlangeCamera) {
     let (scanner, flange) = (world.clone(), world.clone());
     (
@@ -93,8 +93,8 @@ pub fn simulated_cameras(world: &SimulatedWorld, arm: &Arm) -> (SimulatedScanner
     )
 }
 
-// The arm is queried first, and its lock is released before the world is used: a mock controller calls the world while
-// it is locked.
+// Lock order: the arm is queried first, and its lock is released before the world is locked, because a mock controller
+// calls the world while the controller is locked.
 
 impl SimulatedScanner {
     fn picture(&self) -> Result<Picture, CameraError> {
@@ -126,7 +126,8 @@ impl Scanner for SimulatedScanner {
         Ok(began_ms as f64 / 1e3)
     }
 
-    /// Never waits, since in lock step time stops during a wait: the picture is taken when it is due.
+    /// This function must not wait, because in lock step the time does not advance during a wait. It renders a picture
+    /// if one is due.
     fn next_clip_picture(&mut self) -> Result<Option<Picture>, CameraError> {
         let now_ms = self.arm.current_moment(CameraRole::Scanner)?.time_ms();
         let clip = self.clip()?;
@@ -143,7 +144,7 @@ impl Scanner for SimulatedScanner {
         Ok(0)
     }
 
-    /// Always succeeds: the renderer is part of this program.
+    /// The check always succeeds, because the renderer is part of this program.
     fn check_ready(&mut self) -> Result<(), CameraError> {
         Ok(())
     }
@@ -154,33 +155,33 @@ impl FlangeCamera for SimulatedFlangeCamera {
         self.world.flange_picture(&self.arm.current_moment(CameraRole::Flange)?)
     }
 
-    /// Always succeeds: the renderer is part of this program.
+    /// The check always succeeds, because the renderer is part of this program.
     fn check_ready(&mut self) -> Result<(), CameraError> {
         Ok(())
     }
 }
 
-/// The camera that is used, and how the board is mounted.
+/// The camera that views a board, and how the board is mounted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BoardView {
-    /// The fixed camera; a person holds the board in front of it.
+    /// The fixed camera views a board that a person holds.
     HandHeldForFixed,
-    /// The camera on the flange; a person holds the board in front of it.
+    /// The flange camera views a board that a person holds.
     HandHeldForFlange,
-    /// The fixed camera; the board is on the flange.
+    /// The fixed camera views a board on the flange.
     Fixed,
-    /// The camera on the flange; the board is fixed.
+    /// The flange camera views a fixed board.
     Flange,
 }
 
 impl BoardView {
-    /// Returns whether the fixed camera looks at the board.
+    /// Returns whether the fixed camera views the board.
     pub fn is_fixed(self) -> bool {
         matches!(self, BoardView::Fixed | BoardView::HandHeldForFixed)
     }
 }
 
-/// A simulated camera that looks at a board.
+/// A simulated camera that views a calibration board.
 pub struct SimulatedBoards {
     cell: BoardCell,
     view: BoardView,
@@ -189,13 +190,13 @@ pub struct SimulatedBoards {
 }
 
 impl SimulatedBoards {
-    /// Creates a camera of this cell. If there is an arm, its pose decides the view.
+    /// Creates a camera of this cell. If there is an arm, the view depends on the arm's pose.
     pub fn new(cell: BoardCell, view: BoardView, arm: Option<MockHandle>) -> Self {
         SimulatedBoards { cell, view, arm, taken: 0 }
     }
 
-    /// Returns the next picture, and the flange pose that the controller reports if the board or the camera is on
-    /// the flange.
+    /// Returns the next picture. If the board or the camera is on the flange, also returns the flange pose that the
+    /// controller reports.
     ///
     /// # Errors
     /// If the arm moves.
@@ -227,7 +228,7 @@ impl SimulatedBoards {
         Ok((picture.to_color(), flange))
     }
 
-    /// Returns the next 3D shot of the board on the flange by the fixed camera, and the flange pose that the
+    /// Returns the next 3D scan of the fixed camera with the board on the flange, and the flange pose that the
     /// controller reports.
     ///
     /// # Errors
@@ -239,7 +240,7 @@ impl SimulatedBoards {
         Ok((self.cell.real_scan(&shot, &exact), shot.base_from_flange))
     }
 
-    /// Returns the number of the next shot, and the flange's pose if there is an arm.
+    /// Returns the number of the next capture, and the pose of the flange if there is an arm.
     fn next(&mut self) -> Result<(usize, Option<Rigid<Base, Flange>>), CameraError> {
         let number = self.taken;
         self.taken += 1;
@@ -249,7 +250,7 @@ impl SimulatedBoards {
         }
     }
 
-    /// The fixed camera's view of the board on the flange.
+    /// Renders the view of the fixed camera on the board that is mounted on the flange.
     fn view_of_flange_board(&self, number: usize, stood: Option<Rigid<Base, Flange>>) -> BoardShot<Camera> {
         match stood {
             Some(flange) => self.cell.fixed_view(number as u64, flange),
@@ -258,13 +259,13 @@ impl SimulatedBoards {
     }
 }
 
-/// The simulated flange camera with the filters of a colour sensor; its pixels reach the program without a network.
+/// The simulated flange camera with the colour filters of a sensor, without a network between camera and program.
 pub struct BayerFlangeCamera {
     simulated: SimulatedFlangeCamera,
 }
 
 impl BayerFlangeCamera {
-    /// Adds the filters to a simulated camera.
+    /// Adds the colour filters to a simulated camera.
     pub fn new(simulated: SimulatedFlangeCamera) -> Self {
         BayerFlangeCamera { simulated }
     }

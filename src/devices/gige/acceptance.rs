@@ -1,24 +1,25 @@
-//! The frames that are accepted: complete, of the expected form, newer than the last, and the next in sequence.
+//! The acceptance check of frames. An accepted frame is complete, has the expected size and format, is newer than the
+//! last frame, and has the next frame number.
 //!
-//! A camera numbers its frames. With 16 bits the numbers run 1…65535 and begin again at 1, with 64 bits they continue;
-//! 0 is not a number. Which of the two a camera uses is known when the first number above 65535 arrives. A frame that
-//! was lost completely leaves a gap. In a stream the gap is counted. In a still the frame is refused, since it is not
-//! known which exposure it shows.
+//! A camera numbers its frames. Numbers of 16 bits count from 1 to 65535 and then from 1 again; numbers of 64 bits do
+//! not wrap. 0 is not a valid number. The program treats the numbers as 16 bits wide until the first number above 65535
+//! arrives. A frame that was lost completely leaves a gap in the numbers. For a free-running camera the gap is counted.
+//! For a single picture the frame is refused, because it is not known to which trigger it belongs.
 
 use super::format::PixelFormat;
 
-/// How a frame arrived.
+/// The result of receiving a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Delivery {
     /// Every packet arrived.
     Complete,
-    /// Packets are missing and did not arrive in time when they were requested again.
+    /// Packets are missing: they did not arrive in time, even after they were requested again.
     MissingPackets,
-    /// The remaining packets did not come in time.
+    /// The rest of the frame's packets did not arrive in time.
     TimedOut,
-    /// The frame is larger than announced.
+    /// The frame is larger than its header states.
     SizeMismatch,
-    /// Any other fault that makes the frame useless.
+    /// The frame cannot be used for another reason.
     Broken,
 }
 
@@ -37,38 +38,38 @@ impl Delivery {
 /// The data of a frame besides its pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FrameMetadata {
-    /// How the frame arrived. If a frame is not complete, only its number is valid, and only if its first packet
-    /// arrived; otherwise the number is that of an earlier frame, or 0.
+    /// The result of receiving the frame. If the frame is not complete, only its number is valid, and only if its first
+    /// packet has arrived. Otherwise the number is that of an earlier frame, or 0.
     pub delivery: Delivery,
     /// Its number.
     pub id: u64,
-    /// Time of the exposure by the camera's clock, ns.
+    /// Time of the exposure on the camera's clock, ns.
     pub camera_time_ns: u64,
-    /// Width and height, px.
+    /// Width and height of the frame, px.
     pub size_px: [usize; 2],
-    /// The pixel format's code.
+    /// The code of the frame's pixel format.
     pub format: u32,
 }
 
-/// The requirements that a frame must satisfy.
+/// The requirements for an accepted frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FrameRequirements {
     /// Width and height of the calibrated camera, px.
     pub size_px: [usize; 2],
     /// The pixel format.
     pub format: PixelFormat,
-    /// How a gap in the frame numbers is handled.
+    /// How a gap in the frame numbers is treated.
     pub gaps: GapPolicy,
-    /// Whether two consecutive frames may have the same pixels. The noise of a real sensor never repeats.
+    /// Whether two consecutive frames may have equal pixels. Frames of a real sensor never do, because of its noise.
     pub may_repeat: bool,
 }
 
-/// How a gap in the frame numbers is handled.
+/// How a gap in the frame numbers is treated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GapPolicy {
-    /// One frame belongs to each trigger: a frame whose number is not the next one is refused.
+    /// Each trigger has one frame: a frame whose number is not the next one is refused.
     Refused,
-    /// The camera runs freely: missing frames are counted.
+    /// The camera is free-running: missing frames are counted.
     Counted,
 }
 
@@ -100,29 +101,29 @@ pub enum FrameRefusal {
         /// The pixel format that was set.
         expected: PixelFormat,
     },
-    /// The frame has fewer or more bytes than its size and format need.
+    /// The number of the frame's bytes does not match its size and format.
     #[error("frame {id} has {found} bytes, but its size needs {expected} bytes")]
     WrongLength {
         /// Its number.
         id: u64,
-        /// Number of bytes found.
+        /// Number of bytes in the frame.
         found: usize,
-        /// Number of bytes that the frame's size needs.
+        /// Number of bytes that the frame's size and format require.
         expected: usize,
     },
-    /// By the camera's clock, the frame is not newer than the last one.
+    /// The timestamp of the frame is not later than that of the last accepted frame.
     #[error(
         "frame {id} was exposed at {found_ns} ns of the camera's clock, not after the last frame, {last_ns} ns"
     )]
     NotNewer {
         /// Its number.
         id: u64,
-        /// Timestamp of the frame, ns.
+        /// Timestamp of the frame on the camera's clock, ns.
         found_ns: u64,
-        /// Time of the last accepted frame, ns.
+        /// Timestamp of the last accepted frame, ns.
         last_ns: u64,
     },
-    /// The frame does not have the next number.
+    /// The number of the frame is not the next one.
     #[error("frame {id} does not follow frame {last}")]
     OutOfSequence {
         /// Its number.
@@ -130,7 +131,7 @@ pub enum FrameRefusal {
         /// Number of the last frame.
         last: u64,
     },
-    /// The frame has the same pixels as the last frame.
+    /// The pixels of the frame are equal to those of the last frame.
     #[error("frame {id} has exactly the same pixels as the last frame")]
     Repeated {
         /// Its number.
@@ -139,7 +140,7 @@ pub enum FrameRefusal {
 }
 
 impl FrameRefusal {
-    /// Returns whether the reason shows that the camera delivers an old scene.
+    /// Returns whether the refused frame shows an earlier scene, because it repeats an earlier frame.
     pub fn is_old_scene(&self) -> bool {
         matches!(
             self,
@@ -148,28 +149,29 @@ impl FrameRefusal {
     }
 }
 
-/// Returns by how many numbers a frame is ahead of the last one: 1 for the next frame. `None` if it is an earlier
-/// frame, the same one, or has no number.
+/// Returns the number of frames from the last frame to this one: 1 for the next frame. `None` if the frame is earlier
+/// or the same, or has no number.
 pub fn frames_ahead(last: u64, id: u64) -> Option<u64> {
     const CYCLE: u64 = 65_535;
     match (last, id) {
         (_, 0) => None,
         (last, id) if last > CYCLE || id > CYCLE => id.checked_sub(last).filter(|&ahead| ahead > 0),
-        // At half of the cycle, forward and backward cannot be distinguished; the smaller difference gives the
+        // The numbers wrap, so a difference of half the cycle is ambiguous; the shorter way around determines the
         // direction.
         (last, id) => Some((id + CYCLE - last) % CYCLE).filter(|ahead| (1..=CYCLE / 2).contains(ahead)),
     }
 }
 
-/// Judges the frames of one stream, one after the other.
+/// Checks the frames of a stream in sequence.
 #[derive(Debug, Clone)]
 pub struct Acceptance {
     expected: FrameRequirements,
-    /// The number of the last frame that was received, accepted or not.
+    /// The number of the last received frame, accepted or refused.
     last_id: Option<u64>,
-    /// Time of the last accepted frame.
+    /// The timestamp of the last accepted frame.
     last_time_ns: Option<u64>,
-    /// The time of the previous frame, if it was refused because it was not newer than the last accepted one.
+    /// The timestamp of the previous frame, if it was refused because its timestamp was not later than that of the last
+    /// accepted frame.
     older_time_ns: Option<u64>,
     clock_steps: u64,
     last_pixels: Vec<u8>,
@@ -179,7 +181,7 @@ pub struct Acceptance {
 }
 
 impl Acceptance {
-    /// Creates the check for a stream from which no frame was received yet.
+    /// Creates the check for a stream of which no frame was received yet.
     pub fn new(expected: FrameRequirements) -> Self {
         Acceptance {
             expected,
@@ -193,7 +195,7 @@ impl Acceptance {
         }
     }
 
-    /// Begins a new stream: its numbers may begin anywhere, and the camera's clock continues.
+    /// Prepares for a new stream: its frame numbers may start anywhere, while the camera's clock continues.
     pub fn new_stream(&mut self) {
         (self.last_id, self.unnumbered) = (None, 0);
     }
@@ -203,27 +205,27 @@ impl Acceptance {
         self.expected
     }
 
-    /// Returns the number of frames that are missing in the numbering of a free running camera.
+    /// Returns the number of missing frames of a free-running camera, from the gaps in the frame numbers.
     pub fn missing_frames(&self) -> u64 {
         self.lost
     }
 
-    /// Returns the number of times that the camera's clock was set back.
+    /// Returns how many times the camera's clock was set back.
     pub fn clock_steps(&self) -> u64 {
         self.clock_steps
     }
 
-    /// Returns whether the camera's clock was set back, as by PTP when a new master takes over. This is true if the
-    /// previous frame was refused for its time and this frame is newer than the previous one. A camera that repeats
-    /// one old frame never satisfies this condition.
+    /// Returns whether the camera's clock was set back, for example by PTP after a change of the master. This is the
+    /// case if the previous frame was refused because of its timestamp, and this frame is newer than the previous one.
+    /// A camera that repeats one old frame never satisfies this condition.
     fn is_clock_set_back(&self, camera_time_ns: u64) -> bool {
         self.older_time_ns.is_some_and(|older_ns| camera_time_ns > older_ns)
     }
 
-    /// Accepts the frame or returns why not.
+    /// Checks one frame.
     ///
     /// # Errors
-    /// If the frame must not be used.
+    /// If the frame must not be used; the error is the reason.
     pub fn judge(&mut self, facts: &FrameMetadata, pixels: &[u8]) -> Result<(), FrameRefusal> {
         let FrameMetadata { id, delivery, camera_time_ns, size_px, format } = *facts;
         let before = self.last_id;
@@ -257,7 +259,7 @@ impl Acceptance {
             self.older_time_ns = Some(camera_time_ns);
             return Err(FrameRefusal::NotNewer { id, found_ns: camera_time_ns, last_ns });
         }
-        // A picture of uniform brightness, as from a covered lens, may repeat.
+        // Pictures of uniform brightness, for example with a covered lens, may be equal.
         let plain = pixels.iter().all(|level| Some(level) == pixels.first());
         if !may_repeat && !plain && pixels == self.last_pixels {
             return Err(FrameRefusal::Repeated { id });
@@ -343,7 +345,7 @@ mod tests {
         }
     }
 
-    /// A covered lens gives the same black picture again and again; a new stream begins at any number.
+    /// A covered lens gives equal black pictures, which are accepted. A new stream may start with any number.
     #[test]
     fn equal_black_frames_are_accepted_and_streams_begin_anywhere() {
         let mut acceptance = Acceptance::new(EXPECTED);
@@ -356,8 +358,9 @@ mod tests {
         assert_eq!(acceptance.judge(&restarted, &pixels(1)), Ok(()));
     }
 
-    /// By hand: after 8 µs the clock continues from 1 µs. The first frame with the new time is refused, the next
-    /// one accepted, and from then on the new time is valid. The same old frame is never accepted again.
+    /// Expected results, derived by hand: after 8 µs the clock is set back to 1 µs. The first frame with the new time
+    /// is refused, the next one is accepted, and then the new time is valid. A repetition of the old frame is never
+    /// accepted.
     #[test]
     fn one_picture_is_refused_when_the_clock_is_set_back() {
         let at = |id: u64, camera_time_ns: u64| FrameMetadata { camera_time_ns, ..frame(id) };
@@ -374,8 +377,8 @@ mod tests {
     }
 
     proptest! {
-        /// From any start, with any losses, across both wrap-arounds: an accepted frame is always newer, no frame is
-        /// accepted twice, and in a stream every missing number is counted.
+        /// For any first number and any losses, across both wrap-arounds: an accepted frame is always newer than the
+        /// last one, no frame is accepted twice, and for a free-running camera every missing number is counted.
         #[test]
         fn missing_frames_of_a_stream_are_counted(start in prop::sample::select(vec![1u64, 60_000, 65_400, 1 << 33]), wide in any::<bool>(),
             fates in prop::collection::vec(0u8..8, 1..400)) {
@@ -385,7 +388,7 @@ mod tests {
             };
             let mut acceptance = Acceptance::new(FrameRequirements { gaps: GapPolicy::Counted, may_repeat: true, ..EXPECTED });
             let (mut taken, mut broken, mut numbered) = (0, 0, 0);
-            // The first and the last frame are complete, so that the number of frames is known.
+            // The first and the last frame are complete, so that the number of frames between them is known.
             let fates: Vec<u8> = [vec![9], fates, vec![9]].concat();
             for (index, fate) in fates.iter().enumerate() {
                 let index = index as u64;
@@ -393,7 +396,7 @@ mod tests {
                 let (facts, expect) = match fate {
                     0 => continue, // lost whole
                     1 => (FrameMetadata { delivery: Delivery::TimedOut, ..facts }, false),
-                    // Without the first packet, the number is that of the buffer's last use, or there is none.
+                    // If the first packet is lost, the number is that of the frame that used the buffer before, or 0.
                     2 => (FrameMetadata { delivery: Delivery::TimedOut, id: numbered, ..facts }, false),
                     3 => (FrameMetadata { delivery: Delivery::MissingPackets, id: 0, ..facts }, false),
                     _ => (facts, true),
@@ -402,7 +405,7 @@ mod tests {
                 prop_assert_eq!(acceptance.judge(&facts, &pixels(index)).is_ok(), expect);
                 if expect {
                     taken += 1;
-                    // The same frame is never accepted a second time.
+                    // A repetition of the frame is refused.
                     prop_assert!(acceptance.judge(&facts, &pixels(index)).is_err());
                 } else {
                     broken += 1;

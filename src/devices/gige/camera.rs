@@ -1,8 +1,8 @@
-//! A connected camera: Aravis's objects, which one thread owns, and the data of the camera's frames. A camera is found
-//! and configured; its settings are read back.
+//! A connected GigE Vision camera: Aravis's objects, which belong to one thread, and the frames. A camera is searched,
+//! opened and configured, and its settings are read back.
 //!
-//! Aravis's packet socket is never used: it needs root, and delivers nothing on the loopback interface. Packet size
-//! and socket buffer are set to fixed values: the negotiated size may be more than the network permits, and the
+//! Aravis's packet socket is never used: it requires root, and it receives nothing on the loopback interface. Packet
+//! size and socket buffer are set to fixed values: a negotiated packet size may exceed the network's limit, and the
 //! default buffer has room for only a tenth of a picture.
 
 use super::acceptance::{Acceptance, FrameMetadata, FrameRefusal, FrameRequirements, GapPolicy};
@@ -19,21 +19,21 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-/// Number of pictures within which the first complete one must arrive; the first pictures may be incomplete, because
-/// the socket's buffer is set when the first packet arrives.
+/// Maximum number of pictures until the first complete one. The first pictures may be incomplete, because the socket's
+/// buffer is enlarged only when the first packet arrives.
 pub const MAX_FIRST_PICTURES: u32 = 5;
 
-/// Guards Aravis's list of interfaces and cameras, which the whole program shares and which has no lock of its own.
+/// Protects Aravis's global list of interfaces and cameras, which has no lock of its own.
 static LIBRARY: Mutex<()> = Mutex::new(());
 
-/// A frame that was accepted.
+/// An accepted frame with its pixels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
     /// The frame's facts.
     pub facts: FrameMetadata,
     /// The pixels of the frame, one byte each, row by row.
     pub pixels: Vec<u8>,
-    /// The camera's temperature at that time, °C, if the camera reports one.
+    /// The camera's temperature after the exposure, °C, if the camera reports one.
     pub camera_c: Option<f64>,
 }
 
@@ -46,8 +46,8 @@ pub(super) struct ConnectedCamera {
 }
 
 impl ConnectedCamera {
-    /// Finds the camera, configures it, and waits for its first complete picture. Gives up if `is_ending` becomes
-    /// true.
+    /// Finds the camera, configures it, and waits for its first complete picture. Returns an error early if `is_ending`
+    /// becomes true.
     pub fn open(settings: &Settings, is_ending: Arc<AtomicBool>) -> Result<Self, GigeError> {
         let wanted = settings.selector.to_string();
         let device = {
@@ -78,7 +78,7 @@ impl ConnectedCamera {
         Ok(connected)
     }
 
-    /// Takes pictures until the first complete one; the pictures before it are not counted.
+    /// Captures pictures until the first complete one; the incomplete pictures are not counted in the statistics.
     fn take_first_complete(&mut self) -> Result<(), GigeError> {
         let mut last = "nothing came".to_owned();
         for _ in 0..MAX_FIRST_PICTURES {
@@ -109,7 +109,7 @@ impl ConnectedCamera {
         })
     }
 
-    /// Takes a picture that is exposed now.
+    /// Captures a single picture, whose exposure begins after this call.
     pub fn take_still(&mut self) -> Result<Frame, GigeError> {
         let taken = single_picture::capture(&mut self.sensor, &mut self.acceptance, &mut self.statistics);
         let camera_c = if taken.is_ok() { self.sensor.temperature_c() } else { None };
@@ -123,7 +123,7 @@ impl ConnectedCamera {
         })
     }
 
-    /// Returns the next acceptable picture of a free running camera.
+    /// Returns the next accepted picture of a free-running camera.
     pub fn next(&mut self) -> Result<Frame, GigeError> {
         let begun = Instant::now();
         while begun.elapsed() < self.settings.picture_timeout() * MAX_ATTEMPTS {
@@ -143,7 +143,7 @@ impl ConnectedCamera {
         Err(GigeError::Timeout { waited_ms: round_to_ms(begun.elapsed()) })
     }
 
-    /// Checks whether the camera has reported that it is gone.
+    /// Checks that the camera has not reported the loss of its connection.
     pub fn check_connected(&self) -> Result<(), GigeError> {
         self.sensor.check_streaming()
     }
@@ -235,7 +235,7 @@ pub(super) fn configure(camera: &aravis::Camera, settings: &Settings) -> Result<
     Ok(())
 }
 
-/// Performs one step; the value that was set is read back.
+/// Sets one value of the camera and reads it back.
 fn set(camera: &aravis::Camera, step: &SettingStep) -> Result<(), GigeError> {
     let (node, value) = match step {
         SettingStep::Command(node) => (*node, "()".to_owned()),
@@ -268,15 +268,15 @@ fn set(camera: &aravis::Camera, step: &SettingStep) -> Result<(), GigeError> {
             }
             camera.set_float(node, *number).map_err(refused)?;
             let taken = camera.float(node).map_err(refused)?;
-            // A sensor's exposure is a multiple of its row time, and an amplifier's gain has steps, so the accepted
-            // value may differ slightly.
+            // The exposure is a multiple of the sensor's row time, and the gain has steps. So the value that the camera
+            // sets may differ slightly.
             let near = (taken - number).abs() <= 0.02 * number.abs() + 0.1;
             if near { Ok(()) } else { Err(not_taken(format!("the camera set {taken} instead"))) }
         }
     }
 }
 
-/// Describes the frame rate that limits the exposure, in words, if the camera reports one.
+/// Returns a text with the frame rate that limits the exposure, if the camera reports one.
 fn describe_frame_rate(camera: &aravis::Camera, node: &str) -> String {
     let rate = node.starts_with("Exposure").then(|| camera.float("AcquisitionFrameRate").ok()).flatten();
     rate.map_or(String::new(), |rate| format!(" at the camera's lowest rate, {rate:.3} pictures per second"))

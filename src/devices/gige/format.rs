@@ -1,19 +1,19 @@
-//! The supported pixel formats, by their names in GenICam's Pixel Format Naming Convention, and the conversion of one
-//! colour per pixel to three, and back.
+//! The supported pixel formats, by their names in GenICam's Pixel Format Naming Convention, and the conversion from a
+//! Bayer pattern to RGB and back.
 //!
-//! Each pixel's filter blocks two colours. Linear filters estimate these from the neighbours: they add to the
-//! bilinear mean a part of the known colour's curvature at that pixel:
+//! A colour filter on each pixel passes one of three colours. The other two are interpolated by linear filters
+//! (demosaicing), which add to the bilinear mean a fraction of the Laplacian of the measured colour at this pixel:
 //!     G at R = mean of 4 G + ½ ΔR,   R at B = mean of 4 R + ¾ ΔB,   R at G = mean of 2 R + ⅝ ΔG,             (1)
-//! as 5×5 kernels in sixteenths. A grey ramp comes out unchanged. An edge keeps its position and its sharpness,
-//! which the bilinear mean alone would blur. Beyond the picture's border its rows and columns are mirrored, which
-//! keeps the filters' order. Values outside 0…255 are clipped. Source: Malvar, He, Cutler, High-quality linear
-//! interpolation for demosaicing, ICASSP 2004.
+//! as 5×5 kernels in sixteenths. A grey ramp is reproduced exactly. An edge keeps its position and its sharpness, while
+//! the bilinear mean alone would blur it. Beyond the border, rows and columns are mirrored, so that the Bayer pattern
+//! continues. Values outside 0…255 are clipped. Source: Malvar, He, Cutler, High-quality linear interpolation for
+//! demosaicing, ICASSP 2004.
 
 use panelprep_base::geometry::ColorPicture;
 use rayon::prelude::*;
 use strum::{IntoStaticStr, VariantArray};
 
-/// A format with one byte a pixel: brightness, or the one colour that the pixel's filter passes.
+/// A pixel format with one byte per pixel: the brightness, or the colour that the pixel's filter passes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr, VariantArray)]
 pub enum PixelFormat {
     /// Brightness.
@@ -37,7 +37,7 @@ impl PixelFormat {
         self.into()
     }
 
-    /// Returns the format's number in a frame's leader.
+    /// Returns the code of the format in a frame's header (GVSP leader).
     pub fn code(self) -> u32 {
         match self {
             PixelFormat::Mono8 => 0x0108_0001,
@@ -48,13 +48,13 @@ impl PixelFormat {
         }
     }
 
-    /// Returns the format with this name.
+    /// Returns the supported format with this name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.iter().copied().find(|format| format.name() == name)
     }
 
-    /// Returns a format's name by its code, according to GenICam's naming convention. This includes formats that
-    /// this program does not accept.
+    /// Returns the name of a pixel format from its code, according to GenICam's naming convention; also for formats
+    /// that this program does not support.
     pub fn name_of_code(code: u32) -> String {
         let ours = Self::ALL.iter().copied().find(|format| format.code() == code).map(Self::name);
         let other = || match code {
@@ -71,7 +71,8 @@ impl PixelFormat {
         ours.or_else(other).map_or_else(|| format!("format {code:#010x}"), str::to_owned)
     }
 
-    /// Returns the colour that a pixel's filter passes: 0 red, 1 green, 2 blue. `None` if there is no filter.
+    /// Returns the colour that the filter of a pixel passes: 0 is red, 1 is green, 2 is blue. `None` for a monochrome
+    /// sensor.
     pub fn filter(self, column: usize, row: usize) -> Option<usize> {
         // Column and row of the first red pixel.
         let [red_column, red_row] = match self {
@@ -85,8 +86,8 @@ impl PixelFormat {
     }
 }
 
-/// Returns the raw pixels of a sensor with these filters for a picture: the inverse of [`demosaic`], except for what
-/// (1) cannot restore.
+/// Returns the raw pixels that a sensor with these filters would measure for a picture. It is the inverse of
+/// [`demosaic`], except for details that equation (1) cannot restore.
 pub fn mosaic(picture: &ColorPicture, format: PixelFormat) -> Vec<u8> {
     let gray = || picture.to_gray().gray;
     let pick = |(index, rgb): (usize, &[u8; 3])| {
@@ -96,7 +97,7 @@ pub fn mosaic(picture: &ColorPicture, format: PixelFormat) -> Vec<u8> {
     picked.unwrap_or_else(gray)
 }
 
-/// Returns the picture of a sensor's raw bytes, one per pixel, row by row. `None` if they are not `width` ×
+/// Converts the raw bytes of a sensor, row by row, to a colour picture. `None` if the number of bytes is not `width` ×
 /// `height`, or if a colour sensor has fewer than three columns or rows.
 pub fn demosaic(raw: &[u8], [width, height]: [usize; 2], format: PixelFormat) -> Option<ColorPicture> {
     if raw.len() != width * height {
@@ -124,8 +125,8 @@ pub fn demosaic(raw: &[u8], [width, height]: [usize; 2], format: PixelFormat) ->
     Some(picture)
 }
 
-/// Returns the index of the pixel at this offset; beyond the border it is mirrored, and the border pixel is not
-/// repeated.
+/// Returns the index of the pixel at the offset `by` from `at`; beyond the border it is mirrored without repeating the
+/// border pixel.
 fn mirrored_index(at: usize, by: isize, count: usize) -> usize {
     let to = at.saturating_add_signed(by);
     match to {
@@ -135,7 +136,7 @@ fn mirrored_index(at: usize, by: isize, count: usize) -> usize {
     }
 }
 
-/// Calculates equation (1) at one pixel; `around(2, 2)` is the pixel itself.
+/// Evaluates equation (1) at one pixel; `around(2, 2)` is the value of the pixel itself.
 fn interpolate_rgb(
     format: PixelFormat,
     [column, row]: [usize; 2],
@@ -152,7 +153,7 @@ fn interpolate_rgb(
         Some(1) => {
             let along = byte(10 * own + 8 * beside - 2 * (far_beside + diagonal) + far_above);
             let across = byte(10 * own + 8 * above - 2 * (far_above + diagonal) + far_beside);
-            // Distinguishes red from blue by the colour that shares this row with green.
+            // At a green pixel, the other colour in its row is red or blue.
             match format.filter(column + 1, row) {
                 Some(0) => [along, own_byte, across],
                 _ => [across, own_byte, along],
@@ -179,15 +180,15 @@ mod tests {
         ColorPicture { width, height, rgb }
     }
 
-    /// Calculated by hand, for red = 160 at the one red pixel of a dark 5×5 picture: green there is ½·160 = 80,
-    /// blue ¾·160 = 120.
+    /// Expected values, calculated by hand: a dark 5×5 picture has red = 160 at its only red pixel. There green is
+    /// ½·160 = 80, and blue is ¾·160 = 120.
     #[test]
     fn a_single_pixel_shows_the_kernels() {
         let mut raw = vec![0; 25];
         raw[12] = 160;
         let seen = demosaic(&raw, [5, 5], PixelFormat::BayerRG8).expect("fits");
         assert_eq!(seen.rgb[12], [160, 80, 120]);
-        // In the pixel beside the red one, green is half of the mean of two reds, 80; blue is clipped at zero.
+        // In the pixel beside the red one, red is the mean of 160 and 0, 80; green and blue are 0 or clipped to 0.
         assert_eq!(seen.rgb[11], [80, 0, 0]);
         assert_eq!(PixelFormat::BayerRG8.filter(2, 2), Some(0));
         assert_eq!(PixelFormat::BayerGB8.filter(0, 0), Some(1));
@@ -202,8 +203,8 @@ mod tests {
     }
 
     proptest! {
-        /// A uniform colour stays the same; a grey ramp stays the same away from the border; the values that a filter
-        /// passed stay exact.
+        /// A uniform colour is unchanged, a grey ramp is unchanged away from the border, and the measured values stay
+        /// exact.
         #[test]
         fn uniform_colour_and_grey_ramp_stay_unchanged(format in prop::sample::select(FORMATS.to_vec()), rgb in any::<[u8; 3]>(),
             size in (6usize..20, 6usize..20), slope in (0usize..4, 0usize..4)) {

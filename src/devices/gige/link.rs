@@ -1,8 +1,9 @@
-//! The camera's thread: it owns the connection, takes pictures on request, and reconnects after the camera was lost.
+//! The thread of a GigE Vision camera: it owns the connection, captures pictures on request, and reconnects to a camera
+//! whose connection was lost.
 //!
-//! A camera may be unplugged, may reboot, or may never have been connected. The program's log reports this once at its
-//! start and once at its end. Until then, every request for a picture is refused at once with the reason. No client
-//! waits for a camera that is known to be unavailable.
+//! A camera may be unplugged, may reboot, or may never have been connected. The log contains one entry when the camera
+//! becomes unavailable and one when it is available again. In between, every request for a picture is refused
+//! immediately with the reason, so no caller waits for an unavailable camera.
 
 use super::camera::{ConnectedCamera, Frame, MAX_FIRST_PICTURES};
 use super::error::{GigeError, round_to_ms};
@@ -15,49 +16,50 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Time limit for the first search before a picture is refused, in addition to the time for the first pictures.
+/// Time limit for the first search, in addition to the time for the first pictures; then requests are refused.
 const SEARCH_TIMEOUT: Duration = Duration::from_secs(5);
-/// Time limit for releasing a camera that does not answer, in addition to the attempts for one picture.
+/// Time limit for releasing a camera that does not respond, in addition to the attempts for one picture.
 const RELEASE_TIMEOUT: Duration = Duration::from_secs(15);
-/// Interval between checks of a camera that has no request.
+/// Interval at which the connection is checked while no picture is requested.
 const CHECK_INTERVAL: Duration = Duration::from_millis(100);
-/// First interval between two searches for a lost camera. The next constant is the longest interval.
+/// Minimum and maximum interval between two searches for a lost camera; the interval increases from the first to the
+/// second.
 const MIN_SEARCH_INTERVAL: Duration = Duration::from_millis(200);
 const MAX_SEARCH_INTERVAL: Duration = Duration::from_secs(2);
 
-/// The state of the camera's link.
+/// The state of the link to a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LinkStatus {
-    /// The first search continues.
+    /// The first search for the camera is in progress.
     Searching,
     /// The camera delivers.
     Connected,
-    /// The camera is unavailable, for this reason.
+    /// The camera is unavailable; the error is the reason.
     Away(GigeError),
 }
 
-/// A request to the thread.
+/// A request to the camera's thread.
 enum CameraRequest {
-    /// Requests a still, or the next picture of a free-running camera.
+    /// Requests a single picture, or the next picture of a free-running camera.
     Picture { asked: Instant, reply: Sender<Result<Frame, GigeError>> },
 }
 
 #[derive(Debug)]
 struct Shared {
     status: LinkStatus,
-    /// Statistics of the present connection and all earlier ones.
+    /// The statistics of all connections, including the current one.
     statistics: Statistics,
 }
 
-/// A GigE Vision camera that keeps its own connection.
+/// A GigE Vision camera whose thread keeps it connected.
 #[derive(Debug)]
 pub struct GigeCamera {
     asks: Option<Sender<CameraRequest>>,
     shared: Arc<Mutex<Shared>>,
     opened: Instant,
-    /// Description of the camera for messages.
+    /// The description of the camera in messages.
     which: String,
-    /// Time limits for the first search and for one picture in total.
+    /// Time limits for the first search, and for one picture with all its attempts.
     search: Duration,
     max_wait: Duration,
     is_ending: Arc<AtomicBool>,
@@ -65,10 +67,10 @@ pub struct GigeCamera {
 }
 
 impl GigeCamera {
-    /// Begins to search for the camera. A missing camera is not an error here: it may appear later.
+    /// Starts to search for the camera. A missing camera is not an error here, because it may be connected afterwards.
     ///
     /// # Errors
-    /// If the system cannot start a thread.
+    /// If the operating system cannot start a thread.
     pub fn open(settings: Settings) -> std::io::Result<Self> {
         let (asks, asked) = mpsc::channel();
         let standing = LinkStatus::Searching;
@@ -93,10 +95,10 @@ impl GigeCamera {
         Ok(GigeCamera { asks, shared, opened, which, search, max_wait: longest, is_ending, thread })
     }
 
-    /// Returns a still, or the next picture of a free running camera.
+    /// Returns a single picture, or the next picture of a free-running camera.
     ///
     /// # Errors
-    /// If the camera is away or delivers no usable picture.
+    /// If the camera is unavailable or delivers no usable picture.
     pub fn picture(&mut self) -> Result<Frame, GigeError> {
         self.check_ready()?;
         let lost = || GigeError::Lost { why: "the camera's thread has ended".to_owned() };
@@ -119,10 +121,10 @@ impl GigeCamera {
         }
     }
 
-    /// Checks that the camera can deliver. Waits for the first search.
+    /// Checks that the camera is available. Waits until the first search has ended.
     ///
     /// # Errors
-    /// If the camera is away.
+    /// If the camera is unavailable.
     pub fn check_ready(&mut self) -> Result<(), GigeError> {
         loop {
             match self.link_status() {
@@ -137,33 +139,33 @@ impl GigeCamera {
         }
     }
 
-    /// Returns the link's present state.
+    /// Returns the current state of the link.
     pub fn link_status(&self) -> LinkStatus {
         lock(&self.shared).status.clone()
     }
 
-    /// Returns the counters of the link.
+    /// Returns the statistics of the link.
     pub fn statistics(&self) -> Statistics {
         lock(&self.shared).statistics
     }
 
-    /// Returns a handle by which other threads can read the link's state and counters.
+    /// Returns a monitor by which other threads can read the state and the statistics of the link.
     pub fn gauge(&self) -> LinkMonitor {
         LinkMonitor(self.shared.clone())
     }
 }
 
-/// A read-only view of a camera's link, to report its state while another thread has the camera.
+/// A read-only view of a camera's link: it reports state and statistics while another thread uses the camera.
 #[derive(Debug, Clone)]
 pub struct LinkMonitor(Arc<Mutex<Shared>>);
 
 impl LinkMonitor {
-    /// Returns the link's present state.
+    /// Returns the current state of the link.
     pub fn link_status(&self) -> LinkStatus {
         lock(&self.0).status.clone()
     }
 
-    /// Returns the statistics up to now.
+    /// Returns the current statistics of the link.
     pub fn statistics(&self) -> Statistics {
         lock(&self.0).statistics
     }
@@ -191,7 +193,7 @@ struct Link {
     max_wait: Duration,
     shared: Arc<Mutex<Shared>>,
     connected: Option<ConnectedCamera>,
-    /// The counts of earlier connections.
+    /// The statistics of the connections that have ended.
     earlier_counts: Statistics,
     away_since: Option<Instant>,
     next_search: Instant,
@@ -275,24 +277,23 @@ impl Link {
         }
     }
 
-    /// Handles a connected camera that gives no picture.
+    /// Releases a connected camera that delivers no picture, and reports the reason.
     fn on_lost(&mut self, why: GigeError) {
         self.earlier_counts.losses += 1;
         self.publish();
         self.report_away(why);
     }
 
-    /// Releases a camera that gives no picture. When it is opened again, all settings are written again, in case they
-    /// have changed.
+    /// Releases the camera. When it is opened again, all settings are written again, because they may have changed.
     fn release_camera(&mut self) {
         let Some(connected) = self.connected.take() else { return };
         self.earlier_counts = self.earlier_counts.plus(connected.statistics());
         self.next_search = Instant::now() + self.pause;
-        // This needs seconds if the camera is gone and does not answer.
+        // This takes several seconds if the camera does not respond.
         drop(connected);
     }
 
-    /// Reports once that the camera is away; the reason may change meanwhile.
+    /// Logs once that the camera is unavailable; the reason may change while it is.
     fn report_away(&mut self, why: GigeError) {
         if self.away_since.is_none() {
             match why {

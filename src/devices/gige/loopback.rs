@@ -1,13 +1,13 @@
-//! A camera without hardware: Aravis's fake GigE Vision camera, which sends our pictures as packets over the loopback
-//! interface.
+//! A simulated GigE Vision camera: Aravis's fake camera, which sends the pictures of this program as packets over the
+//! loopback interface.
 //!
-//! The fake camera answers control packets and sends stream packets like a real camera. It uses UDP port 3956 of one
-//! address of this machine, so only one can exist at a time. Aravis shares that port with every program that requests
-//! it, and a client could then be connected to either camera. Therefore the TCP port of the same number, which GigE
-//! Vision does not use, is held as a lock between programs. A function supplies the pictures; it is called for each
-//! exposure, in the camera's thread. The camera's description is `test_camera.xml`: the features of a LUCID Triton
-//! that this program uses. Most of them have no effect on the fake camera; they retain the value that was written. The
-//! fake camera does not resend packets.
+//! The fake camera replies to control packets and sends stream packets like a real camera. It uses UDP port 3956 of one
+//! address of this computer, so only one fake camera can exist at a time. Aravis shares this port with every program
+//! that requests it, and a client could be connected to either camera. Therefore the TCP port with the same number,
+//! which GigE Vision does not use, is held as a lock between programs. A function supplies the pictures; it is called
+//! for each exposure, in the camera's thread. The GenICam XML is `test_camera.xml`: it has the features of a LUCID
+//! Triton that this program uses. Most features have no effect on the fake camera; they only keep the value that was
+//! written. The fake camera does not resend packets.
 
 use super::format::PixelFormat;
 use aravis::GvFakeCamera;
@@ -19,71 +19,71 @@ use std::net::{TcpListener, UdpSocket};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The address that every machine has. Only one loopback camera can use it at a time.
+/// The loopback address, which every computer has. Only one simulated camera can use it at a time.
 pub const LOOPBACK_ADDRESS: &str = "127.0.0.1";
 
-/// The port of GigE Vision's control packets.
+/// The UDP port of GigE Vision's control protocol (GVCP).
 const PORT: u16 = 3956;
 
-/// The camera's features and their registers.
+/// The GenICam XML of the simulated camera: its features and their registers.
 const DESCRIPTION: &str = include_str!("test_camera.xml");
 
-/// A register for a feature that the description adds to Aravis's own features.
+/// The register address of a feature that the GenICam XML adds to the features of Aravis's fake camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Register {
-    /// The selected set of values.
+    /// The user set that is selected.
     UserSetSelector = 0x4000,
-    /// 1 after the selected set was loaded.
+    /// 1 after the selected user set was loaded.
     UserSetLoad = 0x4004,
-    /// Automatic exposure: 0 for off.
+    /// Automatic exposure; 0 is off.
     ExposureAuto = 0x4008,
-    /// Automatic white balance: 0 for off.
+    /// Automatic white balance; 0 is off.
     BalanceWhiteAuto = 0x4010,
-    /// 1 if the frame rate is limited.
+    /// 1 if the limit of the frame rate is enabled.
     AcquisitionFrameRateEnable = 0x4014,
     /// 1 if the camera is ready for a trigger.
     TriggerArmed = 0x4018,
-    /// 1 if data are sent with the picture.
+    /// 1 if chunk data are sent with each picture.
     ChunkModeActive = 0x401c,
-    /// 1 if the network sets the camera's clock.
+    /// 1 if PTP sets the camera's clock.
     PtpEnable = 0x4020,
-    /// Temperature of the camera, tenths of a degree.
+    /// Temperature of the camera, tenths of a degree Celsius.
     DeviceTemperature = 0x4024,
     /// Gain, tenths of a dB.
     Gain = 0x0110,
-    /// Automatic gain: 0 for off.
+    /// Automatic gain; 0 is off.
     GainAuto = 0x0114,
     /// Exposure time, µs.
     ExposureTime = 0x0120,
-    /// Time of one picture, µs.
+    /// Period of the frames, µs.
     FramePeriod = 0x0138,
 }
 
-/// Fills the pixels of an exposure, given the number of earlier exposures.
+/// A function that writes the pixels of one exposure; its first argument is the number of earlier exposures.
 pub type FillPixels = Box<dyn Fn(u64, &mut [u8]) + Send + Sync>;
 
-/// The reason why the loopback camera could not be started.
+/// The reason why the simulated camera cannot be started.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LoopbackError {
-    /// The port is in use.
+    /// The UDP port is in use.
     #[error(
         "no GigE Vision camera can be simulated at {LOOPBACK_ADDRESS}: UDP port {PORT} is taken, by another simulation or a camera tool"
     )]
     Taken,
-    /// The fake camera does not accept its size.
+    /// The picture is larger than the fake camera's sensor.
     #[error("the simulated GigE Vision camera is at most {sensor_px} px wide and high, but {}×{} px were requested", size_px[0], size_px[1])]
     TooLarge {
-        /// Largest width and height that the sensor supports, px.
+        /// The maximum width and height of the fake camera's sensor, px.
         sensor_px: usize,
-        /// The requested size, px.
+        /// The requested width and height, px.
         size_px: [usize; 2],
     },
-    /// The camera's description cannot be given to Aravis.
+    /// The GenICam XML cannot be written to a temporary file for Aravis.
     #[error("the simulated GigE Vision camera's description cannot be written into a file: {0}")]
     NoDescription(String),
 }
 
-/// Data that the fake camera's thread uses.
+/// The data that the fake camera's thread uses.
 struct Exposures {
     camera: Mutex<aravis::FakeCamera>,
     fill: FillPixels,
@@ -96,20 +96,21 @@ impl Exposures {
     }
 }
 
-/// A simulated camera on the loopback interface; it is removed when this is dropped.
+/// A simulated camera on the loopback interface; dropping it stops the camera.
 pub struct LoopbackCamera {
-    // The order of the fields is important: the camera's thread must end before the data that it uses is dropped.
+    // `fake` is the first field because it must be dropped first: the camera's thread must end before its data is
+    // dropped.
     fake: GvFakeCamera,
     exposures: Arc<Exposures>,
-    /// The lock on the address; it is held as long as the camera exists.
+    /// The lock on the address, held while the camera exists.
     _lock: TcpListener,
 }
 
 impl LoopbackCamera {
-    /// Starts the fake camera.
+    /// Starts the simulated camera.
     ///
     /// # Errors
-    /// If its port is in use, or it cannot have that size.
+    /// If its UDP port is in use, or the fake camera does not support the picture size.
     pub fn start(
         serial: &str,
         size_px: [usize; 2],
@@ -119,11 +120,11 @@ impl LoopbackCamera {
         Self::start_with_description(DESCRIPTION, serial, size_px, format, fill)
     }
 
-    /// Starts a camera that accepts `format` but sends `sent`, the code of a format of up to two bytes per pixel.
-    /// Its payload size is still reported for one byte per pixel.
+    /// Starts a camera that accepts `format` but sends another format, whose code is `sent` (up to two bytes per
+    /// pixel). It still reports a payload size of one byte per pixel.
     ///
     /// # Errors
-    /// As [`LoopbackCamera::start`].
+    /// The errors of [`LoopbackCamera::start`].
     #[cfg(test)]
     pub(super) fn start_sending(
         serial: &str,
@@ -150,9 +151,9 @@ impl LoopbackCamera {
             return Err(LoopbackError::TooLarge { sensor_px, size_px });
         }
         let lock = TcpListener::bind((LOOPBACK_ADDRESS, PORT)).map_err(|_| LoopbackError::Taken)?;
-        // Detects a camera of another program that does not use the lock.
+        // This test detects a fake camera of another program that does not use the lock.
         UdpSocket::bind((LOOPBACK_ADDRESS, PORT)).map_err(|_| LoopbackError::Taken)?;
-        // Aravis reads the file while it starts.
+        // Aravis reads the GenICam XML from a file when it starts.
         let no_file = |error: std::io::Error| LoopbackError::NoDescription(error.to_string());
         let mut file = tempfile::Builder::new().suffix(".xml").tempfile().map_err(no_file)?;
         file.write_all(description.as_bytes()).and_then(|()| file.flush()).map_err(no_file)?;
@@ -177,7 +178,7 @@ impl LoopbackCamera {
         Ok(LoopbackCamera { fake, exposures, _lock: lock })
     }
 
-    /// Returns the number of exposures.
+    /// Returns the number of exposures so far.
     pub fn exposures(&self) -> u64 {
         self.exposures.count.load(Ordering::Relaxed)
     }
@@ -187,17 +188,17 @@ impl LoopbackCamera {
         self.exposures.camera().read_register(register as u32)
     }
 
-    /// Writes a register, as if the camera had changed by itself.
+    /// Writes a register, to simulate a change by the camera itself.
     pub fn write(&self, register: Register, value: u32) {
         self.exposures.camera().write_register(register as u32, value);
     }
 
-    /// Sets the fraction of packets that the camera loses, 0…1.
+    /// Sets the fraction of packets that the camera drops, 0 to 1.
     pub fn lose_packets(&self, share: f64) {
         self.fake.set_gvsp_lost_ratio(share);
     }
 
-    /// Makes the camera's picture smaller while a client has the camera open, as if another program changed its
+    /// Reduces the size of the camera's pictures while a client has the camera open, as if another program changed the
     /// settings. A larger size is ignored.
     pub fn shrink_picture(&self, size_px: [usize; 2]) {
         let camera = self.exposures.camera();
@@ -211,7 +212,7 @@ impl LoopbackCamera {
     }
 }
 
-/// Makes the fake camera request its pictures from `exposures`.
+/// Registers the callback with which the fake camera requests its pictures from `exposures`.
 #[allow(unsafe_code, reason = "the bindings do not contain this function; its callback and data are in C")]
 fn set_fill(exposures: &Arc<Exposures>) {
     let data = Arc::as_ptr(exposures).cast_mut().cast::<c_void>();

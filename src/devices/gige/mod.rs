@@ -5,15 +5,15 @@
 //!                                                                                     or `loopback` in this process
 //! ```
 //!
-//! The code that decides is pure and does not use Aravis: `settings` (the settings of a camera), `acceptance` (which
-//! frames are accepted), `single_picture` (the attempts for a picture), `format` (from one colour per pixel to
-//! three). A picture that is passed on is complete, has the calibrated size, is newer than the previous one, and has
-//! the requested exposure; any doubt is an error.
+//! The decisions are in pure code that does not use Aravis: `settings` (the settings of a camera), `acceptance` (which
+//! frames are accepted), `single_picture` (the attempts for one picture), `format` (the conversion from a Bayer pattern
+//! to RGB). A picture that reaches the caller is complete, has the calibrated size, is newer than the previous picture,
+//! and has the requested exposure; in any doubt an error is returned.
 //!
-//! Without the cargo feature `gige` only the pure part is compiled. No part has run on a real camera. The tests
-//! execute each call to a camera with Aravis's simulated camera, which has the features of a LUCID Triton as described
-//! in `test_camera.xml`. They do not cover how a real Triton interprets these features, packets that are sent again, a
-//! clock that PTP sets, or a flange cable.
+//! Without the cargo feature `gige` only the pure code is compiled. The driver has not been tested with a real camera.
+//! The tests execute each call with Aravis's fake camera, which has the features of a LUCID Triton as defined in
+//! `test_camera.xml`. They do not cover how a real Triton interprets these features, resent packets, a clock that PTP
+//! sets, or a cable along the arm.
 
 mod acceptance;
 #[cfg(feature = "gige")]

@@ -1,26 +1,26 @@
-//! This computer's network: the socket buffers that a picture in one burst of packets needs, the addresses that are
-//! reached without a router, the explanation why another address cannot be reached, and the search for the cameras
-//! that answer.
+//! The network of this computer: the socket buffer that the packets of one picture need, the subnets that are reached
+//! without a router, the explanation why an address cannot be reached, and the search for cameras.
 //!
-//! A GigE Vision camera and the port that it is plugged into must be in one IPv4 subnet. A camera in another subnet
-//! may answer a search and then fail to open, or not answer at all. The kernel's routing table names the subnets: its
-//! lines without a gateway. The functions on subnets have text as their input and as their output.
+//! A GigE Vision camera and the network port to which it is connected must be in the same IPv4 subnet. A camera in
+//! another subnet may respond to a search and then fail to open, or not respond at all. The subnets are the entries
+//! without a gateway in the kernel's routing table. The functions for subnets take and return text.
 
 use std::net::Ipv4Addr;
 
-/// The smallest buffer that is requested, bytes: two pictures of an ordinary camera.
+/// Minimum receive buffer that is requested, bytes: room for two pictures of a typical camera.
 const MIN_SOCKET_BUFFER_BYTES: usize = 8 << 20;
 
-/// Returns the buffer requested from the system for such pictures, bytes. Granted up to `net.core.rmem_max`.
+/// Returns the receive buffer that is requested for pictures of this size, bytes. The operating system limits it to
+/// `net.core.rmem_max`.
 pub fn socket_buffer_bytes(size_px: [usize; 2], packet_bytes: u16) -> usize {
     burst_bytes(size_px, packet_bytes).max(MIN_SOCKET_BUFFER_BYTES)
 }
 
-/// Returns the receive buffer that a socket needs for a picture in one burst, bytes. The kernel counts each packet
-/// with its own overhead, and grants twice the requested size.
+/// Returns the receive buffer that a socket needs for all packets of one picture, bytes. The kernel adds its own
+/// overhead to each packet, and allocates twice the requested size.
 pub fn burst_bytes(size_px: [usize; 2], packet_bytes: u16) -> usize {
-    // `HEADER_BYTES`: IP, UDP and GVSP headers of a packet. `OVERHEAD_BYTES`: what the kernel adds to a packet before
-    // it rounds the size up to a power of two.
+    // `HEADER_BYTES`: the IP, UDP and GVSP headers of a packet. `OVERHEAD_BYTES`: the kernel's overhead per packet,
+    // which it adds before it rounds the size up to a power of two.
     const HEADER_BYTES: usize = 36;
     const OVERHEAD_BYTES: usize = 600;
     let each = (usize::from(packet_bytes) + OVERHEAD_BYTES).next_power_of_two() + 256;
@@ -29,31 +29,32 @@ pub fn burst_bytes(size_px: [usize; 2], packet_bytes: u16) -> usize {
     packets * each / 2
 }
 
-/// Returns the largest receive buffer that the system grants, bytes, if the system reports it.
+/// Returns the maximum receive buffer that the operating system permits, bytes; `None` if it is not known.
 pub fn rmem_max() -> Option<usize> {
     if let Ok(text) = std::fs::read_to_string("/proc/sys/net/core/rmem_max") {
         return text.trim().parse().ok();
     }
-    // The service cannot read this file (`ProcSubset=pid`). If a socket requests the maximum, the size granted is
-    // `rmem_max`, counted twice.
+    // The service cannot read this file (`ProcSubset=pid`). Instead a socket requests the maximum size: the size that
+    // it is granted is twice `rmem_max`.
     let socket = std::net::UdpSocket::bind((std::net::Ipv4Addr::LOCALHOST, 0)).ok()?;
     largest_receive_buffer(&socket)
 }
 
-/// Returns the buffer that a socket is granted when it requests the largest possible size.
+/// Returns the size of the receive buffer that a socket is granted when it requests the maximum size, bytes.
 fn largest_receive_buffer(socket: &std::net::UdpSocket) -> Option<usize> {
     let socket = socket2::SockRef::from(socket);
     socket.set_recv_buffer_size(i32::MAX as usize / 2).ok()?;
     socket.recv_buffer_size().ok().map(|granted| granted / 2)
 }
 
-/// Returns this computer's subnets, as the kernel lists them; the service can read only its own process in /proc.
+/// Returns the subnets of this computer from the kernel's routing table. The table of the own process is read, because
+/// the service has no access to other files in /proc.
 #[cfg(feature = "gige")]
 pub(super) fn local_subnets() -> Vec<Subnet> {
     parse_subnets(&std::fs::read_to_string("/proc/self/net/route").unwrap_or_default())
 }
 
-/// A subnet that a port of this computer is in.
+/// A subnet to which a network port of this computer belongs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Subnet {
     /// The port, `eth0`.
@@ -74,8 +75,8 @@ impl std::fmt::Display for Subnet {
     }
 }
 
-/// Returns the subnets of a table of routes in the form of `/proc/net/route`: hexadecimal, in the machine's byte
-/// order.
+/// Parses the subnets from a routing table in the format of `/proc/net/route`: hexadecimal numbers in the byte order of
+/// the computer.
 pub fn parse_subnets(routes: &str) -> Vec<Subnet> {
     let of_line = |line: &str| {
         let fields: Vec<&str> = line.split_whitespace().collect();
@@ -87,7 +88,7 @@ pub fn parse_subnets(routes: &str) -> Vec<Subnet> {
     routes.lines().skip(1).filter_map(of_line).collect()
 }
 
-/// Returns why a camera at this address cannot be reached; `None` if the reason is not the address.
+/// Returns why a camera at this address cannot be reached; `None` if the address is not the reason.
 pub fn unreachable_reason(address: &str, subnets: &[Subnet]) -> Option<String> {
     let address: Ipv4Addr = address.parse().ok()?;
     if address.is_loopback() || subnets.iter().any(|subnet| subnet.contains(address)) {
@@ -105,7 +106,7 @@ pub fn unreachable_reason(address: &str, subnets: &[Subnet]) -> Option<String> {
     ))
 }
 
-/// Describes the subnets in words.
+/// Returns a list of the subnets as a text, for messages.
 pub fn describe_subnets(subnets: &[Subnet]) -> String {
     match subnets {
         [] => "this computer has none".to_owned(),
@@ -113,7 +114,7 @@ pub fn describe_subnets(subnets: &[Subnet]) -> String {
     }
 }
 
-/// A camera that answers.
+/// A camera that responded to a search.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FoundCamera {
     /// The identifier with which Aravis opens the camera.
@@ -124,10 +125,10 @@ pub struct FoundCamera {
     pub address: String,
 }
 
-/// Searches every network interface of this machine for GigE Vision cameras.
+/// Searches for GigE Vision cameras on every network interface of this computer.
 ///
 /// # Errors
-/// If no interface can be searched; the reason in words.
+/// If no interface can be searched; the error is the reason as a text.
 #[cfg(feature = "gige")]
 pub fn search() -> Result<Vec<FoundCamera>, String> {
     use aravis::prelude::*;
@@ -143,10 +144,10 @@ pub fn search() -> Result<Vec<FoundCamera>, String> {
     Ok((0..interface.n_devices()).map(camera).collect())
 }
 
-/// Returns an error in place of the search.
+/// Replaces the search in a program that was built without the GigE Vision driver.
 ///
 /// # Errors
-/// Always, since this program was built without the driver.
+/// Always.
 #[cfg(not(feature = "gige"))]
 pub fn search() -> Result<Vec<FoundCamera>, String> {
     Err("this program was built without the driver of GigE Vision cameras".to_owned())
@@ -156,7 +157,7 @@ pub fn search() -> Result<Vec<FoundCamera>, String> {
 mod tests {
     use super::*;
 
-    /// A socket reports the same value as the kernel's file.
+    /// The maximum buffer that is found with a socket equals the value in the kernel's file.
     #[test]
     fn the_largest_buffer_is_found_without_the_kernels_file() {
         let socket = std::net::UdpSocket::bind((std::net::Ipv4Addr::LOCALHOST, 0)).expect("a socket");
@@ -164,19 +165,19 @@ mod tests {
         assert_eq!(largest_receive_buffer(&socket), file.trim().parse().ok());
     }
 
-    /// Calculated by hand: 3,145,728 bytes in packets of 1,364: 2,307 packets and two more. For each packet 2,048 +
-    /// 256 bytes are counted, and half of the sum is requested.
+    /// Expected value, calculated by hand: 3,145,728 bytes need 2,307 packets of 1,364 bytes, and two more for header
+    /// and trailer. The kernel counts 2,048 + 256 bytes per packet, and half of the sum is requested.
     #[test]
     fn a_burst_has_the_bytes_that_the_kernel_counts() {
         assert_eq!(burst_bytes([2_048, 1_536], 1_400), 2_309 * 2_304 / 2);
         assert_eq!(socket_buffer_bytes([2_048, 1_536], 1_400), 8 << 20);
-        // Calculated by hand: 19,961,856 bytes in packets of 7,964: 2,507 packets and two more, 16,384 + 256 bytes
-        // each.
+        // Expected value, calculated by hand: 19,961,856 bytes need 2,507 packets of 7,964 bytes and two more, with
+        // 16,384 + 256 bytes each.
         assert_eq!(socket_buffer_bytes([5_472, 3_648], 8_000), 2_509 * 16_640 / 2);
     }
 
-    /// The routing table as Linux writes it on a little endian machine: 172.31.1.0/24 is 00011FAC with mask 00FFFFFF.
-    /// The first line is the default route through a router, so it makes no address directly reachable.
+    /// A routing table of Linux on a little-endian computer: 172.31.1.0/24 is 00011FAC with the mask 00FFFFFF. The
+    /// first line is the default route through a router, so it adds no subnet.
     #[cfg(target_endian = "little")]
     const ROUTES: &str = "Iface\tDestination\tGateway\tFlags\tRefCnt\tUse\tMetric\tMask\tMTU\tWindow\tIRTT\n\
         eth0\t00000000\t01011FAC\t0003\t0\t0\t0\t00000000\t0\t0\t0\n\

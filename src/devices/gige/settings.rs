@@ -1,9 +1,9 @@
-//! The settings of a camera, as steps on the nodes that the camera has.
+//! The settings of a camera, as a sequence of steps on the nodes that the camera has.
 //!
-//! Cameras differ in their features, and the names of some nodes have changed over the years (GenICam's Standard
-//! Features Naming Convention). For each needed setting, a plan uses the node name that the camera has. It omits steps
-//! that only switch off a feature that this camera does not have. Size and position of the picture on the sensor come
-//! from the user set and are never changed: they are part of the calibration.
+//! Cameras have different features, and the names of some nodes have changed over the years (GenICam's Standard
+//! Features Naming Convention). The plan selects, for each required setting, the node name that the camera has. Steps
+//! that only switch off a feature are omitted if the camera does not have the feature. Size and position of the picture
+//! on the sensor come from the user set and are never changed, because they are part of the calibration.
 
 use super::format::PixelFormat;
 use std::time::Duration;
@@ -11,11 +11,11 @@ use std::time::Duration;
 /// Selects a camera.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum CameraSelector {
-    /// The only camera that is found.
+    /// The only camera that responds to a search.
     Only,
     /// The camera with this serial number.
     Serial(String),
-    /// The camera with this IP address or host name, without a search.
+    /// The camera with this IP address or host name; no search is needed.
     Address(String),
 }
 
@@ -29,10 +29,10 @@ impl std::fmt::Display for CameraSelector {
     }
 }
 
-/// When the camera exposes.
+/// The event that starts an exposure.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ExposureMode {
-    /// Once for each software trigger.
+    /// The camera exposes once for each software trigger.
     Triggered,
     /// The camera exposes continuously.
     FreeRunning {
@@ -48,71 +48,71 @@ pub struct Settings {
     pub selector: CameraSelector,
     /// The serial number of the calibrated camera, if known.
     pub serial: Option<String>,
-    /// The set of values stored in the camera from which all other settings start.
+    /// The user set (settings stored in the camera) that is loaded before the other settings are made.
     pub user_set: String,
     /// Width and height of the calibrated camera, px.
     pub size_px: [usize; 2],
-    /// The pixel format, with one byte a pixel.
+    /// The pixel format; it has one byte per pixel.
     pub format: PixelFormat,
-    /// Exposure time, µs; with `None` the user set's value stays.
+    /// Exposure time, µs; `None` keeps the value of the user set.
     pub exposure_us: Option<f64>,
-    /// Gain, dB; with `None` the user set's value stays.
+    /// Gain, dB; `None` keeps the value of the user set.
     pub gain_db: Option<f64>,
     /// When it exposes.
     pub exposure_mode: ExposureMode,
-    /// Size of a packet with its headers, bytes: at most the size that every port on the way permits.
+    /// Size of a packet with its headers, bytes; at most the limit of every network port between camera and computer.
     pub packet_bytes: u16,
-    /// Whether two consecutive pictures may be equal, as from a simulated sensor.
+    /// Whether two consecutive pictures may be equal, as those of a simulated sensor may be.
     pub may_repeat: bool,
 }
 
-/// Time limit from trigger to picture, in addition to the exposure.
+/// Time limit from the trigger to the picture, in addition to the exposure time.
 const PICTURE_TIMEOUT: Duration = Duration::from_millis(1_000);
 
 impl Settings {
-    /// Returns how long the program waits for one picture.
+    /// Returns the time limit for one picture.
     pub fn picture_timeout(&self) -> Duration {
         PICTURE_TIMEOUT + Duration::from_micros(self.exposure_us.unwrap_or_default() as u64)
     }
 }
 
-/// The packet size that every network permits: Ethernet's 1500 less what tunnels and tags may need.
+/// The packet size that every network permits, bytes: the 1500 bytes of Ethernet minus room for tunnels and VLAN tags.
 pub const PACKET_BYTES: u16 = 1_400;
 
-/// One setting of the camera.
+/// One step of the configuration: a node and its value.
 #[derive(Debug, Clone, PartialEq)]
 pub enum SettingStep {
     /// Execute a command.
     Command(&'static str),
-    /// Select an entry of an enumeration.
+    /// Selects an entry of an enumeration.
     SetEnum(&'static str, String),
     /// Set a number.
     Number(&'static str, f64),
     /// Set a switch.
     Switch(&'static str, bool),
-    /// Set a limit: this number, or the camera's own maximum if that is smaller.
+    /// Sets a limit to this number, or to the camera's own maximum if the maximum is smaller.
     Limit(&'static str, f64),
 }
 
-/// A setting for which this camera has no node.
+/// A required setting for which the camera has no node.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("the camera has no setting for {wanted} (searched for {}); {advice}", nodes.join(", "))]
 pub struct MissingNode {
-    /// The function that the camera lacks.
+    /// The function that the camera does not have.
     pub wanted: &'static str,
-    /// The nodes that were looked for; one of them is sufficient.
+    /// The nodes that were searched; one of them would be sufficient.
     pub nodes: Vec<&'static str>,
     /// Remedy.
     pub advice: &'static str,
 }
 
-/// Errors of a plan.
+/// The reason why the settings cannot be planned.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
-    /// A setting has no node.
+    /// A required setting has no node on the camera.
     #[error(transparent)]
     NoNode(#[from] MissingNode),
-    /// The pictures would overlap.
+    /// The exposure is too long for the frame rate.
     #[error(
         "an exposure of {exposure_us} µs is too long for {frames_per_s} pictures per second (limit {} µs); reduce \
          exposure_us", (1e6 / frames_per_s).floor()
@@ -125,20 +125,19 @@ pub enum PlanError {
     },
 }
 
-/// Largest exposure as a fraction of one picture's time: the camera needs the rest between two pictures.
+/// Maximum exposure time as a fraction of the frame period; the camera needs the rest between two pictures.
 const MAX_EXPOSED_SHARE: f64 = 0.9;
 
-/// Returns the settings, in the order in which they are set, for a camera that has the nodes for which `has` returns
-/// true.
+/// Returns the settings in the order in which they are made; `has` returns whether the camera has a node.
 ///
-/// A camera's longest exposure is the time of one picture at its frame rate, also in triggered mode. Therefore the rate
-/// is limited to the value that the exposure allows before the exposure is set. It is limited again afterwards, since a
-/// previous long exposure limits the rate in turn. Data with the picture (chunks) are switched off: the data stream
-/// then has pictures only. PTP is also switched off, because it sets the camera's clock while it runs, and that clock
-/// distinguishes newer pictures from older ones.
+/// The frame rate limits the exposure time, even in triggered mode. So the rate is first reduced to a value at which
+/// the exposure is possible, and then the exposure is set. The rate is limited again afterwards, because a long
+/// exposure that was set before limits the rate as well. Chunk data are switched off, so that the stream contains only
+/// pictures. PTP is switched off, because it may set the camera's clock back, and this clock distinguishes new pictures
+/// from old ones.
 ///
 /// # Errors
-/// If a requested setting has no node on the camera, or an exposure is longer than one picture's time.
+/// If a required setting has no node on the camera, or the exposure is longer than the frame period permits.
 pub fn plan(settings: &Settings, has: &dyn Fn(&str) -> bool) -> Result<Vec<SettingStep>, PlanError> {
     let mut steps = Vec::new();
     let choose = |node: &'static str, entry: &str| SettingStep::SetEnum(node, entry.to_owned());
@@ -239,8 +238,8 @@ mod tests {
         steps.into_iter().map(describe).collect()
     }
 
-    /// The nodes that LUCID's own driver names. Calculated by hand: 8 ms are nine tenths of 8.889 ms, 112.5
-    /// pictures a second.
+    /// The nodes are those in LUCID's own driver. Expected value, calculated by hand: an exposure of 8 ms is nine
+    /// tenths of 8.889 ms, the period at 112.5 pictures per second.
     #[test]
     fn a_triton_is_set_starting_from_its_user_set() {
         let nodes = [
@@ -287,7 +286,7 @@ mod tests {
         );
     }
 
-    /// A camera without user sets and without automatic functions, and with an older name of a node.
+    /// A camera that has neither user sets nor automatic functions, and that has an older name of one node.
     #[test]
     fn settings_of_missing_features_are_omitted() {
         let nodes = ["PixelFormat", "ExposureTimeAbs", "TriggerMode", "AcquisitionFrameRate"];

@@ -1,43 +1,43 @@
-//! One picture on demand: trigger, wait and judge, at most a limited number of times; and the counters of a camera's
-//! link since the program began.
+//! A single picture on demand: trigger, wait for the frame, check it, with a limited number of attempts. Also the
+//! statistics of a camera's link since the program was started.
 //!
-//! A frame that did not arrive in time may still be in transit, and would be taken for the frame of the next trigger.
-//! So after each failed try a new stream is started, in which no older exposure can arrive. A camera that shows an old
-//! scene twice in a row is frozen; no third try is made.
+//! A frame that did not arrive in time may still be in transit, and could be mistaken for the frame of the next
+//! trigger. So after each failed attempt a new stream is started, in which no frame of an older exposure can arrive. If
+//! a camera delivers an old scene in two consecutive attempts, it is frozen; no third attempt is made.
 
 use super::acceptance::{Acceptance, FrameMetadata, FrameRefusal};
 
-/// Largest number of triggers for one still.
+/// Maximum number of triggers for one single picture.
 pub const MAX_ATTEMPTS: u32 = 3;
 
-/// Frames, packets and losses: sums over all connections of the camera.
+/// Counters of frames, packets and losses, summed over all connections of the camera.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Statistics {
     /// Number of accepted frames.
     pub accepted: u64,
     /// Number of frames that were received and refused.
     pub refused: u64,
-    /// Number of frames that are missing in the numbering of a free running camera.
+    /// Number of missing frames of a free-running camera, from the gaps in the frame numbers.
     pub lost: u64,
-    /// Number of stills for which nothing came in time.
+    /// Number of triggers after which no frame arrived in time.
     pub timeouts: u64,
-    /// Number of stills that were triggered once more.
+    /// Number of triggers that repeated a failed attempt.
     pub retries: u64,
-    /// Number of triggers sent although the camera did not report that it was ready.
+    /// Number of triggers that were sent although the camera did not report that it was ready.
     pub unarmed: u64,
-    /// Number of times that the camera's clock was set back.
+    /// Number of times the camera's clock was set back.
     pub clock_steps: u64,
     /// Number of received packets.
     pub packets: u64,
-    /// Packets that arrived only after a resend request.
+    /// Number of packets that arrived only after they were requested again.
     pub resent_packets: u64,
-    /// Number of packets that never came.
+    /// Number of packets that never arrived.
     pub missing_packets: u64,
     /// Number of frames for which no buffer was free.
     pub underruns: u64,
-    /// Number of times that the camera was lost.
+    /// Number of times the connection to the camera was lost.
     pub losses: u64,
-    /// Number of times that the camera was connected.
+    /// Number of times the camera was connected.
     pub connections: u64,
 }
 
@@ -79,42 +79,42 @@ impl std::fmt::Display for Statistics {
 
 /// A camera that exposes on demand.
 pub trait TriggeredCamera {
-    /// The error if the camera cannot continue because it has disappeared.
+    /// The error if the connection to the camera is lost.
     type Gone;
 
-    /// Exposes once; earlier frames are discarded.
+    /// Triggers one exposure; frames that were received before are discarded.
     ///
     /// # Errors
-    /// If the camera is gone; likewise for the other methods.
+    /// If the connection to the camera is lost.
     fn trigger(&mut self) -> Result<(), Self::Gone>;
 
-    /// Waits for the next frame; returns `None` if no frame came in time.
+    /// Waits for the next frame; returns `None` if no frame arrives in time.
     ///
     /// # Errors
-    /// As [`TriggeredCamera::trigger`].
+    /// If the connection to the camera is lost.
     fn wait(&mut self) -> Result<Option<(FrameMetadata, Vec<u8>)>, Self::Gone>;
 
-    /// Begins a new stream: no earlier exposure arrives after this.
+    /// Starts a new stream, in which no frame of an earlier exposure can arrive.
     ///
     /// # Errors
-    /// As [`TriggeredCamera::trigger`].
+    /// If the connection to the camera is lost.
     fn renew(&mut self) -> Result<(), Self::Gone>;
 }
 
-/// Errors of a still picture.
+/// The reason why no single picture was captured.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum StillError<G> {
-    /// The camera is not available any more.
+    /// The connection to the camera is lost.
     Gone(G),
-    /// At the last try, no frame came in time.
+    /// In the last attempt, no frame arrived in time.
     Timeout,
-    /// At the last try, the frame could not be used.
+    /// In the last attempt, the frame could not be used.
     Refused(FrameRefusal),
-    /// The camera shows an old scene.
+    /// The camera delivered an old scene in two consecutive attempts.
     Frozen(FrameRefusal),
 }
 
-/// Takes a still.
+/// Captures a single picture, with up to [`MAX_ATTEMPTS`] attempts.
 ///
 /// # Errors
 /// If no attempt delivers a usable frame.
@@ -165,19 +165,19 @@ mod tests {
     use proptest::prelude::*;
     use std::collections::VecDeque;
 
-    /// The result of one exposure.
+    /// The simulated result of one exposure.
     #[derive(Debug, Clone, Copy, PartialEq)]
     enum Fate {
         Good,
         Torn,
         Late,
         Nothing,
-        /// A frame with the pixels of the first exposure again.
+        /// The frame repeats the pixels of the first exposure.
         Old,
         Gone,
     }
 
-    /// A camera with a scripted result for each exposure; the pixels show the number of the exposure.
+    /// A camera whose result for each exposure is scripted; the pixels contain the number of the exposure.
     struct Scripted {
         fates: VecDeque<Fate>,
         exposures: u64,
@@ -204,7 +204,7 @@ mod tests {
         type Gone = ();
 
         fn trigger(&mut self) -> Result<(), ()> {
-            // As in Aravis: frames in the buffers are discarded, but frames that are still in transit are not.
+            // As in Aravis, frames in the buffers are discarded, but frames in transit are not.
             self.exposures += 1;
             let shows = self.exposures;
             match self.fates.front() {
@@ -265,12 +265,13 @@ mod tests {
         assert_eq!(take_of(&[Nothing, Torn, Nothing, Good]).0, Err(StillError::Timeout));
         assert!(matches!(take_of(&[Torn; 4]).0, Err(StillError::Refused(FrameRefusal::Incomplete { .. }))));
         assert_eq!(take_of(&[Torn, Gone]).0, Err(StillError::Gone(())));
-        // The first exposure's frame arrives while the program waits for the second one; it is not mistaken for the
-        // second one.
+        // The frame of the first exposure arrives while the program waits for the second one, and is not mistaken for
+        // it.
         assert_eq!(take_of(&[Late, Good]).0, Ok(2));
     }
 
-    /// Calculated by hand: exposure 1 is accepted; then the camera shows exposure 1 twice more.
+    /// Expected result, derived by hand: exposure 1 is accepted, then the camera repeats exposure 1 twice, and no third
+    /// attempt is made.
     #[test]
     fn a_frozen_camera_is_reported_at_its_second_old_frame() {
         let mut camera = Scripted::new(&[Fate::Good]);
@@ -283,7 +284,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever happens, a still shows its own exposure, after at most three triggers.
+        /// In every case a single picture shows its own exposure, and at most three triggers are sent.
         #[test]
         fn a_still_shows_its_own_exposure(fates in prop::collection::vec(prop::sample::select(vec![
             Fate::Good, Fate::Torn, Fate::Late, Fate::Nothing]), 1..40)) {

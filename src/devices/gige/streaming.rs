@@ -1,4 +1,4 @@
-//! A camera's stream: frames from Aravis's buffers, on demand or as they come.
+//! The stream of a camera: frames from Aravis's buffers, either on demand or from a free-running camera.
 
 use super::acceptance::{Delivery, FrameMetadata};
 use super::error::GigeError;
@@ -12,29 +12,29 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Number of buffers, and so of pictures that Aravis can receive before the first one is fetched.
+/// Number of buffers: the number of pictures that Aravis can receive before the first one is fetched.
 const BUFFER_COUNT: usize = 8;
-/// Timeouts for the rest of a picture, and for a packet that was requested again, µs.
+/// Time limits for the rest of a picture, and for a packet that was requested again, µs.
 const FRAME_RETENTION_US: u32 = 200_000;
 const PACKET_TIMEOUT_US: u32 = 20_000;
-/// Interval at which the wait for a picture checks that the camera is still there.
+/// Interval at which the connection to the camera is checked while the program waits for a picture.
 const CONNECTION_CHECK_INTERVAL: Duration = Duration::from_millis(50);
-/// Interval at which the wait for a sensor checks that it is ready for its trigger.
+/// Interval at which the program checks whether the sensor is ready for its trigger.
 const TRIGGER_POLL_INTERVAL: Duration = Duration::from_millis(2);
-/// The node that reports that the sensor is ready, in cameras that have this node.
+/// The node that reports whether the sensor is ready for a trigger; not every camera has it.
 const ARMED_NODE: &str = "TriggerArmed";
-/// Largest number of waits for a camera that does not report ready: some models report it only after the first
-/// trigger, and some never.
+/// Maximum number of triggers for which the program waits in vain for the ready signal: some models report it only
+/// after the first trigger, and some never.
 const MAX_UNARMED_WAITS: u64 = 3;
-/// Buffer size in bytes per pixel. With this size, a picture in a format with more bits than was set still arrives
-/// completely and reports its format.
+/// Size of the buffers, bytes per pixel. With two bytes, a picture arrives completely even if its format has more bits
+/// than the format that was set, and its format can be reported.
 const BUFFER_BYTES_PER_PIXEL: usize = 2;
-/// The node of the camera's temperature, in cameras that have this node.
+/// The node with the camera's temperature; not every camera has it.
 const TEMPERATURE_NODE: &str = "DeviceTemperature";
 
 /// A configured camera and its stream.
 pub(super) struct Streaming {
-    // The fields are dropped in their order here: the stream before the camera.
+    // `stream` is declared before the camera because it must be dropped first.
     stream: Option<GvStream>,
     camera: aravis::Camera,
     payload: usize,
@@ -42,13 +42,13 @@ pub(super) struct Streaming {
     picture_timeout: Duration,
     reports_armed: bool,
     reports_temperature: bool,
-    /// Triggers given to a camera that did not report that it was ready.
+    /// Number of triggers that were sent although the camera did not report that it was ready.
     pub unarmed: u64,
-    /// The camera has reported that it is gone.
+    /// Whether the camera has reported the loss of its connection.
     pub lost: Arc<AtomicBool>,
-    /// No more pictures are requested.
+    /// Whether the camera's link is ending, so that no more pictures are requested.
     is_ending: Arc<AtomicBool>,
-    /// The counts of the streams that have ended.
+    /// The packet counts of the streams that have ended.
     earlier_counts: PacketCounts,
 }
 
@@ -108,7 +108,7 @@ impl Streaming {
         self.camera.start_acquisition().map_err(gone_error)
     }
 
-    /// Checks that the camera is present and that pictures are still requested.
+    /// Checks that the camera is connected and that the link is not ending.
     pub fn check_streaming(&self) -> Result<(), GigeError> {
         let lost = |why: &str| Err(GigeError::Lost { why: why.to_owned() });
         match () {
@@ -128,9 +128,9 @@ impl Streaming {
         self.reports_temperature.then(|| self.camera.float(TEMPERATURE_NODE).ok()).flatten()
     }
 
-    /// Waits until the camera is ready, because most cameras ignore a trigger during sensor readout. If the camera
-    /// does not report in time that it is ready, it is triggered anyway, and this is counted. If the trigger is
-    /// ignored, the missing picture shows this.
+    /// Waits until the camera is ready for a trigger, because most cameras ignore a trigger during sensor readout. If
+    /// the camera does not report in time that it is ready, it is triggered anyway, and the trigger is counted. If the
+    /// camera ignores the trigger, the picture is missing, which is detected.
     fn wait_until_armed(&mut self) -> Result<(), GigeError> {
         let begun = Instant::now();
         while self.reports_armed && !self.camera.boolean(ARMED_NODE).map_err(gone_error)? {
@@ -224,7 +224,8 @@ impl PacketCounts {
     }
 }
 
-/// Returns a frame's metadata, and its pixels if it is complete. For other frames Aravis knows neither size nor format.
+/// Returns the metadata of a frame, and its pixels if the frame is complete. For incomplete frames Aravis knows neither
+/// size nor format.
 fn read(buffer: &aravis::Buffer) -> (FrameMetadata, Vec<u8>) {
     let is_image = buffer.payload_type() == BufferPayloadType::Image;
     let delivery = match buffer.status() {
@@ -246,7 +247,7 @@ fn read(buffer: &aravis::Buffer) -> (FrameMetadata, Vec<u8>) {
     (facts, buffer.image_data())
 }
 
-/// Returns the error for a camera that did not answer.
+/// Returns the error for a camera that does not respond.
 pub(super) fn gone_error(error: aravis::glib::Error) -> GigeError {
     GigeError::Lost { why: error.to_string() }
 }

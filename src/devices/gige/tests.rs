@@ -1,5 +1,5 @@
-//! Tests of the adapter with Aravis's fake camera: control and stream packets over the loopback interface, pictures on
-//! demand, and a camera that runs freely.
+//! Tests the driver with Aravis's fake camera: control and stream packets over the loopback interface, single pictures
+//! on demand, and a free-running camera.
 
 mod faults;
 
@@ -9,14 +9,14 @@ use panelprep_sim as sim;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Only one camera can use the port at a time.
+/// Only one fake camera can use the port at a time.
 static PORT: Mutex<()> = Mutex::new(());
 
 pub(crate) fn alone() -> MutexGuard<'static, ()> {
     PORT.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Starts the loopback camera; it tries for a while, since another program may still be releasing the port.
+/// Starts the loopback camera. Several attempts are made, because another program may still be releasing the port.
 fn loopback<F: Fn(u64, &mut [u8]) + Send + Sync + Clone + 'static>(
     size_px: [usize; 2],
     format: PixelFormat,
@@ -48,9 +48,9 @@ fn settings(size_px: [usize; 2], format: PixelFormat) -> Settings {
     }
 }
 
-/// Each feature of a Triton that this program sets is set in Aravis and in the camera. Calculated by hand: 100 ms are
-/// nine tenths of one picture's time, 111.1 ms; before, the camera took 25 pictures a second, at which it can expose
-/// for 40 ms at most.
+/// Each feature of a Triton that this program sets is set in Aravis and in the camera. Expected values, calculated by
+/// hand: an exposure of 100 ms is nine tenths of the period 111.1 ms. Before, the camera's rate was 25 pictures per
+/// second, at which the exposure is at most 40 ms.
 #[test]
 fn each_feature_of_a_camera_is_set() {
     let _alone = alone();
@@ -98,14 +98,14 @@ fn wait_for(what: &str, mut there: impl FnMut() -> bool) {
     }
 }
 
-/// Returns pictures of the simulated cell's flange camera, at a quarter of its size.
+/// Returns pictures of the simulated flange camera, at a quarter of its size.
 fn flange_pictures() -> Vec<ColorPicture> {
     let cell = sim::Cell::new(1, sim::Scene::Good, 4);
     let views = cell.corner_views();
     views.iter().map(|view| cell.flange_picture(&view.base_from_flange, sim::PanelPosition::Nominal)).collect()
 }
 
-/// Makes each exposure show the next one of these pictures, with the exposure's number in the first eight bytes.
+/// Returns a function that supplies these pictures in turn, with the number of the exposure in the first eight bytes.
 fn numbered(pictures: Vec<Vec<u8>>) -> impl Fn(u64, &mut [u8]) + Send + Sync + Clone + 'static {
     move |exposure, pixels| {
         let shown = &pictures[exposure as usize % pictures.len()];
@@ -115,7 +115,7 @@ fn numbered(pictures: Vec<Vec<u8>>) -> impl Fn(u64, &mut [u8]) + Send + Sync + C
     }
 }
 
-/// Returns the number of the exposure that a frame shows. Fails if a single byte differs from that exposure.
+/// Returns the number of the exposure that a frame shows. Fails if any byte of the frame differs from that exposure.
 fn exposure_of(frame: &Frame, pictures: &[Vec<u8>]) -> u64 {
     let number = u64::from_be_bytes(frame.pixels[..8].try_into().expect("eight bytes"));
     let mut sent = vec![0; frame.pixels.len()];
@@ -124,7 +124,7 @@ fn exposure_of(frame: &Frame, pictures: &[Vec<u8>]) -> u64 {
     number
 }
 
-/// Each picture of the simulated cell, in colour and in monochrome, is received as it was sent.
+/// Each picture of the simulated cell, in colour and in monochrome, is received exactly as it was sent.
 #[test]
 fn stills_are_received_byte_for_byte() {
     let _alone = alone();
@@ -133,7 +133,7 @@ fn stills_are_received_byte_for_byte() {
     for format in [PixelFormat::BayerRG8, PixelFormat::BayerGB8, PixelFormat::Mono8] {
         let raw: Vec<Vec<u8>> = pictures.iter().map(|picture| mosaic(picture, format)).collect();
         let loopback = loopback(size_px, format, numbered(raw.clone()));
-        // With a serial number, the camera is found by a search.
+        // If a serial number is given, the camera is found by a search.
         let settings = Settings { selector: CameraSelector::Serial("T1".to_owned()), ..settings(size_px, format) };
         let mut camera = GigeCamera::open(settings).expect("a thread");
         camera.check_ready().unwrap_or_else(|error| panic!("{error}"));
@@ -150,7 +150,7 @@ fn stills_are_received_byte_for_byte() {
     }
 }
 
-/// Aravis's fake camera numbers its frames from 65401 on: after 134 frames the numbers begin again at 1.
+/// The frame numbers of Aravis's fake camera start at 65401: after 134 frames they wrap to 1.
 #[test]
 fn frame_numbers_begin_again_and_no_frame_is_lost() {
     let _alone = alone();
@@ -175,14 +175,14 @@ fn frame_numbers_begin_again_and_no_frame_is_lost() {
     assert_eq!(camera.statistics().refused, 0, "{}", camera.statistics());
 }
 
-/// Eight seconds of full-size pictures of the simulated cell: each accepted picture equals an exposure byte by
-/// byte, and the missing pictures between them are counted.
+/// Full-size pictures of the simulated cell for eight seconds: each accepted picture equals its exposure byte by byte,
+/// and the missing pictures in between are counted.
 #[test]
 fn full_pictures_keep_their_integrity() {
     let _alone = alone();
     let format = PixelFormat::BayerRG8;
     let full = [2048, 1536];
-    // If the system's sockets have no room for a full picture, a smaller picture is used.
+    // If the operating system's socket buffers have no room for a full picture, a smaller picture is used.
     let room = rmem_max().is_none_or(|given| given >= burst_bytes(full, PACKET_BYTES));
     let size_px = if room { full } else { [256, 192] };
     let raw = tiled(size_px, format);
@@ -192,7 +192,7 @@ fn full_pictures_keep_their_integrity() {
         GigeCamera::open(Settings { exposure_mode: exposing, ..settings(size_px, format) }).expect("a thread");
     let mut next = || loop {
         match camera.picture() {
-            // A busy machine may be late, or deliver incomplete pictures; those are counted.
+            // On a busy computer pictures may be late or incomplete; these are counted.
             Err(GigeError::Timeout { .. }) => {}
             taken => break (taken.unwrap_or_else(|error| panic!("{error}")), camera.statistics()),
         }
@@ -211,7 +211,7 @@ fn full_pictures_keep_their_integrity() {
     assert!(loopback.exposures() > last);
 }
 
-/// Returns the simulated cell's pictures, repeated beside and below each other until they fill the size.
+/// Returns the pictures of the simulated cell, tiled until they fill this size.
 fn tiled([width, height]: [usize; 2], format: PixelFormat) -> Vec<Vec<u8>> {
     let tile = |picture: &ColorPicture| {
         let at = |index: usize| {

@@ -1,13 +1,13 @@
-//! An EthernetKRL configuration, as far as the mock supports it: buffers, flags, received and sent elements.
+//! The mock's parser for EthernetKRL configuration files: buffers, flags, received and sent elements.
 //!
-//! Sections and attributes are those of the classic dialect. Unknown ones are ignored, as the controller does. Also
-//! here: the errors that EthernetKRL reports to the program, the faults that close a channel, and the errors that
-//! prevent the mock from starting.
+//! Sections and attributes are those of the classic dialect. Unknown ones are ignored, as the controller does. This
+//! file also defines the errors that EthernetKRL reports to the program, the faults that close a channel, and the
+//! errors that prevent the mock from starting.
 
 use quick_xml::events::{BytesStart, Event};
 use quick_xml::{Reader, XmlVersion};
 
-/// The type of a received element.
+/// The data type of a received element.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum ElementKind {
     Int,
@@ -17,36 +17,36 @@ pub(super) enum ElementKind {
     Frame,
 }
 
-/// Which entry of a memory is read first.
+/// The order in which the values in a tag's buffer are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum ReadOrder {
-    /// The oldest entry is read first.
+    /// The oldest value is read first.
     Fifo,
-    /// The newest entry is read first.
+    /// The newest value is read first.
     Lifo,
 }
 
-/// The event that ends a channel, besides a new I/O configuration.
+/// The event on which the controller closes a channel, in addition to a new I/O configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Environment {
-    /// Deselecting or resetting the robot program.
+    /// The robot program is deselected or reset.
     Program,
-    /// Cancelling the submit program.
+    /// The submit program is cancelled.
     Submit,
-    /// Only the end of the system closes the channel.
+    /// The channel stays open until the controller is shut down.
     System,
 }
 
-/// A received or sent element. In the tag, `Root/Child/@Name` is an attribute; without `@` it is the node itself.
+/// A received or sent element. The tag `Root/Child/@Name` names an attribute; a tag without `@` names the node itself.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Element {
     /// The tag as written in the file.
     pub(super) tag: String,
-    /// `None` if the element only sets a flag.
+    /// The data type; `None` if the element only sets a flag.
     pub(super) kind: Option<ElementKind>,
-    /// The order for this element, if it differs from the channel's order.
+    /// The read order of this element, if it differs from the channel's order.
     pub(super) order: Option<ReadOrder>,
-    /// The $FLAG and $OUT that are set when the element has arrived.
+    /// The numbers of the `$FLAG` and `$OUT` that are set when the element has arrived.
     pub(super) set_flag: Option<u16>,
     pub(super) set_out: Option<u16>,
     /// The position of `/@` in the tag.
@@ -60,7 +60,7 @@ impl Element {
         Element { tag: tag.to_owned(), kind, order: None, set_flag: None, set_out: None, attribute_position: split }
     }
 
-    /// Returns the node's path and, if the element is an attribute, its name.
+    /// Returns the path of the node, and the name of the attribute if the element is an attribute.
     pub(super) fn address(&self) -> (&str, Option<&str>) {
         match self.attribute_position {
             Some(at) => (&self.tag[..at], Some(&self.tag[at + 2..])),
@@ -72,33 +72,33 @@ impl Element {
 /// One channel's configuration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChannelFile {
-    /// Largest number of entries in a tag's memory; one more closes the connection.
+    /// Maximum number of values in the buffer of each tag; one more value closes the connection.
     pub(super) limit_entries: usize,
-    /// Which entry is read first, unless a tag states otherwise.
+    /// The order in which values are read, unless a tag states another order.
     pub(super) order: ReadOrder,
-    /// Largest number of bytes that may wait for the end of their document.
+    /// Maximum number of bytes of an incomplete document.
     pub(super) limit_bytes: usize,
-    /// The port that the controller listens on.
+    /// The TCP port on which the controller listens.
     pub(super) port: u16,
     pub(super) environment: Environment,
-    /// How long an opened channel waits for a client; `None` if it waits without limit.
+    /// How long an open channel waits for a client, ms; `None` if it waits without limit.
     pub(super) listens_for_ms: Option<u64>,
-    /// $FLAG and $OUT that are true while a client is connected.
+    /// The numbers of the `$FLAG` and `$OUT` that are true while a client is connected.
     pub(super) alive: (Option<u16>, Option<u16>),
     pub(super) received: Vec<Element>,
     pub(super) sent: Vec<Element>,
 }
 
 impl ChannelFile {
-    /// Returns the port that the file names.
+    /// Returns the TCP port that the file states.
     pub fn port(&self) -> u16 {
         self.port
     }
 
-    /// Reads a file's text.
+    /// Parses the text of an EthernetKRL file.
     ///
     /// # Errors
-    /// If the text is not XML, lacks RECEIVE or SEND elements, or contains an invalid number or word.
+    /// If the text is not XML, has no RECEIVE or SEND elements, or contains an invalid number or keyword.
     pub fn parse(text: &str) -> Result<Self, FileProblem> {
         // The controller's defaults: 16 entries, 16384 bytes, port 54600.
         let mut file = ChannelFile {
@@ -230,45 +230,45 @@ fn invalid_word(name: &'static str, found: &str, allowed: &'static str) -> FileP
     FileProblem::Word { name, found: found.to_owned(), allowed }
 }
 
-/// The error that `Msg_No` reports to a program that reads a memory.
+/// The error number that a read function of EthernetKRL reports to the program (`Msg_No`).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum EkiError {
-    /// The memory contains no value; the error is returned at once, without waiting.
+    /// The buffer of the tag is empty; the function does not wait.
     #[error("15: access to an empty memory")]
     Empty,
-    /// The memory contains values of another type.
+    /// The buffer of the tag contains values of another type.
     #[error("20: the memory contains values of another type")]
     Type,
 }
 
-/// The reason why a channel was closed; reception errors have the number that the controller logs.
+/// The reason why a channel was closed; a reception error has the number that the controller logs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum EkiFault {
     /// The connection was disrupted.
     #[error("512: connection disrupted")]
     Disrupted,
-    /// The other end does not answer.
+    /// The client does not respond.
     #[error("768: no response from the other system")]
     NoContact,
-    /// The document is not XML, or a value does not have its element's type.
+    /// The document is not XML, or a value does not have the type of its element.
     #[error("1024: error reading received XML")]
     Malformed,
-    /// More bytes than BUFFSIZE arrived without the end of a document.
+    /// More bytes than BUFFSIZE were received without the end of a document.
     #[error("1024: more bytes than BUFFSIZE without the end of a document")]
     TooLong,
-    /// The memory of a tag received one entry more than BUFFERING allows.
+    /// The buffer of a tag received more values than the limit of BUFFERING.
     #[error("1280: memory limit reached")]
     Overflow,
     /// A text is too long for a KRL string.
     #[error("1536: string too long")]
     TextTooLong,
-    /// No client connected within TIMEOUT: the channel no longer listens, until the program opens it again.
+    /// No client connected within TIMEOUT; the channel does not listen any more until the program opens it again.
     #[error("2048: server time limit reached")]
     TimeLimit,
-    /// The program could not read what it needs, and closed the channel itself.
+    /// The robot program could not read a value that it needs, and closed the channel.
     #[error("the program closed the channel: {0}")]
     Unread(EkiError),
-    /// The program found values of different documents in one row, and closed the channel itself.
+    /// The robot program read values of different documents in one row, and closed the channel.
     #[error(
         "the program closed the channel: an element was missing, so the memories of the tags contain values of \
          different messages"
@@ -279,10 +279,10 @@ pub enum EkiFault {
 /// The reason why the mock controller cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum MockError {
-    /// A program or data list of the controller is not correct.
+    /// A program or data list of the controller has errors.
     #[error("{0}")]
     Program(String),
-    /// The EthernetKRL file does not satisfy the mock's requirements.
+    /// An EthernetKRL file does not satisfy the mock's requirements.
     #[error("{channel}.xml: {problem}")]
     File {
         /// CELLCMD or CELLSTAT.
@@ -298,12 +298,12 @@ pub enum MockError {
         /// The system's error.
         reason: std::io::Error,
     },
-    /// The system could not start a thread.
+    /// The operating system cannot start a thread.
     #[error("cannot start a thread: {0}")]
     Thread(std::io::Error),
 }
 
-/// Problems of an EthernetKRL file.
+/// The reason why the mock cannot use an EthernetKRL file.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FileProblem {
     /// The file is not XML.
@@ -312,7 +312,7 @@ pub enum FileProblem {
     /// A required section is missing.
     #[error("has no {0}")]
     Missing(&'static str),
-    /// A text is not a number.
+    /// The text of an attribute or element is not a number.
     #[error("{name} is \"{found}\"; valid: a whole number")]
     Number {
         /// The name of the attribute or element.
@@ -320,7 +320,7 @@ pub enum FileProblem {
         /// The text found.
         found: String,
     },
-    /// A value is not one of the permitted keywords.
+    /// A text is not one of the valid keywords.
     #[error("{name} is \"{found}\"; valid: {allowed}")]
     Word {
         /// The name of the attribute or element.
@@ -338,7 +338,7 @@ pub enum FileProblem {
         /// Its type.
         found: String,
     },
-    /// An element that the controller's program reads is not received.
+    /// The file does not receive an element that the controller's program reads.
     #[error("does not receive {0} in the form that the program reads")]
     NotReceived(&'static str),
 }
@@ -347,7 +347,7 @@ pub enum FileProblem {
 mod tests {
     use super::*;
 
-    /// The channel settings in config/kuka; the expected values were read from the files by a person.
+    /// Expected values: the channel settings in config/kuka, read from the files by a person.
     #[test]
     fn the_shipped_files_are_read() {
         let commands = ChannelFile::parse(include_str!("../../../config/kuka/CELLCMD.xml")).expect("read");

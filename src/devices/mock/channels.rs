@@ -1,5 +1,5 @@
-//! The two channels: connections, received and outgoing bytes, the flags that they set, and the messages that the
-//! controller sends. These are acknowledgements when something changed, and states on request and every 100 ms.
+//! The two channels of the controller: connections, received and sent bytes, the flags that they set, and the messages
+//! that the controller sends. It sends an acknowledgement after each change, and its state on request and every 100 ms.
 
 use super::channel_file::{EkiFault, Environment};
 use super::codec::Value;
@@ -16,7 +16,7 @@ const STATE_INTERVAL_MS: u64 = 100;
 const ACK_INTERVAL_MS: u64 = 500;
 
 impl Controller {
-    /// Connects a client: the channel is opened anew. Returns false if the channel already has a client or does not
+    /// Connects a client, which resets the channel. Returns false if the channel already has a client or does not
     /// listen.
     pub fn connect(&mut self, channel: Channel) -> bool {
         let (now_ms, unplugged) = (self.now_ms, self.troubles.is_unplugged());
@@ -38,8 +38,8 @@ impl Controller {
             self.answers.forget_ack();
         }
         self.last_frame_ms = now_ms;
-        // If the client was lost without notice, attempts of a new client must not reset the time of the old client's
-        // last request.
+        // If the old client was lost without notice, the connection attempts of a new client must not reset the time of
+        // the old client's last request.
         if !self.is_connected(channel.opposite()) {
             self.last_request_ms = now_ms;
         }
@@ -48,8 +48,8 @@ impl Controller {
         true
     }
 
-    /// Handles the loss of the client, or the closing of the channel by the controller. The queued commands are not
-    /// executed; the program clears and opens the channel again.
+    /// Processes the loss of the client, or the closing of the channel by the controller. Queued commands are not
+    /// executed. Afterwards the program clears the channel and opens it again.
     pub fn disconnect(&mut self, channel: Channel) {
         if self.troubles.is_unplugged() {
             self.troubles.hung_up[channel as usize] = true;
@@ -58,7 +58,7 @@ impl Controller {
         self.drop_client(channel, EkiFault::Disrupted);
     }
 
-    /// Closes the channel from the program's side, even if the cable is unplugged.
+    /// Closes the channel by the robot program, even if the cable is unplugged.
     pub(super) fn drop_client(&mut self, channel: Channel, fault: EkiFault) {
         if self.running.is_some() {
             return self.lose_interpreted(channel, fault);
@@ -77,11 +77,11 @@ impl Controller {
         self.serve_lock_step();
     }
 
-    /// Accepts bytes that arrived on the command channel.
+    /// Processes bytes that arrived on the command channel.
     pub fn command_bytes(&mut self, bytes: &[u8]) {
         let Some(documents) = self.receive(Channel::Command, bytes) else { return };
         if documents > 0 && self.running.is_some() {
-            // In lock step, these commands were already counted on arrival.
+            // In lock step the commands were already counted when they arrived.
             if self.setup.clock == Clock::Free {
                 self.count_arrived(u64::from(documents));
             }
@@ -95,14 +95,14 @@ impl Controller {
         }
     }
 
-    /// Accepts bytes that arrived on the state channel.
+    /// Processes bytes that arrived on the state channel.
     pub fn state_bytes(&mut self, bytes: &[u8]) {
         if self.receive(Channel::State, bytes).is_some_and(|documents| documents > 0) {
             self.serve_lock_step();
         }
     }
 
-    /// Returns how many documents these bytes completed; `None` if the channel is or was closed.
+    /// Returns the number of documents that these bytes complete; `None` if the channel is closed.
     fn receive(&mut self, channel: Channel, bytes: &[u8]) -> Option<u32> {
         if self.troubles.is_unplugged() {
             self.troubles.cable_buffer[channel as usize].extend_from_slice(bytes);
@@ -136,7 +136,8 @@ impl Controller {
         }
     }
 
-    /// Resets the channel's flags before the program empties the channel's memories, so that no edge is lost.
+    /// Resets the flags of the channel. This is done before the program clears the channel's buffers, so that no rising
+    /// edge is lost.
     pub(super) fn reset_flags(&mut self, channel: Channel) {
         for index in 0..self.link(channel).raises.len() {
             let raised = self.link(channel).raises[index];
@@ -150,7 +151,7 @@ impl Controller {
         output.map(Raised::Output).into_iter().for_each(|output| self.raise(output, connected));
     }
 
-    /// Closes a channel by the controller: see [`Controller::close_reason`].
+    /// Closes a channel by the controller; [`Controller::close_reason`] returns the reason.
     pub(super) fn close(&mut self, channel: Channel, fault: EkiFault) {
         self.drop_client(channel, fault);
     }
@@ -163,7 +164,7 @@ impl Controller {
         }
     }
 
-    /// Returns whether a client is connected.
+    /// Returns whether a client is connected to this channel.
     pub fn is_connected(&self, channel: Channel) -> bool {
         match channel {
             Channel::Command => self.commands.connected,
@@ -171,7 +172,7 @@ impl Controller {
         }
     }
 
-    /// Takes the bytes that are to be sent on this channel.
+    /// Removes and returns the bytes that are to be sent on this channel.
     pub fn take_output_bytes(&mut self, channel: Channel) -> Vec<u8> {
         if self.troubles.is_unplugged() {
             return Vec::new();
@@ -187,7 +188,7 @@ impl Controller {
     }
 
     fn serve_lock_step(&mut self) {
-        // Bytes that arrive during a granted time wait for the end of this time.
+        // Bytes that arrive during a granted period are processed after the end of the period.
         if self.setup.clock == Clock::LockStep && self.read_up_to.is_none() {
             self.serve_requests();
         }
@@ -207,7 +208,7 @@ impl Controller {
 }
 
 impl Controller {
-    /// Sends at the end of a tick what has changed or is due.
+    /// At the end of a tick, sends acknowledgements of changes, and the state if it is due.
     pub(super) fn publish_changes(&mut self) {
         let ack = self.make_ack();
         let due =
@@ -217,7 +218,7 @@ impl Controller {
             let numbers = [ack.received, ack.done, ack.free, ack.refusal.0, ack.refusal.1, ack.epoch];
             self.answers.ack.write(&mut self.commands.out, &numbers.map(Value::Int));
         }
-        // If a heartbeat has granted this time, the answer to the heartbeat replaces this state.
+        // If a heartbeat has granted this period, the reply to the heartbeat replaces this state message.
         let next_ms = self.now_ms + TICK_MS;
         if self.read_up_to.is_none() && next_ms > self.answers.last_state_ms + STATE_INTERVAL_MS {
             self.send_state(self.answers.answered);
@@ -235,14 +236,14 @@ impl Controller {
         }
     }
 
-    /// Sends the state, as the answer to this request.
+    /// Sends the state as the reply to this request.
     pub(super) fn send_state(&mut self, request: i32) {
         if !self.states.connected || self.troubles.is_channel_silenced(Channel::State) {
             return;
         }
         self.answers.answered = request;
         self.answers.last_state_ms = self.now_ms;
-        // After the highest 32-bit number, the count continues from 0.
+        // After the maximum 32-bit number, the count continues from 0.
         self.answers.sequence =
             self.answers.sequence.wrapping_add(1 + self.troubles.take_sequence_skip()) & i32::MAX;
         let whole = self.state_numbers().map(Value::Int);
@@ -255,7 +256,7 @@ impl Controller {
         self.answers.state.write(&mut self.states.out, &values);
     }
 
-    /// Returns the numbers of the state in the order of [`STATE_TAGS`].
+    /// Returns the integer values of the state message in the order of [`STATE_TAGS`].
     fn state_numbers(&self) -> [i32; 13] {
         [
             ((self.now_ms - self.started_ms) % (1 << 31)) as i32,

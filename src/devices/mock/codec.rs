@@ -1,15 +1,15 @@
 //! Converts documents to values and back, with the tags and the order of the channel's file.
 //!
-//! Receiving: an attribute or node named in the file becomes a value, everything else is skipped. Sending: a document
-//! contains every tag of the file, in its order, opened and closed; numbers are written as `%f` of a 32-bit float. A
-//! tag that the program did not set is present and empty.
+//! Receiving: each attribute or node that the file defines becomes a value; all others are skipped. Sending: a document
+//! contains every tag of the file in the order of the file. Numbers are written as `%f` of a 32-bit float. A tag that
+//! the program did not set is present but empty.
 
 use super::channel_file::{EkiFault, Element, ElementKind};
 use quick_xml::events::{BytesStart, Event};
 use quick_xml::{Reader, XmlVersion};
 use std::io::Write;
 
-/// One value, with the controller's own number of bits.
+/// A value with the number of bits that the controller uses.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Value {
     /// A value that the program did not set.
@@ -21,7 +21,7 @@ pub(super) enum Value {
     Frame([f32; 6]),
 }
 
-/// An element of the file that a document contains, identified by its position in the file. It has no value if it
+/// An element that a received document contains: its index in the file and its value. There is no value if the element
 /// is empty or has no type.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Arrival {
@@ -33,13 +33,13 @@ const FRAME_ATTRIBUTES: [&str; 6] = ["X", "Y", "Z", "A", "B", "C"];
 /// Longest KRL string.
 const MAX_TEXT_LENGTH: usize = 512;
 
-/// Decodes one document: returns the elements of the file that the document contains, in the document's order. A
-/// repeated node is returned repeatedly.
+/// Decodes one document. Returns those elements of the file that the document contains, in the order of the document.
+/// If a node is repeated, its elements are returned several times.
 pub(super) fn decode(elements: &[Element], document: &[u8]) -> Result<Vec<Arrival>, EkiFault> {
     let text = std::str::from_utf8(document).map_err(|_| EkiFault::Malformed)?;
     let mut reader = Reader::from_str(text);
     let mut reading = Reading { elements, arrived: Vec::with_capacity(elements.len()), path: String::new() };
-    // Text of the innermost node; the text of nodes that also have children is ignored.
+    // The text of the innermost open node; text in a node that also has children is ignored.
     let mut content = String::new();
     loop {
         match reader.read_event().map_err(|_| EkiFault::Malformed)? {
@@ -87,14 +87,14 @@ impl Reading<'_> {
         self.path.push_str(name);
     }
 
-    /// Reads the node's attributes: separate values, or the six numbers of a frame.
+    /// Decodes the attributes of a node: separate values, or the six numbers of a frame.
     fn read_attributes(&mut self, node: &BytesStart<'_>) -> Result<(), EkiFault> {
         let path = self.path.as_str();
         let own = |element: &Element, attribute: Option<&str>| element.address() == (path, attribute);
         let frame =
             self.elements.iter().position(|element| element.kind == Some(ElementKind::Frame) && own(element, None));
         let mut numbers = [None; 6];
-        // A client writes its attributes in the file's order, so the search for the next one starts after the last.
+        // A client usually writes its attributes in the order of the file, so each search starts after the last match.
         let mut next = 0;
         for attribute in node.attributes() {
             let attribute = attribute.map_err(|_| EkiFault::Malformed)?;
@@ -112,7 +112,7 @@ impl Reading<'_> {
             }
         }
         if let Some(element) = frame {
-            // A frame in which a number is missing is not a frame.
+            // If a number is missing, the node is not a frame.
             let [Some(x), Some(y), Some(z), Some(a), Some(b), Some(c)] = numbers else {
                 return Err(EkiFault::Malformed);
             };
@@ -121,7 +121,7 @@ impl Reading<'_> {
         Ok(())
     }
 
-    /// Reads the text of a node that has ended.
+    /// Decodes the text of a node at its end tag.
     fn read_node_text(&mut self, content: &str) -> Result<(), EkiFault> {
         for (index, element) in self.elements.iter().enumerate() {
             if element.kind != Some(ElementKind::Frame) && element.address() == (self.path.as_str(), None) {
@@ -132,7 +132,7 @@ impl Reading<'_> {
     }
 }
 
-/// Parses a value; an empty value gives nothing.
+/// Parses a value; returns `None` for an empty text.
 fn scalar(kind: Option<ElementKind>, text: &str) -> Result<Option<Value>, EkiFault> {
     let value = match kind {
         _ if text.is_empty() => return Ok(None),
@@ -152,7 +152,7 @@ fn parse_real(text: &str) -> Result<f32, EkiFault> {
     text.parse().ok().filter(|number: &f32| number.is_finite()).ok_or(EkiFault::Malformed)
 }
 
-/// A document to send, with a slot for each value.
+/// The template of a document to be sent, with a slot for each value.
 #[derive(Debug, Clone)]
 pub(super) struct Template {
     pieces: Vec<Piece>,
@@ -161,7 +161,7 @@ pub(super) struct Template {
 #[derive(Debug, Clone)]
 enum Piece {
     Text(String),
-    /// The index of the value among the written values; `None` for a tag that the program does not set.
+    /// The index of the value in the list of values to write; `None` for a tag that the program does not set.
     Slot(Option<usize>),
 }
 
@@ -169,14 +169,14 @@ enum Piece {
 struct Node {
     name: String,
     attributes: Vec<(String, String)>,
-    /// The tag that supplies this node's text.
+    /// The tag whose value is the text of this node.
     text: Option<String>,
     children: Vec<Node>,
 }
 
 impl Template {
-    /// Creates the template for the documents of a channel's SEND section. It uses the section's first root, the only
-    /// one in the cell's files. `tags` are the tags that the program sets, in this order.
+    /// Creates the template for the documents of a channel's SEND section. If the section has several root elements,
+    /// only the first is used; the cell's files have one. `tags` are the tags that the program sets, in this order.
     pub(super) fn new(elements: &[Element], tags: &[&str]) -> Self {
         let mut top = Node::default();
         for element in elements {
@@ -225,7 +225,7 @@ impl Template {
         }
     }
 
-    /// Appends one document to `out`, with a value for each tag of the program.
+    /// Appends one document to `out`, with one value for each tag of the program.
     pub(super) fn write(&self, out: &mut Vec<u8>, values: &[Value]) {
         for piece in &self.pieces {
             match piece {
@@ -249,8 +249,8 @@ fn write_value(out: &mut Vec<u8>, value: &Value) {
     };
 }
 
-/// Writes a number as `%f` does. Below 10⁶, a 32-bit float times 10⁶ is exact in 64 bits, and its rounding to even
-/// is the rounding of `%f`.
+/// Writes a number in the format `%f`. Below 10⁶, the product of a 32-bit float and 10⁶ is exact in 64 bits, so
+/// rounding it to the nearest even integer gives the digits of `%f`.
 fn write_real(out: &mut Vec<u8>, number: f32) -> std::io::Result<()> {
     if number.abs() < 1e6 {
         let millionths = (f64::from(number) * 1e6).round_ties_even().abs() as u64;
@@ -282,7 +282,7 @@ mod tests {
         ChannelFile::parse(include_str!("../../../config/kuka/CELLCMD.xml")).expect("read")
     }
 
-    /// Returns the values of a document, in the file's order; for each element the last value.
+    /// Returns the values of a document in the order of the file; if an element is repeated, its last value.
     fn values(document: &str) -> [Option<Value>; 9] {
         let mut values = [const { None }; 9];
         for Arrival { element, value } in decode(&commands().received, document.as_bytes()).expect("decoded") {
@@ -291,7 +291,8 @@ mod tests {
         values
     }
 
-    /// The command of the agreed protocol, calculated by hand. 0.1 is not a 32-bit float; the nearest one is used.
+    /// Expected values of a command of the protocol, calculated by hand. 0.1 cannot be represented as a 32-bit float;
+    /// the nearest float is used.
     #[test]
     fn a_command_becomes_its_values_in_the_files_order() {
         let document = "<Cmd Id=\"17\" Ep=\"3\" Op=\"2\" N1=\"0\" N2=\"1\" R1=\"2.000000\" R2=\"0.100000\">\
@@ -313,7 +314,7 @@ mod tests {
         assert_eq!(values[7], Some(Value::Frame([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])));
     }
 
-    /// Text of elements, BOOL and STRING, with the five entities that XML predefines.
+    /// Tests the text of elements, BOOL and STRING values, and the five predefined entities of XML.
     #[test]
     fn the_text_of_an_element_is_also_a_value() {
         let elements = [("S/Name", ElementKind::Text), ("S/On", ElementKind::Bool), ("S/N", ElementKind::Int)]
@@ -359,7 +360,7 @@ mod tests {
         String::from_utf8(out).expect("text")
     }
 
-    /// 1/128 is 0.0078125, a tie: `%f` rounds to the even digit.
+    /// 1/128 is 0.0078125, which is halfway between two values: `%f` rounds to the even digit.
     #[test]
     fn numbers_are_written_in_percent_f_format() {
         for (number, text) in [
@@ -381,7 +382,7 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: `%f` writes −90.00003, as a 32-bit float, as −90.000031.
+    /// Expected value, calculated by hand: `%f` writes −90.00003 as a 32-bit float, which is −90.000031.
     #[test]
     fn a_sent_document_has_every_tag_in_the_files_order() {
         let template = Template::new(&commands().sent, &["Ack/@Done", "Ack/@Rx", "Ack/@Ep", "Ack/@Free"]);

@@ -1,23 +1,24 @@
-//! Cuts a stream of bytes into documents: KUKA's channels have no length and no delimiter, only tags.
+//! Divides a stream of bytes into XML documents: KUKA's channels have neither length nor delimiter.
 //!
-//! A document ends where the tag depth returns to zero outside of quotes. Between documents white space, NUL, a
-//! byte order mark and a prolog (`<?…?>`) are skipped. The result does not depend on how the stream was cut.
+//! A document ends where the nesting depth of the tags returns to zero outside of quotes. Between documents, white
+//! space, NUL, a byte order mark and a prolog (`<?…?>`) are skipped. The result does not depend on how the stream is
+//! divided into reads.
 
 use super::channel_file::EkiFault;
 
-/// Cuts a stream into documents.
+/// Divides a stream of bytes into documents.
 #[derive(Debug)]
 pub(super) struct Framer {
     buffer: Vec<u8>,
-    /// The start of the current document in `buffer`; the bytes before it were already returned.
+    /// The start of the current document in `buffer`; the bytes before it were returned.
     start: usize,
-    /// Number of bytes of `buffer` that were already searched.
+    /// Number of bytes in `buffer` that were searched.
     searched: usize,
     place: ParserState,
     depth: usize,
-    /// The first byte inside the open tag.
+    /// The position of the first byte inside the open tag.
     tag_start: usize,
-    /// Largest number of bytes that may wait for the end of their document.
+    /// Maximum number of bytes of an incomplete document.
     limit_bytes: usize,
 }
 
@@ -52,7 +53,7 @@ impl Framer {
         self.buffer.extend_from_slice(bytes);
     }
 
-    /// Skips bytes that have no meaning in the present state.
+    /// Skips bytes that have no meaning in the current state of the parser.
     fn skip_bytes(&mut self) {
         let rest = &self.buffer[self.searched..];
         let plain = match self.place {
@@ -113,7 +114,7 @@ impl Framer {
         self.tag_start = self.searched;
     }
 
-    /// Returns true if this `>` ends the document.
+    /// Processes the end of a tag (`>`); returns true if it also ends the document.
     fn close_tag(&mut self, at: usize) -> Result<bool, EkiFault> {
         let inside = &self.buffer[self.tag_start..at];
         match (inside.first(), inside.last()) {

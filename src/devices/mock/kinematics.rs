@@ -1,27 +1,28 @@
-//! Flange pose from axis angles and back: a six-axis arm with an ortho-parallel basis and a spherical wrist, b = 0.
+//! Forward and inverse kinematics of a six-axis arm with an ortho-parallel basis and a spherical wrist, b = 0.
 //!
-//! Frames: base at the arm's foot, X forward, Z up; flange Z out of the flange. At A = (0, −90, 90, 0, 0, 0) the
-//! upper arm is vertical and the forearm is horizontal, forward. Then the flange's Z is the base's X, its X points
-//! down, its Y is the base's Y (A 0, B 90, C 0). With all axes at zero both arms are horizontal, stretched forward.
+//! Frames: the base is at the foot of the arm, X forward, Z up; the flange's Z axis points out of the flange. At A =
+//! (0, −90, 90, 0, 0, 0) the upper arm is vertical, and the forearm is horizontal and points forward. Then the flange's
+//! Z is the base's X, its X points down, and its Y is the base's Y (A 0, B 90, C 0). With all axes at zero both arms
+//! are horizontal and point forward.
 //!
 //! With q = (−A1, A2 + 90°, A3, −A4, A5, −A6), φ = q3 + atan2(a2, c3) and k = hypot(a2, c3):
 //!     r = a1 + c2 sin q2 + k sin(q2 + φ),   h = c1 + c2 cos q2 + k cos(q2 + φ)                          (1)
 //!     R = Rz(q1) Ry(q2 + q3) Rz(q4) Ry(q5) Rz(q6),   p = (r cos q1, r sin q1, h) + c4 R ẑ               (2)
 //! Inverse: the wrist's centre p − c4 R ẑ gives q1 (front, back), q2 and q3 (two elbow solutions), then R gives two
-//! wrist solutions. If q5 is zero, only q4 + q6 is defined; q4 keeps its value. Source: Brandstötter, Angerer,
-//! Hofbaur, Proc. Austrian Robotics Workshop 2014; KUKA's zero and signs as in kroshu/kuka_robot_descriptions.
+//! wrist solutions. If q5 is zero, only q4 + q6 is defined; q4 keeps its value. Source: Brandstötter, Angerer, Hofbaur,
+//! Proc. Austrian Robotics Workshop 2014; KUKA's zero and signs as in kroshu/kuka_robot_descriptions.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep_base::geometry::{Base, Degrees, Flange, Joints, Rigid};
 use panelprep_base::number_text::shortest_text;
 
-/// The lengths of an arm and the limits of its axes.
+/// The link lengths of an arm, and the limits of its axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Arm {
-    /// Distance from axis 1 forward to axis 2, mm.
+    /// Forward distance from axis 1 to axis 2, mm.
     pub a1_mm: f64,
-    /// Distance from axis 3 to the forearm's axis, perpendicular to the forearm; negative if the forearm runs above
-    /// axis 3, mm.
+    /// Distance from axis 3 to the axis of the forearm, perpendicular to the forearm, mm; negative if the forearm is
+    /// above axis 3.
     pub a2_mm: f64,
     /// Height of axis 2, mm.
     pub c1_mm: f64,
@@ -31,40 +32,40 @@ pub struct Arm {
     pub c3_mm: f64,
     /// Distance from the wrist's centre to the flange, mm.
     pub c4_mm: f64,
-    /// Lowest and highest angle of each axis, degrees.
+    /// Minimum and maximum angle of each axis, degrees.
     pub limits_deg: [[f64; 2]; 6],
-    /// Highest speed of each axis, degrees per second.
+    /// Maximum speed of each axis, degrees per second.
     pub speeds_deg_s: [f64; 6],
 }
 
-/// The reason why the flange pose cannot be reached.
+/// The reason why a flange pose cannot be reached.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Unreachable {
-    /// The wrist's centre is too far from axis 2, or too near to it.
+    /// The wrist's centre is too far from axis 2, or too close to it.
     #[error("the wrist's centre is {distance_mm:.1} mm from axis 2 (reachable: {} to {} mm)", allowed_mm[0], allowed_mm[1])]
     Distance {
         /// Measured distance, mm.
         distance_mm: f64,
-        /// Smallest and largest reachable distance, mm.
+        /// Minimum and maximum reachable distance, mm.
         allowed_mm: [f64; 2],
     },
-    /// Every solution for this pose needs an axis beyond its limits.
+    /// In every solution for this pose, an axis is outside of its limits.
     #[error("axis {axis} would be at {}°; the limits are {} to {}°", shortest_text(*angle_deg), allowed_deg[0], allowed_deg[1])]
     AxisLimit {
         /// 1 to 6.
         axis: usize,
-        /// The angle that the solution nearest to the present angles needs.
+        /// The angle of the axis in the solution that is nearest to the current angles.
         angle_deg: f64,
-        /// Lowest and highest valid angle.
+        /// Minimum and maximum angle of the axis.
         allowed_deg: [f64; 2],
     },
 }
 
-/// If the sine of q5 is below this value, axes 4 and 6 are taken as coincident.
+/// Minimum magnitude of sin q5; below this value the axes 4 and 6 are treated as parallel.
 const MIN_SIN_Q5: f64 = 1e-9;
 
 impl Arm {
-    /// Returns the dimensions of the KUKA KR 6 R700-2.
+    /// Returns the link lengths and limits of the KUKA KR 6 R700-2.
     pub const fn kr6_r700_2() -> Self {
         Arm {
             a1_mm: 25.0,
@@ -85,7 +86,7 @@ impl Arm {
         }
     }
 
-    /// Returns the flange pose.
+    /// Returns the flange pose at these axis angles (forward kinematics).
     pub fn base_from_flange(&self, joints: &Joints) -> Rigid<Base, Flange> {
         let [q1, q2, q3, q4, q5, q6] = model_rad(joints);
         let phi_rad = q3 + self.a2_mm.atan2(self.c3_mm);
@@ -100,17 +101,18 @@ impl Arm {
         Rigid::from_isometry_unchecked(Isometry3::from_parts(Translation3::from(origin_mm), rotation))
     }
 
-    /// Returns all solutions for this flange pose, up to eight. To each axis angle a multiple of 360° is added so that
-    /// it lies within its limits and nearest to `near`; a solution for which this is not possible is omitted.
+    /// Returns all solutions for this flange pose, up to eight. To each angle a multiple of 360° is added, so that the
+    /// angle is within its limits and as close as possible to `near`. Solutions for which this is not possible are
+    /// omitted.
     pub fn inverse_solutions(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Vec<Joints> {
         let ways = self.solutions_rad(base_from_flange, near);
         ways.iter().filter_map(|&way| self.shift_into_limits(way, near).ok()).map(to_joints).collect()
     }
 
-    /// Returns the axis angles for this flange pose that the axes reach from `near` in the least time.
+    /// Returns the axis angles for this flange pose that the arm reaches fastest from the angles `near`.
     ///
     /// # Errors
-    /// If the pose is out of reach, or needs an axis beyond its limits.
+    /// If the pose is out of reach, or an axis would be outside of its limits.
     pub fn nearest(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Result<Joints, Unreachable> {
         let ways = self.solutions_rad(base_from_flange, near);
         if ways.is_empty() {
@@ -134,7 +136,7 @@ impl Arm {
     /// Checks that all axes are within their limits.
     ///
     /// # Errors
-    /// Names the first axis outside of its limits.
+    /// If an axis is outside of its limits; the error names the first one.
     pub fn within_limits(&self, joints: &Joints) -> Result<(), Unreachable> {
         let outside = |(index, angle_deg): (usize, f64)| {
             let allowed_deg = self.limits_deg[index];
@@ -157,17 +159,17 @@ impl Arm {
         base_from_flange.origin().mm.coords - base_from_flange.rotation() * Vector3::z() * self.c4_mm
     }
 
-    /// Returns the position of the wrist's centre relative to axis 2, horizontal and vertical; `side` is 1 in front of
-    /// axis 1 and −1 behind it.
+    /// Returns the horizontal and vertical position of the wrist's centre relative to axis 2. `side` is 1 if the arm
+    /// reaches forward, and −1 if it reaches backward over axis 1.
     fn wrist_from_axis_2(&self, wrist_mm: &Vector3<f64>, side: f64) -> (f64, f64) {
         (side * wrist_mm.x.hypot(wrist_mm.y) - self.a1_mm, wrist_mm.z - self.c1_mm)
     }
 
-    /// Returns the model's angles of every solution for this pose, each between −π and π.
+    /// Returns the angles q of every solution for this pose, each between −π and π.
     fn solutions_rad(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Vec<[f64; 6]> {
         let wrist_mm = self.wrist_mm(base_from_flange);
         let [near_q1, _, _, near_q4, ..] = model_rad(near);
-        // If the wrist's centre lies on axis 1, every q1 is a solution.
+        // If the wrist's centre is on axis 1, any q1 is a solution.
         let over_axis_1 = wrist_mm.x.hypot(wrist_mm.y) < 1e-9;
         let forward_rad = if over_axis_1 { near_q1 } else { wrist_mm.y.atan2(wrist_mm.x) };
         let k_mm = self.a2_mm.hypot(self.c3_mm);
@@ -193,15 +195,15 @@ impl Arm {
         ways
     }
 
-    /// Returns the controller's angles of a solution; to each a multiple of 360° is added so that it lies within its
-    /// limits and nearest to `near`.
+    /// Converts the angles q of a solution to the controller's axis angles. To each angle a multiple of 360° is added,
+    /// so that the angle is within its limits and as close as possible to `near`.
     fn shift_into_limits(&self, way_rad: [f64; 6], near: &Joints) -> Result<[f64; 6], Unreachable> {
         let (mut wound_deg, near_deg) = (controller_deg(way_rad), angles_deg(near));
         for (index, angle_deg) in wound_deg.iter_mut().enumerate() {
             let [lowest, highest] = self.limits_deg[index];
             let nearest_turn = ((near_deg[index] - *angle_deg) / 360.0).round();
             let turns = [0.0, -1.0, 1.0].map(|more| *angle_deg + 360.0 * (nearest_turn + more));
-            // An angle that exceeds its limit only by rounding still counts as at the limit.
+            // An angle that exceeds its limit only by a rounding error is accepted.
             let inside = |angle: &f64| (lowest - 1e-9..=highest + 1e-9).contains(angle);
             let allowed_deg = self.limits_deg[index];
             let found = turns
@@ -220,13 +222,13 @@ impl Arm {
     }
 }
 
-/// Returns both wrist solutions for this rotation, or one if axes 4 and 6 are in line.
+/// Returns both wrist solutions for this rotation, or one if the axes 4 and 6 are parallel.
 fn wrist_solutions_rad(r: &nalgebra::Matrix3<f64>, near_q4_rad: f64) -> Vec<[f64; 3]> {
     use std::f64::consts::PI;
     let sine = r[(0, 2)].hypot(r[(1, 2)]);
     let q5 = sine.atan2(r[(2, 2)]);
     if sine < MIN_SIN_Q5 {
-        // With q5 = 0 the rotation is Rz(q4 + q6); with q5 = π (beyond any limit) it is Rz(q4) Ry(π) Rz(q6).
+        // At q5 = 0 the rotation is Rz(q4 + q6). At q5 = π (outside of any limits) it is Rz(q4) Ry(π) Rz(q6).
         let whole_rad = if q5 < 1.0 { r[(1, 0)].atan2(r[(0, 0)]) } else { (-r[(1, 0)]).atan2(-r[(0, 0)]) };
         let q6 = if q5 < 1.0 { whole_rad - near_q4_rad } else { near_q4_rad - whole_rad };
         return vec![[near_q4_rad, q5, q6]];
@@ -235,12 +237,12 @@ fn wrist_solutions_rad(r: &nalgebra::Matrix3<f64>, near_q4_rad: f64) -> Vec<[f64
     vec![[q4, q5, q6], [q4 + PI, -q5, q6 + PI]]
 }
 
-/// Returns the angles as numbers, axis 1 first.
+/// Converts axis angles to an array, axis 1 first.
 pub(super) fn angles_deg(joints: &Joints) -> [f64; 6] {
     [joints.a1_deg, joints.a2_deg, joints.a3_deg, joints.a4_deg, joints.a5_deg, joints.a6_deg]
 }
 
-/// Returns the numbers as angles, axis 1 first.
+/// Converts an array to axis angles, axis 1 first.
 pub(super) fn to_joints(angles_deg: [f64; 6]) -> Joints {
     let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] = angles_deg;
     Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg }
@@ -285,15 +287,15 @@ mod tests {
         assert!((turn * Vector3::z() - Vector3::from(axes[1])).norm() < 1e-12, "z {}", turn * Vector3::z());
     }
 
-    /// Calculated by hand, with both arms level: x = 25 + 335 + 365 + 90 = 815; the forearm runs 25 above axis 3: z
-    /// = 400 + 25.
+    /// Expected values, calculated by hand, with both arms horizontal: x = 25 + 335 + 365 + 90 = 815. The forearm is 25
+    /// above axis 3, so z = 400 + 25.
     #[test]
     fn all_axes_at_zero_stretch_the_arm_forward() {
         assert_flange([0.0; 6], [815.0, 0.0, 425.0], [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]);
     }
 
-    /// Calculated by hand, with the upper arm upright: x = 25 + 365 + 90 = 480, z = 400 + 335 + 25 = 760; A 0, B
-    /// 90, C 0.
+    /// Expected values, calculated by hand, with the upper arm vertical: x = 25 + 365 + 90 = 480, z = 400 + 335 + 25 =
+    /// 760; A 0, B 90, C 0.
     #[test]
     fn at_home_the_forearm_is_level_and_the_flange_points_forward() {
         let home = [0.0, -90.0, 90.0, 0.0, 0.0, 0.0];
@@ -302,9 +304,9 @@ mod tests {
         assert!((pose.b_deg - 90.0).abs() < 1e-6 && pose.a_deg.abs() < 1e-6 && pose.c_deg.abs() < 1e-6, "{pose}");
     }
 
-    /// Calculated by hand: A5 = 90 at home bends the wrist down: x = 25 + 365 = 390, z = 760 − 90 = 670; the
-    /// pendant's usual A 180, B 0, C 180 has flange X backwards and Z down. A1 = 90 turns clockwise seen from
-    /// above, to −y. A6 = 90 turns the flange clockwise about its Z.
+    /// Expected values, calculated by hand. A5 = 90 at the home position bends the wrist down: x = 25 + 365 = 390, z =
+    /// 760 − 90 = 670, which the pendant shows as A 180, B 0, C 180: the flange's X points backward and its Z down. A1
+    /// = 90 rotates clockwise as seen from above, to −y. A6 = 90 rotates the flange clockwise about its Z axis.
     #[test]
     fn axis_signs_are_those_of_the_controller() {
         assert_flange(
@@ -317,15 +319,16 @@ mod tests {
             [0.0, -480.0, 760.0],
             [[0.0, 0.0, -1.0], [0.0, -1.0, 0.0]],
         );
-        // Rz(−90) of the flange: its X is now its former −Y, which is −Y of the base.
+        // The flange is rotated by Rz(−90): its new X axis is its former −Y axis, which is −Y of the base.
         assert_flange([0.0, -90.0, 90.0, 0.0, 0.0, 90.0], [480.0, 0.0, 760.0], [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]);
         assert_flange([0.0, -90.0, 90.0, 90.0, 0.0, 0.0], [480.0, 0.0, 760.0], [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]);
-        // Positive A2 and A3 lower the arm. With the upper arm level and the forearm down: x = 25 + 335 + 25, z =
-        // 400 − 365 − 90.
+        // Positive A2 and A3 lower the arm. With the upper arm horizontal and the forearm pointing down: x = 25 + 335 +
+        // 25, z = 400 − 365 − 90.
         assert_flange([0.0, 0.0, 90.0, 0.0, 0.0, 0.0], [385.0, 0.0, -55.0], [[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]);
     }
 
-    /// Calculated by hand: the wrist's centre can be at most 335 + hypot(25, 365) = 700.9 mm from axis 2.
+    /// Expected value, calculated by hand: the maximum distance of the wrist's centre from axis 2 is 335 + hypot(25,
+    /// 365) = 700.9 mm.
     #[test]
     fn a_pose_out_of_reach_is_refused_with_the_distance() {
         let far = Rigid::<Base, Flange>::from_isometry_unchecked(Isometry3::from_parts(
@@ -338,8 +341,8 @@ mod tests {
         assert!((distance_mm - 1000.0).abs() < 1e-9 && (allowed_mm[1] - 700.855).abs() < 1e-3, "{allowed_mm:?}");
     }
 
-    /// The error names the axis that would exceed its limits: to face backwards without leaning over backwards, A1
-    /// must be at 180.
+    /// The error names the axis that would be outside of its limits: to reach backward without leaning over axis 1, A1
+    /// must be 180°.
     #[test]
     fn an_axis_beyond_its_limits_is_named() {
         let behind = at([178.0, -60.0, 60.0, 0.0, 30.0, 0.0]);
@@ -351,7 +354,7 @@ mod tests {
         assert_eq!(over, Err(Unreachable::AxisLimit { axis: 2, angle_deg: 45.1, allowed_deg: [-190.0, 45.0] }));
     }
 
-    /// When axes 4 and 6 are in line, axis 4 keeps its angle and axis 6 makes the whole rotation.
+    /// If the axes 4 and 6 are parallel, axis 4 keeps its angle and axis 6 makes the whole rotation.
     #[test]
     fn at_the_wrist_singularity_axis_4_keeps_its_angle() {
         let pose = at([10.0, -80.0, 100.0, 25.0, 0.0, 35.0]);
@@ -376,7 +379,7 @@ mod tests {
             }
         }
 
-        /// Away from the singularities of wrist, elbow and shoulder, the solution nearest to the arm's present angles
+        /// Away from the singularities of wrist, elbow and shoulder, the solution nearest to the current axis angles
         /// equals these angles.
         #[test]
         fn the_nearest_solution_equals_the_arms_angles(angles in inside()) {

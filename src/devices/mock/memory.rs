@@ -1,25 +1,25 @@
-//! One channel: its connection, its outgoing bytes, and the values that it has received and the program has not yet
-//! read, with one memory for each tag that has a type.
+//! One channel: its connection, the bytes to be sent, and its buffers. The buffers contain the received values that the
+//! program has not read yet; there is one buffer for each tag with a type.
 //!
-//! A document pushes one value into the memory of each tag that it contains. A missing or empty tag pushes nothing, so
-//! that the memories of one channel can drift apart. Every value has the sequence number of its document, by which a
-//! program detects such a drift. One value more than BUFFERING allows is still stored, and closes the connection. The
-//! program reads with the functions below, which are `EKI_CheckBuffer`, `EKI_Get…` and `EKI_ClearBuffer`: an empty
-//! memory gives an error at once.
+//! A document adds one value to the buffer of each tag that it contains. A missing or empty tag adds none, so the
+//! buffers of one channel can get out of step. Each value has the sequence number of its document, by which a program
+//! detects this. One value more than the limit of BUFFERING is still stored, and closes the connection. The read
+//! functions below correspond to `EKI_CheckBuffer`, `EKI_Get…` and `EKI_ClearBuffer`; on an empty buffer they return an
+//! error without waiting.
 
 use super::channel_file::{ChannelFile, EkiError, EkiFault, ElementKind, Environment, FileProblem, ReadOrder};
 use super::codec::{Value, decode};
 use super::framer::Framer;
 use std::collections::VecDeque;
 
-/// A flag or output that an element sets when it has arrived.
+/// A flag or output that the controller sets when an element has arrived.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Raised {
     Flag(u16),
     Output(u16),
 }
 
-/// A value and the sequence number of its document.
+/// A received value and the sequence number of its document.
 #[derive(Debug, Clone, PartialEq)]
 struct Entry {
     value: Value,
@@ -48,12 +48,12 @@ impl TagMemory {
     }
 }
 
-/// A channel's receiving side.
+/// The receiving side of a channel: the framer and the buffers.
 #[derive(Debug)]
 pub(super) struct Memory {
     file: ChannelFile,
     framer: Framer,
-    /// One memory for each element of the file; the memories of elements without a type stay empty.
+    /// One buffer for each element of the file; the buffer of an element without a type stays empty.
     tags: Vec<TagMemory>,
     /// Documents stored.
     counter: u32,
@@ -68,8 +68,8 @@ impl Memory {
         Memory { framer: Framer::new(file.limit_bytes), tags, counter: 0, raised: Vec::new(), file }
     }
 
-    /// Stores the documents that these bytes complete, and returns their number. Documents completed before a fault
-    /// are stored.
+    /// Decodes and stores the documents that these bytes complete, and returns the number of documents. Documents that
+    /// were completed before a fault are stored.
     pub(super) fn receive(&mut self, bytes: &[u8]) -> Result<u32, EkiFault> {
         self.framer.push(bytes);
         let before = self.counter;
@@ -92,22 +92,22 @@ impl Memory {
         Ok(self.counter.wrapping_sub(before))
     }
 
-    /// Returns the flags and outputs that were set since the last call.
+    /// Returns the flags and outputs that elements have set since the last call.
     pub(super) fn take_raised_signals(&mut self) -> Vec<Raised> {
         std::mem::take(&mut self.raised)
     }
 
-    /// Returns how many values of this tag wait.
+    /// Returns the number of values in the buffer of this tag.
     pub(super) fn waiting_count(&self, place: usize) -> usize {
         self.tags.get(place).map_or(0, |tag| tag.entries.len())
     }
 
-    /// Returns the next value of this tag without removing it.
+    /// Returns the next value of this tag, and keeps it in the buffer.
     pub(super) fn peek_value(&self, place: usize) -> Result<&Value, EkiError> {
         self.tags.get(place).and_then(TagMemory::next).map(|entry| &entry.value).ok_or(EkiError::Empty)
     }
 
-    /// Returns the value of this tag that arrived last, and the sequence number of its document.
+    /// Returns the newest value of this tag, and the sequence number of its document.
     pub(super) fn newest_value(&self, place: usize) -> Result<(&Value, u32), EkiError> {
         let newest = self.tags.get(place).and_then(|tag| tag.entries.back());
         newest.map(|entry| (&entry.value, entry.counter)).ok_or(EkiError::Empty)
@@ -123,40 +123,40 @@ impl Memory {
         found.ok_or(EkiError::Type)
     }
 
-    /// Takes an integer with the sequence number of its document.
+    /// Removes and returns an integer, with the sequence number of its document.
     pub(super) fn get_int(&mut self, place: usize) -> Result<(i32, u32), EkiError> {
         self.get(place, as_int)
     }
 
-    /// Takes a real number with the sequence number of its document.
+    /// Removes and returns a real number, with the sequence number of its document.
     pub(super) fn get_real(&mut self, place: usize) -> Result<(f64, u32), EkiError> {
         self.get(place, |value| if let Value::Real(number) = value { Some(f64::from(*number)) } else { None })
     }
 
-    /// Takes a frame's six numbers with the sequence number of their document.
+    /// Removes and returns the six numbers of a frame, with the sequence number of their document.
     pub(super) fn get_frame(&mut self, place: usize) -> Result<([f64; 6], u32), EkiError> {
         self.get(place, |value| if let Value::Frame(numbers) = value { Some(numbers.map(f64::from)) } else { None })
     }
 
-    /// Discards the waiting values; the connection is not closed.
+    /// Discards all values in the buffers; the connection stays open.
     pub(super) fn clear_buffers(&mut self) {
         self.tags.iter_mut().for_each(|tag| tag.entries.clear());
     }
 
-    /// Clears the memory, as when the channel is cleared, initialised and opened again: an incomplete document and all
-    /// waiting values are discarded.
+    /// Resets the receiving side, as when the channel is cleared, initialised and opened again: all values and an
+    /// incomplete document are discarded.
     pub(super) fn clear(&mut self) {
         self.framer = Framer::new(self.file.limit_bytes);
         self.raised.clear();
         self.clear_buffers();
     }
 
-    /// Returns the position of this tag, of any type.
+    /// Returns the index of the element with this tag.
     pub(super) fn find(&self, tag: &str) -> Option<usize> {
         self.file.received.iter().position(|element| element.tag == tag)
     }
 
-    /// Returns the position of this tag, which the program reads as this type.
+    /// Returns the index of the element with this tag; the element must have this type.
     pub(super) fn position_of(&self, tag: &'static str, kind: ElementKind) -> Result<usize, FileProblem> {
         let found = self.file.received.iter().position(|element| element.tag == tag && element.kind == Some(kind));
         found.ok_or(FileProblem::NotReceived(tag))
@@ -167,7 +167,7 @@ pub(super) fn as_int(value: &Value) -> Option<i32> {
     if let Value::Int(number) = value { Some(*number) } else { None }
 }
 
-/// One channel: the received values and the bytes to send.
+/// One channel: its received values and the bytes to be sent.
 #[derive(Debug)]
 pub(super) struct Link {
     pub(super) memory: Memory,
@@ -178,9 +178,9 @@ pub(super) struct Link {
     pub(super) listens_at_ms: u64,
     pub(super) environment: Environment,
     pub(super) listens_for_ms: Option<u64>,
-    /// The $FLAG and $OUT that are true while a client is connected.
+    /// The numbers of the $FLAG and $OUT that are true while a client is connected.
     pub(super) alive: (Option<u16>, Option<u16>),
-    /// Flags and outputs that the channel's elements set.
+    /// The flags and outputs that the channel's elements set.
     pub(super) raises: Vec<Raised>,
 }
 
@@ -220,7 +220,7 @@ mod tests {
         format!("<Req Id=\"{id}\" Ep=\"0\" Op=\"9\" N1=\"0\"></Req>")
     }
 
-    /// The limit is 64: the 65th value closes the channel but is still stored.
+    /// The limit is 64 values: the 65th value is still stored, but closes the channel.
     #[test]
     fn one_entry_too_many_is_stored_and_closes_the_channel() {
         let mut memory = shipped();
@@ -228,13 +228,14 @@ mod tests {
         assert_eq!(memory.receive(format!("{}<Else/>", request(1)).repeat(64).as_bytes()), Ok(128));
         assert_eq!(memory.receive(request(2).as_bytes()), Err(EkiFault::Overflow));
         assert_eq!(memory.waiting_count(id), 65);
-        // A file without a limit has room for 16 values.
+        // If the file states no limit, the buffer has room for 16 values.
         let mut memory = super::tests::memory(|file| file.replace(" Limit=\"64\"", ""));
         assert_eq!(memory.receive(request(1).repeat(16).as_bytes()), Ok(16));
         assert_eq!(memory.receive(request(1).as_bytes()), Err(EkiFault::Overflow));
     }
 
-    /// Errors 15 and 20 of the manual: the read does not wait, and a value of another type stays in the memory.
+    /// Errors 15 and 20 of the manual: a read of an empty buffer does not wait, and a value of another type stays in
+    /// the buffer.
     #[test]
     fn an_empty_memory_and_a_wrong_type_are_errors_at_once() {
         let mut memory = shipped();
@@ -248,8 +249,8 @@ mod tests {
         assert_eq!(memory.position_of("Req/@Id", ElementKind::Real), Err(FileProblem::NotReceived("Req/@Id")));
     }
 
-    /// The second document lacks N1: the program reads the N1 of a later document in this row, and only the sequence
-    /// numbers show this.
+    /// N1 is missing in the second document. The program reads the N1 of a subsequent document instead, and only the
+    /// sequence numbers show this.
     #[test]
     fn a_missing_element_lets_the_memories_drift() {
         let mut memory = shipped();
@@ -265,7 +266,7 @@ mod tests {
         assert_eq!(memory.waiting_count(id), 0);
     }
 
-    /// The channel is LIFO, one of its tags is FIFO.
+    /// The channel is LIFO, and one of its tags is FIFO.
     #[test]
     fn the_newest_entry_is_first_if_the_file_states_so() {
         let mut memory = memory(|file| {
@@ -283,7 +284,8 @@ mod tests {
         assert_eq!(all(n1), [Ok(1), Ok(2), Ok(3)]);
     }
 
-    /// The root's flag is set by the whole structure, a leaf's flag only if the leaf is present.
+    /// The flag of the root element is set by each document, but the flag of a child element only if the document
+    /// contains the child.
     #[test]
     fn elements_that_arrived_set_their_flags() {
         let mut memory = memory(|file| {
@@ -297,7 +299,7 @@ mod tests {
         assert_eq!(memory.take_raised_signals(), []);
     }
 
-    /// Up to 16384 bytes of one document may wait; the next byte is too many.
+    /// An incomplete document may have up to 16384 bytes; one more byte is an error.
     #[test]
     fn buffsize_limits_the_bytes_of_an_incomplete_document() {
         let mut memory = shipped();

@@ -1,20 +1,21 @@
-//! A mock of the robot's controller: a Rust model of the cell's KRL programs, behind EthernetKRL.
+//! A mock of the robot controller: a Rust model of the cell's KRL programs, with EthernetKRL as its interface.
 //!
-//! The mock reads the controller's own files (`config/kuka/`) and shares nothing else with the client: framer, codec,
-//! units and kinematics are its own.
+//! The mock reads the controller's own files (`config/kuka/`) and shares nothing else with the client; it has its own
+//! framer, codec, units and kinematics.
 //!
 //! - bytes: `framer` (stream to documents), `channel_file` and `codec` (documents to values and back), `memory`
-//!   (waiting values of a channel), `wire` (meaning of the numbers)
-//! - the arm: `kinematics`, `moves` (planned moves, shape and speed of a path), `mover` (the main run)
+//!   (buffers of a channel), `wire` (meaning of the values)
+//! - the arm: `kinematics`, `moves` (planned motions, geometry and speed of a path), `mover` (the main run)
 //! - the programs: `model` (one tick, the epoch, the contact), `channels` (connected clients, messages sent), `submit`
-//!   (intake, watchdog, stop), `program` (advance run), `outputs` (automatic switch-off)
-//! - instead of these, the programs themselves: `interpreted` executes the shipped files
-//! - around the controller: `setup` (with the executed programs, and the inputs' and outputs' world), `options` (with
-//!   the safety controller), `operator` (people, keys, the program's start, the present state), `fault` (the faults
-//!   and their times), `log` (past events), `server` (TCP)
+//!   (reception of commands, watchdog, stop), `program` (advance run), `outputs` (automatic switch-off)
+//! - instead of these programs: `interpreted` executes the shipped files
+//! - around the controller: `setup` (with the executed programs, and the devices on the inputs and outputs), `options`
+//!   (with the safety controller), `operator` (people, keys, the program's start, the current state), `fault` (injected
+//!   faults and their times), `log` (past events), `server` (TCP)
 //!
-//! As in the programs, a `move_j` stops exactly: approximated PTP is refused. Not modelled: RAW channels and UDP,
-//! which a cell's files may have but this link does not use; error 23, since the programs open a channel in one place.
+//! As in the programs, a `move_j` stops exactly: an approximated PTP is refused. Not modelled: RAW channels and UDP,
+//! which a cell's files may contain but this link does not use; error 23, because the programs open a channel in one
+//! place only.
 
 mod channel_file;
 mod channels;

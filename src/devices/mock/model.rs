@@ -1,15 +1,16 @@
-//! The controller as a state machine over virtual time: bytes and milliseconds in, bytes out.
+//! The controller as a state machine in virtual time: its inputs are bytes and milliseconds, its outputs are bytes.
 //!
-//! Its time advances in whole ticks of 12 ms. In each tick the submit interpreter reads at most 8 commands and every
-//! request. The robot interpreter plans up to $ADVANCE motions ahead, the arm moves one step, and changes are
-//! reported. In lock step requests are answered as they arrive, and a heartbeat grants 100 ms. In that time, only the
-//! commands up to the one that the heartbeat names are read, so that the result does not depend on when bytes arrive.
+//! Time advances in ticks of 12 ms. In each tick the submit interpreter reads at most 8 commands and all requests. The
+//! robot interpreter plans up to $ADVANCE motions ahead, the arm moves one step, and changes are reported. In lock step
+//! requests are answered when they arrive, and a heartbeat grants 100 ms. In this period only the commands up to the
+//! one that the heartbeat names are read, so that the result does not depend on when bytes arrive.
 //!
-//! The state of one epoch is the ring of commands, base and tool, speeds. None of this outlives the epoch.
+//! The state of an epoch consists of the ring buffer of commands, base and tool, and the speeds. It is discarded at the
+//! end of the epoch.
 //!
-//! The programs derive from the commands whether the sanding tool is on the panel: it is in contact from the start of
-//! a move to a contact point until an air point is reached. Landing and leaving count. The retract from the panel is
-//! part of this state.
+//! From the commands the programs derive whether the sanding tool is on the panel: it is in contact from the start of
+//! the motion to the first contact point until a point without contact is reached. So approach and departure belong to
+//! the contact, and so does the retract from the panel.
 
 use super::channel_file::{FileProblem, MockError};
 use super::codec::Template;
@@ -25,13 +26,13 @@ use super::wire::{Command, CommandPositions, LastAnswers, Refusal, RequestPositi
 use panelprep_base::geometry::{Flange, KukaPose, Rigid, Tool, Vector};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-/// One interpolation and submit cycle.
+/// Period of one interpolation cycle and one submit cycle, ms.
 pub(super) const TICK_MS: u64 = 12;
 
 /// Number of entries in the ring buffer of commands.
 pub(super) const RING: usize = 100;
 
-/// Length of a retract along the tool's −Z, mm.
+/// Distance of a retract along the tool's −Z axis, mm.
 const RETRACT_MM: f64 = 50.0;
 const RETRACT_MM_S: f64 = 200.0;
 const RETRACT_MM_S2: f64 = 2000.0;
@@ -46,53 +47,52 @@ pub struct Controller {
     pub(super) request_places: RequestPositions,
     pub(super) answers: LastAnswers,
     pub(super) now_ms: u64,
-    /// Granted time that is left over because it is less than a tick, ms.
+    /// The rest of the granted time that is less than a tick, ms.
     carried_ms: u64,
     pub(super) safety: SafetyState,
     pub(super) inputs: BTreeMap<u16, bool>,
     pub(super) outputs: BTreeMap<u16, bool>,
-    /// Every $FLAG that was ever set.
+    /// The value of every $FLAG that was ever set.
     pub(super) flags: BTreeMap<u16, bool>,
     pub(super) troubles: FaultState,
     /// The time at which the controller was last started.
     pub(super) started_ms: u64,
     pub(super) epoch: Epoch,
-    /// Stopped by the program; only a new epoch continues.
+    /// Whether the program has stopped the epoch; only a new epoch continues.
     pub(super) stopped: bool,
-    /// The time at which the last epoch ended; the next field has the outputs that are still to be switched off after
-    /// the epoch.
+    /// The time at which the last epoch ended, and the outputs that are to be switched off after it.
     pub(super) ended_ms: u64,
     pub(super) pending_off_outputs: BTreeSet<u16>,
     pub(super) mover: Mover,
     pub(super) contact: ContactState,
     pub(super) underruns: i32,
     pub(super) stale_messages: u64,
-    /// The time of the last frame from the client; the next field has the time of its last request.
+    /// The times of the client's last message and of its last request.
     pub(super) last_frame_ms: u64,
     pub(super) last_request_ms: u64,
     /// The time at which the submit interpreter last ran.
     pub(super) submit_ran_ms: u64,
-    /// Epoch and id of the newest command that arrived.
+    /// The epoch and the id of the last command that arrived.
     pub(super) arrived: (i32, i32),
-    /// Whether commands that a heartbeat names may still arrive, because all were readable and their channel was not
+    /// Whether commands that a heartbeat names may still arrive; false if a command was not readable or the channel was
     /// lost.
     pub(super) awaits_commands: bool,
-    /// The last command that is read in a granted time.
+    /// The last command that may be read in the granted period.
     pub(super) read_up_to: Option<(i32, i32)>,
     pub(super) executed: Vec<ExecutedMotion>,
     pub(super) trace: Vec<ContactSample>,
     pub(super) stops: Vec<ProgramStop>,
-    /// The programs that are executed in place of the model.
+    /// The executed programs, if they replace the hand-written model.
     pub(super) running: Option<Box<RunningPrograms>>,
     /// The templates of the documents that each channel sends, built once.
     pub(super) templates: [Option<Template>; 2],
 }
 
 impl Controller {
-    /// Returns a controller at rest, in EXT, drives on, no client connected, no epoch open.
+    /// Creates a controller at rest: mode EXT, drives on, no client connected, no epoch open.
     ///
     /// # Errors
-    /// If a channel's file lacks values that the programs read.
+    /// If a channel's file does not define a value that the programs read.
     pub fn new(setup: Setup, world: Box<dyn World>) -> Result<Self, MockError> {
         let (commands, states) = (Memory::new(setup.commands.clone()), Memory::new(setup.states.clone()));
         let file_error = |channel: &'static str| move |problem: FileProblem| MockError::File { channel, problem };
@@ -132,14 +132,14 @@ impl Controller {
             templates: [None, None],
             setup,
         };
-        // In lock step, nothing else lets the time pass that the programs need to start.
+        // In lock step the time that the programs need to start must be advanced here.
         if controller.setup.clock == Clock::LockStep {
             controller.boot();
         }
         Ok(controller)
     }
 
-    /// Lets time pass in whole ticks; the remaining time is kept for the next call.
+    /// Advances the time in whole ticks; the rest is kept for the next call.
     pub fn advance_ms(&mut self, granted_ms: u64) {
         self.carried_ms += granted_ms;
         while self.carried_ms >= TICK_MS {
@@ -186,7 +186,7 @@ impl Controller {
         }
     }
 
-    /// Starts the controller: sequence numbers, epochs, flags and motions are reset; the boot number changes.
+    /// Restarts the controller: sequence numbers, epochs, flags and motions are reset, and the boot id changes.
     pub(super) fn reset_controller(&mut self) {
         self.mover.stop_immediately();
         self.contact = ContactState::default();
@@ -205,21 +205,21 @@ impl Controller {
 #[derive(Debug, Clone)]
 pub(super) struct Epoch {
     pub(super) number: i32,
-    /// Commands are accepted; false once the epoch has ended.
+    /// Whether commands are accepted; false once the epoch has ended.
     pub(super) open: bool,
     pub(super) last_received: i32,
     pub(super) last_executed: i32,
-    /// The first refusal and the id of the refused command.
+    /// The first refusal in the epoch, and the id of the refused command.
     pub(super) refusal: Option<(Refusal, i32)>,
-    /// Commands that were received and are not yet planned.
+    /// The commands that were received and are not planned yet.
     pub(super) ring: VecDeque<Command>,
     pub(super) base: Option<KukaPose>,
     pub(super) tool: Option<ActiveTool>,
     pub(super) speed_mm_s: f64,
     pub(super) acceleration_mm_s2: f64,
-    /// Acceleration as a share of each axis's highest acceleration, 0…1.
+    /// Acceleration as a fraction of each axis's maximum acceleration, 0 to 1.
     pub(super) axis_acceleration_share: f64,
-    /// The time until which the subroutine at the ring's front runs.
+    /// The time at which the subroutine at the front of the ring buffer ends.
     pub(super) subroutine_until_ms: Option<u64>,
 }
 
@@ -237,7 +237,7 @@ impl ActiveTool {
 }
 
 impl Epoch {
-    /// Returns an epoch that accepts no commands.
+    /// Creates a closed epoch, which accepts no commands.
     pub(super) fn closed(number: i32) -> Self {
         Epoch {
             number,
@@ -267,7 +267,7 @@ impl Epoch {
 
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct ContactState {
-    /// The last point that was reached is a point in contact.
+    /// Whether the last point that was reached is in contact.
     was_last_point_in_contact: bool,
     /// The tool that is in contact.
     tool: Option<Rigid<Flange, Tool>>,
@@ -278,18 +278,18 @@ pub(super) struct ContactState {
 enum RetractState {
     #[default]
     No,
-    /// Begins as soon as the arm has stopped.
+    /// The retract begins as soon as the arm has stopped.
     Due,
     Runs,
 }
 
 impl ContactState {
-    /// Returns whether the tool is in contact, or moves towards contact.
+    /// Returns whether the tool is in contact, or moves to a contact point.
     pub(super) fn touches(&self, front: Option<&Move>) -> bool {
         self.was_last_point_in_contact || front.is_some_and(Move::contact)
     }
 
-    /// Returns whether both ends of the present segment are in contact.
+    /// Returns whether both ends of the current motion are in contact.
     pub(super) fn is_in_contact(&self, front: Option<&Move>) -> bool {
         self.was_last_point_in_contact && front.is_none_or(Move::contact)
     }
@@ -299,7 +299,7 @@ impl ContactState {
         self.tool
     }
 
-    /// Records that this move is being executed.
+    /// Records that the execution of this motion has begun.
     pub(super) fn on_move_started(&mut self, front: Option<&Move>) {
         if let Some(Move::Lin(lin)) = front
             && lin.contact
@@ -308,7 +308,7 @@ impl ContactState {
         }
     }
 
-    /// Records that the end of this move was reached or passed.
+    /// Records that the end of this motion was reached or passed.
     pub(super) fn on_point_reached(&mut self, step: &Move) {
         self.was_last_point_in_contact = step.contact();
         if step.key().is_none() {
@@ -316,7 +316,7 @@ impl ContactState {
         }
     }
 
-    /// Records a stop: if the tool is in contact and `may_retract` is true, it retracts from the panel as soon as
+    /// Records a stop. If the tool is in contact and `may_retract` is true, the tool retracts from the panel as soon as
     /// the arm has stopped.
     pub(super) fn stop(&mut self, front: Option<&Move>, may_retract: bool) {
         self.was_last_point_in_contact = self.touches(front);
@@ -324,15 +324,15 @@ impl ContactState {
             if may_retract && self.was_last_point_in_contact { RetractState::Due } else { RetractState::No };
     }
 
-    /// Resets the contact for a new epoch: a person jogs a tool off the panel if an e-stop left it there. A retract
-    /// continues.
+    /// Resets the contact for a new epoch. If an emergency stop left the tool on the panel, a person must jog it away
+    /// before. A retract in progress continues.
     pub(super) fn forget(&mut self) {
         if !self.is_retract_due() {
             *self = ContactState::default();
         }
     }
 
-    /// Abandons the retract, because it cannot be executed.
+    /// Abandons the retract because it cannot be executed.
     pub(super) fn abandon_retract(&mut self) {
         self.retract = RetractState::No;
     }
@@ -345,7 +345,7 @@ impl ContactState {
         self.retract == RetractState::Runs
     }
 
-    /// Returns the retract that is due, from the tool's present position.
+    /// Returns the motion of the retract that is due, from the current pose of the tool.
     pub(super) fn take_retract(&mut self, tool_at: impl Fn(&Rigid<Flange, Tool>) -> Pose) -> Option<Move> {
         if self.retract != RetractState::Due {
             return None;

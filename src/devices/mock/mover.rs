@@ -1,11 +1,12 @@
 //! The main run: moves the arm along the planned motions, one interpolation step at a time.
 //!
-//! LIN moves along straight lines and blended corners at constant speed. It brakes only for required stops: a move
-//! without blend distance, the last planned move, a change between LIN and PTP. A blend that is not planned when
-//! its start is passed becomes an exact stop. PTP moves all axes together; the slowest sets the pace. If an axis
-//! would exceed its maximum speed, the tool slows down, as with $CP_VEL_TYPE = #VAR_ALL. If that does not help (a
-//! pole, a change of configuration), the motion fails. Not modelled: jerk, centripetal acceleration in a blend,
-//! load. On lines the speed is planned ahead: all legs up to the next stop limit it.
+//! LIN follows straight lines and blended corners at constant speed. The arm brakes only for a required stop: a motion
+//! without a blend distance, the last planned motion, a change between LIN and PTP. If the next motion is not planned
+//! when the start of a blend is passed, the blend becomes an exact stop. PTP moves all axes synchronously; the slowest
+//! axis determines the speed. If an axis would exceed its maximum speed, the tool slows down, as with $CP_VEL_TYPE =
+//! #VAR_ALL. If that does not help (at a singularity, or on a change of configuration), the motion fails. Not modelled:
+//! jerk, centripetal acceleration in a blend, load. On lines the speed is planned ahead: all legs up to the next stop
+//! limit it.
 
 use super::kinematics::{Arm, Unreachable, angles_deg, to_joints};
 use super::moves::{
@@ -15,49 +16,49 @@ use super::moves::{
 use panelprep_base::geometry::{Base, Flange, Joints, Rigid, Tool};
 use std::collections::VecDeque;
 
-/// Time in which an axis reaches its highest speed.
+/// Time in which an axis accelerates to its maximum speed, s.
 const AXIS_RAMP_S: f64 = 0.2;
-/// Number of times that the step may be halved if an axis would be too fast.
+/// Maximum number of times that a step is halved because an axis would be too fast.
 const MAX_HALVINGS: i32 = 7;
 
-/// $VEL.ORI1: the highest rotational speed of the tool, degrees/s.
+/// $VEL.ORI1: the maximum rotation speed of the tool, degrees/s.
 const MAX_ROTATION_DEG_S: f64 = 200.0;
-/// Smallest deceleration of BRAKE on a line, mm/s².
+/// Minimum deceleration of BRAKE on a line, mm/s².
 const MIN_BRAKE_MM_S2: f64 = 5000.0;
 
-/// A move that was executed.
+/// A motion that was executed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct CompletedMove {
     pub(super) step: Move,
-    /// The axes at the end of the move, or in the middle of its blend.
+    /// The axis angles at the end of the motion, or in the middle of its blend.
     pub(super) joints: Joints,
-    /// The arm stopped there because nothing further was planned in time. Other waiting commands are not
-    /// considered.
+    /// Whether the arm stopped at the end of the motion because no further motion was planned in time. Commands that
+    /// only wait in the ring buffer are ignored.
     pub(super) was_starved: bool,
 }
 
-/// The reason why the arm cannot continue.
+/// The reason why the arm cannot follow its path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum MoveBlocked {
     Unreachable(Unreachable),
-    /// At any speed of the tool, this axis, 1 to 6, would exceed its maximum speed.
+    /// This axis, 1 to 6, would exceed its maximum speed at any speed of the tool.
     AxisSpeed(usize),
 }
 
-/// The arm and its planned moves.
+/// The arm and its planned motions.
 #[derive(Debug, Clone)]
 pub(super) struct Mover {
     arm: Arm,
     joints: Joints,
-    /// The planned moves; the front one is being executed.
+    /// The planned motions; the first one is being executed.
     pub(super) planned: VecDeque<Move>,
     pub(super) place: MotionState,
-    /// Distance moved on the present leg, mm or degrees of the leading axis.
+    /// Distance covered on the current leg, mm, or degrees of the leading axis.
     pub(super) leg_distance: f64,
-    /// Speed along the path, mm/s or degrees/s of the leading axis.
+    /// Speed along the path, mm/s, or degrees/s of the leading axis.
     pub(super) speed: f64,
     pub(super) braking: bool,
-    /// The legs ahead; valid while neither plan nor leg changes.
+    /// The legs up to the next stop; valid while neither the plan nor the current leg changes.
     cached_legs: Option<Vec<MoverLeg>>,
 }
 
@@ -88,7 +89,7 @@ impl Mover {
         self.joints
     }
 
-    /// Sets the axis positions of an arm at rest.
+    /// Sets the axis angles of an arm at rest.
     pub(super) fn set_joints(&mut self, joints: Joints) {
         *self = Mover::new(self.arm, joints);
     }
@@ -97,7 +98,7 @@ impl Mover {
         self.arm.base_from_flange(&self.joints)
     }
 
-    /// Returns whether nothing is planned and nothing is in motion.
+    /// Returns whether the arm is at rest and no motion is planned.
     pub(super) fn is_idle(&self) -> bool {
         self.place == MotionState::Standing && self.planned.is_empty()
     }
@@ -107,33 +108,33 @@ impl Mover {
         self.speed > 0.0
     }
 
-    /// Returns whether the arm is at rest and the only planned motion is to be blended into the next.
+    /// Returns whether the arm is at rest because its only planned motion is to be blended with the next one.
     pub(super) fn is_waiting_for_blend(&self) -> bool {
         let is_blended = matches!(self.planned.front(), Some(Move::Lin(lin)) if lin.blend_mm > 0.0);
         self.place == MotionState::Standing && self.planned.len() == 1 && is_blended
     }
 
-    /// Returns whether the arm slows down to a stop that discards the remaining moves.
+    /// Returns whether the arm is braking to a stop, after which the remaining motions are discarded.
     pub(super) fn is_braking(&self) -> bool {
         self.braking
     }
 
-    /// Returns the number of planned moves, the present one included.
+    /// Returns the number of planned motions, including the current one.
     pub(super) fn planned_count(&self) -> usize {
         self.planned.len()
     }
 
-    /// Returns the move that is being executed.
+    /// Returns the motion that is being executed.
     pub(super) fn current_move(&self) -> Option<&Move> {
         if self.place == MotionState::Standing { None } else { self.planned.front() }
     }
 
-    /// Returns whether one of the planned moves, the present one included, ends in contact.
+    /// Returns whether one of the planned motions, including the current one, ends in contact.
     pub(super) fn has_contact_ahead(&self) -> bool {
         self.planned.iter().any(Move::contact)
     }
 
-    /// Returns the oldest move that is not executed.
+    /// Returns the oldest motion that is not completed.
     pub(super) fn oldest_move(&self) -> Option<MoveKey> {
         let passing = match &self.place {
             MotionState::Corner { passing, .. } => passing.and_then(|lin| lin.key),
@@ -142,14 +143,14 @@ impl Mover {
         passing.or_else(|| self.planned.front().and_then(Move::key))
     }
 
-    /// Plans a move after the others; its target must be reachable from their end.
+    /// Appends a motion to the plan; its target must be reachable from the end of the previous motion.
     pub(super) fn plan(&mut self, step: Move) {
         self.planned.push_back(step);
         self.cached_legs = None;
     }
 
-    /// Switches this output at the end of the last planned move. Returns false if there is no such move, or if it
-    /// already switches an output.
+    /// Plans to switch this output at the end of the last planned motion. Returns false if no motion is planned, or if
+    /// the last one already switches an output.
     pub(super) fn switch_at_end(&mut self, output: (u16, bool)) -> bool {
         let switches = match self.planned.back_mut() {
             Some(Move::Lin(lin)) => &mut lin.switched_output,
@@ -162,7 +163,7 @@ impl Mover {
         is_free
     }
 
-    /// Slows down to a stop on the path and discards the remaining moves.
+    /// Brakes to a stop on the path, and discards the remaining motions.
     pub(super) fn start_braking(&mut self) {
         self.braking = true;
         if self.speed == 0.0 {
@@ -170,7 +171,7 @@ impl Mover {
         }
     }
 
-    /// Stops at once and discards the remaining path.
+    /// Stops immediately and discards the remaining path.
     pub(super) fn stop_immediately(&mut self) {
         self.planned.clear();
         self.cached_legs = None;
@@ -179,8 +180,8 @@ impl Mover {
         self.braking = false;
     }
 
-    /// Executes one step. Returns moves that reached or passed their end, and the reason if the arm cannot
-    /// continue.
+    /// Executes one interpolation step. Returns the motions whose end was reached or passed, and the reason if the arm
+    /// cannot continue.
     pub(super) fn step(&mut self, allowed: Override, step_s: f64) -> (Vec<CompletedMove>, Option<MoveBlocked>) {
         if self.place == MotionState::Standing {
             self.begin_front_move();
@@ -221,7 +222,7 @@ impl Mover {
         let to = angles_deg(&ptp.target);
         let way: [f64; 6] = std::array::from_fn(|axis| to[axis] - from[axis]);
         let lead_deg = way.iter().fold(0.0, |lead: f64, way_deg| lead.max(way_deg.abs()));
-        // Returns the highest speed of the leading axis at which no axis is too fast.
+        // Returns the maximum speed of the leading axis at which no axis exceeds its own maximum.
         let pace = |share: f64| {
             let of_axis = |axis: usize| self.arm.speeds_deg_s[axis] * share * lead_deg / way[axis].abs();
             (0..6).filter(|&axis| way[axis] != 0.0).map(of_axis).fold(f64::INFINITY, f64::min)
@@ -286,7 +287,8 @@ impl Mover {
         (0..6).find(fast).map(|axis| axis + 1)
     }
 
-    /// Advances along the legs, from one to the next at their ends. Returns true if the arm is still on the first leg.
+    /// Advances along the legs, and continues with the next leg at the end of each. Returns true if the arm is still on
+    /// the first leg.
     fn advance(
         &mut self,
         legs: &[MoverLeg],
@@ -322,17 +324,17 @@ impl Mover {
         Ok(false)
     }
 
-    /// Returns whether the standstill at the end of this move was not intended.
+    /// Returns whether a standstill at the end of this motion was not intended by the program.
     fn is_unintended_stop(&self, lin: &Lin) -> bool {
         match self.planned.front() {
             None => true,
-            // The next move was planned only after the blend's start was passed.
+            // The next motion was planned only after the start of the blend was passed.
             Some(Move::Lin(next)) => lin.blend_mm > 0.0 && distance_mm(&lin.target, &next.target) > ROUNDING_MM,
             Some(Move::Ptp(_)) => false,
         }
     }
 
-    /// Counts a blended move as executed in the middle of its corner.
+    /// Completes a blended motion when the middle of its corner is reached.
     fn complete_blended_move(&mut self, leg: &MoverLeg, done: &mut Vec<CompletedMove>) -> Result<(), Unreachable> {
         let MotionState::Corner { corner, passing } = &mut self.place else { return Ok(()) };
         if self.leg_distance < corner.length_mm / 2.0 {
@@ -353,8 +355,8 @@ impl Mover {
             legs.iter().map(|leg| leg.linear_motion().acceleration_mm_s2).fold(f64::INFINITY, f64::min);
         let (mut ahead_mm, mut speed) = (-self.leg_distance, f64::INFINITY);
         for leg in legs {
-            // Limits the speed here, one step ahead, so that it can be reduced to that leg's speed by the leg's
-            // start.
+            // The limit is applied one step ahead, so that the speed can be reduced to that of the next leg before the
+            // leg begins.
             let from_mm = (ahead_mm - self.speed * step_s).max(0.0);
             let own_mm_s = (leg.linear_motion().speed_mm_s * allowed.share).min(allowed.tool_mm_s);
             speed = speed.min((own_mm_s * own_mm_s + 2.0 * acceleration * from_mm).sqrt());
@@ -366,7 +368,7 @@ impl Mover {
         Limits { to_stop: ahead_mm, speed, acceleration }
     }
 
-    /// Returns the present leg and those that follow, up to the next stop.
+    /// Returns the current leg and the following ones up to the next stop.
     fn legs_to_stop(&self) -> Vec<MoverLeg> {
         let lins: Vec<Lin> = self
             .planned
@@ -408,7 +410,7 @@ impl Mover {
             };
             let blended = corner.map(|corner| (line(corner.start, false), corner));
             match blended {
-                // A blend is not made if its start was already passed.
+                // A corner is not blended if the start of its blend was already passed.
                 Some((to_blend, corner)) if gone_mm <= to_blend.length_mm() + ROUNDING_MM => {
                     (from, whole_mm) = (corner.end, corner.outgoing_length_mm);
                     legs.extend([to_blend, MoverLeg::Corner { corner: Box::new(corner), lin }]);

@@ -1,4 +1,4 @@
-//! Faults during operation, and how they are reported.
+//! Tests of faults during operation, and of the way in which they are reported.
 
 use super::*;
 
@@ -9,15 +9,15 @@ fn picture() -> Vec<Vec<u8>> {
     vec![(0..SIZE[0] * SIZE[1]).map(|pixel| (pixel * 7 + pixel / SIZE[0]) as u8).collect()]
 }
 
-/// Returns the camera at the loopback interface as soon as it is present.
+/// Returns the camera at the loopback interface as soon as the camera is connected.
 fn opened() -> GigeCamera {
     let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
     camera.check_ready().unwrap_or_else(|error| panic!("{error}"));
     camera
 }
 
-/// A picture has 37 packets and 3 % of them are lost, so about a third of the pictures is complete. Only complete
-/// pictures are passed on.
+/// Each picture has 37 packets. If 3 % of the packets are dropped, about a third of the pictures is complete. Only
+/// complete pictures are delivered.
 #[test]
 fn incomplete_pictures_are_retried_and_never_delivered() {
     let _alone = alone();
@@ -47,13 +47,12 @@ fn incomplete_pictures_are_retried_and_never_delivered() {
         counted.refused > 0 && counted.retries > 0 && counted.missing_packets > 0,
         "{refused} failed; {counted}"
     );
-    // After each failed picture the camera was released and connected again, so that all its settings are written
-    // again.
+    // After each failed picture the camera was released and connected again, so its settings were written again.
     assert_eq!(
         (counted.losses, counted.connections),
         (refused, refused + u64::from(camera.link_status() == LinkStatus::Connected))
     );
-    // The packet loss has no lasting effect.
+    // After the packet loss the camera works as before.
     loopback.lose_packets(0.0);
     wait_for("the camera", || camera.link_status() == LinkStatus::Connected);
     for _ in 0..3 {
@@ -63,8 +62,8 @@ fn incomplete_pictures_are_retried_and_never_delivered() {
     }
 }
 
-/// A camera that disappears while in use is reported once, and no client waits for it. When it is back, it delivers
-/// again.
+/// If the connection to a camera is lost, the loss is reported once, and no caller waits for the camera. After the
+/// reconnection the camera delivers pictures again.
 #[test]
 fn a_lost_camera_is_reported_once_and_reconnected() {
     let _alone = alone();
@@ -90,7 +89,7 @@ fn a_lost_camera_is_reported_once_and_reconnected() {
     assert_eq!((counted.accepted, counted.losses, counted.connections), (2, 1, 2), "{counted}");
 }
 
-/// A camera that answers but gives no picture is opened again, and thereby configured again.
+/// A camera that responds but delivers no picture is opened again, and so configured again.
 #[test]
 fn a_camera_without_a_picture_is_configured_again() {
     let _alone = alone();
@@ -109,7 +108,7 @@ fn a_camera_without_a_picture_is_configured_again() {
     assert_eq!((camera.statistics().losses, camera.statistics().connections), (1, 2));
 }
 
-/// The heartbeat reports the loss although no picture is requested.
+/// The heartbeat detects the loss even if no picture is requested.
 #[test]
 fn the_loss_of_an_unused_camera_is_detected() {
     let _alone = alone();
@@ -152,10 +151,10 @@ fn each_wrong_camera_is_refused_with_its_reason() {
         set.contains("does not accept UserSetSelector = UserSet7") && set.contains("Default, UserSet1"),
         "{set}"
     );
-    // 12 s is longer than one picture at the lowest frame rate that the camera accepts, 0.1 pictures per second.
+    // 12 s is longer than the frame period at the minimum frame rate of the camera, 0.1 pictures per second.
     let exposure = says(Settings { exposure_us: Some(12e6), ..settings(SIZE, FORMAT) });
     assert!(exposure.contains("does not accept AcquisitionFrameRate = 0.075: valid: 0.1 to 1000"), "{exposure}");
-    // Another program controls the camera: here this program, with a second connection.
+    // Another program controls the camera; here it is a second connection of this program.
     let mut first = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
     wait_for("the camera", || first.link_status() == LinkStatus::Connected);
     let second = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
@@ -165,11 +164,11 @@ fn each_wrong_camera_is_refused_with_its_reason() {
         "{:?}",
         second.link_status()
     );
-    // The first connection keeps the camera.
+    // The first connection keeps control of the camera.
     exposure_of(&first.picture().unwrap_or_else(|error| panic!("{error}")), &picture());
 }
 
-/// The camera's size is changed while it delivers.
+/// The size of the camera's pictures is changed while the camera is in use.
 #[test]
 fn a_changed_picture_size_is_refused() {
     let _alone = alone();
@@ -190,8 +189,8 @@ fn a_changed_picture_size_is_refused() {
     );
 }
 
-/// The camera accepts BayerRG8 and sends BayerRG12, as a TRI032S is documented to do. This is reported as a wrong
-/// format, not as a network that loses packets.
+/// The camera accepts BayerRG8 but sends BayerRG12, as the documentation of the TRI032S describes. This is reported as
+/// a wrong pixel format, not as packet loss.
 #[test]
 fn a_pixel_format_that_the_camera_changed_is_reported() {
     let _alone = alone();
@@ -212,8 +211,8 @@ fn a_pixel_format_that_the_camera_changed_is_reported() {
     assert!(told.contains("pixel_format") && !told.contains("firewall"), "{told}");
 }
 
-/// A camera that never reports ready is triggered anyway. Each wait is counted, and after the third the program
-/// does not wait any more.
+/// A camera that never reports that it is ready is triggered anyway. Each wait is counted, and after the third one the
+/// program does not wait any more.
 #[test]
 fn a_camera_that_never_reports_that_it_is_ready_is_triggered() {
     let _alone = alone();

@@ -1,4 +1,4 @@
-//! Makes faults happen to a controller, and ends them.
+//! Injects faults into the mock controller, and ends them.
 
 use super::super::model::Controller;
 use super::super::options::Mode;
@@ -8,7 +8,7 @@ use super::spec::{ConnectionSide, Fault, FaultTime};
 const REBOOT_MS: u64 = 3_000;
 
 impl Controller {
-    /// Makes this fault happen now.
+    /// Injects this fault now.
     pub fn apply_fault(&mut self, fault: Fault) {
         let for_ms = self.set(fault, true);
         let for_ms = if let Fault::Reboot { for_ms: None } = fault { Some(REBOOT_MS) } else { for_ms };
@@ -37,7 +37,7 @@ impl Controller {
         }
     }
 
-    /// Counts commands that have arrived, for faults that wait for a command.
+    /// Counts commands that have arrived, for faults that are planned for a command number.
     pub(in super::super) fn count_arrived(&mut self, commands: u64) {
         self.troubles.commands_arrived += commands;
         if !self.troubles.planned.is_empty() {
@@ -45,7 +45,7 @@ impl Controller {
         }
     }
 
-    /// Begins or ends a fault; returns how long the fault lasts.
+    /// Begins or ends a fault; returns the duration of the fault, if it is limited.
     fn set(&mut self, fault: Fault, begins: bool) -> Option<u64> {
         let troubles = &mut self.troubles;
         match fault {
@@ -114,11 +114,11 @@ impl Controller {
         }
     }
 
-    /// Performs an action of a person, of the safety controller or of the mains supply.
+    /// Simulates an action of a person, of the safety controller or of the mains supply.
     fn perform_person_action(&mut self, fault: Fault, begins: bool) -> Option<u64> {
         let for_ms = self.perform_single_action(fault, begins);
         if !begins {
-            // The person who corrected the fault starts the program again.
+            // The person who has corrected the fault starts the program again.
             self.start_program();
         }
         for_ms
@@ -165,8 +165,7 @@ impl Controller {
         }
     }
 
-    /// Plugs the cable in again: the bytes that waited for the cable arrive first, then the end of each closed
-    /// connection.
+    /// Reconnects the cable: first the bytes arrive that were held back, then the end of each closed connection.
     fn reconnect_cable(&mut self) {
         for (index, channel) in [Channel::Command, Channel::State].into_iter().enumerate() {
             let bytes = std::mem::take(&mut self.troubles.cable_buffer[index]);

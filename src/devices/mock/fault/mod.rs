@@ -1,8 +1,8 @@
-//! The faults of a controller or of the link to it, and their times: faults that are planned and faults that are
-//! active. With them, users can test their own cell.
+//! Injected faults of the mock controller or of the link to it: those that are planned, and those that are active. With
+//! them, users can test their own cell.
 //!
-//! A [`FaultSpec`] is written as text (`mock-robot --fault`), see [`FaultSpec::HELP`]; [`Controller::apply_fault`]
-//! makes one fault happen now. Times are the controller's own: in lock step they pass only with the client's
+//! A [`FaultSpec`] is written as text (`mock-robot --fault`), see [`FaultSpec::HELP`]. [`Controller::apply_fault`]
+//! injects one fault immediately. Times are those of the controller: in lock step they advance only with the client's
 //! heartbeats.
 //!
 //! [`Controller::apply_fault`]: super::Controller::apply_fault
@@ -13,15 +13,15 @@ mod spec;
 use super::wire::{Channel, Command, Refusal, SET_BASE, SET_TCP};
 pub use spec::{ConnectionSide, Fault, FaultSpec, FaultSpecError, FaultTime, PlannedFault};
 
-/// The error of a wrong base, mm.
+/// The offset of the fault `wrong-base`, mm.
 const BASE_ERROR_MM: f64 = 1.0;
 
-/// The faults of a controller: those that are planned, and those that are active.
+/// The planned and the active faults of a mock controller.
 #[derive(Debug, Default)]
 pub(super) struct FaultState {
     planned: Vec<PlannedFault>,
     commands_arrived: u64,
-    /// The faults that end by themselves, and the times of their ends.
+    /// The active faults with a limited duration, each with the time of its end.
     ends: Vec<(u64, Fault)>,
     unplugged: bool,
     mute: bool,
@@ -30,12 +30,12 @@ pub(super) struct FaultState {
     slow_share: Option<f64>,
     override_percent: Option<u8>,
     pose_deviation_mm: Option<u8>,
-    /// The operation, `set_base` or `set_tcp`, whose next command is acknowledged without an effect.
+    /// The operation (`set_base` or `set_tcp`) whose next command is acknowledged but not executed.
     lost_operation: Option<i32>,
     wrong_base: bool,
     refusal: Option<Refusal>,
     skips_state: bool,
-    /// Bytes and closed connections that wait for the cable, by channel.
+    /// For each channel, the bytes and the closing of the connection that are held back while the cable is unplugged.
     pub(super) cable_buffer: [Vec<u8>; 2],
     pub(super) hung_up: [bool; 2],
 }
@@ -45,17 +45,17 @@ impl FaultState {
         FaultState { planned, ..FaultState::default() }
     }
 
-    /// Returns whether the cable is out.
+    /// Returns whether the cable is unplugged.
     pub(super) fn is_unplugged(&self) -> bool {
         self.unplugged
     }
 
-    /// Returns whether nothing is sent on this channel.
+    /// Returns whether a fault prevents sending on this channel.
     pub(super) fn is_channel_silenced(&self, channel: Channel) -> bool {
         self.mute || (self.no_acks && channel == Channel::Command)
     }
 
-    /// Returns whether the submit interpreter is stalled.
+    /// Returns whether a fault stalls the submit interpreter.
     pub(super) fn is_submit_stalled(&self) -> bool {
         self.stalled
     }
@@ -65,27 +65,27 @@ impl FaultState {
         self.override_percent.unwrap_or(100)
     }
 
-    /// Returns the deviation of the measured pose along Z, mm.
+    /// Returns the injected error of the measured pose along Z, mm.
     pub(super) fn pose_deviation_mm(&self) -> f64 {
         self.pose_deviation_mm.map_or(0.0, f64::from)
     }
 
-    /// Returns the share of its commanded speed at which the arm moves.
+    /// Returns the ratio of the arm's actual speed to its commanded speed.
     pub(super) fn speed_share(&self) -> f64 {
         self.slow_share.unwrap_or(1.0) * f64::from(self.override_percent()) / 100.0
     }
 
-    /// Takes the reason to refuse the next command, if there is one.
+    /// Removes and returns the injected reason to refuse the next command, if there is one.
     pub(super) fn take_refusal(&mut self) -> Option<Refusal> {
         self.refusal.take()
     }
 
-    /// Returns one if the sequence number of a state is to be skipped, otherwise zero.
+    /// Returns 1 if a fault skips the next sequence number of the state messages, otherwise 0.
     pub(super) fn take_sequence_skip(&mut self) -> i32 {
         i32::from(std::mem::take(&mut self.skips_state))
     }
 
-    /// Returns the value to which a frame is really set, with the faults applied; `None` if the command has no effect.
+    /// Returns the frame that a command actually sets, with the injected faults; `None` if the command has no effect.
     pub(super) fn faulty_frame(&mut self, command: &Command) -> Option<[f64; 6]> {
         let mut numbers = command.p;
         if self.lost_operation == Some(command.operation) {
@@ -100,9 +100,9 @@ impl FaultState {
 }
 
 impl FaultState {
-    /// Returns the value to which `$BASE` or `$TOOL` is really set when a program sets it, with the faults applied;
-    /// `None` if there is no effect. Null frames are not affected: the program itself sets them, at the start of an
-    /// epoch.
+    /// Returns the frame that an assignment to `$BASE` or `$TOOL` actually sets, with the injected faults; `None` if
+    /// the assignment has no effect. A null frame is never affected, because the robot program itself assigns it at the
+    /// start of an epoch.
     pub(super) fn apply_frame_faults(&mut self, is_base: bool, mut frame: [f32; 6]) -> Option<[f32; 6]> {
         let operation = if is_base { SET_BASE } else { SET_TCP };
         if frame == [0.0; 6] {

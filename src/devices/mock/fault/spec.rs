@@ -1,4 +1,4 @@
-//! Faults, when they happen, and their specification from text.
+//! Injected faults and their times, and the parser for their text form.
 
 #[cfg(test)]
 mod tests;
@@ -45,109 +45,110 @@ pub enum ConnectionSide {
     Both,
 }
 
-/// One fault. `for_ms` is its duration; `None` if it lasts for ever.
+/// A fault that can be injected. `for_ms` is its duration; `None` if it does not end.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fault {
-    /// `cut`: the controller closes connections.
+    /// `cut`: the controller closes one or both connections.
     Cut(ConnectionSide),
-    /// `unplug`: the cable is out. Bytes wait on both sides, nothing is reported.
+    /// `unplug`: the cable is unplugged. Bytes are held back in both directions, and neither side is notified.
     Unplug {
-        /// Duration, ms; `None` if the fault remains.
+        /// Duration of the fault, ms; `None` if the fault does not end.
         for_ms: Option<u64>,
     },
-    /// `mute`: the controller receives and sends nothing.
+    /// `mute`: the controller receives messages and sends none.
     Mute {
-        /// Duration, ms; `None` if the fault remains.
+        /// Duration of the fault, ms; `None` if the fault does not end.
         for_ms: Option<u64>,
     },
-    /// `no-acks`: commands are executed and not acknowledged.
+    /// `no-acks`: commands are executed but not acknowledged.
     NoAcks {
-        /// Duration, ms; `None` if the fault remains.
+        /// Duration of the fault, ms; `None` if the fault does not end.
         for_ms: Option<u64>,
     },
-    /// `stall`: the submit interpreter stalls; the arm continues with the commands that it has.
+    /// `stall`: the submit interpreter stalls; the arm executes the commands that were already received.
     Stall {
-        /// Duration, ms; `None` if the fault remains.
+        /// Duration of the fault, ms; `None` if the fault does not end.
         for_ms: Option<u64>,
     },
-    /// `garbage`: the controller sends bytes that are not a document.
+    /// `garbage`: the controller sends bytes that are not an XML document.
     Garbage(ConnectionSide),
     /// `skip-state`: the sequence number of the next state is skipped.
     SkipState,
-    /// `lose-base`: the next `set_base` is acknowledged and has no effect.
+    /// `lose-base`: the next `set_base` is acknowledged but has no effect.
     LoseBase,
-    /// `lose-tool`: the next `set_tcp` is acknowledged and has no effect.
+    /// `lose-tool`: the next `set_tcp` is acknowledged but has no effect.
     LoseTool,
     /// `wrong-base`: the next `set_base` is set with an error of 1 mm in X.
     WrongBase,
-    /// `refuse`: the next command is refused with this `Err`, 1 to 12.
+    /// `refuse`: the next command is refused with this error number (`Err`), 1 to 12.
     Refuse(u8),
-    /// `override`: a person sets the override to this value, 1 to 100 %, and back to 100 % after a while.
+    /// `override`: a person sets the override to this value, 1 to 100 %; at the end of the fault it is 100 % again.
     Override {
         /// Override, %.
         percent: u8,
-        /// Duration, ms; `None` if the fault remains.
+        /// Duration of the fault, ms; `None` if the fault does not end.
         for_ms: Option<u64>,
     },
-    /// `slow`: the arm moves at this percentage of its speed, 1 to 100 %, although the reported override does not
-    /// change.
+    /// `slow`: the arm moves at this percentage of the commanded speed, 1 to 100 %, although the reported override does
+    /// not change.
     Slow {
-        /// Share of the speed, %.
+        /// Percentage of the commanded speed.
         percent: u8,
-        /// Duration, ms; `None` if the fault remains.
+        /// Duration of the fault, ms; `None` if the fault does not end.
         for_ms: Option<u64>,
     },
-    /// `measured`: the reported pose of the tool is off by this distance, 1 to 200 mm, along Z of the active base.
+    /// `measured`: the reported pose of the tool has an error of 1 to 200 mm along Z of the active base.
     Measured {
-        /// Deviation of the measured pose, mm.
+        /// Error of the measured pose, mm.
         deviation_mm: u8,
-        /// Duration, ms; `None` if the fault remains.
+        /// Duration of the fault, ms; `None` if the fault does not end.
         for_ms: Option<u64>,
     },
-    /// `e-stop`: the emergency stop is pressed, and released after a while; the drives then come on again.
+    /// `e-stop`: the emergency stop is pressed; at the end of the fault it is released, and the drives are switched on
+    /// again.
     EStop {
-        /// Duration, ms; `None` if the fault remains.
+        /// Duration of the fault, ms; `None` if the fault does not end.
         for_ms: Option<u64>,
     },
-    /// `guard`: the guard is opened, and closed after a while.
+    /// `guard`: the guard is opened; at the end of the fault it is closed.
     Guard {
-        /// Duration, ms; `None` if the fault remains.
+        /// Duration of the fault, ms; `None` if the fault does not end.
         for_ms: Option<u64>,
     },
-    /// `drives`: the drives are switched off, and on after a while.
+    /// `drives`: the drives are switched off; at the end of the fault they are switched on.
     Drives {
-        /// Duration, ms; `None` if the fault remains.
+        /// Duration of the fault, ms; `None` if the fault does not end.
         for_ms: Option<u64>,
     },
-    /// `mode`: the mode switch is turned, and back to EXT after a while.
+    /// `mode`: the mode switch is set to this mode; at the end of the fault it is set to EXT.
     Mode {
         /// The new mode.
         to: Mode,
-        /// Duration, ms; `None` if the fault remains.
+        /// Duration of the fault, ms; `None` if the fault does not end.
         for_ms: Option<u64>,
     },
-    /// `deselect`: the robot program is deselected, and selected again after a while.
+    /// `deselect`: the robot program is deselected; at the end of the fault it is selected again.
     Deselect {
-        /// Duration, ms; `None` if the fault remains.
+        /// Duration of the fault, ms; `None` if the fault does not end.
         for_ms: Option<u64>,
     },
-    /// `reboot`: the controller restarts and listens after a while; 3 s if no time is given.
+    /// `reboot`: the controller restarts, and listens again after the duration; the default is 3 s.
     Reboot {
-        /// Duration, ms; `None` if the fault remains.
+        /// Time until the controller listens again, ms; `None` for the default.
         for_ms: Option<u64>,
     },
 }
 
-/// The start of a fault.
+/// The time or event at which a fault begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FaultTime {
-    /// At this time, ms since the controller's start.
+    /// The fault begins at this time since the controller's start, ms.
     AtMs(u64),
-    /// When this number of commands has arrived.
+    /// The fault begins when this number of commands has arrived.
     AtCommand(u64),
 }
 
-/// A fault and its time.
+/// A fault and the time at which it begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlannedFault {
     /// Start of the fault.
@@ -159,26 +160,26 @@ pub struct PlannedFault {
 /// All faults that are planned for one mock controller.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FaultSpec {
-    /// The seed of delays, pieces and random faults; the same seed gives the same faults.
+    /// The seed of the random delays, fragments and faults; the same seed gives the same sequence.
     pub seed: u64,
-    /// Bytes arrive late by this minimum and maximum in ms, in both directions.
+    /// The minimum and maximum delay of bytes in both directions, ms.
     pub delay_ms: Option<(u64, u64)>,
-    /// The output is sent in pieces that do not follow the documents' boundaries.
+    /// Whether the output is sent in fragments that do not match the boundaries of documents.
     pub fragment: bool,
     /// The faults, each with its time.
     pub planned: Vec<PlannedFault>,
 }
 
-/// The reason why a text is not a fault specification. Each error names the item and the allowed text.
+/// The reason why a text is not a valid fault specification. Each error contains the item and the valid syntax.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum FaultSpecError {
-    /// There is no text between two commas.
+    /// There is no item between two commas.
     #[error("an item is empty; items are separated by single commas")]
     Empty,
     /// The name is not a fault or setting.
     #[error("\"{item}\": {name} is not a fault or setting{}; valid: {}", nearest(name), known_faults())]
     Unknown {
-        /// The whole item of the specification.
+        /// The complete item of the specification.
         item: String,
         /// Its name.
         name: String,
@@ -193,17 +194,17 @@ pub enum FaultSpecError {
         /// The valid values.
         allowed: &'static str,
     },
-    /// A value or duration that is not allowed here.
+    /// An item has a value, duration or time that is not valid for its name.
     #[error("\"{item}\": {name} does not accept a {what}")]
     Needless {
         /// The whole item.
         item: String,
         /// Its name.
         name: String,
-        /// The part that is not allowed: value, duration or time.
+        /// The part that is not valid: "value", "duration" or "time".
         what: &'static str,
     },
-    /// A fault without a time.
+    /// A fault has no time.
     #[error(
         "\"{item}\": the time of the fault is missing; add @TIME (@3s, @250ms) or @#N, the arrival of the Nth command"
     )]
@@ -218,7 +219,7 @@ pub enum FaultSpecError {
         item: String,
         /// The text found.
         found: String,
-        /// Whether a command's number is also allowed there.
+        /// Whether the number of a command is also valid at this point.
         at: bool,
     },
 }
@@ -238,7 +239,7 @@ fn nearest(name: &str) -> String {
 }
 
 impl FaultSpec {
-    /// The syntax of a specification.
+    /// The syntax of a fault specification, for help texts.
     pub const HELP: &'static str = "\
 Items separated by commas. A fault is NAME[=VALUE][/DURATION]@WHEN; WHEN is a time since the start (3s, 250ms) or #N,
 the arrival of the Nth command; without a duration, the fault remains.
@@ -284,7 +285,7 @@ impl FromStr for FaultSpec {
     }
 }
 
-/// One item, split into its parts.
+/// One item of a specification, split into its parts.
 struct Item<'a> {
     text: &'a str,
     name: &'a str,
@@ -315,7 +316,7 @@ impl<'a> Item<'a> {
         FaultSpecError::Needless { item: self.text.to_owned(), name: self.name.to_owned(), what }
     }
 
-    /// Checks that the item is a setting, which has neither duration nor time.
+    /// Checks that the item has neither duration nor time, because it is a setting.
     fn check_no_time(self) -> Result<Self, FaultSpecError> {
         match (self.duration, self.when) {
             (Some(_), _) => Err(self.needless_error("duration")),
@@ -455,7 +456,7 @@ fn milliseconds(text: &str) -> Option<u64> {
     (ms <= MAX_TIME_MS).then_some(ms.round() as u64)
 }
 
-/// Returns a random fault that ends by itself, at a time within these ms.
+/// Returns a random fault of limited duration that begins within this time, ms.
 pub(super) fn random_fault(draw: &mut Pcg64, within_ms: u64) -> PlannedFault {
     let for_ms = Some(draw.random_range(100..3_000));
     let side = [ConnectionSide::Command, ConnectionSide::State, ConnectionSide::Both][draw.random_range(0..3)];

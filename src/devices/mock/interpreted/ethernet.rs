@@ -1,6 +1,6 @@
-//! The functions of EthernetKRL, applied to the channels' memories.
+//! The functions of EthernetKRL for the executed programs; they read and write the channels' buffers.
 //!
-//! A lost channel is not opened again by itself: EKI_Clear, EKI_Init and EKI_Open do that.
+//! A lost channel is not opened again automatically; the program must call EKI_Clear, EKI_Init and EKI_Open.
 
 use super::super::channel_file::{EkiError, EkiFault, Element};
 use super::super::codec::{Template, Value};
@@ -9,8 +9,8 @@ use super::super::wire::Channel;
 use super::running::ControllerValues;
 use panelprep_kuka::krl::{Builtin, Cell, EkiAnswer, UndocumentedBehaviour};
 
-/// Error codes, in this order: not available; initialised already; interpretation failed; exists already; unknown
-/// element; no client is connected.
+/// Error numbers of EthernetKRL, in this order: channel not available; already initialised; initialisation failed;
+/// already open; unknown element; no client connected.
 const NOT_AVAILABLE: i32 = 9;
 const INITIALISED: i32 = 23;
 const FAILED: i32 = 6;
@@ -129,7 +129,7 @@ fn read(controller: &mut Controller, channel: Channel, what: Builtin, tag: &str)
 fn set(controller: &Controller, values: &mut ControllerValues, channel: Channel, tag: &str, value: Cell) -> i32 {
     let sent = controller.sent_elements(channel);
     let state = &mut values.channels[channel as usize];
-    // Programs set the values in the file's order, so the search for the next one starts after the last.
+    // Programs set the values in the order of the file, so each search starts after the last match.
     let (before, behind) = sent.split_at(state.set_next.min(sent.len()));
     let Some(place) = behind.iter().chain(before).position(|element| element.tag == tag) else { return NO_ELEMENT };
     let place = (place + before.len()) % sent.len();
@@ -170,7 +170,7 @@ fn send(controller: &mut Controller, values: &ControllerValues, channel: Channel
 }
 
 impl Controller {
-    /// Connects a client. Returns true if the program has opened the channel and no client is connected.
+    /// Connects a client. Returns true if the program has opened the channel and no other client is connected.
     pub(in super::super) fn connect_interpreted(&mut self, channel: Channel) -> bool {
         self.wait_for_channel_open(channel);
         let listens =
@@ -186,7 +186,7 @@ impl Controller {
         true
     }
 
-    /// Handles a client that is gone, or a channel that EthernetKRL has closed: the channel stays closed until the
+    /// Processes the loss of a client, or a channel that EthernetKRL has closed. The channel stays closed until the
     /// program opens it.
     pub(in super::super) fn lose_interpreted(&mut self, channel: Channel, fault: EkiFault) {
         let link = self.link(channel);
@@ -203,7 +203,7 @@ impl Controller {
         self.note_change();
     }
 
-    /// Closes the channel, as the program requested.
+    /// Closes the channel at the request of the program.
     pub(super) fn close_by_program(&mut self, channel: Channel) {
         self.troubles.cable_buffer[channel as usize].clear();
         self.troubles.hung_up[channel as usize] = false;
@@ -220,7 +220,7 @@ impl Controller {
         }
     }
 
-    /// Records that an interrupt's condition may have changed.
+    /// Notes that the condition of an interrupt may have changed.
     pub(in super::super) fn note_change(&mut self) {
         if let Some(running) = &mut self.running {
             running.values.changed = true;

@@ -1,17 +1,17 @@
-//! The controller's shipped programs, executed: two interpreters, EthernetKRL, the states of the robot program.
+//! Executes the controller's shipped programs: the two interpreters, EthernetKRL, and the states of the robot program.
 //!
-//! Replaces the hand-written model of `submit`, `program` and `channels` if [`Setup::programs`] names programs; the
-//! arm, people's actions, faults and channels' bytes are the same. In each tick a seeded scheduler lets the two
-//! interpreters execute random numbers of statements alternately, and sometimes starves one of them: the programs must
-//! be correct with any order that a controller could choose.
+//! If [`Setup::programs`] contains programs, this module replaces the hand-written model (`submit`, `program` and
+//! `channels`). The arm, people's actions, injected faults and the channels' bytes are the same. In each tick a seeded
+//! scheduler lets the two interpreters alternately execute random numbers of statements, and sometimes gives one of
+//! them almost no time. So the programs are tested with many orders that a controller could choose.
 //!
-//! - `running` (the programs' state and the system variables' values), `variables` (system variables and the other
-//!   parts of the controller that a program uses), `ethernet` (the EKI functions)
-//! - `states` (selected, started, stopped, reset; values for tests), `schedule` (one tick, and what lets time pass in
+//! - `running` (the state of the programs and the values of the system variables), `variables` (the access to system
+//!   variables and to other parts of the controller), `ethernet` (the EKI functions)
+//! - `states` (selected, started, stopped, reset; values for tests), `schedule` (one tick, and the advance of time in
 //!   lock step)
 //!
-//! Not modelled: motions inside of interrupt programs, continuing a braked motion, triggers other than at a motion's
-//! end, HALT.
+//! Not modelled: motions inside of interrupt programs, continuing a braked motion, triggers other than at the end of a
+//! motion, HALT.
 //!
 //! [`Setup::programs`]: super::Setup
 

@@ -1,5 +1,5 @@
-//! The programs of one controller while they run: their state, the values of the system variables, and the documents
-//! that have arrived in lock step and are not yet handed over.
+//! The state of the executed programs of one controller: the interpreters, the values of the system variables, and, in
+//! lock step, the documents that have arrived and are held back.
 
 use super::super::channel_file::EkiFault;
 use super::super::codec::{Value, decode};
@@ -13,7 +13,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use std::collections::VecDeque;
 
-/// Limits that fit any cell; the shipped file has the limits of one cell.
+/// Limits in `cell_config.dat` that are wide enough for any cell; the shipped file has the limits of one cell.
 const WIDE_LIMITS: [(&str, usize, f32); 4] = [
     ("CELL_BOX_MIN", 3, -10_000.0),
     ("CELL_BOX_MAX", 3, 10_000.0),
@@ -21,7 +21,7 @@ const WIDE_LIMITS: [(&str, usize, f32); 4] = [
     ("CELL_VEL_MAX", 1, 2.0),
 ];
 
-/// The programs of one controller while they run.
+/// The executed programs of one controller, and their state.
 pub(in super::super) struct RunningPrograms {
     pub(super) programs: Programs,
     pub(super) memory: Memory,
@@ -30,32 +30,32 @@ pub(in super::super) struct RunningPrograms {
     pub(super) values: ControllerValues,
     pub(super) cells: SharedCells,
     pub(super) random: Pcg64,
-    /// The scheduler's present bias towards one of the interpreters; the next field is the time at which it ends.
+    /// The interpreter that the scheduler prefers at present; the next field is the time at which this ends.
     pub(super) scheduler_bias: SchedulerBias,
     pub(super) bias_until_ms: u64,
-    /// The time at which the submit interpreter begins.
+    /// The time at which the submit interpreter starts.
     pub(super) boots_at_ms: u64,
     pub(super) initialised: bool,
-    /// The numbers of the motions in the mover's plan, oldest first.
+    /// The sequence numbers of the planned motions, oldest first.
     pub(super) sequences: VecDeque<u64>,
     pub(super) next_sequence: u64,
-    /// Triggers that are due: the number of the motion, and the time at which the trigger becomes due.
+    /// The triggers that will fire: the sequence number of the motion, and the time at which its trigger is due.
     pub(super) due_triggers: VecDeque<(u64, u64)>,
-    /// Errors that stopped an interpreter although no stop was intended.
+    /// The error messages of interpreters that stopped unexpectedly.
     pub(super) faults: Vec<String>,
     pub(super) was_open: bool,
-    /// The last stop of the arm by the safety controller or a person: its time and cause.
+    /// The time and cause of the last stop of the arm by the safety controller or a person.
     pub(super) last_stop: Option<(u64, StopCause)>,
     pub(super) reset_since_ms: Option<u64>,
     /// The time at which a program that the safety controller stops is reported as stopped.
     pub(super) stops_at_ms: Option<u64>,
-    /// The time at which the foreign program that a person selects begins.
+    /// The time at which another program starts that a person has selected.
     pub(super) foreign_at_ms: Option<u64>,
-    /// In lock step, the documents that have arrived and are not yet handed over.
+    /// In lock step: the documents that have arrived and are held back.
     pub(super) held_documents: HeldDocuments,
 }
 
-/// Shared variables that are read from outside the programs.
+/// The memory cells of shared variables that are read from outside of the programs.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SharedCells {
     pub(super) epoch: Option<u32>,
@@ -67,8 +67,8 @@ pub(super) struct SharedCells {
     pub(super) dead_epoch: Option<u32>,
     pub(super) behind: Option<u32>,
     pub(super) retract: Option<u32>,
-    /// Variables for the motions that the robot program has planned: the next motion to be executed. The next
-    /// fields are the next motion to be planned, and whether each motion ends in contact.
+    /// Variables of the motions that the robot program has planned: the next motion to be executed, the next motion to
+    /// be planned, and whether each motion ends in contact.
     pub(super) queue_read: Option<u32>,
     pub(super) queue_write: Option<u32>,
     pub(super) queue_touch: Option<u32>,
@@ -127,8 +127,8 @@ impl RunningPrograms {
         }
     }
 
-    /// Starts the controller again: interpreters, flags and channels are new; the data lists keep their values over
-    /// a warm start.
+    /// Restarts the controller: interpreters, flags and channels are reset. On a warm start the data lists keep their
+    /// values.
     pub(super) fn reboot(&mut self, at_ms: u64, setup: &Setup) {
         if self.programs.cold_start {
             let (hits, branches) = (self.memory.hits.clone(), self.memory.branches.clone());
@@ -144,8 +144,8 @@ impl RunningPrograms {
     }
 }
 
-/// Sets the inputs and outputs of `cell_config.dat` to those of this controller; the user's own `cell_config.dat`
-/// is kept.
+/// Sets the inputs and outputs of the shipped `cell_config.dat` to those of this controller. A user's own
+/// `cell_config.dat` is not changed.
 fn configure(memory: &mut Memory, programs: &Programs, setup: &Setup) {
     let program = &programs.program;
     let mut set = |name: &str, index: usize, value: i32| {
@@ -194,7 +194,7 @@ fn configure(memory: &mut Memory, programs: &Programs, setup: &Setup) {
     }
 }
 
-/// The scheduler's bias towards one of the interpreters.
+/// The interpreter that the scheduler prefers, if any.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum SchedulerBias {
     Fair,
@@ -202,7 +202,7 @@ pub(super) enum SchedulerBias {
     StarvesRobot,
 }
 
-/// A document and the fields read from it; `None` for a field that the document lacks.
+/// A received document and the fields in it; `None` for a field that the document does not contain.
 #[derive(Debug)]
 pub(super) struct Document {
     pub(super) bytes: Vec<u8>,
@@ -212,17 +212,17 @@ pub(super) struct Document {
     pub(super) number: Option<i32>,
 }
 
-/// The received documents that are held back until the programs may read them.
+/// The received documents that are held back until the programs are permitted to read them.
 #[derive(Debug)]
 pub(super) struct HeldDocuments {
     pub(super) framers: [Framer; 2],
     pub(super) commands: VecDeque<Document>,
     pub(super) requests: VecDeque<Document>,
-    /// Epoch and id of the newest command that arrived.
+    /// The epoch and the id of the last command that arrived.
     pub(super) arrived: (i32, i32),
-    /// Whether commands that a heartbeat names may still arrive, because their channel was not lost.
+    /// Whether commands that a heartbeat names may still arrive; false if their channel was lost.
     pub(super) awaits_commands: bool,
-    /// A request is being served.
+    /// Whether a request is being processed.
     pub(super) is_serving: bool,
 }
 
@@ -250,7 +250,7 @@ impl HeldDocuments {
         last <= 0 || !self.awaits_commands || of < epoch || self.arrived >= (of, last)
     }
 
-    /// Takes the commands up to the one that a heartbeat names.
+    /// Removes and returns the commands up to the one that a heartbeat names.
     pub(super) fn take_up_to(&mut self, heartbeat: &Document) -> Vec<Document> {
         let named = heartbeat.epoch.zip(heartbeat.number);
         let is_later = |command: &Document| match (command.epoch.zip(command.id), named) {
@@ -278,7 +278,7 @@ impl Document {
     }
 }
 
-/// A timer that counts ms.
+/// A timer variable of the controller, which counts milliseconds.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Timer {
     pub(super) value: i64,
@@ -292,14 +292,14 @@ impl Timer {
     }
 }
 
-/// A frame that is written component by component.
+/// A frame variable that a program assigns component by component.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct WrittenFrame {
     pub(super) now: Option<[f32; 6]>,
     pub(super) parts: [f32; 6],
 }
 
-/// The values on which $POS_ACT depends.
+/// The values on which $POS_ACT depends, as the key of a cached value.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PoseInputs {
     pub(super) joints: Joints,
@@ -307,18 +307,18 @@ pub(super) struct PoseInputs {
     pub(super) tool: Option<[f32; 6]>,
 }
 
-/// A channel as the program sees it.
+/// The state of a channel for the program.
 #[derive(Debug, Clone, Default)]
 pub(super) struct ChannelState {
     pub(super) initialised: bool,
     pub(super) listens: bool,
     pub(super) cleared_ms: u64,
     pub(super) set: Vec<super::super::codec::Value>,
-    /// Index after the element that was set last.
+    /// The index after the element that was set last.
     pub(super) set_next: usize,
 }
 
-/// The controller's values in addition to the data lists.
+/// The values of the controller that are not in data lists.
 #[derive(Debug, Clone)]
 pub(in super::super) struct ControllerValues {
     pub(super) state: RobotState,
@@ -334,23 +334,23 @@ pub(in super::super) struct ControllerValues {
     pub(super) axis_acceleration: [i32; 6],
     pub(super) timers: [Timer; 65],
     pub(super) words: [u16; 2],
-    /// Values that a program writes and that have no effect in this model.
+    /// Values of system variables that a program writes and that have no effect in this model.
     pub(super) others: std::collections::BTreeMap<(u16, u32), Cell>,
     pub(super) channels: [ChannelState; 2],
-    /// EKI_Init and EKI_Open fail until this time.
+    /// The time until which EKI_Init and EKI_Open fail.
     pub(super) channels_fail_until_ms: u64,
-    /// An interrupt's condition may have changed.
+    /// Whether the condition of an interrupt may have changed.
     pub(super) changed: bool,
-    /// An approximated motion from standstill does not wait for a next motion.
+    /// Whether an approximated motion from standstill may start without a next motion.
     pub(super) released: bool,
-    /// The reason why the arm abandoned a motion.
+    /// The reason why the arm abandoned the last motion.
     pub(super) abandon_reason: Option<String>,
     /// Whether the next motion will be abandoned.
     pub(super) abandons_next_motion: bool,
     pub(super) reset_asked: bool,
-    /// The value of `$ROB_TIMER` at the start.
+    /// The value of `$ROB_TIMER` at the start of the controller.
     pub(super) uptime_ms: u64,
-    /// The last requested $POS_ACT.
+    /// The last value of $POS_ACT, and the values from which it was calculated.
     pub(super) pose: Option<(PoseInputs, [f64; 6])>,
 }
 
@@ -391,14 +391,14 @@ impl ControllerValues {
         (self.axis_velocity, self.axis_acceleration) = ([100; 6], [100; 6]);
     }
 
-    /// Returns whether the TCP can be reported, which needs a program that has set base and tool.
+    /// Returns whether the pose of the TCP is known: a program must have set base and tool.
     pub(super) fn knows_tcp(&self) -> bool {
         let has_program = matches!(self.state, RobotState::Active | RobotState::Stopped | RobotState::Ended);
         has_program && self.base.now.is_some() && self.tool.now.is_some()
     }
 }
 
-/// Creates a pose from the six numbers of a frame.
+/// Converts the six numbers of a frame to a pose.
 pub(super) fn frame(numbers: [f32; 6]) -> KukaPose {
     let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] = numbers.map(f64::from);
     KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }
@@ -409,11 +409,11 @@ pub(super) fn frame(numbers: [f32; 6]) -> KukaPose {
 pub enum RobotState {
     /// No program is selected.
     Free,
-    /// The program is selected and at its first line.
+    /// The program is selected and is at its first line.
     Reset,
     /// The program runs.
     Active,
-    /// The program was stopped; Start continues it.
+    /// The program was stopped; the Start key continues it.
     Stopped,
     /// The program has reached its end.
     Ended,

@@ -1,11 +1,10 @@
-//! One tick of both interpreters: which one runs, for how many statements, and when interrupts and triggers
-//! interrupt it; and lock step, in which the client's requests let time pass and no data reach a program before their
-//! time.
+//! One tick of both interpreters: which one runs, for how many statements, and when interrupts and triggers occur. Also
+//! lock step, in which the client's requests advance the time, and data reach a program at a defined time.
 //!
-//! In lock step received documents wait here, outside of the channels' memories. Requests are passed on in order, and
-//! each gets the cycles that its answer needs. A heartbeat first lets 100 ms pass, as soon as every command up to the
-//! one that it names has arrived, and only these commands are passed on. So the result does not depend on when bytes
-//! arrive: a client receives the results of a grant before it sends anything more, and the answer last.
+//! In lock step received documents are held back outside of the channels' buffers. Requests are passed on in order, and
+//! each request is given the cycles that its reply needs. A heartbeat first waits until every command has arrived that
+//! it names; then 100 ms pass, in which only these commands are passed on. So the result does not depend on when bytes
+//! arrive. A client receives the results of the granted period, and last the reply, before it sends anything more.
 
 use super::super::framer::Framer;
 use super::super::log::ExecutedMotion;
@@ -18,23 +17,23 @@ use super::variables::InterpreterHost;
 use panelprep_kuka::krl::StepPause;
 use rand::RngExt;
 
-/// Number of statements per tick: enough to complete a cycle of the submit interpreter, and one pass of the robot
+/// Number of statements per tick: enough for a cycle of the submit interpreter, and for one iteration of the robot
 /// program's loop.
 const SUBMIT_STATEMENTS: u32 = 2_000;
-/// Statements per tick if a cycle begins as soon as the last one has ended.
+/// Number of statements per tick if the submit interpreter starts each cycle immediately after the last one.
 const BUSY_SUBMIT_STATEMENTS: u32 = 600;
 const ROBOT_STATEMENTS: u32 = 60;
 
 const IDLE_SHARE: StatementShare = StatementShare { remaining_steps: 0, done: true };
 
-/// Time that a heartbeat grants.
+/// The period that a heartbeat grants, ms.
 const HEARTBEAT_GRANT_MS: u64 = 100;
 /// Time from the controller's start until its programs run, ms.
 const BOOT_MS: u64 = 600;
-/// Time limit for an answer, or for a channel that must be opened, ms.
+/// Maximum time until a reply, or until a channel is opened, ms.
 const RESPONSE_TIMEOUT_MS: u64 = 10_000;
 
-/// The share of one of the two interpreters in a tick: the number of its statements.
+/// The number of statements that an interpreter may execute in one tick.
 #[derive(Debug, Clone, Copy)]
 struct StatementShare {
     remaining_steps: u32,
@@ -46,7 +45,7 @@ fn submit_share(runs: bool, statements: u32) -> StatementShare {
 }
 
 impl Controller {
-    /// Performs one tick of the programs and of the arm.
+    /// Executes one tick of the programs and of the arm.
     pub(in super::super) fn tick_interpreted(&mut self) {
         self.with_running(|controller, running| running.tick(controller));
         if self.running.as_ref().is_some_and(|running| running.plc_starts(self.now_ms)) {
@@ -74,7 +73,7 @@ impl RunningPrograms {
                 if submit_next {
                     submit.done |= self.step_submit(controller);
                     self.note_stop(controller);
-                    // The submit interpreter may have set a flag for which the robot interpreter waits.
+                    // The submit interpreter may have set a flag for which the robot interpreter is waiting.
                     robot.done &= robot.remaining_steps == 0 || !self.wake_interpreter(controller);
                 } else {
                     robot.done |= self.step_robot(controller);
@@ -132,7 +131,7 @@ impl RunningPrograms {
         self.values.state == RobotState::Active && self.values.changed && self.check_interrupts(controller)
     }
 
-    /// Checks the interrupts' conditions. Returns true if an interrupt begins.
+    /// Evaluates the conditions of the interrupts. Returns true if an interrupt program begins.
     fn check_interrupts(&mut self, controller: &mut Controller) -> bool {
         if std::mem::take(&mut self.values.changed) {
             let RunningPrograms { robot, memory, values, sequences, next_sequence, programs, .. } = self;
@@ -146,7 +145,7 @@ impl RunningPrograms {
         self.robot.run_pending_interrupt()
     }
 
-    /// Executes one statement of the submit interpreter. Returns true if its cycle is over.
+    /// Executes one statement of the submit interpreter. Returns true if its cycle has ended.
     fn step_submit(&mut self, controller: &mut Controller) -> bool {
         if self.submit.is_idle() {
             let name = if self.initialised { "CELL_CYCLE" } else { "CELL_INIT" };
@@ -167,14 +166,14 @@ impl RunningPrograms {
             StepPause::Fault(message) => {
                 self.faults.push(format!("submit interpreter: {message}"));
                 self.submit.clear();
-                // The submit interpreter is stopped until the controller starts again.
+                // The submit interpreter remains stopped until the controller is restarted.
                 self.boots_at_ms = u64::MAX;
                 true
             }
         }
     }
 
-    /// Executes one statement of the robot interpreter. Returns true if it waits.
+    /// Executes one statement of the robot interpreter. Returns true if the interpreter waits.
     fn step_robot(&mut self, controller: &mut Controller) -> bool {
         self.check_interrupts(controller);
         self.offer_trigger(controller.now_ms);
@@ -198,7 +197,7 @@ impl RunningPrograms {
         }
     }
 
-    /// Stops the program with a message of the controller.
+    /// Stops the program because of an error, as the controller does with a message.
     fn stop_program(&mut self, controller: &mut Controller) {
         self.values.state = RobotState::Stopped;
         self.values.stop_message = true;
@@ -214,7 +213,7 @@ impl RunningPrograms {
         }
     }
 
-    /// Performs one interpolation step of the arm.
+    /// Executes one interpolation step of the arm.
     fn step_arm(&mut self, controller: &mut Controller) {
         if controller.mover.is_idle() {
             self.values.released = false;
@@ -273,15 +272,15 @@ impl Controller {
             && self.running.as_ref().is_some_and(|running| !running.held_documents.is_serving)
     }
 
-    /// Lets the time pass that the programs need to start, so that a client that connects finds them running. No
-    /// effect for the hand-written model.
+    /// Advances the time until the programs have started, so that they run when a client connects. Has no effect for
+    /// the hand-written model.
     pub fn boot(&mut self) {
         if self.running.is_some() {
             self.advance_ms(BOOT_MS);
         }
     }
 
-    /// Holds back bytes that have arrived until they are due.
+    /// Holds back received bytes until the programs are permitted to read them.
     pub(in super::super) fn hold(&mut self, channel: Channel, bytes: &[u8]) {
         let file = match channel {
             Channel::Command => &self.setup.commands,
@@ -313,7 +312,7 @@ impl Controller {
         }
     }
 
-    /// Forgets all documents of a client that is gone.
+    /// Discards all held documents of a client that was lost.
     pub(super) fn clear_held(&mut self, channel: Channel) {
         let limit_bytes = match channel {
             Channel::Command => self.setup.commands.limit_bytes,
@@ -325,7 +324,7 @@ impl Controller {
         running.held_documents.awaits_commands &= channel != Channel::Command;
     }
 
-    /// Gives the programs the time to open their channel, because a client wants to connect.
+    /// Advances the time until the programs have opened this channel, because a client wants to connect.
     pub(super) fn wait_for_channel_open(&mut self, channel: Channel) {
         if !self.is_holding_back() || self.is_connected(channel) {
             return;
@@ -342,7 +341,7 @@ impl Controller {
         }
     }
 
-    /// Lets ticks pass until this condition is satisfied, at least one tick.
+    /// Advances by at least one tick, until this condition is true.
     fn run_until(&mut self, holds: impl Fn(&Controller) -> bool) {
         for _ in 0..RESPONSE_TIMEOUT_MS / TICK_MS {
             self.advance_ms(TICK_MS);
@@ -359,8 +358,8 @@ impl Controller {
             let Some(next) = held.requests.front() else { return };
             let is_delivered = held.is_delivered(next, epoch);
             let is_heartbeat = next.operation == Some(wire::HEARTBEAT);
-            // A heartbeat whose commands have not arrived waits only if no document follows it: a later document, such
-            // as an abort, must not wait for the heartbeat.
+            // A heartbeat waits for its commands only if no other document follows it: a subsequent document, such as
+            // an abort, must not wait for the heartbeat.
             if held.is_serving || (is_heartbeat && !is_delivered && held.requests.len() == 1) {
                 return;
             }

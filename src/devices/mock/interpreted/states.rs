@@ -1,5 +1,5 @@
-//! The robot program's states, the effects of people, the safety controller and the cell's PLC on these states, and
-//! the parts of the programs that can be read from outside.
+//! The states of the robot program; the effects of people, of the safety controller and of the cell's PLC on these
+//! states; and the data of the programs that can be read from outside.
 
 use super::super::log::{ProgramStop, StopCause};
 use super::super::model::{ContactState, Controller, TICK_MS};
@@ -9,20 +9,20 @@ use super::running::{RobotState, RunningPrograms};
 use panelprep_kuka::krl::Cell;
 use rand::RngExt;
 
-/// Time between a reset and the start of the program by the cell's PLC.
+/// Time between the reset of the program and its start by the cell's PLC, ms.
 const RESTART_MS: u64 = 300;
-/// Time until the PLC starts the program again after a stop that is not reset.
+/// Time between a stop without a reset and the start of the program by the PLC, ms.
 const PLC_RESTART_MS: u64 = 1_500;
 
-/// Time after a stop within which the controller decides whether and how the arm retracts.
+/// Time after a stop within which the controller decides whether and how the arm retracts, ms.
 const RETRACT_DECISION_MS: u64 = 500;
-/// Time after a person's action within which a stop is attributed to that person.
+/// Maximum time between a person's action and a stop that is attributed to this action, ms.
 const PERSON_STOP_WINDOW_MS: u64 = 1_000;
-/// The time that a person needs to select another program.
+/// Time that a person needs to select another program, ms.
 const PROGRAM_SELECTION_MS: u64 = 1_000;
 
 impl Controller {
-    /// Deselects the cell's program; shortly afterwards another program is selected and runs.
+    /// Simulates a person who deselects the cell's program and then selects and starts another program.
     pub fn select_foreign_program(&mut self) {
         self.with_running(|controller, running| {
             running.robot.clear();
@@ -36,12 +36,12 @@ impl Controller {
         });
     }
 
-    /// Returns whether drives, guard, mode and key allow a program to run.
+    /// Returns whether drives, guard, mode and keys permit the start of a program.
     pub fn can_start(&self) -> bool {
         self.safety.may_start()
     }
 
-    /// Returns how many times a program other than the cell's was reset.
+    /// Returns how many times a program that does not belong to the cell was reset.
     pub fn foreign_program_resets(&self) -> u32 {
         self.safety.foreign_program_resets
     }
@@ -63,7 +63,7 @@ impl Controller {
         }
     }
 
-    /// Starts the program, by the start key, the PLC, or a person who corrected a fault.
+    /// Starts the program. The start may come from the Start key, the PLC, or a person who corrected a fault.
     pub(in super::super) fn start_interpreted(&mut self) {
         self.with_running(|controller, running| {
             if !controller.safety.selected || !controller.safety.may_start() {
@@ -85,7 +85,7 @@ impl Controller {
                     running.values.state = RobotState::Active;
                 }
                 RobotState::Stopped => {
-                    // The start acknowledges the message first.
+                    // The start also acknowledges the message of a previous stop.
                     running.values.stop_message = false;
                     running.values.state = RobotState::Active;
                 }
@@ -96,7 +96,7 @@ impl Controller {
         });
     }
 
-    /// Stops the arm, or deselects the program, for a cause outside the programs.
+    /// Stops the arm, or deselects the program, because of an event outside of the programs.
     pub(in super::super) fn stop_interpreted(&mut self, cause: StopCause) {
         let now_ms = self.now_ms;
         self.with_running(|controller, running| {
@@ -122,7 +122,7 @@ impl Controller {
         });
     }
 
-    /// Selects the program, which is then at its first line.
+    /// Selects the program and places it at its first line.
     pub(in super::super) fn select_interpreted(&mut self) {
         self.safety.foreign = false;
         self.with_running(|_, running| {
@@ -154,7 +154,7 @@ impl Controller {
 }
 
 impl RunningPrograms {
-    /// Draws the delay between the cause of a stop and the report that the program is stopped, ms.
+    /// Returns a random delay between the cause of a stop and the report that the program has stopped, ms.
     fn draw_stop_ms(&mut self) -> u64 {
         if self.programs.meaning.stops_late { self.random.random_range(0..5) * TICK_MS } else { 0 }
     }
@@ -169,7 +169,7 @@ impl RunningPrograms {
         }
     }
 
-    /// Applies, at the start of a tick, the effect of drives, guard, mode and keys on a running program, and the
+    /// At the start of a tick, applies the effects of drives, guard, mode and keys on a running program, and the
     /// actions of the PLC.
     pub(super) fn pass_states(&mut self, controller: &mut Controller) {
         let safety = &controller.safety;
@@ -205,15 +205,15 @@ impl RunningPrograms {
         self.values.changed = true;
     }
 
-    /// Returns whether the PLC starts the program now.
+    /// Returns whether the PLC starts the program at this time.
     pub(super) fn plc_starts(&self, now_ms: u64) -> bool {
         let wait_ms = if self.values.state == RobotState::Stopped { PLC_RESTART_MS } else { RESTART_MS };
         self.initialised && self.reset_since_ms.is_some_and(|since_ms| now_ms >= since_ms + wait_ms)
     }
 
-    /// Records that the programs have ended an epoch.
+    /// Records a stop if the programs have ended an epoch.
     pub(super) fn note_stop(&mut self, controller: &mut Controller) {
-        // If the submit interpreter is dead, the robot program itself ends the epoch.
+        // If the submit interpreter does not run, the robot program itself ends the epoch.
         let is_open = self.memory.bool(self.cells.open) && !self.robot_has_ended();
         if is_open == self.was_open {
             self.set_last_stop_cause(controller);
@@ -234,9 +234,9 @@ impl RunningPrograms {
         self.was_open = is_open;
     }
 
-    /// Completes the cause of a stop while its retract is being decided. `CELL_STOP` closes the epoch some statements
-    /// before it halts the robot program: if a person pressed something at that moment, the person is the cause. A
-    /// motion to the panel that was planned when the stop began can be recognised only by the retract.
+    /// Completes the cause of a stop while the program decides on its retract. `CELL_STOP` closes the epoch a few
+    /// statements before it halts the robot program; if a person stops the arm at that moment, the person is the cause.
+    /// Only the retract shows that a motion to the panel was already planned when the stop began.
     fn set_last_stop_cause(&self, controller: &mut Controller) {
         let pressed = self.recent_stop_cause(controller).filter(|_| self.is_halted(controller));
         let now_ms = controller.now_ms;
@@ -248,12 +248,12 @@ impl RunningPrograms {
         }
     }
 
-    /// Returns whether the robot program is stopped, or is commanded to stop.
+    /// Returns whether the robot program is stopped, or a stop is commanded.
     fn is_halted(&self, controller: &Controller) -> bool {
         self.values.state != RobotState::Active || controller.flags.get(&855) == Some(&true)
     }
 
-    /// Returns the action of a person within the last second that stops the arm.
+    /// Returns the last action of a person that stops the arm, if it occurred within the last second.
     fn recent_stop_cause(&self, controller: &Controller) -> Option<StopCause> {
         self.last_stop
             .filter(|(at_ms, _)| controller.now_ms < at_ms + PERSON_STOP_WINDOW_MS)
@@ -262,7 +262,7 @@ impl RunningPrograms {
 }
 
 impl Controller {
-    /// Returns the errors that stopped an interpreter although no stop was intended: file, line, reason.
+    /// Returns the messages of interpreters that stopped unexpectedly: file, line and reason.
     pub fn program_faults(&self) -> &[String] {
         self.running.as_ref().map_or(&[], |running| &running.faults)
     }
@@ -274,7 +274,7 @@ impl Controller {
         running.memory.cells.get(cell as usize).copied()
     }
 
-    /// Sets an INT of the data lists, as a person does with the display of variables.
+    /// Sets an INT variable of the data lists, as a person does on the pendant's variable display.
     pub fn set_shared(&mut self, name: &str, number: i32) {
         let Some(running) = &mut self.running else { return };
         let cell = running.programs.program.cell(name);
@@ -283,27 +283,26 @@ impl Controller {
         }
     }
 
-    /// Makes EthernetKRL fail until this time: it reads no configuration and opens no channel; open channels stay
-    /// open.
+    /// Makes the EthernetKRL functions EKI_Init and EKI_Open fail until this time; open channels stay open.
     pub fn fail_channels(&mut self, until_ms: u64) {
         if let Some(running) = &mut self.running {
             running.values.channels_fail_until_ms = until_ms;
         }
     }
 
-    /// Returns the present file and line of each interpreter, the robot's first.
+    /// Returns the current file and line of each interpreter, the robot interpreter first.
     pub fn program_places(&self) -> Option<[String; 2]> {
         self.running.as_ref().map(|running| {
             [&running.robot, &running.submit].map(|it| it.current_location(&running.programs.program))
         })
     }
 
-    /// Returns how often each statement of the programs was executed; empty for the hand-written model.
+    /// Returns how many times each statement of the programs was executed; empty for the hand-written model.
     pub fn statement_hits(&self) -> &[u32] {
         self.running.as_ref().map_or(&[], |running| &running.memory.hits)
     }
 
-    /// Returns, for each step of the programs that is a condition, whether it was ever FALSE and ever TRUE.
+    /// Returns, for each step that ends a condition, whether the condition was ever FALSE and ever TRUE.
     pub fn branches(&self) -> &[[bool; 2]] {
         self.running.as_ref().map_or(&[], |running| &running.memory.branches)
     }
@@ -318,15 +317,15 @@ impl RunningPrograms {
         self.memory.bool(self.cells.stopped) || self.robot_has_ended()
     }
 
-    /// Returns whether the robot program has ended the present epoch.
+    /// Returns whether the robot program has ended the current epoch.
     pub(super) fn robot_has_ended(&self) -> bool {
         let epoch = self.epoch();
         self.memory.shared_int(self.cells.dead_epoch) == epoch
             && self.memory.shared_int(self.cells.run_epoch) == epoch
     }
 
-    /// Returns whether, as far as the robot program knows, the tool is on the panel or a planned motion ends there. In
-    /// case of doubt the program retracts, since a trigger may be late.
+    /// Returns whether, according to the variables of the robot program, the tool is on the panel or a planned motion
+    /// ends there. In case of doubt the program retracts, because a trigger may be late.
     pub(super) fn is_contact_possible(&self) -> bool {
         let [read, write, places] = [self.cells.queue_read, self.cells.queue_write, self.cells.queue_places]
             .map(|it| self.memory.shared_int(it));
@@ -339,7 +338,7 @@ impl RunningPrograms {
 
     /// Returns the numbers of the last command received and of the last command executed.
     pub(in super::super) fn counts(&self) -> (i32, i32) {
-        // The commands received before a start of the controller are forgotten at that start.
+        // The variables are not valid before the programs have run their initialisation.
         if !self.initialised {
             return (0, 0);
         }
@@ -352,7 +351,7 @@ impl RunningPrograms {
         self.memory.shared_int(self.cells.under_air) + self.memory.shared_int(self.cells.under_touch)
     }
 
-    /// Makes the controller abandon the next motion.
+    /// Makes the controller abandon the next motion (an injected fault).
     pub(in super::super) fn refuse_motion(&mut self) {
         self.values.abandons_next_motion = true;
     }

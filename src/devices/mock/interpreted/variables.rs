@@ -1,5 +1,5 @@
-//! System variables as programs read and write them, and the other parts of the controller that a running program
-//! uses: the environment of an interpreter.
+//! The interpreter's interface to the mock controller: system variables as programs read and write them, and the other
+//! parts of the controller that a running program uses.
 
 use super::super::log::path_stop_message;
 use super::super::model::Controller;
@@ -16,14 +16,14 @@ use panelprep_kuka::krl::{
 use std::collections::VecDeque;
 use std::sync::LazyLock;
 
-/// Highest $VEL.CP, m/s, and $ACC.CP, m/s²; a larger value stops the program.
+/// Maximum $VEL.CP, m/s, and $ACC.CP, m/s²; a larger value stops the program.
 const MAX_VEL_ACC: [f32; 2] = [2.0, 10.0];
 
-/// The variable for each entry of [`SYSTEM_VARIABLES`], so that names are not compared while a program runs.
+/// The modelled variable for each entry of [`SYSTEM_VARIABLES`], so that no names are compared while a program runs.
 static VARIABLES_BY_ENTRY: LazyLock<Vec<ModelledVariable>> =
     LazyLock::new(|| SYSTEM_VARIABLES.iter().map(|variable| modelled_variable(variable.name)).collect());
 
-/// A system variable that is modelled.
+/// A system variable whose behaviour is modelled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum ModelledVariable {
     Flag,
@@ -59,7 +59,7 @@ enum ModelledVariable {
     Interpolation,
     Orientation,
     Override,
-    /// Another system variable: it stores the value that a program writes.
+    /// Any other system variable; it only stores the value that a program writes.
     Other,
 }
 
@@ -114,7 +114,7 @@ fn to_real_cell(value: f64) -> Result<Cell, String> {
     Ok(Cell::Real(value as f32))
 }
 
-/// Returns $POS_ACT. Programs read its components one by one while neither arm nor frames change.
+/// Returns $POS_ACT. The value is cached, because programs read its components one by one.
 fn pose(controller: &Controller, values: &mut ControllerValues) -> [f64; 6] {
     let of = PoseInputs { joints: controller.mover.joints(), base: values.base.now, tool: values.tool.now };
     match values.pose {
@@ -159,7 +159,7 @@ fn read_variable(
         ModelledVariable::CouldStart => bool(safety.may_start()),
         ModelledVariable::Moves => bool(controller.mover.is_in_motion()),
         ModelledVariable::StopMessage => bool(values.stop_message),
-        // The value overflows like a 32-bit INT.
+        // The timer overflows like a 32-bit INT.
         ModelledVariable::Uptime => {
             Ok(Cell::Int((controller.now_ms - controller.started_ms + values.uptime_ms) as i32))
         }
@@ -202,8 +202,9 @@ fn read_variable(
     }
 }
 
-/// Returns CSEC, SEC, MIN, HOUR, DAY, MONTH, YEAR: one second later at each start, on a date that no real clock shows.
-/// So a mock controller's log cannot be mistaken for that of a real controller.
+/// Returns a component of the date: CSEC, SEC, MIN, HOUR, DAY, MONTH or YEAR. The date is one second later at each
+/// start of the controller, and it is a date that no real clock shows. So the log of a mock controller cannot be
+/// mistaken for that of a real controller.
 fn date(boot: i64, component: usize) -> i64 {
     match component {
         1 => boot.rem_euclid(60),
@@ -246,8 +247,8 @@ fn write_variable(
             frame.parts[at] = part;
             if at == 5 {
                 let whole = frame.parts;
-                // Setting a frame again to the same value must not consume a fault: the client sets the frame only
-                // once, and the controller reports it back.
+                // A fault must not be used up when a frame is set to the same value again: the client sets the frame
+                // only once, and the program assigns it again.
                 if frame.now != Some(whole) {
                     frame.now = controller.troubles.apply_frame_faults(is_base, whole).or(frame.now);
                 }
@@ -284,7 +285,7 @@ fn check_range(name: &str, value: f32, most: f32) -> Result<f32, String> {
     }
 }
 
-/// Calculates $POS_ACT: the tool in the active base.
+/// Calculates $POS_ACT: the pose of the tool in the active base.
 fn tcp(controller: &Controller, values: &ControllerValues) -> [f64; 6] {
     let base = frame(values.base.now.unwrap_or_default()).to_rigid::<Base, Panel>();
     let tool: Rigid<Flange, Tool> = frame(values.tool.now.unwrap_or_default()).to_rigid();
@@ -293,7 +294,7 @@ fn tcp(controller: &Controller, values: &ControllerValues) -> [f64; 6] {
     [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg]
 }
 
-/// The host of both interpreters.
+/// The mock controller as the host of an interpreter.
 pub(super) struct InterpreterHost<'a> {
     pub(super) controller: &'a mut Controller,
     pub(super) values: &'a mut ControllerValues,
@@ -329,7 +330,7 @@ impl Host for InterpreterHost<'_> {
 
     fn plan(&mut self, request: &MotionRequest, caller: &Caller<'_>) -> Result<u64, String> {
         let command = Command::from_caller(caller);
-        // Only a motion that belongs to a command can be refused; a retract belongs to none.
+        // Only a motion that belongs to a command can be refused; a retract belongs to no command.
         if command.is_some() && std::mem::take(&mut self.values.abandons_next_motion) {
             return self.abandon_motion("the mock controller was configured to refuse this motion".to_owned());
         }
@@ -392,7 +393,7 @@ impl Host for InterpreterHost<'_> {
     }
 }
 
-/// The command that the program executes: the content of its local variable CMD.
+/// The command that the program executes: the value of its local variable CMD.
 struct Command {
     key: MoveKey,
     operation: i32,

@@ -1,4 +1,4 @@
-//! Specifications as users write them, and the messages about wrong ones.
+//! Tests fault specifications as users write them, and the messages about invalid ones.
 
 use super::*;
 
@@ -74,7 +74,7 @@ fn an_invalid_item_is_reported_with_the_valid_values() {
     assert!(unknown.starts_with(start), "{unknown}");
 }
 
-/// Fifty random faults lie within their time, and the same seed always gives the same sequence.
+/// Fifty random faults begin within the given time, and the same seed always gives the same sequence.
 #[test]
 fn the_seed_determines_the_random_faults() {
     let spec = read("random=50/20s,seed=3").expect("read");
