@@ -1,27 +1,27 @@
-//! The moves that can be planned for the arm, and the shape and the speed of the path that they form.
+//! The motions that can be planned for the arm, and the geometry and speed of the path that they form.
 //!
-//! The tool's path consists of legs: straight lines between poses, and the parabola with which C_DIS replaces a
-//! corner. A blend leaves the incoming line at distance d before the corner and joins the outgoing line at distance d
-//! after it. d is at most half of either line. Position: B(t) = (1−t)² start + 2t(1−t) corner + t² end; orientation:
-//! the same construction on arcs. Along a path there is one measure of length: millimetres, or, if the rotation at the
-//! allowed rate needs more time, the equivalent of the rotation in millimetres.
+//! The tool's path consists of legs: straight lines between poses, and the parabolas by which C_DIS replaces corners. A
+//! blend leaves the incoming line at the distance d before the corner and joins the outgoing line at the distance d
+//! after the corner; d is at most half of either line. Position: B(t) = (1−t)² start + 2t(1−t) corner + t² end;
+//! orientation: the same construction on arcs. The length of a path has one measure: millimetres, or, if the rotation
+//! at the maximum rotation speed takes longer than the translation, the rotation converted to millimetres.
 //!
-//! The speed along a path has a ramp: acceleration at the allowed rate, constant at the allowed speed, deceleration to
-//! a standstill at the end of the path. From speed v, with distance d to the stop, the highest speed from which
-//! braking is still possible is √(v²/2 + a d); braking from v needs v²/2a. The unit of length is the caller's: mm on a
-//! line, otherwise degrees of the leading axis.
+//! The speed profile along a path is a trapezoid: maximum acceleration, constant maximum speed, deceleration to a
+//! standstill at the end of the path. The maximum speed at the distance d before a stop, with the current speed v, is
+//! √(v²/2 + a d); braking from v needs the distance v²/2a. The unit of length is the caller's: mm on a line, otherwise
+//! degrees of the leading axis.
 
 use nalgebra::{Isometry3, Translation3};
 use panelprep_base::geometry::{Base, Flange, Joints, Rigid, Tool};
 
-/// Lengths that differ by less than this are equal, mm.
+/// Maximum difference between two lengths that are treated as equal, mm.
 pub(super) const ROUNDING_MM: f64 = 1e-9;
 
 const PARTS: usize = 32;
-/// A blend shorter than this is an exact stop, mm.
+/// Minimum length of a blend, mm; a shorter blend is an exact stop.
 const MIN_BLEND_MM: f64 = 1e-6;
 
-/// The command to which a move belongs; a retract belongs to no command.
+/// The command to which a motion belongs; a retract belongs to no command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct MoveKey {
     pub(super) epoch: i32,
@@ -37,9 +37,9 @@ pub(super) struct Lin {
     /// Blend distance, mm; 0 for an exact stop.
     pub(super) blend_mm: f64,
     pub(super) contact: bool,
-    /// An output that is switched at the end of the move.
+    /// The output that is switched at the end of the motion, and its value.
     pub(super) switched_output: Option<(u16, bool)>,
-    /// Number of points still to come on this path.
+    /// Number of points of this path that follow.
     pub(super) remaining_points: i32,
     pub(super) speed_mm_s: f64,
     pub(super) acceleration_mm_s2: f64,
@@ -50,11 +50,11 @@ pub(super) struct Lin {
 pub(super) struct Ptp {
     pub(super) key: Option<MoveKey>,
     pub(super) target: Joints,
-    /// Speed as a share of each axis's highest speed, 0…1.
+    /// Speed as a fraction of each axis's maximum speed, 0 to 1.
     pub(super) speed_share: f64,
-    /// Acceleration as a share of each axis's highest acceleration, 0…1.
+    /// Acceleration as a fraction of each axis's maximum acceleration, 0 to 1.
     pub(super) acceleration_share: f64,
-    /// An output that is switched at the end of the move.
+    /// The output that is switched at the end of the motion, and its value.
     pub(super) switched_output: Option<(u16, bool)>,
 }
 
@@ -84,19 +84,19 @@ impl Move {
     }
 }
 
-/// The speeds that the mode permits.
+/// The speed limits of the operating mode.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Override {
     pub(super) tool_mm_s: f64,
     pub(super) axis_share: f64,
-    /// $OV_PRO as a fraction of every programmed speed, 0…1.
+    /// $OV_PRO as a fraction of every programmed speed, 0 to 1.
     pub(super) share: f64,
 }
 
 /// The pose of the tool in the base frame.
 pub(super) type Pose = Rigid<Base, Tool>;
 
-/// Returns the pose at this fraction of the path: position on the line, orientation by rotation about one axis.
+/// Interpolates between two poses: the position on a line, the orientation by a rotation about one axis.
 fn interpolate_pose(from: &Pose, to: &Pose, share: f64) -> Pose {
     let (from, to) = (from.isometry(), to.isometry());
     let origin = from.translation.vector.lerp(&to.translation.vector, share);
@@ -109,18 +109,18 @@ pub(super) fn distance_mm(from: &Pose, to: &Pose) -> f64 {
     from.origin().distance_mm(to.origin())
 }
 
-/// Returns the measure of the path between two poses; a rotation of one degree counts as `mm_per_deg`.
+/// Returns the length of the path between two poses, mm, if a rotation of one degree is as long as `mm_per_deg`.
 pub(super) fn measure_mm(from: &Pose, to: &Pose, mm_per_deg: f64) -> f64 {
     let turn_deg = from.isometry().rotation.angle_to(&to.isometry().rotation).to_degrees();
     distance_mm(from, to).max(turn_deg * mm_per_deg)
 }
 
-/// The two lines of a corner, and the limit of the blend.
+/// A corner between two lines, and the maximum blend.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CornerBlend {
     /// A pose on the incoming line.
     pub(super) incoming_pose: Pose,
-    /// Length of the whole incoming line, from corner to corner, mm.
+    /// Length of the whole incoming line between its two corners, mm.
     pub(super) incoming_length_mm: f64,
     /// The corner.
     pub(super) vertex: Pose,
@@ -128,7 +128,7 @@ pub(super) struct CornerBlend {
     pub(super) outgoing_end: Pose,
     /// The requested blend distance, mm.
     pub(super) blend_mm: f64,
-    /// Equivalent length of a rotation by one degree, mm.
+    /// Length that is equivalent to a rotation of one degree, mm.
     pub(super) mm_per_deg: f64,
 }
 
@@ -142,12 +142,12 @@ pub(super) struct Corner {
     pub(super) length_mm: f64,
     /// Length of the whole outgoing line, mm.
     pub(super) outgoing_length_mm: f64,
-    /// Arc lengths from the start, at equal steps of t.
+    /// Arc lengths from the start of the blend, at equal steps of t.
     arc_mm: [f64; PARTS + 1],
 }
 
 impl Corner {
-    /// Returns `None` if the arm must stop at the corner.
+    /// Creates the blend of a corner; `None` if the arm must stop at the corner.
     pub(super) fn new(bend: &CornerBlend) -> Option<Self> {
         let whole_out_mm = distance_mm(&bend.vertex, &bend.outgoing_end);
         let blend_mm = bend.blend_mm.min(bend.incoming_length_mm / 2.0).min(whole_out_mm / 2.0);
@@ -174,8 +174,8 @@ impl Corner {
         }
         let turned_mm = measure_mm(&start, &vertex, bend.mm_per_deg) + measure_mm(&vertex, &end, bend.mm_per_deg);
         let chords_mm = 2.0 * blend_mm;
-        // Position and rotation have the same progress. If the rotation does not slow down the motion on the lines, it
-        // does not slow it down in the corner either.
+        // Position and rotation progress together. If the rotation does not limit the speed on the lines, it does not
+        // limit it in the corner either.
         corner.length_mm = corner.arc_mm[PARTS] * (turned_mm / chords_mm).max(1.0);
         Some(corner)
     }
@@ -192,12 +192,12 @@ impl Corner {
         )
     }
 
-    /// Returns the pose at the distance `gone_mm` (of the measure) after the start.
+    /// Returns the pose at this length of the path after the start of the blend.
     pub(super) fn pose_at(&self, gone_mm: f64) -> Pose {
         let arc_mm = self.arc_mm[PARTS] * (gone_mm / self.length_mm).clamp(0.0, 1.0);
         let after = self.arc_mm.iter().position(|&end_mm| end_mm >= arc_mm).unwrap_or(PARTS).max(1);
         let [low, high] = [self.arc_mm[after - 1], self.arc_mm[after]];
-        // At a full reversal the two halves of the parabola coincide, so that a chord may have the length zero.
+        // If the direction is reversed, the two halves of the parabola coincide, and a chord may have zero length.
         let inside = if high > low { (arc_mm - low) / (high - low) } else { 1.0 };
         let t = ((after - 1) as f64 + inside) / PARTS as f64;
         let turned = interpolate_pose(
@@ -212,7 +212,7 @@ impl Corner {
 
 #[derive(Debug, Clone)]
 pub(super) enum MoverLeg {
-    /// A straight line; `stops` is true if the arm stops at its end.
+    /// A straight line; `stops` is true if the arm must stop at its end.
     Line {
         from: Pose,
         to: Pose,
@@ -249,7 +249,7 @@ impl MoverLeg {
     }
 }
 
-/// Returns the pose at this distance after the start of the first leg.
+/// Returns the pose at this length of the path after the start of the first leg.
 pub(super) fn pose_ahead(legs: &[MoverLeg], mut gone_mm: f64) -> Option<Pose> {
     for leg in legs {
         if gone_mm <= leg.length_mm() {
@@ -260,18 +260,18 @@ pub(super) fn pose_ahead(legs: &[MoverLeg], mut gone_mm: f64) -> Option<Pose> {
     legs.last().map(|leg| leg.pose_at(leg.length_mm()))
 }
 
-/// The limits for one step.
+/// The limits of the speed for one step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Limits {
-    /// Remaining length to the point where the motion must stop.
+    /// Remaining length to the next required stop.
     pub(super) to_stop: f64,
-    /// Highest speed, in units of length per second.
+    /// Maximum speed, in units of length per second.
     pub(super) speed: f64,
-    /// Acceleration and deceleration, in units of length per second².
+    /// Maximum acceleration and deceleration, in units of length per second².
     pub(super) acceleration: f64,
 }
 
-/// Returns the distance of a step of `step_s` that starts at `speed`, and the speed at the step's end.
+/// Returns the distance covered in a step of `step_s` that begins at `speed`, and the speed at the end of the step.
 pub(super) fn ramp_step(speed: f64, limits: Limits, step_s: f64) -> (f64, f64) {
     let Limits { to_stop, speed: highest, acceleration } = limits;
     let (mut gone, mut now, mut left_s) = (0.0, speed, step_s);
@@ -298,8 +298,8 @@ pub(super) fn ramp_step(speed: f64, limits: Limits, step_s: f64) -> (f64, f64) {
     if left_s > 0.0 {
         change(&mut gone, &mut now, &mut left_s, 0.0);
     }
-    // A nanometre before the stop counts as the stop, and a nanometre per second as standstill: otherwise rounding
-    // would leave a remainder such as 10⁻³²⁰ without end.
+    // A remaining distance below a nanometre is treated as zero, and so is a speed below a nanometre per second.
+    // Otherwise rounding would leave remainders such as 10⁻³²⁰ and the motion would never end.
     if to_stop - gone < 1e-6 { (to_stop, 0.0) } else { (gone, if now < 1e-6 { 0.0 } else { now }) }
 }
 
@@ -324,8 +324,9 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: 2 mm before and after the corner; in the middle ¼ (8,0) + ½ (10,0) + ¼ (10,2) = (9.5,
-    /// 0.5). The arc of a parabola over a right angle is 2 d · 0.811613 = 3.2465 mm.
+    /// Expected values, calculated by hand: the blend begins 2 mm before the corner and ends 2 mm after it. Its middle
+    /// is ¼ (8,0) + ½ (10,0) + ¼ (10,2) = (9.5, 0.5). The arc of a parabola over a right angle is 2 d · 0.811613 =
+    /// 3.2465 mm.
     #[test]
     fn a_right_angle_is_cut_by_the_blend_distance() {
         let corner = Corner::new(&right_angle(2.0)).expect("blended");
@@ -335,7 +336,7 @@ mod tests {
         assert!((corner.length_mm - 3.2465).abs() < 2e-3, "{}", corner.length_mm);
     }
 
-    /// The largest blend is half of the shorter line, 3 mm.
+    /// The maximum blend is half of the shorter line: 3 mm.
     #[test]
     fn a_blend_takes_at_most_half_of_either_line() {
         let corner = Corner::new(&right_angle(50.0)).expect("blended");
@@ -345,7 +346,7 @@ mod tests {
         assert!(distance_mm(&Corner::new(&whole).expect("blended").start, &pose(9.0, 0.0, 0.0)) < 1e-12);
     }
 
-    /// Equal steps of the measure are equal steps of the tool, and the orientation is continuous.
+    /// Equal steps of the path's length are equal steps of the tool, and the orientation is continuous.
     #[test]
     fn the_speed_is_constant_in_the_corner() {
         let corner = Corner::new(&right_angle(2.0)).expect("blended");
@@ -356,11 +357,11 @@ mod tests {
         assert!(steps.iter().all(|step| (step / mean - 1.0).abs() < 0.02), "{steps:?}");
         let turns = poses.windows(2).map(|pair| measure_mm(&pair[0], &pair[1], 1000.0) / 1000.0);
         assert!(turns.fold(0.0, f64::max) < 2.0);
-        // Calculated by hand: a third of the outgoing line's 30° at its first 2 of 6 mm.
+        // Expected value, calculated by hand: after 2 of 6 mm of the outgoing line, a third of its rotation of 30°.
         assert!((KukaPose::from_rigid(&corner.end).a_deg - 10.0).abs() < 1e-9);
     }
 
-    /// If one degree counts as 1 mm, a rotation of 30° on a line of 6 mm has the length 30 mm.
+    /// If a rotation of one degree is as long as 1 mm, a rotation of 30° on a line of 6 mm has the length 30 mm.
     #[test]
     fn a_rotation_determines_the_length_if_it_needs_more_time() {
         let (from, to) = (pose(10.0, 0.0, 0.0), pose(10.0, 6.0, 30.0));
@@ -372,7 +373,7 @@ mod tests {
         let (mut time_s, mut speed, mut fastest) = (0.0, 0.0, 0.0_f64);
         while limits.to_stop > 0.0 {
             let (gone, next) = ramp_step(speed, limits, 0.012);
-            // At the end the last nanometre is skipped, and so is the small remaining speed.
+            // At the end, the last nanometre and the small remaining speed are skipped.
             assert!((next - speed).abs() <= limits.acceleration * 0.012 + 0.2, "{speed} then {next}");
             limits.to_stop -= gone;
             speed = next;
@@ -383,21 +384,23 @@ mod tests {
         (time_s, fastest)
     }
 
-    /// By hand: 250 mm at 100 mm/s and 1000 mm/s² need 250/100 + 100/1000 = 2.6 s; 217 ticks are 2.604 s.
+    /// Expected value, calculated by hand: 250 mm at 100 mm/s and 1000 mm/s² take 250/100 + 100/1000 = 2.6 s; 217 ticks
+    /// are 2.604 s.
     #[test]
     fn a_long_path_needs_length_over_speed_plus_one_ramp() {
         let (time_s, fastest) = run(Limits { to_stop: 250.0, speed: 100.0, acceleration: 1000.0 });
         assert!((time_s - 2.604).abs() < 1e-9 && (fastest - 100.0).abs() < 1e-9, "{time_s} {fastest}");
     }
 
-    /// By hand: 4 mm at 1000 mm/s² never reach 100 mm/s, only √(1000·4) = 63.2; they need 2·0.0632 = 0.126 s.
+    /// Expected values, calculated by hand: on 4 mm at 1000 mm/s² the speed reaches only √(1000·4) = 63.2 mm/s instead
+    /// of 100 mm/s. The motion takes 2·0.0632 = 0.126 s.
     #[test]
     fn a_short_path_has_a_triangular_speed_profile() {
         let (time_s, fastest) = run(Limits { to_stop: 4.0, speed: 100.0, acceleration: 1000.0 });
         assert!((time_s - 0.132).abs() < 1e-9 && fastest < 63.3, "{time_s} {fastest}");
     }
 
-    /// By hand: from 100 mm/s down to 40 at 1000 mm/s² needs 60 ms, five ticks.
+    /// Expected value, calculated by hand: braking from 100 mm/s to 40 mm/s at 1000 mm/s² takes 60 ms, five ticks.
     #[test]
     fn a_speed_above_the_limit_is_reduced() {
         let mut speed = 100.0;
@@ -408,7 +411,7 @@ mod tests {
     }
 
     proptest! {
-        /// Braking ends at a speed of exactly 0, at the latest one step after the time that the braking needs.
+        /// Braking ends at a speed of exactly 0, at the latest one step after the calculated braking time.
         #[test]
         fn braking_ends_at_speed_zero(mut speed in 0.1..2000.0f64, acceleration in 50.0..9000.0f64) {
             let steps = (speed / acceleration / 0.012).ceil() as usize + 1;

@@ -1,5 +1,5 @@
-//! The controller from outside: the actions of people and of the cell's PLC (keys, switches, buttons, and the
-//! selection of programs), and its state as tests, cameras and servers can see it.
+//! The controller from outside: the actions of people and of the cell's PLC (keys, switches, buttons, selection of
+//! programs), and the state that tests, cameras and servers can read.
 
 use super::log::{ContactSample, ExecutedMotion, ProgramStop, StopCause};
 use super::model::Controller;
@@ -10,7 +10,7 @@ use panelprep_base::geometry::{Base, Flange, Joints, Rigid};
 use std::collections::BTreeMap;
 
 impl Controller {
-    /// Starts the robot program if drives, guard, mode and key allow it. This does not move the arm.
+    /// Starts the robot program if drives, guard, mode and keys permit. The start does not move the arm.
     pub fn start_program(&mut self) {
         if self.running.is_some() {
             return self.start_interpreted();
@@ -19,19 +19,19 @@ impl Controller {
         safety.started |= safety.selected && safety.is_enabled() && (!safety.is_manual() || safety.start_key);
     }
 
-    /// Presses the emergency stop: the arm stops at once where it is, the drives go off, the epoch ends.
+    /// Presses the emergency stop: the arm stops immediately, the drives are switched off, and the epoch ends.
     pub fn press_e_stop(&mut self) {
         self.safety.e_stop = true;
         self.safety.drives_on = false;
         self.stop(StopCause::EStop, String::new());
     }
 
-    /// Releases the emergency stop. The drives stay off and nothing continues.
+    /// Releases the emergency stop. The drives stay off and no motion continues.
     pub fn release_e_stop(&mut self) {
         self.safety.e_stop = false;
     }
 
-    /// Switches the drives; they do not switch on while the emergency stop is pressed.
+    /// Switches the drives on or off; they stay off while the emergency stop is pressed.
     pub fn switch_drives(&mut self, on: bool) {
         if !on && self.safety.drives_on {
             self.stop(StopCause::Drives, String::new());
@@ -39,7 +39,7 @@ impl Controller {
         self.safety.drives_on = on && !self.safety.e_stop;
     }
 
-    /// Opens or closes the guard; opening it stops the automatic modes at once.
+    /// Opens or closes the guard. Opening it stops the arm immediately in the automatic modes.
     pub fn set_guard(&mut self, closed: bool) {
         let automatic = matches!(self.safety.mode, Mode::Aut | Mode::Ext);
         if !closed && self.safety.guard_closed && automatic {
@@ -48,7 +48,7 @@ impl Controller {
         self.safety.guard_closed = closed;
     }
 
-    /// Turns the mode switch, which ends the epoch.
+    /// Changes the operating mode, which ends the epoch.
     pub fn select_mode(&mut self, mode: Mode) {
         if mode != self.safety.mode {
             self.stop(StopCause::Mode, String::new());
@@ -56,7 +56,7 @@ impl Controller {
         self.safety.mode = mode;
     }
 
-    /// Presses or releases the start key, which must be held in T1 and T2; when it is released, the motion pauses.
+    /// Presses or releases the Start key. In T1 and T2 the key must be held; when it is released, the motion pauses.
     pub fn set_start_key(&mut self, held: bool) {
         self.safety.start_key = held;
         if held {
@@ -64,8 +64,8 @@ impl Controller {
         }
     }
 
-    /// Jogs the arm to these angles, as a person does; the arm is there at once. This is not possible while a motion
-    /// is planned. Returns whether the arm was jogged.
+    /// Jogs the arm to these axis angles, as a person does; the arm reaches them immediately. Returns false if a motion
+    /// is planned, in which case the arm is not moved.
     pub fn jog_to(&mut self, joints: Joints) -> bool {
         let stands = self.mover.is_idle();
         if stands {
@@ -74,12 +74,12 @@ impl Controller {
         stands
     }
 
-    /// Sets an input that the world does not set.
+    /// Sets an input to which the simulated world is not connected.
     pub fn set_input(&mut self, number: u16, value: bool) {
         self.inputs.insert(number, value);
     }
 
-    /// Deselects the robot program: the arm stops, and channels of its environment are closed.
+    /// Deselects the robot program: the arm stops, and the channels that belong to the program are closed.
     pub fn deselect_program(&mut self) {
         if std::mem::replace(&mut self.safety.selected, false) {
             self.stop(StopCause::Deselected, String::new());
@@ -92,7 +92,7 @@ impl Controller {
         }
     }
 
-    /// Selects and starts the robot program; this moves nothing.
+    /// Selects and starts the robot program; nothing moves.
     pub fn select(&mut self) {
         self.safety.selected = true;
         self.select_interpreted();
@@ -104,7 +104,8 @@ impl Controller {
         }
     }
 
-    /// Restarts the controller: channels, epochs and counts are lost, the arm stops, outputs are off.
+    /// Restarts the controller after `down_ms`: the arm stops, the outputs are switched off, and channels, epochs and
+    /// counters are reset.
     pub fn reboot(&mut self, down_ms: u64) {
         self.stop(StopCause::Rebooted, String::new());
         if self.running.is_some() {
@@ -120,7 +121,8 @@ impl Controller {
 }
 
 impl Controller {
-    /// Returns the delay of the bytes, whether they are sent in fragments, and the seed of both.
+    /// Returns the injected faults of the connection: the delay of the bytes, whether they are sent in fragments, and
+    /// the random seed.
     pub(super) fn wire_faults(&self) -> (Option<(u64, u64)>, bool, u64) {
         let faults = &self.setup.faults;
         (faults.delay_ms, faults.fragment, faults.seed)
@@ -131,7 +133,7 @@ impl Controller {
         self.setup.clock
     }
 
-    /// Returns the time since the start, ms.
+    /// Returns the time since the start of the controller, ms.
     pub fn time_ms(&self) -> u64 {
         self.now_ms
     }
@@ -141,7 +143,8 @@ impl Controller {
         self.mover.joints()
     }
 
-    /// Returns the true flange pose.
+    /// Returns the true flange pose, which differs from the calculated one if the real arm differs from the nominal
+    /// arm.
     pub fn flange_pose(&self) -> Rigid<Base, Flange> {
         match &self.setup.real_arm {
             Some(arm) => arm.base_from_flange(&self.mover.joints()),
@@ -149,7 +152,7 @@ impl Controller {
         }
     }
 
-    /// Returns whether the arm moves or has planned moves.
+    /// Returns whether the arm moves or motions are planned.
     pub fn is_moving(&self) -> bool {
         !self.mover.is_idle() || self.contact.is_retract_due()
     }
@@ -159,27 +162,28 @@ impl Controller {
         self.troubles.override_percent()
     }
 
-    /// Returns the deviation of the reported pose along Z of the present base, mm.
+    /// Returns the injected error of the reported pose along Z of the active base, mm.
     pub fn pose_deviation_mm(&self) -> f64 {
         self.troubles.pose_deviation_mm()
     }
 
-    /// Returns every `$OUT` that was ever set.
+    /// Returns the value of every `$OUT` that was ever set.
     pub fn outputs(&self) -> &BTreeMap<u16, bool> {
         &self.outputs
     }
 
-    /// Returns whether mode, keys, drives, guard and program let the arm move.
+    /// Returns whether mode, keys, drives, guard and program permit motion of the arm.
     pub fn can_move(&self) -> bool {
         self.safety.motion_possible()
     }
 
-    /// Returns every `$FLAG` that was ever set.
+    /// Returns the value of every `$FLAG` that was ever set.
     pub fn flags(&self) -> &BTreeMap<u16, bool> {
         &self.flags
     }
 
-    /// Returns the last command received in the present epoch, and the last one executed.
+    /// Returns the numbers of the last command that was received in the current epoch, and of the last one that was
+    /// executed.
     pub fn counts(&self) -> (i32, i32) {
         self.running
             .as_ref()
@@ -196,27 +200,27 @@ impl Controller {
         self.running.as_ref().map_or(self.stopped, |running| running.is_stopped())
     }
 
-    /// Returns how many times the next point was missing.
+    /// Returns the number of underruns: how often the next point of a path was missing.
     pub fn underrun_count(&self) -> i32 {
         self.running.as_ref().map_or(self.underruns, |running| running.underruns())
     }
 
-    /// Returns how many commands of ended epochs arrived and were dropped.
+    /// Returns the number of commands of ended epochs that arrived and were dropped.
     pub fn stale_commands(&self) -> u64 {
         self.stale_messages
     }
 
-    /// Returns every motion that was executed, in order.
+    /// Returns all executed motions, in their order.
     pub fn executed_motions(&self) -> &[ExecutedMotion] {
         &self.executed
     }
 
-    /// Returns the samples of the tool at each tick of every contact.
+    /// Returns the samples of the tool's position in all contacts, one per tick.
     pub fn trace(&self) -> &[ContactSample] {
         &self.trace
     }
 
-    /// Returns every stop by the program.
+    /// Returns all stops by the robot program.
     pub fn program_stops(&self) -> &[ProgramStop] {
         &self.stops
     }

@@ -1,11 +1,11 @@
-//! The outputs: those that commands switch, and those that the end of an epoch switches off by the controller's own
-//! clock.
+//! The outputs of the controller: commands switch them, and the end of an epoch switches some of them off, timed by the
+//! controller's own clock.
 
 use super::model::Controller;
 use super::options::Rule;
 
-/// Time after the switch-off following an epoch's end during which an output is switched off again if it is switched
-/// on, ms.
+/// Time for which an output is kept off after its automatic switch-off, ms: if it is switched on in this time, it is
+/// switched off again.
 const FORCED_OFF_MS: u64 = 1_000;
 
 impl Controller {
@@ -20,7 +20,7 @@ impl Controller {
         }
     }
 
-    /// Sets the outputs to a production line: the lowest bit is the first of these outputs.
+    /// Sets the outputs to a production line; the lowest bit is the first output.
     pub(super) fn set_line_outputs(&mut self, bits: i32) {
         for (place, number) in self.setup.line_outputs.into_iter().enumerate() {
             if number > 0 {
@@ -29,13 +29,13 @@ impl Controller {
         }
     }
 
-    /// Returns whether an output that the end of an epoch switches off at once, such as tool or water, is on.
+    /// Returns whether an output is on that the end of an epoch switches off without delay, such as tool or water.
     pub(super) fn has_harmful_output_on(&self) -> bool {
         let mut at_once = self.setup.off_delays_ms.iter().filter(|(_, after_ms)| **after_ms == 0);
         at_once.any(|(number, _)| self.outputs.get(number) == Some(&true))
     }
 
-    /// Switches off the outputs in the list of automatic switch-off whose delay satisfies this condition.
+    /// Switches off those outputs of the automatic switch-off whose delay satisfies this condition.
     pub(super) fn switch_off_outputs(&mut self, is_over: impl Fn(u64) -> bool) {
         if self.setup.omitted_rule == Some(Rule::OutputsOff) {
             return;
@@ -46,8 +46,8 @@ impl Controller {
         on.into_iter().for_each(|number| self.set_output(number, false));
     }
 
-    /// Switches off each output of the list when its delay after an epoch's end has passed, and keeps it off for a
-    /// while.
+    /// Switches off each output of the automatic switch-off when its delay after the end of an epoch has passed, and
+    /// keeps it off for some time.
     pub(super) fn switch_off_due_outputs(&mut self) {
         if self.epoch.open || self.setup.omitted_rule == Some(Rule::OutputsOff) {
             return;

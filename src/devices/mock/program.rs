@@ -1,7 +1,7 @@
 //! The tasks of the robot interpreter: the advance run, the main run, and their results.
 //!
-//! Commands are planned in order. Speeds apply to the commands that follow. Base, tool, outputs and subroutines wait
-//! until the arm has stopped, like statements that stop the advance run.
+//! Commands are planned in order. Speeds apply to the commands that follow. Commands for base, tool, outputs and
+//! subroutines wait until the arm has stopped, like KRL statements that stop the advance run.
 
 use super::kinematics;
 use super::log::{ContactSample, ExecutedMotion, StopCause, path_stop_message};
@@ -12,11 +12,11 @@ use super::options::Mode;
 use super::wire::{self, Command, Refusal};
 use panelprep_base::geometry::{Base, KukaPose, Panel, Rigid, Tool};
 
-/// $ADVANCE: number of motions that are planned in addition to the present one.
+/// $ADVANCE: number of motions that are planned in addition to the current one.
 const ADVANCE_MOTIONS: usize = 3;
 
 impl Controller {
-    /// Executes or plans the commands in the ring, as far as the advance run reaches.
+    /// Executes or plans the commands in the ring buffer, as far as the advance run permits.
     pub(super) fn interpret(&mut self) {
         if !self.safety.motion_possible() {
             return;
@@ -41,7 +41,7 @@ impl Controller {
         }
     }
 
-    /// Returns true if the command is planned or done, false if it must wait.
+    /// Plans or executes a command; returns false if it must wait.
     fn execute(&mut self, command: &Command) -> Result<bool, (Refusal, String)> {
         let Command { n: [n1, n2], r: [r1, r2], p, .. } = *command;
         match command.operation {
@@ -125,7 +125,7 @@ impl Controller {
         ended
     }
 
-    /// Performs one interpolation step of the arm.
+    /// Executes one interpolation step of the arm.
     pub(super) fn step_arm(&mut self) {
         let (done, blocked) = self.mover.step(self.speed_limits(), TICK_MS as f64 / 1000.0);
         for step in &done {
@@ -161,7 +161,7 @@ impl Controller {
         if key.epoch == self.epoch.number {
             self.epoch.last_executed = self.epoch.last_executed.max(key.id);
         }
-        // If an epoch was stopped, it switches no outputs while the arm brakes.
+        // While the arm brakes after the end of an epoch, no output is switched.
         if let Some((number, on)) = done.step.switched_output()
             && key.epoch == self.epoch.number
             && self.epoch.open
@@ -183,7 +183,7 @@ impl Controller {
         {
             let next = self.epoch.ring.front();
             let waits = next.is_some_and(|next| ![wire::MOVE_J, wire::MOVE_LIN].contains(&next.operation));
-            // A standstill in contact is counted where it is detected.
+            // A standstill in contact is counted at the point where it is detected, so not here.
             let in_contact = lin.contact && next.is_none() && self.mover.is_idle();
             if !waits && !in_contact {
                 self.underruns += 1;
@@ -203,7 +203,7 @@ impl Controller {
         }
     }
 
-    /// Sets the count of executed commands: all before the oldest command that is not executed.
+    /// Sets the number of the last executed command: the one before the oldest command that is not executed.
     pub(super) fn update_executed_count(&mut self) {
         if !self.epoch.open {
             return;
@@ -220,7 +220,7 @@ impl Controller {
             return;
         }
         let base_from_flange = self.flange_pose();
-        // The real arm carries the real tool; $TOOL is only the calibrated estimate.
+        // The real arm carries the real tool; $TOOL is only the calibrated estimate of it.
         let joints = self.mover.joints();
         let real_arm = self.setup.real_arm.as_ref();
         let base_from_tool =
@@ -235,9 +235,9 @@ impl Controller {
         });
     }
 
-    /// Returns the tool's pose in the active base; if none was set, the pose of the flange in the robot's base.
+    /// Returns the pose of the tool in the active base; if no base was set, the pose of the flange in the robot's base.
     pub(super) fn tcp(&self) -> KukaPose {
-        // Without a program the controller cannot report the pose.
+        // If no program is selected, the controller cannot report the pose.
         if !self.safety.has_program() {
             return KukaPose::default();
         }

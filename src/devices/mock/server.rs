@@ -1,8 +1,8 @@
-//! The mock controller behind two TCP ports, one client each.
+//! A mock controller that listens on two TCP ports, with one client each.
 //!
-//! One thread accepts clients and, on the wall clock, lets time pass; one thread per client reads. All output that
-//! a call to the controller causes is written before the next call, acknowledgements first. On a slow connection bytes
-//! arrive late, in order, in pieces that do not follow the documents' boundaries.
+//! One thread accepts clients and, on the wall clock, advances the time; one thread per client reads its bytes. All
+//! output of a call to the controller is sent before the next call, acknowledgements first. On a simulated slow
+//! connection, bytes arrive late but in order, in fragments that do not match the boundaries of documents.
 
 use super::channel_file::MockError;
 use super::model::{Controller, TICK_MS};
@@ -19,25 +19,25 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// If a client does not read for this long, its connection is closed.
+/// Maximum time for a write to a client; if the client does not read, its connection is closed.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
-/// Interval of the checks for new clients; in free time, the ticks that are due since the last check are also executed
-/// then.
+/// Interval of the checks for new clients. On the wall clock, the ticks that are due since the last check are executed
+/// as well.
 const POLL_INTERVAL: Duration = Duration::from_millis(3);
 
 /// The addresses on which the mock listens.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Ports {
-    /// Address of the machine; loopback for a mock inside the program.
+    /// IP address of the computer; the loopback address for a mock inside this program.
     pub host: IpAddr,
-    /// Port of the command channel; 0 for any free one.
+    /// TCP port of the command channel; 0 selects a free port.
     pub command: u16,
-    /// Port of the state channel; 0 for any free one.
+    /// TCP port of the state channel; 0 selects a free port.
     pub state: u16,
 }
 
 impl Ports {
-    /// Returns two free ports of this machine.
+    /// Returns the loopback address with two free ports.
     pub fn free_ports() -> Self {
         Ports { host: IpAddr::V4(Ipv4Addr::LOCALHOST), command: 0, state: 0 }
     }
@@ -47,7 +47,7 @@ struct Shared {
     controller: Controller,
     command: Option<TcpStream>,
     state: Option<TcpStream>,
-    /// The slow streams towards the controller, by channel; the next field has the streams to the clients.
+    /// The delayed streams to the controller, one for each channel; the next field has those to the clients.
     slow_inputs: [DelayedStream; 2],
     slow_outputs: [DelayedStream; 2],
 }
@@ -60,8 +60,8 @@ impl Shared {
         }
     }
 
-    /// Hands over received bytes, sends the controller's output, and disconnects if the controller closed the
-    /// channel.
+    /// Passes received bytes to the controller, sends the controller's output, and disconnects a client whose channel
+    /// the controller has closed.
     fn exchange_bytes(&mut self) {
         let now = Instant::now();
         for channel in [Channel::Command, Channel::State] {
@@ -104,8 +104,8 @@ impl Shared {
     }
 }
 
-/// The shared controller of a running server, for cameras that request the flange pose and for tests that press
-/// buttons.
+/// A handle of the controller in a running server, for cameras that request the flange pose and for tests that press
+/// keys.
 #[derive(Clone)]
 pub struct MockHandle {
     shared: Arc<Mutex<Shared>>,
@@ -113,12 +113,12 @@ pub struct MockHandle {
 
 impl MockHandle {
     fn lock(&self) -> MutexGuard<'_, Shared> {
-        // The lock is used even after a panic: a test that failed while it had locked the controller must not be
-        // hidden by a second failure here.
+        // The lock is used even after a panic. Otherwise the failure of a test that holds the lock would be hidden by a
+        // second failure here.
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Executes this action on the controller, between two of its ticks, and sends the resulting output.
+    /// Calls `act` with the controller, between two of its ticks, and sends the resulting output.
     pub fn with_controller<T>(&self, act: impl FnOnce(&mut Controller) -> T) -> T {
         let mut shared = self.lock();
         let result = act(&mut shared.controller);
@@ -126,13 +126,13 @@ impl MockHandle {
         result
     }
 
-    /// Returns the present flange pose.
+    /// Returns the current flange pose.
     pub fn flange_pose(&self) -> Rigid<Base, Flange> {
         self.lock().controller.flange_pose()
     }
 }
 
-/// A mock controller that listens. When it is dropped, it closes its channels and ends its threads.
+/// A mock controller that listens on TCP ports. Dropping it closes its channels and ends its threads.
 pub struct MockServer {
     handle: MockHandle,
     command_address: SocketAddr,
@@ -142,10 +142,10 @@ pub struct MockServer {
 }
 
 impl MockServer {
-    /// Starts to listen.
+    /// Starts a mock controller that listens on these ports.
     ///
     /// # Errors
-    /// If a port is in use, or the system cannot start a thread.
+    /// If a port is in use, or the operating system cannot start a thread.
     pub fn start(controller: Controller, ports: Ports) -> Result<Self, MockError> {
         let clock = controller.clock();
         let (command, command_address) = listen(SocketAddr::new(ports.host, ports.command))?;
@@ -202,7 +202,7 @@ fn listen(address: SocketAddr) -> Result<(TcpListener, SocketAddr), MockError> {
     Ok((listener, address))
 }
 
-/// The thread that accepts clients and lets time pass.
+/// The thread that accepts clients and, on the wall clock, advances the time.
 struct AcceptThread {
     handle: MockHandle,
     listeners: [(Channel, TcpListener); 2],
@@ -237,7 +237,7 @@ impl AcceptThread {
 
     fn accept(&mut self) {
         for (channel, listener) in &self.listeners {
-            // A client that connects while the channel already has a client is dropped.
+            // If the channel already has a client, another client is disconnected immediately.
             while let Ok((stream, _)) = listener.accept() {
                 if let Some(reader) = accept_client(&self.handle, *channel, stream) {
                     self.readers.push(reader);
@@ -278,7 +278,7 @@ fn accept_client(handle: &MockHandle, channel: Channel, stream: TcpStream) -> Op
     thread
 }
 
-/// Reads until the client or the controller closes the connection.
+/// Reads bytes of a client until the client or the controller closes the connection.
 fn read(handle: &MockHandle, channel: Channel, mut stream: TcpStream) {
     let mut bytes = vec![0; 65_536];
     loop {
@@ -300,7 +300,7 @@ fn read(handle: &MockHandle, channel: Channel, mut stream: TcpStream) {
     shared.exchange_bytes();
 }
 
-/// One direction of one connection.
+/// One direction of a connection, with a random delay of its bytes.
 #[derive(Debug)]
 struct DelayedStream {
     delay_ms: Option<(u64, u64)>,
@@ -314,7 +314,7 @@ impl DelayedStream {
         DelayedStream { delay_ms, fragment, draw: Pcg64::seed_from_u64(seed), pieces: VecDeque::new() }
     }
 
-    /// Sends bytes with the delay.
+    /// Adds bytes to the stream; they arrive after a random delay.
     fn send_bytes(&mut self, now: Instant, bytes: &[u8]) {
         let mut rest = bytes;
         while !rest.is_empty() {
@@ -328,12 +328,12 @@ impl DelayedStream {
         }
     }
 
-    /// Returns the next piece that has arrived.
+    /// Returns the next fragment that has arrived.
     pub(super) fn pop(&mut self, now: Instant) -> Option<Vec<u8>> {
         self.pieces.pop_front_if(|(due, _)| *due <= now).map(|(_, piece)| piece)
     }
 
-    /// Clears the stream: the connection is lost, and with it the bytes in transit.
+    /// Discards the bytes in transit, because the connection is lost.
     pub(super) fn clear(&mut self) {
         self.pieces.clear();
     }
@@ -343,7 +343,8 @@ impl DelayedStream {
 mod tests {
     use super::*;
 
-    /// 100 bytes with 5 to 15 ms of delay: none before 5 ms, all at 15 ms, in order, in more than one piece.
+    /// With a delay of 5 to 15 ms, none of 100 bytes arrives before 5 ms; at 15 ms all have arrived, in order, in more
+    /// than one fragment.
     #[test]
     fn bytes_come_late_in_order_and_in_pieces() {
         let mut way = DelayedStream::new(Some((5, 15)), true, 1);

@@ -1,5 +1,5 @@
-//! The setup of a mock controller: its arm, its channels, its clock, the meaning of its inputs and outputs, the
-//! programs that it executes, and the world around it. Outputs act on the world, inputs come from it.
+//! The configuration of a mock controller: its arm, channels and clock, the meaning of its inputs and outputs, the
+//! programs that it executes, and the world around it. Outputs act on the world, and inputs are read from the world.
 
 use super::channel_file::{ChannelFile, MockError};
 use super::fault::FaultSpec;
@@ -13,7 +13,7 @@ use panelprep_sim::RealArm;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// The shipped programs and data lists.
+/// The shipped programs and data lists of the controller.
 const SHIPPED_FILES: [(&str, &str); 8] = [
     ("cell_config.dat", include_str!("../../../config/kuka/cell_config.dat")),
     ("cell_data.dat", include_str!("../../../config/kuka/cell_data.dat")),
@@ -25,14 +25,14 @@ const SHIPPED_FILES: [(&str, &str); 8] = [
     ("cell_user.src", include_str!("../../../config/kuka/cell_user.src")),
 ];
 
-/// A mock controller's configuration.
+/// The configuration of a mock controller.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Setup {
     /// The arm.
     pub arm: Arm,
-    /// The real arm, if it differs from the nominal geometry; the true flange pose is calculated from the real arm.
+    /// The real arm, if it differs from the nominal arm; it determines the true flange pose.
     pub real_arm: Option<RealArm>,
-    /// The axis angles at the start.
+    /// The axis angles at the start of the controller.
     pub start: Joints,
     /// CELLCMD.xml.
     pub commands: ChannelFile,
@@ -40,39 +40,39 @@ pub struct Setup {
     pub states: ChannelFile,
     /// The source of the controller's time.
     pub clock: Clock,
-    /// The boot number, which changes at each start of a controller.
+    /// The boot id, which changes at each start of a controller.
     pub boot: i32,
     /// The checksum of the KRL programs.
     pub checksum: i32,
-    /// The $IN numbers of the bits of `In`, lowest bit first; at most 31.
+    /// The `$IN` numbers for the bits of `In` in the state message, lowest bit first; at most 31.
     pub inputs: Vec<u16>,
-    /// The $OUT numbers of the bits of `Out`, lowest bit first; at most 31.
+    /// The `$OUT` numbers for the bits of `Out` in the state message, lowest bit first; at most 31.
     pub outputs: Vec<u16>,
-    /// The $OUT that runs the tool.
+    /// The number of the `$OUT` that drives the tool.
     pub tool_output: Option<u16>,
-    /// Each $OUT that the end of an epoch switches off, and the delay, ms. With the delay 0, the output is switched
-    /// off at once, and the client is watched for silence while the output is on.
+    /// The outputs that the end of an epoch switches off: the `$OUT` number and the delay, ms. An output with the delay
+    /// 0 is switched off immediately, and while it is on, the watchdog for the client is active.
     pub off_delays_ms: BTreeMap<u16, u64>,
     /// The $OUT number of each signal to a production line: ready, cycle done, pass, fail, review, fault; 0 for a
     /// signal that is not used.
     pub line_outputs: [u16; 6],
-    /// Inputs that can be set, with the $FLAG that is read in place of each input.
+    /// The inputs that can be set: the `$IN` number, and the number of the `$FLAG` that is read instead.
     pub mapped_inputs: BTreeMap<u16, u16>,
-    /// Duration of each user subroutine, ms; its index is its position here, from 0.
+    /// Duration of each user subroutine, ms. The position in the list is the index of the subroutine, from 0.
     pub subroutines_ms: Vec<u64>,
-    /// The sequence number of the last state before the start.
+    /// The sequence number of the last state message before the start.
     pub first_state: i32,
     /// The planned faults.
     pub faults: FaultSpec,
-    /// The controller's own programs that are executed; `None` for the model in Rust.
+    /// The controller's own programs to be executed; `None` for the hand-written model.
     pub programs: Option<Programs>,
-    /// A rule that the mock controller does not follow, to check that the tests detect this.
+    /// A rule that the mock controller ignores, to check that the tests detect this.
     pub omitted_rule: Option<Rule>,
 }
 
 impl Setup {
-    /// Creates the setup of a KR 6 R700-2 at home with these channels: lock step, inputs and outputs 1 to 8, the
-    /// tool on output 5, water on 2, light on 1 and extraction on 4, one subroutine of 100 ms.
+    /// Creates the configuration of a KR 6 R700-2 at its home position with these channels: lock step, inputs and
+    /// outputs 1 to 8, the tool on output 5, water on 2, light on 1, extraction on 4, and one subroutine of 100 ms.
     pub fn new(commands: ChannelFile, states: ChannelFile) -> Self {
         let start = Joints { a1_deg: 0.0, a2_deg: -90.0, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 60.0, a6_deg: 0.0 };
         Setup {
@@ -99,14 +99,14 @@ impl Setup {
     }
 }
 
-/// The world on the other side of the controller's terminals. The world is called while the controller is locked, so
-/// it must not request anything from the controller.
+/// The devices that are connected to the controller's inputs and outputs. Its methods are called while the controller
+/// is locked, so they must not call the controller.
 pub trait World: Send {
     /// `$OUT[number]` changed.
     fn on_output(&mut self, number: u16, value: bool, time_ms: u64);
 
-    /// Returns the state of `$IN[number]` now; `None` keeps the state that
-    /// [`Controller::set_input`](super::Controller::set_input) has set.
+    /// Returns the current value of `$IN[number]`. `None` keeps the value that was set with
+    /// [`Controller::set_input`](super::Controller::set_input).
     fn input(&self, number: u16, time_ms: u64) -> Option<bool>;
 }
 
@@ -122,39 +122,40 @@ impl World for UnconnectedWorld {
     }
 }
 
-/// The programs that a mock controller executes, and the options of their execution.
+/// The programs that a mock controller executes, and options of their execution.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Programs {
     pub(super) program: Arc<Program>,
-    /// The behaviour that public documents do not define.
+    /// The behaviour that public documents do not specify.
     pub meaning: UndocumentedBehaviour,
-    /// Seed of the scheduler.
+    /// The random seed of the scheduler.
     pub seed: u64,
-    /// The scheduler chooses random numbers of statements; otherwise each interpreter runs until it waits.
+    /// Whether the scheduler chooses random numbers of statements; otherwise each interpreter runs until it waits.
     pub is_adverse_scheduling: bool,
-    /// A start of the controller uses the values of the data lists; otherwise it uses the values at the last end.
+    /// Whether the controller starts with the initial values of the data lists (cold start); otherwise it starts with
+    /// the values at its last shutdown.
     pub cold_start: bool,
     /// The value of `$ROB_TIMER` at the start, ms.
     pub uptime_ms: u64,
-    /// The submit interpreter begins its next cycle at once if one ends without waiting; otherwise with the next
-    /// tick.
+    /// Whether the submit interpreter starts its next cycle immediately if a cycle ends without waiting; otherwise it
+    /// starts with the next tick.
     pub busy_submit: bool,
-    /// Inputs and outputs are those of `cell_config.dat`; otherwise those of the mock controller's setup replace
+    /// Whether the inputs and outputs of `cell_config.dat` are used; otherwise those of this configuration replace
     /// them.
     pub uses_config_io: bool,
-    /// Remarks for a person about these programs: file, line, and what is not executed or not known.
+    /// Remarks about the programs for a person: file, line, and the part that is not executed or not known.
     pub remarks: Vec<String>,
 }
 
 impl Programs {
-    /// Reads programs and data lists, each given as a name and a text. Statements that are not executed, or are
-    /// doubtful, are listed in the remarks.
+    /// Compiles programs and data lists, each given by its name and text. Statements that are not executed or that
+    /// caused a warning are listed in the remarks.
     ///
     /// # Errors
-    /// If a file is not correct, with file and line.
+    /// If a file has an error; the message contains file and line.
     pub fn load(files: &[(&str, &str)]) -> Result<Self, MockError> {
         let read: Vec<_> = files.iter().map(|(name, text)| parse(name, text)).collect();
-        // Each version of KSS lacks some functions; `panelprep check` reports what a version lacks, so the newest
+        // Functions that are missing in an older version of KSS are reported by `panelprep check`, so the newest
         // version is used here.
         let analysis = analyse(&read, Some(Kss { major: 8, minor: 7 }));
         let place =
@@ -189,11 +190,11 @@ impl Programs {
         })
     }
 
-    /// Returns the shipped programs together with the user's own files. A file replaces the shipped one of the same
-    /// name.
+    /// Compiles the shipped programs together with the user's own files. A user's file replaces the shipped file with
+    /// the same name.
     ///
     /// # Errors
-    /// If a file is not correct, with file and line.
+    /// If a file has an error; the message contains file and line.
     pub fn with_user_files(own: &[(&str, &str)]) -> Result<Self, MockError> {
         let is_own = |name: &str| own.iter().any(|(of, _)| is_named(of, name));
         let shipped = SHIPPED_FILES.iter().copied().filter(|(name, _)| !is_own(name));
@@ -202,15 +203,15 @@ impl Programs {
         Ok(Programs { uses_config_io: keeps_config, ..Programs::load(&files)? })
     }
 
-    /// Returns the shipped programs, as a mock controller executes them.
+    /// Compiles the shipped programs.
     ///
     /// # Errors
-    /// Never for the files with which this program was built; they are read like all others.
+    /// Never with the files that are part of this build; they are checked like all others.
     pub fn shipped() -> Result<Self, MockError> {
         Programs::load(&SHIPPED_FILES)
     }
 
-    /// Returns the program, for tests that refer to its statements.
+    /// Returns the compiled program, for tests that refer to its statements.
     pub fn program(&self) -> &Program {
         &self.program
     }

@@ -1,4 +1,4 @@
-//! The tasks of the submit interpreter: requests, the transfer of commands into the ring, the watchdog, the stop.
+//! The tasks of the submit interpreter: requests, the transfer of commands to the ring buffer, the watchdog, the stop.
 
 use super::channel_file::EkiFault;
 use super::log::{ProgramStop, StopCause};
@@ -6,24 +6,24 @@ use super::model::{Controller, Epoch, RING};
 use super::options::{Clock, Rule};
 use super::wire::{self, Channel, Command, Refusal, Request};
 
-/// Largest number of commands that are read in one tick.
+/// Maximum number of commands that are read in one tick.
 const COMMANDS_PER_TICK: usize = 8;
-/// Time that a heartbeat grants in lock step.
+/// The period that a heartbeat grants in lock step, ms.
 const HEARTBEAT_GRANT_MS: u64 = 100;
-/// Silence after which the queued commands are stopped, ms.
+/// Time without a message of the client after which the epoch is stopped, ms.
 const WATCHDOG_MS: u64 = 400;
-/// Time of silence after which the program considers its channels dead, clears them and listens again. Otherwise a
-/// client that disappeared without closing its connection would occupy the channel for ever.
+/// Time without a message of the client after which the program clears its channels and listens again, ms. Otherwise a
+/// client that disappeared without closing its connection would occupy the channel forever.
 const SILENCE_MS: u64 = 3_000;
-/// The time for clearing, initialising and opening a channel.
+/// Time that the program needs to clear, initialise and open a channel, ms.
 pub(super) const REOPEN_MS: u64 = 24;
-/// The largest step by which one request may raise the epoch.
+/// Maximum step by which one request may raise the epoch.
 const MAX_EPOCH_STEP: i32 = 1_000_000;
-/// Highest $VEL.CP, m/s, and $ACC.CP, m/s².
+/// Maximum $VEL.CP, m/s, and $ACC.CP, m/s².
 const MAX_VEL_ACC: [f64; 2] = [2.0, 10.0];
 
 impl Controller {
-    /// Answers the requests in order. In lock step a heartbeat waits for the commands that it names.
+    /// Processes the requests in order. In lock step a heartbeat waits for the commands that it names.
     pub(super) fn serve_requests(&mut self) {
         if self.troubles.is_submit_stalled() || self.running.is_some() {
             return;
@@ -33,7 +33,7 @@ impl Controller {
             let is_grant =
                 |request: &Request| self.setup.clock == Clock::LockStep && request.operation == wire::HEARTBEAT;
             let next = self.request_places.next(&self.states.memory);
-            // A document that came after the heartbeat, such as an abort, does not wait for the heartbeat.
+            // A document that arrived after the heartbeat, such as an abort, must not wait for the heartbeat.
             let is_last = self.request_places.waiting_count(&self.states.memory) == 1;
             let is_delivered = next.as_ref().is_none_or(|next| self.is_heartbeat_satisfied(next));
             let grants = next.as_ref().is_some_and(is_grant) && (is_delivered || is_last);
@@ -60,15 +60,15 @@ impl Controller {
         }
     }
 
-    /// Returns whether there is no need to wait for the named commands. This is so if they have arrived, the channel
-    /// was lost or the epoch has ended; if a channel is not yet open, the heartbeat waits for it.
+    /// Returns whether the heartbeat need not wait for the commands that it names: they have arrived, their channel was
+    /// lost, or the epoch has ended. If the command channel is not open yet, the heartbeat waits.
     fn is_heartbeat_satisfied(&self, heartbeat: &Request) -> bool {
         let named = (heartbeat.epoch, heartbeat.n1);
         heartbeat.n1 <= 0 || !self.awaits_commands || heartbeat.epoch < self.epoch.number || self.arrived >= named
     }
 
-    /// Executes the client's abort. The epoch stops in any case; a number that is not allowed as the next epoch does
-    /// not change the count.
+    /// Executes an abort of the client. The epoch is stopped in any case. If the number is not valid as the next epoch,
+    /// the epoch number does not change.
     fn abort(&mut self, number: i32) {
         self.stop(StopCause::Abort, String::new());
         if self.is_next_epoch(number) {
@@ -76,14 +76,14 @@ impl Controller {
         }
     }
 
-    /// Returns whether the number is higher than the epoch by at most one step: a single wrong message must not
-    /// exhaust the count.
+    /// Returns whether the number is above the current epoch by at most the maximum step, so that a single wrong
+    /// message cannot exhaust the counter.
     fn is_next_epoch(&self, number: i32) -> bool {
         let steps = i64::from(number) - i64::from(self.epoch.number);
         steps > 0 && (steps <= i64::from(MAX_EPOCH_STEP) || self.setup.omitted_rule == Some(Rule::EpochStep))
     }
 
-    /// Opens an epoch, without base and tool. Nothing moves except a motion that is still being stopped.
+    /// Opens an epoch, in which base and tool are not set. Only a motion that is still being stopped continues.
     fn reset(&mut self, number: i32) {
         if !self.is_next_epoch(number) {
             return;
@@ -96,7 +96,7 @@ impl Controller {
         self.stopped = false;
     }
 
-    /// Reads commands from the channel's memories.
+    /// Reads commands from the buffers of the command channel.
     pub(super) fn read_commands(&mut self) {
         if !self.commands.connected || !self.command_places.is_waiting(&self.commands.memory) {
             return;
@@ -189,12 +189,12 @@ impl Controller {
         if right { Ok(()) } else { Err(Refusal::OutOfRange) }
     }
 
-    /// Returns the flag that is read in place of this input.
+    /// Returns the number of the flag that is read instead of this input.
     pub(super) fn mapped_flag(&self, input: i32) -> Option<u16> {
         u16::try_from(input).ok().and_then(|input| self.setup.mapped_inputs.get(&input)).copied()
     }
 
-    /// Refuses a command. A path with a gap is worse than a stop, so no command after it is executed either.
+    /// Refuses a command. No subsequent command is executed either, because a path with a gap is worse than a stop.
     pub(super) fn refuse(&mut self, id: i32, refusal: Refusal, detail: String) {
         if !matches!(refusal, Refusal::WrongEpoch | Refusal::Stopped) {
             self.stop(StopCause::Refused(refusal), detail);
@@ -202,8 +202,8 @@ impl Controller {
         self.epoch.refusal.get_or_insert((refusal, id));
     }
 
-    /// Ends the epoch if the client is silent while a command is queued, or while tool or water is on; also if the
-    /// override changes in contact.
+    /// Ends the epoch if the client sends nothing for too long while commands are queued, or while tool or water is on.
+    /// Also ends it if the override changes in contact.
     pub(super) fn check_watchdog(&mut self) {
         if self.epoch.open
             && self.troubles.override_percent() != 100
@@ -226,14 +226,14 @@ impl Controller {
         }
     }
 
-    /// Ends the epoch if commands are queued but no program runs that could execute them.
+    /// Ends the epoch if commands are queued but no program runs that can execute them.
     pub(super) fn check_program_running(&mut self) {
         if self.epoch.open && self.is_busy() && !self.safety.has_program() {
             self.stop(StopCause::Deselected, String::new());
         }
     }
 
-    /// Stops the robot program if the submit interpreter has not run for the time of the watchdog.
+    /// Stops the robot program if the submit interpreter has not run for the watchdog's time.
     pub(super) fn stop_without_submit(&mut self) {
         let watches = self.setup.omitted_rule != Some(Rule::Watchdog);
         let dead_ms = self.now_ms - self.submit_ran_ms;
@@ -243,12 +243,12 @@ impl Controller {
         if self.epoch.open {
             self.stop(StopCause::SubmitDead, String::new());
         }
-        // Switches off at once all outputs that an ended epoch left on, because no interpreter counts their delays.
+        // Outputs that an ended epoch left on are switched off immediately, because no interpreter runs that counts
+        // their delays.
         self.switch_off_outputs(|_| true);
     }
 
-    /// Ends the epoch when its link is lost, also if no command is queued: a tool that runs in the air is switched off,
-    /// too.
+    /// Ends the epoch because its link was lost, even if no command is queued, so that a running tool is switched off.
     pub(super) fn link_lost(&mut self) {
         if self.running.is_none() && self.epoch.open && self.setup.omitted_rule != Some(Rule::LinkLoss) {
             self.stop(StopCause::LinkLost, String::new());
@@ -260,7 +260,7 @@ impl Controller {
     }
 
     /// Ends the epoch: switches tool and water off, brakes, discards the queued commands, and retracts from the panel
-    /// if the tool touches and the drives stay on.
+    /// if the tool is in contact and the drives stay on.
     pub(super) fn stop(&mut self, cause: StopCause, detail: String) {
         if self.running.is_some() {
             return self.stop_interpreted(cause);
@@ -268,14 +268,14 @@ impl Controller {
         self.update_executed_count();
         let contact = self.contact.touches(self.mover.current_move());
         let at_once = cause.is_immediate() || self.safety.is_paused();
-        // A retract is part of the end of an epoch; it is never executed later, and only a running program can execute
+        // A retract belongs to the end of an epoch and is never executed afterwards. Only a running program can execute
         // it.
         let may_retract =
             self.epoch.open && self.safety.has_program() && self.setup.omitted_rule != Some(Rule::Retract);
         if self.epoch.open {
             let (time_ms, epoch) = (self.now_ms, self.epoch.number);
             self.stops.push(ProgramStop { time_ms, epoch, cause, contact, detail });
-            // A second stop does not extend the delays.
+            // A second stop must not extend the delays.
             self.ended_ms = self.now_ms;
             self.pending_off_outputs = self.setup.off_delays_ms.keys().copied().collect();
         }

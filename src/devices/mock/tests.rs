@@ -1,4 +1,5 @@
-//! The model, driven as by a client: documents in, documents out, in lock step unless a test lets time pass itself.
+//! Tests of the mock controller, with documents as a client sends and receives them; in lock step unless a test
+//! advances the time itself.
 
 mod motion;
 mod protocol;
@@ -9,11 +10,11 @@ use super::*;
 use panelprep_base::geometry::{Base, Point};
 use std::sync::{Arc, Mutex};
 
-/// Start position with the wrist bent down: the flange is at (390, 0, 670), its Z straight down.
+/// Axis angles at the start, with the wrist bent down: the flange is at (390, 0, 670), and its Z axis points down.
 const START_DEG: [f64; 6] = [0.0, -90.0, 90.0, 0.0, 90.0, 0.0];
-/// Length of the tool along the flange's Z, mm.
+/// Length of the tool along the flange's Z axis, mm.
 const TOOL_MM: f64 = 100.0;
-/// Corner of the base that the tests set, mm.
+/// Origin of the base that the tests set, mm.
 const BASE_MM: [f64; 3] = [390.0, 0.0, 570.0];
 const TOOL_OUTPUT: u16 = 5;
 
@@ -23,7 +24,7 @@ fn setup(clock: Clock) -> Setup {
     Setup { clock, start: to_joints(START_DEG), ..Setup::new(commands, states) }
 }
 
-/// Records every change of an output; input 4 follows the tool's output.
+/// A world that records every change of an output; input 4 follows the tool's output.
 #[derive(Clone, Default)]
 struct Wires {
     changes: Arc<Mutex<Vec<(u16, bool, u64)>>>,
@@ -47,12 +48,12 @@ impl World for Wires {
     }
 }
 
-/// A controller with a client that writes its documents by hand.
+/// A controller and a client whose documents are written by the test.
 struct Rig {
     controller: Controller,
     wires: Wires,
     epoch: i32,
-    /// The id of the last command sent.
+    /// The id of the last command that was sent.
     id: i32,
     request: i32,
     acks: String,
@@ -60,7 +61,7 @@ struct Rig {
 }
 
 impl Rig {
-    /// Creates a connected controller with epoch 1 open.
+    /// Creates a connected controller in which epoch 1 is open.
     fn new(clock: Clock) -> Self {
         let mut rig = Rig::before_reset(clock);
         rig.open();
@@ -75,7 +76,7 @@ impl Rig {
         Rig { controller, wires, epoch: 0, id: 0, request: 0, acks: String::new(), states: String::new() }
     }
 
-    /// Creates a controller with base, sanding tool, 100 mm/s and 1000 mm/s² set.
+    /// Creates a connected controller in which base, sanding tool, 100 mm/s and 1000 mm/s² are set.
     fn ready(clock: Clock) -> Self {
         let mut rig = Rig::new(clock);
         rig.prepare();
@@ -83,7 +84,7 @@ impl Rig {
     }
 
     fn prepare(&mut self) {
-        // Base and tool are rotated so that the tool at the start is at the base's origin, without rotation.
+        // With these frames the tool at the start is at the origin of the base, without rotation.
         self.command(3, [0, 0], [0.0; 2], [BASE_MM[0], BASE_MM[1], BASE_MM[2], 180.0, 0.0, 180.0]);
         self.command(4, [1, 0], [0.0; 2], [0.0, 0.0, TOOL_MM, 0.0, 0.0, 0.0]);
         self.command(5, [100, 100], [0.1, 1.0], [0.0; 6]);
@@ -120,7 +121,7 @@ impl Rig {
         self.states += &String::from_utf8(self.controller.take_output_bytes(Channel::State)).expect("text");
     }
 
-    /// Sends a heartbeat: in lock step it grants 100 ms.
+    /// Sends a heartbeat, which grants 100 ms in lock step.
     fn beat(&mut self) {
         let id = self.id;
         self.ask(10, id);
@@ -134,7 +135,7 @@ impl Rig {
         (0..count).for_each(|_| self.beat());
     }
 
-    /// Sends heartbeats until nothing moves; the maximum number is far more than any path of these tests needs.
+    /// Sends heartbeats until nothing moves; the maximum number is far above that of any path in these tests.
     fn settle(&mut self) {
         for _ in 0..200 {
             self.beat();
@@ -146,7 +147,8 @@ impl Rig {
         panic!("it never stands");
     }
 
-    /// Sends linear motions along the base's X, 5 mm apart: `sent` of `planned` points, blended by 2 mm.
+    /// Sends linear motions along the base's X axis at a spacing of 5 mm, with a blend of 2 mm: the first `sent` of
+    /// `planned` points.
     fn line(&mut self, planned: i32, sent: i32, contact: bool) {
         for point in 1..=sent {
             let p = [5.0 * f64::from(point), 0.0, 0.0, 0.0, 0.0, 0.0];
@@ -195,7 +197,7 @@ fn request(id: i32, epoch: i32, operation: i32, n1: i32) -> String {
     format!("<Req Id=\"{id}\" Ep=\"{epoch}\" Op=\"{operation}\" N1=\"{n1}\"></Req>")
 }
 
-/// Returns the attribute's last value in these documents.
+/// Returns the last value of this attribute in the documents.
 fn last<'a>(documents: &'a str, name: &str) -> &'a str {
     let start = documents.rfind(&format!(" {name}=\"")).expect("told") + name.len() + 3;
     &documents[start..start + documents[start..].find('"').expect("quoted")]

@@ -1,12 +1,12 @@
-//! The messages that the cell's programs understand: commands, requests, refusals; their numbers in the protocol; and
-//! the documents that the controller sent last.
+//! The messages of the cell's programs: commands, requests and refusals with their numbers in the protocol, and the
+//! last documents that the controller sent.
 
 use super::channel_file::{EkiFault, ElementKind, FileProblem};
 use super::codec::Template;
 use super::memory::{Memory, as_int};
 use super::setup::Setup;
 
-/// The tags that the programs set, in the order in which they set them.
+/// The tags that the programs set in each message, in the order in which they set them.
 const ACK_TAGS: [&str; 6] = ["Ack/@Rx", "Ack/@Done", "Ack/@Free", "Ack/@Err", "Ack/@ErrId", "Ack/@Ep"];
 #[rustfmt::skip] // a row for each element
 const STATE_TAGS: [&str; 37] = [
@@ -30,7 +30,7 @@ pub(super) const HEARTBEAT: i32 = 10;
 pub(super) const ABORT: i32 = 11;
 pub(super) const RESET: i32 = 12;
 pub(super) const LINE: i32 = 13;
-/// The outputs to a line while no client is connected: only the fault output is on.
+/// The bits of the outputs to a production line while no client is connected: only the fault output is on.
 pub(super) const UNCONNECTED_LINE_OUTPUTS: i32 = 32;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,7 +42,7 @@ pub(super) struct Ack {
     pub(super) epoch: i32,
 }
 
-/// The documents that were sent last.
+/// The last documents that were sent, to detect changes.
 #[derive(Debug)]
 pub(super) struct LastAnswers {
     pub(super) ack: Template,
@@ -65,7 +65,7 @@ impl LastAnswers {
         }
     }
 
-    /// Forgets the last acknowledgement: nothing has been sent to a new client.
+    /// Discards the last acknowledgement, because nothing was sent to a new client.
     pub(super) fn forget_ack(&mut self) {
         self.last_ack = None;
     }
@@ -74,9 +74,9 @@ impl LastAnswers {
 /// A channel of the controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Channel {
-    /// CELLCMD: commands in, acknowledgements out.
+    /// CELLCMD: receives commands, sends acknowledgements.
     Command,
-    /// CELLSTAT: requests in, states out.
+    /// CELLSTAT: receives requests, sends state messages.
     State,
 }
 
@@ -89,32 +89,32 @@ impl Channel {
     }
 }
 
-/// The reason why a command is refused; the number is `Err` in the acknowledgement.
+/// The reason why a command is refused; its number is the attribute `Err` of the acknowledgement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refusal {
     /// The command's id is not the next one.
     IdGap = 1,
-    /// The command's epoch is not the present one.
+    /// The command does not belong to the current epoch.
     WrongEpoch = 2,
     /// The ring is full.
     RingFull = 3,
     /// The operation is not known.
     UnknownOperation = 4,
-    /// A number is outside of its range.
+    /// A value is outside of its range.
     OutOfRange = 5,
     /// The base or the tool was not set in this epoch.
     NoBaseOrTool = 6,
-    /// An input cannot be written.
+    /// The input cannot be set.
     ReadOnly = 7,
-    /// The target is out of reach, or beyond an axis's limit.
+    /// The target is out of reach, or an axis would be outside of its limits.
     Unreachable = 8,
-    /// Mode, drives, emergency stop or guard do not let the arm move.
+    /// Mode, drives, emergency stop or guard do not permit motion.
     NoMotion = 9,
     /// The program has stopped this epoch.
     Stopped = 10,
-    /// A contact move at an override other than 100 %.
+    /// A motion with contact was commanded at an override other than 100 %.
     Override = 11,
-    /// A line is outside of the box, or is too long in contact.
+    /// A linear motion ends outside of the box, or is too long in contact.
     OutsideBox = 12,
 }
 
@@ -139,7 +139,7 @@ impl Refusal {
     }
 }
 
-/// A command as it was received.
+/// A command that was received.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Command {
     pub(super) id: i32,
@@ -147,11 +147,11 @@ pub(super) struct Command {
     pub(super) operation: i32,
     pub(super) n: [i32; 2],
     pub(super) r: [f64; 2],
-    /// X Y Z A B C, or the axes 1 to 6.
+    /// The pose X, Y, Z, A, B, C, or the angles of the axes 1 to 6.
     pub(super) p: [f64; 6],
 }
 
-/// A request as it was received.
+/// A request that was received.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Request {
     pub(super) id: i32,
@@ -160,7 +160,7 @@ pub(super) struct Request {
     pub(super) n1: i32,
 }
 
-/// The positions of a command's values in a channel's memory.
+/// The indices of a command's elements in the channel's buffers.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CommandPositions {
     ints: [usize; 5],
@@ -178,12 +178,12 @@ impl CommandPositions {
         Ok(CommandPositions { ints, reals: [r1, r2], frame: memory.position_of("Cmd/P", ElementKind::Frame)? })
     }
 
-    /// Returns true if a command waits, complete or not.
+    /// Returns whether a command is in the buffers, complete or not.
     pub(super) fn is_waiting(&self, memory: &Memory) -> bool {
         memory.waiting_count(self.ints[0]) > 0
     }
 
-    /// Removes and returns the next command by eight reads; the sequence numbers of all values must be that of one
+    /// Reads the eight elements of the next command from the buffers; all must have the sequence number of the same
     /// document.
     pub(super) fn pop(&self, memory: &mut Memory) -> Result<Command, EkiFault> {
         let mut row = RowReader::default();
@@ -194,13 +194,13 @@ impl CommandPositions {
         Ok(Command { id, epoch, operation, n: [n1, n2], r: [r1, r2], p })
     }
 
-    /// Returns epoch and id of the next command, which define the order of the commands.
+    /// Returns the epoch and the id of the next command, which define the order of commands.
     pub(super) fn next_epoch_and_id(&self, memory: &Memory) -> Option<(i32, i32)> {
         let number = |place| memory.peek_value(place).ok().and_then(as_int);
         Some((number(self.ints[1])?, number(self.ints[0])?))
     }
 
-    /// Returns epoch and id of the command that arrived last; `None` if it lacked one of them.
+    /// Returns the epoch and the id of the last command that arrived; `None` if one of the two is missing.
     pub(super) fn newest_epoch_and_id(&self, memory: &Memory) -> Option<(i32, i32)> {
         let [(id, of_id), (epoch, of_epoch)] =
             [memory.newest_value(self.ints[0]).ok()?, memory.newest_value(self.ints[1]).ok()?];
@@ -209,12 +209,12 @@ impl CommandPositions {
     }
 }
 
-/// The positions of a request's values in a channel's memory.
+/// The indices of a request's elements in the channel's buffers.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RequestPositions([usize; 4]);
 
 impl RequestPositions {
-    /// Returns how many requests wait.
+    /// Returns the number of requests in the buffers.
     pub(super) fn waiting_count(&self, memory: &Memory) -> usize {
         memory.waiting_count(self.0[0])
     }
@@ -225,18 +225,19 @@ impl RequestPositions {
         Ok(RequestPositions([id?, epoch?, operation?, n1?]))
     }
 
-    /// Returns true if a request waits, complete or not.
+    /// Returns whether a request is in the buffers, complete or not.
     pub(super) fn is_waiting(&self, memory: &Memory) -> bool {
         memory.waiting_count(self.0[0]) > 0
     }
 
-    /// Returns operation, epoch and N1 of the next request without removing it; `None` if one of them is missing.
+    /// Returns operation, epoch and N1 of the next request, and keeps it in the buffers; `None` if one of them is
+    /// missing.
     pub(super) fn next(&self, memory: &Memory) -> Option<Request> {
         let [id, epoch, operation, n1] = self.0.map(|place| memory.peek_value(place).ok().and_then(as_int));
         Some(Request { id: id?, epoch: epoch?, operation: operation?, n1: n1? })
     }
 
-    /// Takes the next request.
+    /// Removes and returns the next request.
     pub(super) fn pop(&self, memory: &mut Memory) -> Result<Request, EkiFault> {
         let mut row = RowReader::default();
         let [id, epoch, operation, n1] = self.0.map(|place| row.take_value(memory.get_int(place)));
@@ -245,7 +246,7 @@ impl RequestPositions {
     }
 }
 
-/// The state of reading the values of one row: all must belong to the same document.
+/// Reads the values of one command or request; all must belong to the same document.
 #[derive(Default)]
 struct RowReader {
     fault: Option<EkiFault>,

@@ -1,5 +1,5 @@
-//! The link as the rest of the program uses it: commands go in, reports come out. Callers without an async runtime,
-//! such as a command that performs one task, have a link that blocks.
+//! The interface of the robot link for the rest of the program: it sends commands and receives reports. For callers
+//! without an async runtime, such as a command that performs one task, there is a link with blocking calls.
 
 use super::queue::{self, LinkRequest, ReportQueue};
 use super::run::{self, Address};
@@ -15,15 +15,15 @@ use std::time::{Duration, Instant};
 use tokio::runtime::Runtime;
 use tokio::sync::{mpsc, oneshot};
 
-/// Maximum time between two heartbeats of the thread.
+/// Maximum time between two heartbeats of the link's thread; after this time its supervisor reports it as hanging.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(4);
-/// Time within which the link's thread answers each request, and within which it ends.
+/// Maximum time in which the link's thread replies to a request, and in which it ends.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// The priority of the link's thread over other threads of the machine (nice value).
+/// The nice value of the link's thread; a negative value has priority over other threads of the computer.
 const NICE: i32 = -10;
 
-/// Returns the link's limits from the cell's file.
+/// Returns the limits of the link according to the cell file.
 pub fn link_limits(cell: &cell::Cell) -> LinkLimits {
     let limits = cell.limits();
     let ms = |ms: usize| Duration::from_millis(ms as u64);
@@ -33,25 +33,26 @@ pub fn link_limits(cell: &cell::Cell) -> LinkLimits {
         min_points: limits.min_points(),
         heartbeat: ms(limits.heartbeat_ms()),
         watchdog: ms(limits.watchdog_ms()),
-        // The default is never used: a cell's file with too many names was already refused.
+        // The default is never used, because a cell file with too many mapped inputs is refused before.
         mapped_inputs: MappedInputs::new(cell.inputs_outputs().mapped_inputs().values().copied())
             .unwrap_or_default(),
         harmful_outputs: cell.inputs_outputs().harmful_bits(),
     }
 }
 
-/// The reason why a link cannot be started. An absent controller is not such an error: the link reports it.
+/// The reason why a link cannot be started. A missing controller is not such a reason: the link reports it and tries
+/// again.
 #[derive(Debug, thiserror::Error)]
 pub enum StartError {
-    /// A channel's file cannot be read.
+    /// An EthernetKRL file cannot be parsed.
     #[error("{file}: {error}")]
     Channel {
-        /// Name of the file.
+        /// The name of the EthernetKRL file.
         file: &'static str,
         /// The problem in the file.
         error: ChannelError,
     },
-    /// The files do not fit this program.
+    /// The EthernetKRL files do not match this program.
     #[error("the EthernetKRL files do not match this program: {0}")]
     Schema(#[from] SchemaError),
     /// The operating system cannot create a thread or an async runtime.
@@ -59,31 +60,32 @@ pub enum StartError {
     Thread(#[from] std::io::Error),
 }
 
-/// The controller's outputs to a line; with this handle, only these outputs can be set, and nothing can be moved.
-/// Clones refer to the same outputs.
+/// A handle of the controller's outputs to a production line. It can set only these outputs and cannot move the robot.
+/// Clones set the same outputs.
 #[derive(Debug, Clone)]
 pub struct LineOutputs(mpsc::WeakUnboundedSender<LinkRequest>);
 
 impl LineOutputs {
-    /// Sets the outputs, the first output by the lowest bit. They reach the controller with the next message to it.
+    /// Sets the outputs; the lowest bit is the first output. The values are sent with the next message to the
+    /// controller.
     pub fn set(&self, bits: u32) {
-        // The handle of the line's outputs does not keep the link alive.
+        // The handle holds only a weak reference, so it does not keep the link alive.
         let Some(orders) = self.0.upgrade() else { return };
         #[expect(clippy::let_underscore_must_use, reason = "if the link has ended, there is no receiver")]
         let _ = orders.send(LinkRequest::Line(bits));
     }
 }
 
-/// The fastest way to stop the robot: the abort frame is sent at once, even while the rest of the program waits. All
-/// clones stop the same link.
+/// A handle that stops the robot as fast as possible: the abort is sent immediately, even while the rest of the program
+/// waits. All clones stop the same link.
 #[derive(Debug, Clone)]
 pub struct StopLine(mpsc::WeakUnboundedSender<LinkRequest>);
 
 impl StopLine {
-    /// Ends the open epoch, as [`RobotLink::abort`] does, without waiting. If there is nothing to stop, it sends
-    /// nothing.
+    /// Ends the open epoch like [`RobotLink::abort`], but without waiting. If there is nothing to stop, nothing is
+    /// sent.
     pub fn stop(&self) {
-        // The handle for stopping does not keep the link alive.
+        // The handle holds only a weak reference, so it does not keep the link alive.
         let Some(orders) = self.0.upgrade() else { return };
         #[expect(
             clippy::let_underscore_must_use,
@@ -93,23 +95,23 @@ impl StopLine {
     }
 }
 
-/// The link to one controller.
+/// The link to a robot controller.
 #[derive(Debug)]
 pub struct RobotLink {
     orders: mpsc::UnboundedSender<LinkRequest>,
     reports: Arc<ReportQueue>,
     pace: ClockMode,
-    /// The number of reports when time was last allowed to pass.
+    /// The number of reports when the controller's time was last advanced; only in lock step.
     granted: Option<u64>,
     thread: Option<JoinHandle<()>>,
     watched: WatchedThread,
 }
 
 impl RobotLink {
-    /// Starts the link's thread, which begins to connect.
+    /// Starts the thread of the link, which begins to connect.
     ///
     /// # Errors
-    /// If the shipped EthernetKRL files do not fit, or the system cannot start a thread.
+    /// If the shipped EthernetKRL files do not match this program, or the operating system cannot start a thread.
     pub fn start(address: Address, limits: LinkLimits, pace: ClockMode) -> Result<Self, StartError> {
         let read = |file, text| ChannelFile::parse(text).map_err(|error| StartError::Channel { file, error });
         let wire = Wire::new(&read("CELLCMD.xml", CELLCMD)?, &read("CELLSTAT.xml", CELLSTAT)?)?;
@@ -129,46 +131,47 @@ impl RobotLink {
         Ok(RobotLink { orders, reports, pace, granted: None, thread: Some(thread), watched })
     }
 
-    /// Returns the link's thread for its supervisor.
+    /// Returns the handle by which a supervisor watches the link's thread.
     pub fn supervision_handle(&self) -> WatchedThread {
         self.watched.clone()
     }
 
-    /// Returns the controller's outputs to a line.
+    /// Returns a handle of the controller's outputs to a production line.
     pub fn line(&self) -> LineOutputs {
         LineOutputs(self.orders.downgrade())
     }
 
-    /// Returns the fastest way to stop the robot.
+    /// Returns a handle that stops the robot as fast as possible.
     pub fn stop_line(&self) -> StopLine {
         StopLine(self.orders.downgrade())
     }
 
-    /// Queues one command and returns its id, 0 for `get_current_state`.
+    /// Queues one command and returns its id; the id of `get_current_state` is 0.
     ///
     /// # Errors
-    /// If there is no controller, no open epoch, or the command cannot be executed.
+    /// If no controller is connected, no epoch is open, or the command cannot be executed.
     pub async fn send(&self, command: Command) -> Result<CommandId, QueueError> {
         self.send_request(|reply| LinkRequest::Queue(command, reply)).await
     }
 
-    /// Queues a whole path, in the active base, and returns the id of its last point.
+    /// Queues a whole path in the active base, and returns the id of its last point.
     ///
     /// # Errors
-    /// As [`RobotLink::send`]; one bad point refuses all points.
+    /// The errors of [`RobotLink::send`]; one invalid point refuses the whole path.
     pub async fn send_path(&self, points: Vec<MoveLin>) -> Result<CommandId, QueueError> {
         self.send_request(|reply| LinkRequest::QueuePath(points, reply)).await
     }
 
-    /// Queues a whole path, but sends only the first `permitted` points until more points are permitted.
+    /// Queues a whole path, but sends only the first `permitted` points until [`RobotLink::permit_commands`] permits
+    /// more.
     ///
     /// # Errors
-    /// As [`RobotLink::send_path`].
+    /// The errors of [`RobotLink::send_path`].
     pub async fn send_path_within(&self, points: Vec<MoveLin>, permitted: u32) -> Result<CommandId, QueueError> {
         self.send_request(|reply| LinkRequest::QueuePathWithin(points, permitted, reply)).await
     }
 
-    /// Permits commands up to this one to be sent, or all if it is `None`.
+    /// Permits the link to send commands up to this one; `None` permits all commands.
     ///
     /// # Errors
     /// If no epoch is open.
@@ -179,15 +182,15 @@ impl RobotLink {
     /// Requests a new epoch; [`Report::EpochOpened`] follows. Nothing moves.
     ///
     /// # Errors
-    /// If no controller has answered yet.
+    /// If no controller has replied yet.
     pub async fn open_epoch(&self) -> Result<Epoch, QueueError> {
         self.open_epoch_above(Epoch(0)).await
     }
 
-    /// Opens an epoch with a number above `above`.
+    /// Requests a new epoch with a number higher than `above`.
     ///
     /// # Errors
-    /// As [`RobotLink::open_epoch`].
+    /// The errors of [`RobotLink::open_epoch`].
     pub async fn open_epoch_above(&self, above: Epoch) -> Result<Epoch, QueueError> {
         self.send_request(|reply| LinkRequest::OpenEpoch(above, reply)).await
     }
@@ -195,13 +198,13 @@ impl RobotLink {
     /// Ends the epoch; [`Report::Standstill`] follows.
     ///
     /// # Errors
-    /// If no controller has answered yet.
+    /// If no controller has replied yet.
     pub async fn abort(&self) -> Result<(), QueueError> {
         self.send_request(LinkRequest::Abort).await
     }
 
-    /// Returns the next report. If this future is dropped while it waits, no report is lost. In lock step the
-    /// controller's time passes only in this function.
+    /// Returns the next report. The future is cancel-safe: if it is dropped, no report is lost. In lock step the
+    /// controller's time advances only in this function.
     pub async fn next(&mut self) -> Report {
         loop {
             match self.reports.pop() {
@@ -229,7 +232,7 @@ impl RobotLink {
     ) -> Result<T, QueueError> {
         let (reply, answer) = oneshot::channel();
         self.orders.send(order(reply)).map_err(|_| QueueError::NotConnected)?;
-        // The thread answers at once. If it does not, it has failed, and the caller must not wait for it for ever.
+        // The thread replies without delay. If it does not, it has failed, and the caller must not wait forever.
         match tokio::time::timeout(RESPONSE_TIMEOUT, answer).await {
             Ok(Ok(answer)) => answer,
             Ok(Err(_)) | Err(_) => Err(QueueError::NotConnected),
@@ -239,9 +242,9 @@ impl RobotLink {
 
 impl Drop for RobotLink {
     fn drop(&mut self) {
-        // The thread ends when no sender of orders is left.
+        // The thread ends when all senders of its request channel are dropped.
         (self.orders, _) = mpsc::unbounded_channel();
-        // Waits for the thread, because it still sends the abort of a cycle that is being left.
+        // The thread must end before this function returns, because it still sends an abort if a cycle is running.
         let Some(thread) = self.thread.take() else { return };
         let since = Instant::now();
         while !thread.is_finished() {
@@ -258,85 +261,86 @@ impl Drop for RobotLink {
     }
 }
 
-/// Raises the priority of the calling thread only. If the system does not permit this (the unit's `LimitNICE` does),
-/// the link runs at the program's own priority. Computing threads have lowered their own priority below that.
+/// Raises the priority of the calling thread only. If the operating system does not permit this (the unit's `LimitNICE`
+/// does), the link has the priority of the program. The threads for computations have lowered their own priority, so
+/// the link still precedes them.
 fn raise_priority() {
     if let Err(error) = rustix::process::setpriority_process(None, NICE) {
         tracing::info!("the priority of the robot link's thread cannot be raised: {error}");
     }
 }
 
-/// A [`RobotLink`] with blocking calls.
+/// A [`RobotLink`] whose functions block.
 #[derive(Debug)]
 pub struct BlockingLink {
-    // This field is dropped first, so that the link's thread ends by itself.
+    // This field is declared first because it must be dropped first; then the link's thread ends.
     link: RobotLink,
     runtime: Runtime,
 }
 
 impl BlockingLink {
-    /// Starts the link as [`RobotLink::start`] does.
+    /// Starts the link like [`RobotLink::start`].
     ///
     /// # Errors
-    /// As for [`RobotLink::start`].
+    /// The errors of [`RobotLink::start`].
     pub fn start(address: Address, limits: LinkLimits, pace: ClockMode) -> Result<Self, StartError> {
         let link = RobotLink::start(address, limits, pace)?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
         Ok(BlockingLink { link, runtime })
     }
 
-    /// Queues one command as [`RobotLink::send`] does.
+    /// Queues one command like [`RobotLink::send`].
     ///
     /// # Errors
-    /// As for [`RobotLink::send`].
+    /// The errors of [`RobotLink::send`].
     pub fn send(&self, command: Command) -> Result<CommandId, QueueError> {
         self.runtime.block_on(self.link.send(command))
     }
 
-    /// Queues a whole path as [`RobotLink::send_path`] does.
+    /// Queues a whole path like [`RobotLink::send_path`].
     ///
     /// # Errors
-    /// As for [`RobotLink::send_path`].
+    /// The errors of [`RobotLink::send_path`].
     pub fn send_path(&self, points: Vec<MoveLin>) -> Result<CommandId, QueueError> {
         self.runtime.block_on(self.link.send_path(points))
     }
 
-    /// Queues a path of which only some points are permitted, as [`RobotLink::send_path_within`] does.
+    /// Queues a path of which only some points are permitted, like [`RobotLink::send_path_within`].
     ///
     /// # Errors
-    /// As for [`RobotLink::send_path_within`].
+    /// The errors of [`RobotLink::send_path_within`].
     pub fn send_path_within(&self, points: Vec<MoveLin>, permitted: u32) -> Result<CommandId, QueueError> {
         self.runtime.block_on(self.link.send_path_within(points, permitted))
     }
 
-    /// Permits more commands, as [`RobotLink::permit_commands`] does.
+    /// Permits more commands, like [`RobotLink::permit_commands`].
     ///
     /// # Errors
-    /// As for [`RobotLink::permit_commands`].
+    /// The errors of [`RobotLink::permit_commands`].
     pub fn permit_commands(&self, last: Option<CommandId>) -> Result<(), QueueError> {
         self.runtime.block_on(self.link.permit_commands(last))
     }
 
-    /// Opens an epoch as [`RobotLink::open_epoch`] does.
+    /// Requests a new epoch, like [`RobotLink::open_epoch`].
     ///
     /// # Errors
-    /// As for [`RobotLink::open_epoch`].
+    /// The errors of [`RobotLink::open_epoch`].
     pub fn open_epoch(&self) -> Result<Epoch, QueueError> {
         self.runtime.block_on(self.link.open_epoch())
     }
 
-    /// Opens an epoch with a number above `above`, as [`RobotLink::open_epoch_above`] does.
+    /// Requests a new epoch with a number higher than `above`, like [`RobotLink::open_epoch_above`].
     ///
     /// # Errors
-    /// As for [`RobotLink::open_epoch_above`].
+    /// The errors of [`RobotLink::open_epoch_above`].
     pub fn open_epoch_above(&self, above: Epoch) -> Result<Epoch, QueueError> {
         self.runtime.block_on(self.link.open_epoch_above(above))
     }
 
-    /// Ends the epoch as [`RobotLink::abort`] does.
+    /// Ends the epoch, like [`RobotLink::abort`].
     ///
     /// # Errors
-    /// As for [`RobotLink::abort`].
+    /// The errors of [`RobotLink::abort`].
     pub fn abort(&self) -> Result<(), QueueError> {
         self.runtime.block_on(self.link.abort())
     }
@@ -356,7 +360,7 @@ impl BlockingLink {
         self.link.supervision_handle()
     }
 
-    /// Returns the next report; `None` if none arrives within this time by the wall clock.
+    /// Returns the next report; `None` if no report arrives within this time on the wall clock.
     pub fn next(&mut self, patience: Duration) -> Option<Report> {
         let BlockingLink { link, runtime } = self;
         runtime.block_on(async { tokio::time::timeout(patience, link.next()).await.ok() })

@@ -1,7 +1,7 @@
-//! The requests to the link's thread, and the queue of reports from this thread to their reader.
+//! The requests to the link's thread, and the queue of reports from this thread to the reader.
 //!
-//! A reader that is busy for a long time finds only the newest state and the newest progress. The number of other
-//! reports grows only with commands and faults, which the reader itself has requested.
+//! For a reader that is busy for a long time, the queue keeps only the newest state and the newest progress. The number
+//! of other reports grows only with commands and faults, so it is limited.
 
 use panelprep_kuka::eki::{Command, CommandId, Epoch, MoveLin, QueueError, Report};
 use std::collections::VecDeque;
@@ -20,30 +20,31 @@ struct Inside {
     waiting: VecDeque<Report>,
     told: u64,
     closed: bool,
-    /// Since when a report waits that has not been fetched.
+    /// The time since which at least one report is waiting; `None` if none is waiting.
     unread_since: Option<Instant>,
 }
 
-/// The result if no report is waiting.
+/// The result of reading the queue if no report is waiting.
 #[derive(Debug)]
 pub(super) struct NoReport {
-    /// Number of reports so far.
+    /// Number of reports that were added so far.
     pub told: u64,
-    /// No more reports will come.
+    /// Whether the queue is closed, so that no more reports will follow.
     pub closed: bool,
 }
 
 impl ReportQueue {
     fn lock(&self) -> MutexGuard<'_, Inside> {
-        // Every change is completed under the lock.
+        // The lock is used even after a panic, because every change of the queue is completed under the lock.
         self.inside.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds a report. If `replaces` is set, a state or progress replaces an older report of the same kind, provided
-    /// that only states and progress were added after the older one.
+    /// Adds a report. If `replaces` is true, a state or progress report replaces the previous one of the same kind,
+    /// unless a report of another kind was added in between.
     pub(super) fn add(&self, report: Report, replaces: bool) {
         let mut inside = self.lock();
-        // States and progress supersede each other; every other report is an event that a slow reader must not miss.
+        // A newer state or progress report replaces the older one. Every other report is an event that a slow reader
+        // must not miss.
         let passing = |report: &Report| matches!(report, Report::State(_) | Report::Progress { .. });
         let kind = std::mem::discriminant(&report);
         let run = inside.waiting.iter().rev().take_while(|old| passing(old));
@@ -61,18 +62,18 @@ impl ReportQueue {
 
     pub(super) fn pop(&self) -> Result<Report, NoReport> {
         let mut inside = self.lock();
-        // The reader is alive at this moment, so that the time of the next report counts from here.
+        // The reader was active just now, so the waiting time of the next report starts here.
         inside.unread_since = (inside.waiting.len() > 1).then(Instant::now);
         inside.waiting.pop_front().ok_or(NoReport { told: inside.told, closed: inside.closed })
     }
 
-    /// Records that the program was active by sending a request: reports then count as unread from now on only.
+    /// Records that the reader was active, because it sent a request: the waiting time of reports starts again.
     pub(super) fn mark_active(&self) {
         let mut inside = self.lock();
         inside.unread_since = inside.unread_since.map(|_| Instant::now());
     }
 
-    /// Returns how long the waiting reports have not been fetched.
+    /// Returns for how long reports have been waiting.
     pub(super) fn unread_for(&self) -> Duration {
         self.lock().unread_since.map_or(Duration::ZERO, |since| since.elapsed())
     }
@@ -98,16 +99,16 @@ type Reply<T> = oneshot::Sender<Result<T, QueueError>>;
 pub(super) enum LinkRequest {
     Queue(Command, Reply<CommandId>),
     QueuePath(Vec<MoveLin>, Reply<CommandId>),
-    /// A path of which only the first points are sent before more are permitted.
+    /// Queues a path of which only the first points are sent until more are permitted.
     QueuePathWithin(Vec<MoveLin>, u32, Reply<CommandId>),
     Permit(Option<CommandId>, Reply<()>),
     OpenEpoch(Epoch, Reply<Epoch>),
     Abort(Reply<()>),
-    /// Aborts the open epoch; there is no answer.
+    /// Aborts the open epoch; there is no reply.
     Stop,
-    /// The outputs to a line; no caller waits for them.
+    /// Sets the outputs to a production line; there is no reply.
     Line(u32),
-    /// Lets virtual time pass, if no report was added since this count of reports.
+    /// Advances the virtual time, unless a report was added since the queue had this number of reports.
     Grant {
         told: u64,
     },
@@ -118,8 +119,8 @@ mod tests {
     use super::*;
     use panelprep_kuka::eki::{CommandId, Epoch};
 
-    /// A reader that does not read during a whole path finds the start of the epoch, its end, and the newest report of
-    /// each kind of progress.
+    /// A reader that does not read during a whole path finds the start of the epoch, its end, and the newest progress
+    /// report of each kind.
     #[test]
     fn only_the_newest_progress_waits_and_nothing_else_is_lost() {
         let queue = ReportQueue::default();

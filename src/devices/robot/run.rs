@@ -1,6 +1,6 @@
-//! The link's thread: connects to the addresses on which a controller listens, moves bytes between sockets and
-//! session, performs requests, lets virtual time pass. The two TCP connections have settings by which a dead
-//! controller is detected.
+//! The thread of the link: it connects to a controller, transfers bytes between sockets and session, processes
+//! requests, and advances the virtual time. The TCP connections are configured so that a controller that does not
+//! respond is detected.
 
 use super::queue::{LinkRequest, ReportQueue};
 use panelprep_base::supervision::SupervisedThread;
@@ -13,27 +13,26 @@ use std::time::{Duration, Instant};
 use tokio::net::TcpStream;
 use tokio::sync::mpsc;
 
-/// Timeout for a connection.
+/// Time limit for opening a connection.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
-/// Time after which a connection ends if sent bytes are not acknowledged.
+/// Time after which a connection is closed if the controller does not acknowledge sent bytes (TCP).
 const USER_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Delay between two attempts to connect: it starts at the minimum and is doubled after each attempt, up to the
-/// maximum.
+/// Minimum and maximum delay between two attempts to connect; the delay is doubled after each attempt.
 const MIN_RECONNECT_DELAY: Duration = Duration::from_millis(100);
 const MAX_RECONNECT_DELAY: Duration = Duration::from_secs(1);
-/// Time limit for sending an abort when the link is closed.
+/// Time limit for sending an abort before the link is closed.
 const ABORT_SEND_TIMEOUT: Duration = Duration::from_millis(100);
-/// In lock step no deadline passes. A controller that does not answer within this time by the wall clock is considered
-/// lost.
+/// Time on the wall clock after which a controller in lock step is treated as lost if it does not reply; in lock step
+/// the session has no deadlines.
 const LOCK_STEP_TIMEOUT: Duration = Duration::from_secs(10);
-/// The epoch ends if reports are not fetched for this time while a command is queued: heartbeats must show that the
-/// program supervises the robot, not only that this thread runs.
+/// Maximum time for which a report may wait while commands are queued; then the epoch ends. Heartbeats must show that
+/// the program supervises the robot, not only that this thread runs.
 const REPORT_READ_TIMEOUT: Duration = Duration::from_secs(1);
-/// Interval at which the thread signals that it works, if nothing else happens.
+/// Interval at which the thread reports to its supervisor that it is alive, if nothing else happens.
 const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(500);
 
-/// The addresses on which a controller listens.
+/// The address and ports on which a controller listens.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Address {
     /// Host name or address of the controller.
@@ -54,11 +53,11 @@ impl From<&cell::Robot> for Address {
     }
 }
 
-/// Connects the command channel, then the state channel: so a controller that receives a state request has both
+/// Connects the command channel, then the state channel. So a controller that receives a state request has both
 /// channels.
 async fn connect(address: &Address) -> Result<(TcpStream, TcpStream), LinkLoss> {
-    // One after the other: if the program on the controller does not run, one refusal with its port is the whole
-    // message.
+    // The channels are connected one after the other: if the robot program does not run, the message contains only one
+    // refused port.
     let command = open(Channel::Command, &address.host, address.command_port).await?;
     let state = open(Channel::State, &address.host, address.state_port).await?;
     Ok((command, state))
@@ -75,8 +74,8 @@ async fn open(channel: Channel, host: &str, port: u16) -> Result<TcpStream, Link
     Ok(stream)
 }
 
-/// Returns the reason for a failed connection. If a cable is unplugged, the next host or the system itself reports
-/// that there is no route; this is reported as a controller that does not answer.
+/// Returns the reason for a failed connection. If a cable is unplugged, a router or the operating system reports that
+/// there is no route; this is treated as a controller that does not respond.
 fn connection_refusal(error: &IoError, channel: Channel, address: String) -> LinkLoss {
     match error.kind() {
         ErrorKind::ConnectionRefused => LinkLoss::Refused { channel, address },
@@ -93,19 +92,18 @@ fn no_answer_loss(channel: Channel, address: String) -> LinkLoss {
 }
 
 fn configure_stream(stream: &TcpStream) -> Result<(), IoError> {
-    // Nagle's algorithm would hold back a heartbeat or an abort, until the last segment is
-    // acknowledged.
+    // Nagle's algorithm would delay a heartbeat or an abort until the last segment is acknowledged.
     stream.set_nodelay(true)?;
     let socket = SockRef::from(stream);
     let keepalive = TcpKeepalive::new().with_time(USER_TIMEOUT).with_interval(USER_TIMEOUT).with_retries(3);
     socket.set_tcp_keepalive(&keepalive)?;
     #[cfg(target_os = "linux")]
-    // Keepalive does not run while data is unacknowledged; this limit finds a pulled cable then.
+    // TCP keepalive is inactive while data is unacknowledged; in this case the user timeout detects an unplugged cable.
     socket.set_tcp_user_timeout(Some(USER_TIMEOUT))?;
     Ok(())
 }
 
-/// Returns the system's error and, if a permission is missing, where to check it.
+/// Returns the operating system's error; if a permission is missing, also where to check it.
 fn system_loss(channel: Channel, error: &IoError) -> LinkLoss {
     if matches!(error.kind(), ErrorKind::ConnectionReset | ErrorKind::ConnectionAborted | ErrorKind::BrokenPipe) {
         return LinkLoss::Closed { channel };
@@ -127,17 +125,17 @@ pub(super) struct LinkLoop {
     orders: mpsc::UnboundedReceiver<LinkRequest>,
     reports: Arc<ReportQueue>,
     started: Instant,
-    /// The controller's time as last received; in lock step only.
+    /// The last controller time that was received; only in lock step.
     virtual_now: Time,
-    /// The loss that was reported; stored until a controller answers.
+    /// The last loss that was reported; cleared when a controller replies.
     reported_loss: Option<LinkLoss>,
     sign: SupervisedThread,
 }
 
-/// No sender of orders is left.
+/// All senders of requests were dropped, so the link must end.
 struct NoSenders;
 
-/// Two connections and the bytes that are still to be written to them.
+/// The two connections, and the bytes that are not written to them yet.
 struct LinkStreams {
     command: TcpStream,
     state: TcpStream,
@@ -175,7 +173,7 @@ impl LinkLoop {
         }
     }
 
-    /// Connects, and reconnects, until no sender of orders is left.
+    /// Connects, and reconnects after each loss, until all senders of requests are dropped.
     pub(super) async fn run(mut self) {
         let mut pause = MIN_RECONNECT_DELAY;
         loop {
@@ -196,15 +194,15 @@ impl LinkLoop {
                     if let Err(NoSenders) = served {
                         return;
                     }
-                    // Only a controller that answered resets the delay. One that accepts and closes connections would
-                    // otherwise be tried ten times a second.
+                    // Only a reply of the controller resets the delay. Otherwise a controller that accepts connections
+                    // and closes them would be tried ten times a second.
                     if self.reported_loss.is_none() {
                         pause = MIN_RECONNECT_DELAY;
                     }
                 }
             }
-            // An additional random delay of up to a quarter, so that not all clients connect at the same time to a
-            // controller that comes back.
+            // A random addition of up to a quarter of the delay: so clients do not all connect at the same time to a
+            // controller that was restarted.
             let jitter = pause * (self.started.elapsed().subsec_nanos() % 256) / 1024;
             if let Err(NoSenders) = self.run_beside_requests(tokio::time::sleep(pause + jitter)).await {
                 return;
@@ -213,7 +211,7 @@ impl LinkLoop {
         }
     }
 
-    /// Awaits this work and continues to answer requests meanwhile.
+    /// Waits for this future, and processes requests meanwhile.
     async fn run_beside_requests<T>(&mut self, work: impl Future<Output = T>) -> Result<T, NoSenders> {
         tokio::pin!(work);
         loop {
@@ -226,12 +224,12 @@ impl LinkLoop {
         }
     }
 
-    /// Serves two connections until one of them fails or is closed.
+    /// Runs the session on two connections until one of them fails or is closed.
     async fn serve(&mut self, streams: &mut LinkStreams) -> Result<(), NoSenders> {
         let mut last_received = Instant::now();
         loop {
             self.sign.report_working();
-            // The heartbeats of this thread would keep an arm moving whose cycle hangs.
+            // If the cycle hangs, this thread must not keep the arm moving with its heartbeats.
             if self.pace == ClockMode::Wall && self.reports.unread_for() >= REPORT_READ_TIMEOUT {
                 self.session.interrupt(StopCause::Unattended);
             }
@@ -240,8 +238,8 @@ impl LinkLoop {
                     Channel::Command => streams.command_out.extend_from_slice(&bytes),
                     Channel::State => {
                         streams.state_out.extend_from_slice(&bytes);
-                        // In lock step there is no message between two requests, however long a computation lasts: the
-                        // controller's silence is measured from the request on.
+                        // In lock step the controller sends nothing between two requests, however long a computation
+                        // takes. So its silence is measured from the last request.
                         if self.pace == ClockMode::LockStep {
                             last_received = Instant::now();
                         }
@@ -252,13 +250,13 @@ impl LinkLoop {
             if !self.session.is_connected() {
                 return Ok(());
             }
-            // In lock step acknowledgements are read together with the state that follows them, so that the speed
-            // of the machine has no influence.
+            // In lock step acknowledgements are read together with the state message that follows them, so that the
+            // result does not depend on the speed of the computer.
             let reads_command = self.pace == ClockMode::Wall;
             let deadline = self.deadline(last_received);
             let step = tokio::select! {
-                // In this order: a stop from the caller first, then the state channel, then commands. With a random
-                // order a burst of acknowledgements could delay an abort.
+                // The order is important: first a stop by the caller, then the state channel, then the command channel.
+                // In random order, many acknowledgements could delay an abort.
                 biased;
                 order = self.orders.recv() => {
                     let Some(order) = order else {
@@ -283,7 +281,7 @@ impl LinkLoop {
                     ready.map_err(|error| system_loss(Channel::Command, &error)).and_then(|()| self.receive_acks(&streams.command))
                 }
                 () = tokio::time::sleep_until(deadline.into()) => self.time_passed(last_received),
-                // Nothing happens, and the thread signals that it works.
+                // Nothing has happened; the loop continues and reports to the supervisor that the thread is alive.
                 () = tokio::time::sleep(HEARTBEAT_INTERVAL) => Ok(()),
             };
             if let Err(why) = step {
@@ -295,7 +293,7 @@ impl LinkLoop {
     fn deadline(&self, heard: Instant) -> Instant {
         match self.pace {
             ClockMode::LockStep if self.session.awaits_answer() => heard + LOCK_STEP_TIMEOUT,
-            // No deadline is due before the next request; the sleep only needs some end.
+            // In lock step no deadline is due before the next request; any long time is suitable here.
             ClockMode::LockStep => Instant::now() + LOCK_STEP_TIMEOUT,
             ClockMode::Wall => {
                 let due = self.session.deadline().map_or(MAX_RECONNECT_DELAY, Time::since_start);
@@ -314,7 +312,7 @@ impl LinkLoop {
         Ok(())
     }
 
-    /// Reads from the state channel; in lock step first from the command channel.
+    /// Reads the state channel; in lock step the command channel is read first.
     fn read(&mut self, streams: &LinkStreams) -> Result<(), LinkLoss> {
         let mut bytes = [0; 16 * 1024];
         let count = read_available(Channel::State, &streams.state, &mut bytes)?;
@@ -340,7 +338,7 @@ impl LinkLoop {
 
     fn handle_request(&mut self, order: LinkRequest) {
         self.reports.mark_active();
-        // If the caller no longer waits for the answer, sending the answer fails, which has no consequence.
+        // If the caller no longer waits for the reply, sending the reply fails, which has no effect.
         match order {
             LinkRequest::Queue(command, reply) => drop(reply.send(self.session.queue(command))),
             LinkRequest::QueuePath(points, reply) => drop(reply.send(self.session.queue_path(&points))),
@@ -351,9 +349,9 @@ impl LinkLoop {
             LinkRequest::OpenEpoch(above, reply) => drop(reply.send(self.session.open_epoch_above(above))),
             LinkRequest::Line(bits) => self.session.set_line_signals(bits),
             LinkRequest::Abort(reply) => drop(reply.send(self.session.abort())),
-            // Without a connection the controller has stopped by itself.
+            // If there is no connection, the controller has already stopped by itself.
             LinkRequest::Stop => self.session.stop_now(),
-            // No more time may pass while an answer is pending, or while the caller has not seen a report.
+            // The time must not advance while a reply is pending, or while the caller has not read a report.
             LinkRequest::Grant { told }
                 if told == self.reports.reported_count() && !self.session.awaits_answer() =>
             {
@@ -363,8 +361,8 @@ impl LinkLoop {
         }
     }
 
-    /// Hands over the session's reports. In lock step all reports of one answer are handed over at once. A caller
-    /// that reacts to the first of these reports does so before any more time passes.
+    /// Moves the session's reports to the queue. In lock step all reports of one reply are moved together, so that a
+    /// caller reacts to the first of them before the time advances further.
     fn publish(&mut self) {
         if self.pace == ClockMode::LockStep && self.session.awaits_answer() {
             return;
@@ -395,7 +393,7 @@ impl LinkLoop {
         }
     }
 
-    /// Sends a pending abort before the connections close.
+    /// Sends a pending abort before the connections are closed.
     async fn send_pending_abort(&mut self, streams: &mut LinkStreams) {
         while let Some((channel, bytes)) = self.session.poll_transmit(self.now()) {
             if channel == Channel::State {
@@ -417,7 +415,7 @@ impl LinkLoop {
     }
 }
 
-/// Reads the available bytes; returns 0 if there are none.
+/// Reads the available bytes without waiting; returns 0 if there are none.
 fn read_available(channel: Channel, stream: &TcpStream, bytes: &mut [u8]) -> Result<usize, LinkLoss> {
     match stream.try_read(bytes) {
         Ok(0) => Err(LinkLoss::Closed { channel }),
@@ -447,7 +445,7 @@ fn is_same_loss(one: &LinkLoss, other: &LinkLoss) -> bool {
 mod tests {
     use super::*;
 
-    /// The error as the kernel reports it if a unit's IPAddressDeny blocks the packet.
+    /// The error code of the kernel if the unit's IPAddressDeny blocks a packet.
     #[test]
     fn a_network_that_the_unit_does_not_allow_is_reported() {
         let said =
@@ -460,7 +458,7 @@ mod tests {
         assert!(!other.to_string().contains("network.conf"), "{other}");
     }
 
-    /// The errors as the kernel reports them if a cable is unplugged, and if no program listens.
+    /// The error codes of the kernel if a cable is unplugged, and if no program listens on the port.
     #[test]
     fn a_host_that_cannot_be_reached_does_not_answer() {
         let loss = |errno: rustix::io::Errno| {

@@ -1,4 +1,5 @@
-//! The link over loopback: its reports about a missing controller, and a path with the mock.
+//! Tests of the link over the loopback interface: its reports about a missing controller, and paths with the mock
+//! controller.
 
 use super::*;
 use crate::mock::{self, MockServer};
@@ -64,7 +65,7 @@ fn first_loss_of_any(address: Address) -> LinkLoss {
     why
 }
 
-/// Starts a controller with this time base, and the link to it.
+/// Starts a mock controller with this clock mode, and a link to it.
 fn cell(pace: ClockMode) -> (MockServer, BlockingLink) {
     let [commands, states] =
         [CELLCMD, CELLSTAT].map(|text| mock::ChannelFile::parse(text).expect("a shipped file"));
@@ -81,7 +82,7 @@ fn cell(pace: ClockMode) -> (MockServer, BlockingLink) {
     (server, link)
 }
 
-/// Waits for the first report for which `found` returns a value; states and progress before it are ignored.
+/// Waits for the first report for which `found` returns a value. Reports of state and progress before it are ignored.
 fn wait<T>(link: &mut BlockingLink, found: impl Fn(&Report) -> Option<T>) -> T {
     for _ in 0..2_000 {
         let report = link.next(Duration::from_secs(20)).expect("the controller continues");
@@ -94,7 +95,7 @@ fn wait<T>(link: &mut BlockingLink, found: impl Fn(&Report) -> Option<T>) -> T {
     panic!("two thousand reports and not the one");
 }
 
-/// Sets base and tool at the arm's position and moves the arm once around a circle with a radius of 40 mm.
+/// Sets base and tool at the arm's position, and moves the arm once around a circle with a radius of 40 mm.
 fn circle(pace: ClockMode, points: usize, speed_m_s: f64) -> (Vec<mock::ExecutedMotion>, i32, Vec<CommandId>) {
     let (server, mut link) = cell(pace);
     let state = wait(&mut link, |report| match report {
@@ -133,8 +134,8 @@ fn circle(pace: ClockMode, points: usize, speed_m_s: f64) -> (Vec<mock::Executed
     })
 }
 
-/// The pause is longer than a controller may be silent: during a computation no time passes, and nothing is requested
-/// from the controller.
+/// The pause is longer than the timeout of a silent controller. During a computation the virtual time does not advance
+/// and nothing is requested, so the pause is no silence.
 #[test]
 fn a_pause_between_two_requests_is_no_silence_in_lock_step() {
     let (_server, mut link) = cell(ClockMode::LockStep);
@@ -149,8 +150,8 @@ fn a_pause_between_two_requests_is_no_silence_in_lock_step() {
     heard(3);
 }
 
-/// Base, tool, speed and 500 points: each point is executed once and in order, without underrun, and each is
-/// acknowledged once.
+/// Sends base, tool, speed and 500 points: each point is executed once, in order, without an underrun, and acknowledged
+/// once.
 #[test]
 fn five_hundred_points_are_executed_once_in_lock_step() {
     let (executed, underruns, progress) = circle(ClockMode::LockStep, 500, 0.04);
@@ -158,15 +159,15 @@ fn five_hundred_points_are_executed_once_in_lock_step() {
     assert_eq!(ids, (4..=503).collect::<Vec<i32>>());
     assert_eq!(underruns, 0);
     assert!(progress.is_sorted_by(|one, next| one < next) && progress.last() == Some(&CommandId(503)));
-    // Calculated by hand: 2π·40 mm = 251.3 mm at 40 mm/s are 6.28 s, less the first point, plus acceleration and
-    // braking at the ends.
+    // Expected time, calculated by hand: 2π·40 mm = 251.3 mm at 40 mm/s take 6.28 s, minus the first point, plus
+    // acceleration and braking at the ends.
     let took_ms = executed[499].time_ms - executed[0].time_ms;
     assert!((6_200..6_500).contains(&took_ms), "{took_ms} ms");
-    // In virtual time a second run is equal bit for bit, however slow the machine is.
+    // In virtual time a second run is equal bit for bit, regardless of the speed of the computer.
     assert_eq!(circle(ClockMode::LockStep, 500, 0.04).0, executed);
 }
 
-/// A circle in wall-clock time: 63 points 4 mm apart at 200 mm/s take 1.3 s. Heartbeats and watchdog follow the
+/// A circle on the wall clock: 63 points at a spacing of 4 mm and 200 mm/s take 1.3 s. Heartbeats and watchdog use the
 /// computer's clock.
 #[test]
 fn a_path_runs_on_the_wall_clock() {
@@ -199,7 +200,7 @@ fn an_abort_on_the_path_ends_in_standstill() {
     });
 }
 
-/// The controller's programs restart with a path queued: the link connects again by itself and nothing moves.
+/// The controller's programs restart while a path is queued: the link reconnects automatically and nothing moves.
 #[test]
 fn a_reconnected_link_moves_nothing() {
     let (server, mut link) = cell(ClockMode::LockStep);
@@ -211,8 +212,8 @@ fn a_reconnected_link_moves_nothing() {
         link.send(Command::MoveJ(MoveJ { joints, axis_speed_percent: 20.0 })).expect("good");
     }
     server.handle().with_controller(|controller| controller.disconnect(mock::Channel::Command));
-    // Each channel has its own socket: the state channel may report the stop before the command channel's end is
-    // detected.
+    // Each channel has its own socket, so the state channel may report the stop before the end of the command channel
+    // is detected.
     wait(&mut link, |report| matches!(report, Report::LinkLost { .. } | Report::Interrupted { .. }).then_some(()));
     while !matches!(link.next(Duration::from_secs(20)).expect("the controller continues"), Report::Connected { .. })
     {
@@ -226,8 +227,8 @@ fn a_reconnected_link_moves_nothing() {
     assert_eq!(link.send(Command::CallSubroutine { index: 0 }), Err(QueueError::NoEpoch));
 }
 
-/// A controller that continues to report its state but reads nothing: an unanswered abort ends the connections,
-/// which stops a real controller.
+/// A controller reports its state but reads nothing. The unanswered abort ends the connections, which stops a real
+/// controller.
 #[test]
 fn an_abort_to_a_peer_that_does_not_read_ends_the_link() {
     let (command, state) = (listener(), listener());

@@ -1,13 +1,13 @@
-//! The simulated world around a controller in another process, as in a rehearsal. The only data are its state
-//! messages, about ten times a second.
+//! The simulated world around a controller in another process, as in a rehearsal. Its only data are the controller's
+//! state messages, about ten times a second.
 //!
-//! The arm is taken to be at the pose of the last message until the next one; in between, time passes by the wall
-//! clock. Outputs act on the world from the time of the message before the first one that shows them, so up to 100 ms
-//! early. If they acted later, a message could already show the feedback of a shutter that is not open in this world
-//! yet. Messages do not state contact. If the tool's output is on, the TCP is assumed to move in a straight line from
-//! one message's position to the next, and to sand wherever it is within a pad's reach of the true surface. Corners of
-//! the path are therefore cut by at most the distance that the arm moves in 100 ms, a few millimetres under a disc of
-//! 20 mm and more. If messages were late, nothing is interpolated: only the reported positions count.
+//! Between two messages the arm is assumed to be at the pose of the earlier one, and the time advances with the wall
+//! clock. An output acts on the world from the time of the message before the first one that contains its change, so up
+//! to 100 ms too early. If it acted too late, a message could report the feedback of a shutter that is not open in this
+//! world yet. Messages do not contain contact. If the tool's output is on, the TCP is assumed to move in a straight
+//! line between the positions of two messages, and to sand where it is within the pad's reach of the true surface. So
+//! corners of the path are cut by at most the distance that the arm moves in 100 ms: a few millimetres, under a disc of
+//! 20 mm and more. If messages are late, nothing is interpolated, and only the reported positions are used.
 
 use super::simulated_world::{RobotMoment, SimulatedWorld};
 use crate::mock::ContactSample;
@@ -17,12 +17,12 @@ use panelprep_kuka::eki::State;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// Longest time between two messages for which the motion between them is interpolated, ms.
+/// Maximum time between two messages between which the motion is interpolated, ms.
 const MAX_INTERPOLATED_MS: u64 = 350;
 /// Distance between two interpolated positions, mm.
 const STEP_MM: f64 = 1.0;
 
-/// Lets the world follow a controller by its messages; all clones follow the same controller.
+/// Connects a simulated world to a controller by its state messages. All clones follow the same controller.
 #[derive(Clone)]
 pub struct Follower {
     world: SimulatedWorld,
@@ -38,8 +38,8 @@ struct ReceivedStates {
     trace: Vec<ContactSample>,
 }
 
-/// A message, its time of arrival, and an offset that makes its time count from the start of the first controller: a
-/// controller that restarts counts from zero.
+/// A state message, the time of its arrival, and an offset that is added to its time, so that the time continues after
+/// a restart of the controller.
 #[derive(Clone, Copy)]
 struct ReceivedState {
     state: State,
@@ -66,12 +66,12 @@ impl ReceivedState {
 }
 
 impl Follower {
-    /// Creates a follower: this world then follows the controller of this cell.
+    /// Creates a follower, by which this world follows the controller of this cell.
     pub fn new(world: SimulatedWorld, cell: &Cell) -> Self {
         Follower { world, cell: Arc::new(cell.clone()), received_states: Arc::default() }
     }
 
-    /// Returns whether the state is from a mock controller. A simulated camera must never follow a real arm.
+    /// Returns whether a mock controller sent the state. Simulated cameras must never follow a real arm.
     pub fn is_simulated_controller(state: &State) -> bool {
         state.is_simulated()
     }
@@ -101,7 +101,7 @@ impl Follower {
         outputs.into_iter().for_each(|(number, on, time_ms)| terminals.on_output(number, on, time_ms));
     }
 
-    /// Returns the outputs that differ from the previous report.
+    /// Returns the outputs that have changed since the previous message.
     fn changed(&self, known: &mut Vec<(u16, bool)>, state: &State) -> Vec<(u16, bool)> {
         let io = self.cell.inputs_outputs();
         let numbers = io.decode_outputs(state.outputs);
@@ -121,7 +121,7 @@ impl Follower {
             .any(|(output, on)| output == name && on)
     }
 
-    /// Returns the present state of the arm; `None` before the first message.
+    /// Returns the current state of the arm; `None` before the first message.
     pub fn current_moment(&self) -> Option<RobotMoment> {
         let told = self.lock().last?;
         Some(RobotMoment {
@@ -132,7 +132,7 @@ impl Follower {
         })
     }
 
-    /// Returns the tool's positions while it ran, up to that moment.
+    /// Returns the positions of the running tool up to this time.
     pub fn trace(&self, until_ms: u64) -> Vec<ContactSample> {
         self.lock().trace.iter().filter(|sample| sample.time_ms <= until_ms).copied().collect()
     }
@@ -142,7 +142,7 @@ impl Follower {
     }
 }
 
-/// Returns the tool poses between two messages, if the tool ran.
+/// Returns the interpolated poses of the running tool between two messages.
 fn swept_poses(from: &ReceivedState, to: &ReceivedState, ran: bool) -> Vec<ContactSample> {
     let sample = |base_from_tool: Rigid<Base, Tool>| ContactSample {
         time_ms: to.time_ms(),
@@ -182,7 +182,8 @@ mod tests {
         Follower::new(world, &cell())
     }
 
-    /// Creates a state message: outputs as bits in the order of their numbers, light first, tool last.
+    /// Creates a state message; `outputs` are bits in the order of the output numbers, from the light (first) to the
+    /// tool (last).
     fn state_message(time_ms: u32, outputs: u32, base_from_tcp: KukaPose) -> State {
         State {
             time_ms,
@@ -219,11 +220,11 @@ mod tests {
     const TOOL: u32 = 0b1_0000;
     const SPRAY: u32 = 0b10;
     const SHUTTER: u32 = 0b100;
-    /// The same number as `lens_shut` in the cell's file.
+    /// The input number of `lens_shut` in the cell file.
     const SHUT_INPUT: u16 = 2;
 
-    /// Calculated by hand: the base is at X 100, the TCP 10 to 16 mm in front of the base and the flange 120 mm behind the
-    /// TCP; 6 mm in steps of 1 mm.
+    /// Expected positions, calculated by hand: the base is at X = 100, the TCP is 10 to 16 mm in front of the base, and
+    /// the flange is 120 mm behind the TCP. The distance of 6 mm is covered in steps of 1 mm.
     #[test]
     fn the_tool_moves_straight_from_one_message_to_the_next() {
         let follower = follower();
@@ -256,13 +257,13 @@ mod tests {
         assert_eq!(follower.world.violations().len(), 1, "told once");
         std::thread::sleep(std::time::Duration::from_millis(20));
         assert!(follower.current_moment().expect("told").time_ms() >= 1_220);
-        // The controller restarts and counts from zero; the world's time never runs backwards.
+        // The controller restarts and counts from zero; the time of the world never decreases.
         follower.process_state(&state_message(50, 0, at(0.0)));
         assert!((1_250..2_000).contains(&follower.current_moment().expect("told").time_ms()));
     }
 
-    /// Calculated by hand: the shutter needs 250 ms. It opened at 2.050 s, so the controller reads its feedback at 2.300
-    /// s. A scan that is taken because of the feedback in that message sees the panel.
+    /// Expected times, calculated by hand: the shutter needs 250 ms. It began to open at 2.050 s, so the controller
+    /// reads its feedback at 2.300 s. A scan that is captured because of this feedback sees the panel.
     #[test]
     fn a_lens_whose_feedback_is_reported_is_open() {
         let follower = follower();
@@ -275,13 +276,13 @@ mod tests {
             .into_iter()
             .for_each(|time_ms| follower.process_state(&state_message(time_ms, 0, at(0.0))));
         assert!(!is_shut(2_300));
-        // After late messages, the time of the change is unknown.
+        // If messages are late, the time of a change is unknown.
         follower.process_state(&state_message(9_000, SHUTTER, at(0.0)));
         assert!(!is_shut(8_899) && is_shut(8_900));
     }
 
-    /// If messages every 100 ms show a pass over a spot, the spot's grease is removed; with a pass 3 mm above it, this is
-    /// not so.
+    /// If messages every 100 ms show a pass over a greasy spot, its grease is removed. A pass 3 mm above the spot does
+    /// not remove it.
     #[test]
     fn passes_in_the_messages_remove_grease() {
         let follower = follower();

@@ -1,4 +1,4 @@
-//! The world itself: its contents, its changes, and its cameras' views.
+//! The simulated world: its contents, its changes, and the views of its cameras.
 
 use super::state::{SandedArea, Signal, SimulatedLine, Violation, WorldState, film_s, seconds};
 use super::touch::TouchedPoints;
@@ -10,15 +10,15 @@ use panelprep_sim as sim;
 use panelprep_sim::{CellTruth, Film, GreasySpot, SandingStrength, WET_FROM_S};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Fraction of a spot's area that must be covered for the grease to be removed.
+/// Minimum fraction of a spot's area that the disc must cover to remove the grease.
 const MIN_REMOVED_SHARE: f64 = 0.9;
-/// Largest distance of an axis from its park angle at which the axis counts as parked, degrees.
+/// Maximum deviation of an axis from its park angle at which the arm is treated as parked, degrees.
 const MAX_PARK_DEVIATION_DEG: f64 = 0.1;
 
-/// The reason why no world can be made from a cell's file.
+/// The reason why no simulated world can be created for a cell file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum WorldError {
-    /// An output or feedback has no number.
+    /// The cell file has no number for an output or feedback.
     #[error("[io.{table}] {name} is missing; the simulated world needs its number")]
     Unnamed {
         /// `outputs` or `feedbacks`.
@@ -26,15 +26,15 @@ pub enum WorldError {
         /// The name.
         name: &'static str,
     },
-    /// The cell's file has no park pose.
+    /// The cell file has no park pose.
     #[error("[poses] park is missing; a 3D shot is taken only in this pose")]
     NoPark,
-    /// The cell's file names no signals of a line.
+    /// The cell file does not name the signals of a production line.
     #[error("a simulated line needs all of its signals in the cell's file; the manual's page line.md lists them")]
     NoLine,
 }
 
-/// The robot's state at one moment.
+/// The state of the robot at one instant: time, pose and motion.
 #[derive(Debug, Clone, Copy)]
 pub struct RobotMoment {
     pub(super) time_ms: u64,
@@ -44,7 +44,7 @@ pub struct RobotMoment {
 }
 
 impl RobotMoment {
-    /// Returns the time since the controller's start, ms.
+    /// Returns the time since the start of the controller, ms.
     pub fn time_ms(&self) -> u64 {
         self.time_ms
     }
@@ -54,7 +54,7 @@ impl RobotMoment {
         self.base_from_flange
     }
 
-    /// Returns the controller's present state.
+    /// Returns the current state of the robot from its controller.
     pub fn from_controller(controller: &Controller) -> Self {
         RobotMoment {
             time_ms: controller.time_ms(),
@@ -79,11 +79,11 @@ struct FixedWorld {
 }
 
 impl SimulatedWorld {
-    /// Creates the world of this simulated cell, wired as the cell's file states. Without a disc nothing is
-    /// abraded: see [`SimulatedWorld::mount_disc`].
+    /// Creates the world of this simulated cell, connected as the cell file states. Before a disc is mounted, nothing
+    /// is sanded: see [`SimulatedWorld::mount_disc`].
     ///
     /// # Errors
-    /// If the file has no number for an output or feedback of the process, or no park pose.
+    /// If the cell file has no number for an output or feedback of the process, or no park pose.
     pub fn new(simulated: sim::Cell, cell: &cell::Cell) -> Result<Self, WorldError> {
         let signal = |output: Output| {
             let unnamed = |table, name| WorldError::Unnamed { table, name };
@@ -101,27 +101,27 @@ impl SimulatedWorld {
         Ok(SimulatedWorld { fixed: Arc::new(fixed), state: Arc::new(Mutex::new(state)) })
     }
 
-    /// Adds a line next to the cell, which brings this number of parts, each like the first.
+    /// Adds a production line to the cell, which brings this number of equal parts.
     ///
     /// # Errors
-    /// If the cell's file does not name the line's signals.
+    /// If the cell file does not name the signals of the line.
     pub fn bring_parts(&self, parts: u32, cell: &cell::Cell) -> Result<(), WorldError> {
         self.lock().line = Some(SimulatedLine::new(cell.inputs_outputs(), parts).ok_or(WorldError::NoLine)?);
         Ok(())
     }
 
-    /// Mounts a sanding disc: the area that it covers is abraded.
+    /// Mounts a sanding disc of this diameter; from now on the disc sands the area that it covers.
     pub fn mount_disc(&self, diameter_mm: f64) {
         self.lock().disc_diameter_mm = diameter_mm;
     }
 
-    /// Dries the panel, as if a person had wiped it.
+    /// Dries the panel, as a person who wipes it does.
     pub fn dry_panel(&self) {
         self.lock().wetting = None;
     }
 
-    /// Returns the mock controller's configuration in this world: inputs, outputs and the tool's output from the
-    /// cell's file, in the order of their numbers.
+    /// Returns the configuration of a mock controller in this world: its inputs, its outputs and the output of the tool
+    /// are those of the cell file, in the order of their numbers.
     pub fn mock_setup(&self, cell: &cell::Cell, commands: ChannelFile, states: ChannelFile) -> Setup {
         let numbers = |names: &std::collections::BTreeMap<String, u16>| {
             let mut numbers: Vec<u16> = names.values().copied().collect();
@@ -139,7 +139,7 @@ impl SimulatedWorld {
                 })
                 .collect(),
             line_outputs: cell.inputs_outputs().line_outputs(),
-            // The choice of flags does not matter here: nothing in this world reads them.
+            // Any flags are suitable, because nothing in this world reads them.
             mapped_inputs: (860..)
                 .zip(cell.inputs_outputs().mapped_inputs().values())
                 .map(|(flag, input)| (*input, flag))
@@ -153,18 +153,18 @@ impl SimulatedWorld {
         Box::new(Terminals(self.clone()))
     }
 
-    /// Returns the ground truth, which is only for scores.
+    /// Returns the ground truth of the cell, only for scores.
     pub fn truth(&self) -> &CellTruth {
         &self.fixed.truth
     }
 
-    /// Returns the ground truth: the spots that are still greasy as of the last wetting, so that no film holds there.
+    /// Returns the ground truth, only for scores: the spots that were greasy at the last wetting, where no film holds.
     pub fn greasy_spots(&self) -> Vec<GreasySpot> {
         self.fixed.greasy_spots(&self.lock().removed_grease.1)
     }
 
-    /// Returns the ground truth: for each watched wetting of this part, in order, the pixels with a broken film in
-    /// its last picture.
+    /// Returns the ground truth, only for scores: for each recorded wetting of this part, in order, the pixels at which
+    /// the film was broken in the last picture.
     pub fn true_breaks(&self) -> Vec<Mask> {
         let watched = self.lock().watched_films.clone();
         watched.iter().map(|(_, film, film_s)| film.broken_pixels(*film_s)).collect()
@@ -176,8 +176,8 @@ impl SimulatedWorld {
     }
 
     fn lock(&self) -> MutexGuard<'_, WorldState> {
-        // The lock is used even after a panic: a test that failed while it had locked the world must not be hidden by
-        // a second failure here.
+        // The lock is used even after a panic. Otherwise the failure of a test that holds the lock would be hidden by a
+        // second failure here.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -185,7 +185,7 @@ impl SimulatedWorld {
         self.lock().violations.push((now.time_ms, violation));
     }
 
-    /// Takes a 3D shot.
+    /// Captures a 3D scan.
     ///
     /// # Errors
     /// If the arm is not parked, or moves.
@@ -207,15 +207,15 @@ impl SimulatedWorld {
         Ok(Shot { cloud: if covered { black_shot(cloud) } else { cloud }, time_s: seconds(now.time_ms) })
     }
 
-    /// Returns the time up to which abrasion must be applied before the next picture: the time at which the water last
-    /// came on; `None` if this was already done.
+    /// Returns the time up to which sanding must be applied before the next picture: the time at which the water was
+    /// last switched on. `None` if it was already applied.
     pub fn abrasion_due_until(&self) -> Option<u64> {
         let state = self.lock();
         state.wetting.map(|wetting| wetting.on_ms).filter(|on_ms| state.removed_grease.0 != Some(*on_ms))
     }
 
-    /// Applies the motions of the trace. Spots that the disc covered will hold their film after the next wetting. The
-    /// panel's appearance changes where the disc was since the previous wetting.
+    /// Applies the motions of the trace. After the next wetting, the film holds on the spots that the disc has covered.
+    /// The dry appearance of the panel changes where the disc was since the previous wetting.
     pub fn abrade(&self, trace: &[ContactSample]) {
         let FixedWorld { cell, truth, .. } = &*self.fixed;
         let (disc_diameter_mm, since_ms, mut sanded) = {
@@ -237,7 +237,7 @@ impl SimulatedWorld {
         state.sanded = sanded;
     }
 
-    /// Returns a colour picture of the fixed camera.
+    /// Captures a colour picture with the fixed camera.
     pub fn picture(&self, now: &RobotMoment) -> Picture {
         let (wetting, light) = {
             let state = self.lock();
@@ -256,8 +256,9 @@ impl SimulatedWorld {
         Picture { picture, time_s: seconds(now.time_ms) }
     }
 
-    /// Returns the film for the spots that are greasy now and for the panel's present appearance; computes it only if
-    /// these have changed. The world is not locked during the computation: a controller must not wait for it.
+    /// Returns the film for the current greasy spots and the current appearance of the panel. It is computed only if
+    /// one of them has changed. The world is not locked during the computation, because a controller must not wait for
+    /// it.
     fn film(&self) -> Arc<Film> {
         let (healed, SandedArea { sanding, passes, .. }, last) = {
             let state = self.lock();
@@ -276,7 +277,7 @@ impl SimulatedWorld {
         film
     }
 
-    /// Takes a picture with the flange camera, from the arm's true pose.
+    /// Captures a picture with the flange camera, from the true pose of the arm.
     ///
     /// # Errors
     /// If the arm moves.
@@ -301,7 +302,7 @@ impl FixedWorld {
     }
 }
 
-/// The inputs and outputs to which the controller is wired.
+/// The devices of this world that are connected to the controller's inputs and outputs.
 struct Terminals(SimulatedWorld);
 
 impl mock::World for Terminals {
@@ -314,14 +315,14 @@ impl mock::World for Terminals {
     }
 }
 
-/// Scales the picture's brightness by this fraction of the light, 0…1.
+/// Multiplies the brightness of the picture by this fraction of the light, 0 to 1.
 fn dim_picture(picture: &mut ColorPicture, light: f64) {
     if light < 1.0 {
         picture.rgb.as_flattened_mut().iter_mut().for_each(|gray| *gray = (f64::from(*gray) * light) as u8);
     }
 }
 
-/// Returns the shot through a closed lens: black, without a point.
+/// Returns the scan with the lens cover closed: black, without any point.
 fn black_shot<F: panelprep_base::geometry::Frame>(cloud: OrganizedCloud<F>) -> OrganizedCloud<F> {
     let (width, height) = (cloud.width(), cloud.height());
     OrganizedCloud::new(width, height, vec![[f32::NAN; 3]; width * height], vec![[0; 3]; width * height])

@@ -1,9 +1,9 @@
-//! Tests of the arm's motion: times calculated by hand, blending, underruns, and equal results in each run.
+//! Tests of the arm's motion: times calculated by hand, blending, underruns, and reproducible results.
 
 use super::*;
 
-/// By hand: 250 mm at 100 mm/s and 1000 mm/s² need 2.5 + 0.1 = 2.6 s, 217 ticks. The tenth point, after 50 mm, is
-/// passed after 0.05 + 0.5 = 0.55 s, 46 ticks.
+/// Expected times, calculated by hand: 250 mm at 100 mm/s and 1000 mm/s² take 2.5 + 0.1 = 2.6 s, 217 ticks. The tenth
+/// point, after 50 mm, is passed after 0.05 + 0.5 = 0.55 s, 46 ticks.
 #[test]
 fn fifty_points_take_the_time_computed_by_hand() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -14,13 +14,14 @@ fn fifty_points_take_the_time_computed_by_hand() {
     assert_eq!((passed_ms.len(), passed_ms[9], passed_ms[49]), (50, 46 * 12, 217 * 12));
     assert_eq!(rig.ids(), (4..=53).collect::<Vec<i32>>());
     assert_eq!((rig.state("Done"), rig.state("Under"), rig.flag(3), rig.flag(7)), (53, 0, false, false));
-    // The base is rotated by 180° about both Z and X, so that its X points opposite to the robot's X.
+    // The base is rotated by 180° about both Z and X, so its X axis points opposite to the robot's X axis.
     let expected = Point::at(BASE_MM[0] - 250.0, BASE_MM[1], BASE_MM[2]);
     assert!(rig.tool_tip().distance_mm(expected) < 1e-6, "{:?}", rig.tool_tip());
     assert!((rig.state_number("Tcp X") - 250.0).abs() < 1e-4);
 }
 
-/// By hand: 36° of axis 1 at half of 360°/s and half of 1800°/s² need 0.2 + 0.2 = 0.4 s, 34 ticks.
+/// Expected time, calculated by hand: 36° of axis 1 at half of 360°/s and half of 1800°/s² take 0.2 + 0.2 = 0.4 s, 34
+/// ticks.
 #[test]
 fn a_move_of_the_axes_takes_the_time_computed_by_hand() {
     let mut rig = Rig::new(Clock::LockStep);
@@ -30,7 +31,7 @@ fn a_move_of_the_axes_takes_the_time_computed_by_hand() {
     target[5] = -10.0;
     rig.command(1, [0, 0], [50.0, 0.0], target);
     rig.beats(2);
-    // All axes move together: half of the way is done in half of the time.
+    // All axes move synchronously: after half of the time, each has covered half of its angle.
     rig.settle();
     let done = rig.controller.executed_motions()[0];
     assert_eq!((done.time_ms, done.id, done.contact), (34 * 12, 2, false));
@@ -41,7 +42,7 @@ fn a_move_of_the_axes_takes_the_time_computed_by_hand() {
 fn zigzag(rig: &mut Rig, blend_mm: f64, contact: bool) {
     rig.command(2, [20, i32::from(contact)], [0.0; 2], [0.0; 6]);
     for point in 1..=20 {
-        // Steps of 5 mm along a zigzag, each at 15° to X.
+        // A zigzag path: each step of 5 mm is at an angle of 15° to X.
         let (along, aside) = (5.0_f64 * 15_f64.to_radians().cos(), 5.0 * 15_f64.to_radians().sin());
         let p = [along * f64::from(point), aside * f64::from(point % 2), 0.0, f64::from(point), 0.0, 0.0];
         rig.command(2, [20 - point, i32::from(contact)], [blend_mm, 0.0], p);
@@ -56,7 +57,7 @@ fn steps_mm(rig: &Rig) -> Vec<f64> {
     tips.windows(2).map(|pair| pair[0].distance_mm(pair[1])).collect()
 }
 
-/// 100 mm/s are 1.2 mm a tick, in the corners as well as between them.
+/// At 100 mm/s the tool moves 1.2 mm per tick, in the corners as well as between them.
 #[test]
 fn blended_corners_keep_the_speed() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -65,7 +66,7 @@ fn blended_corners_keep_the_speed() {
     let steps = steps_mm(&rig);
     let run: Vec<f64> = steps.iter().copied().skip(12).take(60).collect();
     assert!(run.iter().all(|step| (1.15..1.2001).contains(step)), "{run:?}");
-    // With a blend of 0 the arm stops at each of the 20 corners.
+    // With a blend distance of 0 the arm stops at each of the 20 corners.
     let mut rig = Rig::ready(Clock::LockStep);
     zigzag(&mut rig, 0.0, true);
     let steps = steps_mm(&rig);
@@ -74,8 +75,8 @@ fn blended_corners_keep_the_speed() {
     assert_eq!((rig.causes(), rig.controller.underrun_count()), (vec![], 0), "an exact stop that was asked for");
 }
 
-/// A path that lands, sands and leaves: samples cover the contact, and the sanding samples lie between contact
-/// points.
+/// A path that approaches, sands and leaves the panel: the samples cover the whole contact, and the sanding samples are
+/// between contact points.
 #[test]
 fn the_trace_covers_the_contact() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -90,16 +91,17 @@ fn the_trace_covers_the_contact() {
     let off_mm = |sample: &ContactSample| sample.base_from_tool.origin().mm.z - BASE_MM[2];
     assert!(trace.iter().all(|sample| sample.tool_on));
     assert!(trace.iter().filter(|sample| sample.sanding).all(|sample| off_mm(sample) < 1.0));
-    // Calculated by hand: 40 mm at 1.2 mm a tick are 33 samples, with a tolerance for the halves of the blended
-    // corners at both ends.
+    // Expected number, calculated by hand: 40 mm at 1.2 mm per tick give 33 samples. The tolerance covers half of the
+    // blended corner at each end.
     let sanding = trace.iter().filter(|sample| sample.sanding).count();
     assert!((31..=35).contains(&sanding), "{sanding}");
-    // The path begins and ends 20 mm above the surface, so the trace begins and ends in the air.
+    // The path begins and ends 20 mm above the surface, so the trace begins and ends without contact.
     assert!(off_mm(&trace[0]) > 15.0 && off_mm(trace.last().expect("some")) > 15.0);
     assert!(rig.controller.executed_motions().iter().map(|done| done.contact).eq([false, true, true, false]));
 }
 
-/// Ten points of twenty: the arm stops exactly at the tenth, once, and continues when the others arrive.
+/// Only ten of twenty points are sent: the arm stops exactly at the tenth point, once, and continues when the other
+/// points arrive.
 #[test]
 fn a_missing_point_in_the_air_gives_an_exact_stop_and_is_counted() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -115,8 +117,8 @@ fn a_missing_point_in_the_air_gives_an_exact_stop_and_is_counted() {
     assert!(rig.tool_tip().distance_mm(Point::at(BASE_MM[0] - 100.0, 0.0, BASE_MM[2])) < 1e-6);
 }
 
-/// Four motions are planned, and the braking distance must lie within them. With points 1 mm apart and 1000 mm/s²,
-/// √(2 · 1000 · 4) = 89 mm/s is the maximum, and 200 are commanded.
+/// Four motions are planned, and the braking distance must not be longer than these motions. With points 1 mm apart and
+/// 1000 mm/s² the maximum speed is √(2 · 1000 · 4) = 89 mm/s, although 200 mm/s are commanded.
 #[test]
 fn dense_points_slow_the_arm_down() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -131,8 +133,8 @@ fn dense_points_slow_the_arm_down() {
     assert_eq!(rig.state("Under"), 0);
 }
 
-/// A fast motion is followed by a slower one: 200 mm/s are commanded for the first half, 50 for the second; the speed
-/// is already reduced when the second half begins.
+/// A fast motion is followed by a slower one: 200 mm/s are commanded for the first half and 50 mm/s for the second. The
+/// speed is already reduced when the second half begins.
 #[test]
 fn the_speed_is_reduced_before_a_slower_move_begins() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -153,20 +155,21 @@ fn the_speed_is_reduced_before_a_slower_move_begins() {
     assert!((fastest(101.0, 150.0) - 50.0).abs() < 1.0, "{}", fastest(101.0, 150.0));
 }
 
-/// A rotation without translation needs time: 90° at 200°/s are 0.45 s plus the ramps.
+/// A rotation without translation takes time: 90° at 200°/s take 0.45 s plus acceleration and braking.
 #[test]
 fn a_rotation_without_translation_takes_time() {
     let mut rig = Rig::ready(Clock::LockStep);
     let from_ms = rig.controller.time_ms();
     rig.command(2, [0, 0], [0.0; 2], [0.0, 0.0, 0.0, 90.0, 0.0, 0.0]);
     rig.settle();
-    // Calculated by hand: one degree counts as 100/200 mm, so 90° count as 45 mm; at 100 mm/s and 1000 mm/s² they need
-    // 0.55 s, 46 ticks.
+    // Expected time, calculated by hand: one degree is as long as 100/200 mm, so 90° are as long as 45 mm. At 100 mm/s
+    // and 1000 mm/s² they take 0.55 s, 46 ticks.
     assert_eq!(rig.controller.executed_motions()[0].time_ms - from_ms, 46 * 12);
     assert!((rig.controller.joints().a6_deg.abs() - 90.0).abs() < 1e-6, "{:?}", rig.controller.joints());
 }
 
-/// T1 limits the tool to 250 mm/s. The arm moves only while the key is held, and waits when it is released.
+/// T1 limits the tool's speed to 250 mm/s. The arm moves only while the Start key is held, and waits when it is
+/// released.
 #[test]
 fn t1_is_slow_and_waits_for_the_key() {
     let mut rig = Rig::new(Clock::LockStep);
@@ -186,13 +189,14 @@ fn t1_is_slow_and_waits_for_the_key() {
     rig.controller.set_start_key(true);
     rig.settle();
     let took_ms = rig.controller.executed_motions()[0].time_ms - from_ms;
-    // Calculated by hand: 100/250 + 250/5000 = 0.45 s plus the four beats of waiting, with a tolerance for ramps.
+    // Expected time, calculated by hand: 100/250 + 250/5000 = 0.45 s plus the four heartbeats of waiting, with a
+    // tolerance for acceleration and braking.
     assert!((800..=960).contains(&took_ms), "{took_ms}");
     assert_eq!(rig.state("Mode"), 1);
 }
 
-/// An output on the path switches at the end of the preceding point, and the arm does not stop for it. A second one
-/// at the same point waits until the arm has stopped there.
+/// An output on the path is switched at the end of the preceding point, without a stop of the arm. A second output at
+/// the same point waits until the arm has stopped there.
 #[test]
 fn an_output_on_the_path_does_not_stop_the_arm() {
     let run = |synchronous: &[f64]| {
@@ -211,21 +215,23 @@ fn an_output_on_the_path_does_not_stop_the_arm() {
     };
     let (blended, changes) = run(&[1.0]);
     assert_eq!(changes, [(3, true, blended[9])]);
-    // Calculated by hand: braking and starting again at 100 mm/s and 1000 mm/s² needs 0.1 s more.
+    // Expected difference, calculated by hand: to brake and accelerate again at 100 mm/s and 1000 mm/s² takes 0.1 s
+    // longer.
     for standing in [&[0.0][..], &[1.0, 1.0]] {
         let (times, _) = run(standing);
         assert!((84..=132).contains(&(times[19] - blended[19])), "{} {}", times[19], blended[19]);
     }
 }
 
-/// Returns the flange pose at these angles as the numbers of a move in the robot's own base with the bare flange.
+/// Returns the flange pose at these axis angles as the six numbers of a motion, in the robot's own base and without a
+/// tool.
 fn flange_numbers(angles_deg: [f64; 6]) -> [f64; 6] {
     let pose =
         panelprep_base::geometry::KukaPose::from_rigid(&Arm::kr6_r700_2().base_from_flange(&to_joints(angles_deg)));
     [pose.x_mm, pose.y_mm, pose.z_mm, pose.a_deg, pose.b_deg, pose.c_deg]
 }
 
-/// Creates a rig with the arm at these angles, the robot's own base and the bare flange.
+/// Creates a controller with the arm at these axis angles, in the robot's own base and without a tool.
 fn standing_at(angles_deg: [f64; 6]) -> Rig {
     let mut rig = Rig::new(Clock::LockStep);
     rig.command(3, [0, 0], [0.0; 2], [0.0; 6]);
@@ -235,9 +241,9 @@ fn standing_at(angles_deg: [f64; 6]) -> Rig {
     rig
 }
 
-/// The wrist moves from 20° on one side to the other side, past the straight position by about 1.5°. Axis 4 has to
-/// rotate by almost 180°, so the tool slows down. Calculated by hand: the rotation alone would need about 0.3 s, axis 4
-/// needs 150° / 450°/s = 0.33 s more.
+/// The wrist moves from 20° on one side to the other side and passes the singularity at a distance of about 1.5°. Axis
+/// 4 must rotate by almost 180°, so the tool slows down. Expected values, calculated by hand: the rotation alone would
+/// take about 0.3 s; axis 4 needs 150° / 450°/s = 0.33 s more.
 #[test]
 fn near_the_wrist_singularity_the_tool_slows_down() {
     let mut rig = standing_at([0.0, -90.0, 90.0, 90.0, 20.0, -90.0]);
@@ -256,8 +262,8 @@ fn near_the_wrist_singularity_the_tool_slows_down() {
     assert!((rig.controller.joints().a4_deg + 81.5).abs() < 0.01, "{:?}", rig.controller.joints());
 }
 
-/// A linear motion behind the robot from A1 = 160 to A1 = −160 would have to pass 180: both ends can be reached, the
-/// points between them cannot.
+/// A linear motion behind the robot from A1 = 160° to A1 = −160° would have to pass 180°: both ends can be reached, but
+/// the points between them cannot.
 #[test]
 fn a_line_that_needs_another_configuration_stops() {
     let behind = |a1_deg: f64| [a1_deg, -90.0, 90.0, 0.0, 60.0, 0.0];
@@ -269,8 +275,8 @@ fn a_line_that_needs_another_configuration_stops() {
     assert!(rig.controller.joints().a1_deg > 165.0, "{:?}", rig.controller.joints());
 }
 
-/// The same commands give the same controller state to the bit, however the bytes were cut and whenever they
-/// arrived.
+/// The same commands result in the same state of the controller, bit for bit, regardless of how the bytes were divided
+/// and when they arrived.
 #[test]
 fn two_runs_are_equal_to_the_bit() {
     let run = |piece: usize, early: bool| {

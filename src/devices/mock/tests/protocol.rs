@@ -1,13 +1,13 @@
-//! The messages on the wire: documents, epochs, refusals, the ring, lock step; and the controller over TCP, with a
-//! hand-written client.
+//! Tests of the messages: documents, epochs, refusals, the ring buffer, lock step; and of the controller over TCP with
+//! a hand-written client.
 
 use super::*;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
-/// Calculated by hand: boot number 1, checksum 1, EXT, flags 1 + 2 + 4 + 16 = drives, no e-stop, guard, motion
-/// possible.
+/// Expected state, derived by hand: boot id 1, checksum 1, mode EXT, flags 1 + 2 + 4 + 16 = drives on, no emergency
+/// stop, guard closed, motion possible.
 #[test]
 fn the_first_state_is_as_agreed() {
     let mut rig = Rig::before_reset(Clock::LockStep);
@@ -21,8 +21,8 @@ fn the_first_state_is_as_agreed() {
     assert!(rig.states.contains(base) && rig.states.ends_with("</Tool></St>"), "{}", rig.states);
 }
 
-/// Calculated by hand: 100 ms are 8 ticks of 12 ms and a remainder of 4 ms. The second 100 ms make 104 ms: 8 ticks and
-/// a remainder of 8 ms. The third make 9 ticks.
+/// Expected values, calculated by hand: the first 100 ms are 8 ticks of 12 ms with a rest of 4 ms. With the second 100
+/// ms, 104 ms are 8 ticks with a rest of 8 ms. With the third, 108 ms are 9 ticks.
 #[test]
 fn a_heartbeat_grants_100_ms_and_keeps_the_remainder() {
     let mut rig = Rig::new(Clock::LockStep);
@@ -47,13 +47,13 @@ fn a_heartbeat_waits_for_the_commands_that_it_names() {
     assert_eq!(rig.controller.time_ms(), 0);
     rig.controller.command_bytes(documents[1].as_bytes());
     assert_eq!(rig.controller.time_ms(), 96);
-    // The heartbeat does not wait for ever if the channel is lost before.
+    // If the channel was lost before, the heartbeat does not wait for it.
     let mut lost = Rig::new(Clock::LockStep);
     lost.id = 7;
     lost.beat();
     lost.controller.disconnect(Channel::Command);
     assert_eq!(lost.controller.time_ms(), 96);
-    // A command beyond the one that the heartbeat names stays unread.
+    // A command after the one that the heartbeat names is not read.
     let (early, id) = (rig.document(6, [1, 0], [0.0; 2], [0.0; 6]), rig.id);
     rig.controller.command_bytes(early.as_bytes());
     rig.ask(10, id - 1);
@@ -62,7 +62,7 @@ fn a_heartbeat_waits_for_the_commands_that_it_names() {
     assert_eq!((rig.ack("Rx"), rig.ack("Done")), (3, 3));
 }
 
-/// The state channel may be open before the command channel: a heartbeat then waits for the command channel.
+/// If the state channel is opened before the command channel, a heartbeat waits for the command channel.
 #[test]
 fn a_heartbeat_waits_for_a_channel_that_is_not_yet_open() {
     let mut rig = Rig::before_reset(Clock::LockStep);
@@ -79,7 +79,7 @@ fn a_heartbeat_waits_for_a_channel_that_is_not_yet_open() {
     assert_eq!((rig.controller.time_ms(), rig.ack("Done")), (96, 1));
 }
 
-/// On the wall clock a state is sent unrequested at least every 100 ms, with the last request in Re.
+/// On the wall clock a state message is sent without a request at least every 100 ms, with the last request in Re.
 #[test]
 fn states_are_sent_unrequested_in_wall_clock_time() {
     let mut rig = Rig::new(Clock::Free);
@@ -90,7 +90,8 @@ fn states_are_sent_unrequested_in_wall_clock_time() {
     assert_eq!(rig.state("Re"), 1);
 }
 
-/// Eight commands are read per tick; 100 that cannot be executed fill the ring, and the next one is refused.
+/// Eight commands are read per tick. 100 commands that cannot be executed fill the ring buffer, and the next command is
+/// refused.
 #[test]
 fn the_ring_refuses_when_it_is_full() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -175,8 +176,8 @@ fn only_commands_of_the_present_epoch_are_executed() {
     assert!(
         rig.flag(7) && !rig.controller.outputs().contains_key(&2) && !rig.controller.outputs().contains_key(&3)
     );
-    // A command that is still in transit when its epoch ends is dropped and does not affect the new epoch. A command
-    // of a future epoch is refused.
+    // A command that is in transit when its epoch ends is dropped and does not affect the new epoch. A command of a
+    // future epoch is refused.
     rig.open();
     rig.controller.command_bytes(command(1, 2, 6, [1, 1], [0.0; 2], [0.0; 6]).as_bytes());
     rig.beat();
@@ -186,13 +187,13 @@ fn only_commands_of_the_present_epoch_are_executed() {
     rig.id = 1;
     rig.beat();
     assert_eq!((rig.ack("Err"), rig.state("Out"), rig.state("Ep")), (2, 0, 2));
-    // An epoch is never opened twice, and a lower epoch is never opened.
+    // An epoch is not opened twice, and a lower epoch is not opened.
     rig.ask(12, 2);
     rig.ask(12, 1);
     assert_eq!((rig.state("Ep"), rig.ack("Err")), (2, 2));
 }
 
-/// Base and tool are no longer set after the epoch; during the epoch they are echoed as they were set.
+/// During the epoch, base and tool are reported as they were set. After the epoch they are no longer set.
 #[test]
 fn a_new_epoch_has_neither_base_nor_tool() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -207,7 +208,7 @@ fn a_new_epoch_has_neither_base_nor_tool() {
     assert_eq!(rig.ack("Err"), Refusal::NoBaseOrTool as i32);
 }
 
-/// Outputs act on the world and come back as its inputs: bit 4 of Out is output 5, bit 3 of In input 4.
+/// Outputs act on the world, and the world's inputs are reported: bit 4 of Out is output 5, bit 3 of In is input 4.
 #[test]
 fn outputs_reach_the_world_and_inputs_come_back() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -218,7 +219,8 @@ fn outputs_reach_the_world_and_inputs_come_back() {
     assert_eq!(rig.wires.changes(), [(5, true, 108)]);
 }
 
-/// TIMEOUT in server mode: a later client is not accepted, and nothing opens the channel again.
+/// TIMEOUT in server mode: a client that connects after the timeout is not accepted, and the channel is not opened
+/// again.
 #[test]
 fn a_channel_with_a_timeout_does_not_listen_for_ever() {
     let with =
@@ -234,7 +236,7 @@ fn a_channel_with_a_timeout_does_not_listen_for_ever() {
     assert_eq!(controller.close_reason(Channel::State), Some(EkiFault::TimeLimit));
 }
 
-/// The cell's own programs read flag 870 in place of input 12; `In` still reports $IN.
+/// The cell's programs read flag 870 instead of input 12; `In` still reports the value of $IN.
 #[test]
 fn a_mapped_input_sets_its_flag() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -287,7 +289,7 @@ impl Client {
         Client { command: connect(server.command_address()), state: connect(server.state_address()), request: 0 }
     }
 
-    /// Sends a request and waits for its answer.
+    /// Sends a request and waits for the reply.
     fn ask(&mut self, epoch: i32, operation: i32, n1: i32) -> String {
         self.request += 1;
         self.state.write_all(request(self.request, epoch, operation, n1).as_bytes()).expect("sent");
@@ -319,7 +321,7 @@ fn path() -> Vec<String> {
     documents
 }
 
-/// Over sockets in lock step the controller gives the same results to the bit as without sockets.
+/// In lock step the results over sockets equal the results without sockets, bit for bit.
 #[test]
 fn a_path_over_tcp_equals_the_path_without_tcp() {
     let server = serve(Clock::LockStep);
@@ -381,7 +383,7 @@ fn malformed_bytes_close_the_connection() {
     assert_eq!(fault, Some(EkiFault::Malformed));
 }
 
-/// On the wall clock time passes by itself: states are sent unrequested, and a lost link stops a moving arm.
+/// On the wall clock state messages are sent without a request, and the loss of the link stops a moving arm.
 #[test]
 fn on_the_wall_clock_a_cut_link_stops_the_arm() {
     let server = serve(Clock::Free);
@@ -417,6 +419,6 @@ fn dropping_the_server_closes_connections_and_frees_ports() {
     let gone = client.state.read(&mut [0; 8]);
     assert!(matches!(gone, Ok(0)) || gone.is_err_and(|error| error.kind() == ErrorKind::ConnectionReset));
     assert!(TcpStream::connect(address).is_err());
-    // The controller can still be inspected.
+    // The controller can still be inspected after its server was dropped.
     assert_eq!(handle.with_controller(|controller| controller.epoch()), 0);
 }

@@ -1,9 +1,10 @@
-//! How the controller stops: abort, underrun in contact, watchdog, lost link, e-stop. An ended epoch never moves
-//! the arm. What the end of an epoch switches off and when, and how far one request can raise the epoch count.
+//! Tests of the controller's stops: abort, underrun in contact, watchdog, lost link, emergency stop. An ended epoch
+//! never moves the arm. Also tests which outputs the end of an epoch switches off and when, and how far one request can
+//! raise the epoch number.
 
 use super::*;
 
-/// Creates a rig in contact: 60 of 200 points sent, the tool on and moving.
+/// Creates a controller in contact: 60 of 200 points are sent, the tool is on and moves.
 fn sanding(clock: Clock) -> Rig {
     let mut rig = Rig::ready(clock);
     rig.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0; 2], [0.0; 6]);
@@ -13,12 +14,12 @@ fn sanding(clock: Clock) -> Rig {
     rig
 }
 
-/// Asserts that the tool is off, the arm has stopped 50 mm away from the panel above its line, and the epoch has
+/// Asserts that the tool is off, that the arm has stopped 50 mm above its line on the panel, and that the epoch has
 /// ended.
 fn assert_retracted(rig: &mut Rig) {
     rig.settle();
     let tip = rig.tool_tip().mm;
-    // The base's and the tool's Z point down; −Z is up.
+    // The Z axes of base and tool point down, so −Z points up.
     assert!((tip.z - (BASE_MM[2] + 50.0)).abs() < 1e-6 && tip.y.abs() < 1e-6, "{tip}");
     assert!(tip.x < BASE_MM[0] && !rig.tool_on() && rig.flag(7) && !rig.flag(3));
     let (executed, there) = (rig.ids().len(), rig.tool_tip());
@@ -38,19 +39,19 @@ fn abort_in_contact_switches_the_tool_off_and_retracts() {
     assert_eq!((rig.state("Ep"), rig.flag(7), rig.tool_on()), (2, true, false));
     assert_eq!(rig.wires.changes().last(), Some(&(TOOL_OUTPUT, false, rig.controller.time_ms())));
     rig.beat();
-    // Calculated by hand: 100 mm/s are braked at 5000 mm/s² within 20 ms and 1 mm.
+    // Expected values, calculated by hand: braking from 100 mm/s at 5000 mm/s² takes 20 ms and 1 mm.
     let braked_mm = at.mm.x - rig.tool_tip().mm.x;
     assert!((braked_mm - 1.0).abs() < 1e-6, "{braked_mm}");
     (rig.epoch, rig.id) = (2, 0);
     assert_retracted(&mut rig);
     assert!(rig.ids().len() <= done + 1 && rig.causes() == [StopCause::Abort]);
-    // The refusals of the ended epoch report that it was stopped; a new epoch begins without refusals.
+    // In the ended epoch, commands are refused because it was stopped; the new epoch begins without a refusal.
     assert_eq!(rig.ack("Err"), Refusal::Stopped as i32);
     rig.open();
     assert_eq!((rig.state("Ep"), rig.flag(7), rig.state("Done")), (3, false, 0));
 }
 
-/// The client may open the next epoch while the arm still retracts: the new epoch's commands wait.
+/// The client may open the next epoch while the arm is retracting; the commands of the new epoch wait.
 #[test]
 fn a_new_epoch_waits_for_the_retract() {
     let mut rig = sanding(Clock::LockStep);
@@ -64,7 +65,7 @@ fn a_new_epoch_waits_for_the_retract() {
     assert_eq!(rig.state("Done"), 3);
 }
 
-/// In the air there is no retract; the arm brakes and stops.
+/// Without contact there is no retract; the arm brakes and stops.
 #[test]
 fn abort_in_the_air_only_stops() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -73,7 +74,7 @@ fn abort_in_the_air_only_stops() {
     rig.ask(11, 2);
     rig.settle();
     assert!((rig.tool_tip().mm.z - BASE_MM[2]).abs() < 1e-6 && rig.ids().len() < 60);
-    // An abort stops the arm even if its number is not higher.
+    // An abort stops the arm even if its epoch number is not higher than the current one.
     let mut rig = sanding(Clock::LockStep);
     rig.ask(11, 0);
     assert_eq!((rig.state("Ep"), rig.flag(7)), (1, true));
@@ -87,14 +88,14 @@ fn a_missing_point_in_contact_retracts() {
     assert_retracted(&mut rig);
     assert_eq!((rig.state("Under"), rig.causes(), rig.ids().len()), (1, vec![StopCause::Underrun], 10));
     assert!((rig.tool_tip().mm.x - (BASE_MM[0] - 50.0)).abs() < 1e-6, "stood exactly on the tenth point");
-    // The arm does not stay in contact either after a path whose last point is in contact.
+    // The arm also retracts after a path whose last point is in contact.
     let mut rig = Rig::ready(Clock::LockStep);
     rig.line(10, 10, true);
     assert_retracted(&mut rig);
 }
 
-/// Calculated by hand: the last frame arrives at the end of a beat; 34 ticks or 408 ms later, nothing was received for
-/// 400 ms.
+/// Expected time, calculated by hand: the last message arrives at the end of a granted period. After 34 ticks (408 ms),
+/// nothing was received for 400 ms.
 #[test]
 fn silence_of_the_client_stops_queued_commands() {
     let mut rig = sanding(Clock::Free);
@@ -106,14 +107,14 @@ fn silence_of_the_client_stops_queued_commands() {
         (stop.cause, stop.contact, stop.epoch, stop.time_ms),
         (StopCause::Watchdog, true, 1, heard_ms + 408)
     );
-    // The tool is off the surface within 500 ms of the last frame: the first sample after the stop is not a sanding
+    // The tool leaves the surface within 500 ms of the last message: the first sample after the stop is not a sanding
     // sample.
     let last = rig.controller.trace().last().expect("some").time_ms;
     assert!(last <= heard_ms + 500, "{last} {heard_ms}");
     assert_eq!(rig.controller.close_reason(Channel::State), Some(EkiFault::NoContact));
     assert!([Channel::Command, Channel::State].map(|channel| rig.controller.connect(channel)) == [true; 2]);
     assert_retracted(&mut rig);
-    // With nothing queued, the client is considered gone after three seconds.
+    // If no command is queued, the client is treated as lost after three seconds.
     let mut quiet = Rig::ready(Clock::Free);
     quiet.controller.advance_ms(2_900);
     assert_eq!(quiet.causes(), []);
@@ -121,9 +122,9 @@ fn silence_of_the_client_stops_queued_commands() {
     assert_eq!((quiet.causes(), quiet.controller.is_connected(Channel::State)), (vec![StopCause::LinkLost], false));
 }
 
-/// The command channel's client has disconnected, the state channel's client has disappeared without closing. A client
-/// that tries again every second must not keep the disappeared client's channel open, and is accepted after three
-/// seconds.
+/// The client of the command channel has disconnected, and that of the state channel has disappeared without closing
+/// its connection. The attempts of a new client, every second, must not keep the old connection open; the new client is
+/// accepted after three seconds.
 #[test]
 fn attempts_of_a_new_client_do_not_keep_a_lost_client_connected() {
     let mut rig = Rig::ready(Clock::Free);
@@ -163,8 +164,8 @@ fn a_gap_of_ids_in_contact_retracts() {
     assert_retracted(&mut rig);
 }
 
-/// If a point far along the path is out of reach, the path before it is not executed to its end, and the message
-/// names the point.
+/// If a point far ahead on the path is out of reach, the path is not executed up to this point, and the message names
+/// the point.
 #[test]
 fn an_unreachable_point_stops_the_path() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -180,7 +181,7 @@ fn an_unreachable_point_stops_the_path() {
     );
 }
 
-/// Contact is allowed only with the sanding tool: the direction of the retract is known only along its Z.
+/// Contact requires the sanding tool, because only for this tool the direction of the retract (−Z) is known.
 #[test]
 fn contact_without_the_sanding_tool_is_refused() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -198,14 +199,14 @@ fn the_e_stop_stops_at_once_and_its_release_continues_nothing() {
     assert!(!rig.tool_on());
     rig.beats(3);
     assert!(rig.tool_tip().distance_mm(at) < 1e-12 && rig.causes() == [StopCause::EStop]);
-    // Flags: only guard closed and stopped remain.
+    // Of the flags, only "guard closed" and "stopped" remain set.
     assert_eq!(rig.state("Flags") & !(1 << 5 | 1 << 6), 1 << 2 | 1 << 7);
     rig.controller.release_e_stop();
     rig.controller.switch_drives(true);
     rig.ask(11, 2);
     rig.beats(3);
     assert!(rig.tool_tip().distance_mm(at) < 1e-12, "nothing continues, nothing retracts later");
-    // After a reset of the program there is no motion until the program is started, and the TCP position is not known.
+    // After a reset of the program no motion is possible until the program is started, and the TCP position is unknown.
     assert!(!rig.flag(4) && rig.states.contains("<Tcp X=\"0.000000\" Y=\"0.000000\" Z=\"0.000000\""));
     (rig.epoch, rig.id) = (2, 0);
     rig.open();
@@ -237,8 +238,8 @@ fn drives_guard_and_mode_end_the_epoch_at_once() {
     }
 }
 
-/// In T1 releasing the start key pauses the program. A stop during the pause resets it: there is no retract, and
-/// the key continues nothing.
+/// In T1 the release of the Start key pauses the program. A stop during the pause resets the program: there is no
+/// retract, and the Start key does not continue the motion.
 #[test]
 fn a_stop_while_the_program_is_paused_resets_it() {
     let mut rig = Rig::new(Clock::LockStep);
@@ -259,7 +260,7 @@ fn a_stop_while_the_program_is_paused_resets_it() {
     assert!(rig.flag(4), "and the program runs again");
 }
 
-/// Without a running program, a command has no receiver: the epoch is over.
+/// If no program is running, a command cannot be executed, and the epoch ends.
 #[test]
 fn without_a_program_a_command_ends_the_epoch() {
     let mut rig = Rig::new(Clock::LockStep);
@@ -271,7 +272,7 @@ fn without_a_program_a_command_ends_the_epoch() {
     assert_eq!(rig.causes(), [StopCause::Deselected; 2]);
 }
 
-/// After 400 ms without the submit interpreter, the robot program stops by itself and leaves the panel.
+/// If the submit interpreter has not run for 400 ms, the robot program stops by itself and retracts from the panel.
 #[test]
 fn a_dead_submit_interpreter_stops_the_arm() {
     let mut rig = sanding(Clock::Free);
@@ -284,8 +285,8 @@ fn a_dead_submit_interpreter_stops_the_arm() {
     assert!((rig.tool_tip().mm.z - (BASE_MM[2] + 50.0)).abs() < 1e-6 && !rig.tool_on());
 }
 
-/// The tool runs in the air and nothing is queued: 400 ms of silence still switch it off. A client that sends
-/// commands but no requests keeps it on for 3 s.
+/// The tool is on without contact and no command is queued: after 400 ms without a message the tool is still switched
+/// off. A client that sends commands but no requests keeps it on for up to 3 s.
 #[test]
 fn the_watchdog_covers_a_running_tool() {
     let mut rig = Rig::ready(Clock::Free);
@@ -305,7 +306,7 @@ fn the_watchdog_covers_a_running_tool() {
     assert_eq!(rig.causes(), [StopCause::LinkLost], "a client that asks nothing for 3 s is none");
 }
 
-/// Each executed command is reported once, in order, up to the stop and during braking, and Done reports the same.
+/// Each executed command is logged once, in order, up to the stop and during braking. Done reports the same number.
 #[test]
 fn done_counts_the_executed_commands() {
     let mut rig = sanding(Clock::Free);
@@ -316,7 +317,8 @@ fn done_counts_the_executed_commands() {
     assert_eq!(rig.state("Done"), *ids.last().expect("some"));
 }
 
-/// A person sets the override to 90 % in contact: the tool switches off, the arm retracts, and the reason is named.
+/// A person sets the override to 90 % during contact: the tool is switched off, the arm retracts, and the reason is
+/// reported.
 #[test]
 fn a_changed_override_in_contact_retracts() {
     let mut rig = sanding(Clock::LockStep);
@@ -327,7 +329,7 @@ fn a_changed_override_in_contact_retracts() {
     assert_retracted(&mut rig);
 }
 
-/// At an override of 50 % a path through the air runs at half its speed, and a path into contact is refused.
+/// At an override of 50 %, a path without contact runs at half of its speed, and a path with contact is refused.
 #[test]
 fn contact_at_another_override_is_refused() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -340,7 +342,8 @@ fn contact_at_another_override_is_refused() {
     assert_eq!((rig.causes(), rig.ack("Err")), (vec![StopCause::Refused(Refusal::Override)], 11));
 }
 
-/// The reported pose is off while the arm moves to the commanded positions: the client must detect the difference.
+/// The reported pose has an error while the arm moves to the commanded positions; the client must detect the
+/// difference.
 #[test]
 fn a_measured_pose_with_a_deviation_is_reported() {
     let mut rig = sanding(Clock::LockStep);
@@ -351,7 +354,7 @@ fn a_measured_pose_with_a_deviation_is_reported() {
     let before_mm = z_mm(&rig);
     rig.controller.apply_fault(Fault::Measured { deviation_mm: 60, for_ms: None });
     rig.beat();
-    // In one beat the arm itself moves 10 mm at most.
+    // The arm itself moves at most 10 mm per heartbeat.
     assert!((45.0..75.0).contains(&(z_mm(&rig) - before_mm)), "{before_mm}");
     assert_eq!(rig.causes(), []);
 }
@@ -362,7 +365,7 @@ const SHUTTER: u16 = 3;
 const EXTRACTION: u16 = 4;
 const ALL: [u16; 5] = [LIGHT, SPRAY, SHUTTER, EXTRACTION, TOOL_OUTPUT];
 
-/// Creates a rig with every output on, an open epoch, nothing queued and a client that is not silent.
+/// Creates a controller with every output on, an open epoch, no queued commands, and a client that sends messages.
 fn all_on() -> Rig {
     let mut rig = Rig::ready(Clock::Free);
     for output in ALL {
@@ -377,7 +380,7 @@ fn on(rig: &Rig) -> Vec<u16> {
     rig.controller.outputs().iter().filter(|(_, on)| **on).map(|(number, _)| *number).collect()
 }
 
-/// Sends a request, which is served in the next ticks.
+/// Sends a request, which is processed in the next ticks.
 fn ask(rig: &mut Rig, operation: i32, number: i32) {
     rig.ask(operation, number);
     rig.controller.advance_ms(24);
@@ -414,7 +417,8 @@ fn every_end_of_an_epoch_switches_outputs_off_in_time() {
     }
 }
 
-/// The submit interpreter counts the delays; if it is dead, the robot program switches all outputs off at once.
+/// The submit interpreter counts the switch-off delays. If it does not run, the robot program switches all outputs off
+/// immediately.
 #[test]
 fn a_dead_submit_interpreter_leaves_no_output_on() {
     let mut rig = all_on();
@@ -423,7 +427,7 @@ fn a_dead_submit_interpreter_leaves_no_output_on() {
     assert_eq!(on(&rig), [SHUTTER]);
 }
 
-/// The next epoch sets its outputs freely; a second stop does not lengthen the times of the first stop.
+/// The next epoch can set its outputs, and a second stop does not extend the delays of the first stop.
 #[test]
 fn an_open_epoch_keeps_its_outputs_and_a_second_stop_changes_nothing() {
     let mut rig = all_on();
@@ -444,7 +448,7 @@ fn an_open_epoch_keeps_its_outputs_and_a_second_stop_changes_nothing() {
     assert_eq!(on(&rig), [LIGHT, SPRAY, SHUTTER, EXTRACTION], "90 s in the next epoch");
 }
 
-/// In an earlier version, a single request with the highest number left no numbers for further requests.
+/// Regression test: a single request with the maximum number once left no epoch numbers for further requests.
 #[test]
 fn no_request_exhausts_the_epoch_numbers() {
     for operation in [11, 12] {
@@ -452,7 +456,7 @@ fn no_request_exhausts_the_epoch_numbers() {
             let mut rig = all_on();
             ask(&mut rig, operation, number);
             assert_eq!(rig.state("Ep"), 1, "operation {operation}, number {number}");
-            // An abort stops with any number; a reset with a number that is not allowed has no effect.
+            // An abort stops with any epoch number; a reset with an invalid number has no effect.
             assert_eq!((rig.flag(7), rig.tool_on()), (operation == 11, operation == 12));
             ask(&mut rig, 11, 2);
             assert_eq!((rig.state("Ep"), rig.flag(7), rig.tool_on()), (2, true, false));
@@ -467,8 +471,8 @@ fn no_request_exhausts_the_epoch_numbers() {
     assert_eq!(rig.state("Ep"), 1_000_001, "a step is allowed");
 }
 
-/// A heartbeat that names a command that never arrives blocks lock step; an abort behind the heartbeat is not
-/// blocked.
+/// If a heartbeat names a command that never arrives, it blocks the time in lock step, but not an abort that follows
+/// it.
 #[test]
 fn an_abort_passes_a_heartbeat_that_waits_for_ever() {
     let mut rig = Rig::ready(Clock::LockStep);

@@ -1,4 +1,4 @@
-//! The simulated world in operation: the mock controller over TCP in lock step, both cameras, small pictures.
+//! Tests of the simulated world in operation: the mock controller over TCP in lock step, both cameras, small pictures.
 
 mod reach;
 
@@ -20,7 +20,7 @@ use std::time::Duration;
 
 const DISC_MM: f64 = 30.0;
 
-/// A simulated cell in operation.
+/// Test bench: a simulated cell with its controller, link and cameras.
 struct Bench {
     cell: cell::Cell,
     sim: sim::Cell,
@@ -110,7 +110,7 @@ impl Bench {
         gray_at(&self.sim, &picture, point)
     }
 
-    /// Wets the panel for four seconds and then waits with the film on it.
+    /// Wets the panel for four seconds, and then waits for `stands_s` with the film on it.
     fn wet(&mut self, stands_s: f64) {
         self.switch(Output::LensShutter, true);
         self.pass_s(0.3);
@@ -160,7 +160,8 @@ impl Bench {
     }
 }
 
-/// Returns the mean brightness of 3 × 3 pixels where the scanner sees a point of the true panel.
+/// Returns the mean brightness of the 3 × 3 pixels around the position of a point of the true panel in the scanner's
+/// picture.
 fn gray_at(sim: &sim::Cell, picture: &ColorPicture, point: Point<Panel>) -> f64 {
     let truth = sim.truth();
     let seen: Point<Camera> = truth.base_from_camera.inverse() * (truth.base_from_panel * point);
@@ -201,7 +202,7 @@ fn feedbacks_follow_their_outputs_in_the_controllers_time() {
     assert_eq!(violations, [Violation::SprayOnLens]);
 }
 
-/// The picture shows the view from the arm's true pose, not from the commanded one.
+/// The picture is rendered from the true pose of the arm, not from the commanded one.
 #[test]
 fn a_flange_picture_shows_the_view_from_the_executed_pose() {
     let mut bench = Bench::new();
@@ -216,7 +217,7 @@ fn a_flange_picture_shows_the_view_from_the_executed_pose() {
         .expect("one");
     let stood = taken.base_from_flange.expect("the simulation knows it");
     assert_eq!(stood, executed.base_from_flange);
-    // The link transfers angles as f32, so the pose is close to the commanded one but not equal to it.
+    // The link transfers angles as f32, so the pose is close to the commanded one but not equal.
     let off_mm = stood.origin().distance_mm(aim.origin());
     assert!(off_mm > 0.0 && off_mm < 0.01, "{off_mm}");
     let place = bench.sim.truth().base_from_panel;
@@ -234,8 +235,8 @@ fn a_flange_picture_shows_the_view_from_the_executed_pose() {
     assert_eq!(bench.world.violations().len(), 1);
 }
 
-/// With a colour sensor's filters a picture is the same with and without a network in between. It is close to the
-/// rendered picture: on average within two levels of 255.
+/// With a colour sensor's filters, a picture over the network equals the picture without a network. On average it
+/// differs from the rendered picture by at most two of 255 grey levels.
 #[cfg(feature = "gige")]
 #[test]
 fn a_flange_picture_over_gige_is_the_one_without() {
@@ -279,8 +280,8 @@ fn the_simulated_scanner_passes_the_tests_of_all_scanners() {
     conform::check_clips(&mut scanner, &lens, || bench.pass_s(0.03));
 }
 
-/// Calculated by hand: the third picture of a clip of two pictures a second is due after one second; missed
-/// pictures are not taken later.
+/// Expected time, calculated by hand: in a clip of two pictures per second, the third picture is due after one second.
+/// Missed pictures are not captured afterwards.
 #[test]
 fn a_simulated_clip_follows_the_worlds_time() {
     let mut bench = Bench::new();
@@ -322,14 +323,14 @@ fn without_light_it_is_dark_and_without_water_there_is_no_film() {
     assert!((gray_at(&bench.sim, &later.picture, spot.centre) - dry).abs() < 3.0, "dry it stays");
     assert!(first.picture != later.picture, "each picture has its own noise");
     assert!((later.time_s - first.time_s - 30.0).abs() < 0.2);
-    // The camera sees nothing behind the closed lens cover.
+    // With the lens cover closed, the camera sees nothing.
     bench.switch(Output::LensShutter, true);
     bench.pass_s(0.4);
     assert_eq!(bench.gray(spot.centre), 0.0);
 }
 
-/// The first film breaks on both spots. The disc moves over one of them: the break in the present film remains. The
-/// next film holds on that spot and breaks on the other.
+/// The first film breaks on both spots. The disc moves over one of them; the break in the current film remains. The
+/// next film holds on this spot and breaks on the other.
 #[test]
 fn an_abraded_spot_holds_water_after_it_is_wetted_again() {
     let mut bench = Bench::new();
@@ -358,7 +359,7 @@ fn an_abraded_spot_holds_water_after_it_is_wetted_again() {
 
     bench.wet(all_broken_s);
     let after = [&abraded, &left].map(|spot| bench.gray(spot.centre));
-    // The sanded area has a different brightness: at most 1.4 times as bright, of which a film leaves two thirds.
+    // The sanded area has another brightness: at most 1.4 times the dry brightness, of which a film leaves two thirds.
     assert!(after[0] < 0.66 * 1.4 * dry[0], "it holds its film: {after:?} of {dry:?}");
     assert!(after[1] > 0.8 * dry[1], "untouched, it breaks again: {after:?} of {dry:?}");
     assert_eq!(bench.world.greasy_spots(), bench.sim.spots()[1..]);
@@ -377,7 +378,7 @@ fn a_value_that_is_missing_in_the_cells_file_is_reported() {
     assert_eq!(told(outputs), "[io.feedbacks] light_on is missing; the simulated world needs its number");
 }
 
-/// When a part is removed, its films are removed with it. No third part is brought in, so the third film is the second
+/// When a part is removed, its films are removed as well. No third part is brought, so the third film is the second
 /// film of the second part.
 #[test]
 fn the_films_of_a_part_are_removed_with_it() {
