@@ -1,13 +1,15 @@
-//! The changing state of the simulated world, and its connection to the controller's outputs and inputs.
+//! The state of the simulated world that changes, and its connection to the controller's outputs and inputs.
 //!
-//! An output acts in the world with a delay: a lamp needs time, a disc spins up, a valve closes. The water on the
-//! panel is expressed as a time of the film. The film's own time begins dry; the film is sprayed from [`SPRAY_FROM_S`]
-//! and watched from [`WET_FROM_S`] on. If it is sprayed for less than the time in between, the front of the water
-//! stays where it is. Longer spraying keeps the film new until the water is off.
+//! A device follows its output with a delay: a lamp needs time, a disc spins up, a valve closes. The water on the panel
+//! is expressed as the film's own time. This time begins with a dry panel; the panel is sprayed from [`SPRAY_FROM_S`]
+//! on, and the film is observed from [`WET_FROM_S`] on. If the panel is sprayed for less than the time in between, the
+//! front of the water does not advance any further. If it is sprayed for longer, the film's time starts when the water
+//! is switched off.
 //!
-//! A simulated line brings parts, requests cycles, and removes finished parts, only by the controller's signals.
+//! A simulated production line brings parts, requests cycles, and removes finished parts. It uses only the controller's
+//! signals.
 //!
-//! | It reads | It does |
+//! | Signal of the controller | Action of the line |
 //! |---|---|
 //! | ready on | brings the next part, then requests a cycle |
 //! | ready off | withdraws its request |
@@ -18,63 +20,63 @@ use panelprep_cell::cell::{InputsOutputs, LINE_INPUTS, LineSignal, Output};
 use panelprep_sim::{Film, SPRAY_FROM_S, Sanding, WET_FROM_S};
 use std::sync::Arc;
 
-/// Time between the signal and the moment at which a part is brought in or taken out.
+/// Time between the signal and the moment at which the part is brought or removed, ms.
 const PART_TRANSPORT_MS: u64 = 1_000;
-/// Delay from the part to the start request, and delay with which the request ends, ms.
+/// Delay between the arrival of the part and the start request, and delay with which the request ends, ms.
 const LINE_RESPONSE_MS: u64 = 500;
 
-/// An action that violates the process rules, as seen by the world. For tests.
+/// An action that violates the process rules, as the simulated world detects it; for tests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Violation {
-    /// A 3D shot with the arm not parked, or moving.
+    /// A 3D scan was captured while the arm was not parked, or moved.
     ArmInView,
-    /// A picture of the flange camera while the arm moved.
+    /// A picture of the flange camera was captured while the arm moved.
     ArmMoves,
-    /// A 3D shot with the process light on.
+    /// A 3D scan was captured with the process light on.
     LightDuring3d,
-    /// Water while the lens was not shut.
+    /// The water was on while the lens shutter was not closed.
     SprayOnLens,
-    /// Water while the tool ran, or the tool switched on while water came.
+    /// The water was on while the tool ran, or the tool was switched on while the water was on.
     WaterWhileToolRuns,
-    /// The tool switched on without the extraction's flow.
+    /// The tool was switched on without the air flow of the extraction.
     ToolWithoutDustExtraction,
 }
 
-/// The area of this part that the disc has sanded.
+/// The area of the current part that the disc has sanded.
 #[derive(Debug, Clone, Default)]
 pub(super) struct SandedArea {
-    /// The disc's positions, grouped in passes: one pass for each wetting that followed.
+    /// The positions of the disc, grouped by sanding passes; each wetting ends a pass.
     pub sanding: Arc<Sanding>,
-    /// The number of passes.
+    /// The number of sanding passes.
     pub passes: u64,
-    /// The time up to which the robot's trace is included, ms.
+    /// The time up to which the trace of the robot is included, ms.
     pub until_ms: u64,
 }
 
 /// The state of the simulated world.
 pub(super) struct WorldState {
     pub signals: Vec<Signal>,
-    /// The input that is on while the tool is stopped, if the cell names one.
+    /// The number of the input that is on while the tool is stopped, if the cell file names one.
     pub tool_stands: Option<u16>,
     pub wetting: Option<LastWetting>,
-    /// The time at which the last evaluated wetting began, and which spots were no longer greasy then.
+    /// The time at which the last evaluated wetting began, and for each spot whether its grease was removed by then.
     pub removed_grease: (Option<u64>, Vec<bool>),
     pub sanded: SandedArea,
-    /// The last film, with the spots that were no longer greasy and the number of passes for which it was computed.
+    /// The last computed film, with the removed spots and the number of sanding passes for which it was computed.
     pub film: Option<((Vec<bool>, u64), Arc<Film>)>,
-    /// Each watched wetting of this part: the time at which its water came on, its film, and the film's time in the
-    /// last picture, s.
+    /// Each recorded wetting of the current part: the time at which the water was switched on, its film, and the film's
+    /// time in the last picture, s.
     pub watched_films: Vec<(u64, Arc<Film>, f64)>,
     pub shots: u64,
     pub disc_diameter_mm: f64,
     pub violations: Vec<(u64, Violation)>,
     pub line: Option<SimulatedLine>,
-    /// Time at which the part was brought in, by the controller's time, ms.
+    /// The time at which the part was brought, on the controller's clock, ms.
     pub part_since_ms: u64,
 }
 
 impl WorldState {
-    /// Creates the state in which nothing was done yet.
+    /// Creates the initial state of a world with these signals and this number of spots.
     pub fn new(signals: Vec<Signal>, spots: usize) -> Self {
         WorldState {
             signals,
@@ -96,8 +98,8 @@ impl WorldState {
         &self.signals[output_index(output)]
     }
 
-    /// Replaces the part by one that is dry and as greasy as the first. The films of the previous part are released,
-    /// so that memory does not grow when a line brings parts for days.
+    /// Replaces the part by a dry one with the same greasy spots. The films of the previous part are dropped, so that
+    /// the memory does not grow when a line brings parts for days.
     fn bring_part(&mut self, now_ms: u64) {
         (self.part_since_ms, self.wetting) = (now_ms, None);
         self.watched_films.clear();
@@ -105,7 +107,7 @@ impl WorldState {
         self.sanded = SandedArea { until_ms: now_ms, ..SandedArea::default() };
     }
 
-    /// Processes a changed output of the controller.
+    /// Processes the change of an output of the controller.
     pub fn process_output(&mut self, number: u16, value: bool, time_ms: u64) {
         if self.line.as_mut().is_some_and(|line| line.process_output(number, value, time_ms)) {
             self.bring_part(time_ms);
@@ -135,7 +137,7 @@ impl WorldState {
         self.violations.extend(wrong.into_iter().map(|violation| (time_ms, violation)));
     }
 
-    /// Returns an input of the controller, if something is wired to it.
+    /// Returns the value of an input of the controller; `None` if nothing is connected to it.
     pub fn input(&self, number: u16, time_ms: u64) -> Option<bool> {
         if let Some(set) = self.line.as_ref().and_then(|line| line.input_state(number, time_ms)) {
             return Some(set);
@@ -147,12 +149,12 @@ impl WorldState {
     }
 }
 
-/// Returns the position of an output among all outputs.
+/// Returns the index of an output in the list of all outputs.
 fn output_index(output: Output) -> usize {
     Output::ALL.iter().position(|other| *other == output).unwrap_or_default()
 }
 
-/// Delay until the device at an output follows, ms.
+/// The delays with which a device follows its output, ms.
 struct DeviceDelays {
     on_ms: u64,
     off_ms: u64,
@@ -169,19 +171,19 @@ fn delays(output: Output) -> DeviceDelays {
     DeviceDelays { on_ms, off_ms }
 }
 
-/// An output and the feedback that follows it.
+/// An output with its device and the feedback input.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Signal {
     pub output: Output,
-    /// Number n of the output `$OUT[n]`.
+    /// The number n of the output `$OUT[n]`.
     pub number: u16,
-    /// Number n of `$IN[n]` of its feedback.
+    /// The number n of the feedback input `$IN[n]`.
     pub feedback: u16,
     /// The output's value.
     pub on: bool,
-    /// Time of the last change, ms.
+    /// The time of the last change of the output, ms.
     since_ms: u64,
-    /// Whether the driven device was running when the output last changed.
+    /// Whether the device was running when the output last changed.
     was_running: bool,
 }
 
@@ -196,20 +198,20 @@ impl Signal {
         (self.on, self.since_ms) = (on, now_ms);
     }
 
-    /// Returns whether the driven device runs.
+    /// Returns whether the device runs.
     pub fn is_running(&self, now_ms: u64) -> bool {
         let DeviceDelays { on_ms, off_ms } = delays(self.output);
         let follows = now_ms >= self.since_ms + if self.on { on_ms } else { off_ms };
         if follows { self.on } else { self.was_running }
     }
 
-    /// Returns the feedback: for the spray whether it is off, for everything else whether it runs.
+    /// Returns the value of the feedback: for the spray whether it is off, for all other devices whether they run.
     pub fn is_feedback_on(&self, now_ms: u64) -> bool {
         self.is_running(now_ms) != (self.output == Output::Spray)
     }
 
-    /// Returns the start-up progress of the driven device, 0…1, linear in time; when the device is switched off, the
-    /// value is 0 at once.
+    /// Returns the fraction of the device's start-up that is completed, 0 to 1, linear in time. When the device is
+    /// switched off, the value is 0 immediately.
     pub fn share(&self, now_ms: u64) -> f64 {
         let since_ms = now_ms.saturating_sub(self.since_ms) as f64;
         let on_ms = delays(self.output).on_ms.max(1) as f64;
@@ -223,15 +225,15 @@ impl Signal {
     }
 }
 
-/// The last time that the water was on.
+/// The last period in which the water was on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct LastWetting {
     pub on_ms: u64,
     pub off_ms: Option<u64>,
 }
 
-/// Calculates the film's time at this time of the cell, s. Before the first wetting it also advances, so that no two
-/// pictures have the same noise.
+/// Calculates the film's own time at this time of the cell, s. Before the first wetting it also advances, so that no
+/// two pictures have the same noise.
 pub(super) fn film_s(last: Option<LastWetting>, now_ms: u64) -> f64 {
     let Some(LastWetting { on_ms, off_ms }) = last else { return -seconds(now_ms) };
     let reached_s = SPRAY_FROM_S + seconds(off_ms.unwrap_or(now_ms).saturating_sub(on_ms));
@@ -245,7 +247,7 @@ pub(super) fn seconds(ms: u64) -> f64 {
     ms as f64 / 1_000.0
 }
 
-/// A signal of the line, and the time at which it changes.
+/// The value of a signal of the line, and the time at which it changes.
 #[derive(Debug, Clone, Copy, Default)]
 struct SignalChange {
     initial_value: bool,
@@ -264,7 +266,7 @@ impl SignalChange {
     }
 }
 
-/// The simulated line next to the cell.
+/// The simulated production line at the cell.
 #[derive(Debug, Clone)]
 pub(super) struct SimulatedLine {
     part_present: (u16, SignalChange),
@@ -272,12 +274,12 @@ pub(super) struct SimulatedLine {
     ready: u16,
     cycle_done: u16,
     fault: u16,
-    /// Number of parts that are still to come.
+    /// Number of parts that were not brought yet.
     parts: u32,
 }
 
 impl SimulatedLine {
-    /// Returns a line that brings this number of parts; `None` if the cell's file does not name its signals.
+    /// Creates a line that brings this number of parts; `None` if the cell file does not name the line's signals.
     pub fn new(io: &InputsOutputs, parts: u32) -> Option<Self> {
         let [part_present, start_request] = LINE_INPUTS.map(|name| io.feedbacks().get(name).copied());
         let output = |signal| io.line_output(signal);
@@ -291,7 +293,7 @@ impl SimulatedLine {
         })
     }
 
-    /// Processes a changed output of the controller; returns whether the line brings in another part.
+    /// Processes the change of an output of the controller; returns whether the line brings another part.
     pub fn process_output(&mut self, number: u16, on: bool, now_ms: u64) -> bool {
         let (part_present, start_request) = (&mut self.part_present.1, &mut self.start_request.1);
         if number == self.ready && on && self.parts > 0 {
@@ -310,7 +312,7 @@ impl SimulatedLine {
         false
     }
 
-    /// Returns the state that the line sets, if this input of the controller belongs to the line.
+    /// Returns the value of an input of the controller that the line sets; `None` for other inputs.
     pub fn input_state(&self, number: u16, now_ms: u64) -> Option<bool> {
         [self.part_present, self.start_request]
             .iter()
@@ -346,7 +348,7 @@ mod tests {
         assert!(!spray.is_feedback_on(5_199) && spray.is_feedback_on(5_200));
     }
 
-    /// Calculated by hand: the spray is watched from 1 s to 4 s of the film's time.
+    /// Expected values, calculated by hand: three seconds of water advance the film's time from 1 s to 4 s.
     #[test]
     fn three_seconds_of_water_make_a_film() {
         let sprayed = |off_ms| Some(LastWetting { on_ms: 10_000, off_ms });
@@ -374,7 +376,7 @@ mod tests {
         [30, 31].map(|number| line.input_state(number, now_ms).expect("its own"))
     }
 
-    /// One part is brought in, its cycle is requested, and it is removed; there is no second part.
+    /// One part is brought, its cycle is requested, and the part is removed. There is no second part.
     #[test]
     fn a_part_is_brought_requested_and_removed() {
         let mut line = line(1);

@@ -1,8 +1,7 @@
-//! Positions and orientation of the running disc on the panel: from the motions that the mock executed, compared
-//! with the ground truth.
+//! The positions of the running disc on the true panel, from the motions that the mock controller executed.
 //!
-//! A sample counts if both ends of its segment are in contact, the tool is on, and its point is at most the pad's
-//! reach from the true surface. The disc is assumed to touch with its whole area, as a compliant pad does.
+//! A sample is used if both ends of its motion are in contact, the tool is on, and its point is within the pad's reach
+//! of the true surface. The disc is assumed to touch the surface with its whole area, as a compliant pad does.
 
 use crate::mock::ContactSample;
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
@@ -10,9 +9,9 @@ use panelprep_base::geometry::{Panel, Point, Rigid, Tool, Vector};
 use panelprep_sim::{CellTruth, TrueSpot};
 use panelprep_toolpath::path::{StepOver, step_overs_mm};
 
-/// Distance from the surface beyond which the pad does not touch, mm.
+/// Maximum distance from the surface at which the pad touches it, mm.
 const PAD_REACH_MM: f64 = 2.0;
-/// Smallest cosine between a step and the rows' direction at which the step is part of a row.
+/// Minimum cosine of the angle between a step and the direction of the rows at which the step belongs to a row.
 const MIN_ROW_COSINE: f64 = 0.98;
 
 /// The points of the panel that the disc has touched.
@@ -23,7 +22,7 @@ pub struct TouchedPoints {
 }
 
 impl TouchedPoints {
-    /// Finds the points that a disc of this diameter reached during the trace.
+    /// Determines the points that a disc of this diameter has touched during the trace.
     pub fn reached_by_disc(trace: &[ContactSample], truth: &CellTruth, disc_diameter_mm: f64) -> Self {
         let touches = |point: &Point<Panel>| truth.distance_mm(*point).abs() <= PAD_REACH_MM;
         let centres =
@@ -36,26 +35,26 @@ impl TouchedPoints {
         &self.centres
     }
 
-    /// Returns whether the disc was at this point.
+    /// Returns whether the disc has touched this point.
     pub fn was_touched(&self, point: Point<Panel>) -> bool {
         self.centres.iter().any(|centre| centre.distance_mm(point) <= self.radius_mm)
     }
 
-    /// Returns the covered fraction of these points, 0…1, each point representing the same area; 0 if there are no
-    /// points.
+    /// Returns the fraction of these points that the disc has touched, 0 to 1. Each point represents the same area. If
+    /// there are no points, the fraction is 0.
     pub fn share(&self, points: &[Point<Panel>]) -> f64 {
         let covered = points.iter().filter(|point| self.was_touched(**point)).count();
         covered as f64 / points.len().max(1) as f64
     }
 
-    /// Returns the covered fraction of a spot's area, 0…1.
+    /// Returns the fraction of a spot's area that the disc has touched, 0 to 1.
     pub fn covered_share(&self, spot: &TrueSpot) -> f64 {
         const RINGS: usize = 8;
         let reach_mm = spot.outline.iter().map(|point| point.distance_mm(spot.centre)).fold(0.0, f64::max);
         let near = |centre: &&Point<Panel>| centre.distance_mm(spot.centre) <= reach_mm + self.radius_mm;
         let near = TouchedPoints { centres: self.centres.iter().filter(near).copied().collect(), ..*self };
         let (mut whole_mm2, mut covered_mm2) = (0.0, 0.0);
-        // Divides the spot into sectors about the centre, each with rings of equal area.
+        // The spot is divided into sectors about its centre, and each sector into rings of equal area.
         for (index, &from) in spot.outline.iter().enumerate() {
             let to = spot.outline[(index + 1) % spot.outline.len()];
             let (from, to) = (from - spot.centre, to - spot.centre);
@@ -71,18 +70,18 @@ impl TouchedPoints {
     }
 }
 
-/// The tool's errors relative to the true surface while it sanded.
+/// The deviations of the tool from the true surface while it sanded.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct ContactErrors {
-    /// Ticks of the controller in contact.
+    /// Number of ticks of the controller in contact.
     pub samples: usize,
-    /// Largest angle between the tool's axis and the true normal, degrees.
+    /// Maximum angle between the tool's axis and the true normal, degrees.
     pub normal_max_deg: f64,
-    /// Largest distance of the tool's point from the true surface, mm.
+    /// Maximum distance of the TCP from the true surface, mm.
     pub surface_max_mm: f64,
 }
 
-/// Returns the tool's errors relative to the true surface; `None` if it was never in contact.
+/// Returns the deviations of the tool from the true surface; `None` if the tool was never in contact.
 pub fn contact_errors(trace: &[ContactSample], truth: &CellTruth) -> Option<ContactErrors> {
     let of = |panel_from_tool: Rigid<Panel, Tool>| {
         let outward = panel_from_tool * Vector::<Tool>::new(-Vector3::z());
@@ -98,13 +97,13 @@ pub fn contact_errors(trace: &[ContactSample], truth: &CellTruth) -> Option<Cont
     (errors.samples > 0).then_some(errors)
 }
 
-/// Measures the smallest and largest distance between neighbouring rows of the executed track; `None` without two
-/// rows.
+/// Measures the minimum and maximum distance between neighbouring rows of the executed track; `None` if there are fewer
+/// than two rows.
 ///
-/// The rows of a grid run along the main direction of its track; the connections between rows do not.
+/// The rows of a grid are parallel to the main direction of its track; the connections between rows are not.
 pub fn measure_step_over(trace: &[ContactSample], truth: &CellTruth) -> Option<StepOver> {
     let mut found: Option<StepOver> = None;
-    // The grids are separated here: between two grids the tool leaves the panel.
+    // Between two grids the tool leaves the panel, so the trace is split at the gaps.
     for grid in trace.chunk_by(|before, after| before.sanding == after.sanding) {
         let track: Vec<Point<Panel>> =
             sanding_poses(grid, truth).map(|panel_from_tool| panel_from_tool.origin()).collect();
@@ -118,7 +117,7 @@ pub fn measure_step_over(trace: &[ContactSample], truth: &CellTruth) -> Option<S
     found
 }
 
-/// Finds the straight rows of a track over one grid, in order.
+/// Returns the straight rows of a track over one grid, in order.
 fn rows(track: &[Point<Panel>]) -> Vec<Vec<Point<Panel>>> {
     let steps: Vec<Vector3<f64>> = track.windows(2).map(|pair| (pair[1] - pair[0]).mm).collect();
     let way: Matrix3<f64> = steps.iter().map(|step| step * step.transpose() / step.norm().max(f64::EPSILON)).sum();
@@ -133,7 +132,7 @@ fn rows(track: &[Point<Panel>]) -> Vec<Vec<Point<Panel>>> {
     straight.map(|row| track[row[0].0..=row[row.len() - 1].0 + 1].to_vec()).filter(|row| row.len() > 2).collect()
 }
 
-/// Returns the tool in the true panel's frame, at each tick in which it sanded.
+/// Returns the tool's pose in the frame of the true panel, at each tick in which it sanded.
 fn sanding_poses<'a>(
     trace: &'a [ContactSample],
     truth: &CellTruth,
@@ -157,7 +156,7 @@ mod tests {
         ContactSample { time_ms: 0, base_from_flange, base_from_tool, sanding: true, tool_on: true }
     }
 
-    /// Returns a sample with the tool on the true surface, at this height along the normal.
+    /// Returns a sample with the tool at this height above a point of the true surface, along the normal.
     fn standing(truth: &CellTruth, point: Point<Panel>, height_mm: f64) -> ContactSample {
         let normal = truth.normal(point);
         let turn = nalgebra::UnitQuaternion::rotation_between(&Vector3::z(), &-normal.mm).expect("not opposite");
@@ -167,8 +166,8 @@ mod tests {
         sample(truth.base_from_panel * panel_from_tool)
     }
 
-    /// Calculated by hand: a disc of 200 mm on a spot's centre covers it; a disc of 8 mm covers a circle of π·4²
-    /// mm².
+    /// Expected values, calculated by hand: a disc of 200 mm at the centre of a spot covers the whole spot. A disc of 8
+    /// mm covers a circle of π·4² mm².
     #[test]
     fn a_disc_covers_its_own_area_of_a_spot() {
         let truth = Cell::new(1, Scene::Good, 8).truth();
@@ -193,8 +192,8 @@ mod tests {
         assert_eq!(TouchedPoints::reached_by_disc(&lands, &truth, 200.0).share(&[spot.centre]), 0.0);
     }
 
-    /// Calculated by hand: rows of 60 mm on a flat panel, 10, 10 and 12 mm apart, with a connecting motion between
-    /// neighbouring rows.
+    /// Expected values, calculated by hand: rows of 60 mm on a flat panel at distances of 10, 10 and 12 mm, with
+    /// connecting motions between neighbouring rows.
     #[test]
     fn rows_are_distinguished_from_their_connections() {
         let at = |x_mm: f64, y_mm: f64| Point::<Panel>::at(0.0, x_mm, y_mm);
@@ -203,7 +202,7 @@ mod tests {
             let forth = (0..=30).map(|step| f64::from(step) * 2.0);
             let xs: Vec<f64> = if row % 2 == 0 { forth.collect() } else { forth.rev().collect() };
             track.extend(xs.into_iter().map(|x_mm| at(x_mm, y_mm)));
-            // A connecting point half-way to the next row.
+            // A point of the connecting motion, half-way to the next row.
             let end_mm = if row % 2 == 0 { 60.0 } else { 0.0 };
             track.push(at(end_mm, y_mm + 5.0));
         }

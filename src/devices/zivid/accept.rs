@@ -1,41 +1,42 @@
-//! Checks whether the received shot is the one that was requested. A pure function: every doubt is a fault, and
-//! nothing is corrected.
+//! The acceptance check of a received scan or picture: is it the one that was requested? This is a pure function: every
+//! doubt is a fault, and nothing is corrected.
 
 use super::fault::ZividFault;
 use super::message::{SettingsHash, ShotInfo, Size};
 use super::sensor::ShotPlanes;
 
-/// The expected values with which a shot is compared.
+/// The expected properties of a requested scan or picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExpectedShot {
-    /// The request, as text.
+    /// The request, as a text for messages.
     pub what: &'static str,
-    /// Hash of the settings with which the shot must be taken.
+    /// The hash of the settings for the capture.
     pub settings: SettingsHash,
     /// Serial number of the camera.
     pub serial: String,
-    /// The size for which the camera was calibrated.
+    /// The picture size for which the camera was calibrated.
     pub size: Size,
-    /// Time of the request, ns of the monotonic clock: nothing older counts.
+    /// Time of the request, ns of the monotonic clock; data that are older are refused.
     pub from_ns: u64,
-    /// Time at which the shot had arrived.
+    /// Time at which the data were received completely, ns of the monotonic clock.
     pub until_ns: u64,
-    /// The number of the previous shot.
+    /// The number of the previous scan or picture.
     pub last_number: u64,
-    /// The checksum of the previous shot; `None` for a file camera, which delivers the same shot repeatedly.
+    /// The checksum of the previous scan or picture; `None` for a file camera, which always delivers the same data.
     pub last_sum: Option<u32>,
 }
 
-/// Smallest percentage of a shot's points that must be present. The points needed for a panel are checked when it is
-/// located; this limit detects a camera that sees nothing.
+/// Minimum percentage of pixels with a point. This limit detects a camera that sees nothing; the number of points on
+/// the panel is checked when the panel is located.
 pub const MIN_POINTS_PERCENT: f64 = 1.0;
-/// Longest pause for cooling while a film is taken, ms. A 3D shot of a stationary scene tolerates any pause.
+/// Maximum pause for cooling during a clip of the water film, ms. A 3D scan of a static scene tolerates any pause.
 pub const MAX_THROTTLED_MS: f64 = 500.0;
 
-/// Checks the data of a shot or picture against the request; `sum` is the checksum of its payload.
+/// Compares the metadata of a scan or picture with the request; `sum` is the checksum of its payload.
 ///
 /// # Errors
-/// If it is from another camera, has another size or other settings, is old, or is the same as before.
+/// If the data are from another camera, have another size or other settings, are older than the request, or are equal
+/// to the previous data.
 pub fn accept(taken: &ShotInfo, sum: u32, asked: &ExpectedShot) -> Result<(), ZividFault> {
     if taken.serial != asked.serial {
         let (found, expected) = (taken.serial.clone(), asked.serial.clone());
@@ -82,7 +83,8 @@ pub fn accept(taken: &ShotInfo, sum: u32, asked: &ExpectedShot) -> Result<(), Zi
 /// Checks the coordinates of the points.
 ///
 /// # Errors
-/// If there are almost no points, or some coordinates are infinite, which no camera measures.
+/// If fewer than [`MIN_POINTS_PERCENT`] of the pixels have a point, or a coordinate is infinite, which no camera
+/// measures.
 pub fn accept_points(planes: &ShotPlanes) -> Result<(), ZividFault> {
     let (mut there, mut infinite) = (0_usize, 0_usize);
     for point in &planes.points_mm {
@@ -99,10 +101,10 @@ pub fn accept_points(planes: &ShotPlanes) -> Result<(), ZividFault> {
     }
 }
 
-/// Checks whether a film may contain a picture for which the camera paused.
+/// Checks the pause of the camera before a picture of a clip.
 ///
 /// # Errors
-/// If the pause was too long.
+/// If the pause was longer than [`MAX_THROTTLED_MS`].
 pub fn accept_pause(taken: &ShotInfo, during: &'static str) -> Result<(), ZividFault> {
     let (paused_ms, allowed_ms, lens_c) = (taken.throttled_ms, MAX_THROTTLED_MS, taken.lens_c);
     match paused_ms <= allowed_ms {
@@ -177,7 +179,7 @@ mod tests {
         assert!(accept_pause(&ShotInfo { throttled_ms: f64::NAN, ..taken() }, "a picture").is_err());
     }
 
-    /// Calculated by hand: 1 of 100 points is 1 %, which is enough; 0 is not.
+    /// Expected results, calculated by hand: 1 of 100 points is 1 %, which is accepted; 0 points are refused.
     #[test]
     fn a_shot_needs_points() {
         let mut planes = ShotPlanes::with_size(Size { width: 10, height: 10 });

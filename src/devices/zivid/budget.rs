@@ -1,18 +1,18 @@
-//! The restart budget of the worker: at most a certain number of restarts within a period. After that the worker stays
-//! down until a person requests a restart. Any clock can be used.
+//! The restart budget of the worker process: a maximum number of restarts within a period. When the budget is used up,
+//! the worker is not restarted until a person requests it. Any clock can be used.
 //!
-//! A worker that ends repeatedly has a cause that restarting does not remove, and each start exposes and heats the
-//! camera. The first start does not count.
+//! If a worker ends repeatedly, restarting it does not remove the cause, and each start exposes and heats the camera.
+//! The first start is not counted.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// The allowed number of restarts, and the period in which they are counted.
+/// The maximum number of restarts, and the period in which they are counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Restarts {
     /// Restarts, at most.
     pub max_restarts: usize,
-    /// The period, which may begin at any time.
+    /// The length of the period; it is a sliding window.
     pub within: Duration,
 }
 
@@ -27,17 +27,17 @@ impl Default for Restarts {
 #[derive(Debug, Clone)]
 pub struct RestartBudget {
     allowed: Restarts,
-    /// When restarts were used, the oldest first.
+    /// The times of the counted restarts, oldest first.
     used_at: VecDeque<Duration>,
     is_spent: bool,
 }
 
-/// The decision about a worker that ended.
+/// The decision whether a worker process that has ended is restarted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RestartDecision {
-    /// Start the worker again; this is restart `number` of the allowed ones.
+    /// The worker is restarted.
     Restart {
-        /// Number of the restart, from 1.
+        /// The number of this restart within the period, from 1.
         number: usize,
     },
     /// The worker is not restarted.
@@ -45,12 +45,13 @@ pub enum RestartDecision {
 }
 
 impl RestartBudget {
-    /// Creates a budget with all restarts available.
+    /// Creates a budget of which nothing is used.
     pub fn new(allowed: Restarts) -> Self {
         RestartBudget { allowed, used_at: VecDeque::new(), is_spent: false }
     }
 
-    /// Records that the worker ended at `now`, the time since any fixed instant; returns what to do.
+    /// Records that the worker has ended at `now` (the time since any fixed instant), and returns whether it is
+    /// restarted.
     pub fn on_worker_ended(&mut self, now: Duration) -> RestartDecision {
         self.forget(now);
         if self.is_spent || self.used_at.len() >= self.allowed.max_restarts {
@@ -61,15 +62,15 @@ impl RestartBudget {
         RestartDecision::Restart { number: self.used_at.len() }
     }
 
-    /// Handles a person's request for the worker: returns whether a worker that stays down may be started. This counts
-    /// as a restart, so it is refused until the oldest counted restart is long enough ago.
+    /// Returns whether a worker that is down may be started at the request of a person. The start is counted as a
+    /// restart, so it is refused until the oldest counted restart is outside of the period.
     pub fn on_person_request(&mut self, now: Duration) -> RestartDecision {
         self.forget(now);
         self.is_spent = false;
         self.on_worker_ended(now)
     }
 
-    /// Returns the time from `now` until a person's request for a restart is accepted; zero if it is accepted now.
+    /// Returns the time after which a person's request for a restart is accepted; zero if it is accepted now.
     pub fn wait(&self, now: Duration) -> Duration {
         let oldest = (self.used_at.len() >= self.allowed.max_restarts).then(|| self.used_at.front()).flatten();
         oldest.map_or(Duration::ZERO, |oldest| (*oldest + self.allowed.within).saturating_sub(now))
@@ -98,9 +99,9 @@ mod tests {
         Duration::from_secs(60 * minutes)
     }
 
-    /// Calculated by hand, in virtual time: after ends at minutes 0, 3 and 6 the worker is restarted; after the fourth
-    /// end at minute 9 it is not, nor after an end at minute 30 without a request. A person's request then restarts
-    /// it, since all three restarts are more than 10 minutes ago.
+    /// Expected decisions, derived by hand: the worker is restarted after it ends at minutes 0, 3 and 6. It is not
+    /// restarted when it ends at minute 9, nor at minute 30 without a request. Then a person's request restarts it,
+    /// because all three counted restarts are more than 10 minutes ago.
     #[test]
     fn after_the_fourth_end_in_ten_minutes_the_worker_stays_down() {
         let mut budget = RestartBudget::new(Restarts::default());
@@ -115,7 +116,8 @@ mod tests {
         );
     }
 
-    /// Calculated by hand: of ends at 0, 4, 8 and 12 minutes, no four lie within ten minutes.
+    /// Expected decisions, derived by hand: of the ends at 0, 4, 8 and 12 minutes, never four are within ten minutes,
+    /// so the worker is always restarted.
     #[test]
     fn old_restarts_are_not_counted() {
         let mut budget = RestartBudget::new(Restarts::default());
@@ -124,7 +126,8 @@ mod tests {
     }
 
     proptest! {
-        /// For any times of ends and requests, no period of ten minutes has more than three starts.
+        /// For any times at which workers end and persons request a start, no period of ten minutes has more than three
+        /// starts.
         #[test]
         fn no_period_has_more_restarts_than_allowed(
             steps in proptest::collection::vec((0_u64..400, any::<bool>()), 1..60),

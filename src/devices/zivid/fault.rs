@@ -1,11 +1,11 @@
-//! Faults of the camera as defined in the fault model (`faults.md`, C1–C11): what happened, what the program does,
-//! what to do.
+//! The faults of the camera, as defined in the fault model (`faults.md`, C1–C11): the cause, what the program does, and
+//! what a person must do.
 
 use crate::UNKNOWN_PX;
 use panelprep_base::number_text::distinguishable_texts;
 use std::time::Duration;
 
-/// A fault of the 3D camera. Each message begins with the fault's row in the fault model.
+/// A fault of the 3D camera. Each message begins with the number of the fault in the fault model.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ZividFault {
     /// The camera was not found.
@@ -14,47 +14,47 @@ pub enum ZividFault {
          seconds"
     )]
     NotFound(String),
-    /// The camera is present but connected elsewhere.
+    /// The camera is connected to another program or computer.
     #[error(
         "C1 the 3D camera is in use: {0}; close Zivid Studio and other camera programs, also on other computers"
     )]
     InUse(String),
-    /// The camera is detected, but cannot be reached.
+    /// The camera was detected, but cannot be reached.
     #[error(
         "C1 the 3D camera cannot be reached: {0}; give this computer's network port an address in the camera's subnet, \
          or change the camera's address with Zivid Studio"
     )]
     OutOfReach(String),
-    /// The camera's firmware does not match the SDK.
+    /// The firmware of the camera does not match the SDK.
     #[error(
         "C5 the 3D camera needs other firmware: {0}; update it with Zivid Studio or ZividFirmwareUpdater, then verify its \
          calibration"
     )]
     Firmware(String),
-    /// The worker's program or its library is missing.
+    /// The worker's program or the camera library is missing.
     #[error("C1 the 3D camera's worker cannot run: {0}")]
     NoWorker(String),
-    /// The camera was open and is gone.
+    /// The connection to the open camera was lost.
     #[error(
         "C2 the 3D camera was lost during {during}: {message}; the program opens the camera again when it responds"
     )]
     Lost {
-        /// The request to the camera.
+        /// The request during which the connection was lost.
         during: &'static str,
         /// The SDK's message.
         message: String,
     },
-    /// No answer arrived in time.
+    /// The worker did not reply in time.
     #[error("C3 the 3D camera did not respond within {} s to {during}, and its worker was ended; {next}", waited.as_secs_f64())]
     Timeout {
         /// The request.
         during: &'static str,
         /// Waiting time.
         waited: Duration,
-        /// The next step of the host.
+        /// What the program does next.
         next: NextStep,
     },
-    /// The worker did not answer in time, and its end was not confirmed either.
+    /// The worker did not reply in time, and did not end when it was killed.
     #[error(
         "C3 the 3D camera did not respond within {} s to {during}, and its worker does not end, because a driver \
          blocks it; restart the cell's computer",
@@ -66,7 +66,7 @@ pub enum ZividFault {
         /// Waiting time.
         waited: Duration,
     },
-    /// The camera gave no shot in several attempts.
+    /// The camera delivered nothing in several attempts.
     #[error("C3 the 3D camera delivered nothing for {during} in {tries} tries: {message}")]
     NoShot {
         /// The request.
@@ -76,7 +76,7 @@ pub enum ZividFault {
         /// The SDK's message.
         message: String,
     },
-    /// The camera paused to cool.
+    /// The camera paused for too long to cool down.
     #[error(
         "C3 the 3D camera is hot and paused for {} ms during {during} (limit {} ms){}; let the camera cool down, and \
          lower Brightness in its settings", distinguishable_texts(*paused_ms, *allowed_ms, 0)[0], distinguishable_texts(*paused_ms, *allowed_ms, 0)[1], lens(*lens_c)
@@ -86,37 +86,37 @@ pub enum ZividFault {
         during: &'static str,
         /// Duration of the pause, ms.
         paused_ms: f64,
-        /// Longest valid pause, ms.
+        /// Maximum pause, ms.
         allowed_ms: f64,
         /// Temperature of the lens, °C.
         lens_c: Option<f64>,
     },
-    /// The data are not complete, or differ from what was sent.
+    /// The received data are incomplete or damaged.
     #[error(
         "C4 the data received for {during} are damaged and were discarded: {cause}; the worker was ended; {next}"
     )]
     Damaged {
         /// The request.
         during: &'static str,
-        /// The problem in the data.
+        /// Description of the damage.
         cause: String,
-        /// The next step of the host.
+        /// What the program does next.
         next: NextStep,
     },
-    /// Points with a coordinate that is not finite.
+    /// Some points of the scan have an infinite coordinate.
     #[error("C4 the shot was discarded, because {0} points have an infinite coordinate")]
     NotFinite(usize),
-    /// The picture does not have the calibrated size.
+    /// The scan or picture does not have the calibrated size.
     #[error(
         "C5 {what}: {}×{} px, but the camera's calibration is for {}×{} px; set full resolution in the settings, or \
          calibrate with these settings", found_px[0], found_px[1], expected_px[0], expected_px[1]
     )]
     WrongSize {
-        /// The shot or picture with the wrong size.
+        /// The kind of data with the wrong size, for messages.
         what: &'static str,
         /// Width and height, px.
         found_px: [usize; 2],
-        /// Size in the calibration, px.
+        /// Width and height in the calibration, px.
         expected_px: [usize; 2],
     },
     /// Another camera.
@@ -127,7 +127,7 @@ pub enum ZividFault {
     WrongCamera {
         /// Its serial number.
         found: String,
-        /// The serial number of cell and calibration.
+        /// The serial number in the calibration.
         expected: String,
     },
     /// The worker belongs to another version of this program.
@@ -141,64 +141,64 @@ pub enum ZividFault {
         /// Version of this program.
         expected: String,
     },
-    /// The camera does not accept the settings.
+    /// The camera or the SDK does not accept the settings.
     #[error("C5 {what} are not accepted: {message}")]
     Settings {
-        /// Description of the settings.
+        /// Description of the settings, for messages.
         what: &'static str,
         /// The SDK's message.
         message: String,
     },
-    /// The shot has too few points.
+    /// The scan has too few points.
     #[error(
         "C6 no 3D data: {} % of the shot's pixels have a point, but at least {needed_percent} % are needed. Check that \
          the panel is in the camera's range, that the lens is open and dry, and the exposure", distinguishable_texts(*found_percent, *needed_percent, 2)[0]
     )]
     NoPoints {
-        /// Share of pixels with a point, percent.
+        /// Percentage of pixels with a point.
         found_percent: f64,
         /// Required share, percent.
         needed_percent: f64,
     },
-    /// The same shot again, or an old shot.
+    /// The camera delivered data that are older than the request, or repeated the previous data.
     #[error("C9 the 3D camera delivered old data: {0}")]
     Frozen(String),
     /// The worker ended.
     #[error("C11 the 3D camera's worker ended ({how}) during {during}; {next}")]
     Ended {
-        /// Description of the end: exit code, signal or error.
+        /// How the worker ended: exit code, signal or error.
         how: String,
-        /// The activity during which the fault occurred.
+        /// The request during which the worker ended.
         during: &'static str,
-        /// The next step of the host.
+        /// What the program does next.
         next: NextStep,
     },
     /// The worker is being started.
     #[error("C11 the 3D camera's worker has been starting for {} s; its first shot may take {} s more", since.as_secs(), most.as_secs())]
     Starting {
-        /// How long the start has lasted so far.
+        /// Time since the start of the worker.
         since: Duration,
-        /// Time limit for the start.
+        /// Maximum time for the start.
         most: Duration,
     },
-    /// The worker is not restarted any more.
+    /// The worker is not restarted, because its restart budget is used up.
     #[error(
         "C11 the 3D camera's worker stays down: it ended {ended} times within {} min (limit {allowed} restarts). Last: \
          {last}. Fix the cause, then reset after {} s or more", within.as_secs() / 60, wait.as_secs()
     )]
     Down {
-        /// Number of times that the worker ended within the period.
+        /// Number of times the worker ended within the period.
         ended: usize,
         /// Maximum number of restarts.
         allowed: usize,
         /// Period in which restarts are counted.
         within: Duration,
-        /// The previous fault, as text.
+        /// The message of the last fault.
         last: String,
-        /// Remaining time until the worker may be started.
+        /// Time until a person can restart the worker.
         wait: Duration,
     },
-    /// The worker violates its protocol, or a request came out of order.
+    /// The worker violated the protocol, or refused a request.
     #[error("C11 the 3D camera's worker refused {during}: {message}")]
     OutOfOrder {
         /// The request.
@@ -208,12 +208,12 @@ pub enum ZividFault {
     },
 }
 
-/// The next step after a worker was lost.
+/// What the program does after the loss of a worker.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NextStep {
-    /// The worker is started again.
+    /// The worker is restarted.
     Restart {
-        /// Number of the restart, from 1.
+        /// The number of this restart, from 1.
         number: usize,
         /// Maximum number of restarts.
         of: usize,
@@ -244,8 +244,8 @@ fn lens(lens_c: Option<f64>) -> String {
 }
 
 impl ZividFault {
-    /// Returns whether the fault reports a value that the client did not know when it opened the camera: its size,
-    /// [`UNKNOWN_PX`], or its serial number, "".
+    /// Returns whether the fault reports a value that the caller did not know when it opened the camera: the size
+    /// (opened with [`UNKNOWN_PX`]), or the serial number (opened with "").
     pub fn reports_unknown_value(&self) -> bool {
         match self {
             ZividFault::WrongSize { expected_px, .. } => *expected_px == UNKNOWN_PX,
@@ -254,7 +254,7 @@ impl ZividFault {
         }
     }
 
-    /// Returns the fault's row in the fault model.
+    /// Returns the number of the fault in the fault model, for example "C3".
     pub fn row(&self) -> &'static str {
         use ZividFault as F;
         match self {

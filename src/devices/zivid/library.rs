@@ -1,10 +1,10 @@
-//! `libpanelprep_zivid.so`, opened at run time: the camera behind the SDK. Only the worker does this.
+//! Opens `libpanelprep_zivid.so`, the interface to the Zivid SDK, at run time. Only the worker process does this.
 //!
-//! This file is the foreign boundary and contains all `unsafe` code for the camera. The library's own
-//! initialisation runs when it is opened, and its functions are called with the types that `cpp/panelprep_zivid.h`
-//! declares. The number of that interface is read before anything else, so that an older or newer library is
-//! refused and not called. Sizes are those of the buffers that are handed over. A session is used by one thread at
-//! a time (`&mut self`).
+//! This file is the foreign function interface and contains all `unsafe` code for the camera. The library's own
+//! initialisation runs when it is opened. Its functions are called with the types that `cpp/panelprep_zivid.h`
+//! declares. The version of the interface is read first, so that an older or newer library is refused before any other
+//! call. Sizes in calls are those of the buffers that are passed. A session is used by one thread at a time (`&mut
+//! self`).
 #![allow(unsafe_code, reason = "calls into the camera vendor's SDK go through a C interface")]
 
 use super::message::{Flicker, Identity, Lens, Light, Refusal, Size, Source, Temperatures, Trouble, Use};
@@ -15,15 +15,15 @@ use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::ptr::{NonNull, null};
 
-/// `PZ_INTERFACE` of the header for which this file was written.
+/// The interface version (`PZ_INTERFACE`) of the header that this file implements.
 const INTERFACE: u32 = 2;
 const NAME_BYTES: usize = 64;
 const MESSAGE_BYTES: usize = 1024;
 
-/// The reason why the library cannot be used.
+/// The reason why the camera library cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum LibraryError {
-    /// The library cannot be opened, or lacks a function.
+    /// The library cannot be opened, or does not contain a required function.
     #[error(
         "{}: {cause}; build it with `make zivid` on a computer that has the Zivid SDK, or name it with [scanner] \
          library",
@@ -35,7 +35,7 @@ pub enum LibraryError {
         /// The system's error.
         cause: libloading::Error,
     },
-    /// The library was built with another version of the header.
+    /// The library was built with another version of the interface.
     #[error("{}: the library has interface version {found}, but this program needs {INTERFACE}; build the library \
              again with `make zivid`", file.display())]
     Interface {
@@ -44,7 +44,7 @@ pub enum LibraryError {
         /// Its number.
         found: u32,
     },
-    /// The SDK does not start.
+    /// The SDK cannot be started.
     #[error("the Zivid SDK does not start: {0}")]
     Sdk(String),
 }
@@ -99,7 +99,7 @@ struct RawFlicker {
     frequency: [c_char; NAME_BYTES],
 }
 
-/// `pz_session`, whose contents only the library knows.
+/// The opaque type `pz_session` of the library.
 #[repr(C)]
 struct RawSession {
     _private: [u8; 0],
@@ -108,8 +108,8 @@ struct RawSession {
 type Session = *mut RawSession;
 type Status = i32;
 
-/// The library's functions. They are valid while the library is open, which is until this program ends: an SDK with
-/// its own threads must not be unloaded while they run.
+/// The functions of the library. The library is never unloaded, because the SDK's own threads may still run; so the
+/// functions are valid until the program ends.
 struct Functions {
     end: unsafe extern "C" fn(Session),
     connect: unsafe extern "C" fn(Session, *const c_char, *const c_char, *mut RawIdentity, *mut Message) -> Status,
@@ -124,37 +124,38 @@ struct Functions {
     light: unsafe extern "C" fn(Session, *mut RawFlicker, *mut Message) -> Status,
 }
 
-/// A camera that is accessed through the SDK.
+/// A camera that is controlled through the SDK.
 pub struct Sdk {
     functions: Functions,
     session: NonNull<RawSession>,
     version: String,
 }
 
-// SAFETY: the header allows a session to be used by any thread, one at a time, and `&mut self` enforces this; no
-// part of the session is shared.
+// SAFETY: the header permits any thread to use a session, one at a time, which `&mut self` enforces. No part of the
+// session is shared.
 unsafe impl Send for Sdk {}
 
 impl Sdk {
     /// Opens the library and starts the SDK.
     ///
     /// # Errors
-    /// If the library cannot be opened or has another interface, or the SDK does not start.
+    /// If the library cannot be opened or has another interface version, or the SDK cannot be started.
     pub fn open(file: &Path) -> Result<Self, LibraryError> {
         let failed = |cause| LibraryError::Open { file: file.to_owned(), cause };
-        // SAFETY: the library's initialisation is the vendor's and ours; it runs in a process dedicated to it.
+        // SAFETY: the initialisation code is the vendor's and that of this project, and runs in a process for this
+        // purpose only.
         let library: &'static Library = Box::leak(Box::new(unsafe { Library::new(file) }.map_err(failed)?));
         // SAFETY: this function has this type in every version of the interface.
         let interface: unsafe extern "C" fn() -> u32 =
             *unsafe { library.get(b"pz_interface\0") }.map_err(failed)?;
-        // SAFETY: it has no arguments and returns a number.
+        // SAFETY: the function has no arguments and returns a number.
         let found = unsafe { interface() };
         if found != INTERFACE {
             return Err(LibraryError::Interface { file: file.to_owned(), found });
         }
         macro_rules! function {
-            // SAFETY: in this version of the interface, the function of this name has the type of the field that it is
-            // assigned to, as the header declares it.
+            // SAFETY: in this interface version, the function with this name has the type of the field to which it is
+            // assigned, as the header declares.
             ($name:literal) => {
                 *unsafe { library.get(concat!("pz_", $name, "\0").as_bytes()) }.map_err(failed)?
             };
@@ -174,13 +175,13 @@ impl Sdk {
             light: function!("light"),
         };
         let (mut sdk, mut message) = ([0; NAME_BYTES], Message::new_empty());
-        // SAFETY: both buffers have the sizes that the header states.
+        // SAFETY: both buffers have the sizes that the header requires.
         let session = unsafe { begin(sdk.as_mut_ptr(), &raw mut message) };
         let session = NonNull::new(session).ok_or_else(|| LibraryError::Sdk(message.read()))?;
         Ok(Sdk { functions, session, version: text_until_nul(&sdk) })
     }
 
-    /// Makes a call and reads its status.
+    /// Calls a function of the library, and converts its status to a result.
     fn call(&mut self, call: impl FnOnce(&Functions, Session, *mut Message) -> Status) -> Result<(), Refusal> {
         let mut message = Message::new_empty();
         let trouble = match call(&self.functions, self.session.as_ptr(), &raw mut message) {
@@ -200,7 +201,7 @@ impl Sdk {
 
 impl Drop for Sdk {
     fn drop(&mut self) {
-        // SAFETY: the session is open, and it is not used afterwards.
+        // SAFETY: the session is open, and is not used afterwards.
         unsafe { (self.functions.end)(self.session.as_ptr()) }
     }
 }
@@ -221,7 +222,7 @@ impl Sensor for Sdk {
         let mut identity = RawIdentity { serial: [0; NAME_BYTES], model: [0; NAME_BYTES] };
         let into = &raw mut identity;
         self.call(|functions, session, message| {
-            // SAFETY: the texts end in NUL or are null and outlive the call; identity and message outlive it too.
+            // SAFETY: the texts end with NUL or are null, and all pointers stay valid during the call.
             unsafe { (functions.connect)(session, pointer(serial), pointer(file), into, message) }
         })?;
         Ok(Identity { serial: text_until_nul(&identity.serial), model: text_until_nul(&identity.model) })
@@ -236,7 +237,7 @@ impl Sensor for Sdk {
                 Use::Scan => functions.settings_scan,
                 Use::Picture => functions.settings_picture,
             };
-            // SAFETY: the text ends in NUL, and all pointers stay valid during the call.
+            // SAFETY: the text ends with NUL, and all pointers stay valid during the call.
             unsafe { read(session, file.as_ptr(), slot_into, size_into, message) }
         })?;
         Ok((SettingsSlot(slot), size.validated()?))
@@ -268,7 +269,7 @@ impl Sensor for Sdk {
         let mut rgb = vec![[0; 3]; exposed.size.pixels()];
         let (pixels, bytes) = (rgb.len(), rgb.as_flattened_mut().as_mut_ptr());
         self.call(|functions, session, message| {
-            // SAFETY: there are 3 bytes for each of these pixels, and they outlive the call.
+            // SAFETY: the buffer has 3 bytes for each pixel, and stays valid during the call.
             unsafe { (functions.copy_picture)(session, bytes, pixels, message) }
         })?;
         Ok((exposed, rgb))
@@ -315,8 +316,8 @@ impl Message {
     }
 }
 
-/// The largest side of a picture: far beyond any camera of this kind, and small enough for calculations without
-/// overflow.
+/// Maximum width and height of a picture, px: far beyond any camera of this type, and small enough that no calculation
+/// overflows.
 const MAX_SIDE_PX: u64 = 16_384;
 
 impl RawSize {
@@ -340,7 +341,7 @@ impl RawShotInfo {
     }
 }
 
-/// Returns the text up to its NUL, or all of the text if there is none.
+/// Returns the text before its NUL, or the whole buffer if there is no NUL.
 fn text_until_nul(text: &[c_char]) -> String {
     let bytes: Vec<u8> = text.iter().map(|&c| c.to_ne_bytes()[0]).collect();
     let text = CStr::from_bytes_until_nul(&bytes).map_or(bytes.as_slice(), CStr::to_bytes);

@@ -1,8 +1,8 @@
-//! Messages between daemon and worker: the heads of the frames.
+//! The messages between daemon and worker: the JSON heads of the frames.
 //!
-//! The daemon sends requests; the worker answers each once, in order. Settings are sent as the text of their YAML
-//! file and named by its SHA-256 from then on, so that no shot uses other settings than those sent. Times are of
-//! `CLOCK_MONOTONIC` in nanoseconds, which both processes read.
+//! The daemon sends requests, and the worker replies to each once, in order. Settings are sent as the text of their
+//! YAML file, and are identified by their SHA-256 hash in all requests, so that no other settings can be used. Times
+//! are in nanoseconds of `CLOCK_MONOTONIC`, which both processes read.
 
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
@@ -12,26 +12,26 @@ use std::path::PathBuf;
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Source {
-    /// The only camera found.
+    /// The only camera that is found.
     Only,
     /// The camera with this serial number.
     Serial(String),
-    /// A file camera, `.zfc`: the SDK computes from recorded raw pictures.
+    /// A file camera (`.zfc`): the SDK computes its data from recorded raw pictures.
     File(PathBuf),
 }
 
-/// The purpose of settings.
+/// The purpose of settings: 3D scans or colour pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Use {
-    /// 3D shots with colour.
+    /// Settings for 3D scans with colour.
     Scan,
     /// Colour pictures.
     Picture,
 }
 
 impl Use {
-    /// Returns the purpose of the settings, as text.
+    /// Returns the purpose of the settings as a text, for messages.
     pub fn word(self) -> &'static str {
         match self {
             Use::Scan => "3D shots",
@@ -40,14 +40,14 @@ impl Use {
     }
 }
 
-/// SHA-256 of a settings file, hexadecimal.
+/// The SHA-256 hash of a settings file, hexadecimal.
 pub type SettingsHash = String;
 
-/// A request of the daemon.
+/// A request of the daemon to the worker.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Request {
-    /// Opens this camera; a camera that is already open is closed first.
+    /// Opens this camera. If a camera is already open, it is closed first.
     Connect {
         /// Selects the camera.
         source: Source,
@@ -61,64 +61,64 @@ pub enum Request {
         /// Its hash.
         hash: SettingsHash,
     },
-    /// A 3D shot with colour.
+    /// Captures a 3D scan with colour.
     Scan {
-        /// Hash of the settings.
+        /// The hash of the settings for the scan.
         settings: SettingsHash,
     },
     /// A picture.
     Picture {
-        /// Hash of the settings.
+        /// The hash of the settings for the picture.
         settings: SettingsHash,
     },
-    /// Takes pictures continuously from now on.
+    /// Starts a clip: pictures are captured continuously.
     BeginClip {
-        /// Hash of the settings.
+        /// The hash of the settings for the pictures.
         settings: SettingsHash,
-        /// The highest rate, 1/s.
+        /// The maximum rate, pictures per second.
         pictures_per_second: f64,
     },
-    /// The next of these pictures. Pictures that were not fetched in time are lost.
+    /// Requests the next picture of the clip. Pictures that are not fetched in time are dropped.
     NextPicture,
     /// Stops taking pictures.
     EndClip,
-    /// The camera's model of its lens at these settings.
+    /// Requests the camera's own lens model for these settings.
     Intrinsics {
         /// The settings.
         settings: SettingsHash,
     },
     /// Its temperatures.
     State,
-    /// Measures how the ambient light flickers at present.
+    /// Measures the flicker of the ambient light.
     Light,
 }
 
-/// The worker's first message.
+/// The first message of the worker.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Hello {
     /// The program's version.
     pub program: String,
-    /// The SDK's version, or why there is no SDK.
+    /// The version of the SDK, or the reason why the SDK is not available.
     pub sdk: Result<String, String>,
 }
 
-/// A reply of the worker.
+/// A reply of the worker to a request.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Reply {
     /// The camera is open.
     Connected(Identity),
-    /// The settings were read.
+    /// The settings were loaded; contains the size of the pictures.
     Settings(Size),
-    /// A 3D shot: its payload is x, y, z of each point as f32, mm; then red, green, blue; then the signal to noise
-    /// ratio as f32.
+    /// A 3D scan. Its payload contains x, y, z of each point as f32 in mm, then red, green, blue, then the signal to
+    /// noise ratio as f32.
     Scan(ShotInfo),
-    /// A picture: its payload is red, green, blue.
+    /// A picture. Its payload contains red, green and blue of each pixel.
     Picture(ShotInfo),
-    /// The clip is running.
+    /// The clip has been started.
     ClipBegun,
-    /// The clip is over.
+    /// The clip has ended.
     ClipEnded(ClipEnd),
     /// The lens.
     Intrinsics(Lens),
@@ -130,7 +130,7 @@ pub enum Reply {
     Refused(Refusal),
 }
 
-/// Identity of a camera.
+/// The identity of a camera.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Identity {
@@ -140,7 +140,7 @@ pub struct Identity {
     pub model: String,
 }
 
-/// Size of the pictures that settings deliver.
+/// The size of the pictures that the camera delivers with the settings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Size {
@@ -157,59 +157,59 @@ impl Size {
     }
 }
 
-/// The metadata of a shot or picture.
+/// The metadata of a scan or picture.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ShotInfo {
     /// Its size.
     pub size: Size,
-    /// The settings with which the shot was taken.
+    /// The hash of the settings with which it was captured.
     pub settings: SettingsHash,
     /// The camera's serial number.
     pub serial: String,
-    /// Number of shots and pictures of this worker so far, including this one.
+    /// Number of scans and pictures of this worker so far, including this one.
     pub number: u64,
     /// Time at which the camera received the request, ns of the monotonic clock.
     pub begun_ns: u64,
-    /// Time at which the exposure ended.
+    /// Time at which the exposure ended, ns of the monotonic clock.
     pub exposed_ns: u64,
-    /// Time at which the data were available.
+    /// Time at which the data were available, ns of the monotonic clock.
     pub ready_ns: u64,
-    /// Pause before the shot because the camera was too hot, ms.
+    /// The pause before the exposure because the camera was too hot, ms.
     pub throttled_ms: f64,
-    /// Temperature of the lens at this shot, °C, if the camera reports it.
+    /// Temperature of the lens at the exposure, °C, if the camera reports it.
     pub lens_c: Option<f64>,
-    /// For a clip: number of pictures that were taken but not fetched since the clip began.
+    /// For a clip: number of pictures since its start that were captured but not fetched in time.
     pub dropped: u64,
 }
 
-/// How a clip ended.
+/// The statistics of a clip that has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClipEnd {
     /// Pictures taken.
     pub taken: u64,
-    /// Of these, pictures that were not fetched in time.
+    /// Number of these pictures that were not fetched in time.
     pub dropped: u64,
 }
 
-/// The camera's own model of its lens, in OpenCV's form; the vendor calls it an approximation.
+/// The camera's own lens model, with the parameters of OpenCV; according to the vendor it is an approximation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lens {
-    /// fx, fy, cx, cy, px.
+    /// The focal lengths and the principal point fx, fy, cx, cy, px.
     pub matrix_px: [f64; 4],
-    /// k1, k2, p1, p2, k3.
+    /// The distortion coefficients k1, k2, p1, p2, k3.
     pub distortion: [f64; 5],
 }
 
-/// The camera's temperatures, °C, each if the camera reports it.
+/// The camera's temperatures, °C; `None` for a temperature that the camera does not report.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Temperatures {
     /// The projector's mirrors.
     pub dmd_c: Option<f64>,
-    /// General temperature of the housing.
+    /// The general temperature of the housing, °C.
     pub general_c: Option<f64>,
     /// The projector's light.
     pub led_c: Option<f64>,
@@ -219,34 +219,34 @@ pub struct Temperatures {
     pub pcb_c: Option<f64>,
 }
 
-/// The camera's measurement of the ambient light.
+/// The ambient light, as the camera has measured it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Light {
-    /// Flicker of the light.
+    /// The flicker of the ambient light.
     pub flicker: Flicker,
-    /// The frequency, in the SDK's words; empty if the SDK does not report it.
+    /// The frequency of the flicker, as a text of the SDK; empty if the SDK does not report it.
     pub frequency: String,
 }
 
-/// Kinds of flicker, by the SDK's names.
+/// The kinds of flicker that the SDK distinguishes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Flicker {
     /// The light does not flicker.
     None,
-    /// Flicker of lamps on 50 Hz mains.
+    /// The light flickers like lamps on 50 Hz mains.
     Grid50Hz,
-    /// Flicker of lamps on 60 Hz mains.
+    /// The light flickers like lamps on 60 Hz mains.
     Grid60Hz,
     /// The light flickers at another frequency.
     Other,
-    /// The light flickers, but the SDK does not know how, or this program does not know the SDK's name for it.
+    /// The light flickers, but the kind of flicker is not known to the SDK or to this program.
     Unknown,
 }
 
 impl Flicker {
-    /// Returns the flicker with this SDK name.
+    /// Returns the kind of flicker for a name of the SDK.
     pub fn from_sdk_name(classification: &str) -> Self {
         match classification {
             "noFlicker" => Flicker::None,
@@ -258,41 +258,42 @@ impl Flicker {
     }
 }
 
-/// The reason why a request cannot be carried out.
+/// The reason why the worker refuses a request.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Refusal {
-    /// The kind of trouble.
+    /// The category of the reason.
     pub trouble: Trouble,
     /// The message of the worker or of the SDK.
     pub message: String,
 }
 
-/// The kind of trouble.
+/// The category of the reason why a request is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Trouble {
-    /// There is no such camera.
+    /// The requested camera was not found.
     NotFound,
-    /// The camera is present, but its firmware does not match the SDK.
+    /// The camera was found, but its firmware does not match the SDK.
     Firmware,
-    /// The camera is present, but connected to another program or computer.
+    /// The camera was found, but is connected to another program or computer.
     InUse,
-    /// The camera is detected, but its address cannot be reached.
+    /// The camera was detected, but its address cannot be reached.
     OutOfReach,
-    /// The camera was open and is gone.
+    /// The connection to the open camera was lost.
     Gone,
-    /// The camera gave no shot; the next one may be good.
+    /// The camera delivered no data; another attempt may succeed.
     NoShot,
-    /// The settings differ from those that were announced, or the SDK does not accept them.
+    /// The settings do not match their hash, or the SDK does not accept them.
     Settings,
-    /// The request does not fit the present state: a picture without a clip, a shot without a camera.
+    /// The request is not valid in the current state, for example a picture of a clip without a clip, or a scan without
+    /// a camera.
     OutOfOrder,
 }
 
-/// Returns the present time, ns.
+/// Returns the current time of `CLOCK_MONOTONIC`, ns.
 pub fn now_ns() -> u64 {
     let now = clock_gettime(ClockId::Monotonic);
-    // Neither number is negative on a clock that begins when the machine starts.
+    // Neither number is negative, because the clock starts at the boot of the computer.
     now.tv_sec.unsigned_abs() * 1_000_000_000 + now.tv_nsec.unsigned_abs()
 }

@@ -1,9 +1,9 @@
-//! The worker as a process, the same program in another role, with one end of a socket as its standard input; and the
-//! daemon's end of this socket: one request, one answer, each with a deadline.
+//! The worker as a process: the same program in another role, with one end of a socket as its standard input. Also the
+//! daemon's end of the socket: one request, then one reply, each with a time limit.
 //!
-//! The SDK's output goes to standard error, with the service's own log. A worker that is released closes its camera
-//! and ends. The worker is killed if it does not end within a short time, or if its daemon ends without notice. If a
-//! driver keeps a killed worker in the kernel, only a separate thread waits for its end.
+//! The output of the SDK goes to standard error, which is the service's log. A worker that is released closes its
+//! camera and ends. A worker is killed if it does not end within a short time, or if its daemon has ended without
+//! notice. If a driver prevents a killed worker from ending, only a separate thread waits for its end.
 
 use super::message::{Hello, Reply, Request, ShotInfo, Size, now_ns};
 use super::sensor::ShotPlanes;
@@ -19,32 +19,32 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// How long the program waits for a killed worker to end.
+/// Maximum time for which the program waits until a killed worker has ended.
 const KILL_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Interval of checks whether the worker has ended.
+/// Interval of the checks whether the worker has ended.
 const EXIT_POLL_INTERVAL: Duration = Duration::from_millis(5);
 
-/// Bytes of one point: x, y, z as f32, three colours, one f32.
+/// Number of bytes per point: x, y, z as f32, three colours, and the signal to noise ratio as f32.
 const POINT_BYTES: usize = 12 + 3 + 4;
 
-/// Interval of checks whether the program ends.
+/// Interval of the checks whether the program is ending.
 const SHUTDOWN_POLL_INTERVAL: Duration = Duration::from_millis(100);
 
-/// The process or thread at the other end of a socket.
+/// The worker at the other end of a socket: a process, or a thread in tests.
 pub trait WorkerPeer: Send {
-    /// Ends the peer at once, whatever its state.
+    /// Ends the worker immediately, in any state.
     fn kill(&mut self);
-    /// Returns how the peer ended, if it ends within this time.
+    /// Returns how the worker ended; `None` if it does not end within this time.
     fn wait_ended(&mut self, within: Duration) -> Option<String>;
     /// Its process.
     fn id(&self) -> Option<u32>;
 }
 
-/// Starts a worker and returns the daemon's end of its socket.
+/// A function that starts a worker, and returns the daemon's end of its socket.
 pub type WorkerLauncher = Box<dyn FnMut() -> io::Result<(UnixStream, Box<dyn WorkerPeer>)> + Send>;
 
-/// Returns a launcher that starts this program with these arguments.
+/// Returns a function that starts this program as a worker with these arguments.
 pub fn command_launcher(program: PathBuf, arguments: Vec<OsString>) -> WorkerLauncher {
     Box::new(move || {
         let (ours, theirs) = UnixStream::pair()?;
@@ -54,7 +54,7 @@ pub fn command_launcher(program: PathBuf, arguments: Vec<OsString>) -> WorkerLau
             .stdin(Stdio::from(OwnedFd::from(theirs)))
             .stdout(Stdio::from(io::stderr().as_fd().try_clone_to_owned()?))
             .stderr(Stdio::inherit())
-            // Signals that a terminal sends to its foreground processes, such as Ctrl-C, are handled by the daemon.
+            // The worker has its own process group, so that signals of a terminal such as Ctrl-C reach only the daemon.
             .process_group(0)
             .spawn()?;
         Ok((ours, Box::new(WorkerProcess { child: Some(child) }) as Box<dyn WorkerPeer>))
@@ -62,7 +62,7 @@ pub fn command_launcher(program: PathBuf, arguments: Vec<OsString>) -> WorkerLau
 }
 
 struct WorkerProcess {
-    /// `None` once the process is no longer supervised.
+    /// The child process; `None` once the process is no longer supervised.
     child: Option<Child>,
 }
 
@@ -104,10 +104,11 @@ impl Drop for WorkerProcess {
     }
 }
 
-/// Returns the worker's end of its socket: its standard input. From here on the process ends with its daemon.
+/// Returns the worker's end of the socket, which is its standard input. From now on the process ends when its daemon
+/// ends.
 ///
 /// # Errors
-/// If standard input is not a socket, as when a person starts the worker.
+/// If standard input is not a socket, for example because a person has started the worker.
 pub fn daemon() -> io::Result<UnixStream> {
     rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::KILL))?;
     let input = io::stdin().as_fd().try_clone_to_owned()?;
@@ -115,7 +116,7 @@ pub fn daemon() -> io::Result<UnixStream> {
     Ok(UnixStream::from(input))
 }
 
-/// A connection to a worker.
+/// The daemon's connection to a worker.
 #[derive(Debug)]
 pub struct Link {
     stream: UnixStream,
@@ -123,7 +124,7 @@ pub struct Link {
     is_ending: Arc<AtomicBool>,
 }
 
-/// An answer with its data.
+/// A reply of the worker with its data.
 #[derive(Debug)]
 pub enum Answer {
     /// A reply without image data.
@@ -134,27 +135,27 @@ pub enum Answer {
     Picture(ShotDelivery, Vec<[u8; 3]>),
 }
 
-/// A shot as it was delivered.
+/// A 3D scan as it was received.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShotDelivery {
-    /// The metadata of the shot.
+    /// The metadata of the scan.
     pub metadata: ShotInfo,
-    /// The checksum of its payload.
+    /// The checksum of the payload.
     pub sum: u32,
-    /// Time at which the shot had arrived completely, ns of the monotonic clock.
+    /// Time at which the scan was received completely, ns of the monotonic clock.
     pub arrived_ns: u64,
 }
 
 impl Link {
-    /// Creates a link over this socket. If `is_ending` becomes true, the present wait is abandoned.
+    /// Creates a connection over this socket. If `is_ending` becomes true, waiting ends with an error.
     pub fn new(stream: UnixStream, is_ending: Arc<AtomicBool>) -> Self {
         Link { stream, sequence: 0, is_ending }
     }
 
-    /// Returns the worker's first message.
+    /// Returns the first message of the worker.
     ///
     /// # Errors
-    /// If it does not arrive in time or cannot be read.
+    /// If the message does not arrive in time or cannot be read.
     pub fn receive_hello(&mut self, within: Duration) -> Result<Hello, WireError> {
         let mut timed = self.with_deadline(Instant::now() + within);
         let opened = wire::open(&mut timed, FrameKind::Hello)?;
@@ -163,11 +164,11 @@ impl Link {
         Ok(hello)
     }
 
-    /// Sends a request and waits for the answer.
+    /// Sends a request and waits for the reply.
     ///
     /// # Errors
-    /// If no answer arrives in time, or the received data are not an answer. No request is possible afterwards: it
-    /// is unknown what is in progress.
+    /// If the reply does not arrive in time or cannot be read. Then the connection must not be used any more, because
+    /// it is unknown what the worker is doing.
     pub fn send_and_receive(&mut self, request: &Request, within: Duration) -> Result<Answer, WireError> {
         self.sequence = self.sequence.wrapping_add(1);
         let sequence = self.sequence;
@@ -203,7 +204,7 @@ fn bytes(size: Size, each: usize) -> usize {
 
 fn scan(opened: OpenedFrame, timed: &mut TimedSocket<'_>, taken: ShotInfo) -> Result<Answer, WireError> {
     opened.check_payload_size(bytes(taken.size, POINT_BYTES))?;
-    // The shot is read directly into its final memory.
+    // The scan is read directly into its final memory.
     let mut planes = ShotPlanes::with_size(taken.size);
     let into = &mut [
         bytemuck::cast_slice_mut(planes.points_mm.as_mut_slice()),
@@ -214,7 +215,7 @@ fn scan(opened: OpenedFrame, timed: &mut TimedSocket<'_>, taken: ShotInfo) -> Re
     Ok(Answer::Scan(ShotDelivery { metadata: taken, sum, arrived_ns: now_ns() }, planes))
 }
 
-/// A socket with one deadline for all reads and writes.
+/// A socket with one time limit for all reads and writes.
 struct TimedSocket<'a> {
     stream: &'a UnixStream,
     until: Instant,
@@ -222,7 +223,7 @@ struct TimedSocket<'a> {
 }
 
 impl TimedSocket<'_> {
-    /// Returns the time for one wait; an error if the time is over.
+    /// Returns the time for the next wait, or an error if the time limit is exceeded.
     fn remaining_wait(&self) -> std::io::Result<Duration> {
         if self.is_ending.load(Ordering::Relaxed) {
             return Err(std::io::Error::other("the program ends"));

@@ -1,4 +1,4 @@
-//! The Zivid as the cell's fixed camera.
+//! The Zivid camera as the fixed camera of the cell.
 
 use super::fault::ZividFault;
 use super::host::{
@@ -17,52 +17,52 @@ use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// A 3D shot with all data about it.
+/// A 3D scan with its metadata.
 #[derive(Debug, Clone)]
 pub struct ZividShot {
     /// Points and colours.
     pub cloud: OrganizedCloud<Camera>,
-    /// Signal to noise ratio of each point.
+    /// The signal to noise ratio of each point.
     pub snr: Vec<f32>,
-    /// The metadata of the shot.
+    /// The metadata of the scan.
     pub metadata: ShotInfo,
-    /// Time from the availability of the data in the worker until the complete and checked shot here, ms.
+    /// Time from the availability of the data in the worker until the scan was received and checked here, ms.
     pub crossed_ms: f64,
 }
 
-/// A picture with all data about it.
+/// A colour picture with its metadata.
 #[derive(Debug, Clone)]
 pub struct ZividPicture {
     /// The picture.
     pub picture: ColorPicture,
-    /// The metadata of the picture; for a clip also the number of pictures dropped so far.
+    /// The metadata of the picture; in a clip also the number of pictures that were dropped so far.
     pub metadata: ShotInfo,
 }
 
-/// The fixed camera, operated through its worker.
+/// A Zivid camera, which is controlled through its worker process.
 pub struct ZividScanner {
     orders: Sender<QueuedRequest>,
     shared: Arc<Shared>,
     timeouts: AnswerTimeouts,
     size: Size,
-    /// Exposure times of 3D shots and of pictures, by their settings, µs.
+    /// The exposure times of 3D scans and of pictures, from their settings, µs.
     exposures_us: [Option<f64>; 2],
-    /// Conditions of the last shot or picture.
+    /// The conditions of the last scan or picture.
     conditions: Conditions,
     thread: Option<JoinHandle<()>>,
 }
 
-/// A view of the status of a camera that another thread uses.
+/// A read-only view of the status of a camera that another thread uses.
 #[derive(Debug, Clone)]
 pub struct CameraMonitor(Arc<Shared>);
 
 impl CameraMonitor {
-    /// Returns the faults so far.
+    /// Returns the recorded faults.
     pub fn faults(&self) -> Vec<ZividFault> {
         self.0.status().faults.iter().cloned().collect()
     }
 
-    /// Returns the number of times that a worker was lost.
+    /// Returns how many times a worker was lost.
     pub fn lost_workers(&self) -> usize {
         self.0.status().lost
     }
@@ -73,18 +73,18 @@ impl CameraMonitor {
     }
 }
 
-/// How long a check waits, for example for a worker that is being started.
+/// Maximum waiting time of a check, for example for a worker that is starting.
 const CHECK_TIMEOUT: Duration = Duration::from_secs(10);
-/// Additional time limit for ending a worker that does not answer.
+/// Additional time limit for ending a worker that does not respond.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(5);
-/// Interval at which a waiting caller checks whether the camera still delivers.
+/// Interval at which a waiting caller checks the state of the camera.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 impl ZividScanner {
-    /// Begins to start the worker; the camera is available when it is warm.
+    /// Starts the worker in the background. The camera is ready when it is warmed up.
     ///
     /// # Errors
-    /// If the system cannot start a thread.
+    /// If the operating system cannot start a thread.
     pub fn start(setup: CameraSetup, launch: WorkerLauncher) -> std::io::Result<Self> {
         let (orders, taken) = mpsc::channel();
         let shared = Arc::new(Shared::default());
@@ -97,10 +97,10 @@ impl ZividScanner {
         Ok(ZividScanner { orders, shared, timeouts: patience, size, exposures_us, conditions, thread })
     }
 
-    /// Waits until the camera delivers, at most for this time.
+    /// Waits until the camera is ready, but not longer than this time.
     ///
     /// # Errors
-    /// If it does not deliver.
+    /// If the camera is not ready within this time; the error is the reason.
     pub fn wait_ready(&self, within: Duration) -> Result<(), ZividFault> {
         match self.shared.wait_started(within) {
             CameraStage::Ready(_) => Ok(()),
@@ -113,18 +113,19 @@ impl ZividScanner {
         ZividFault::Starting { since: since.elapsed(), most: self.timeouts.start() }
     }
 
-    /// Returns the faults so far, the number of lost workers, and the process ID of the worker.
+    /// Returns the recorded faults, the number of lost workers, and the process ID of the worker.
     pub fn history(&self) -> (Vec<ZividFault>, usize, Option<u32>) {
         let status = self.shared.status();
         (status.faults.iter().cloned().collect(), status.lost, status.worker)
     }
 
-    /// Returns a handle with which another thread can read the camera's state at any time.
+    /// Returns a monitor by which another thread can read the camera's state at any time.
     pub fn monitor(&self) -> CameraMonitor {
         CameraMonitor(self.shared.clone())
     }
 
-    /// Returns whether the camera has reached its final temperature, from the temperatures that it has reported.
+    /// Returns whether the camera has reached its stable temperature, according to the temperatures that it has
+    /// reported.
     pub fn temperature_state(&self) -> WarmUpState {
         judge_warm_up(self.shared.status().temperatures.make_contiguous(), now_ns() as f64 * 1e-9)
     }
@@ -136,7 +137,7 @@ impl ZividScanner {
 
     fn send_request(&self, ask: CameraRequest) -> Result<CameraAnswer, ZividFault> {
         if ask != CameraRequest::Check {
-            // A request never waits for the start of a worker.
+            // A request must not wait for the start of a worker.
             self.wait_ready(Duration::ZERO)?;
         }
         let is_given_up = Arc::new(AtomicBool::new(false));
@@ -154,11 +155,11 @@ impl ZividScanner {
             match answered.recv_timeout(POLL_INTERVAL) {
                 Ok(found) => return found,
                 Err(RecvTimeoutError::Disconnected) => return Err(gone()),
-                // The camera was lost before this request and is being started: that may last minutes.
+                // The camera was lost before this request and is starting again, which may take minutes.
                 Err(RecvTimeoutError::Timeout) if ask != CameraRequest::Check => {
                     if let CameraStage::Starting(since) = self.shared.status().stage {
                         is_given_up.store(true, Ordering::Relaxed);
-                        // If this request itself led to the loss of the worker, its answer arrives soon.
+                        // If this request caused the loss of the worker, its reply arrives soon.
                         return answered.recv_timeout(POLL_INTERVAL).unwrap_or(Err(self.starting_fault(since)));
                     }
                 }
@@ -171,7 +172,7 @@ impl ZividScanner {
         }
     }
 
-    /// Returns why there is no answer yet, from the camera's state.
+    /// Returns the reason, from the state of the camera, why there is no reply yet.
     fn no_answer_fault(&self, ask: CameraRequest, waited: Duration) -> ZividFault {
         match self.shared.status().stage.clone() {
             CameraStage::NoCamera(fault) | CameraStage::Down(fault) => fault,
@@ -180,10 +181,10 @@ impl ZividScanner {
         }
     }
 
-    /// Takes a 3D shot with colours.
+    /// Captures a 3D scan with colours.
     ///
     /// # Errors
-    /// If the camera delivers no acceptable shot; the same applies to the other methods.
+    /// If the camera delivers no acceptable scan.
     pub fn take_scan(&mut self) -> Result<ZividShot, ZividFault> {
         match self.send_request(CameraRequest::Scan)? {
             CameraAnswer::Scan(ShotDelivery { metadata: taken, arrived_ns: came_ns, .. }, planes) => {
@@ -198,35 +199,36 @@ impl ZividScanner {
         }
     }
 
-    /// Takes one picture.
+    /// Captures one colour picture.
     ///
     /// # Errors
-    /// As [`ZividScanner::take_scan`].
+    /// If the camera delivers no acceptable picture.
     pub fn take_picture(&mut self) -> Result<ZividPicture, ZividFault> {
         self.request_picture(CameraRequest::Picture)
     }
 
-    /// Begins to take pictures one after the other, at most at this rate per second; another shot ends this.
+    /// Starts a clip: pictures are captured continuously, at most at this rate per second. Any other capture ends the
+    /// clip.
     ///
     /// # Errors
-    /// As [`ZividScanner::take_scan`].
+    /// If the camera cannot start the clip.
     pub fn begin_clip(&mut self, pictures_per_second: f64) -> Result<(), ZividFault> {
         self.send_request(CameraRequest::BeginClip(pictures_per_second)).map(drop)
     }
 
-    /// Returns the next picture of the clip. Pictures that are not fetched in time are dropped, the oldest first,
-    /// and counted.
+    /// Returns the next picture of the clip. Pictures that are not fetched in time are dropped and counted, the oldest
+    /// first.
     ///
     /// # Errors
-    /// As [`ZividScanner::take_scan`].
+    /// If the camera delivers no acceptable picture.
     pub fn next_clip_picture(&mut self) -> Result<ZividPicture, ZividFault> {
         self.request_picture(CameraRequest::NextPicture)
     }
 
-    /// Ends the clip.
+    /// Ends the clip and returns its statistics.
     ///
     /// # Errors
-    /// As [`ZividScanner::take_scan`].
+    /// If the camera does not confirm the end of the clip.
     pub fn end_clip(&mut self) -> Result<ClipEnd, ZividFault> {
         match self.send_request(CameraRequest::EndClip)? {
             CameraAnswer::Clip(end) => Ok(end),
@@ -234,10 +236,10 @@ impl ZividScanner {
         }
     }
 
-    /// Returns the camera's own model of its lens at the settings of 3D shots.
+    /// Returns the camera's own lens model for the settings of 3D scans.
     ///
     /// # Errors
-    /// As [`ZividScanner::take_scan`].
+    /// If the camera does not report the lens model.
     pub fn intrinsics(&mut self) -> Result<Lens, ZividFault> {
         match self.send_request(CameraRequest::Intrinsics)? {
             CameraAnswer::Lens(lens) => Ok(lens),
@@ -245,11 +247,11 @@ impl ZividScanner {
         }
     }
 
-    /// Returns the camera's temperatures. This waits a while if the camera is being started. A worker that stays down
-    /// is started again if the restart budget allows it: the function is called for a person's reset.
+    /// Returns the camera's temperatures. If the camera is starting, the function waits for a limited time. If the
+    /// worker is down, it is restarted if the budget permits, because a person's reset calls this function.
     ///
     /// # Errors
-    /// As [`ZividScanner::take_scan`].
+    /// If the camera does not report its temperatures.
     pub fn temperatures(&mut self) -> Result<Temperatures, ZividFault> {
         if let CameraStage::Starting(since) = self.shared.wait_started(CHECK_TIMEOUT) {
             return Err(self.starting_fault(since));
@@ -260,10 +262,10 @@ impl ZividScanner {
         }
     }
 
-    /// Measures how the ambient light flickers at present.
+    /// Measures the flicker of the ambient light.
     ///
     /// # Errors
-    /// As [`ZividScanner::take_scan`].
+    /// If the camera does not measure the ambient light.
     pub fn measure_ambient_light(&mut self) -> Result<Light, ZividFault> {
         match self.send_request(CameraRequest::Light)? {
             CameraAnswer::Light(light) => Ok(light),
@@ -297,8 +299,7 @@ impl Drop for ZividScanner {
     }
 }
 
-/// Returns the time of a shot, which is the time at which the camera received the request, s of the machine's
-/// monotonic clock.
+/// Returns the time of a scan or picture: the time at which the camera received the request, s of the monotonic clock.
 fn time_s(taken: &ShotInfo) -> f64 {
     taken.begun_ns as f64 * 1e-9
 }
@@ -316,7 +317,7 @@ impl Scanner for ZividScanner {
 
     fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError> {
         ZividScanner::begin_clip(self, pictures_per_second)?;
-        // If no picture has been dropped, the first one was begun before this time.
+        // If no picture is dropped, the exposure of the first one has begun before this time.
         Ok(now_ns() as f64 * 1e-9)
     }
 

@@ -1,7 +1,7 @@
-//! The camera in the worker: it is operated through the SDK, one call at a time.
+//! The camera in the worker process. It is controlled through the SDK, one call at a time.
 //!
-//! A sensor takes one shot or picture after the other, with the data about each. For a clip a thread takes pictures
-//! into a queue of three. If pictures are fetched too late, the oldest are lost, and counted.
+//! A sensor captures scans and pictures in sequence, each with its metadata. For a clip, a separate thread captures
+//! pictures into a queue of three. If pictures are fetched too late, the oldest are dropped and counted.
 
 use super::message::{
     ClipEnd, Identity, Lens, Light, Refusal, SettingsHash, ShotInfo, Size, Source, Temperatures, Trouble, Use,
@@ -13,23 +13,23 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Largest number of a clip's pictures that wait to be fetched.
+/// Maximum number of a clip's pictures that wait to be fetched.
 const QUEUE_LENGTH: usize = 3;
 
-/// Time limit for the next picture of a clip; after this time, the worker reports to the daemon that there is none.
+/// Time limit for the next picture of a clip; after this time the worker reports to the daemon that there is none.
 const PICTURE_TIMEOUT: Duration = Duration::from_secs(4);
 
-/// A clip without a request for pictures ends by itself after this time: its client may have disappeared.
+/// Time without a request for a picture after which a clip ends, because the client may have disappeared.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Number of consecutive pictures that the camera may fail to deliver; each is a gap in the clip's times. One more
-/// failure ends the clip.
+/// Maximum number of consecutive pictures that the camera may fail to deliver; each is a gap in the clip's times. One
+/// more failure ends the clip.
 const MAX_MISSED: u32 = 2;
 
-/// A rate above that of any camera of this kind.
+/// Maximum rate of a clip, pictures per second; it is above that of any camera of this type.
 const MAX_PICTURES_PER_SECOND: f64 = 1_000.0;
 
-/// The number that the sensor gave to settings that it has read.
+/// The number by which the sensor identifies loaded settings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SettingsSlot(pub u32);
 
@@ -40,81 +40,81 @@ pub struct ExposureMetadata {
     pub size: Size,
     /// Time at which the exposure ended, ns of the monotonic clock.
     pub exposed_ns: u64,
-    /// How long the camera paused because it is hot, ms.
+    /// The pause because the camera was too hot, ms.
     pub throttled_ms: f64,
-    /// Temperature of the lens at this shot, °C.
+    /// Temperature of the lens at the exposure, °C.
     pub lens_c: Option<f64>,
 }
 
-/// The values of a 3D shot, row by row.
+/// The values of a 3D scan, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShotPlanes {
-    /// x, y, z in the camera's frame, mm; NaN if missing.
+    /// x, y and z of each point in the camera's frame, mm; NaN for a missing point.
     pub points_mm: Vec<[f32; 3]>,
-    /// Red, green, blue, sRGB.
+    /// Red, green and blue of each pixel, sRGB.
     pub colors: Vec<[u8; 3]>,
     /// Signal-to-noise ratio.
     pub snr: Vec<f32>,
 }
 
 impl ShotPlanes {
-    /// Allocates memory for a shot of this size.
+    /// Allocates memory for a scan of this size.
     pub fn with_size(size: Size) -> Self {
         let pixels = size.pixels();
         ShotPlanes { points_mm: vec![[0.0; 3]; pixels], colors: vec![[0; 3]; pixels], snr: vec![0.0; pixels] }
     }
 }
 
-/// A 3D camera that also takes colour pictures. Each call blocks; a request that it cannot fulfil is refused with a
-/// reason.
+/// A 3D camera that also captures colour pictures. Each method blocks; a request that the camera cannot execute is
+/// refused with a reason.
 pub trait Sensor: Send {
     /// Returns the version of the SDK with which the sensor was built.
     fn sdk_version(&self) -> String;
 
-    /// Opens a camera; a camera that is open is released first, with its settings.
+    /// Opens a camera. If another camera is open, it is closed first, and its settings are discarded.
     ///
     /// # Errors
-    /// If there is no such camera; likewise for the other methods, if the camera does not do what is requested.
+    /// If the camera is not found or cannot be opened.
     fn connect(&mut self, source: &Source) -> Result<Identity, Refusal>;
 
-    /// Reads settings from a YAML file.
+    /// Loads settings from a YAML file.
     ///
     /// # Errors
-    /// As [`Sensor::connect`].
+    /// If the camera does not accept the settings.
     fn settings(&mut self, usage: Use, file: &Path) -> Result<(SettingsSlot, Size), Refusal>;
 
-    /// Takes a 3D shot.
+    /// Captures a 3D scan.
     ///
     /// # Errors
-    /// As [`Sensor::connect`].
+    /// If the camera delivers no scan.
     fn scan(&mut self, slot: SettingsSlot) -> Result<(ExposureMetadata, ShotPlanes), Refusal>;
 
-    /// Takes a picture: red, green, blue of each pixel.
+    /// Captures a picture: red, green and blue of each pixel.
     ///
     /// # Errors
-    /// As [`Sensor::connect`].
+    /// If the camera delivers no picture.
     fn picture(&mut self, slot: SettingsSlot) -> Result<(ExposureMetadata, Vec<[u8; 3]>), Refusal>;
 
-    /// Returns the camera's model of its lens.
+    /// Returns the camera's own lens model.
     ///
     /// # Errors
-    /// As [`Sensor::connect`].
+    /// If the camera does not report the lens model.
     fn intrinsics(&mut self, slot: SettingsSlot) -> Result<Lens, Refusal>;
 
     /// Returns the camera's temperatures.
     ///
     /// # Errors
-    /// As [`Sensor::connect`].
+    /// If the camera does not report its temperatures.
     fn state(&mut self) -> Result<Temperatures, Refusal>;
 
-    /// Measures how the ambient light flickers at present.
+    /// Measures the flicker of the ambient light.
     ///
     /// # Errors
-    /// As [`Sensor::connect`].
+    /// If the camera does not measure the ambient light.
     fn measure_ambient_light(&mut self) -> Result<Light, Refusal>;
 }
 
-/// A camera and the number of its shots.
+/// A camera, and the number of its scans and pictures so far.
 pub(super) struct Camera {
     pub(super) sensor: Box<dyn Sensor>,
     pub(super) serial: Option<String>,
@@ -127,7 +127,7 @@ impl Camera {
         Camera { sensor, serial: None, taken: 0 }
     }
 
-    /// Takes a shot or picture and returns the data about it.
+    /// Captures a scan or picture, and returns it with its metadata.
     pub(super) fn capture<T>(
         &mut self,
         settings: &SettingsHash,
@@ -163,15 +163,15 @@ pub(super) fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
 /// A picture with its metadata.
 type PictureWithMetadata = (ShotInfo, Vec<[u8; 3]>);
 
-/// The data that the clip's thread and the worker share.
+/// The data that the thread of a clip and the worker share.
 #[derive(Default)]
 struct ClipQueue {
     waiting: VecDeque<PictureWithMetadata>,
     taken: u64,
     dropped: u64,
-    /// Number of consecutive pictures that the camera did not deliver.
+    /// Number of consecutive pictures that the camera has failed to deliver.
     missed: u32,
-    /// Time of the last request for a picture.
+    /// Time of the last request for a picture, ns of the monotonic clock.
     asked_ns: u64,
     /// The error that ended the clip, reported once.
     failed: Option<Refusal>,
@@ -179,7 +179,7 @@ struct ClipQueue {
 }
 
 impl ClipQueue {
-    /// Processes the result of a capture at this time.
+    /// Adds the result of a capture at this time.
     fn receive(&mut self, taken: Result<PictureWithMetadata, Refusal>, now_ns: u64) {
         match taken {
             Ok(photo) => self.push(photo),
@@ -214,7 +214,7 @@ impl ClipQueue {
     }
 }
 
-/// A clip that is being taken; dropping it ends it.
+/// A clip that is being recorded; dropping it ends the recording.
 pub(super) struct Clip {
     shared: Arc<(Mutex<ClipQueue>, Condvar)>,
     thread: Option<JoinHandle<()>>,
@@ -245,8 +245,8 @@ impl Clip {
                 let mut queue = lock(queue);
                 queue.receive(taken, now_ns());
                 news.notify_all();
-                // If the camera is late, the schedule continues from the present time; missed pictures are not taken
-                // later.
+                // If the camera is late, the schedule continues from the current time; missed pictures are not captured
+                // afterwards.
                 due_ns = (due_ns + period_ns).max(now_ns());
                 while !queue.is_over && now_ns() < due_ns {
                     let left = Duration::from_nanos(due_ns.saturating_sub(now_ns()));
@@ -264,7 +264,7 @@ impl Clip {
         Ok(Clip { shared, thread: Some(thread) })
     }
 
-    /// Returns the oldest waiting picture, or waits for the next one.
+    /// Returns the oldest picture in the queue, or waits for the next one.
     pub(super) fn next(&mut self) -> Result<PictureWithMetadata, Refusal> {
         let (queue, news) = &*self.shared;
         let idle = |queue: &mut ClipQueue| queue.waiting.is_empty() && !queue.is_over;
@@ -279,7 +279,7 @@ impl Clip {
         queue.pop().ok_or_else(|| queue.failed.clone().unwrap_or_else(late))
     }
 
-    /// Ends the clip after the picture in progress.
+    /// Ends the clip after the picture that is being captured, and returns its statistics.
     pub(super) fn end(&mut self) -> ClipEnd {
         let (queue, news) = &*self.shared;
         lock(queue).is_over = true;
@@ -321,7 +321,7 @@ mod tests {
         (taken, vec![[0; 3]])
     }
 
-    /// By hand: of five pictures that are not fetched, the first two are lost.
+    /// Expected result, derived by hand: of five pictures that are not fetched, the first two are dropped.
     #[test]
     fn the_queue_keeps_the_newest_and_counts_the_others() {
         let mut queue = ClipQueue::default();
@@ -335,7 +335,7 @@ mod tests {
         Refusal { trouble: Trouble::NoShot, message: "no exposure".to_owned() }
     }
 
-    /// Two pictures in a row may be missing, which the times of the other pictures show; a third missing picture
+    /// Two consecutive pictures may be missing, which the times of the other pictures show. A third missing picture
     /// ends the clip.
     #[test]
     fn two_missing_pictures_are_a_gap_and_three_end_the_clip() {

@@ -1,65 +1,65 @@
-//! Checks whether the camera has reached its stable temperature, from the temperature of its lens over time, by any
+//! Determines whether the camera has reached its stable temperature, from the temperature of its lens over time, on any
 //! clock.
 //!
-//! The camera measures by angles between its projector and its sensor, and these angles change while it warms up or
-//! cools down. The manufacturer requires ten minutes of shots, and gives these figures: during warm-up the temperature
-//! rises by 0.5 to 1.5 °C a minute; the air of a production hall changes it by at most 0.03 °C a minute. So the camera
-//! is warm if a straight line through the temperatures of the last minutes,
+//! The camera triangulates between its projector and its sensor, and their angles change while the camera warms up or
+//! cools down. The manufacturer requires ten minutes of captures, and states: during warm-up the temperature rises by
+//! 0.5 to 1.5 °C per minute; the air of a production hall changes it by at most 0.03 °C per minute. So the camera is
+//! treated as warm if the slope of a straight line through the temperatures of the last minutes,
 //!     T(t) = T₀ + s t,   s = Σ (tᵢ − t̄)(Tᵢ − T̄) / Σ (tᵢ − t̄)²,   σₛ² = Σ rᵢ² / (n − 2) / Σ (tᵢ − t̄)²,          (1)
-//! rises or falls by less than a limit between these two figures, including its own error 2 σₛ. If the temperatures
-//! were recorded for less than the ten minutes, or the limit lies within the error of the result, the state is reported
-//! as unclear. This module never waits and never stops a cycle. Source: support.zivid.com, "Warm-up" and "Thermal
+//! has a magnitude below a limit between these two figures, including its own error 2 σₛ. The state is reported as
+//! unclear if the temperatures were recorded for less than ten minutes, or if the limit is within the error of the
+//! slope. This module never waits and never stops a cycle. Source: support.zivid.com, "Warm-up" and "Thermal
 //! Stabilization".
 
 use panelprep_base::number_text::distinguishable_texts;
 
-/// How long the camera's temperature must have been recorded, s: the manufacturer's ten minutes.
+/// Minimum time for which the temperature must be recorded, s: ten minutes, as the manufacturer requires.
 const MIN_OBSERVED_S: f64 = 600.0;
-/// The line is fitted to the temperatures of this last period, s.
+/// Length of the last period to which the line is fitted, s.
 const FITTED_PERIOD_S: f64 = 300.0;
-/// Longest time between two temperatures of one series, s: in a longer gap the camera may have been off.
+/// Maximum time between two temperatures of one series, s; in a longer gap the camera may have been off.
 const MAX_GAP_S: f64 = 120.0;
-/// Largest rise of a warm camera, °C a minute: three times that of the air in a production hall, a fifth of a slow
-/// warm-up.
+/// Maximum slope of a warm camera, °C per minute: three times that of the air in a production hall, and a fifth of a
+/// slow warm-up.
 const MAX_RISE_C_PER_MIN: f64 = 0.1;
-/// Temperatures are reported in steps of 0.1 °C. Their error is at least the standard deviation of a uniform
-/// distribution within half a step to either side.
+/// Minimum standard deviation of a temperature, °C: temperatures are reported in steps of 0.1 °C, and the error is
+/// uniformly distributed within half a step to either side.
 const MIN_ERROR_C: f64 = 0.05 / 1.732;
-/// Age beyond which temperatures are not used, s.
+/// Maximum age of a temperature that is used, s.
 pub const MAX_TEMPERATURE_AGE_S: f64 = MIN_OBSERVED_S + MAX_GAP_S;
 
 /// A temperature.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TemperatureReading {
-    /// Time of the reading, s.
+    /// Time of the temperature reading, s.
     pub at_s: f64,
     /// Temperature of the lens, °C.
     pub lens_c: f64,
 }
 
-/// The result of judging the temperatures.
+/// The thermal state of the camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum WarmUpState {
     /// The camera's temperature is stable.
     Warm {
-        /// Rise, °C per minute.
+        /// Slope of the temperature, °C per minute.
         rise_c_per_min: f64,
     },
-    /// The camera warms up or cools down.
+    /// The camera is warming up or cooling down.
     Changing {
-        /// Rise, °C per minute.
+        /// Slope of the temperature, °C per minute.
         rise_c_per_min: f64,
     },
-    /// The camera's temperatures scatter too much for a decision.
+    /// The temperatures scatter too much for a decision.
     Unclear {
-        /// Rise, °C per minute.
+        /// Slope of the temperature, °C per minute.
         rise_c_per_min: f64,
-        /// The error of the rise, 95 %.
+        /// The error of the slope (95 %), °C per minute.
         error_c_per_min: f64,
     },
     /// The temperatures were recorded for too short a time, or the camera reports no temperature.
     NoReadings {
-        /// Time of recording without a gap, s.
+        /// Time for which the temperature was recorded without a gap, s.
         followed_s: f64,
     },
 }
@@ -98,7 +98,7 @@ impl std::fmt::Display for WarmUpState {
     }
 }
 
-/// Judges temperatures, in the order of their times, at `now_s` of the same clock.
+/// Determines the thermal state at `now_s` from temperatures in the order of their times, on the same clock.
 pub fn judge_warm_up(readings: &[TemperatureReading], now_s: f64) -> WarmUpState {
     let series = recent_readings(readings, now_s);
     let followed_s = series.first().map_or(0.0, |first| now_s - first.at_s);
@@ -117,7 +117,7 @@ pub fn judge_warm_up(readings: &[TemperatureReading], now_s: f64) -> WarmUpState
     }
 }
 
-/// Returns the last readings without a gap between them, up to now.
+/// Returns the last readings between which there is no gap, up to now.
 fn recent_readings(readings: &[TemperatureReading], now_s: f64) -> &[TemperatureReading] {
     let mut next_s = now_s;
     let of_series = readings.iter().rev().take_while(|reading| {
@@ -129,7 +129,7 @@ fn recent_readings(readings: &[TemperatureReading], now_s: f64) -> &[Temperature
     readings.split_at(readings.len() - count).1
 }
 
-/// Calculates slope and its error (95 %) by (1), °C a minute; `None` for fewer than three readings.
+/// Calculates the slope and its error (95 %) by equation (1), °C per minute; `None` for fewer than three readings.
 fn temperature_slope(line: &[TemperatureReading]) -> Option<(f64, f64)> {
     let count = line.len() as f64;
     if line.len() < 3 {
@@ -153,15 +153,15 @@ fn temperature_slope(line: &[TemperatureReading]) -> Option<(f64, f64)> {
 mod tests {
     use super::*;
 
-    /// Returns a reading each half minute from `from_s` to 900 s.
+    /// Returns a reading every 30 s from `from_s` to 900 s.
     fn readings(from_s: f64, lens_c: impl Fn(f64) -> f64) -> Vec<TemperatureReading> {
         let times = (0..=30).map(|half| f64::from(half) * 30.0).filter(|at_s| *at_s >= from_s);
         times.map(|at_s| TemperatureReading { at_s, lens_c: lens_c(at_s) }).collect()
     }
 
-    /// Calculated by hand: 0.06 °C a minute is 0.001 °C a second. Eleven readings, 30 s apart: Σ (t − t̄)² = 2 ·
-    /// 30² · 55 = 99,000 s², with the root 314.64 s. The smallest error gives 60 · 2 · 0.02887 / 314.64 = 0.0110 °C
-    /// a minute.
+    /// Expected values, calculated by hand: 0.06 °C per minute are 0.001 °C per second. Eleven readings at intervals of
+    /// 30 s give Σ (t − t̄)² = 2 · 30² · 55 = 99,000 s², whose root is 314.64 s. The minimum error is 60 · 2 · 0.02887
+    /// / 314.64 = 0.0110 °C per minute.
     #[test]
     fn a_linear_rise_is_measured_with_its_error() {
         let line = readings(600.0, |at_s| 30.0 + 0.001 * at_s);
@@ -170,15 +170,15 @@ mod tests {
         assert_eq!(temperature_slope(&line[..2]), None);
     }
 
-    /// A camera that approaches its final temperature as 40 − 15 e^(−t/τ), τ = 2.5 min: at 15 min its temperature
-    /// rises by 15/2.5 · e^(−6) = 0.015 °C a minute, at 5 min by 0.81.
+    /// A camera approaches its final temperature as 40 − 15 e^(−t/τ) with τ = 2.5 min. At 15 min its temperature rises
+    /// by 15/2.5 · e^(−6) = 0.015 °C per minute, at 5 min by 0.81 °C per minute.
     #[test]
     fn a_camera_of_constant_temperature_is_warm() {
         let warming = |at_s: f64| 40.0 - 15.0 * (-at_s / 150.0_f64).exp();
         assert!(
             matches!(judge_warm_up(&readings(0.0, warming), 900.0), WarmUpState::Warm { rise_c_per_min } if rise_c_per_min > 0.03)
         );
-        // The same camera, seen ten minutes earlier in its warm-up.
+        // The same camera, ten minutes earlier in its warm-up.
         let early = judge_warm_up(&readings(0.0, |at_s| warming(at_s - 600.0)), 900.0);
         assert!(matches!(early, WarmUpState::Changing { rise_c_per_min } if rise_c_per_min > 0.8), "{early:?}");
         assert!(early.to_string().starts_with("the 3D camera still warms up, by "), "{early}");
@@ -196,7 +196,7 @@ mod tests {
         assert_eq!(short, WarmUpState::NoReadings { followed_s: 570.0 });
         assert!(short.to_string().ends_with("recorded for 9 of 10 min"), "{short}");
         assert_eq!(judge_warm_up(&[], 900.0), WarmUpState::NoReadings { followed_s: 0.0 });
-        // In the first case the last reading is three minutes old; in the second there is a gap of three minutes
+        // In the first case the last reading is three minutes old. In the second case there is a gap of three minutes
         // before the last five readings.
         assert_eq!(judge_warm_up(&readings(0.0, steady), 1_080.0), WarmUpState::NoReadings { followed_s: 0.0 });
         let mut gap = readings(0.0, steady);

@@ -1,5 +1,5 @@
-//! The frames between daemon and worker: an opening, a head in JSON, a payload, each followed by a checksum; and the
-//! errors that a frame can have.
+//! The frames between daemon and worker, and the errors of a frame. A frame consists of an opening, a head in JSON and
+//! a payload, each followed by a checksum.
 //!
 //! ```text
 //! opening, 24 bytes  "PPZV" · version u16 · kind u16 · sequence u32 · head's length u32 · payload's length u64
@@ -9,11 +9,11 @@
 //! payload            planes of numbers, one after the other
 //! checksum
 //! ```
-//! Little endian. A length is used only after its checksum was verified, and the head is verified before memory for
-//! the payload is allocated. The checksum continues from part to part, so that parts of different frames cannot be
-//! combined. CRC-32 finds every change of up to 32 bits in a row; it protects against a peer that is broken, not
-//! against one that sends false data on purpose. A frame that is cut, changed or foreign is an error, after which
-//! nothing more of that stream is read: the stream has no marker at which reading could start again.
+//! All numbers are little endian. A length is used only after its checksum was verified, and the head is verified
+//! before memory for the payload is allocated. Each checksum includes the previous parts, so that parts of different
+//! frames cannot be combined. CRC-32 detects every change of up to 32 consecutive bits; it protects against a faulty
+//! peer, not against a malicious one. A frame that is truncated, changed or of another protocol is an error, after
+//! which the stream cannot be used any more: it has no marker at which reading could start again.
 
 use crc32fast::Hasher;
 use std::io::{ErrorKind, Read, Write};
@@ -21,28 +21,29 @@ use strum::VariantArray;
 
 const OPENING_BYTES: usize = 24;
 
-/// The largest head. Settings in YAML are the longest.
+/// Maximum size of a head, bytes. The longest heads contain settings in YAML.
 pub const MAX_HEAD_BYTES: usize = 1 << 20;
 
-/// The largest payload: a 3D shot of 8 million points.
+/// Maximum size of a payload, bytes: a 3D scan of 8 million points.
 pub const MAX_PAYLOAD_BYTES: usize = 160 << 20;
 
-/// A payload is sent, and its checksum computed, in pieces of this size, so that both ends work at the same time.
+/// Size of the pieces in which a payload is sent and its checksum is computed, bytes, so that both ends work at the
+/// same time.
 const PIECE_BYTES: usize = 1 << 18;
 
 const MAGIC: [u8; 4] = *b"PPZV";
 
-/// The version of this protocol: of the frames and of the messages in them.
+/// The version of this protocol: of the frames and of their messages.
 pub const VERSION: u16 = 2;
 
-/// The kinds of frames.
+/// The kind of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, VariantArray)]
 pub enum FrameKind {
-    /// From the worker, when it starts.
+    /// The first message of the worker, sent when it starts.
     Hello,
     /// From the daemon.
     Request,
-    /// From the worker, once for each request.
+    /// A reply of the worker; there is one for each request.
     Reply,
 }
 
@@ -66,7 +67,7 @@ impl FrameKind {
     }
 }
 
-/// Errors of a frame.
+/// The reason why a frame is refused or was not received.
 #[derive(Debug, thiserror::Error)]
 pub enum WireError {
     /// The stream ended between two frames.
@@ -75,22 +76,22 @@ pub enum WireError {
     /// The stream ended within a frame.
     #[error("the connection ended within the {part} of a frame")]
     Cut {
-        /// The part that was cut off.
+        /// The part of the frame in which the stream ended.
         part: FramePart,
     },
-    /// The frame came too slowly, or not at all.
+    /// The frame, or the rest of it, did not arrive in time.
     #[error("the rest of the {part} of a frame did not arrive in time")]
     Stalled {
-        /// The part that did not arrive.
+        /// The part of the frame that did not arrive.
         part: FramePart,
     },
-    /// The data do not begin with the opening of a frame.
+    /// The first bytes are not those of a frame.
     #[error("a frame begins with {found:02x?}, expected {MAGIC:02x?}")]
     NotAFrame {
         /// The first bytes.
         found: [u8; 4],
     },
-    /// The other program is of another version.
+    /// The other program uses another version of the protocol.
     #[error("the received frames have the version {found}, but this program uses version {VERSION}")]
     Version {
         /// Version found.
@@ -106,7 +107,7 @@ pub enum WireError {
         /// Computed.
         computed: u32,
     },
-    /// Another kind of frame was expected.
+    /// The frame is of another kind than expected.
     #[error("found a frame of kind {found}, expected kind {}, {}", allowed.number(), allowed.keyword())]
     Kind {
         /// Kind found.
@@ -114,7 +115,7 @@ pub enum WireError {
         /// The expected kind.
         allowed: FrameKind,
     },
-    /// A reply to another request.
+    /// The frame is a reply to another request.
     #[error("found a response to request {found}, but the last request was {allowed}")]
     Sequence {
         /// Number found.
@@ -122,28 +123,28 @@ pub enum WireError {
         /// The expected number.
         allowed: u32,
     },
-    /// The frame is longer than allowed.
+    /// A part of the frame is longer than its maximum.
     #[error("the {part} of a frame has {found} bytes (limit {allowed} bytes)")]
     TooLong {
-        /// The part that is too long.
+        /// The part of the frame that is too long.
         part: FramePart,
         /// Length found, bytes.
         found: u64,
-        /// Largest valid length, bytes.
+        /// Maximum length of the part, bytes.
         allowed: u64,
     },
-    /// A payload of another size than its head states.
+    /// The payload does not have the size that follows from the head.
     #[error("a frame's payload has {found} bytes, but its head states {expected} bytes")]
     PayloadSize {
-        /// Size stated by the frame's opening, bytes.
+        /// Size of the payload according to the opening, bytes.
         found: u64,
-        /// Size stated by the frame's head, bytes.
+        /// Size of the payload according to the head, bytes.
         expected: u64,
     },
-    /// A head without known content.
+    /// The head is not a valid message.
     #[error("the head of a frame cannot be read: {0}")]
     Head(#[from] serde_json::Error),
-    /// The system reported an error.
+    /// The operating system reported an error of the connection.
     #[error("the connection failed: {0}")]
     Io(std::io::Error),
 }
@@ -172,7 +173,7 @@ impl std::fmt::Display for FramePart {
 /// Writes a frame; the planes of the payload follow one another.
 ///
 /// # Errors
-/// If the stream accepts no more data. Nothing is written if a part is longer than a reader allows.
+/// If the stream accepts no more data, or a part is longer than its maximum; in the second case nothing is written.
 pub fn write(
     stream: &mut impl Write,
     (kind, sequence): (FrameKind, u32),
@@ -213,10 +214,10 @@ fn check_length(part: FramePart, found: u64, most: usize) -> Result<(), WireErro
     if found <= allowed { Ok(()) } else { Err(WireError::TooLong { part, found, allowed }) }
 }
 
-/// A frame up to its payload, which has not been read yet.
+/// A frame whose opening and head were read; the payload was not read yet.
 #[derive(Debug)]
 pub struct OpenedFrame {
-    /// The sequence number: a reply has the number of its request.
+    /// The sequence number; a reply has the number of its request.
     pub sequence: u32,
     /// Its head, JSON.
     pub head: Vec<u8>,
@@ -227,7 +228,7 @@ pub struct OpenedFrame {
 /// Reads a frame of this kind up to its payload.
 ///
 /// # Errors
-/// If the stream ends, or the received data are not such a frame.
+/// If the stream ends, or the received data are not a valid frame of this kind.
 pub fn open(stream: &mut impl Read, allowed_kind: FrameKind) -> Result<OpenedFrame, WireError> {
     let mut opening = [0; OPENING_BYTES];
     read_exact_bytes(stream, &mut opening[..1], FramePart::Opening).map_err(|error| match error {
@@ -239,7 +240,7 @@ pub fn open(stream: &mut impl Read, allowed_kind: FrameKind) -> Result<OpenedFra
     if [m0, m1, m2, m3] != MAGIC {
         return Err(WireError::NotAFrame { found: [m0, m1, m2, m3] });
     }
-    // The version is checked before the checksum, since another version may use a different checksum.
+    // The version is checked before the checksum, because another version may use another checksum.
     let version = u16::from_le_bytes([v0, v1]);
     if version != VERSION {
         return Err(WireError::Version { found: version });
@@ -263,7 +264,7 @@ pub fn open(stream: &mut impl Read, allowed_kind: FrameKind) -> Result<OpenedFra
 }
 
 impl OpenedFrame {
-    /// Checks the payload's size against the size in the head, before memory is allocated for it.
+    /// Compares the size of the payload with the size that follows from the head, before memory is allocated.
     ///
     /// # Errors
     /// If the sizes differ.
@@ -272,10 +273,10 @@ impl OpenedFrame {
         if found == expected { Ok(()) } else { Err(WireError::PayloadSize { found, expected }) }
     }
 
-    /// Reads the payload into planes of the size that the head requires, and returns its checksum.
+    /// Reads the payload into planes of the size that follows from the head, and returns its checksum.
     ///
     /// # Errors
-    /// If the payload has another size, is cut, or has a wrong checksum.
+    /// If the payload has another size, is truncated, or has a wrong checksum.
     pub fn payload(self, stream: &mut impl Read, planes: &mut [&mut [u8]]) -> Result<u32, WireError> {
         self.check_payload_size(planes.iter().map(|plane| plane.len()).sum())?;
         let (mut sum, mut own) = (self.sum, Hasher::new());
@@ -288,7 +289,7 @@ impl OpenedFrame {
         Ok(own.finalize())
     }
 
-    /// Ends a frame that has no payload.
+    /// Reads the end of a frame that must not have a payload.
     ///
     /// # Errors
     /// If the frame has a payload, or its checksum is wrong.
@@ -323,7 +324,7 @@ mod tests {
         bytes
     }
 
-    /// Reads the sequence number, the head and the planes of these sizes.
+    /// Reads a frame; returns the sequence number, the head, and planes of these sizes.
     fn read(mut bytes: &[u8], sizes: &[usize]) -> Result<(u32, Vec<u8>, Vec<Vec<u8>>), WireError> {
         let opened = open(&mut bytes, FrameKind::Reply)?;
         let (sequence, head) = (opened.sequence, opened.head.clone());
@@ -333,7 +334,7 @@ mod tests {
         Ok((sequence, head, planes))
     }
 
-    /// By hand: 24 bytes of opening, 2 of head, 3 of payload and three checksums of 4.
+    /// Expected size, calculated by hand: 24 bytes of opening, 2 of head, 3 of payload, and three checksums of 4 bytes.
     #[test]
     fn a_frame_has_the_documented_bytes() {
         let bytes = written(258, b"{}", &[&[1, 2, 3]]);
@@ -359,7 +360,7 @@ mod tests {
         assert_eq!(told(&request, 0), "found a frame of kind 2, expected kind 3, a reply");
     }
 
-    /// If a peer claims a long payload, no memory is allocated for it.
+    /// If the opening states a payload that is too long, no memory is allocated for it.
     #[test]
     fn a_length_above_the_limit_is_refused_on_both_sides() {
         let mut opening = b"PPZV\x02\0\x03\0\0\0\0\0".to_vec();
@@ -385,7 +386,7 @@ mod tests {
             prop_assert_eq!(whole.expect("whole"), (sequence, head, planes));
         }
 
-        /// A frame that is cut at any byte is not accepted as complete.
+        /// A frame that is truncated at any byte is refused.
         #[test]
         fn every_cut_is_refused(payload in proptest::collection::vec(any::<u8>(), 0..90)) {
             let bytes = written(7, b"{\"a\":1}", &[&payload]);
@@ -394,7 +395,7 @@ mod tests {
             }
         }
 
-        /// A frame is refused if any bits of a byte are changed.
+        /// A frame in which any bits of any byte are changed is refused.
         #[test]
         fn every_changed_byte_is_refused(payload in proptest::collection::vec(any::<u8>(), 0..90), bits in 1_u8..) {
             let bytes = written(7, b"{\"a\":1}", &[&payload]);

@@ -1,8 +1,8 @@
-//! The worker: a separate process that drives the camera and answers the daemon, request by request.
+//! The worker: a separate process that controls the camera and replies to the daemon, one request at a time.
 //!
-//! The Zivid SDK is C++ on a graphics processor: it may hang, crash, or end its process. Here this affects only the
-//! worker. The worker decides nothing: it takes the requested shots and reports how they were taken. The worker ends
-//! when the daemon closes the connection, and also if the daemon ends without notice.
+//! The Zivid SDK is C++ code that uses the GPU: it may hang, crash, or end its process. In a separate process this
+//! affects only the worker. The worker decides nothing: it captures the requested scans and pictures and reports their
+//! metadata. It ends when the daemon closes the connection, and also if the daemon ends without notice.
 
 use super::message::{Hello, Refusal, Reply, Request, SettingsHash, ShotInfo, Size, Source, Trouble, Use};
 use super::sensor::{Camera, Clip, Sensor, SettingsSlot, ShotPlanes, lock};
@@ -13,39 +13,39 @@ use std::io::Write;
 use std::os::unix::net::UnixStream;
 use std::sync::{Arc, Mutex};
 
-/// Size of the socket's send buffer, so that one end continues to send while the other end computes the checksum of a
-/// piece.
+/// Size of the socket's send buffer, bytes, so that one end continues to send while the other computes the checksum of
+/// a piece.
 const SOCKET_BYTES: usize = 1 << 20;
 
-/// The reason why the worker ended.
+/// The error because of which the worker ends.
 #[derive(Debug, thiserror::Error)]
 pub enum WorkerError {
-    /// The daemon violates the protocol.
+    /// A request of the daemon cannot be read.
     #[error("the daemon's request cannot be read: {0}")]
     Wire(#[from] WireError),
-    /// A message that cannot be written.
+    /// A reply to the daemon cannot be written.
     #[error("a response cannot be written: {0}")]
     Json(#[from] serde_json::Error),
 }
 
-/// An answer with its payload.
+/// A reply with its payload.
 enum Answer {
     Words(Reply),
     Scan(ShotInfo, ShotPlanes),
     Picture(ShotInfo, Vec<[u8; 3]>),
 }
 
-/// Settings that were read.
+/// Settings that the sensor has loaded.
 #[derive(Debug, Clone, Copy)]
 struct LoadedSettings {
     usage: Use,
     slot: SettingsSlot,
 }
 
-/// Serves one daemon until the daemon closes the connection.
+/// Processes the requests of one daemon until the daemon closes the connection.
 ///
 /// # Errors
-/// If a request of the daemon cannot be read or answered: then the connection to the daemon cannot be used any more.
+/// If a request cannot be read, or a reply cannot be written; then the connection cannot be used any more.
 pub fn serve(mut daemon: UnixStream, sensor: Box<dyn Sensor>) -> Result<(), WorkerError> {
     send_hello(&mut daemon, Ok(sensor.sdk_version()))?;
     #[expect(clippy::let_underscore_must_use, reason = "a hint; without it a shot takes a few milliseconds more")]
@@ -65,10 +65,10 @@ pub fn serve(mut daemon: UnixStream, sensor: Box<dyn Sensor>) -> Result<(), Work
     }
 }
 
-/// Sends the worker's first message: the SDK's version, or why there is no camera to serve with.
+/// Sends the first message of the worker: the version of the SDK, or the reason why the SDK is not available.
 ///
 /// # Errors
-/// If the message is not received.
+/// If the message cannot be written.
 pub fn send_hello(daemon: &mut UnixStream, sdk: Result<String, String>) -> Result<(), WorkerError> {
     let hello = Hello { program: env!("CARGO_PKG_VERSION").to_owned(), sdk };
     Ok(wire::write(daemon, (FrameKind::Hello, 0), &serde_json::to_vec(&hello)?, &[])?)
@@ -100,8 +100,8 @@ struct SensorWorker {
 
 impl SensorWorker {
     fn answer_request(&mut self, request: Request) -> Result<Answer, Refusal> {
-        // Every request except the ones for the next picture and for the clip's end stops a clip: camera and projector
-        // execute one task at a time.
+        // Every request except those for the next picture and for the end of the clip stops a clip, because the camera
+        // executes one task at a time.
         if !matches!(request, Request::NextPicture | Request::EndClip) {
             drop(self.clip.take());
         }
@@ -150,7 +150,7 @@ impl SensorWorker {
         Ok(Reply::Connected(identity))
     }
 
-    /// Reads settings. The SDK reads them only from files, so the text is temporarily written to one.
+    /// Loads settings. The SDK reads settings only from files, so the text is written to a temporary file.
     fn read(&mut self, usage: Use, yaml: &str, hash: SettingsHash) -> Result<Size, Refusal> {
         let found = settings_hash(yaml);
         if found != hash {
@@ -162,7 +162,7 @@ impl SensorWorker {
             trouble: Trouble::Settings,
             message: format!("the settings cannot be passed to the SDK as a file: {error}"),
         };
-        // The SDK recognises the file's type by its extension.
+        // The SDK recognises the file type by its extension.
         let mut file = tempfile::Builder::new().suffix(".yml").tempfile().map_err(failed)?;
         file.write_all(yaml.as_bytes()).and_then(|()| file.flush()).map_err(failed)?;
         let (slot, size) = lock(&self.camera).sensor.settings(usage, file.path())?;
@@ -197,7 +197,7 @@ impl SensorWorker {
     }
 }
 
-/// Calculates the SHA-256 of a settings file's text.
+/// Returns the SHA-256 hash of a settings file's text, hexadecimal.
 pub fn settings_hash(yaml: &str) -> SettingsHash {
     content_hash(yaml.as_bytes())
 }
@@ -206,7 +206,7 @@ pub fn settings_hash(yaml: &str) -> SettingsHash {
 mod tests {
     use super::*;
 
-    /// `printf 'a: 1\n' | sha256sum`
+    /// Expected hash: the output of `printf 'a: 1\n' | sha256sum`.
     #[test]
     fn settings_are_identified_by_their_hash() {
         assert_eq!(settings_hash("a: 1\n"), "37b128c59f1f5097f73f82691cb519f1f568667faab5ced1b4ab979d36837eae");

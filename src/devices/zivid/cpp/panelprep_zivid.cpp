@@ -1,6 +1,6 @@
-// The SDK's side of the interface in panelprep_zivid.h. CALLS.md lists each call of the SDK with the public sample that
-// shows it, and marks those that none shows. The same text is built against the SDK on the cell's computer (make zivid)
-// and against the declarations in stub/ where there is no SDK (make zivid-stub).
+// The implementation of the interface in panelprep_zivid.h with the Zivid SDK. CALLS.md lists each call of the SDK with
+// the public sample that contains it, and marks those that no sample contains. This file is compiled with the SDK on
+// the cell's computer (make zivid), and without the SDK with the declarations in stub/ (make zivid-stub).
 
 #include "panelprep_zivid.h"
 
@@ -24,7 +24,7 @@
 #include <variant>
 #include <vector>
 
-// What is copied whole has to lie as the interface says.
+// These types are copied as a block, so their layout must be that of the interface.
 static_assert(sizeof(Zivid::PointXYZ) == 3 * sizeof(float), "a point is three floats");
 static_assert(sizeof(Zivid::ColorRGBA_SRGB) == 4, "a colour is four bytes");
 static_assert(sizeof(Zivid::SNR) == sizeof(float), "a signal to noise ratio is a float");
@@ -63,7 +63,8 @@ bool is_connected(const Zivid::Camera &camera) {
     return camera.state().status() == Zivid::CameraState::Status::connected;
 }
 
-// Runs a call; where it throws, the message is the SDK's and the status is `usual`, or says that the camera is gone.
+// Makes a call of the SDK. If it throws, the message is that of the SDK, and the status is `usual`, or "gone" if the
+// camera is not connected any more.
 template <typename Call> pz_status guarded(pz_session *session, pz_status usual, pz_message *message, Call call) {
     try {
         call();
@@ -105,12 +106,13 @@ template <typename Duration> double in_ms(const Duration &duration) {
 }
 
 uint64_t now_ns() {
-    // On Linux this clock is CLOCK_MONOTONIC, as the caller's.
+    // On Linux this clock is CLOCK_MONOTONIC, the clock that the caller uses.
     const auto since = std::chrono::steady_clock::now().time_since_epoch();
     return static_cast<uint64_t>(std::chrono::duration_cast<std::chrono::nanoseconds>(since).count());
 }
 
-// How a shot or picture was taken, from what the SDK keeps with it: the camera itself is not asked.
+// Returns the metadata of a scan or picture from the information that the SDK stores with it; the camera is not
+// queried.
 template <typename Frame> pz_taken taken_of(const Frame &frame, uint64_t exposed_ns, pz_size size) {
     const double throttled_ms = in_ms(frame.info().metrics().throttlingTime().value());
     return {size, exposed_ns, throttled_ms, frame.state().temperature().lens().value()};
@@ -122,7 +124,8 @@ void pack(const Zivid::ColorRGBA_SRGB *colors, size_t pixels, uint8_t *rgb) {
     }
 }
 
-// Why a camera that is there does not open; PZ_NOT_FOUND where that does not show. `text` becomes the reason.
+// Returns why a camera that was found cannot be opened, or PZ_NOT_FOUND if the reason is not known. The reason is
+// written to `text`.
 pz_status why_not(Zivid::Application &application, const char *serial, std::string &text) {
     using Status = Zivid::CameraState::Status;
     for (auto &camera : application.cameras()) {
@@ -261,7 +264,8 @@ pz_status pz_copy_scan(pz_session *session, float *xyz, uint8_t *rgb, float *snr
             throw OutOfOrder("there is room for " + std::to_string(pixels) + " points, the shot has " +
                              std::to_string(cloud.size()));
         }
-        // Straight into the caller's memory, except the colours, which have a fourth byte there.
+        // Points and SNR are copied directly to the caller's memory. Colours are not, because the SDK's colours have a
+        // fourth byte.
         cloud.copyData(reinterpret_cast<Zivid::PointXYZ *>(xyz));
         cloud.copyData(reinterpret_cast<Zivid::SNR *>(snr));
         session->colors.resize(pixels);

@@ -1,19 +1,19 @@
-//! Supervises a worker: starts it, opens the camera, warms it up, watches it, sends it requests, and restarts it while
-//! its budget lasts.
+//! Supervises a worker process: starts it, opens the camera, warms it up, checks it, sends it requests, and restarts it
+//! within its restart budget.
 //!
 //! ```text
 //! start ─ hello ─ connect ─ settings ─ warm-up ─ ready ─┬─ asked … ─┐
 //!   ↑                ↑________________ camera gone ______│           │
 //!   └─── restart, within the budget ──── worker lost ────┴───────────┘
 //! ```
-//! The supervisor runs on a thread of its own and answers through a channel, so that no caller waits longer than its
-//! deadline. A worker is considered lost if it ends, stalls, or sends data that cannot be read; then it is killed,
-//! since its later data could not be trusted. If the camera is absent, the same worker searches for it repeatedly, and
-//! the absence is reported once. Each fault is recorded as a text; none is corrected silently. A camera without
-//! requests is asked for its temperature at intervals, so that [`warmth`](super::warmth) can be judged.
+//! The supervisor has its own thread and replies through a channel, so that no caller waits longer than its time limit.
+//! A worker is treated as lost if it ends, stalls, or sends data that cannot be read; then it is killed, because its
+//! further data could not be trusted. If the camera is absent, the same worker searches for it repeatedly, and the
+//! absence is reported once. Each fault is recorded as a text; no fault is corrected silently. While there are no
+//! requests, the camera's temperature is read at intervals, so that [`warmth`](super::warmth) can be judged.
 //!
-//! - this file: requests to a ready camera, and checks of their answers · `shared`: its setup, its state, the possible
-//!   requests · `opening`: the start and the restart of the worker
+//! - this file: requests to a camera that is ready, and the checks of its replies · `shared`: configuration, state and
+//!   possible requests · `opening`: start and restart of the worker
 
 mod opening;
 mod shared;
@@ -34,19 +34,19 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-/// Largest number of attempts for a shot that the camera did not deliver: the first one and two repetitions.
+/// Maximum number of attempts for a scan or picture that the camera did not deliver: the first one and two repetitions.
 pub(super) const MAX_ATTEMPTS: u32 = 3;
 
-/// Interval of the checks of an idle worker.
+/// Interval of the checks while there is no request.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
-/// Time limit for a worker to end by itself after it closed its connection.
+/// Time limit in which a worker ends by itself after it has closed its connection.
 const EXIT_TIMEOUT: Duration = Duration::from_millis(500);
 
-/// Time limit for a worker that is released: it closes its camera, so that the next client finds it free.
+/// Time limit in which a released worker ends; it closes the camera first, so that another program can open it.
 const RELEASE_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// Longest interval between two searches, if a person has to correct something first.
+/// Maximum interval between two searches for a camera, if a person must correct something first.
 const MAX_SEARCH_INTERVAL: Duration = Duration::from_secs(60);
 
 struct RunningWorker {
@@ -54,17 +54,17 @@ struct RunningWorker {
     peer: Box<dyn WorkerPeer>,
 }
 
-/// The hash of the settings and the checksum of the last shot or picture taken with them.
+/// The hash of the settings, and the checksum of the last scan or picture with these settings.
 struct LastShot {
     hash: SettingsHash,
     last_sum: Option<u32>,
 }
 
-/// The reason why the worker did not fulfil a request.
+/// The reason why a request to the worker failed.
 enum RequestFailure {
-    /// The worker is lost.
+    /// The worker is lost: the connection failed, or the data cannot be read.
     Lost(WireError),
-    /// The worker states the reason.
+    /// The worker refused the request and states the reason.
     Refused(Refusal),
 }
 
@@ -74,15 +74,15 @@ impl From<WireError> for RequestFailure {
     }
 }
 
-/// How a worker was lost.
+/// The reason why a worker process is not available any more.
 enum WorkerLoss {
-    /// The worker had already ended.
+    /// The worker process has ended.
     Ended(String),
-    /// The worker closed its end of the socket.
+    /// The worker has closed its end of the socket.
     HungUp,
-    /// The worker does not answer.
+    /// The worker did not reply within this time.
     Stalled(Duration),
-    /// Its data cannot be read.
+    /// The data of the worker cannot be read.
     Damaged(String),
 }
 
@@ -107,7 +107,7 @@ fn answer_name(answer: &Answer) -> String {
     }
 }
 
-/// The state of the host's thread.
+/// The supervisor of a worker: the state of its thread.
 pub struct Host {
     setup: CameraSetup,
     launch: WorkerLauncher,
@@ -120,16 +120,16 @@ pub struct Host {
     picture: LastShot,
     last_number: u64,
     clip_from_ns: u64,
-    /// A clip is being taken.
+    /// Whether a clip is being recorded.
     takes_clip: bool,
-    /// When the program next searches for an absent camera.
+    /// The time of the next search for an absent camera.
     search: Instant,
-    /// The last delay before a search.
+    /// The delay before the last search.
     search_pause: Duration,
 }
 
 impl Host {
-    /// Creates the host before the first start of the worker.
+    /// Creates the supervisor; the worker is not started yet.
     pub fn new(setup: CameraSetup, launch: WorkerLauncher, shared: Arc<Shared>) -> Self {
         let taking = |yaml: &str| LastShot { hash: settings_hash(yaml), last_sum: None };
         let now = Instant::now();
@@ -151,13 +151,13 @@ impl Host {
         }
     }
 
-    /// Serves until no more requests can come.
+    /// Processes requests until all senders of requests are dropped.
     pub fn run(mut self, orders: &Receiver<QueuedRequest>) {
         loop {
             self.start_and_open_if_due();
             match orders.recv_timeout(POLL_INTERVAL) {
                 Ok(order) if order.is_abandoned.load(Ordering::Relaxed) => {}
-                // The caller may no longer wait for the answer.
+                // Sending the reply fails if the caller no longer waits for it, which has no effect.
                 Ok(order) => drop(order.answer.send(self.perform(order.ask))),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return self.end_session(),
@@ -175,7 +175,7 @@ impl Host {
         }
     }
 
-    /// Starts the worker and opens the camera, as far as this is due and possible.
+    /// Starts the worker and opens the camera if this is due and possible.
     fn start_and_open_if_due(&mut self) {
         if matches!(self.shared.status().stage, CameraStage::Down(_)) {
             return;
@@ -187,8 +187,7 @@ impl Host {
         } else if self.camera.is_none() && Instant::now() >= self.search {
             self.open();
         } else if self.camera.is_some() && !self.takes_clip && self.shared.is_temperature_due(now_ns()) {
-            // The temperatures over time show whether the camera is warm; a fault in this request is reported like any
-            // other.
+            // The temperature is read only to be recorded; a fault of this request is reported like any other.
             drop(self.request_from_ready(CameraRequest::Check));
         }
     }
@@ -210,7 +209,7 @@ impl Host {
         }
     }
 
-    /// Returns the fault with the remaining waiting time as of now.
+    /// Returns the fault with the current remaining waiting time.
     fn as_of_now(&self, fault: ZividFault) -> ZividFault {
         match fault {
             ZividFault::Down { ended, allowed, within, last, .. } => {
@@ -221,9 +220,9 @@ impl Host {
         }
     }
 
-    /// Handles a person's request for a worker that stays down.
+    /// Processes a person's request to restart a worker that is down.
     fn restart_on_request(&mut self, fault: ZividFault) -> Result<CameraAnswer, ZividFault> {
-        // A cause other than the budget, such as a missing library, may be removed at any time, so the start is tried.
+        // A cause other than the budget, such as a missing library, may have been removed, so a start is tried.
         let by_budget = matches!(fault, ZividFault::Down { .. });
         if by_budget && self.budget.on_person_request(self.began.elapsed()) == RestartDecision::StayDown {
             return Err(self.as_of_now(fault));
@@ -232,7 +231,7 @@ impl Host {
         self.open_on_request()
     }
 
-    /// Returns the answer to a person's request for the camera, after an attempt to open it.
+    /// Processes a person's request for the camera: tries to open it and returns the result.
     fn open_on_request(&mut self) -> Result<CameraAnswer, ZividFault> {
         let stage = self.shared.status().stage.clone();
         match stage {
@@ -271,7 +270,7 @@ impl Host {
             CameraRequest::Check => Request::State,
             CameraRequest::Light => Request::Light,
         };
-        // Every request except the one for the next picture ends a clip.
+        // A clip is ended by every request except the one for its next picture.
         self.takes_clip =
             matches!(ask, CameraRequest::BeginClip(_)) || self.takes_clip && ask == CameraRequest::NextPicture;
         let during = ask.describe();
@@ -281,7 +280,8 @@ impl Host {
             let from_ns = if ask == CameraRequest::NextPicture { self.clip_from_ns } else { now_ns() };
             let message = match self.send_request(&request, within) {
                 Ok(answer) => match self.check_answer(ask, from_ns, answer) {
-                    // The camera's own buffer may have delivered the previous shot once more.
+                    // The camera may have delivered the previous data once more from its own buffer, so one more
+                    // attempt is made.
                     Err(ZividFault::Frozen(_)) if tries < 2 => continue,
                     other => return other.inspect_err(|fault| self.shared.record_fault(fault)),
                 },
@@ -303,7 +303,7 @@ impl Host {
         }
     }
 
-    /// Returns the fault of a refusal; `None` if another attempt may help.
+    /// Returns the fault for a refused request; `None` if another attempt may succeed.
     fn refused(&mut self, ask: CameraRequest, refusal: &Refusal) -> Option<ZividFault> {
         let (during, message) = (ask.describe(), refusal.message.clone());
         let is_shot = matches!(ask, CameraRequest::Scan | CameraRequest::Picture);
@@ -325,7 +325,7 @@ impl Host {
         })
     }
 
-    /// Checks an answer against the request.
+    /// Checks the reply of the worker against the request.
     fn check_answer(
         &mut self,
         ask: CameraRequest,
@@ -342,8 +342,8 @@ impl Host {
                 Ok(CameraAnswer::Scan(came, planes))
             }
             (CameraRequest::Picture | CameraRequest::NextPicture, Answer::Picture(came, rgb)) => {
-                // If a scene is black or white, all its pictures are the same; the evaluation of the pictures
-                // reports that.
+                // Pictures of a completely black or white scene are equal without a fault of the camera; the evaluation
+                // of the pictures reports such scenes.
                 let is_plain = rgb.windows(2).all(|two| two[0] == two[1]);
                 self.accept_shot(ask, from_ns, &came, is_plain)?;
                 accept::accept_pause(&came.metadata, ask.describe())?;

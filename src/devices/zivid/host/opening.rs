@@ -1,5 +1,5 @@
-//! Starts the worker, opens the camera and warms up the SDK. A lost worker is ended, its fault is recorded, and it is
-//! restarted if the budget allows.
+//! Starts the worker process, opens the camera and warms up the SDK. A lost worker is ended, its fault is recorded, and
+//! it is restarted if the budget permits.
 
 use super::{
     CameraStage, EXIT_TIMEOUT, Host, MAX_SEARCH_INTERVAL, RequestFailure, RunningWorker, WorkerLoss, answer_name,
@@ -50,7 +50,7 @@ impl Host {
         }
     }
 
-    /// Opens the camera; an obstacle is reported once.
+    /// Opens the camera; if it cannot be opened, the reason is reported once.
     pub(super) fn open(&mut self) {
         match self.open_camera() {
             Ok(identity) => {
@@ -109,7 +109,7 @@ impl Host {
                 other => return Err(unexpected_answer("its settings", &other)),
             }
         }
-        // The content of this shot does not matter; it only warms up the SDK.
+        // The data of this scan are not used; it only warms up the SDK.
         let request = Request::Scan { settings: self.scan.hash.clone() };
         let during = "its first shot";
         let refused = |refusal: Refusal| {
@@ -126,7 +126,7 @@ impl Host {
         }
     }
 
-    /// Carries out one step of opening the camera.
+    /// Sends one request of the opening sequence, and returns the reply.
     fn step(
         &mut self,
         request: &Request,
@@ -139,7 +139,8 @@ impl Host {
         })
     }
 
-    /// Handles the state in which the worker is present, but the camera cannot be used because of this fault.
+    /// Sets the state for a running worker whose camera cannot be used because of this fault, and plans the next
+    /// search.
     pub(super) fn on_camera_missing(&mut self, fault: ZividFault) {
         self.camera = None;
         let is_known = matches!(&self.shared.status().stage, CameraStage::NoCamera(known) if *known == fault);
@@ -160,8 +161,8 @@ fn unexpected_answer(during: &'static str, answer: &Answer) -> OpenFailure {
     OpenFailure::Lost(during, WorkerLoss::Damaged(answer_name(answer)))
 }
 
-/// Returns the delay until the next search. The delay is short for an absent camera, which may be connected at any
-/// time. For a faulty camera it increases each time, since each attempt may expose and heat the camera.
+/// Returns the delay until the next search. It is short for an absent camera, which may be connected at any time. For a
+/// faulty camera it increases each time, because each attempt may expose and heat the camera.
 fn search_delay(fault: &ZividFault, last: Duration, shortest: Duration) -> Duration {
     match fault {
         ZividFault::NotFound(_) | ZividFault::InUse(_) | ZividFault::OutOfReach(_) => shortest,
@@ -170,10 +171,10 @@ fn search_delay(fault: &ZividFault, last: Duration, shortest: Duration) -> Durat
 }
 
 impl Host {
-    /// Ends a lost worker, and starts it again if the budget allows.
+    /// Ends a lost worker, and restarts it if the budget permits.
     pub(super) fn on_worker_lost(&mut self, during: &'static str, loss: WorkerLoss) -> ZividFault {
         if self.shared.is_ending.load(Ordering::Relaxed) {
-            // No more requests come, and nothing is reported.
+            // The supervisor is ending, so no fault is reported.
             self.end_worker();
             return ZividFault::Ended { how: "the program ends".to_owned(), during, next: NextStep::StaysDown };
         }
@@ -212,17 +213,17 @@ impl Host {
         ZividFault::Down { ended: most + 1, allowed: most, within, last: last.to_string(), wait }
     }
 
-    /// Ends the worker; no other worker is started until a person requests one.
+    /// Ends the worker; it is not restarted until a person requests it.
     pub(super) fn stop_worker(&mut self, fault: ZividFault) {
         self.end_worker();
         self.shared.record_fault(&fault);
         self.shared.set_stage(CameraStage::Down(fault));
     }
 
-    /// Ends the worker. Returns how it had ended, if it had already ended by itself.
+    /// Ends the worker process. If it had already ended by itself, returns how.
     pub(super) fn end_worker(&mut self) -> Option<String> {
         (self.camera, self.takes_clip) = (None, false);
-        // The first shot of another worker must not count as a repetition of a shot of this worker.
+        // The first data of the next worker must not be treated as a repetition of this worker's data.
         (self.last_number, self.scan.last_sum, self.picture.last_sum) = (0, None, None);
         let RunningWorker { link, mut peer } = self.worker.take()?;
         drop(link);

@@ -1,4 +1,4 @@
-//! The state shared between the thread that supervises a worker and the threads that make requests.
+//! The state that the supervisor of a worker shares with the threads that make requests.
 
 use crate::zivid::budget::Restarts;
 use crate::zivid::fault::ZividFault;
@@ -12,41 +12,41 @@ use std::sync::mpsc::Sender;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The configuration of a camera.
+/// The configuration of a Zivid camera.
 #[derive(Debug, Clone)]
 pub struct CameraSetup {
     /// Selects the camera.
     pub source: Source,
     /// The serial number of the calibrated camera, if known.
     pub serial: Option<String>,
-    /// The size for which the camera was calibrated.
+    /// The picture size for which the camera was calibrated.
     pub size: Size,
-    /// Settings of 3D shots: the text of their YAML file.
+    /// The settings for 3D scans, as the text of their YAML file.
     pub scan_yaml: String,
     /// Settings of pictures.
     pub picture_yaml: String,
-    /// The limit for restarts of the worker.
+    /// The restart budget of the worker.
     pub restarts: Restarts,
-    /// Time limits for the answers.
+    /// The time limits for the worker's replies.
     pub timeouts: AnswerTimeouts,
 }
 
-/// Time limits for the answers of the worker.
+/// Time limits for the replies of the worker.
 #[derive(Debug, Clone, Copy)]
 pub struct AnswerTimeouts {
-    /// For the worker's first message, before which the worker starts the SDK.
+    /// Time limit for the worker's first message; before this message the worker starts the SDK.
     pub hello: Duration,
-    /// For finding and opening a camera; the vendor's own samples allow 100 s.
+    /// Time limit for finding and opening a camera; the vendor's own samples use 100 s.
     pub connect: Duration,
-    /// For the first shot, for which the SDK may compile its programs: 100 s in the vendor's samples.
+    /// Time limit for the first scan, for which the SDK may compile its GPU programs; the vendor's samples use 100 s.
     pub warm_up: Duration,
     /// A 3D shot.
     pub scan: Duration,
-    /// For a picture, or the next picture of a clip.
+    /// Time limit for a picture, or for the next picture of a clip.
     pub picture: Duration,
-    /// Settings and temperatures, which need no exposure.
+    /// Time limit for settings and temperatures, which need no exposure.
     pub settings_and_temperatures: Duration,
-    /// Interval between searches for an absent camera.
+    /// Interval between two searches for an absent camera.
     pub search: Duration,
 }
 
@@ -66,22 +66,22 @@ impl Default for AnswerTimeouts {
 }
 
 impl AnswerTimeouts {
-    /// Returns the time limit from the start of the worker to the first shot.
+    /// Returns the total time limit from the start of the worker to the first scan.
     pub fn start(&self) -> Duration {
         self.hello + self.connect + 2 * self.settings_and_temperatures + self.warm_up
     }
 
-    /// Returns the time limit for the answer to this request, for each attempt.
+    /// Returns the time limit for the reply to this request, for each attempt.
     pub fn timeout(&self, ask: CameraRequest) -> Duration {
         match ask {
             CameraRequest::Scan => self.scan,
-            // At the end of a clip, the program waits for the picture that is being taken.
+            // The end of a clip waits for the picture that is being captured.
             CameraRequest::Picture
             | CameraRequest::BeginClip(_)
             | CameraRequest::NextPicture
             | CameraRequest::EndClip => self.picture,
             CameraRequest::Intrinsics | CameraRequest::Check => self.settings_and_temperatures,
-            // The measurement includes an exposure of some duration.
+            // The measurement of the ambient light includes an exposure.
             CameraRequest::Light => self.scan,
         }
     }
@@ -90,48 +90,48 @@ impl AnswerTimeouts {
 /// The state of the camera.
 #[derive(Debug, Clone, PartialEq)]
 pub enum CameraStage {
-    /// The worker is being started, since this time.
+    /// The worker is starting; contains the time of the start.
     Starting(Instant),
     /// The camera delivers.
     Ready(Identity),
-    /// The worker is present; the camera is absent, or cannot be used.
+    /// The worker runs, but the camera is absent or cannot be used because of this fault.
     NoCamera(ZividFault),
-    /// The worker stays down until a person requests it.
+    /// The worker is down until a person requests a restart.
     Down(ZividFault),
 }
 
-/// The camera's status, for all clients.
+/// The status of the camera, for all threads.
 #[derive(Debug)]
 pub struct Status {
     /// The camera's state.
     pub stage: CameraStage,
-    /// Number of times that a worker was lost.
+    /// Number of times a worker was lost.
     pub lost: usize,
-    /// The last faults, in order.
+    /// The last faults, oldest first.
     pub faults: VecDeque<ZividFault>,
     /// The worker's process.
     pub worker: Option<u32>,
-    /// The lens's temperatures, in order, for the period that is needed to judge whether the camera is warm.
+    /// The temperatures of the lens, oldest first, for the period that is needed to judge whether the camera is warm.
     pub temperatures: VecDeque<TemperatureReading>,
 }
 
-/// Interval between temperature readings of a camera without requests.
+/// Interval at which the temperature is read while there are no requests.
 const TEMPERATURE_INTERVAL: Duration = Duration::from_secs(30);
 
-/// Largest number of stored faults.
+/// Maximum number of stored faults.
 const MAX_FAULTS: usize = 1_000;
 
-/// The data that the thread and its users share.
+/// The data that the supervisor's thread and its callers share.
 #[derive(Debug)]
 pub struct Shared {
     status: Mutex<Status>,
     changed: Condvar,
-    /// No more requests come.
+    /// Whether the supervisor is ending, so that no more requests are processed.
     pub is_ending: Arc<AtomicBool>,
 }
 
 impl Default for Shared {
-    /// Creates the state before the first start.
+    /// Creates the state before the worker is started.
     fn default() -> Self {
         let stage = CameraStage::Starting(Instant::now());
         let (faults, temperatures) = (VecDeque::new(), VecDeque::new());
@@ -141,12 +141,12 @@ impl Default for Shared {
 }
 
 impl Shared {
-    /// Locks and returns the present status.
+    /// Locks and returns the current status.
     pub fn status(&self) -> MutexGuard<'_, Status> {
         self.status.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits until the camera is no longer being started, at most for this time. Returns its state at that time.
+    /// Waits until the start of the worker and the camera has ended, but not longer than this time. Returns the state.
     pub fn wait_started(&self, within: Duration) -> CameraStage {
         let starting = |status: &mut Status| matches!(status.stage, CameraStage::Starting(_));
         let waited = self.changed.wait_timeout_while(self.status(), within, starting);
@@ -158,7 +158,7 @@ impl Shared {
         self.changed.notify_all();
     }
 
-    /// Records the lens temperature at this time, ns of the monotonic clock.
+    /// Records the temperature of the lens at this time, ns of the monotonic clock.
     pub(super) fn record_temperature(&self, at_ns: u64, lens_c: Option<f64>) {
         let Some(lens_c) = lens_c else { return };
         let (mut status, at_s) = (self.status(), at_ns as f64 * 1e-9);
@@ -168,7 +168,7 @@ impl Shared {
         }
     }
 
-    /// Returns whether the last temperature is too old.
+    /// Returns whether the temperature must be read again.
     pub(super) fn is_temperature_due(&self, now_ns: u64) -> bool {
         let last_s = self.status().temperatures.back().map_or(f64::NEG_INFINITY, |last| last.at_s);
         now_ns as f64 * 1e-9 - last_s > TEMPERATURE_INTERVAL.as_secs_f64()
@@ -194,22 +194,22 @@ pub enum CameraRequest {
     Scan,
     /// A picture.
     Picture,
-    /// Take pictures from now on, at this highest rate, 1/s.
+    /// Starts a clip with at most this number of pictures per second.
     BeginClip(f64),
-    /// The next picture of the clip.
+    /// Requests the next picture of the clip.
     NextPicture,
-    /// The end of the clip.
+    /// Ends the clip.
     EndClip,
-    /// The camera's model of its lens, for 3D shots.
+    /// Requests the camera's own lens model for 3D scans.
     Intrinsics,
-    /// Reads the camera's temperatures; a worker that stays down is started again if its budget allows.
+    /// Reads the camera's temperatures; if the worker is down, it is restarted if the budget permits.
     Check,
-    /// Measure how the ambient light flickers.
+    /// Measures the flicker of the ambient light.
     Light,
 }
 
 impl CameraRequest {
-    /// Returns the description for messages.
+    /// Returns a description of the request, for messages.
     pub fn describe(self) -> &'static str {
         match self {
             CameraRequest::Scan => "a 3D shot",
@@ -243,13 +243,13 @@ pub enum CameraAnswer {
     Light(Light),
 }
 
-/// A request, and the receiver of its answer.
+/// A request, with the channel for its reply.
 #[derive(Debug)]
 pub struct QueuedRequest {
     /// The request.
     pub ask: CameraRequest,
-    /// The caller no longer waits.
+    /// Whether the caller no longer waits for the reply.
     pub is_abandoned: Arc<AtomicBool>,
-    /// The channel for the answer.
+    /// The channel to which the reply is sent.
     pub answer: Sender<Result<CameraAnswer, ZividFault>>,
 }

@@ -1,11 +1,11 @@
-//! The camera library built with the simulated SDK, and settings for it. The tests in this crate and those of the
-//! program use both.
+//! The camera library built with the SDK stub, and settings for it. The tests of this crate and those of the program
+//! use both.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
-/// Settings of 3D shots: the delivered sample.
+/// The settings for 3D scans: the shipped sample.
 pub const SCAN: &str = include_str!("../../../../config/zivid/scan.yml");
 /// Those of pictures.
 pub const PICTURE: &str = include_str!("../../../../config/zivid/film.yml");
@@ -14,7 +14,7 @@ pub const PICTURE: &str = include_str!("../../../../config/zivid/film.yml");
 pub fn library() -> &'static Path {
     static BUILT: OnceLock<PathBuf> = OnceLock::new();
     BUILT.get_or_init(|| {
-        // This file is compiled in two crates, whose folders differ.
+        // This file is compiled in two crates in different folders, so the root folder is searched.
         let mut folders = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors();
         let root = folders.find(|folder| folder.join("Makefile").exists()).expect("the project's root");
         let made =

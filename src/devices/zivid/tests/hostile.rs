@@ -1,4 +1,4 @@
-//! Tests with bytes that are damaged in transit, between a good worker and the daemon.
+//! Tests with bytes that are corrupted in transit between a correct worker and the daemon.
 
 use super::super::*;
 use super::TIMEOUT;
@@ -10,11 +10,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-/// Number of frames before a shot: the worker's first message, connect, two settings and the warm-up.
+/// Number of frames before the first scan: the worker's first message, connect, two settings, and the warm-up.
 const FRAMES_BEFORE_SHOT: usize = 5;
 
-/// Changes the worker's n-th frame, counted over all workers, before it is forwarded. Returns whether the rest is
-/// sent.
+/// A function that changes the worker's n-th frame, counted over all workers, before it is forwarded. Returns what
+/// happens to the rest of the frame.
 type Tamper = dyn Fn(usize, &mut Vec<u8>) -> Rest + Send + Sync;
 
 enum Rest {
@@ -23,7 +23,7 @@ enum Rest {
     HangsUp,
 }
 
-/// Reads a whole frame, by the lengths in its opening.
+/// Reads a whole frame, whose lengths are in its opening.
 fn frame(worker: &mut UnixStream) -> Option<Vec<u8>> {
     let mut bytes = vec![0; 24];
     worker.read_exact(&mut bytes).ok()?;
@@ -34,7 +34,7 @@ fn frame(worker: &mut UnixStream) -> Option<Vec<u8>> {
     Some(bytes)
 }
 
-/// Returns a launcher of good workers whose frames are changed in transit.
+/// Returns a launcher of correct workers whose frames are changed in transit.
 fn tampered(tamper: impl Fn(usize, &mut Vec<u8>) -> Rest + Send + Sync + 'static) -> WorkerLauncher {
     let (frames, tamper): (_, Arc<Tamper>) = (Arc::new(AtomicUsize::new(0)), Arc::new(tamper));
     let inner = Mutex::new(super::played::played(Plan::default()));
@@ -50,7 +50,7 @@ fn tampered(tamper: impl Fn(usize, &mut Vec<u8>) -> Rest + Send + Sync + 'static
             match rest {
                 Rest::GoesOn => {}
                 Rest::HangsUp => return,
-                // Sends nothing more until the daemon closes the connection.
+                // Nothing more is sent, but the connection stays open until the daemon closes it.
                 Rest::Stalls => drop(worker.shutdown(std::net::Shutdown::Write)),
             }
         }
@@ -58,7 +58,7 @@ fn tampered(tamper: impl Fn(usize, &mut Vec<u8>) -> Rest + Send + Sync + 'static
     })
 }
 
-/// Tampers with the first shot and returns its fault; checks that the next shot is good.
+/// Changes the first scan in transit and returns the fault; checks that the next scan is accepted.
 fn first_shot(tamper: impl Fn(&mut Vec<u8>) -> Rest + Send + Sync + 'static) -> ZividFault {
     let mut setup = setup();
     setup.timeouts.scan = Duration::from_millis(400);
@@ -73,13 +73,13 @@ fn first_shot(tamper: impl Fn(&mut Vec<u8>) -> Rest + Send + Sync + 'static) -> 
     fault
 }
 
-/// Runs all cases at the same time, since each waits until its own worker is started again.
+/// Runs all cases in parallel, because each case waits until its own worker is restarted.
 fn each<const N: usize>(cases: [usize; N], check: impl Fn(usize) + Sync) {
     let check = &check;
     std::thread::scope(|scope| cases.into_iter().for_each(|case| drop(scope.spawn(move || check(case)))));
 }
 
-/// A worker that ends at each part of a frame.
+/// The worker ends while it sends a frame, in each part of the frame.
 #[test]
 fn a_shot_that_is_cut_off_is_reported_as_an_ended_worker() {
     each([0, 10, 26, 40, 300, 900], |keep| {
@@ -111,7 +111,7 @@ fn a_shot_that_stalls_in_transit_is_abandoned_in_time() {
     });
 }
 
-/// A changed byte in opening, head, payload and checksum.
+/// One byte is changed in the opening, the head, the payload or a checksum.
 #[test]
 fn a_changed_shot_is_discarded() {
     each([0, 12, 26, 40, 700, usize::MAX], |at| {
@@ -127,7 +127,7 @@ fn a_changed_shot_is_discarded() {
     });
 }
 
-/// Correct checksums, but fewer numbers than the head states.
+/// The checksums are correct, but the payload has fewer values than the head states.
 #[test]
 fn a_short_payload_is_discarded() {
     let fault = first_shot(|bytes| {
@@ -143,7 +143,7 @@ fn a_short_payload_is_discarded() {
     assert!(fault.to_string().starts_with(words), "{fault}");
 }
 
-/// The previous answer is sent once more.
+/// The previous reply is sent once more.
 #[test]
 fn an_answer_to_another_request_is_discarded() {
     let kept = Mutex::new(Vec::new());
@@ -161,7 +161,7 @@ fn an_answer_to_another_request_is_discarded() {
     assert!(fault.contains("found a response to request 4, but the last request was 5"), "{fault}");
 }
 
-/// Restarting the worker would not help, so it is not tried.
+/// The worker is not restarted, because a restart would not help.
 #[test]
 fn a_worker_of_another_version_stays_down() {
     let launch = tampered(|number, bytes| {
@@ -205,11 +205,11 @@ fn a_worker_without_its_library_reports_it() {
     assert_eq!(fault, "C1 the 3D camera's worker cannot run: libpanelprep_zivid.so: not found");
 }
 
-/// A worker that ends at its first shot each time is restarted three times, and then stays down.
+/// A worker that ends during each first scan is restarted three times and then stays down.
 #[test]
 fn a_worker_stays_down_after_its_fourth_end() {
     let launch = tampered(|number, bytes| {
-        // Each worker sends hello, connect, settings, settings, and half a shot.
+        // Each worker sends hello, the replies to connect and to two settings, and half a scan.
         if number % FRAMES_BEFORE_SHOT == FRAMES_BEFORE_SHOT - 1 {
             bytes.truncate(100);
             return Rest::HangsUp;
@@ -234,12 +234,12 @@ fn a_worker_stays_down_after_its_fourth_end() {
     assert!(matches!(scanner.take_scan(), Err(ZividFault::Down { .. })));
 }
 
-/// The behaviour in virtual time is tested in `budget`. Here the period is short, and a person's reset starts the
-/// worker again after the period.
+/// The budget in virtual time is tested in `budget`. In this test the period is short, and a person's reset restarts
+/// the worker after the period.
 #[test]
 fn a_persons_reset_starts_the_worker_after_the_period() {
     let restarts = Restarts { max_restarts: 1, within: Duration::from_millis(300) };
-    // The reply to the warm-up of the first two workers does not arrive.
+    // The first two workers end before their reply to the warm-up arrives.
     let launch = tampered(|number, bytes| {
         if [FRAMES_BEFORE_SHOT - 1, 2 * FRAMES_BEFORE_SHOT - 1].contains(&number) {
             bytes.clear();

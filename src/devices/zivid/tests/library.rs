@@ -1,4 +1,4 @@
-//! The C++ library with the simulated SDK, opened as the worker opens it; here in a thread. The list of the SDK's
+//! Tests the C++ library with the SDK stub. It is opened as the worker opens it, but in a thread. The list of the SDK's
 //! calls, `cpp/CALLS.md`, is compared with the declarations and with the source that makes the calls.
 
 use super::super::library::{LibraryError, Sdk};
@@ -13,7 +13,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Writes a camera file with these lines and returns the camera that is simulated from it.
+/// Writes a camera file with these lines, and returns the camera that is simulated from it.
 fn file_camera(folder: &Path, lines: &str) -> (CameraSetup, WorkerLauncher) {
     let file = folder.join("camera.zfc");
     std::fs::write(&file, lines).expect("written");
@@ -24,7 +24,7 @@ fn file_camera(folder: &Path, lines: &str) -> (CameraSetup, WorkerLauncher) {
         picture_yaml: PICTURE.to_owned(),
         ..super::played::setup()
     };
-    // The library is built first, so that no worker has to wait for this.
+    // The library is built here, so that no worker has to wait for the build.
     let library = library();
     let launch = in_thread(move |stream| {
         let sdk = Sdk::open(library).expect("the library");
@@ -33,7 +33,7 @@ fn file_camera(folder: &Path, lines: &str) -> (CameraSetup, WorkerLauncher) {
     (setup, launch)
 }
 
-/// The lens as defined at the top of `play.cpp`: f = 1785 · 162 / 1944.
+/// The lens of the simulated camera, as defined at the top of `play.cpp`: f = 1785 · 162 / 1944.
 fn lens() -> PinholeCamera {
     let f_px = 1785.0 * 162.0 / 1944.0;
     let (k1, k2, p1, p2, k3) = (0.0, 0.0, 0.0, 0.0, 0.0);
@@ -57,12 +57,12 @@ fn the_camera_behind_the_sdk_passes_the_tests_of_all_scanners() {
     let taken = scanner.take_scan().expect("a shot").metadata;
     assert_eq!((taken.serial.as_str(), taken.lens_c), ("2127A0F3", Some(35.5)));
     assert_eq!(scanner.history().0, []);
-    // These tests also make requests that must be refused.
+    // This check also makes requests that must be refused.
     conform::check_clips(&mut scanner, &lens(), || ());
 }
 
-/// Calculated by hand, for pixel (81, 50) of 162×100: z = 700 + 25 sin 3 + 15 · 50/162 = 708.158 and up to 0.05 more,
-/// x = 0.5 z / f.
+/// Expected values, calculated by hand, for pixel (81, 50) of 162×100: z = 700 + 25 sin 3 + 15 · 50/162 = 708.158, plus
+/// up to 0.05; x = 0.5 z / f.
 #[test]
 fn numbers_pass_the_interface_unchanged() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -151,7 +151,7 @@ fn words(text: &str) -> impl Iterator<Item = &str> {
     text.split(|c: char| !c.is_alphanumeric() && c != '_').filter(|word| !word.is_empty())
 }
 
-/// Returns the public names in the namespace Zivid of a declaration: types, functions, constants.
+/// Returns the public names in the namespace Zivid of a header: types, functions and constants.
 fn declared(text: &str) -> BTreeSet<String> {
     let from = text.find("\nnamespace Zivid").unwrap_or_else(|| panic!("no such namespace"));
     let (mut found, mut is_private) = (BTreeSet::new(), false);
@@ -178,7 +178,7 @@ fn declared(text: &str) -> BTreeSet<String> {
     found
 }
 
-/// Returns the names between backquotes in the first column of the list.
+/// Returns the names in backquotes in the first column of the list.
 fn listed() -> BTreeSet<String> {
     let list = text("CALLS.md");
     let rows: Vec<&str> = list.lines().filter(|line| line.starts_with("| `")).collect();
@@ -189,7 +189,8 @@ fn listed() -> BTreeSet<String> {
     calls.iter().flat_map(|call| words(call)).map(str::to_owned).collect()
 }
 
-/// The adapter is built with these declarations only, so it calls nothing else; and each of them is in the list.
+/// The library is built with these declarations only, so it makes no other calls of the SDK. Each declaration must be
+/// in the list.
 #[test]
 fn each_call_of_the_sdk_is_listed_and_each_listed_one_is_made() {
     let files =
@@ -201,13 +202,13 @@ fn each_call_of_the_sdk_is_listed_and_each_listed_one_is_made() {
     assert!(unlisted.is_empty(), "CALLS.md does not list {unlisted:?}");
     let adapter = text("panelprep_zivid.cpp");
     let made: BTreeSet<&str> = words(&adapter).collect();
-    // The types of returned values are not named at the call, so types are left out.
+    // Types are excluded, because the type of a returned value is not written at the call.
     let is_made = |name: &String| made.contains(name.as_str()) || name.starts_with(char::is_uppercase);
     let stale: Vec<_> = listed.iter().filter(|name| !is_made(name)).collect();
     assert!(stale.is_empty(), "CALLS.md lists {stale:?}, which nothing calls");
 }
 
-/// With an older SDK the library cannot be built, and the reason is reported.
+/// With an older SDK the build of the library fails, and the compiler reports the reason.
 #[test]
 fn the_build_with_an_older_sdk_fails_with_the_reason() {
     let folder = tempfile::tempdir().expect("a folder");

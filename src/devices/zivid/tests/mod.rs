@@ -1,5 +1,5 @@
-//! Tests the daemon's side with good and with faulty workers. The workers are threads instead of processes, so that
-//! each byte in transit can be delayed, changed or left out.
+//! Tests the daemon's side with correct and faulty workers. The workers are threads instead of processes, so that each
+//! byte in transit can be delayed, changed or dropped.
 
 mod built;
 mod hostile;
@@ -12,14 +12,14 @@ use std::time::{Duration, Instant};
 
 const TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Creates a camera that behaves according to this plan and is ready.
+/// Creates a camera that behaves according to this plan, and waits until it is ready.
 fn ready(plan: Plan) -> ZividScanner {
     let scanner = ZividScanner::start(setup(), played(plan)).expect("a thread");
     scanner.wait_ready(TIMEOUT).expect("ready");
     scanner
 }
 
-/// Waits until the camera delivers again by itself.
+/// Waits until the camera delivers scans again without a request for a restart.
 fn delivers_again(scanner: &mut ZividScanner) {
     let since = Instant::now();
     while scanner.take_scan().is_err() {
@@ -47,8 +47,8 @@ fn a_good_camera_answers_all_requests() {
     assert_eq!(scanner.history().0, [], "nothing went wrong");
 }
 
-/// The times of a clip are real and increase; a reader that sleeps loses the oldest pictures, and receives their
-/// number.
+/// The times of a clip are real and increase. If the reader sleeps, the oldest pictures are dropped, and their number
+/// is reported.
 #[test]
 fn a_clip_has_true_times_and_drops_the_oldest() {
     let mut scanner = ready(Plan::default());
@@ -61,7 +61,7 @@ fn a_clip_has_true_times_and_drops_the_oldest() {
     }
     std::thread::sleep(Duration::from_millis(150));
     let late = scanner.next_clip_picture().expect("a picture").metadata;
-    // 30 pictures were due and three are waiting; a busy machine produces fewer, so the limit is low.
+    // 30 pictures were due, and three are in the queue. A busy computer captures fewer, so the limit is low.
     assert!(late.dropped >= 3, "{late:?}");
     let end = scanner.end_clip().expect("over");
     assert!(end.taken >= end.dropped + 6 && end.dropped >= late.dropped, "{end:?}");
@@ -73,7 +73,7 @@ fn a_clip_has_true_times_and_drops_the_oldest() {
     assert!(scanner.begin_clip(0.0).is_err() && scanner.begin_clip(f64::NAN).is_err());
 }
 
-/// For each case, the sensor's behaviour at its n-th shot, and the resulting message.
+/// Each case is the behaviour of the sensor at its n-th exposure, and the expected message.
 #[test]
 fn each_trouble_of_the_camera_has_its_message() {
     let cases: [(Plan, &str); 8] = [
@@ -123,7 +123,7 @@ fn a_shot_that_fails_sometimes_is_requested_again() {
     assert_eq!(scanner.history().0, []);
 }
 
-/// A film with a pause cannot be used; a 3D shot of a stationary scene tolerates a pause.
+/// A clip of the film with a pause cannot be used; a 3D scan of a static scene tolerates the pause.
 #[test]
 fn a_pause_to_cool_invalidates_a_film_but_not_a_shot() {
     let mut scanner = ready(Plan { hot: vec![2, 3], ..Plan::default() });
@@ -134,7 +134,7 @@ fn a_pause_to_cool_invalidates_a_film_but_not_a_shot() {
     assert!(fault.starts_with(words), "{fault}");
 }
 
-/// A text that was changed in transit does not match the announced hash.
+/// A text that was changed in transit does not match the hash that was sent with it.
 #[test]
 fn settings_with_a_wrong_hash_are_refused() {
     let (stream, _peer) = played(Plan::default())().expect("a worker");
@@ -148,7 +148,8 @@ fn settings_with_a_wrong_hash_are_refused() {
     assert!(refusal.message.contains("was announced"), "{refusal:?}");
 }
 
-/// A lamp that is out is reported by the evaluation of the pictures, not as a frozen camera.
+/// If the lamp is off, two black pictures are equal. The evaluation of the pictures reports this; it is not a frozen
+/// camera.
 #[test]
 fn two_black_pictures_are_not_a_frozen_camera() {
     let mut scanner = ready(Plan { dark: vec![2, 3], ..Plan::default() });
@@ -158,7 +159,7 @@ fn two_black_pictures_are_not_a_frozen_camera() {
     assert_eq!(scanner.history().0, []);
 }
 
-/// A person's reset starts a search for an absent camera at once, even if the next search is not due for a long time.
+/// A person's reset starts a search for an absent camera immediately, even if the next search is due only much later.
 #[test]
 fn a_check_searches_for_an_absent_camera() {
     let mut setup = setup();

@@ -1,4 +1,4 @@
-//! A worker in a thread, with a sensor that follows a plan.
+//! A worker in a thread, whose simulated sensor follows a plan.
 
 use super::super::message::{Flicker, Identity, Lens, Light, Refusal, Temperatures, Trouble, Use, now_ns};
 use super::super::process::WorkerPeer;
@@ -13,28 +13,28 @@ use std::time::{Duration, Instant};
 
 pub const SIZE: Size = Size { width: 8, height: 6 };
 
-/// The exposures at which faults occur, counted over all workers; the first exposure is the warm-up.
+/// The numbers of the exposures at which faults occur, counted over all workers; the first exposure is the warm-up.
 #[derive(Debug, Clone, Default)]
 pub struct Plan {
     pub missing: Vec<u64>,
     pub infinite: Vec<u64>,
     pub half: Vec<u64>,
-    /// Metadata from before the request.
+    /// Exposures whose metadata have times before the request.
     pub old: Vec<u64>,
     pub frozen: Vec<u64>,
     pub gone: Vec<u64>,
     pub no_shot: Vec<u64>,
     pub hot: Vec<u64>,
     pub panics: Vec<u64>,
-    /// Pictures without a light.
+    /// Exposures without light: black pictures.
     pub dark: Vec<u64>,
-    /// Number of attempts to open the camera that find no camera.
+    /// Number of attempts to open the camera in which no camera is found.
     pub absent_for: u64,
 }
 
 pub fn setup() -> CameraSetup {
     let ms = Duration::from_millis;
-    // The time limits are long if a busy machine may be slow, and short if a test waits for their end.
+    // The time limits are long where a busy computer may be slow, and short where a test waits for them.
     let patience = AnswerTimeouts { search: ms(5), ..AnswerTimeouts::default() };
     CameraSetup {
         source: Source::Only,
@@ -47,17 +47,17 @@ pub fn setup() -> CameraSetup {
     }
 }
 
-/// Returns a launcher of workers with a sensor that follows this plan.
+/// Returns a launcher of workers whose sensor follows this plan.
 pub fn played(plan: Plan) -> WorkerLauncher {
     let counts = Arc::new((AtomicU64::new(0), AtomicU64::new(0)));
     in_thread(move |stream| {
         let sensor = Played { plan: plan.clone(), counts: counts.clone(), is_open: false, content: 0 };
-        // The worker ends with its daemon, or as planned.
+        // The worker ends when its daemon ends, or as planned.
         let _ = worker::serve(stream, Box::new(sensor));
     })
 }
 
-/// Returns a launcher that runs `serve` with one end of a socket, each time in a new thread.
+/// Returns a launcher that calls `serve` with one end of a socket, each time in a new thread.
 pub fn in_thread(serve: impl Fn(UnixStream) + Send + Sync + 'static) -> WorkerLauncher {
     let serve = Arc::new(serve);
     Box::new(move || {
@@ -73,7 +73,7 @@ pub fn in_thread(serve: impl Fn(UnixStream) + Send + Sync + 'static) -> WorkerLa
     })
 }
 
-/// Closes the socket when the thread ends, as a process's sockets close in every case.
+/// Closes the socket when the thread ends, as the operating system does at the end of a process.
 struct ClosesOnDrop(UnixStream);
 
 impl Drop for ClosesOnDrop {
@@ -92,7 +92,7 @@ impl WorkerPeer for Threaded {
         let _ = self.stream.shutdown(std::net::Shutdown::Both);
     }
 
-    /// A thread has no exit status.
+    /// A thread has no exit status, so the text is fixed.
     fn wait_ended(&mut self, within: Duration) -> Option<String> {
         if within.is_zero() {
             return self.thread.is_finished().then(|| "it hung up".to_owned());
@@ -112,14 +112,14 @@ impl WorkerPeer for Threaded {
 
 struct Played {
     plan: Plan,
-    /// Number of attempts to open the camera, and number of exposures.
+    /// The number of attempts to open the camera, and the number of exposures.
     counts: Arc<(AtomicU64, AtomicU64)>,
     is_open: bool,
     content: u64,
 }
 
 impl Played {
-    /// Returns the exposure's number and its metadata, or the planned fault.
+    /// Returns the number of the exposure and its metadata, or the planned fault.
     fn expose(&mut self) -> Result<(u64, ExposureMetadata), Refusal> {
         let number = self.counts.1.fetch_add(1, Ordering::Relaxed) + 1;
         let refused = |trouble, message: &str| Err(Refusal { trouble, message: message.to_owned() });
@@ -164,7 +164,7 @@ impl Sensor for Played {
         }
     }
 
-    /// Returns a scan whose point k is (k, content, 700 + content).
+    /// Returns a scan whose point k has the coordinates (k, content, 700 + content).
     fn scan(&mut self, slot: SettingsSlot) -> Result<(ExposureMetadata, ShotPlanes), Refusal> {
         assert_eq!(slot, SettingsSlot(0));
         let (number, exposed) = self.expose()?;

@@ -1,5 +1,5 @@
-//! Tests whether the simulated arm parks out of view and reaches its targets: ten seeds, nominal and displaced
-//! panel.
+//! Tests that the parked arm is out of the camera's view and that the arm reaches all its targets, for ten seeds and
+//! with the nominal and a displaced panel.
 
 use crate::mock::Arm;
 use nalgebra::{Point3, Rotation3, Vector3};
@@ -30,7 +30,7 @@ pub(super) fn tool() -> Rigid<Flange, Tool> {
     KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid()
 }
 
-/// Returns points along the arm's joints from the shoulder to the TCP, without thickness.
+/// Returns points along the links of the arm from the shoulder to the TCP; their thickness is ignored.
 fn skeleton(joints: &Joints) -> Vec<Point<Base>> {
     let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), -joints.a1_deg.to_radians());
     let q2_rad = (joints.a2_deg + 90.0).to_radians();
@@ -46,14 +46,15 @@ fn skeleton(joints: &Joints) -> Vec<Point<Base>> {
     ]
 }
 
-/// When the arm is parked, every part of it, taken as 130 mm thick, is outside the scanner's pyramid of view.
+/// When the arm is parked, every part of it is outside of the scanner's field of view; the links are assumed to be 130
+/// mm thick.
 #[test]
 fn the_park_pose_is_out_of_view() {
     const HALF_THICK_MM: f64 = 65.0;
     let cell = Cell::new(1, Scene::Good, 8);
     let camera_from_base = cell.truth().base_from_camera.inverse();
     let camera = cell.scanner();
-    // A little wider than the picture because of the lens distortion.
+    // The field of view is assumed to be 3 % wider than the picture, because of the lens distortion.
     let tangent = |size: usize, focal_px: f64| size as f64 / 2.0 / focal_px * 1.03;
     let (across, down) = (tangent(camera.width_px, camera.fx_px), tangent(camera.height_px, camera.fy_px));
     let sides = [(1.0, 0.0, across), (-1.0, 0.0, across), (0.0, 1.0, down), (0.0, -1.0, down)];
@@ -73,11 +74,12 @@ fn the_park_pose_is_out_of_view() {
         assert!(outside_mm(point) > HALF_THICK_MM, "{:?}: {:.0} mm outside", point.mm, outside_mm(point));
         assert!(point.mm.x < 300.0, "near the panel");
     }
-    // The middle of the panel is in view.
+    // The middle of the panel is in the field of view.
     assert!(outside_mm(Point::at(560.0, 0.0, 360.0)) < 0.0);
 }
 
-/// Returns the tool pose on the true surface, with its X along the panel's −Y.
+/// Returns the pose of the tool at this height above a point of the true surface; its X axis points along the panel's
+/// −Y axis.
 pub(super) fn standing(truth: &CellTruth, point: Point<Panel>, height_mm: f64) -> Rigid<Panel, Tool> {
     let normal = truth.normal(point);
     let z = -normal.mm;
@@ -85,18 +87,18 @@ pub(super) fn standing(truth: &CellTruth, point: Point<Panel>, height_mm: f64) -
     Rigid::from_axes([x, z.cross(&x), z].map(Vector::new), point + normal * height_mm)
 }
 
-/// The smallest margins over all poses.
+/// The smallest margins over all tested poses.
 #[derive(Debug, Clone, Copy)]
 struct Margins {
-    /// Smallest distance to an axis limit, degrees.
+    /// Minimum distance to an axis limit, degrees.
     limit_deg: f64,
-    /// Smallest |A5|: distance from the wrist singularity.
+    /// Minimum |A5|, the distance from the wrist singularity, degrees.
     bend_deg: f64,
-    /// Largest step of an axis between neighbouring poses, degrees.
+    /// Maximum step of an axis between neighbouring poses, degrees.
     step_deg: f64,
-    /// Smallest distance from the displaced panel during the motion to it from the park pose, mm.
+    /// Minimum distance from the displaced panel during the motion from the park pose to the panel, mm.
     gap_mm: f64,
-    /// Largest step of an axis in one fortieth of the linear part of this motion, degrees.
+    /// Maximum step of an axis in one fortieth of the linear part of this motion, degrees.
     line_step_deg: f64,
 }
 
@@ -108,8 +110,8 @@ impl Margins {
         self.bend_deg = self.bend_deg.min(joints.a5_deg.abs());
     }
 
-    /// Moves the axes from the park pose to the ready pose, then the TCP linearly to the target. TCP, flange and
-    /// camera stay in front of the panel, and no axis jumps.
+    /// Moves the axes from the park pose to the ready pose, and then the TCP linearly to the target. Asserts that TCP,
+    /// flange and camera stay in front of the panel, and records the largest step of an axis.
     fn way(&mut self, truth: &CellTruth, target: &Rigid<Base, Flange>) {
         let (from, to) = (angles_deg(&park()), angles_deg(&pose("ready")));
         for step in 0..=40 {
@@ -147,9 +149,9 @@ fn largest_step_deg(from: &Joints, to: &Joints) -> f64 {
     pairs.map(|(from, to)| (from - to).abs()).fold(0.0, f64::max)
 }
 
-/// Tests every corner pose and every position that can be abraded, on the panel and 40 mm above it, nominal and
-/// displaced. All poses are 8° or more from the limits, away from the wrist singularity, and without a change of
-/// configuration from one to the next.
+/// Tests every corner pose and every position that can be sanded, on the panel and 40 mm above it, for the nominal and
+/// the displaced panel. All poses are at least 8° away from the limits and away from the wrist singularity, and the
+/// configuration never changes between two poses.
 #[test]
 fn the_arm_reaches_every_pose_of_ten_seeds() {
     let mut margins =
@@ -186,7 +188,7 @@ fn the_arm_reaches_every_pose_of_ten_seeds() {
                 let above = truth.base_from_panel * standing(&truth, *point, 40.0) * tool().inverse();
                 margins.way(&truth, &above);
             }
-            // The arm moves from any of these positions to any other without a rotation of the wrist by a full turn.
+            // The arm moves between any two of these positions without a full rotation of the wrist.
             let ends: Vec<[f64; 6]> = inside
                 .iter()
                 .map(|point| place * standing(&truth, *point, 0.0) * tool().inverse())

@@ -57,12 +57,12 @@ struct Exposure {
     unsigned noise;
     double lens_c, throttled_ms = 0;
     std::string fault;
-    // From the feed, where there is one.
+    // The points come from the feed, if there is one.
     std::vector<Zivid::PointXYZ> points;
     std::vector<Zivid::ColorRGBA_SRGB> colors;
 };
 
-// Makes and looks into what is private in the declarations.
+// Gives the simulation access to the private members of the declarations.
 struct Inside {
     static Zivid::Image<Zivid::ColorRGBA_SRGB> image(Size size, std::vector<Zivid::ColorRGBA_SRGB> pixels) {
         return {size, std::move(pixels)};
@@ -103,7 +103,7 @@ struct Inside {
 
 namespace {
 
-// Counted over the whole process: a camera that is opened again goes on.
+// Counted over the whole process: if a camera is opened again, the count continues.
 unsigned shots = 0;
 
 std::shared_ptr<Scene> read(const std::string &name, bool is_file) {
@@ -154,7 +154,7 @@ std::shared_ptr<Scene> read(const std::string &name, bool is_file) {
     return scene;
 }
 
-// The camera on the network: one object, so that a connection outlives whoever made it.
+// The camera on the network. It is a single object, so that a connection outlives the object that opened it.
 std::shared_ptr<Scene> on_the_network() {
     static std::shared_ptr<Scene> scene = [] {
         const char *name = std::getenv("PANELPREP_ZIVID_STUB");
@@ -181,8 +181,9 @@ void read_all(int from, void *to, size_t bytes) {
     }
 }
 
-// Asks for one exposure: "3d" or "2d" and a newline. The answer is width and height, four bytes each in this machine's order,
-// for "3d" all points (x, y, z as float), and all colours (red, green, blue, alpha).
+// Requests one exposure from the feed: sends "3d" or "2d" and a newline. The response is width and height (four bytes
+// each in the byte order of this computer), for "3d" all points (x, y, z as float), and then all colours (red, green,
+// blue, alpha).
 void fed(const Scene &scene, bool is_3d, Exposure &played) {
     sockaddr_un address{};
     address.sun_family = AF_UNIX;
@@ -276,7 +277,7 @@ bool has_version_and(const std::string &file_name, const std::string &key, std::
     std::ostringstream whole;
     whole << file.rdbuf();
     text = whole.str();
-    // The SDK takes no shot without an acquisition.
+    // The SDK captures no scan if the settings have no acquisition.
     const bool is_empty = text.find("Acquisitions: []") != std::string::npos;
     return file && !is_empty && text.find("__version__:") != std::string::npos && text.find(key) != std::string::npos;
 }

@@ -1,8 +1,8 @@
-// Declarations of the calls of the Zivid SDK that panelprep_zivid.cpp makes, and of no others, so that it can be built and
-// tested where there is no SDK. Names and meaning are those of the vendor's public samples (SDK 2.17, see ../../CALLS.md);
-// nothing here is the vendor's text. All that is public in the namespace Zivid is in the SDK, too; what this stub needs
-// for itself is in the namespace played and private. What the calls do is played by ../play.cpp. Never installed beside
-// the real headers.
+// A stub of the Zivid SDK. It declares only the calls that panelprep_zivid.cpp makes, so that this file can be compiled
+// and tested without the SDK. Names and meaning are those of the vendor's public samples (SDK 2.17, see
+// ../../CALLS.md); nothing here is copied from the vendor. All public names in the namespace Zivid also exist in the
+// SDK; what the stub itself needs is private or in the namespace played. ../play.cpp simulates the calls. The stub is
+// never installed together with the real headers.
 #pragma once
 
 #include <chrono>
@@ -21,7 +21,7 @@ struct Size {
     size_t width, height;
 };
 
-// A leaf of one of the SDK's trees of values.
+// A leaf (a single value) in one of the SDK's trees of settings.
 template <typename Kind> class Leaf {
   public:
     explicit Leaf(Kind value) : value_(std::move(value)) {}

@@ -1,4 +1,4 @@
-// As Zivid/Zivid.h of this folder says.
+// Part of the stub of the Zivid SDK: see Zivid/Zivid.h in this folder.
 #pragma once
 #include "../Zivid.h"
 
