@@ -1,4 +1,4 @@
-//! `panelprep archive`: the office's side of the records.
+//! `panelprep archive` and `panelprep fleet`: the archive and the web page of the office server.
 
 use super::args::{Archive, ArchiveAccount, ArchiveTask, CheckArchive, Fleet, OfferRecipe, RunArchive};
 use super::calibrate::now_unix_s;
@@ -23,10 +23,10 @@ use std::time::Duration;
 use tokio::runtime::Builder;
 use tokio::sync::oneshot;
 
-/// Runs the requested task.
+/// Runs one task of `panelprep archive`.
 ///
 /// # Errors
-/// If the settings have problems, or the archive cannot be used.
+/// If the settings file has problems, or the archive cannot be used.
 pub fn run(args: &Archive) -> Result<Outcome, Fault> {
     match &args.what {
         ArchiveTask::Run(args) => serve(args),
@@ -41,10 +41,10 @@ fn settings(file: &Path) -> Result<ArchiveSettings, Fault> {
     ArchiveSettings::check(&file.display().to_string(), &text).map_err(Fault::stage)
 }
 
-/// Maximum time that the program waits at exit for host name lookups that are still in progress.
+/// Maximum time for which the program waits at exit for host name lookups in progress.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Runs this future until it ends.
+/// Runs this future to its end on a new async runtime.
 fn run_to_end<T, E: std::error::Error + Send + Sync + 'static>(
     doing: impl Future<Output = Result<T, E>>,
 ) -> Result<T, Fault> {
@@ -61,10 +61,10 @@ fn serve(args: &RunArchive) -> Result<Outcome, Fault> {
     Ok(message_outcome("the archive has stopped"))
 }
 
-/// Serves the office's page.
+/// Serves the web page of the office server.
 ///
 /// # Errors
-/// If the settings have problems, or the address is not available.
+/// If the settings file has problems, or the address of the page is not available.
 pub fn run_fleet(args: &Fleet) -> Result<Outcome, Fault> {
     let settings = settings(&args.settings)?;
     let ended = shutdown_signal()?;
@@ -157,7 +157,7 @@ fn describe_cell(one: &CheckedCell) -> String {
     format!("cell {cell}: {records} records, {same}; {signatures} signatures valid; {files} files undamaged{gone}")
 }
 
-/// Returns a cell's list, from its store or from the file that `store list --json` wrote.
+/// Reads a cell's list of records, from its store or from the file that `store list --json` wrote.
 fn list(named: &str) -> Result<CellList, Fault> {
     #[derive(Deserialize)]
     struct WrittenAccount {

@@ -1,4 +1,5 @@
-//! The command line: commands, options and their help texts. Scripts use its names, so they must not change.
+//! The command line: commands, options and their help texts. Scripts use the names of commands and options, so these
+//! must not change.
 
 mod files;
 mod robot;
@@ -26,28 +27,28 @@ use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use panelprep_devices::mock::FaultSpec;
 use std::path::PathBuf;
 
-/// Finds a composite panel, tests it for grease with water, plans where to sand.
+/// Finds a composite panel, tests it for grease with water, and plans where to sand.
 #[derive(Debug, Parser)]
 #[command(name = "panelprep", version, arg_required_else_help = true)]
 pub struct Arguments {
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
-    /// The options of every command.
+    /// Options that every command has.
     #[command(flatten)]
     pub common: Common,
 }
 
 impl Arguments {
-    /// Reads the command line. If it is wrong or requests help, prints a message and ends the program.
+    /// Parses the command line. If it has an error or requests help, prints a message and ends the program.
     pub fn parse_command_line() -> Self {
         let matches = accept_negative_numbers(Self::command()).get_matches();
         Self::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
     }
 }
 
-/// Lets the parser read a negative number as the value of an option and not as another option, so that the error
-/// message of this option states the valid values.
+/// Makes the parser accept a negative number as the value of each option. Otherwise the parser would report an unknown
+/// option instead of the valid values.
 fn accept_negative_numbers(command: clap::Command) -> clap::Command {
     let takes = |arg: clap::Arg| match arg.get_action().takes_values() {
         true => arg.allow_negative_numbers(true),
@@ -56,16 +57,16 @@ fn accept_negative_numbers(command: clap::Command) -> clap::Command {
     command.mut_args(takes).mut_subcommands(accept_negative_numbers)
 }
 
-/// The options of every command.
+/// Options that every command has.
 #[derive(Debug, Clone, Args)]
 pub struct Common {
-    /// The cell's file: cameras, robot, calibrations, limits.
+    /// The cell file: cameras, robot, calibrations, limits.
     #[arg(long, global = true, env = "PANELPREP_CELL", value_name = "FILE", default_value = "config/cell.toml")]
     pub cell: PathBuf,
-    /// Folder of the store with taught panels and cycles; without this option, `store` of the cell's file.
+    /// Folder of the store with taught panels and cycles; without this option, the `store` of the cell file.
     #[arg(long, global = true, value_name = "FOLDER")]
     pub store: Option<PathBuf>,
-    /// Print one JSON object on standard output and nothing else there.
+    /// Print only one JSON object on standard output.
     #[arg(long, global = true)]
     pub json: bool,
 }
@@ -73,12 +74,12 @@ pub struct Common {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Run one whole cycle on a simulated cell, write its page and pictures, and report its errors relative to the
+    /// Run one complete cycle on a simulated cell, write its page and pictures, and report its errors relative to the
     /// true values.
     #[command(after_help = "Example:\n  panelprep demo --seed 3 --out target/demo")]
     Demo(Demo),
-    /// Write a simulated cell as files: calibrations, recipe, scans, pictures, a clip, and the true values in their
-    /// own folder.
+    /// Write a simulated cell as files: calibrations, recipe, scans, pictures, a clip, and the true values in a
+    /// separate folder.
     #[command(
         after_help = "Examples, with the pictures for `panelprep calibrate`, the same panel at another pose, and a 3D camera with its own errors:\n  \
         panelprep render --seed 1 --boards --out target/cell\n  \
@@ -86,20 +87,20 @@ pub enum Command {
         panelprep render --seed 1 --board-scans 16 --scanner-error-mm 1 --out target/cell3"
     )]
     Render(Render),
-    /// Run one cycle on the cell: locate, refine, wet, inspect, abrade the failed grids, until the panel passes or no
-    /// further pass is allowed.
+    /// Run one cycle on the cell: locate the panel, refine its pose, wet it, inspect it, and sand the failed grids,
+    /// until the panel passes or the maximum number of passes is reached.
     #[command(
         after_help = "Example, after the examples of `panelprep teach --help` and `panelprep calibrate verify --help`:\n  \
         panelprep cycle --cell target/cell/cell.toml --recipe target/cell/recipe.toml --seed 1"
     )]
     Cycle(Cycle),
-    /// Execute the planned path over all grids in the air: no water, tool off, no contact.
+    /// Move along the planned path over all grids above the panel: no water, tool off, no contact.
     #[command(
         after_help = "Example, after the examples of `panelprep teach --help` and `panelprep calibrate verify --help`:\n  \
         panelprep air-run --cell target/cell/cell.toml --recipe target/cell/recipe.toml --seed 1"
     )]
     AirRun(Cycle),
-    /// Execute one function of the robot at a time, for commissioning; the gates check each command as in a cycle.
+    /// Execute one function of the robot at a time, for commissioning. Each command is checked as in a cycle.
     #[command(
         after_help = "Examples, with the mock robot of config/cell.toml, which starts at its home pose each \
                       time:\n  panelprep robot state\n  panelprep robot move-j ready\n  panelprep robot move-lin \
@@ -107,24 +108,24 @@ pub enum Command {
                       commands, run `panelprep mock-robot` and set [robot] kind = \"eki\" and host = \"127.0.0.1\"."
     )]
     Robot(Robot),
-    /// Run a stand-alone mock controller on the cell's ports, in real time.
+    /// Run a mock controller as a separate program on the cell's ports, in real time.
     #[command(after_help = format!(
         "Example:\n  panelprep mock-robot --config config/kuka --fault e-stop/5s@30s\n\
         A rehearsal: in a cell with simulated cameras set [robot] kind = \"eki\" and host = \"127.0.0.1\", start this command with \
         --cell, and run `panelprep cycle` with the same cell.\n\n--fault SPEC:\n{}", FaultSpec::HELP
     ))]
     MockRobot(MockRobot),
-    /// Run the service of the cell, which receives the requests of `panelprep ctl`, until it is stopped.
+    /// Run the service of the cell, which processes the requests of `panelprep ctl`, until it is stopped.
     #[command(
         after_help = "Example, after the examples of `panelprep teach --help` and `panelprep calibrate verify --help`:\n  \
         panelprep run --cell target/cell/cell.toml"
     )]
     Run(Run),
-    /// After an abort of a cell without a service: confirm that the cause is removed. Checks that the robot is at
-    /// rest and that tool and water are off. With a service, use `panelprep ctl clear`.
+    /// After an abort in a cell without a service: confirm that the cause is removed. Checks that the robot is at rest
+    /// and that tool and water are off. With a service, use `panelprep ctl clear`.
     #[command(after_help = "Example:\n  panelprep clear --cell target/cell/cell.toml")]
     Clear,
-    /// Send a request to the running service of this cell: start a cycle, hold or stop the cycle, show the state.
+    /// Send a request to the running service of this cell: start a cycle, hold or stop it, show the state.
     #[command(after_help = "Example, while `panelprep run --cell target/cell/cell.toml` runs:\n  \
         panelprep ctl reset --cell target/cell/cell.toml\n  \
         panelprep ctl start --cell target/cell/cell.toml --recipe target/cell/recipe.toml\n  \
@@ -133,10 +134,10 @@ pub enum Command {
         panelprep ctl reset --cell target/cell/cell.toml\n  \
         panelprep ctl start --cell target/cell/cell.toml --recipe target/cell/recipe.toml --part SN-0017 --order W-4 --wait")]
     Ctl(Ctl),
-    /// The worker process of the 3D camera: started by this program, with a socket as its standard input.
+    /// The worker process of the 3D camera; this program starts it with a socket as its standard input.
     #[command(name = super::zivid::ROLE, hide = true)]
     ZividWorker(ZividWorker),
-    /// Write manual pages and shell completions, for `make package`.
+    /// Write the manual pages and shell completions, for `make package`.
     #[command(hide = true)]
     PackageFiles(PackageFiles),
     /// Check configuration files: cell, recipe, calibrations, EthernetKRL channels, KRL programs and data lists.
@@ -144,8 +145,8 @@ pub enum Command {
         after_help = "Example:\n  panelprep check config/cell-example.toml config/panels/example.toml\n  panelprep check config/kuka/CELLCMD.xml config/kuka/CELLSTAT.xml\n  panelprep check --kss 8.5 config/kuka/*.src config/kuka/*.dat"
     )]
     Check(Check),
-    /// Check the cell from the bottom up, and report what to do: libraries, disk, clock, store, calibrations,
-    /// EthernetKRL files, cameras, robot.
+    /// Check the whole cell and report what to do: libraries, disk, clock, store, calibrations, EthernetKRL files,
+    /// cameras, robot.
     #[command(after_help = "Example:\n  panelprep doctor --cell config/cell.toml --kuka config/kuka")]
     Doctor(Doctor),
     /// Explain the code of a message and what to do; without a code, list all codes.
@@ -153,25 +154,27 @@ pub enum Command {
     Explain(Explain),
     /// Calibrate lenses, camera mounts, the arm and tools, and report their uncertainty.
     Calibrate(super::calibrate::args::Calibrate),
-    /// Teach a panel at its nominal pose from a scan and corner pictures, or from its drawing.
+    /// Teach a panel at its nominal pose, from a scan and corner pictures, or from its drawing.
     #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
         panelprep teach --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/taught_scan.pcd \
         --corner target/cell/taught_corner.png --flange target/cell/taught_flange.json --pictures target/cell/pictures\n  \
         From the drawing, after `panelprep render --drawing --out target/cell`, with these options instead: --recipe target/cell/recipe_drawing.toml --nominal target/cell/drawing.stl \
         --flange target/cell/taught_flange.json --pictures target/cell/pictures")]
     Teach(Teach),
-    /// Take pictures and scans with the cell's cameras, outside of a cycle and without any calibration: for commissioning.
+    /// Capture pictures and scans with the cell's cameras, outside of a cycle and without a calibration: for
+    /// commissioning.
     #[command(after_help = "Examples, with the simulated cameras of config/cell.toml:\n  \
         panelprep shoot scan --out target/shots\n  \
         panelprep shoot corner --count 2 --out target/shots\n  \
         panelprep shoot film --seconds 2 --pictures-per-second 2 --out target/film\n\
         File numbers continue after those of existing files, and no file is overwritten. A film's clip.csv lists its pictures for `panelprep inspect`.")]
     Shoot(Shoot),
-    /// Draw a scan with a pixel ruler and its missing points, to read the region's corners for a recipe.
+    /// Draw a scan with a pixel ruler and its missing points, to read the pixel coordinates of a region's corners for a
+    /// recipe.
     #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
         panelprep look --scan target/cell/taught_scan.pcd --pictures target/cell/pictures")]
     Look(Look),
-    /// Find the panel's present pose from a scan.
+    /// Locate the panel in a scan.
     #[command(after_help = "Example, after the example of `panelprep teach --help`:\n  \
         panelprep locate --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/scan.pcd \
         --out target/cell/located.json")]
@@ -181,7 +184,7 @@ pub enum Command {
         panelprep refine --cell target/cell/cell.toml --recipe target/cell/recipe.toml --located target/cell/located.json \
         --corner target/cell/corner.png --flange target/cell/flange.json --out target/cell/refined.json")]
     Refine(Refine),
-    /// Test a clip of the wet panel for breaks of the water film.
+    /// Inspect a clip of the wet panel for breaks of the water film.
     #[command(after_help = "Example, after the example of `panelprep locate --help`:\n  \
         panelprep inspect --cell target/cell/cell.toml --recipe target/cell/recipe.toml --clip target/cell/clip \
         --located target/cell/located.json --pictures target/cell/pictures\n\
@@ -189,14 +192,15 @@ pub enum Command {
         panelprep inspect --cell target/cell/cell.toml --recipe target/cell/recipe.toml --truth target/cell/set \
         --located target/cell/located.json")]
     Inspect(Inspect),
-    /// Report from a clip, labelled or clean: how well channels and grids distinguish wet from dry, how even the light
-    /// is, which breaks are reliably found, and which values suit the recipe's method (thesis 4.2, 4.3).
+    /// Report from a clip, with or without labels: how well each channel and grid distinguishes wet from dry, how
+    /// uniform the light is, which breaks are found reliably, and which values to use in the recipe's method (thesis
+    /// 4.2, 4.3).
     #[command(after_help = "Example, after the example of `panelprep locate --help`:\n  \
         panelprep tune --cell target/cell/cell.toml --recipe target/cell/recipe.toml --clip target/cell/clip \
         --located target/cell/located.json --truth target/cell/truth")]
     Tune(Tune),
-    /// Mark where and when the film broke in a clip, on a page in a browser on this computer. The marks are saved
-    /// in the clip's folder, which then contains its own true mask for `panelprep inspect` and `panelprep tune`.
+    /// Mark where and when the film broke in a clip, on a page in a browser on this computer. The marks are saved in
+    /// the folder of the clip, which then contains its own true mask for `panelprep inspect` and `panelprep tune`.
     #[command(
         after_help = "Example, after `panelprep render --out target/cell`; end the page with its button:\n  \
                       panelprep label --clip target/cell/clip\nWith the grids of a recipe, after the example of \
@@ -212,7 +216,7 @@ pub enum Command {
         panelprep plan --cell target/cell/cell.toml --recipe target/cell/recipe.toml --grids r1c1,r1c2 \
         --out target/cell/plan.json --pictures target/cell/pictures")]
     Plan(Plan),
-    /// Make the page of a cycle again, from the cycle's data in the store.
+    /// Create the page of a cycle again, from the data of the cycle in the store.
     #[command(after_help = "Example, after the example of `panelprep cycle --help`:\n  \
         panelprep page 1 --cell target/cell/cell.toml")]
     Page(PageOf),
@@ -225,23 +229,24 @@ pub enum Command {
         With --csv each command prints a table for a spreadsheet, with --json one object. Times are in UTC."
     )]
     History(History),
-    /// The signed records of cycles: sign, export and verify them, show the head of their chain.
+    /// Sign, export and verify the records of cycles, and show the head of their hash chain.
     Record(RecordCommand),
-    /// Check the store: verify that its content was not changed or damaged.
+    /// Verify that the content of the store was not changed or damaged.
     #[command(
         after_help = "Example, after the example of `panelprep teach --help`, also while the service runs:\n  \
         panelprep store verify --cell target/cell/cell.toml"
     )]
     Store(StoreCommand),
-    /// The office's archive: receives the records that cells send, and proves later that it contains all records of
-    /// the cells.
+    /// Run or check the archive of the office server, which stores the records of all cells and can prove that they are
+    /// complete.
     Archive(Archive),
-    /// Serve the office's page over all cells: their states, cycles, statistics, verifications and recipes, from the
-    /// archive.
+    /// Serve the web page of the office server: state, cycles, statistics, verifications and recipes of all cells, from
+    /// the archive.
     #[command(after_help = "Example, while `panelprep archive run` runs with the same settings:\n  \
         panelprep fleet --settings /etc/panelprep/archive.toml")]
     Fleet(Fleet),
-    /// Accounts of the operator's page: who may log in, and with which role. The first administrator is made here.
+    /// Manage the accounts of the operator's page: who may log in, and with which role. Create the first administrator
+    /// with this command.
     #[command(
         after_help = "Example, after the example of `panelprep teach --help`, also while the service runs:\n  \
         panelprep user list --cell target/cell/cell.toml\n\
@@ -249,16 +254,16 @@ pub enum Command {
         echo 'a long password' | panelprep user add anna --role administrator --cell target/cell/cell.toml"
     )]
     User(User),
-    /// Copy the store, the configuration and the calibrations into one archive, which is then read back and
-    /// verified. This also works while the service runs.
+    /// Copy the store, the configuration and the calibrations into one archive file, and verify the copy. This also
+    /// works while the service runs.
     #[command(after_help = "Example, after the example of `panelprep teach --help`:\n  panelprep backup \
                             target/cell.tar.zst --cell target/cell/cell.toml\nThe archive is a tar file compressed \
                             by zstd. The archive contains no recordings and no pages: pages are made again from the \
                             store. The archive contains a recipe if the recipe is in the folder of the cell's file \
                             or up to two folders below.")]
     Backup(Backup),
-    /// Restore a backup. Everything is unpacked and verified next to its final path first; if anything is wrong,
-    /// nothing is changed. Existing parts are replaced only if they are named, and the replaced parts are kept.
+    /// Restore a backup. It is first unpacked and verified next to its final path; if there is any error, nothing is
+    /// changed. Existing parts are replaced only if they are named, and the replaced parts are kept.
     #[command(
         after_help = "Example, after the example of `panelprep backup --help`, next to the original cell:\n  \
                       panelprep restore target/cell.tar.zst --cell target/restored/cell.toml --last-cycle 2\nTo replace \
@@ -267,11 +272,10 @@ pub enum Command {
                       backup is damaged and nothing was changed, 2 something already exists or is in use."
     )]
     Restore(Restore),
-    /// Write a commented file for a new cell or a new panel, which `panelprep check` accepts. The command asks for the
-    /// important values and detects connected devices.
+    /// Write a file with comments for a new cell or a new panel, which `panelprep check` accepts. The command asks for
+    /// the important values and detects connected devices.
     New(New),
-    /// Run a recorded cycle again on the recorded data, without devices, and report each decision that is now
-    /// different.
+    /// Run a recorded cycle again with the recorded data, without devices, and report each decision that has changed.
     #[command(
         after_help = "Example:\n  panelprep demo --reduction 4 --out target/demo4 --record target/demo4.mcap\n  \
         panelprep replay target/demo4.mcap\n\

@@ -1,5 +1,4 @@
-//! Arguments of the commands that check and judge files, and of `new` and `package-files`, which write files to start
-//! from or to ship.
+//! Arguments of the commands that check and evaluate files, and of `new` and `package-files`, which write files.
 
 use super::simulation::Simulation;
 use clap::{Args, Subcommand, ValueEnum};
@@ -9,15 +8,14 @@ use std::path::PathBuf;
 /// Options of `doctor`.
 #[derive(Debug, Clone, Args)]
 pub struct Doctor {
-    /// Folder with the controller's CELLCMD.xml, CELLSTAT.xml and cell_data.dat, copied from it or to be copied to it.
+    /// Folder with CELLCMD.xml, CELLSTAT.xml and cell_data.dat, copied from the controller or to be copied to it.
     #[arg(long, value_name = "FOLDER")]
     pub kuka: Option<PathBuf>,
-    /// Accept the controller's programs: if the files of --kuka agree with the cell's file and the controller reports
-    /// their checksum, print the line programs_sum for the cell's file. Nothing is written.
+    /// Accept the controller's programs: if the files of --kuka agree with the cell file and the controller reports
+    /// their checksum, print the line programs_sum for the cell file. Nothing is written.
     #[arg(long, requires = "kuka")]
     pub accept: bool,
-    /// Take 3D shots with a Zivid camera for ten minutes and observe its temperature, which confirms that the camera is
-    /// warm.
+    /// Capture 3D scans with a Zivid camera for ten minutes, and check by its temperature that the camera is warm.
     #[arg(long)]
     pub warm_up: bool,
 }
@@ -25,25 +23,25 @@ pub struct Doctor {
 /// Options of `check`.
 #[derive(Debug, Clone, Args)]
 pub struct Check {
-    /// The files. KRL files that belong together must be named in one command.
+    /// The files to check. KRL files that belong together must be named in one command.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// The lowest version of KUKA System Software for which the KRL files are written, 8.2 to 8.7: use of a
-    /// function that this version lacks is an error.
+    /// The lowest version of KUKA System Software for which the KRL files are written, 8.2 to 8.7. The use of a
+    /// function that this version does not have is an error.
     #[arg(long, value_name = "VERSION")]
     pub kss: Option<panelprep_kuka::krl::Kss>,
-    /// The purpose for which a cell's file must be complete, with the files that it names. Without this option, the
-    /// file must be complete for a cycle, but its calibration files may still be missing.
+    /// The purpose for which a cell file must be complete, including the files that it names. Without this option, it
+    /// must be complete for a cycle, but its calibration files may be missing.
     #[arg(long = "for", value_name = "PURPOSE", value_enum)]
     pub purpose: Option<PurposeName>,
 }
 
-/// The purpose for which a cell's file must be complete.
+/// The purpose for which a cell file must be complete.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PurposeName {
-    /// Commands that use files only: existing entries must be valid, no entry is required.
+    /// Commands that use only files: entries that exist must be valid, but no entry is required.
     Files,
-    /// One function of the robot at a time.
+    /// Commands that execute one function of the robot.
     Robot,
     /// `cycle`, `air-run` and `run`: calibrations and camera settings must exist and be valid.
     Cycle,
@@ -55,43 +53,44 @@ pub struct Teach {
     /// The panel's recipe.
     #[arg(long, value_name = "FILE")]
     pub recipe: PathBuf,
-    /// The scan of the panel at its nominal pose: organised cloud as PCD or PLY.
+    /// The scan of the panel at its nominal pose: an organised cloud as PCD or PLY.
     #[arg(long, value_name = "FILE", required_unless_present_any = ["live", "nominal"])]
     pub scan: Option<PathBuf>,
-    /// The panel's drawing as a mesh, instead of a scan: STL, PLY or OBJ. The recipe's [nominal] states its pose.
-    /// With `--flange` alone, the corner pictures are computed from it, too.
+    /// The drawing of the panel as a mesh, instead of a scan: STL, PLY or OBJ. The recipe's [nominal] states its pose.
+    /// With `--flange` alone, the corner pictures are also computed from the drawing.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["scan", "live", "corner"])]
     pub nominal: Option<PathBuf>,
-    /// The drawing's unit, if its file states none: mm, in or m.
+    /// The unit of the drawing, if its file states none: mm, in or m.
     #[arg(long, value_name = "UNIT", requires = "nominal", value_parser = unit)]
     pub unit: Option<LengthUnit>,
-    /// The part of the drawing that is the panel, if it has several.
+    /// The part of the drawing that is the panel, if the drawing has several parts.
     #[arg(long, value_name = "NAME", requires = "nominal")]
     pub part: Option<String>,
-    /// Take the scan and the corner pictures now, with the cell's cameras, and keep them in this folder. After the
+    /// Capture the scan and the corner pictures now with the cell's cameras, and keep them in this folder. After the
     /// scan, a person draws the region in a browser.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["scan", "corner", "flange"])]
     pub live: Option<PathBuf>,
-    /// Draw the region, its grids and the masked areas on the scan's picture, in a browser on this computer. They
-    /// are written into the recipe's file, whose comments are kept.
+    /// Draw the region, its grids and the masked areas on the picture of the scan, in a browser on this computer. They
+    /// are written to the recipe file, whose comments are kept.
     #[arg(long)]
     pub draw: bool,
-    /// With --live: do not draw, because the region is already in the recipe.
+    /// With --live: do not draw the region, because the recipe already contains it.
     #[arg(long, requires = "live", conflicts_with = "draw")]
     pub no_draw: bool,
-    /// Address of the page to draw on: a loopback address; port 0 selects a free port.
+    /// Address of the page for drawing: a loopback address; port 0 selects a free port.
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
     pub listen: std::net::SocketAddr,
     /// Settings of the simulated cell.
     #[command(flatten)]
     pub simulation: Simulation,
-    /// A picture of a corner of the panel at its nominal pose; repeat the option, each time with `--flange`.
+    /// A picture of a corner of the panel at its nominal pose. Repeat the option for each picture, each time with
+    /// `--flange`.
     #[arg(long, value_name = "FILE")]
     pub corner: Vec<PathBuf>,
-    /// The flange's pose at the corner picture.
+    /// The flange pose of the corner picture.
     #[arg(long, value_name = "POSE.json")]
     pub flange: Vec<PathBuf>,
-    /// Folder for pictures of the taught data or, if nothing could be taught, of the input.
+    /// Folder for pictures of the taught data or, if teaching failed, of the input.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
 }
@@ -104,7 +103,7 @@ fn unit(word: &str) -> Result<LengthUnit, String> {
 /// Options of `look`.
 #[derive(Debug, Clone, Args)]
 pub struct Look {
-    /// The scan: organised cloud as PCD or PLY.
+    /// The scan: an organised cloud as PCD or PLY.
     #[arg(long, value_name = "FILE")]
     pub scan: PathBuf,
     /// Folder for the picture.
@@ -118,13 +117,13 @@ pub struct Locate {
     /// The panel's recipe.
     #[arg(long, value_name = "FILE")]
     pub recipe: PathBuf,
-    /// The scan: organised cloud as PCD or PLY.
+    /// The scan: an organised cloud as PCD or PLY.
     #[arg(long, value_name = "FILE")]
     pub scan: PathBuf,
-    /// File for the located pose, as `--json` prints it: the input for `--located` of other commands.
+    /// File for the located pose, in the format of `--json`. It is the input for `--located` of other commands.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Folder for a picture of the panel at the pose that was found.
+    /// Folder for a picture of the panel at the located pose.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
 }
@@ -135,16 +134,16 @@ pub struct Refine {
     /// The panel's recipe.
     #[arg(long, value_name = "FILE")]
     pub recipe: PathBuf,
-    /// The panel's pose, or the output of `locate`.
+    /// The pose of the panel, or the output of `locate`.
     #[arg(long, value_name = "POSE.json")]
     pub located: PathBuf,
-    /// A corner picture; repeat the option in the order of teaching, each time with `--flange`.
+    /// A corner picture. Repeat the option in the order of teaching, each time with `--flange`.
     #[arg(long, value_name = "FILE", required = true)]
     pub corner: Vec<PathBuf>,
-    /// The flange's pose at the corner picture.
+    /// The flange pose of the corner picture.
     #[arg(long, value_name = "POSE.json", required = true)]
     pub flange: Vec<PathBuf>,
-    /// File for the corrected pose, as `--json` prints it: the input for `--located` of other commands.
+    /// File for the corrected pose, in the format of `--json`. It is the input for `--located` of other commands.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// Folder for pictures of the corner before and after the correction.
@@ -161,20 +160,20 @@ pub struct Inspect {
     /// Folder with numbered pictures and `clip.csv`.
     #[arg(long, value_name = "DIR", required_unless_present = "truth")]
     pub clip: Option<PathBuf>,
-    /// The panel's pose, or the output of `locate` or `refine`. Without this option, the panel must be at its nominal
-    /// pose; if the dry picture shows the panel elsewhere, the test is invalid.
+    /// The pose of the panel, or the output of `locate` or `refine`. Without this option, the panel must be at its
+    /// nominal pose; if the dry picture shows it elsewhere, the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
-    /// Grids that were abraded since the dry picture, such as `r2c5,r2c6`, or `all`: the area that the disc may
-    /// have touched is compared only with its wet appearance. A grid that is not named is considered untouched.
+    /// Grids that were sanded after the dry picture, such as `r2c5,r2c6`, or `all`: where the disc may have touched the
+    /// panel, only the wet appearance is compared. All other grids are assumed to be unchanged.
     #[arg(long, value_name = "GRIDS", value_delimiter = ',')]
     pub abraded: Vec<String>,
-    /// Folder with the true mask, to score the result; the result itself does not change. A clip that was labelled
-    /// contains its own truth. Without `--clip`, the folder is a labelled set: a folder of clips, each with its own
-    /// `truth` or its own labels, which is scored as a whole.
+    /// Folder with the true mask, to score the result; the result itself does not change. A labelled clip contains its
+    /// own true mask. Without `--clip`, the folder is a labelled set: a folder of clips, each with its own `truth` or
+    /// its own labels, which is scored as a whole.
     #[arg(long, value_name = "DIR")]
     pub truth: Option<PathBuf>,
-    /// Folder for the mask, the overlay, the film strip and the page to sign; for a set, folder for its plots.
+    /// Folder for the mask, the overlay, the film strip and the page to be signed; for a set, folder for its plots.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
 }
@@ -185,14 +184,14 @@ pub struct Tune {
     /// The panel's recipe.
     #[arg(long, value_name = "FILE")]
     pub recipe: PathBuf,
-    /// Folder with numbered pictures, at least one of them dry, and `clip.csv`.
+    /// Folder with numbered pictures and `clip.csv`; at least one picture must be dry.
     #[arg(long, value_name = "DIR")]
     pub clip: PathBuf,
-    /// The panel's pose, or the output of `locate` or `refine`. Without this option, the panel must be at its nominal
-    /// pose; if the dry picture shows the panel elsewhere, the test is invalid.
+    /// The pose of the panel, or the output of `locate` or `refine`. Without this option, the panel must be at its
+    /// nominal pose; if the dry picture shows it elsewhere, the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
-    /// Folder with the true mask at the end of the clip; a clip that was labelled contains its own truth.
+    /// Folder with the true mask at the end of the clip; a labelled clip contains its own true mask.
     #[arg(long, value_name = "DIR")]
     pub truth: Option<PathBuf>,
 }
@@ -200,14 +199,14 @@ pub struct Tune {
 /// Options of `label`.
 #[derive(Debug, Clone, Args)]
 pub struct Label {
-    /// Folder with numbered pictures and `clip.csv`; the labels are stored in it.
+    /// Folder with numbered pictures and `clip.csv`; the labels are saved in this folder.
     #[arg(long, value_name = "DIR")]
     pub clip: PathBuf,
-    /// The panel's recipe, whose grids are drawn over the pictures. The panel must have been taught.
+    /// The recipe of the panel, whose grids are drawn over the pictures. The panel must have been taught.
     #[arg(long, value_name = "FILE")]
     pub recipe: Option<PathBuf>,
-    /// The panel's pose, or the output of `locate` or `refine`: the grids are drawn at this pose. Without this option,
-    /// the grids are drawn at the nominal pose.
+    /// The pose of the panel at which the grids are drawn, or the output of `locate` or `refine`. Without this option,
+    /// the nominal pose is used.
     #[arg(long, value_name = "POSE.json", requires = "recipe")]
     pub located: Option<PathBuf>,
     /// Address of the page: a loopback address; port 0 selects a free port.
@@ -221,15 +220,15 @@ pub struct Plan {
     /// The panel's recipe.
     #[arg(long, value_name = "FILE")]
     pub recipe: PathBuf,
-    /// The panel's pose, or the output of `locate` or `refine`; without this option, its nominal pose.
+    /// The pose of the panel, or the output of `locate` or `refine`. Without this option, the nominal pose is used.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
-    /// The grids to abrade, for example `r1c1,r1c2`; without this option all grids.
+    /// The grids to be sanded, for example `r1c1,r1c2`; without this option all grids.
     #[arg(long, value_name = "ID,…", value_delimiter = ',')]
     pub grids: Vec<String>,
-    /// Mask of the water breaks of a film, as `inspect --pictures` writes it (`mask.png`), with the pose of the panel
-    /// in this film as `--located`: the grids that failed are planned, and with `by = "break"` in the recipe's
-    /// `[treat]` only areas around their breaks.
+    /// Mask of the breaks of a water film (`mask.png`), as `inspect --pictures` writes it, with the pose of the panel
+    /// in this film as `--located`. The grids that failed are planned. If the recipe's `[treat]` has `by = "break"`,
+    /// only areas around the breaks are planned.
     #[arg(long, value_name = "MASK.png")]
     pub broken: Option<PathBuf>,
     /// File for the plan as JSON.
@@ -254,7 +253,7 @@ pub struct PackageFiles {
 /// Options of `new`.
 #[derive(Debug, Clone, Args)]
 pub struct New {
-    /// The kind of file.
+    /// The kind of file to write.
     #[command(subcommand)]
     pub what: NewFile,
 }
@@ -262,15 +261,15 @@ pub struct New {
 /// The kinds of files that can be created.
 #[derive(Debug, Clone, Subcommand)]
 pub enum NewFile {
-    /// A cell's file: cameras, robot, store, park pose of the arm. Tables with numbers from the sample file are marked
-    /// "TO CHECK" in the file.
+    /// A cell file: cameras, robot, store, park pose of the arm. Tables with values from the sample file are marked "TO
+    /// CHECK" in the file.
     #[command(after_help = "Examples, a simulated cell and a real one, without questions:\n  \
         panelprep new cell --yes --no-search --scanner simulated --flange-camera simulated --robot mock --out target/new/cell.toml\n  \
         panelprep new cell --yes --no-search --scanner zivid --flange-camera gige --flange-camera-serial 221600123 --robot eki \
         --host 172.31.1.147 --out target/new/real.toml\n\
         Without --yes the command asks on the terminal.")]
     Cell(NewCell),
-    /// A recipe for a kind of panel.
+    /// A recipe for one type of panel.
     #[command(
         after_help = "Example, with the sample's numbers for everything that is not given:\n  panelprep new \
                             recipe --yes --panel door-skin-right --out target/new/door-skin-right.toml\nThe \
@@ -288,7 +287,7 @@ pub struct NewCell {
     /// Accept the proposed answer to each question that no option answers.
     #[arg(long)]
     pub yes: bool,
-    /// Do not search for cameras and for the controller.
+    /// Do not search for cameras and the controller.
     #[arg(long)]
     pub no_search: bool,
     /// The fixed 3D camera.
@@ -303,8 +302,8 @@ pub struct NewCell {
     /// Serial number of the GigE Vision camera.
     #[arg(long, value_name = "SERIAL", conflicts_with = "flange_camera_address")]
     pub flange_camera_serial: Option<String>,
-    /// Address of the GigE Vision camera instead of its serial number. With an address, the command does not search for
-    /// this camera.
+    /// Address of the GigE Vision camera, instead of its serial number. With an address, the command does not search
+    /// for the camera.
     #[arg(long, value_name = "ADDRESS")]
     pub flange_camera_address: Option<String>,
     /// The robot's controller.
@@ -313,11 +312,10 @@ pub struct NewCell {
     /// The controller's address.
     #[arg(long, value_name = "ADDRESS")]
     pub host: Option<String>,
-    /// For a real cell, the axis angles of the arm's park pose, degrees: "a1,a2,a3,a4,a5,a6".
+    /// For a real cell: the axis angles of the arm's park pose, degrees: "a1,a2,a3,a4,a5,a6".
     #[arg(long, value_name = "ANGLES", allow_hyphen_values = true)]
     pub park_deg: Option<String>,
-    /// For a real cell, the minimum corner of the box in which the tool's tip must stay, mm: "x,y,z" in the robot's
-    /// base.
+    /// For a real cell: the minimum corner of the box in which the TCP must stay, mm: "x,y,z" in the robot's base.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub box_min_mm: Option<String>,
     /// Its greatest corner.
@@ -337,42 +335,42 @@ pub struct NewRecipe {
     /// The name under which the panel is taught.
     #[arg(long, value_name = "NAME")]
     pub panel: Option<String>,
-    /// The four corners of the region in the scan's picture, px: "u,v u,v u,v u,v".
+    /// The four corners of the region in the picture of the scan, px: "u,v u,v u,v u,v".
     #[arg(long, value_name = "CORNERS")]
     pub corners_px: Option<String>,
-    /// Rows of grids in the region.
+    /// Number of rows of grids in the region.
     #[arg(long, value_name = "N")]
     pub rows: Option<String>,
-    /// Columns of grids in the region.
+    /// Number of columns of grids in the region.
     #[arg(long, value_name = "N")]
     pub columns: Option<String>,
-    /// Minimum corner of the box in which the panel is searched, in the robot's base: "x,y,z".
+    /// Minimum corner of the box in which the panel is searched, mm: "x,y,z" in the robot's base.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub box_min_mm: Option<String>,
     /// Its greatest corner.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub box_max_mm: Option<String>,
-    /// Diameter of the sanding disc's contact, mm.
+    /// Diameter of the contact area of the sanding disc, mm.
     #[arg(long, value_name = "MM")]
     pub disc_diameter_mm: Option<String>,
-    /// Force with which the cell's compliant tool presses, N; needed if the cell's file has such a tool.
+    /// Force with which the cell's compliant tool presses, N; required if the cell file has a compliant tool.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     pub force_n: Option<String>,
 }
 
-/// Kinds of 3D cameras that a new cell may have.
+/// The kind of 3D camera of a new cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ScannerKind {
-    /// Rendered by this program.
+    /// A simulated camera, whose scans this program renders.
     Simulated,
     /// A Zivid camera.
     Zivid,
 }
 
-/// Kinds of flange cameras.
+/// The kind of flange camera of a new cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum FlangeCameraKind {
-    /// Rendered by this program.
+    /// A simulated camera, whose pictures this program renders.
     Simulated,
     /// A GigE Vision camera.
     Gige,

@@ -1,4 +1,4 @@
-//! Arguments of the service, of its worker, of its clients, and of the command for the accounts of the operator's page.
+//! Arguments of the service, its worker and its clients, and of the command for the accounts of the operator's page.
 
 use super::simulation::Simulation;
 use clap::{Args, Subcommand};
@@ -16,17 +16,16 @@ pub struct Cycle {
     #[arg(long)]
     pub new_disc: bool,
     /// A sheet of foam is in the cell instead of a panel: for stage C of `robot prove`, before `signed_stage` is "C".
-    /// Only for `cycle`.
     #[arg(long, conflicts_with = "serial")]
     pub on_foam: bool,
-    /// The part in the cell: kept with the cycle and shown on its page.
+    /// The part in the cell; its names are stored with the cycle and shown on its page.
     #[command(flatten)]
     pub part: PartArguments,
-    /// What the operator states about earlier abrasions of the part.
+    /// Statements of the operator about earlier sanding passes of the part.
     #[command(flatten)]
     pub count: CountArguments,
-    /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film needs a gigabyte at
-    /// full size.
+    /// Record the cycle in a new file, for `panelprep replay` and Foxglove; at full size, a minute of film needs a
+    /// gigabyte.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
     /// Settings of the simulated cell.
@@ -66,27 +65,27 @@ pub enum CtlAsk {
         /// The panel's recipe.
         #[arg(long, value_name = "FILE")]
         recipe: PathBuf,
-        /// Record the cycle for `panelprep replay` and Foxglove, in this new file, which the service writes;
-        /// without a name in its store, as recordings/cycle-NNNNNN.mcap. The service never removes a recording: a
-        /// minute of film needs a gigabyte at full size.
+        /// Record the cycle for `panelprep replay` and Foxglove in this new file, which the service writes. Without a
+        /// name, the file is recordings/cycle-NNNNNN.mcap in the store. The service never deletes a recording. At full
+        /// size, a minute of film needs a gigabyte.
         #[arg(long, value_name = "FILE", num_args = 0..=1)]
         record: Option<Option<PathBuf>>,
-        /// The part in the cell: kept with the cycle and shown on its page.
+        /// The part in the cell; its names are stored with the cycle and shown on its page.
         #[command(flatten)]
         part: PartArguments,
-        /// What the operator states about earlier abrasions of the part.
+        /// Statements of the operator about earlier sanding passes of the part.
         #[command(flatten)]
         count: CountArguments,
-        /// Wait for the cycle's end, report each change, and end with the cycle's exit code. While a cycle is held,
-        /// the wait continues.
+        /// Wait until the cycle has ended, report each change, and exit with the exit code of the cycle. While the
+        /// cycle is held, the command continues to wait.
         #[arg(long)]
         wait: bool,
     },
-    /// Stop the work in progress: no further waypoint, tool off, retract.
+    /// Hold the cycle: no further waypoint, tool off, retract.
     Hold,
     /// Continue after a hold, with a new picture of the corner.
     Unhold {
-        /// The panel is dry: locate the panel again.
+        /// The panel is dry: locate it again.
         #[arg(long)]
         dried: bool,
         /// The state on which the decision is based.
@@ -97,7 +96,7 @@ pub enum CtlAsk {
     Stop,
     /// Abort immediately: the arm stops, tool and water are switched off, and the cycle ends.
     Abort,
-    /// After an abort: confirm that the cause is removed and the pad is off the panel.
+    /// After an abort: confirm that the cause is removed and that the pad is not on the panel.
     Clear {
         /// The state on which the decision is based.
         #[command(flatten)]
@@ -105,58 +104,58 @@ pub enum CtlAsk {
     },
     /// Change from stopped or complete to idle: all outputs are switched off and checked, without motion.
     Reset {
-        /// Wait until the cell is idle, and end with exit code 3 if the cell does not become idle.
+        /// Wait until the cell is idle; exit with code 3 if it does not become idle.
         #[arg(long)]
         wait: bool,
     },
-    /// While a cycle is held for review: accept the result as good.
+    /// Accept the result as good, while a cycle is held for review.
     Accept {
         /// The state on which the decision is based.
         #[command(flatten)]
         decision: Decision,
     },
-    /// A new disc is mounted: its wear is counted from zero. Possible when the cell is at rest.
+    /// A new disc is mounted: its wear is counted from zero. Only possible while the cell is at rest.
     NewDisc,
-    /// The cell's status: state, panel, pass, phase, seconds of film, waypoint, the last page.
+    /// Show the status of the cell: state, panel, pass, phase, seconds of film, waypoint, the last page.
     State,
-    /// Follow the cell until this command is interrupted: prints one line for each change, with --json one object for
-    /// each line.
+    /// Watch the cell until this command is interrupted: print one line for each change, with --json one object per
+    /// line.
     Watch,
 }
 
 /// The state on which a person's decision is based.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Decision {
-    /// The step that `panelprep ctl state` showed. If the cell has changed since this step, the decision is refused
-    /// and the change is reported. Without this option the state is shown, and the person confirms it by typing its
-    /// step.
+    /// The step that `panelprep ctl state` showed. If the cell has changed since this step, the decision is refused and
+    /// the change is reported. Without this option, the state is shown, and the person confirms it by typing its step.
     #[arg(long, value_name = "N")]
     pub step: Option<u64>,
 }
 
-/// Statements of a person about the abrasions of the part, given at a start.
+/// Statements of a person about earlier sanding passes of the part, made at the start of a cycle.
 #[derive(Debug, Clone, Copy, Default, Args)]
 pub struct CountArguments {
-    /// The part in the fixture is not the part of the cycles before: abrasions in cycles without a serial number do not
-    /// count for it. Abrasions of the same serial number always count. This statement is stored with the cycle.
+    /// Another part is in the fixture than in the previous cycles: sanding passes of cycles without a serial number are
+    /// not counted for this part. Passes with the same serial number are always counted. This statement is stored with
+    /// the cycle.
     #[arg(long)]
     pub another_part: bool,
-    /// After a restore from a backup: how many passes this part had in the cycles that the restored store lacks, 0 if
-    /// it had none. They count, and the statement is stored with the cycle. For a part with a serial number only this
-    /// statement answers what happened in the missing cycles.
+    /// After a restore from a backup: how many sanding passes this part had in the cycles that are missing in the
+    /// restored store, 0 if none. They are counted, and the statement is stored with the cycle. For a part with a
+    /// serial number, only this statement replaces the missing cycles.
     #[arg(long, value_name = "NUMBER", conflicts_with = "another_part")]
     pub lost_passes: Option<u8>,
 }
 
 impl PartArguments {
-    /// Returns the names as they are given, without any check.
+    /// Returns the names of the part as given on the command line, without a check.
     pub fn names(&self) -> PartNames {
         let PartArguments { serial, order, operator } = self.clone();
         PartNames { serial, order, operator }
     }
 }
 
-/// The names of a cycle's part, as far as they are stated.
+/// The names of a cycle's part; each is optional.
 #[derive(Debug, Clone, Args)]
 pub struct PartArguments {
     /// The part's serial number.
@@ -181,15 +180,15 @@ pub struct User {
 /// The tasks of the account command.
 #[derive(Debug, Clone, Subcommand)]
 pub enum UserTask {
-    /// Add an account. The command asks for the password; if standard input is not a terminal, the first line of
-    /// standard input is the password.
+    /// Add an account. The command asks for the password; if standard input is not a terminal, its first line is the
+    /// password.
     Add {
-        /// The name to log in with: a to z, 0 to 9, dot, hyphen, underscore.
+        /// The login name: a to z, 0 to 9, dot, hyphen, underscore.
         name: String,
         /// The role of the person, which determines the permitted actions.
         #[arg(long, value_enum)]
         role: Role,
-        /// The person's printed name, as a signature shows it; without it, the name to log in with.
+        /// The printed name of the person for signatures; without this option, the login name.
         #[arg(long, value_name = "NAME")]
         printed_name: Option<String>,
     },
@@ -206,12 +205,12 @@ pub enum UserTask {
         #[arg(value_enum)]
         role: Role,
     },
-    /// Disable an account: the person may not log in any more. All records of the account's actions stay.
+    /// Disable an account: the person can no longer log in. All records of the person's actions are kept.
     Disable {
         /// The account's name.
         name: String,
     },
-    /// Enable an account: the person may log in again.
+    /// Enable an account: the person can log in again.
     Enable {
         /// The account's name.
         name: String,

@@ -6,13 +6,13 @@ use panelprep_devices::mock::FaultSpec;
 use panelprep_sim::{RealArm, ScannerDistortion};
 use std::path::PathBuf;
 
-/// The scene that the simulated cell shows.
+/// The scene in the simulated cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum SceneName {
-    /// The right panel, displaced from its nominal pose, with greasy spots.
+    /// The correct panel, displaced from its nominal pose, with greasy spots.
     #[default]
     Good,
-    /// The right panel without grease.
+    /// The correct panel without grease.
     Clean,
     /// The fixture alone.
     NoPanel,
@@ -23,7 +23,7 @@ pub enum SceneName {
 /// The content of a simulated cell; it has no effect on devices that are not simulated.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Simulation {
-    /// Seed for all random values in the simulated cell.
+    /// Random seed of the simulated cell.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// The content of the simulated cell.
@@ -32,16 +32,15 @@ pub struct Simulation {
     /// The number of the panel's displacement, for this seed.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub place: u32,
-    /// Deviation of the simulated arm from its nominal geometry at the tool, rms, mm; 0 is an arm with its nominal
-    /// geometry.
+    /// Position error of the simulated arm at the tool, rms, mm; 0 is an arm with its nominal geometry.
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
     pub arm_error_mm: f64,
-    /// The simulated compliant tool fails during the path: NAME[=VALUE]@N, from the Nth waypoint in contact on, for
-    /// example `silent@40`.
+    /// Inject a fault of the simulated compliant tool during the path: NAME[=VALUE]@N, from the Nth waypoint in contact
+    /// on, for example `silent@40`.
     #[arg(long, value_name = "FAULT")]
     pub tool_fault: Option<PlannedToolFault>,
-    /// Number of parts that a simulated line brings to the simulated cell, with a request for a cycle for each;
-    /// needs [line] in the cell's file.
+    /// Number of parts that a simulated production line brings to the cell, with a request for a cycle for each part;
+    /// requires [line] in the cell file.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub line_parts: u32,
 }
@@ -52,7 +51,7 @@ impl Default for Simulation {
     }
 }
 
-/// Reads the deviation of the simulated arm from its nominal geometry, mm.
+/// Parses the position error of the simulated arm, mm.
 pub(super) fn arm_error(text: &str) -> Result<f64, String> {
     let allowed = || "the limits are 0 to 5 mm".to_owned();
     text.parse().ok().filter(|mm| (0.0..=5.0).contains(mm)).ok_or_else(allowed)
@@ -61,39 +60,39 @@ pub(super) fn arm_error(text: &str) -> Result<f64, String> {
 /// How difficult the films of a simulated cell are to evaluate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum FilmName {
-    /// Steady light and no glints.
+    /// Constant light and no glints.
     Calm,
-    /// The usual conditions of a good cell in the simulation: some drift, glints, drops.
+    /// The usual conditions in a good cell: some drift, glints, drops.
     #[default]
     Usual,
-    /// Drift, flicker, a shadow, glints, drops, a dark or bright exposure, as determined by the seed.
+    /// Drift, flicker, a shadow, glints, drops, a dark or bright exposure, depending on the seed.
     Hard,
 }
 
-/// The tool that presses the disc on the panel in the demo.
+/// The tool that presses the disc on the panel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum ToolName {
-    /// A tool with its own force, calibrated on coupons: the recipe requests a removal in µm.
+    /// A tool with its own force control, calibrated on coupons: the recipe states the required removal in µm.
     #[default]
     Compliant,
-    /// A spring on the flange: the path gives an even dwell time of the disc, and the removal is not known.
+    /// A spring on the flange: the dwell time of the disc is uniform, and the removal is not known.
     Spring,
 }
 
-/// What the demo abrades of a grid that failed.
+/// What is sanded on a grid that failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum TreatName {
     /// The whole grid.
     #[default]
     Grid,
-    /// Areas around the breaks.
+    /// Only areas around the breaks.
     Break,
 }
 
 /// Options of `demo`.
 #[derive(Debug, Clone, Args)]
 pub struct Demo {
-    /// Seed for all random values.
+    /// Random seed of the simulated cell.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Scene of the simulated cell.
@@ -102,11 +101,11 @@ pub struct Demo {
     /// Folder for pictures, files and the page.
     #[arg(long, value_name = "DIR", default_value = "target/demo")]
     pub out: PathBuf,
-    /// Factor by which the cameras have fewer pixels in each direction; 1 is full size.
+    /// Factor by which the pictures have fewer pixels in each direction; 1 is full size.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
     pub reduction: u32,
-    /// Deviation of the simulated arm from its nominal geometry at the tool, rms, mm; it is calibrated before the
-    /// cycle. 0 is an arm with its nominal geometry.
+    /// Position error of the simulated arm at the tool, rms, mm, which is calibrated before the cycle; 0 is an arm with
+    /// its nominal geometry.
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
     pub arm_error_mm: f64,
     /// Calibrate cameras and tool, but not the errors of the arm.
@@ -115,19 +114,19 @@ pub struct Demo {
     /// The tool that presses the disc on the panel.
     #[arg(long, value_enum, default_value_t)]
     pub tool: ToolName,
-    /// What is abraded of a grid that failed; `[treat] by` in the rendered recipe.
+    /// What is sanded on a grid that failed: `[treat] by` in the rendered recipe.
     #[arg(long, value_enum, default_value_t)]
     pub treat: TreatName,
-    /// Make the compliant tool fail during the path: NAME[=VALUE]@N, from the Nth waypoint in contact on, for
-    /// example `silent@40`; the score then states how soon the sander was off.
+    /// Inject a fault of the compliant tool during the path: NAME[=VALUE]@N, from the Nth waypoint in contact on, for
+    /// example `silent@40`. The score then states how long the sander was on after the fault.
     #[arg(long, value_name = "FAULT", conflicts_with = "page")]
     pub tool_fault: Option<PlannedToolFault>,
-    /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film needs a gigabyte at
-    /// full size.
+    /// Record the cycle in a new file, for `panelprep replay` and Foxglove; at full size, a minute of film needs a
+    /// gigabyte.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
-    /// Instead of one cycle, serve the simulated cell with the operator's page until the command is interrupted:
-    /// open the address in a browser on this computer.
+    /// Instead of one cycle, serve the simulated cell with the operator's page until the command is interrupted; open
+    /// the address in a browser on this computer.
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8090", conflicts_with = "record")]
     pub page: Option<std::net::SocketAddr>,
 }
@@ -135,47 +134,45 @@ pub struct Demo {
 /// Options of `render`.
 #[derive(Debug, Clone, Args)]
 pub struct Render {
-    /// Seed for all random values.
+    /// Random seed of the simulated cell.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Scene of the simulated cell.
     #[arg(long, value_enum, default_value_t)]
     pub scene: SceneName,
-    /// The number of the panel's displacement: with the same seed, it is the same panel with the same grease,
-    /// displaced differently for each number. The data for teaching are the same for all numbers.
+    /// The number of the panel's displacement. With the same seed, each number is the same panel with the same grease,
+    /// displaced differently. The data for teaching are the same for all numbers.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub place: u32,
-    /// Also write the panel's drawing, drawing.stl, and a recipe for teaching the panel from it.
+    /// Also write the drawing of the panel, drawing.stl, and a recipe for teaching the panel from the drawing.
     #[arg(long)]
     pub drawing: bool,
     /// Also write pictures of boards, poses and touched points, for `panelprep calibrate`.
     #[arg(long)]
     pub boards: bool,
-    /// Number of scans of a board to add, for `panelprep calibrate scanner`.
+    /// Number of additional scans of a board, for `panelprep calibrate scanner`.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=60))]
     pub board_scans: u32,
     /// How difficult the films of the cell are to evaluate.
     #[arg(long, value_enum, default_value_t)]
     pub film: FilmName,
-    /// Add a labelled set with this number of clips in `set`, each with other grease and every third one clean, for
-    /// `panelprep inspect --truth`.
+    /// Add a labelled set with this number of clips in `set`, for `panelprep inspect --truth`. Each clip has other
+    /// grease, and every third clip is clean.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1_000))]
     pub clips: u32,
-    /// Length of a wet film, s.
+    /// Duration of a wet film, s.
     #[arg(long, value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u32).range(5..=600))]
     pub seconds: u32,
-    /// The folder to write; it must be empty, new, or written earlier by `render`.
+    /// The folder to write; it must be empty, new, or written by `render`.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Factor by which the cameras have fewer pixels in each direction; 1 is full size.
+    /// Factor by which the pictures have fewer pixels in each direction; 1 is full size.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
     pub reduction: u32,
-    /// Deviation of the simulated arm from its nominal geometry at the tool, rms, mm; 0 is an arm with its nominal
-    /// geometry.
+    /// Position error of the simulated arm at the tool, rms, mm; 0 is an arm with its nominal geometry.
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
     pub arm_error_mm: f64,
-    /// Error of the simulated 3D camera, which is not well calibrated: its scans are bent by this amount, mm, the
-    /// same each time.
+    /// Systematic error of the simulated 3D camera, mm: all its scans are bent by this amount in the same way.
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
     pub scanner_error_mm: f64,
 }
@@ -183,16 +180,15 @@ pub struct Render {
 /// Options of `mock-robot`.
 #[derive(Debug, Clone, Args)]
 pub struct MockRobot {
-    /// Folder with CELLCMD.xml and CELLSTAT.xml; without this option the files with which this program was built,
-    /// on the cell's ports.
+    /// Folder with CELLCMD.xml and CELLSTAT.xml; without this option, the shipped files with the cell's ports.
     #[arg(long, value_name = "DIR")]
     pub config: Option<PathBuf>,
-    /// The fault that occurs, and its time: see below.
+    /// The faults to inject and their times: see below.
     #[arg(long, value_name = "SPEC")]
     pub fault: Option<FaultSpec>,
-    /// Execute the controller's KRL programs instead of the built-in model: the shipped programs or, with a folder,
-    /// its .src, .sub and .dat files. Each file of the folder replaces the shipped file of the same name. Parts of
-    /// your programs that are not executed are listed.
+    /// Execute the controller's KRL programs instead of the built-in model: the shipped programs or, with a folder, its
+    /// .src, .sub and .dat files. Each file in the folder replaces the shipped file with the same name. Parts of the
+    /// programs that are not executed are listed.
     #[arg(long, value_name = "FOLDER")]
     pub programs: Option<Option<PathBuf>>,
     /// Address on which the mock controller listens.
@@ -200,12 +196,12 @@ pub struct MockRobot {
     pub host: std::net::IpAddr,
 }
 
-/// Returns the simulated 3D camera's own error; `None` if it is well calibrated.
+/// Returns the systematic error of the simulated 3D camera; `None` if it has no error.
 pub fn scanner_distortion(seed: u64, error_mm: f64) -> Option<ScannerDistortion> {
     (error_mm > 0.0).then(|| ScannerDistortion::new(seed, error_mm))
 }
 
-/// Returns the simulated arm of this seed; `None` if it has its nominal geometry.
+/// Returns the simulated arm for this seed; `None` if it has its nominal geometry.
 pub fn real_arm(seed: u64, error_mm: f64) -> Option<RealArm> {
     (error_mm > 0.0).then(|| RealArm::new(seed, error_mm))
 }

@@ -1,5 +1,5 @@
-//! Arguments of the commands about stored data: the store and its backup, pages, recordings, codes; the signed records
-//! and the history of cycles; and `panelprep archive`, the office's side of the records.
+//! Arguments of the commands for stored data: the store and its backup, pages, recordings, codes, the signed records
+//! and the history of cycles, and the archive of the office server.
 
 use clap::builder::{NonEmptyStringValueParser, PossibleValuesParser};
 use clap::{Args, Subcommand, ValueEnum};
@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// Options of `store`.
 #[derive(Debug, Clone, Args)]
 pub struct StoreCommand {
-    /// The task for the store.
+    /// The task of the command.
     #[command(subcommand)]
     pub what: StoreTask,
 }
@@ -18,21 +18,21 @@ pub struct StoreCommand {
 /// The tasks of the store command.
 #[derive(Debug, Clone, Subcommand)]
 pub enum StoreTask {
-    /// Compare every row with the chain of hashes, the chain with its head outside of the database, and every file
-    /// with its hash: report what was changed, deleted, inserted, reordered or rolled back.
+    /// Compare every row with the hash chain, the chain with its head outside of the database, and every file with its
+    /// hash. Reports what was changed, deleted, inserted, reordered or rolled back.
     #[command(after_help = "Example, of a copy:\n  panelprep store verify --store /media/copy/store \
                             --rows-only\nExit codes: 0 no problem was found, 1 a problem was found, 2 there is no \
                             store to read.")]
     Verify(VerifyStore),
-    /// List the records that the office must have from this cell: each end of a cycle, signature and verification
-    /// by its name, with the SHA-256 of its content. `panelprep archive check` compares the office's own list with
-    /// this list.
+    /// List the records of this cell that the office server must have, each with the SHA-256 of its content: the end of
+    /// each cycle, each signature and each verification. `panelprep archive check` compares the office server's records
+    /// with this list.
     #[command(
         after_help = "Example, for a list to take to the office:\n  panelprep store list --cell target/cell/cell.toml --json > target/cell-1.json"
     )]
     List,
-    /// Begin a new epoch of the records for the office: new records get names that no earlier record of this cell
-    /// can have. This is for a store that was copied back without `panelprep restore`, which begins a new epoch
+    /// Begin a new epoch of the records for the office server: new records get names that no earlier record of this
+    /// cell can have. Use this for a store that was copied back without `panelprep restore`, which begins a new epoch
     /// automatically.
     #[command(
         after_help = "Example:\n  panelprep store renew --why 'disk image of May brought back' --cell target/cell/cell.toml"
@@ -43,7 +43,7 @@ pub enum StoreTask {
 /// Options of `store renew`.
 #[derive(Debug, Clone, Args)]
 pub struct RenewStore {
-    /// The reason; it is recorded in the store.
+    /// The reason for the new epoch, which is stored.
     #[arg(long, value_name = "WORDS", value_parser = parse_non_empty)]
     pub why: String,
 }
@@ -51,7 +51,7 @@ pub struct RenewStore {
 /// Options of `store verify`.
 #[derive(Debug, Clone, Args)]
 pub struct VerifyStore {
-    /// Do not check the files (scans, pictures), because this check takes most of the time.
+    /// Do not verify the files (scans, pictures), which take most of the time.
     #[arg(long)]
     pub rows_only: bool,
 }
@@ -59,9 +59,9 @@ pub struct VerifyStore {
 /// Options of `explain`.
 #[derive(Debug, Clone, Args)]
 pub struct Explain {
-    /// The code in parentheses after a message.
+    /// The code that is shown in parentheses after a message.
     pub code: Option<String>,
-    /// The language in which meaning and remedy are shown.
+    /// The language of the explanation.
     #[arg(long, default_value = "en", value_parser = PossibleValuesParser::new(languages()))]
     pub language: String,
 }
@@ -78,7 +78,7 @@ pub struct Replay {
 pub struct PageOf {
     /// The number of the cycle.
     pub cycle: i64,
-    /// File for the page; without it, the file that the service writes: in `reports/` in the store.
+    /// File for the page; without this option, the file in `reports/` of the store that the service writes.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
 }
@@ -86,7 +86,7 @@ pub struct PageOf {
 /// Options of `record`.
 #[derive(Debug, Clone, Args)]
 pub struct RecordCommand {
-    /// The task for signed records.
+    /// The task of the command.
     #[command(subcommand)]
     pub what: RecordTask,
 }
@@ -94,18 +94,18 @@ pub struct RecordCommand {
 /// The tasks of the record command.
 #[derive(Debug, Clone, Subcommand)]
 pub enum RecordTask {
-    /// Sign the record of a cycle, as the account that runs this command; also while the service runs.
+    /// Sign the record of a cycle with the account that runs this command; this also works while the service runs.
     #[command(after_help = "Example, after the example of `panelprep cycle --help`:\n  \
         panelprep record sign 1 --cell target/cell/cell.toml --name 'Grace Hopper' --meaning reviewed")]
     Sign(SignRecord),
-    /// Write the signed record of a cycle into a folder: canonical JSON, signature, signatures by persons,
-    /// public key, head, the files that the record names, and the page to read and sign as PDF.
+    /// Write the signed record of a cycle to a folder: canonical JSON, signature, the signatures of persons, public
+    /// key, head, the files that the record names, and the page to be signed as PDF.
     #[command(after_help = "Example, after the example of `panelprep cycle --help`:\n  \
         panelprep record export 1 --cell target/cell/cell.toml --out target/record\n\
         All cycles: panelprep record export --all --out target/records")]
     Export(ExportRecord),
-    /// Verify signed records with only the public key: report records that were changed, are missing, were exchanged or
-    /// were rolled back.
+    /// Verify signed records with only the public key. Reports records that were changed, are missing, were exchanged
+    /// or were rolled back.
     #[command(
         after_help = "Example, after the example of `panelprep record export --help`:\n  panelprep record verify \
                             target/record --public-key target/record/public-key.pem\nAll records of a cell, up to \
@@ -114,8 +114,8 @@ pub enum RecordTask {
                             cannot be read."
     )]
     Verify(VerifyRecord),
-    /// Print the head of the chain of signed records. If the head is written to a file each day and kept elsewhere,
-    /// it later shows whether records were removed from the end of the chain.
+    /// Print the head of the chain of signed records. If it is written to a file each day and kept elsewhere, it shows
+    /// afterwards whether records were removed from the end of the chain.
     #[command(after_help = "Example, after the example of `panelprep cycle --help`:\n  \
         panelprep record head --cell target/cell/cell.toml --out target/head.json")]
     Head(HeadOfRecords),
@@ -126,10 +126,10 @@ pub enum RecordTask {
 pub struct SignRecord {
     /// The number of the cycle.
     pub cycle: i64,
-    /// Your printed name. Your account on this computer is written next to it.
+    /// Your printed name. The name of your account on this computer is stored with it.
     #[arg(long)]
     pub name: String,
-    /// The meaning of your signature.
+    /// The meaning of your signature (for example "reviewed").
     #[arg(long, value_enum)]
     pub meaning: MeaningName,
     /// A remark that you add to the signature.
@@ -149,7 +149,7 @@ pub struct SignRecord {
     pub abrasive: Option<String>,
 }
 
-/// The meaning of a signature.
+/// The meaning of a person's signature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum MeaningName {
     /// Inspected and released.
@@ -160,7 +160,7 @@ pub enum MeaningName {
     Reviewed,
     /// A deviation that the record states is accepted.
     DeviationAccepted,
-    /// An earlier release is withdrawn; state the reason as the remark.
+    /// An earlier release is withdrawn; the remark must state the reason.
     ReleaseWithdrawn,
 }
 
@@ -170,7 +170,7 @@ pub struct ExportRecord {
     /// The numbers of the cycles.
     #[arg(required_unless_present = "all", conflicts_with = "all", value_name = "N")]
     pub cycles: Vec<i64>,
-    /// Export every cycle that is over.
+    /// Export every cycle that has ended.
     #[arg(long)]
     pub all: bool,
     /// The folder to write; it is created if it does not exist.
@@ -181,19 +181,20 @@ pub struct ExportRecord {
 /// Options of `record verify`.
 #[derive(Debug, Clone, Args)]
 pub struct VerifyRecord {
-    /// Records: `.json` files, each with its `.sig` in the same folder, or folders of records.
+    /// The records: `.json` files, each with its `.sig` in the same folder, or folders with records.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// The cell's public key as PEM, or several keys in one file; without this option, the keys in the cell's store.
+    /// The public key of the cell as PEM, or several keys in one file; without this option, the keys in the cell's
+    /// store.
     #[arg(long, value_name = "FILE")]
     pub public_key: Option<PathBuf>,
-    /// A head, with its `.sig` in the same folder. The records must then be all records of the cell, from the first
-    /// to the record that the head names.
+    /// A head file, with its `.sig` in the same folder. The given records must then be complete, from the first record
+    /// of the cell to the one that the head names.
     #[arg(long, value_name = "FILE")]
     pub head: Option<PathBuf>,
-    /// The records must be all records of the cell, from the first to the last one that is given. Without this
-    /// option and without a head, missing numbers are reported but are not a fault: the record of one cycle may be
-    /// passed on without the records of other cycles.
+    /// Require that the given records are complete, from the first record of the cell to the last given one. Without
+    /// this option and without a head, missing numbers are reported but are no error, because a single record may be
+    /// passed on.
     #[arg(long)]
     pub all: bool,
 }
@@ -201,7 +202,7 @@ pub struct VerifyRecord {
 /// Options of `record head`.
 #[derive(Debug, Clone, Args)]
 pub struct HeadOfRecords {
-    /// File for the head, with its signature next to it as `.sig`.
+    /// File for the head; its signature is written next to it as `.sig`.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
 }
@@ -209,14 +210,14 @@ pub struct HeadOfRecords {
 /// Options of `history`.
 #[derive(Debug, Clone, Args)]
 pub struct History {
-    /// The task; without a task, cycles are searched.
+    /// The task; without a task, the command searches for cycles.
     #[command(subcommand)]
     pub what: Option<HistoryTask>,
     /// What is searched.
     #[command(flatten)]
     pub search: SearchArguments,
-    /// Maximum number of cycles: for a search, of cycles found; for a trend, a heat map and alarms, the newest
-    /// cycles.
+    /// Maximum number of cycles: of a search, the cycles that are listed; of a trend, a heat map and alarms, the newest
+    /// cycles that are evaluated.
     #[arg(long, global = true, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u16).range(1..=1_000))]
     pub limit: u16,
     /// Print comma-separated values (CSV) on standard output, for a spreadsheet.
@@ -224,7 +225,7 @@ pub struct History {
     pub csv: bool,
 }
 
-/// Conditions of a search. In names `*` matches any characters; without it, the whole name must match.
+/// The conditions of a search. In names, `*` matches any characters; without `*`, the whole name must match.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Args)]
 pub struct SearchArguments {
     /// Serial number of the part.
@@ -236,7 +237,7 @@ pub struct SearchArguments {
     /// Name of the panel in the recipe.
     #[arg(long, value_name = "PANEL")]
     pub panel: Option<String>,
-    /// Operator, as named at the start.
+    /// Name of the operator, as stated at the start of the cycle.
     #[arg(long, value_name = "NAME")]
     pub operator: Option<String>,
     /// Only cycles that began at this time or later, UTC: 2026-05-31 or 2026-05-31T09:00.
@@ -245,18 +246,18 @@ pub struct SearchArguments {
     /// Only cycles that began before this time, UTC; a date without a time includes the whole day.
     #[arg(long, value_name = "DATE")]
     pub to: Option<String>,
-    /// How the cycle ended.
+    /// The verdict of the cycle, or how it ended.
     #[arg(long, value_name = "VERDICT")]
     pub verdict: Option<EndName>,
-    /// Words that must all occur in the reasons of the verdict, in codes or sentences.
+    /// Words that must all occur in the reasons of the verdict, in their codes or texts.
     #[arg(long, value_name = "WORDS")]
     pub text: Option<String>,
-    /// Only cycles with a smaller number than this cycle: the next part of a long search result.
+    /// Only cycles with a smaller number than this one, to continue a long search result.
     #[arg(long, value_name = "N")]
     pub before: Option<i64>,
 }
 
-/// How a cycle ended.
+/// The verdict of a cycle, or how it ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 #[expect(missing_docs, reason = "these are the words of the verdicts")]
 pub enum EndName {
@@ -274,34 +275,34 @@ pub enum EndName {
 /// The tasks of the history command.
 #[derive(Debug, Clone, Subcommand)]
 pub enum HistoryTask {
-    /// Summary of one cycle: part, verdict, grids, residuals and errors, times, disc.
+    /// Show the summary of one cycle: part, verdict, grids, residuals and errors, times, disc.
     Show {
         /// The number of the cycle.
         cycle: i64,
     },
-    /// Two cycles side by side: their inputs, every check with its difference and limit, every grid.
+    /// Compare two cycles side by side: their inputs, every check with its difference and limit, every grid.
     Compare {
-        /// The number of one cycle.
+        /// The number of the first cycle.
         first: i64,
-        /// The number of the other cycle.
+        /// The number of the second cycle.
         second: i64,
     },
-    /// The trend of a quantity of a panel over its cycles, with its limits, and with hints by the Western Electric
-    /// rules.
+    /// Show the trend of a quantity over the cycles of a panel, with its limits and with warnings according to the
+    /// Western Electric rules.
     #[command(after_help = format!("NAME is one of these words:\n  {}\nor, in quotes, the name of a check on the page of a cycle.",
         panelprep_store::history::KnownQuantity::keywords().join("\n  ")))]
     Trend {
-        /// The panel, by its name in the recipe.
+        /// The name of the panel in the recipe.
         panel: String,
         /// The quantity: a keyword of the list below, or the name of a check.
         name: String,
     },
-    /// How often the film broke on each grid of a panel, and after which time, over all parts of this kind.
+    /// Show how often the film broke on each grid of a panel, and after which time, over all parts of this type.
     Heat {
-        /// The panel, by its name in the recipe.
+        /// The name of the panel in the recipe.
         panel: String,
     },
-    /// The alarms of the newest cycles, or of one cycle: when each was raised and cleared, its cause and remedy.
+    /// List the alarms of the newest cycles, or of one cycle: when each was raised and cleared, its cause and remedy.
     Alarms {
         /// The number of the cycle.
         cycle: Option<i64>,
@@ -311,18 +312,18 @@ pub enum HistoryTask {
 /// The parts of a backup.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum BackupPart {
-    /// The taught data, cycles, the journal, pictures and scans.
+    /// The taught panels, cycles, the journal, pictures and scans.
     Store,
-    /// The cell's file, the calibrations and camera settings that it names, and the recipes in its folder.
+    /// The cell file, the calibrations and camera settings that it names, and the recipes in its folder.
     Configuration,
 }
 
 /// Options of `backup`.
 #[derive(Debug, Clone, Args)]
 pub struct Backup {
-    /// The archive to write; it must not exist.
+    /// The archive file to write; it must not exist.
     pub archive: PathBuf,
-    /// Save only this part.
+    /// Save only this part of the backup.
     #[arg(long, value_enum)]
     pub only: Option<BackupPart>,
 }
@@ -330,27 +331,27 @@ pub struct Backup {
 /// Options of `restore`.
 #[derive(Debug, Clone, Args)]
 pub struct Restore {
-    /// An archive that `panelprep backup` wrote.
+    /// An archive file that `panelprep backup` wrote.
     pub archive: PathBuf,
     /// Restore only this part.
     #[arg(long, value_enum)]
     pub only: Option<BackupPart>,
-    /// Replace this part if it exists already; the replaced part is kept next to it as NAME.before-restore-1. Repeat
+    /// Replace this part if it already exists; the replaced part is kept next to it as NAME.before-restore-1. Repeat
     /// the option to replace several parts.
     #[arg(long, value_enum, value_name = "PART")]
     pub replace: Vec<BackupPart>,
-    /// Also write files that are named in the cell's file and are outside of its folder.
+    /// Also write files that the cell file names and that are outside of its folder.
     #[arg(long)]
     pub outside: bool,
-    /// The number of the cell's last cycle, 0 to 999999999. Needed if the store's folder is empty or does not show it,
-    /// for example on a new computer: later cycles are numbered above it. Also needed as evidence that nothing was
-    /// sanded since the backup: the replaced store must show the same number.
+    /// The number of the cell's last cycle, 0 to 999999999; new cycles get higher numbers. Required if the folder of
+    /// the store is empty or does not contain this number, for example on a new computer. Also required as evidence
+    /// that nothing was sanded since the backup: the replaced store must contain the same number.
     #[arg(long, value_name = "NUMBER", value_parser = last_cycle)]
     pub last_cycle: Option<i64>,
 }
 
-/// Maximum number of the last cycle that a person may state; a larger number by a typing error would use up the numbers
-/// of the cell.
+/// Maximum number of the last cycle that a person may state. A larger number, by a typing error, would use up the
+/// cell's cycle numbers.
 const MAX_LAST_CYCLE: i64 = 999_999_999;
 
 fn last_cycle(text: &str) -> Result<i64, String> {
@@ -373,31 +374,31 @@ pub struct Archive {
 /// The tasks of the archive command.
 #[derive(Debug, Clone, Subcommand)]
 pub enum ArchiveTask {
-    /// Receive the records of the cells from the broker, store them in PostgreSQL and a folder, and confirm to the cells
-    /// what the archive contains, until a signal stops this command. After a failure (broker, database, disk) it tries
-    /// again.
+    /// Receive the records of the cells from the broker, store them in PostgreSQL and a folder, and confirm to the
+    /// cells what the archive contains, until a signal stops this command. After a failure of broker, database or disk,
+    /// the command tries again.
     #[command(
         after_help = "The settings are those of config/archive.toml. On a machine with nats-server -js and PostgreSQL:\n  \
         panelprep archive run --settings /etc/panelprep/archive.toml"
     )]
     Run(RunArchive),
-    /// Check that the archive contains everything that cells sent: no record number is missing, contents match their
-    /// hashes, signatures match their keys, each signed record follows its predecessor, and all files are complete.
-    /// Also compare the archive with the cells that are named.
+    /// Check that the archive contains everything that the cells sent: no record number is missing, contents match
+    /// their hashes, signatures match their keys, each signed record follows its predecessor, and all files are
+    /// complete. Also compares the archive with the cells that are named.
     #[command(after_help = "Example, with one cell's store on this machine and the list of another cell:\n  \
                             panelprep archive check --settings /etc/panelprep/archive.toml \
                             cell-1=/var/lib/panelprep/store cell-2=cell-2.json\nThe list is what `panelprep store \
                             list --json` prints in that cell.\nExit codes: 0 no problem was found, 1 a problem was \
                             found, 2 the archive or a list cannot be read.")]
     Check(CheckArchive),
-    /// Create an account for the office's page, or change its password. The password is read from the terminal or from
-    /// standard input.
+    /// Create an account for the web page of the office server, or change its password. The password is read from the
+    /// terminal or from standard input.
     #[command(
         after_help = "Example:\n  panelprep archive account anna --printed-name 'Anna Office' --settings /etc/panelprep/archive.toml"
     )]
     Account(ArchiveAccount),
-    /// Offer a recipe that was approved in the office to all cells. Each cell's set-up page then shows the
-    /// difference, and a person there accepts it; no cell changes automatically.
+    /// Offer a recipe that was approved in the office to all cells. The set-up page of each cell then shows the
+    /// changes, and a person at the cell accepts them; no cell changes automatically.
     #[command(
         after_help = "Example:\n  panelprep archive offer door.toml --by 'Anna Office' --why 'finer film' --settings /etc/panelprep/archive.toml"
     )]
@@ -437,7 +438,7 @@ pub struct ArchiveAccount {
 /// Options of `fleet`.
 #[derive(Debug, Clone, Args)]
 pub struct Fleet {
-    /// The archive's settings, with `[fleet] listen`.
+    /// The settings file of the archive, with `[fleet] listen`.
     #[arg(long, value_name = "FILE", default_value = "config/archive.toml")]
     pub settings: PathBuf,
 }
@@ -445,7 +446,7 @@ pub struct Fleet {
 /// Options of `archive run`.
 #[derive(Debug, Clone, Args)]
 pub struct RunArchive {
-    /// The archive's settings: broker, database, folder of files.
+    /// The settings file of the archive: broker, database, folder of files.
     #[arg(long, value_name = "FILE", default_value = "config/archive.toml")]
     pub settings: PathBuf,
 }
@@ -453,7 +454,7 @@ pub struct RunArchive {
 /// Options of `archive check`.
 #[derive(Debug, Clone, Args)]
 pub struct CheckArchive {
-    /// Cells to compare with: the cell's name, =, and either the folder of its store or the file of its list.
+    /// Cells to compare with: the name of the cell, =, and the folder of its store or the file of its list.
     #[arg(value_name = "CELL=STORE_OR_LIST")]
     pub cells: Vec<String>,
     /// The archive's settings.
@@ -461,18 +462,18 @@ pub struct CheckArchive {
     pub settings: PathBuf,
 }
 
-/// Parses a stage of the list of proofs.
+/// Parses the name of a stage of the acceptance tests.
 ///
 /// # Errors
-/// If there is no such stage.
+/// If there is no stage with this name.
 pub fn parse_stage(text: &str) -> Result<ProofStage, String> {
     text.parse().map_err(|_| "valid: A, B or C".to_owned())
 }
 
-/// Parses a text from a person and removes the blanks around it.
+/// Parses a text that must not be empty; white space at both ends is removed.
 ///
 /// # Errors
-/// If it is empty.
+/// If the text is empty.
 pub fn parse_non_empty(text: &str) -> Result<String, String> {
     match text.trim() {
         "" => Err("must not be empty".to_owned()),

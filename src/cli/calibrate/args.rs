@@ -1,12 +1,12 @@
-//! Options of `panelprep calibrate`: the board; the cameras' lens, mount and errors; the arm's errors; the tool's
-//! point, force and removal; the verification of existing calibrations with pictures and touches, and striking a
-//! verification out.
+//! Options of `panelprep calibrate`: the board; the lens, the mount and the errors of the cameras; the errors of the
+//! arm; the TCP, the force and the removal of the tool; the verification of calibrations with pictures and touches, and
+//! striking out a verification.
 
 use crate::cli::args::{Simulation, parse_non_empty};
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
-/// The calibration to make, or to verify again.
+/// The calibration to perform or to verify.
 #[derive(Debug, Clone, Args)]
 pub struct Calibrate {
     /// The calibration.
@@ -17,7 +17,7 @@ pub struct Calibrate {
 /// The calibrations.
 #[derive(Debug, Clone, Subcommand)]
 pub enum CalibrationTask {
-    /// Calibrate the lens from pictures of a board (thesis 3.6).
+    /// Calibrate a camera lens from pictures of a board (thesis 3.6).
     #[command(after_help = "Example, after `panelprep render --boards --out target/cell`:\n  panelprep calibrate \
                             intrinsics --board 9x6 --square-mm 25 --out target/cell/found/flange_camera.toml \
                             --pictures target/cell/pictures target/cell/boards/lens/*.png\nExample, with twelve \
@@ -26,7 +26,7 @@ pub enum CalibrationTask {
                             --every-s 0 --camera flange-camera --board 9x6 --square-mm 25 --cell \
                             target/cell/cell.toml --out target/cell/found/flange_camera.toml")]
     Intrinsics(Intrinsics),
-    /// Calibrate the mount of a camera (hand-eye): from three touched points (thesis 3.7), or from many poses.
+    /// Calibrate the mount of a camera (hand-eye), from three touched points (thesis 3.7) or from many poses.
     #[command(
         after_help = "Example, three points, after `panelprep render --boards --out target/cell`; without --points \
                       the command writes the picture with the corners to touch:\n  panelprep calibrate hand-eye --mount \
@@ -42,7 +42,7 @@ pub enum CalibrationTask {
                       target/cell/found/flange_from_camera.toml"
     )]
     HandEye(HandEye),
-    /// Calibrate the arm's own errors from pictures of boards and from touches; without axis angles, the result is a
+    /// Calibrate the errors of the arm from pictures of boards and from touches; without axis angles, the result is a
     /// smooth correction.
     #[command(after_help = "The pictures are in the folder of their poses file: [[poses]] with image, and \
                       base_from_flange, axes_deg = [A1, …, A6], or both. Touches: [[touches]] with such a pose and \
@@ -54,7 +54,7 @@ pub enum CalibrationTask {
                       target/cell/boards/flange/poses.toml --flange-camera-lens target/cell/flange_camera.toml \
                       --out target/cell/found/robot.toml")]
     Robot(Robot),
-    /// Calibrate the removal by the disc from measured depths on flat test coupons.
+    /// Calibrate the removal of the disc from measured depths on flat test coupons.
     #[command(
         after_help = "COUPONS is a CSV file with one measured place per line; its first line names the columns, in \
                       any order:\n  coupon        its name; the column place states the position on the \
@@ -74,8 +74,8 @@ pub enum CalibrationTask {
                       0.05 --orbit-mm 5 --orbit-rev-min 10000 --out target/cell/found/removal.toml"
     )]
     Removal(Removal),
-    /// Calibrate the 3D camera's own errors from scans of a flat board: noise, smooth errors, and the systematic error,
-    /// which is the same in each scan and is subtracted from later scans.
+    /// Calibrate the errors of the 3D camera from scans of a flat board: noise, smooth errors, and the systematic
+    /// error, which is equal in all scans and is subtracted from new scans.
     #[command(after_help = "Hold a stiff flat board at eight or more places of the working volume, better at \
                             sixteen: near and far, also in the picture's corners, tilted by up to 30° to all \
                             sides, and turned upright in half of them. `panelprep shoot scan --count 16` takes the \
@@ -87,12 +87,12 @@ pub enum CalibrationTask {
                             --square-mm 30 --out target/cell3/scanner.toml --pictures target/cell3/found \
                             target/cell3/boards/scanner/*.pcd")]
     Scanner(Scanner),
-    /// Calibrate the tool's tip (TCP) and its axis from poses with the tip at one spot.
+    /// Calibrate the TCP and the axis of the tool, from poses with the tool's tip at one fixed point.
     #[command(after_help = "Example, after `panelprep render --boards --out target/cell`:\n  \
         panelprep calibrate tcp --poses target/cell/boards/tip.toml --out target/cell/found/flange_from_tool.toml\n\
         With --live DIR the command asks for one pose after the other at the terminal and reads each pose from the controller.")]
     Tcp(Tcp),
-    /// Calibrate payload and force zero of a compliant tool from its readings without contact; with --verify, check
+    /// Calibrate payload and force zero of a compliant tool from its measurements without contact; with --verify, check
     /// whether both are still valid.
     #[command(
         after_help = "The readings: [[readings]] with base_from_flange and force_n, at least three, with the tool pointing down, level and \
@@ -121,17 +121,17 @@ pub enum CalibrationTask {
                             target/cell/target/scanner.toml --live target/shots"
     )]
     Verify(Verify),
-    /// Touch known corners of a fixed board with the calibrated tool and compare; the result is stored.
+    /// Touch known corners of a fixed board with the calibrated tool and compare the positions; the result is stored.
     #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
         panelprep calibrate touch --cell target/cell/cell.toml --board 5x4 --square-mm 40 \
         --target target/cell/target/scanner.toml --points target/cell/target/touched.toml")]
     Touch(Touch),
-    /// List the verifications by pictures and by touches in the store, with their numbers; also those that were
-    /// struck out, by whom and why.
+    /// List the verifications by pictures and by touches in the store, with their numbers, including those that were
+    /// struck out, with person and reason.
     #[command(after_help = "Example:\n  panelprep calibrate history --cell target/cell/cell.toml")]
     History,
-    /// Strike out a wrong verification by picture or touch. It stays in the store with the person and the reason, but is
-    /// no longer used. An older verification does not replace it: verify again.
+    /// Strike out a wrong verification by picture or touch. It stays in the store with the person and the reason, but
+    /// is no longer used. No older verification replaces it: verify again.
     #[command(
         after_help = "Example:\n  panelprep calibrate strike 3 --by \"A. Smith\" --why \"the board was moved\" \
         --cell target/cell/cell.toml"
@@ -142,38 +142,38 @@ pub enum CalibrationTask {
 /// The board.
 #[derive(Debug, Clone, Args)]
 pub struct BoardArgs {
-    /// Inner corners of a chessboard, 9x6; squares of a ChArUco board, charuco:8x6:15:4X4_50[:legacy]; circles,
-    /// circles:7x11:40 (11 rows of 7 circles, 40 mm apart in both directions), acircles:4x11:20 (11 rows of 4 circles,
-    /// rows 20 mm apart, circles of a row 40 mm apart, each second row shifted by 20 mm).
+    /// The kind of board. Chessboard: inner corners, 9x6. ChArUco board: squares, charuco:8x6:15:4X4_50[:legacy].
+    /// Circles: circles:7x11:40 (11 rows of 7 circles, 40 mm apart in both directions) or acircles:4x11:20 (11 rows of
+    /// 4 circles, rows 20 mm apart, circles of a row 40 mm apart, each second row shifted by 20 mm).
     #[arg(long)]
     pub board: String,
     /// Side of a square, mm; measure it over many squares. Not needed for circles.
     #[arg(long, value_name = "MM")]
     pub square_mm: Option<f64>,
-    /// Half the side of the window that refines a corner, px; if it is not given, it is calculated from the distance
+    /// Half the side of the window in which a corner is refined, px; without this option, calculated from the distance
     /// between corners.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
     pub subpix: Option<u32>,
 }
 
-/// The board; optional if a file states the board.
+/// The kind of board; optional if a file states it.
 #[derive(Debug, Clone, Default, Args)]
 pub struct NamedBoard {
-    /// Inner corners of a chessboard, 9x6; squares of a ChArUco board, charuco:8x6:15:4X4_50[:legacy]; circles,
-    /// circles:7x11:40 or acircles:4x11:20.
+    /// The kind of board. Chessboard: inner corners, 9x6. ChArUco board: squares, charuco:8x6:15:4X4_50[:legacy].
+    /// Circles: circles:7x11:40 or acircles:4x11:20.
     #[arg(long)]
     pub board: Option<String>,
     /// Side of a square, mm; measure it over many squares. Not needed for circles.
     #[arg(long, value_name = "MM", requires = "board")]
     pub square_mm: Option<f64>,
-    /// Half the side of the window that refines a corner, px; if it is not given, it is calculated from the distance
+    /// Half the side of the window in which a corner is refined, px; without this option, calculated from the distance
     /// between corners.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
     pub subpix: Option<u32>,
 }
 
 impl NamedBoard {
-    /// Returns the board that the command names; `None` if it names none.
+    /// Returns the board that the command line states; `None` if it states none.
     pub fn board(&self) -> Option<BoardArgs> {
         Some(BoardArgs { board: self.board.clone()?, square_mm: self.square_mm, subpix: self.subpix })
     }
@@ -194,14 +194,15 @@ pub enum CameraName {
     FlangeCamera,
 }
 
-/// Options of a calibration that takes its own pictures.
+/// Options of a calibration that captures its own pictures.
 #[derive(Debug, Clone, Args)]
 pub struct LiveArgs {
-    /// Take the pictures now, with the cell's camera, and keep them and their poses in this folder. The command
-    /// reports what each picture shows and which picture to take next.
+    /// Capture the pictures now with the cell's camera, and keep them and their poses in this folder. The command
+    /// reports what each picture shows, and which picture to capture next.
     #[arg(long, value_name = "DIR")]
     pub live: Option<PathBuf>,
-    /// With --live: take this number of pictures without asking; without this option, one each time Enter is pressed.
+    /// With --live: capture this number of pictures without asking; without this option, one each time Enter is
+    /// pressed.
     #[arg(long, value_name = "N", requires = "live", value_parser = clap::value_parser!(u32).range(1..=60))]
     pub count: Option<u32>,
     /// With --count: the time between two pictures, s, in which a person moves the board to its next pose.
@@ -213,16 +214,16 @@ pub struct LiveArgs {
 }
 
 impl LiveArgs {
-    /// Returns arguments without live pictures.
+    /// Returns the options for a calibration from files.
     pub fn without_live() -> Self {
         LiveArgs { live: None, count: None, every_s: 0, simulation: Simulation::default() }
     }
 }
 
-/// The distortion coefficients of a lens.
+/// The lens model, by its distortion coefficients.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ModelName {
-    /// The simplest model that predicts left-out pictures as well as any other model.
+    /// The simplest model that predicts excluded pictures as well as any other model does.
     Auto,
     /// No distortion.
     Pinhole,
@@ -230,9 +231,9 @@ pub enum ModelName {
     K1,
     /// k1, k2.
     K1k2,
-    /// k1, k2, p1, p2.
+    /// The coefficients k1, k2, p1, p2.
     K1k2p1p2,
-    /// k1, k2, p1, p2, k3, as in OpenCV by default.
+    /// The coefficients k1, k2, p1, p2, k3, the default of OpenCV.
     K1k2p1p2k3,
 }
 
@@ -242,18 +243,18 @@ pub struct Intrinsics {
     /// The board.
     #[command(flatten)]
     pub board: NamedBoard,
-    /// Compute the lens from a scan of the 3D camera itself: each point of the scan lies on the ray of its pixel. No
-    /// board is needed.
+    /// Compute the lens from a scan of the 3D camera itself, because each point of a scan is on the ray of its pixel.
+    /// No board is needed.
     #[arg(long, value_name = "SCAN", conflicts_with_all = ["live", "images", "board", "model", "keep_all", "subpix"], required_unless_present = "board")]
     pub from_scan: Option<PathBuf>,
-    /// The lens model; by default auto, and k1k2p1p2k3 if --keep-all and --subpix request the behaviour of OpenCV. In
+    /// The lens model. The default is auto, or k1k2p1p2k3 if --keep-all and --subpix select the behaviour of OpenCV. In
     /// every model, each pixel has exactly one ray.
     #[arg(long, value_enum)]
     pub model: Option<ModelName>,
     /// Do not exclude pictures because of their residuals.
     #[arg(long)]
     pub keep_all: bool,
-    /// Serial number of the camera, for the file.
+    /// Serial number of the camera, which is written to the file.
     #[arg(long)]
     pub serial: Option<String>,
     /// The file to write.
@@ -265,10 +266,10 @@ pub struct Intrinsics {
     /// Pictures of the board.
     #[arg(required_unless_present_any = ["live", "from_scan"], value_name = "IMAGE", conflicts_with = "live")]
     pub images: Vec<PathBuf>,
-    /// With --live: the camera.
+    /// With --live: the camera to calibrate.
     #[arg(long, value_enum, requires = "live")]
     pub camera: Option<CameraName>,
-    /// Pictures that are taken now.
+    /// Options for pictures that are captured now.
     #[command(flatten)]
     pub live: LiveArgs,
 }
@@ -276,7 +277,7 @@ pub struct Intrinsics {
 /// How the camera is mounted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum MountName {
-    /// Fixed in the cell.
+    /// The camera is fixed in the cell.
     EyeToHand,
     /// On the flange.
     EyeInHand,
@@ -294,25 +295,25 @@ pub struct HandEye {
     /// The camera's intrinsics.
     #[arg(long, value_name = "FILE")]
     pub intrinsics: PathBuf,
-    /// Three points: the picture of the board, or the 3D camera's shot of the board.
+    /// Three points: the picture of the board, or the scan of the board by the 3D camera.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["poses", "live"], required_unless_present_any = ["poses", "live"])]
     pub image: Option<PathBuf>,
-    /// Three points: the positions at which the corners were touched.
+    /// Three points: file with the positions at which the corners were touched.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["poses", "live"])]
     pub points: Option<PathBuf>,
-    /// Many poses: the flange's pose at each picture.
+    /// Many poses: file with the flange pose of each picture.
     #[arg(long, value_name = "FILE", requires = "images", conflicts_with = "live")]
     pub poses: Option<PathBuf>,
-    /// Many poses: the file with the arm's own errors from `calibrate robot`, with which the poses are corrected.
+    /// Many poses: file with the errors of the arm from `calibrate robot`, by which the poses are corrected.
     #[arg(long, value_name = "FILE", conflicts_with = "image")]
     pub robot: Option<PathBuf>,
-    /// Many poses: the folder of the pictures.
+    /// Many poses: the folder with the pictures.
     #[arg(long, value_name = "DIR", requires = "poses")]
     pub images: Option<PathBuf>,
-    /// Many poses, fixed camera: a point of the panel in the base, at which the uncertainty is stated.
+    /// Many poses, fixed camera: a point of the panel in the robot's base, at which the uncertainty is stated.
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
     pub at_mm: Option<[f64; 3]>,
-    /// Serial number of the camera, for the file.
+    /// Serial number of the camera, which is written to the file.
     #[arg(long)]
     pub serial: Option<String>,
     /// The file to write.
@@ -321,10 +322,10 @@ pub struct HandEye {
     /// Folder for pictures; without this option, the folder of `--out`.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
-    /// With --live: the arm moves automatically, each time through the gate of `panelprep robot move-j`.
+    /// With --live: move the arm automatically; each motion is checked as in `panelprep robot move-j`.
     #[arg(long, requires = "live")]
     pub r#move: bool,
-    /// Many poses that are taken now.
+    /// Options for pictures and poses that are captured now.
     #[command(flatten)]
     pub live: LiveArgs,
 }
@@ -341,14 +342,14 @@ pub struct Scanner {
     /// The board.
     #[command(flatten)]
     pub board: BoardArgs,
-    /// The lens of the 3D camera, as written by `calibrate intrinsics` or as stated by the camera.
+    /// The lens file of the 3D camera, from `calibrate intrinsics` or from the camera itself.
     #[arg(long, value_name = "FILE")]
     pub intrinsics: PathBuf,
-    /// The file to write, with the lens and the errors; it may be the same as the lens's file.
+    /// The file to write, with the lens and the errors; it may be the lens file itself.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Write a picture of the result: the error that is the same in each scan, and the remaining error in each part
-    /// of the camera's picture.
+    /// Folder for pictures of the result: the systematic error, and the remaining error in each part of the camera's
+    /// picture.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
     /// Scans of the board.
@@ -363,19 +364,19 @@ pub struct Robot {
     /// The board.
     #[command(flatten)]
     pub board: BoardArgs,
-    /// Poses for the pictures of the fixed camera, with the board on the flange.
+    /// File with the poses of the pictures of the fixed camera, with the board on the flange.
     #[arg(long, value_name = "POSES", requires = "scanner_lens")]
     pub eye_to_hand: Option<PathBuf>,
-    /// Intrinsics of the fixed camera.
+    /// The lens file of the fixed camera.
     #[arg(long, value_name = "FILE", requires = "eye_to_hand")]
     pub scanner_lens: Option<PathBuf>,
-    /// Poses for the pictures of the camera on the flange, with the board at rest.
+    /// File with the poses of the pictures of the flange camera, with a fixed board.
     #[arg(long, value_name = "POSES", requires = "flange_camera_lens")]
     pub eye_in_hand: Option<PathBuf>,
-    /// Intrinsics of the camera on the flange.
+    /// The lens file of the flange camera.
     #[arg(long, value_name = "FILE", requires = "eye_in_hand")]
     pub flange_camera_lens: Option<PathBuf>,
-    /// Poses in which the tip touched spots, or corners of fixed boards.
+    /// File with the poses in which the tool's tip touched points, or corners of fixed boards.
     #[arg(long, value_name = "FILE")]
     pub touches: Option<PathBuf>,
     /// The file to write.
@@ -386,13 +387,13 @@ pub struct Robot {
 /// Options of `calibrate tcp`.
 #[derive(Debug, Clone, Args)]
 pub struct Tcp {
-    /// Flange poses that hold the tip at one spot, and poses that determine the axis.
+    /// File with flange poses in which the tool's tip is at one fixed point, and poses that determine the axis.
     #[arg(long, value_name = "FILE", required_unless_present = "live", conflicts_with = "live")]
     pub poses: Option<PathBuf>,
     /// Read the poses from the controller now, one each time Enter is pressed, and store them in this folder.
     #[arg(long, value_name = "DIR")]
     pub live: Option<PathBuf>,
-    /// The arm's correction from `calibrate robot`; without this option, the correction that the cell's file names.
+    /// The correction of the arm from `calibrate robot`; without this option, the correction that the cell file names.
     #[arg(long, value_name = "FILE")]
     pub robot: Option<PathBuf>,
     /// The file to write.
@@ -403,11 +404,11 @@ pub struct Tcp {
 /// Options of `calibrate force`.
 #[derive(Debug, Clone, Args)]
 pub struct Force {
-    /// Readings without contact, each with the flange's pose.
+    /// File with measurements without contact, each with the flange pose.
     #[arg(long, value_name = "FILE")]
     pub readings: PathBuf,
-    /// Compare with payload_kg and zero_n of the cell's file, and store the result: a cycle needs this verification
-    /// each day.
+    /// Compare with payload_kg and zero_n of the cell file, and store the result: a cycle needs this verification each
+    /// day.
     #[arg(long)]
     pub verify: bool,
 }
@@ -415,10 +416,10 @@ pub struct Force {
 /// Options of `calibrate removal`.
 #[derive(Debug, Clone, Args)]
 pub struct Removal {
-    /// The file of the measured depths.
+    /// The CSV file with the measured depths.
     #[arg(value_name = "COUPONS.csv")]
     pub coupons: PathBuf,
-    /// Diameter of the disc's contact, mm.
+    /// Diameter of the contact area of the disc, mm.
     #[arg(long, value_name = "MM", value_parser = parse_in_range::<2, 300>)]
     pub disc_diameter_mm: f64,
     /// Stiffness of the pad, N/mm³: its modulus divided by its thickness.
@@ -454,32 +455,32 @@ pub struct Verify {
     /// The camera to verify.
     #[arg(long, value_enum)]
     pub camera: CameraName,
-    /// The fixed board; the file of `--target` states its kind, and the command may also state it.
+    /// The kind of the fixed board; optional, because the file of `--target` states it.
     #[command(flatten)]
     pub board: NamedBoard,
-    /// Instead of a board: the recipe of a panel that is at its nominal pose, with its first taught corner.
+    /// Instead of a board: the recipe of a panel at its nominal pose, whose first taught corner is used.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["board", "square_mm", "target", "learn"])]
     pub recipe: Option<PathBuf>,
-    /// A picture of the target, or the 3D camera's shot.
+    /// A picture of the target, or a scan of the 3D camera.
     #[arg(long, value_name = "FILE", required_unless_present_any = ["poses", "live"])]
     pub image: Option<PathBuf>,
-    /// Take the picture now, with the cell's camera, and keep it in this folder; for the scanner, a 3D shot.
+    /// Capture the picture now with the cell's camera, and keep it in this folder; for the scanner, a 3D scan.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["image", "poses", "flange"])]
     pub live: Option<PathBuf>,
     /// Settings of the simulated cell.
     #[command(flatten)]
     pub simulation: Simulation,
-    /// Many pictures of the board at rest by the camera on the flange, in this file's folder: shows the remaining
+    /// Poses file with many pictures of a fixed board by the flange camera, in the same folder: shows the remaining
     /// error over the working volume, with a map.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["image", "flange", "recipe", "learn"])]
     pub poses: Option<PathBuf>,
-    /// The flange's pose at the picture, for the camera on the flange.
+    /// The flange pose of the picture, for the flange camera.
     #[arg(long, value_name = "POSE.json")]
     pub flange: Option<PathBuf>,
-    /// The known pose of the board.
+    /// The target file with the known pose of the board.
     #[arg(long, value_name = "FILE")]
     pub target: Option<PathBuf>,
-    /// Write the target from this picture, immediately after the calibration.
+    /// Write the target file from this picture; use this immediately after the calibration.
     #[arg(long)]
     pub learn: bool,
     /// Folder for the trend of all verifications, and with --poses for the map.
@@ -490,18 +491,19 @@ pub struct Verify {
 /// Options of `calibrate touch`.
 #[derive(Debug, Clone, Args)]
 pub struct Touch {
-    /// The board; the file of `--target` states its kind, and the command may also state it.
+    /// The kind of the fixed board; optional, because the file of `--target` states it.
     #[command(flatten)]
     pub board: NamedBoard,
-    /// The known pose of the board.
+    /// The target file with the known pose of the board.
     #[arg(long, value_name = "FILE")]
     pub target: PathBuf,
-    /// The positions of the tool's tip when it touched the corners, with the cell's own tool selected on the pendant.
-    /// With p1_axes_deg = [A1, …, A6] the tip is computed from the axes, the arm's correction and the cell's tool; a
-    /// cell with a correction needs them.
+    /// File with the positions of the TCP when it touched the corners, with the cell's own tool selected on the
+    /// pendant. With p1_axes_deg = [A1, …, A6] the position is computed from the axis angles, the correction of the arm
+    /// and the cell's tool; a cell with a correction needs the axis angles.
     #[arg(long, value_name = "FILE", required_unless_present = "live", conflicts_with = "live")]
     pub points: Option<PathBuf>,
-    /// Read the tip's position from the controller now, at one corner after the other, and keep it in this folder.
+    /// Read the position of the TCP from the controller now, at one corner after the other, and keep the positions in
+    /// this folder.
     #[arg(long, value_name = "DIR")]
     pub live: Option<PathBuf>,
     /// Folder for a map of the remaining errors, and for the trend of all touches.
