@@ -1,4 +1,4 @@
-//! `panelprep check`: reports whether configuration files are valid, and what they state.
+//! `panelprep check`: checks whether configuration files are valid, and prints what they state.
 
 use super::args::{Check, Common, PurposeName};
 use super::disk;
@@ -15,11 +15,11 @@ use panelprep_service::requirements::Purpose;
 use serde_json::json;
 use std::path::Path;
 
-/// Checks every file; all problems and warnings of all files are reported. EthernetKRL files are checked against
-/// each other, KRL files as one program. A file that cannot be read is reported with the others, with exit code 2.
+/// Checks every file and reports all problems and warnings. EthernetKRL files are compared with each other, and KRL
+/// files are checked as one program. A file that cannot be read is reported with the others; the exit code is then 2.
 ///
 /// # Errors
-/// None; a file that cannot be read is part of the outcome.
+/// Never; a file that cannot be read is part of the outcome.
 pub fn run(args: &Check) -> Result<Outcome, Fault> {
     let mut files = Vec::new();
     let mut lines = Vec::new();
@@ -58,7 +58,7 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
         lines.push(format!("{name}: {}", if ok { "ok" } else { "not right" }));
         for problem in &report.problems {
             lines.push(match problem.key.is_empty() && decoded.is_err() {
-                // The message itself names the file or the line.
+                // The message already contains the name of the file or the line.
                 true => format!("  {}", problem.message),
                 false => format!("  {}", format_problem(problem)),
             });
@@ -82,7 +82,7 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Returns a file's name for messages, and its text or the reason why it has none.
+/// Returns the name of a file for messages, and its text or the reason why the text cannot be read.
 fn read_text_for_check(file: &Path) -> (String, Result<DecodedText, String>) {
     let name = file.display().to_string();
     let bytes = disk::read(file).map_err(|fault| fault.to_string());
@@ -95,8 +95,8 @@ fn unreadable_report(message: &str) -> FileReport {
     FileReport { kind: None, problems: vec![problem], warnings: Vec::new(), descriptions: Vec::new() }
 }
 
-/// Returns what the files are checked for. Without a purpose, a cell's file must be complete for a cycle. The files
-/// that it names may be missing, because the cell's file is written before the calibrations are made.
+/// Returns the purpose for which the files are checked. Without `--for`, a cell file must be complete for a cycle; the
+/// files that it names may be missing, because the cell file is written before the calibrations.
 fn checked_for(args: &Check) -> CheckedFor<'_> {
     let purpose = match args.purpose {
         None | Some(PurposeName::Cycle) => Some(Purpose::Cycle),
@@ -116,8 +116,8 @@ fn format_problem(Problem { line, key, message }: &Problem) -> String {
 /// Finds the parts of a recipe's region that are outside of the panel that was taught in this cell.
 ///
 /// # Errors
-/// If the panel's outline is not known: the panel was not taught, was taught with another region, or the taught data
-/// cannot be read.
+/// If the outline of the panel is not known: the panel was not taught, was taught with another region, or the taught
+/// data cannot be read.
 fn region_off_panel((name, text): (&str, &str), cell: &str) -> Result<Vec<Problem>, Fault> {
     let recipe = Recipe::check(name, text)?;
     let files = CellFiles::read(&Common { cell: cell.into(), store: None, json: false })?;

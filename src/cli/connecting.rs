@@ -1,5 +1,5 @@
-//! Finds what answers: a program at an address, the cameras and the controller of a cell. It sends no data to a
-//! program, sets nothing and moves nothing.
+//! Finds what responds: a program at an address, and the cameras and the controller of a cell. No data is sent to a
+//! program, nothing is set, and nothing moves.
 
 use super::zivid::{LIBRARY, OWN_EXECUTABLE, ROLE};
 use panelprep_devices::gige;
@@ -12,14 +12,14 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
 
-/// Connects to the first of the addresses of `place` that accepts the connection. Each attempt has this time limit;
-/// the look-up of the name has the same limit.
+/// Connects to the first address of `place` that accepts a connection. `within` is the time limit of each attempt and
+/// of the host name lookup.
 ///
 /// # Errors
-/// The reason, as text, if no address accepted the connection.
+/// If no address accepts a connection; the error is the reason as a text.
 pub(super) fn connected(place: impl ToSocketAddrs + Send + 'static, within: Duration) -> Result<(), String> {
     let (sender, receiver) = mpsc::channel();
-    // A separate thread, because the look-up of a name may last minutes.
+    // A separate thread is needed, because a host name lookup may take minutes.
     thread::spawn(move || {
         let connect = || {
             let mut last = Error::new(ErrorKind::NotFound, "the host name has no address");
@@ -38,16 +38,16 @@ pub(super) fn connected(place: impl ToSocketAddrs + Send + 'static, within: Dura
         .unwrap_or_else(|_| Err(format!("no answer within {} s", 2 * within.as_secs())))
 }
 
-/// Time limit for the controller's answer.
+/// Time limit for the response of the controller.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// The devices of one kind that were found: serial numbers, and a sentence for a person.
+/// The devices of one kind that were found: serial numbers, and a text for a person.
 pub(super) struct FoundDevices {
     pub serials: Vec<String>,
     pub description: String,
 }
 
-/// Finds GigE Vision cameras on all networks of this machine.
+/// Finds the GigE Vision cameras on all networks of this computer.
 pub(super) fn gige_cameras() -> FoundDevices {
     match gige::search() {
         Ok(cameras) if cameras.is_empty() => FoundDevices {
@@ -64,7 +64,7 @@ pub(super) fn gige_cameras() -> FoundDevices {
     }
 }
 
-/// Finds the connected Zivid camera, if it is the only one.
+/// Finds the connected Zivid camera, if there is only one.
 pub(super) fn zivid_camera() -> FoundDevices {
     match single_zivid_serial() {
         Ok(serial) => {
@@ -74,12 +74,12 @@ pub(super) fn zivid_camera() -> FoundDevices {
     }
 }
 
-/// Returns the serial number of the connected camera, if it is the only one; the worker then releases the camera.
+/// Returns the serial number of the connected camera, if there is only one. Afterwards the worker releases the camera.
 fn single_zivid_serial() -> Result<String, String> {
     let setup = CameraSetup {
         source: Source::Only,
-        // No camera has an empty serial number: the worker reports the camera that it finds, and changes no setting of
-        // it.
+        // No camera has an empty serial number, so the worker reports the camera that it finds and changes none of its
+        // settings.
         serial: Some(String::new()),
         size: Size { width: 0, height: 0 },
         scan_yaml: String::new(),
@@ -97,7 +97,7 @@ fn single_zivid_serial() -> Result<String, String> {
     }
 }
 
-/// Describes whether a program listens at the controller's address.
+/// Returns a text that states whether a program listens at the controller's address.
 pub(super) fn controller(host: &str, port: u16) -> String {
     let place = format!("{host}, port {port}");
     match connected((host.to_owned(), port), RESPONSE_TIMEOUT) {

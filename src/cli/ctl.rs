@@ -1,10 +1,10 @@
-//! `panelprep ctl`: sends requests to the service, shows its replies, and follows it with `watch`, `reset --wait` and
-//! `start --wait`. A follower requests the state a few times a second, so that it does not occupy a connection of the
-//! socket.
+//! `panelprep ctl`: sends requests to the service, prints its replies, and follows the service with `watch`, `reset
+//! --wait` and `start --wait`. These commands request the state several times a second, so that they do not occupy a
+//! connection of the socket.
 //!
-//! `panelprep clear`: clears an abort in a cell that runs without a service. It sends the state table the same request
-//! as `panelprep ctl clear` sends to a service, and exits when the cell is at rest again. So the same conditions apply:
-//! the robot answers and is at standstill, and tool and water are proven off.
+//! `panelprep clear`: clears an abort in a cell that runs without a service. It sends the same request to the state
+//! table as `panelprep ctl clear` sends to a service, and exits when the cell is at rest again. So the same conditions
+//! apply: the robot responds and is at standstill, and feedbacks confirm that tool and water are off.
 
 use super::args::{Common, Ctl, CtlAsk, Decision};
 use super::fault::Fault;
@@ -30,12 +30,12 @@ use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Time for which a stop or an abort is repeated if the service is too busy to accept it.
+/// Maximum time for which a hold or an abort is repeated if the service is too busy to accept it.
 const RETRY_TIMEOUT: Duration = Duration::from_secs(5);
 
 const RETRY_INTERVAL: Duration = Duration::from_millis(20);
 
-/// Repeats a request for a stop while the service, or the connection to it, is too busy to accept the request.
+/// Repeats a hold or an abort while the service, or the connection to it, is too busy to accept the request.
 fn send_stop_with_retries(socket: &Path, what: &RequestKind) -> Result<Reply, Fault> {
     let since = Instant::now();
     loop {
@@ -61,7 +61,8 @@ pub(super) fn send_to_service(socket: &Path, what: &RequestKind) -> Result<Reply
     stream.set_read_timeout(Some(RESPONSE_TIMEOUT)).map_err(named)?;
     stream.set_write_timeout(Some(RESPONSE_TIMEOUT)).map_err(named)?;
     let line = request_line(what).map_err(Fault::stage)?;
-    // The service answers a line that is too long before it has read the whole line.
+    // The service refuses a request that is too long before it has read the whole line, so a write error is reported
+    // only if there is no reply.
     let written = stream.write_all(line.as_bytes());
     let mut answer = Vec::new();
     let read = BufReader::new(stream).take(MAX_BYTES as u64).read_until(b'\n', &mut answer);
@@ -71,7 +72,7 @@ pub(super) fn send_to_service(socket: &Path, what: &RequestKind) -> Result<Reply
     serde_json::from_slice(&answer).map_err(|error| Fault::file_fault(socket, error))
 }
 
-/// Returns the fields of a reply that scripts read.
+/// Returns the fields of a reply for the JSON output.
 pub(super) fn object(reply: &Reply) -> Map<String, Value> {
     let Reply { answer, state, phase, epoch, step, cycle_id, verdict, recording, reasons, done, .. } = reply;
     let Reply { panel, pass, film_s, waypoint, of, page, axes_deg, .. } = reply;
@@ -84,7 +85,7 @@ pub(super) fn object(reply: &Reply) -> Map<String, Value> {
     json.as_object().cloned().unwrap_or_else(Map::new)
 }
 
-/// Converts a reply to an outcome for scripts and for people.
+/// Converts a reply of the service to the outcome of the command.
 pub(super) fn outcome(reply: &Reply) -> Outcome {
     let Reply { state, cycle_id, verdict, recording, reasons, panel, page, done, .. } = reply;
     let mut outcome = Outcome { exit_code: reply.answer.code(), json: object(reply), lines: vec![] };
@@ -110,7 +111,7 @@ pub(super) fn outcome(reply: &Reply) -> Outcome {
     outcome
 }
 
-/// Returns the state and the phase, and the progress of the work in this phase.
+/// Returns a text with state and phase, and with the progress in this phase.
 fn describe_progress(reply: &Reply) -> String {
     let Reply { state, phase, pass, film_s, waypoint, of, .. } = reply;
     let mut parts: Vec<String> = state.iter().chain(phase).cloned().collect();
@@ -120,23 +121,23 @@ fn describe_progress(reply: &Reply) -> String {
     parts.join(", ")
 }
 
-/// Returns the state of the service, if one answers.
+/// Returns the state of the service; `None` if no service responds.
 pub(super) fn service_state(socket: &Path) -> Option<String> {
     send_to_service(socket, &RequestKind::State).ok()?.state.map(|state| state.to_string())
 }
 
-/// Returns the arm's axis angles, if a service answers and has them.
+/// Returns the axis angles of the arm; `None` if no service responds or the service does not know them.
 pub(super) fn service_axes(socket: &Path) -> Option<Joints> {
     send_to_service(socket, &RequestKind::State).ok()?.axes_deg.map(Joints::from)
 }
 
-/// Time limit for an answer: the service answers a start only after it has loaded the taught data.
+/// Time limit for a reply: the service replies to a start only after it has loaded the taught data.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Sends the request and reports the answer.
+/// Sends the request and reports the reply.
 ///
 /// # Errors
-/// If a file is invalid, or no service answers.
+/// If a file is invalid, or no service responds.
 pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let socket = files.socket();
@@ -181,8 +182,8 @@ fn to_request(ask: &CtlAsk, socket: &Path) -> Result<RequestKind, Fault> {
     })
 }
 
-/// Returns a decision on the step that the person names. If no step is named, the step that is shown now is used, and
-/// the person types its number.
+/// Returns the request for a decision at the given step. If the command line states no step, the current state is
+/// printed and the person types its step.
 fn decision_request(socket: &Path, request: cycle::Request, decision: Decision) -> Result<RequestKind, Fault> {
     if let Some(step) = decision.step {
         return Ok(RequestKind::Decided { request, step });
@@ -200,28 +201,28 @@ fn decision_request(socket: &Path, request: cycle::Request, decision: Decision) 
     }
 }
 
-/// Returns where to record. The service has its own working folder, so a file is passed to it by its full path.
+/// Returns the file of the recording with its full path, because the service has another working folder.
 fn record_in(file: Option<&Path>) -> Result<RecordIn, Fault> {
     let Some(file) = file else { return Ok(RecordIn::Store) };
     let whole = std::path::absolute(file).map_err(|error| Fault::file_fault(file, error))?;
-    // Resolves `..` and links if the folder exists. If it does not, the service reports this.
+    // `..` and links are resolved if the folder exists. If it does not exist, the service reports this.
     let folder = whole.parent().and_then(|folder| folder.canonicalize().ok());
     Ok(RecordIn::File(folder.zip(whole.file_name()).map_or(whole.clone(), |(folder, name)| folder.join(name))))
 }
 
-/// Interval between two queries.
+/// Interval between two requests for the state.
 const POLL_INTERVAL: Duration = Duration::from_millis(200);
-/// If the service does not answer within this time, it is considered gone; a service that restarts may be away for
-/// a moment.
+/// Time without a reply after which the service is treated as stopped; a service that restarts does not reply for a
+/// moment.
 const SERVICE_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Time limit of a reset, which warms the cameras up and may take minutes.
+/// Time limit for a reset; it includes the warm-up of the cameras, which may take minutes.
 const RESET_TIMEOUT: Duration = Duration::from_secs(600);
 
-/// Prints each change until the output has no reader or the service is gone.
+/// Prints each change, until the output is closed or the service has stopped.
 ///
 /// # Errors
-/// If no service answers.
+/// If no service responds.
 fn print_changes(socket: &Path, as_json: bool) -> Result<Outcome, Fault> {
     let mut last_line = None;
     loop {
@@ -235,11 +236,11 @@ fn print_changes(socket: &Path, as_json: bool) -> Result<Outcome, Fault> {
     }
 }
 
-/// Waits for the end of the cycle that was just begun, reports each change on standard error, and ends with the
-/// cycle's verdict.
+/// Waits for the end of the cycle that was just started, prints each change on standard error, and returns the cycle's
+/// verdict.
 ///
 /// # Errors
-/// If the service does not answer any more.
+/// If the service does not respond any more.
 pub fn wait_for_end(socket: &Path, begun: &Reply) -> Result<Outcome, Fault> {
     let mut last_line = None;
     loop {
@@ -262,10 +263,10 @@ pub fn wait_for_end(socket: &Path, begun: &Reply) -> Result<Outcome, Fault> {
     }
 }
 
-/// Waits for the end of a reset that was just begun; the exit code is 3 if the reset does not lead to idle.
+/// Waits for the end of the reset that was just started; the exit code is 3 if the cell does not become idle.
 ///
 /// # Errors
-/// If the service does not answer any more.
+/// If the service does not respond any more.
 fn wait_for_idle(socket: &Path) -> Result<Outcome, Fault> {
     let since = Instant::now();
     loop {
@@ -288,7 +289,7 @@ fn wait_for_idle(socket: &Path) -> Result<Outcome, Fault> {
     }
 }
 
-/// Returns whether the page is written, which happens after the cycle's end.
+/// Returns whether the page of the cycle is written; this happens after the end of the cycle.
 fn is_page_written(reply: &Reply) -> bool {
     reply.page.is_some()
 }
@@ -305,7 +306,7 @@ fn state(socket: &Path) -> Result<Reply, Fault> {
     }
 }
 
-/// Returns the fields that are watched for changes, without the number of requests to the service.
+/// Returns the fields of a reply whose changes are reported: all except the number of requests to the service.
 fn watched_fields(reply: &Reply) -> serde_json::Map<String, Value> {
     let mut object = object(reply);
     object.remove("answer");
@@ -323,7 +324,7 @@ fn describe_reply(reply: &Reply) -> String {
     format!("{}{cycle}{panel}{page}{reasons}", describe_progress(reply))
 }
 
-/// A robot that sends nothing for this time is not connected.
+/// Time without a message from the robot after which it is treated as not connected.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Confirms that the cause of the last abort is removed.
@@ -333,7 +334,7 @@ const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 pub fn clear(common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let cell = Arc::new(CellSetup::new(&files.cell).map_err(Fault::stage)?);
-    // If no store exists, there is nothing to clear, and no store is created.
+    // If there is no store, this returns an error: there is nothing to clear, and no store is created.
     drop(files.store()?);
     let mut store = files.store_for_writing()?;
     let recovered = store.recover().map_err(Fault::stage)?;
@@ -377,13 +378,13 @@ fn clear_outcome(ended: &State, refused: Option<Reason>) -> Outcome {
     outcome
 }
 
-/// Requests a clear when the robot has answered, and exits when the cell is at rest after that.
+/// Requests a clear when the robot has responded, and ends the loop when the cell is at rest afterwards.
 struct ClearRequester {
     supervisor: Supervisor,
     started: Instant,
     is_requested: bool,
     refusal: Option<Reason>,
-    /// The state that the loop last showed.
+    /// The last state that the loop reported.
     state: State,
 }
 

@@ -1,6 +1,7 @@
-//! `panelprep cycle` and `panelprep air-run`: one cycle on the configured cell, or its path in the air, then exit.
+//! `panelprep cycle` and `panelprep air-run`: runs one cycle on the configured cell, or its path without contact, and
+//! exits.
 //!
-//! SIGINT or SIGTERM stops the robot; the second one aborts.
+//! The first SIGINT or SIGTERM stops the cycle; the second one aborts it.
 
 use super::args::{Common, Cycle, Simulation};
 use super::cycle_files::{self, Calibrated, TaughtRecipe};
@@ -32,53 +33,53 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 
-/// The result of a cycle that ran.
+/// The result of a cycle that was run.
 pub struct CycleRun {
-    /// Result of the loop.
+    /// The result of the control loop.
     pub outcome: LoopOutcome,
-    /// The part of the cycle that the store keeps.
+    /// The cycle as it is stored.
     pub stored: StoredCycle,
-    /// The reason why the request was refused.
+    /// The reason if the request was refused.
     pub refusal: Option<Reason>,
-    /// The simulated surroundings of a mock robot, as the cycle left them.
+    /// The simulated world of a mock robot after the cycle.
     pub simulated: Option<SimulatedController>,
-    /// How pictures of the flange camera were transferred, if this is to be reported.
+    /// The transfer statistics of the flange camera's pictures, if they are to be reported.
     pub flange_link: Option<FlangeLink>,
-    /// The result of the recording, if one was requested.
+    /// The result of the recording, if a recording was requested.
     pub recorded: Option<RecordingResult>,
 }
 
-/// Function that starts the cell's devices.
+/// A function that starts the devices of the cell.
 pub type Start = fn(&Cell, &Calibrations, Simulation) -> Result<CellDevices, Fault>;
 
-/// The parameters of a cycle's run.
+/// The parameters for running one cycle.
 pub struct Run<'r> {
     /// Starts the devices.
     pub start: Start,
     /// Settings of the simulated devices.
     pub simulation: Simulation,
-    /// The request to the loop.
+    /// Creates the request to the control loop.
     pub request: fn(&TaughtRecipe) -> cycle::Request,
-    /// The file of the recording.
+    /// The file of the recording, if a recording is requested.
     pub record: Option<&'r Path>,
-    /// The signals that stop and abort the cycle.
+    /// Counts the signals that stop and abort the cycle.
     pub interrupts: Interrupts,
 }
 
-/// Runs the cycle and reports how it ended.
+/// Runs one cycle and returns its verdict.
 ///
 /// # Errors
-/// If a file is invalid, a stage that the motion needs is not signed, the store contains an unfinished motion, or the
-/// store cannot be written.
+/// If a file is invalid, a stage of the acceptance tests that the motion needs is not signed, the store contains an
+/// unfinished motion, or the store cannot be written.
 pub fn run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let needed = if args.on_foam { ProofStage::B } else { ProofStage::C };
     run_once(args, common, progress, (TaughtRecipe::request, needed))
 }
 
-/// Runs an air-run: no water, no tool, no contact; the path covers all grids.
+/// Runs an air-run: the path over all grids, without water, tool and contact.
 ///
 /// # Errors
-/// As [`run`].
+/// The errors of [`run`].
 pub fn air_run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     if args.on_foam {
         return Err(DeviceFault::FoamInTheAir.into());
@@ -101,9 +102,9 @@ fn run_once(
     let taught_recipe =
         TaughtRecipe::read(&files, &args.recipe)?.with_part(&files, Some(args.part.names()), args.count)?;
     let taught_recipe = taught_recipe.on_foam(args.on_foam);
-    // An air-run abrades nothing, so that the limit of passes does not apply.
+    // An air-run sands nothing, so the maximum number of passes does not apply.
     if matches!(request(&taught_recipe), cycle::Request::Start { .. }) {
-        // Foam is not a part, so it has no names to check.
+        // A sheet of foam is not a part, so there are no names to check.
         if !args.on_foam {
             taught_recipe.check_part_names(&files)?;
         }
@@ -122,7 +123,7 @@ fn run_once(
             RequestRecord { unix_ms: 0, wanted, who, answer: Some(Answer::Done), reasons: vec![], findings: None };
         store.store_request(&asked, None, None).map_err(Fault::stage)?;
     }
-    // The records are signed before the pages are made, because the pages show the signatures.
+    // The records are signed before the pages are written, because the pages contain the signatures.
     sign(&files, progress);
     report::make_missing_pages(&files, &|cycle, page| match page {
         Ok(page) => progress(&format!("the missing page of cycle {cycle} was made: {}", page.display())),
@@ -140,8 +141,8 @@ fn run_once(
     Ok(outcome)
 }
 
-/// Signs this cycle and earlier unsigned cycles. If the signing fails, the cycle keeps its result and is signed at
-/// the next start.
+/// Signs this cycle and earlier cycles that are not signed. If signing fails, the cycle keeps its result and is signed
+/// at the next start.
 fn sign(files: &CellFiles, progress: &dyn Fn(&str)) {
     let report = |result: Result<String, String>| progress(&result.unwrap_or_else(|problem| problem));
     if let Err(fault) = signed::sign_missing(files, &report) {
@@ -149,7 +150,7 @@ fn sign(files: &CellFiles, progress: &dyn Fn(&str)) {
     }
 }
 
-/// Returns the outcome of a cycle that did not start.
+/// Returns the outcome of a cycle that was not started because the cell is not healthy.
 pub fn unhealthy_outcome(health: &Judgement) -> Outcome {
     let mut outcome = Outcome::from_judgement(health);
     outcome.add_line("the cycle did not start; nothing moved");
@@ -158,10 +159,10 @@ pub fn unhealthy_outcome(health: &Judgement) -> Outcome {
     outcome
 }
 
-/// Runs one cycle with calibrations that were found to be valid.
+/// Runs one cycle; the calibrations were already found to be valid.
 ///
 /// # Errors
-/// As [`run`].
+/// The errors of [`run`].
 pub fn run_one(
     files: &CellFiles,
     (taught_recipe, calibrated): (&TaughtRecipe, &Calibrated),
@@ -170,8 +171,8 @@ pub fn run_one(
 ) -> Result<CycleRun, Fault> {
     let setup = Arc::new(taught_recipe.single_setup(files, calibrated)?);
     let mut store = files.settled_store()?;
-    // `recover` concludes the cycle that an earlier process left open. The start of this program is not part of the
-    // new cycle.
+    // `recover` ends the cycle that an earlier process left open. The start of this program is not part of the new
+    // cycle.
     store.append(&Event::Reported(Report::Boot), None).map_err(Fault::stage)?;
     store.recover().map_err(Fault::stage)?;
 
@@ -195,7 +196,7 @@ pub fn run_one(
         let to = recording::plan(Some(file.to_owned()), files, (taught_recipe, calibrated))?;
         recording.begin_recording(file, to, state).map_err(|error| recording::refused(file, error))?;
     }
-    // If the recording cannot be opened, the cycle is not begun, so no cycle is left to be concluded.
+    // The recording is opened first: if this fails, no cycle is begun that would have to be ended.
     let cycle = store.begin_cycle(&start).map_err(Fault::stage)?;
     let keep = daemon::picture_store(&store).map_err(Fault::stage)?;
     let mut record = StoreRecord::new(&mut store, cycle);
@@ -203,7 +204,7 @@ pub fn run_one(
     let cameras = Box::new(RecordedPort::new(Box::new(live.cameras), recording.clone()));
     let computing = match lock_step {
         true => Computing::inline(cameras, lock_step),
-        // The calibrations have just been read.
+        // The calibrations were read a moment ago, so they are not verified again.
         false => {
             let parts = (cameras as _, Box::new(Vec::new) as _, keep);
             Computing::on_thread(parts, lock_step, &supervisor, LiveView::default()).map_err(Fault::stage)?
@@ -220,7 +221,7 @@ pub fn run_one(
     let start = LoopStart { cell: setup.cell(), cycle: Some(setup), state, before: LoopMemoryStart::Boot };
     let ended = daemon::run(start, ports);
     interrupts.end_handling();
-    // The recording is finished also after a failure: the events before a failure are the most valuable ones.
+    // The recording is finished even after a failure, because the events before a failure are the most important ones.
     let recorded = recording.finish();
     let ended = ended.map_err(Fault::from_loop_error)?;
     if let Some(why) = once.not_begun_reason(&ended.state) {
@@ -228,7 +229,7 @@ pub fn run_one(
     }
     let refused = once.refusal;
     drop(store);
-    // The cycle is signed before it is read back, so that its page shows the signature.
+    // The cycle is signed before it is read from the store, so that its page contains the signature.
     sign(files, progress);
     Ok(CycleRun {
         outcome: ended,
@@ -287,18 +288,18 @@ impl CycleRun {
     }
 }
 
-/// Requests one cycle and exits when it is at rest.
+/// Requests one cycle, and ends the loop when the cycle is at rest.
 struct SingleCycle<'a> {
     start: cycle::Request,
     request_count: u8,
-    /// Whether the cycle's state table has accepted the start: from then on the table concludes the cycle.
+    /// Whether the state table has accepted the start; from then on the state table ends the cycle.
     is_begun: bool,
     refusal: Option<Reason>,
-    /// The state that the loop last showed.
+    /// The last state that the loop reported.
     state: State,
     reported_state: Option<At>,
     interrupts: Interrupts,
-    /// Number of signals for which a request was sent to the cycle's state table.
+    /// Number of signals for which a request was already sent to the state table.
     handled_signals: usize,
     progress: &'a dyn Fn(&str),
 }
@@ -319,8 +320,8 @@ impl<'a> SingleCycle<'a> {
         }
     }
 
-    /// Returns the request for the signals so far: a stop for the first, an abort for the second. If the cell is at
-    /// rest, the request is to leave the loop.
+    /// Returns the request for the signals received so far: a stop for the first, an abort for the second. If the cell
+    /// is at rest, the request ends the loop.
     fn signal_request(&mut self, at: At) -> Option<Option<RequestKind>> {
         let wanted = self.interrupts.count().min(2);
         if wanted == 0 {
@@ -341,8 +342,8 @@ impl<'a> SingleCycle<'a> {
         Some(Some(RequestKind::Table(request)))
     }
 
-    /// Returns why the cycle never began, so that its record has an end; `None` once the cycle has begun, because then
-    /// the cycle's state table concludes it.
+    /// Returns why the cycle never began, so that its record has an end. `None` once the cycle has begun, because then
+    /// the state table ends it.
     fn not_begun_reason(&self, state: &State) -> Option<Reason> {
         if self.is_begun {
             return None;
@@ -376,8 +377,8 @@ impl Requester for SingleCycle<'_> {
             (At::Stopped, 0) if state.facts.robot == Robot::Ready => ask(cycle::Request::Reset),
             (At::Idle, 1) => ask(self.start),
             (At::Idle, 2) if self.refusal.is_some() => ask(cycle::Request::Stop),
-            // If a result waits for a person's decision, this command stops the cycle. It also does so if a person
-            // must correct a problem.
+            // If a person would have to decide or to correct something, this command stops the cycle, because no
+            // person can answer it.
             (At::Held(_), 2) => ask(cycle::Request::Stop),
             (At::Stopped, 0) if state.facts.robot == Robot::Unknown => None,
             (At::Stopped | At::Complete { .. } | At::Aborted { .. }, _) => Some(RequestKind::Leave),
@@ -391,7 +392,7 @@ impl Requester for SingleCycle<'_> {
     }
 }
 
-/// Describes the present state for a terminal.
+/// Returns a text with the current state, for the terminal.
 fn describe_state(at: At) -> String {
     let why = |hold: Hold| match hold.why {
         Why::Asked => "requested by a person",
@@ -421,7 +422,7 @@ fn describe_state(at: At) -> String {
     }
 }
 
-/// The number of signals received. Clones share the same count.
+/// Counts SIGINT and SIGTERM. Clones share the same count.
 #[derive(Debug, Clone, Default)]
 pub struct Interrupts {
     count: Arc<AtomicUsize>,
@@ -430,10 +431,10 @@ pub struct Interrupts {
 }
 
 impl Interrupts {
-    /// Counts the signals from now on, instead of ending the program.
+    /// Starts to count the signals, which then no longer end the program.
     ///
     /// # Errors
-    /// If the operating system cannot provide a thread or a handler.
+    /// If the operating system cannot start a thread or install a signal handler.
     pub fn count_signals() -> Result<Self, Fault> {
         let interrupts = Interrupts::default();
         for signal in [SIGINT, SIGTERM] {
@@ -443,7 +444,8 @@ impl Interrupts {
         let watched = interrupts.clone();
         let each = move || {
             for _ in signals.forever() {
-                // Counted first, so that the loop knows the cause when the robot reports that it has stopped.
+                // The signal is counted before the robot is stopped, so that the loop knows the cause when the robot
+                // reports its stop.
                 watched.count.fetch_add(1, Ordering::SeqCst);
                 if let Some(line) = watched.stop_line.get() {
                     line.stop();
@@ -454,26 +456,25 @@ impl Interrupts {
         Ok(interrupts)
     }
 
-    /// Sets the stop line, by which each signal stops the robot immediately, also while the loop waits for its disk.
-    /// Only the first stop line that is set is used.
+    /// Sets the handle by which each signal stops the robot immediately, even while the loop waits for its disk. Only
+    /// the first handle that is set is used.
     pub fn set_stop_line(&self, line: StopLine) {
         #[expect(clippy::let_underscore_must_use, reason = "a program has one robot")]
         let _ = self.stop_line.set(line);
     }
 
-    /// Returns the number of interrupts received.
+    /// Returns the number of signals received.
     pub fn count(&self) -> usize {
         self.count.load(Ordering::SeqCst)
     }
 
-    /// Counts one more interrupt.
+    /// Simulates one signal.
     #[cfg(test)]
     pub fn count_one_signal(&self) {
         self.count.fetch_add(1, Ordering::SeqCst);
     }
 
-    /// Ends the special handling, once the robot is no longer in use: from now on a signal ends the program at
-    /// once.
+    /// Ends the counting once the robot is no longer in use: from now on a signal ends the program immediately.
     pub fn end_handling(&self) {
         self.is_ended.store(true, Ordering::Relaxed);
     }
@@ -492,8 +493,8 @@ mod tests {
         interrupts.count_one_signal();
     }
 
-    /// Ctrl-C during the cycle stops it, a second one aborts it, a third one requests nothing. The command exits
-    /// when the cell is at rest. Before the cycle has begun, a signal prevents its start.
+    /// Ctrl-C during the cycle stops it, a second one aborts it, and a third one has no effect. The command exits when
+    /// the cell is at rest. Before the cycle has begun, a signal prevents its start.
     #[test]
     fn a_signal_stops_and_a_second_one_aborts() {
         let interrupts = Interrupts::default();
@@ -520,7 +521,7 @@ mod tests {
         assert_eq!((&*why.code, once.request_count), ("stopped", 0));
     }
 
-    /// The selector switch is set to remote: the start is not permitted, the cell is stopped, and the reason is
+    /// If the selector switch is set to remote, the start is not permitted, the cell is stopped, and the reason is
     /// recorded.
     #[test]
     fn a_start_that_is_not_permitted_ends_with_its_reason() {

@@ -1,13 +1,12 @@
-//! `panelprep demo`: a whole live cycle on the simulated cell, its page, and its deviation from the ground truth.
+//! `panelprep demo`: a complete cycle on a simulated cell, its page, and its deviations from the ground truth.
 //!
-//! The cell is rendered as files and taught from these files, and its cameras are verified on their boards. Then the
-//! cycle runs in the same way as in `panelprep cycle`. The ground truth is read only for the score, when the cycle is
-//! over.
+//! The cell is rendered as files, the panel is taught from these files, and the cameras are verified on their boards.
+//! Then the cycle runs as in `panelprep cycle`. The ground truth is read only after the cycle, for the score.
 //!
-//! An arm that differs from its nominal geometry is calibrated as an engineer does it: first the arm with pictures of
-//! boards and with touches, then both cameras and the tool with the corrected poses. A compliant tool is commissioned
-//! in the same way: its payload and zero are measured and verified, the removal by its disc is fitted to coupons, and
-//! the recipe requests a removal.
+//! An arm that differs from its nominal geometry is calibrated as an engineer would calibrate it: first the arm, with
+//! pictures of boards and with touches, then both cameras and the tool with the corrected poses. A compliant tool is
+//! commissioned in the same way: payload and force zero are measured and verified, the removal of its disc is fitted to
+//! coupons, and the recipe states a required removal.
 
 use super::args::{Common, Demo, Simulation, Teach, ToolName, TreatName, real_arm};
 use super::calibrate::args::CameraName;
@@ -31,18 +30,18 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 use strum::VariantArray;
 
-/// Addition to the rendered recipe if areas around breaks are abraded.
+/// Lines that are added to the rendered recipe if only areas around breaks are sanded.
 const BY_BREAK: &str = "\n[treat]\nby = \"break\"\n";
 
 /// Renders the cell, teaches the panel, runs the cycle, and writes the pictures and the page.
 ///
 /// # Errors
-/// If the folder cannot be written or a rendered file is rejected.
+/// If the folder cannot be written, or a rendered file is rejected.
 pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let begun = Instant::now();
     let progress = |line: &str| progress(&format!("{:5.1} s  {line}", begun.elapsed().as_secs_f64()));
     let scene = Scene::from(args.scene);
-    // Checked before anything is rendered or moves.
+    // The file is checked before anything is rendered or moves.
     if let Some(file) = &args.record {
         recording::check_command_file(file, &args.out.join("cell/store"))?;
     }
@@ -153,10 +152,10 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// The password of the demo's accounts; each role has an account, so that everything can be tried.
+/// The password of the demo's accounts; there is an account for each role.
 const DEMO_PASSWORD: &str = "panelprep demo";
 
-/// Serves the simulated cell with its page to browsers on this computer.
+/// Serves the simulated cell with the operator's page to browsers on this computer.
 fn serve(
     address: SocketAddr,
     (files, common): (&CellFiles, &Common),
@@ -181,7 +180,7 @@ fn serve(
     super::run::run(&super::args::Run { simulation }, common)
 }
 
-/// Changes the verdict to aborted if waypoints were not executed as sent, whatever the film shows.
+/// Changes the verdict to aborted if waypoints were not executed as they were sent, even if the film is unbroken.
 fn check_all_executed(judgement: Judgement, score: Option<&Score>) -> Judgement {
     match score.and_then(|score| score.lost.clone()) {
         Some(lost) => Judgement {
@@ -195,7 +194,7 @@ fn check_all_executed(judgement: Judgement, score: Option<&Score>) -> Judgement 
 const CORRECTION: &str = "robot_correction.toml";
 const NAMED_FILE: &str = "flange_from_tool = \"flange_from_tool.toml\"\n";
 
-/// Renders boards, calibrates, and enters the correction in the cell's file unless `--uncorrected` is given.
+/// Renders boards, calibrates the arm, and adds the correction to the cell file unless `--uncorrected` is given.
 ///
 /// # Errors
 /// If a calibration is rejected.
@@ -209,7 +208,7 @@ fn calibrate_arm(args: &Demo, rendered: &RenderedFiles, progress: &dyn Fn(&str))
         progress("calibrating the arm");
         run_calibration(asked::CalibrationTask::Robot(arm_arguments(rendered, out.clone())), &common, out)?;
     }
-    // An arm that needs no correction has no correction file.
+    // If the arm needs no correction, there is no correction file.
     let robot = robot.filter(|file| file.exists());
     progress("calibrating cameras and tool");
     let [scanner, flange_camera] =
@@ -252,8 +251,8 @@ fn calibrate_arm(args: &Demo, rendered: &RenderedFiles, progress: &dyn Fn(&str))
         let named = cell.replace(NAMED_FILE, &format!("{NAMED_FILE}robot_correction = \"{CORRECTION}\"\n"));
         disk::write(&common.cell, named)?;
     }
-    // The poses of the boards are learned with this cell's own cameras and arm: in a real cell, the robot's base is not
-    // measured from outside either.
+    // The poses of the boards are measured with this cell's own cameras and arm, because in a real cell the robot's
+    // base is not measured by other means either.
     for camera in [asked::CameraName::Scanner, asked::CameraName::FlangeCamera] {
         let look = asked::Verify { learn: true, ..rendered.verification(camera) };
         let target = look.target.clone().unwrap_or_default();
@@ -278,7 +277,7 @@ fn arm_arguments(rendered: &RenderedFiles, out: PathBuf) -> asked::Robot {
     }
 }
 
-/// Runs a calibration; a calibration that is rejected ends the demo.
+/// Runs a calibration; if it is rejected, the demo ends.
 fn run_calibration(what: asked::CalibrationTask, common: &Common, out: &Path) -> Result<(), Fault> {
     let outcome = calibrate::run(&asked::Calibrate { what }, common, &|_| {})?;
     if outcome.json.get("verdict") == Some(&json!(Verdict::Reject)) {
@@ -289,10 +288,11 @@ fn run_calibration(what: asked::CalibrationTask, common: &Common, out: &Path) ->
 }
 
 const CALIBRATION: &str = "removal.toml";
-/// The assumed error of the simulated cell at the tool: the tool's stroke must have room for this error.
+/// The assumed error of the simulated cell at the tool, mm, as a line of the cell file; the stroke of the tool must
+/// have room for this error.
 const TOOL_ERROR_LINE: &str = "tool_error_mm = 1.0\n";
-/// The settings of the recipe. A step-over below the default and a high feed leave the feeds enough range to make the
-/// removal uniform.
+/// Settings that are added to the recipe. With a step-over below the default and a high feed, the feeds have enough
+/// range to make the removal uniform.
 const RECIPE_SETTINGS: &str = "
 [path]
 force_n = 12.0
@@ -305,8 +305,8 @@ target_um = 25.0
 max_um = 60.0
 ";
 
-/// Renders readings and coupons, calibrates, and writes the tool into the cell's file and the removal into the
-/// recipe.
+/// Renders measurements and coupons, calibrates the tool, and writes the tool to the cell file and the required removal
+/// to the recipe.
 ///
 /// # Errors
 /// If a file cannot be written, or a calibration is rejected.
@@ -336,10 +336,10 @@ fn calibrate_tool(seed: u64, rendered: &RenderedFiles, progress: &dyn Fn(&str)) 
     disk::write(&recipe, format!("{text}{RECIPE_SETTINGS}"))
 }
 
-/// Verifies payload and zero with the same readings, as at the beginning of each day.
+/// Verifies payload and force zero with the same measurements, as a person does at the start of each day.
 ///
 /// # Errors
-/// As `panelprep calibrate force --verify`.
+/// The errors of `panelprep calibrate force --verify`.
 fn verify_force(rendered: &RenderedFiles, common: &Common) -> Result<Outcome, Fault> {
     tool::run_force(&readings(rendered, true), common)
 }

@@ -1,4 +1,4 @@
-//! Reads and writes files completely or not at all; for `--pictures`, pictures as PNG.
+//! Reads and writes files completely or not at all; for `--pictures`, writes pictures as PNG.
 
 use super::fault::Fault;
 use panelprep_base::disk;
@@ -11,34 +11,34 @@ use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Returns the bytes of a file.
+/// Reads the bytes of a file.
 ///
 /// # Errors
-/// If it is not a regular file, is too large or cannot be read; the error names the file.
+/// If the file is not a regular file, is too large or cannot be read; the error contains its name.
 pub fn read(file: &Path) -> Result<Vec<u8>, Fault> {
     disk::read(file).map_err(|error| Fault::file_fault(file, error))
 }
 
-/// Returns the text of a file.
+/// Reads the text of a file.
 ///
 /// # Errors
-/// As [`read`], and if it is not UTF-8.
+/// The errors of [`read`], and if the file is not UTF-8.
 pub fn read_text(file: &Path) -> Result<String, Fault> {
     String::from_utf8(read(file)?)
         .map_err(|error| Fault::file_fault(file, utf_8_error(error.as_bytes(), &error.utf8_error())))
 }
 
-/// Reads the text of a file of the controller, EthernetKRL or KRL, in any of its encodings.
+/// Reads the text of an EthernetKRL or KRL file of the controller, in any of its encodings.
 ///
 /// # Errors
-/// As [`read`], and if the file is not text.
+/// The errors of [`read`], and if the file is not a text.
 pub fn read_controller_text(file: &Path) -> Result<String, Fault> {
     let decoded =
         decode(&file.display().to_string(), &read(file)?).map_err(|error| Fault::file_fault(file, error))?;
     Ok(decoded.text)
 }
 
-/// Reads a file that a cell's file names.
+/// Reads a file that the cell file names.
 pub fn read_referenced(file: &Path) -> NamedFile {
     let bytes = match disk::read(file) {
         Ok(bytes) => bytes,
@@ -51,29 +51,29 @@ pub fn read_referenced(file: &Path) -> NamedFile {
     }
 }
 
-/// Writes a temporary file next to the target and renames it, so that the target is never half written.
+/// Writes a temporary file next to the target and renames it, so that the target is never partly written.
 ///
 /// # Errors
-/// If the folder cannot be made or writing to the disk fails.
+/// If the folder cannot be created, or writing to the disk fails.
 pub fn write(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> {
     write_and_rename(file, bytes.as_ref(), |_| Ok(()))
 }
 
-/// Writes a file that must survive a power cut, such as a calibration or a page. When this returns, file and folder
-/// are on the disk. Whatever happens, the file is either the old one or the new one.
+/// Writes a file that must survive a power failure, such as a calibration or a page. When the function returns, file
+/// and folder are on the disk. After a power failure, the file is either the old one or the new one.
 ///
 /// # Errors
-/// As [`write`].
+/// The errors of [`write`].
 pub fn write_durable(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> {
     write_and_rename(file, bytes.as_ref(), File::sync_all)?;
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     File::open(folder).and_then(|folder| folder.sync_all()).map_err(|error| Fault::file_fault(file, error))
 }
 
-/// Writes a new file; an existing file stays as it is.
+/// Writes a new file; an existing file is not changed.
 ///
 /// # Errors
-/// If the file exists, the folder cannot be made, or writing to the disk fails.
+/// If the file exists, the folder cannot be created, or writing to the disk fails.
 pub fn write_new(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> {
     if let Some(folder) = file.parent() {
         fs::create_dir_all(folder).map_err(|error| Fault::file_fault(file, error))?;
@@ -110,7 +110,7 @@ fn write_and_rename(file: &Path, bytes: &[u8], flush: impl Fn(&File) -> std::io:
     })
 }
 
-/// Writes a picture as PNG into a folder.
+/// Writes a picture as PNG to a folder, and returns its path.
 ///
 /// # Errors
 /// If writing to the disk fails.
@@ -120,10 +120,10 @@ pub fn save_picture(folder: &Path, name: &str, picture: &ColorPicture) -> Result
     Ok(file)
 }
 
-/// Writes a stage's drawings.
+/// Writes the drawings of a stage to a folder.
 ///
 /// # Errors
-/// If one could not be drawn, or writing to the disk fails.
+/// If a drawing cannot be drawn, or writing to the disk fails.
 pub fn write_drawings(folder: &Path, drawings: impl IntoIterator<Item = ResultDrawing>) -> Result<(), Fault> {
     for ResultDrawing { name, picture, .. } in drawings {
         save_picture(folder, &name, &picture.map_err(Fault::stage)?)?;

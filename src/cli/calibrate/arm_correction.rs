@@ -1,14 +1,15 @@
-//! The inputs that a calibration takes from the cell: a camera's rough mount, the correction of the arm, and the true
-//! position of the tool's tip.
+//! The inputs that a calibration takes from the cell: the rough mount of a camera, the correction of the arm, and the
+//! true position of the TCP.
 //!
-//! The arm is corrected with the correction that `--robot` names, otherwise with the cell's. The true position of the
-//! tip at a touch is computed from the axes and the cell's own tool, not from the pendant's display:
+//! The arm is corrected with the correction that `--robot` names, otherwise with the cell's correction. The true
+//! position of the TCP at a touch is computed from the axis angles and the cell's own tool, instead of the position
+//! that the pendant shows:
 //!
 //!     base_from_tip = base_from_flange(axes) · flange_from_tool
 //!
-//! The pendant shows the tip of the tool that is selected there, for an arm with its nominal geometry. A touch must
-//! show how well the cell's tool and the arm's correction agree with the board. So the pendant's position is used only
-//! to check that axes and touch belong together.
+//! The pendant shows the TCP of the tool that is selected there, for an arm with its nominal geometry. A touch must
+//! show how well the cell's tool and the correction of the arm agree with the board. So the pendant's position is used
+//! only to check that axis angles and position belong to the same touch.
 
 use super::super::args::Common;
 use super::super::disk;
@@ -23,15 +24,15 @@ use panelprep_toolpath::path::Kinematics;
 use panelprep_vision::calib::{Arrangement, BoardObservation};
 use std::path::Path;
 
-/// The functions of a mount that the command needs in addition to those of its arrangement.
+/// A camera mount with the functions that the command needs in addition to those of its arrangement.
 pub trait Mounted: Arrangement {
-    /// Returns the mount's rough pose from the cell's file.
+    /// Returns the rough pose of the mount in the cell file.
     fn rough_pose(cell: &Cell) -> Option<Rigid<Self::To, Self::From>>;
 
-    /// Converts points of a 3D camera to points in the frame of this mount's camera.
+    /// Converts the points of a 3D camera to the frame of this mount's camera; `None` if the camera is not a 3D camera.
     fn points(seen: BoardObservation<Camera>) -> Option<BoardObservation<Self::From>>;
 
-    /// Returns a point of the base as the camera sees it, if the camera is fixed.
+    /// Converts a point in the base to the camera's frame, if the camera is fixed.
     fn point_in_camera(mount: &Rigid<Self::To, Self::From>, point: Point<Base>) -> Option<Point<Self::From>>;
 }
 
@@ -63,7 +64,7 @@ impl Mounted for FlangeCameraMount {
     }
 }
 
-/// Reads the cell's file, if it exists; it only limits the result.
+/// Reads the cell file if it exists; it is used only for limits.
 pub fn cell_if_present(common: &Common) -> Result<Option<Cell>, Fault> {
     if !common.cell.is_file() {
         return Ok(None);
@@ -71,7 +72,7 @@ pub fn cell_if_present(common: &Common) -> Result<Option<Cell>, Fault> {
     Ok(Some(Cell::check(&common.cell.display().to_string(), &disk::read_text(&common.cell)?)?))
 }
 
-/// Reads the intrinsics that `--intrinsics` names.
+/// Reads the lens file that `--intrinsics` names.
 pub fn read_intrinsics(file: &Path) -> Result<Intrinsics, Fault> {
     Ok(Intrinsics::check(&file.display().to_string(), &disk::read_text(file)?)?)
 }
@@ -79,13 +80,13 @@ pub fn read_intrinsics(file: &Path) -> Result<Intrinsics, Fault> {
 /// The correction of the arm that a command applies.
 pub struct CorrectionInUse {
     arm: Kinematics,
-    /// The hash of the correction's file.
+    /// The hash of the correction file.
     pub hash: String,
 }
 
 impl CorrectionInUse {
-    /// Loads the correction from this file or, if none is given, from the file that the cell names; `None` if neither
-    /// is named.
+    /// Loads the correction from this file or, if none is given, from the file that the cell names. Returns `None` if
+    /// neither exists.
     ///
     /// # Errors
     /// If a file cannot be read or is invalid.
@@ -106,7 +107,7 @@ impl CorrectionInUse {
         CorrectionInUse { arm: Kinematics::new(cell.with_arm_correction(numbers).arm()), hash }
     }
 
-    /// Returns the correction of a cell that was already read; `None` if the cell has none.
+    /// Returns the correction of a cell whose files are already read; `None` if the cell has none.
     pub fn from_cell(files: &CellFiles) -> Option<Self> {
         files.correction_hash().map(|hash| CorrectionInUse { arm: Kinematics::new(files.cell.arm()), hash })
     }
@@ -114,7 +115,7 @@ impl CorrectionInUse {
     /// Returns the true pose of the flange; `name` is the name of the pose in messages.
     ///
     /// # Errors
-    /// If the pose has no axes.
+    /// If the pose has no axis angles.
     pub fn flange(
         &self,
         (file, name): (&Path, &str),
@@ -124,7 +125,7 @@ impl CorrectionInUse {
         self.true_flange(reported, joints).ok_or_else(|| Fault::file_fault(file, format!("{name}: {NO_AXES}")))
     }
 
-    /// Returns the true pose of the flange; `None` if the pose has no axes.
+    /// Returns the true pose of the flange; `None` if the pose has no axis angles.
     pub fn true_flange(
         &self,
         reported: Rigid<Base, Flange>,
@@ -133,10 +134,10 @@ impl CorrectionInUse {
         Some(self.arm.true_flange(reported, joints?))
     }
 
-    /// Corrects the positions that the tip touched, and the flange's pose at the picture.
+    /// Corrects the touched positions, and the flange pose of the picture.
     ///
     /// # Errors
-    /// If one of them has no axes.
+    /// If a position or the pose has no axis angles.
     pub fn correct_tips(&self, file: &Path, points: &mut Points) -> Result<(), Fault> {
         for (index, (touched, joints)) in points.touched.iter_mut().zip(&points.joints).enumerate() {
             let missing = || {
@@ -153,24 +154,24 @@ impl CorrectionInUse {
         Ok(())
     }
 
-    /// Returns the true position of the tip for the position that the controller reported: the tip moves with the
-    /// flange, for any tool.
+    /// Returns the true position of the TCP for the position that the controller reported. The correction moves the TCP
+    /// together with the flange, so the tool need not be known.
     fn tip(&self, reported: Point<Base>, joints: &Joints) -> Option<Point<Base>> {
         let drawn = self.arm.nominal_flange(joints)?;
         Some(self.arm.true_flange(drawn, joints) * (drawn.inverse() * reported))
     }
 }
 
-/// Maximum difference between the pendant's tool and the cell's tool, mm: a new calibration changes the tool by
+/// Maximum difference between the TCP on the pendant and that of the cell, mm; a new calibration changes the TCP by
 /// less.
 const MAX_TOOL_DIFFERENCE_MM: f64 = 3.0;
 
-/// Moves the tips to the positions that follow from axes and tool. Without axes, a position stays as the pendant shows
-/// it, which is that of an arm with its nominal geometry.
+/// Replaces touched positions by the positions that follow from axis angles and tool. A touch without axis angles keeps
+/// the position of the pendant, which is correct for an arm with its nominal geometry.
 ///
 /// # Errors
-/// If axes are missing although the arm has a correction, or if the pendant shows another tip than these axes and the
-/// cell's tool give for an arm with its nominal geometry.
+/// If axis angles are missing although the arm has a correction, or if the pendant's position does not match the axis
+/// angles and the cell's tool.
 pub fn place_tips_by_axes(
     files: &CellFiles,
     flange_from_tool: &Rigid<Flange, Tool>,

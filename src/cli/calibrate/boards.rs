@@ -1,5 +1,5 @@
-//! Boards: the board that the arguments name, a fixed board with its known pose and kind from its file, and a file that
-//! shows a board, which is a picture or a 3D shot with the points of its pixels.
+//! Calibration boards: the board that the arguments state, a fixed board whose kind and pose are in a target file, and
+//! a file in which the board is detected (a picture, or a 3D scan with its points).
 
 use super::super::disk;
 use super::super::fault::Fault;
@@ -18,8 +18,7 @@ pub(super) fn parse_board(args: &BoardArgs) -> Result<Board, Fault> {
     Board::parse(&args.board, args.square_mm).map_err(Fault::stage)
 }
 
-/// Returns the board that the options name. The command line itself requires either these options or one that replaces
-/// them.
+/// Returns the board that the options state. The command line requires these options, or others that replace them.
 pub(super) fn board_from_option(args: &NamedBoard) -> Result<BoardArgs, Fault> {
     let missing = || {
         let message = "is missing: give the inner corners of the board, for example 9x6".to_owned();
@@ -32,9 +31,9 @@ pub(super) fn window(args: &BoardArgs) -> Option<usize> {
     args.subpix.map(|half_window_px| half_window_px as usize)
 }
 
-/// A picture from a file, and its 3D points if the file has them.
+/// A picture from a file, with its 3D points if the file is a scan.
 pub struct BoardImage {
-    /// The file's name in messages.
+    /// The name of the file in messages.
     pub name: String,
     /// SHA-256 of the file.
     pub hash: String,
@@ -44,10 +43,10 @@ pub struct BoardImage {
 }
 
 impl BoardImage {
-    /// Reads a picture or a shot (`.pcd`, `.ply`), and checks that it has the camera's size.
+    /// Reads a picture or a scan (`.pcd`, `.ply`), and checks that it has the picture size of the camera.
     ///
     /// # Errors
-    /// If it cannot be read, is of another size, or is a picture other than PNG.
+    /// If the file cannot be read, has another size, or is a picture in another format than PNG.
     pub fn read(file: &Path, camera: &PinholeCamera) -> Result<Self, Fault> {
         let bytes = disk::read(file)?;
         let is_shot =
@@ -63,19 +62,19 @@ impl BoardImage {
         Ok(BoardImage { name, hash: files::content_hash(&bytes), gray, cloud })
     }
 
-    /// Finds the board's corners.
+    /// Detects the corners of the board.
     ///
     /// # Errors
-    /// If it shows no board.
+    /// If the picture shows no board.
     pub fn detect(&self, board: &Board, half_window_px: Option<usize>) -> Result<DetectedCorners, CalibError> {
         detect::detect(&self.name, &self.gray, board, half_window_px)
     }
 
-    /// Reports that the search begins, then finds the board's corners: in a large picture without the board, the search
-    /// takes a second.
+    /// Reports that the search begins, then detects the corners of the board. The report is needed because the search
+    /// in a large picture without a board takes a second.
     ///
     /// # Errors
-    /// As [`BoardImage::detect`].
+    /// The errors of [`BoardImage::detect`].
     pub fn detect_and_report(
         &self,
         board: &Board,
@@ -87,7 +86,7 @@ impl BoardImage {
         self.detect(board, half_window_px)
     }
 
-    /// Returns the corners as the 3D camera measured them, corrected for its own errors; `None` for a picture.
+    /// Returns the corners as the 3D camera measured them, corrected for the camera's own errors; `None` for a picture.
     pub fn measured(
         &self,
         (camera, errors): (&PinholeCamera, &ScanErrors),
@@ -99,40 +98,40 @@ impl BoardImage {
         Some(BoardObservation::Points(corners.into_iter().map(corrected).collect()))
     }
 
-    /// Returns the points of the shot; `None` for a picture.
+    /// Returns the points of the scan; `None` for a picture.
     pub fn cloud(&self) -> Option<&OrganizedCloud<Camera>> {
         self.cloud.as_ref()
     }
 
-    /// Returns the picture in colour, so that results can be drawn on it.
+    /// Returns the picture in colour, for drawing results on it.
     pub fn color(&self) -> ColorPicture {
         self.gray.to_color()
     }
 }
 
-/// A board with which calibrations are verified.
+/// A fixed board with which calibrations are verified: the content of a target file.
 pub struct Target {
-    /// Description of the board.
+    /// The kind of the board.
     pub board: Board,
     /// The board's pose.
     pub base_from_board: Rigid<Base, BoardFrame>,
 }
 
 impl Target {
-    /// Reads the file of a target; a board that the command also names must be the same.
+    /// Reads a target file. If the command line also states a board, the two must be equal.
     ///
     /// # Errors
-    /// If the file is invalid, or the command names another board.
+    /// If the file is invalid, or the command line states another board.
     pub fn read(file: &Path, named: Option<&BoardArgs>) -> Result<Self, Fault> {
         let mounted = MountedPose::<TargetMount>::check(&file.display().to_string(), &disk::read_text(file)?)?;
         let base_from_board = mounted.rigid();
-        // The check of the file accepts no target without a board.
+        // The parser has already refused a target file without a board.
         let Some(size) = mounted.board else {
             let missing = CalibError::Points("board and square_mm are missing".to_owned());
             return Err(Fault::file_fault(file, missing));
         };
         let board = Board::parse(&size.board, size.square_mm).map_err(|error| Fault::file_fault(file, error))?;
-        // A named board that is invalid is refused as invalid, not as a board that differs from the target's.
+        // An invalid board on the command line is reported as invalid, instead of as a difference from the target file.
         let requested = named.map(|named| Ok::<_, Fault>((named, parse_board(named)?))).transpose()?;
         if let Some((named, requested)) = requested.filter(|(_, requested)| *requested != board) {
             let stated = BoardSize { board: named.board.clone(), square_mm: requested.square_mm() };

@@ -1,5 +1,5 @@
-//! `panelprep calibrate hand-eye`: a camera's mount from many poses (`--poses`), or from three touched points (`--image
-//! [--points]`).
+//! `panelprep calibrate hand-eye`: determines the mount of a camera from many poses (`--poses`), or from three touched
+//! points (`--image [--points]`).
 
 use super::super::args::Common;
 use super::super::disk;
@@ -28,7 +28,7 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Calibrates and writes the file.
+/// Calibrates the mount of a camera from many poses and writes the file.
 ///
 /// # Errors
 /// If a file is invalid, or the poses do not determine a mount.
@@ -39,12 +39,12 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
     }
 }
 
-/// A picture that shows the board, with the pose that the robot reported.
+/// A picture that shows the board, and the pose that the robot reported.
 struct BoardPicture {
     board_image: BoardImage,
     detected: DetectedCorners,
     base_from_flange: Rigid<Base, panelprep_base::geometry::Flange>,
-    /// Whether the pose includes the axes: then the controller reported it.
+    /// Whether the pose includes axis angles; then the controller reported it.
     has_axes: bool,
 }
 
@@ -92,14 +92,14 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     };
     let has_scans = looks.iter().any(|look| look.board_image.cloud().is_some());
     let rough = cell.as_ref().and_then(A::rough_pose);
-    // A pose that a person typed has no axes, also in a live session.
+    // A pose without axis angles was typed by a person, even in a live session.
     let is_reported = args.live.live.is_some() && looks.iter().all(|look| look.has_axes);
     let poses = if is_reported { PoseSource::Controller } else { PoseSource::File };
     let judgement = gate::judge_hand_eye((&found, board.square_mm()), second.as_ref(), rough.as_ref(), poses);
     let mut outcome = Outcome::from_judgement(&judgement);
     report_result(&mut outcome, (&found, &board), &aside);
-    // A cycle uses the points of the 3D camera. So its mount is computed from its points if there are any, and the
-    // mount from the pictures only checks the result.
+    // A cycle uses the points of the 3D camera, so the mount is computed from the points if there are any. The mount
+    // from the pictures is then only a check.
     let kept = second.as_ref().unwrap_or(&found);
     outcome.add_value(A::TABLE, json!(to_kuka_pose(kept)));
     outcome.add_value("uncertainty_mm", json!(kept.uncertainty_mm));
@@ -152,7 +152,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     Ok(outcome)
 }
 
-/// Returns the verdict for poses that determine no mount.
+/// Returns the outcome for poses that do not determine a mount.
 fn refused(error: &CalibError, out: &Path) -> Outcome {
     let reason = Reason::new("no_mount", error.to_string());
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![reason], vec![]));
@@ -301,7 +301,7 @@ fn report_result<A: Arrangement>(
     }
 }
 
-/// Writes the picture of the corners to touch; with `--points`, calibrates and writes the file.
+/// Writes a picture of the corners to be touched; with `--points`, calibrates the mount and writes the file.
 ///
 /// # Errors
 /// If a file is invalid, the picture shows no board, or the points do not determine a frame.
@@ -368,7 +368,7 @@ fn stage_of_three_points<A: Mounted>(
     mounted.date = output::today_utc();
     mounted.serial = args.serial.clone();
     mounted.robot_correction = arm.map(|arm| arm.hash);
-    // Three points have no residual: the file states neither a residual nor an uncertainty.
+    // Three points have no residuals, so the file states neither a residual nor an uncertainty.
     mounted.provenance = provenance(vec![board_image.hash.clone()], vec![]);
     let text = mounted.to_toml();
     MountedPose::<A>::check(&args.out.display().to_string(), &text)?;

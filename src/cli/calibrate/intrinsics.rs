@@ -1,5 +1,5 @@
-//! `panelprep calibrate intrinsics`: determines the lens from a folder of pictures or, with `--from-scan`, the lens of
-//! a 3D camera from one of its scans. Each point of the scan lies on the ray of its pixel.
+//! `panelprep calibrate intrinsics`: determines the lens from a folder of pictures. With `--from-scan` it determines
+//! the lens of a 3D camera from one of its scans, because each point of a scan is on the ray of its pixel.
 
 use super::super::disk;
 use super::super::fault::Fault;
@@ -27,10 +27,11 @@ struct Picture {
     gray: GrayPicture,
 }
 
-/// Calibrates and writes the file. Whatever the pictures show, the outcome is a verdict and not an error.
+/// Calibrates a lens and writes the file. If the pictures do not determine the lens, this is a verdict and not an
+/// error.
 ///
 /// # Errors
-/// If a picture cannot be read, or sizes differ.
+/// If a picture cannot be read, or the pictures have different sizes.
 pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     let named = boards::board_from_option(&args.board)?;
     let (board, window) = (boards::parse_board(&named)?, boards::window(&named));
@@ -70,7 +71,7 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
     };
     let text = intrinsics.to_toml();
     let mut judgement = gate::intrinsics(&found);
-    // A lens that does not pass the check of its file format is never written.
+    // A lens that does not pass the check of the file format is not written.
     if let Err(problems) = Intrinsics::check(&args.out.display().to_string(), &text) {
         let mut reasons = vec![Reason::new("not_a_lens", format!("these values are not a valid lens: {problems}"))];
         reasons.append(&mut judgement.reasons);
@@ -100,7 +101,7 @@ fn model(args: &Args) -> Option<LensModel> {
     }
 }
 
-/// Returns for each coefficient outside of the model why it was left out.
+/// Returns, for each coefficient that is not part of the model, why it was excluded.
 fn exclusion_reasons(found: &Calibrated) -> Vec<String> {
     if found.trials.len() == 1 {
         return found
@@ -180,7 +181,7 @@ fn report_model(outcome: &mut Outcome, found: &Calibrated, board: &Board) {
     }
 }
 
-/// Returns the verdict for pictures that determine no lens, and what to do.
+/// Returns the outcome for pictures that do not determine a lens, with what to do.
 fn undetermined_lens_outcome(
     error: &CalibError,
     all: &[Picture],
@@ -292,7 +293,7 @@ fn build_outcome(
     outcome
 }
 
-/// Reports for each picture whether it was used, and if not, why.
+/// Adds a line for each picture: whether it was used, and if not, why.
 fn report_images(
     outcome: &mut Outcome,
     all: &[Picture],
@@ -320,15 +321,15 @@ fn report_images(
     outcome.add_value("images", Value::Array(images));
 }
 
-/// Limits of the median distance between the points and the rays of the written lens, px. Above the first limit a
-/// person must look; above the second one the cloud is not from a camera.
+/// Limits of the median distance between the points and the rays of the computed lens, px. Above the first limit the
+/// result is for review; above the second one the cloud is not from a camera.
 const MEDIAN_LIMITS_PX: (f64, f64) = (0.1, 1.0);
 
-/// Minimum difference of the depths, as a share of the distance: the points of a flat scan fit the rays of some lens
-/// even if they are in a wrong frame.
+/// Minimum range of the depths as a fraction of the distance: the points of a flat scan fit the rays of some lens even
+/// if they are in a wrong frame.
 const MIN_DEPTH_VARIATION: f64 = 0.05;
 
-/// Computes the lens from the scan and writes the file.
+/// Computes the lens from a scan and writes the file.
 ///
 /// # Errors
 /// If the file is not an organised cloud in a camera's frame.
@@ -374,7 +375,7 @@ pub fn run_from_scan(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
     let intrinsics = Intrinsics {
         serial: args.serial.clone(),
         date: output::today_utc(),
-        // The result is a median, which hides half of the points; it is not a root mean square.
+        // The result is a median and ignores half of the points, so it must not be stored as a root mean square.
         rms_px: None,
         provenance: provenance(vec![files::content_hash(&bytes)], vec![]),
         ..Intrinsics::from_camera(found.camera)

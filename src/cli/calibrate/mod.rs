@@ -1,6 +1,7 @@
-//! `panelprep calibrate`: reads pictures and poses, writes calibration files with their evidence.
+//! `panelprep calibrate`: reads pictures and poses, and writes calibration files with the evidence for them.
 //!
-//! A rejected calibration is not written; one under review is written, and the reasons for the review are reported.
+//! A rejected calibration is not written. A calibration for review is written, and the reasons for the review are
+//! reported.
 
 pub mod args;
 mod arm_correction;
@@ -23,10 +24,10 @@ use super::fault::Fault;
 use super::output::Outcome;
 use args::{Calibrate, CalibrationTask};
 
-/// Runs a calibration; `progress` reports long work.
+/// Runs a calibration; `progress` is called with messages during long computations.
 ///
 /// # Errors
-/// If a file is invalid, or the data do not determine a calibration. Nothing is written then.
+/// If a file is invalid, or the data do not determine a calibration. In this case nothing is written.
 pub fn run(args: &Calibrate, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     match &args.what {
         CalibrationTask::Intrinsics(args) if args.live.live.is_some() => live::lens(args, common, progress),

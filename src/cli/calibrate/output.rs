@@ -1,7 +1,7 @@
 //! The results of a calibration: its file with date and evidence, and the verifications in the store.
 //!
 //! A verification is judged and stored. `panelprep calibrate history` lists the verifications by pictures and touches,
-//! and `strike` marks one that no longer counts.
+//! and `strike` marks a verification as no longer valid.
 
 use super::super::args::Common;
 use super::super::disk;
@@ -50,7 +50,7 @@ pub(super) fn write_calibration(
     Ok(())
 }
 
-/// Creates a verification with the present time.
+/// Creates a verification with the current time.
 pub fn verification(files: &CellFiles, subject: &str, error_mm: f64, calibration_hash: String) -> Verification {
     Verification {
         subject: subject.to_owned(),
@@ -62,7 +62,7 @@ pub fn verification(files: &CellFiles, subject: &str, error_mm: f64, calibration
     }
 }
 
-/// Stores a verification, judges it, and draws the trend.
+/// Stores a verification, judges it, and draws the trend of all verifications.
 pub fn store_and_judge(
     files: &CellFiles,
     verification: &Verification,
@@ -89,7 +89,7 @@ pub fn store_and_judge(
     Ok(outcome)
 }
 
-/// Lists the verifications.
+/// Lists the verifications in the store.
 ///
 /// # Errors
 /// If there is no store, or it cannot be read.
@@ -105,7 +105,7 @@ pub fn run_history(common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Strikes a verification out.
+/// Strikes out a verification.
 ///
 /// # Errors
 /// If there is no store, or the verification does not exist or is already struck out.

@@ -1,7 +1,7 @@
-//! `panelprep calibrate robot`: determines the arm's own errors, from pictures of boards and from touches.
+//! `panelprep calibrate robot`: determines the errors of the arm from pictures of boards and from touches.
 //!
-//! Its report about the working volume states the possible error of the tip, the next pose to take, and whether one
-//! more pose is useful.
+//! The report states the possible error of the TCP over the working volume, which pose to measure next, and whether a
+//! further pose is useful.
 
 use super::super::args::Common;
 use super::super::disk;
@@ -35,7 +35,7 @@ struct BoardPicture {
     pose: ArmPose,
 }
 
-/// Estimates the arm and writes its correction.
+/// Estimates the errors of the arm and writes its correction.
 ///
 /// # Errors
 /// If a file is invalid.
@@ -104,7 +104,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
     Ok(outcome)
 }
 
-/// Returns the verdict for data that do not determine the errors of the arm.
+/// Returns the outcome for data that do not determine the errors of the arm.
 fn refused(code: &'static str, message: String, args: &Args) -> Outcome {
     let reason = panelprep_base::verdict::Reason::new(code, message);
     let mut outcome = Outcome::from_judgement(&panelprep_base::verdict::Judgement::new(vec![reason], vec![]));
@@ -114,8 +114,8 @@ fn refused(code: &'static str, message: String, args: &Args) -> Outcome {
     outcome
 }
 
-/// Reads the touches; a touched corner belongs to the arrangement with the fixed board, or to a picture of the fixed
-/// camera.
+/// Reads the touches. A touched corner belongs to the fixed board of the flange camera, or to the board in a picture of
+/// the fixed camera.
 fn touches(args: &Args, file: &Path, data: &RobotData, cameras: &[PinholeCamera]) -> Result<Vec<ArmTouch>, Fault> {
     let board = boards::parse_board(&args.board)?;
     let folder = file.parent().unwrap_or(Path::new("."));
@@ -198,8 +198,8 @@ fn collect_board_views(
     Ok(all.into_iter().filter_map(|found| found.map_err(|reason| aside.push(reason)).ok()).collect())
 }
 
-/// Returns start values for mount and board, from the controller's poses; the corners of every board are numbered in
-/// the same direction.
+/// Returns start values for mount and board, from the poses of the controller. The corners of all boards are numbered
+/// in the same direction.
 fn start<A: Arrangement>(
     args: &Args,
     kind: RigKind,
@@ -282,7 +282,7 @@ fn report_result(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, St
 /// Number of evaluated positions in the working volume along each of its sides.
 const EVALUATION_GRID: [usize; 3] = [4, 4, 3];
 
-/// Reports the stated error over the working volume and the next pose.
+/// Reports the stated error over the working volume, and the next pose.
 fn report_advice(
     outcome: &mut Outcome,
     cell: &Cell,
@@ -371,7 +371,7 @@ fn tip(found: &RobotFound) -> Point<Flange> {
     Point::new(found.tip_mm.unwrap_or(Vector3::zeros()).into())
 }
 
-/// Returns poses that pass the gates and from which a camera sees a board.
+/// Returns poses that pass the motion checks and in which a camera sees a board.
 fn candidates(
     cell: &Cell,
     found: &RobotFound,
@@ -389,7 +389,7 @@ fn candidates(
     all
 }
 
-/// Returns the possible configurations of the arm at a pose, with its tip in the cell's box.
+/// Returns the possible configurations of the arm at a pose whose TCP is inside the box of the cell.
 fn reachable_postures(
     cell: &Cell,
     arm: &Kinematics,
@@ -405,8 +405,8 @@ fn reachable_postures(
     ways.into_iter().map(drawn).collect()
 }
 
-/// Returns poses all over the working volume: the cell's box or, without one, the region of the measured poses. The
-/// tool's orientation at each position is that of the nearest measured pose.
+/// Returns poses in the whole working volume: the box of the cell or, without one, the region of the measured poses.
+/// The orientation at each position is that of the nearest measured pose.
 fn volume(cell: &Cell, found: &RobotFound, data: &RobotData) -> Vec<ArmPose> {
     let arm = Kinematics::new(cell.arm());
     let measured: Vec<Rigid<Base, Flange>> = data.views.iter().map(|view| view.pose.base_from_flange).collect();

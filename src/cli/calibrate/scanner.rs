@@ -1,4 +1,4 @@
-//! `panelprep calibrate scanner`: determines the 3D camera's own errors, from scans of a flat board at many positions.
+//! `panelprep calibrate scanner`: determines the errors of the 3D camera from scans of a flat board at many positions.
 
 use super::super::disk;
 use super::super::fault::Fault;
@@ -20,10 +20,10 @@ use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// A scan that was read: its name, its hash, and its blocks or the reason why there are none.
+/// The evaluation of a scan: its file name, its hash, and its blocks of points or the reason why there are none.
 type ScanRead = (String, String, Result<PlaneView, CalibError>);
 
-/// Measures the errors and writes the lens's file with them.
+/// Measures the errors of the 3D camera, and writes the lens file with these errors.
 ///
 /// # Errors
 /// If a file is invalid, or writing to the disk fails.
@@ -88,7 +88,7 @@ fn read(file: &Path, (board, window): (&Board, Option<usize>), camera: &PinholeC
     Ok((board_image.name.clone(), board_image.hash.clone(), view))
 }
 
-/// Returns the verdict for scans that do not determine the errors.
+/// Returns the outcome for scans that do not determine the errors.
 fn refused(message: String, all: &[ScanRead], args: &Args) -> Outcome {
     let judgement = Judgement::new(vec![Reason::new("scanner_places", message)], vec![]);
     let mut outcome = Outcome::from_judgement(&judgement);

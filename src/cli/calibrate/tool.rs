@@ -1,8 +1,8 @@
 //! The calibrations of the tool.
 //!
-//! - `panelprep calibrate tcp`: determines its point and axis.
-//! - `panelprep calibrate force`: payload and zero of a compliant tool, and whether they are still valid.
-//! - `panelprep calibrate removal`: the removal by the disc, from measured depths on test coupons.
+//! - `panelprep calibrate tcp`: determines the TCP and the axis of the tool.
+//! - `panelprep calibrate force`: determines payload and force zero of a compliant tool, or verifies them.
+//! - `panelprep calibrate removal`: determines the removal of the disc from measured depths on test coupons.
 
 use super::super::args::Common;
 use super::super::disk;
@@ -35,10 +35,10 @@ use panelprep_vision::calib::{gate, readings};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// Calibrates the tool's point and axis, and writes the file if `--out` names one.
+/// Calibrates the TCP and the axis of the tool, and writes the file if `--out` names one.
 ///
 /// # Errors
-/// If the poses file has problems, or its poses do not determine a tool.
+/// If the poses file has problems, or its poses do not determine a TCP.
 pub fn run_tcp(args: &Tcp, common: &Common) -> Result<Outcome, Fault> {
     let file = args.poses.as_ref().ok_or(CalibrationFault::NoPoses)?;
     let text = disk::read_text(file)?;
@@ -52,7 +52,7 @@ pub fn run_tcp(args: &Tcp, common: &Common) -> Result<Outcome, Fault> {
     let axis = poses.axis.as_ref().map(|touch| tool_axis(&point, touch)).transpose();
     let axis = axis.map_err(|error| Fault::file_fault(file, error))?;
     let judgement = gate::tool(&point, axis.as_ref(), &readings::tip_readings(&poses.tip));
-    // Without an axis, the flange's own axis is written, and the file states that it was not measured.
+    // Without a measured axis, the Z axis of the flange is written, and the file states that the axis was not measured.
     let along = axis.as_ref().map_or(Vector::new(nalgebra::Vector3::z()), |axis| axis.axis);
     let pose = KukaPose::from_rigid(&flange_from_tool(point.tip, along));
     let mut outcome = Outcome::from_judgement(&judgement);
@@ -76,8 +76,8 @@ pub fn run_tcp(args: &Tcp, common: &Common) -> Result<Outcome, Fault> {
         mounted.axis_measured = Some(axis.is_some());
         mounted.provenance = provenance(vec![content_hash(text.as_bytes())], point.residuals_mm.clone());
         let text = mounted.to_toml();
-        // The numbers of a rejected tool may be outside of the limits of its file, so they are not checked here: the
-        // reasons of the verdict state what is wrong.
+        // The values of a rejected tool may be outside of the limits of the file format, so they are not checked here;
+        // the verdict states the reasons.
         if judgement.verdict != Verdict::Reject {
             MountedPose::<ToolMount>::check(&out.display().to_string(), &text)?;
         }
@@ -86,14 +86,14 @@ pub fn run_tcp(args: &Tcp, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Maximum error of a reading without contact, as a share of the tool's force band (`band_n`).
+/// Maximum force error of a measurement without contact, as a fraction of the tool's force band (`band_n`).
 const MAX_BAND_ERROR_SHARE: f64 = 0.5;
 
-/// Determines payload and zero, or with `--verify` compares them with the cell's file and stores the result.
+/// Determines payload and force zero. With `--verify`, compares them with the cell file and stores the result.
 ///
 /// # Errors
-/// If the readings file has problems or gives no result, the tool's axis is not known, or with `--verify` the cell has
-/// no compliant tool.
+/// If the file of measurements has problems or does not determine the values, the axis of the tool is not known, or
+/// with `--verify` the cell has no compliant tool.
 pub fn run_force(args: &Force, common: &Common) -> Result<Outcome, Fault> {
     let text = disk::read_text(&args.readings)?;
     let cell = CellFiles::read(common)?;
@@ -130,7 +130,7 @@ fn measure(files: &CellFiles, (file, readings): (&Path, &[AttitudeReading])) -> 
     Ok(outcome)
 }
 
-/// Compares the uncertainty of the force, from payload and zero, with the limit of a verification.
+/// Compares the uncertainty of the force, which results from payload and force zero, with the limit of a verification.
 fn check_uncertainty(found: &ForceCalibration, tool: Option<&CompliantTool>) -> Check {
     let known_n = found.zero_95_n + STANDARD_GRAVITY_M_S2 * found.payload_95_kg;
     let check = Check::new("force by payload and zero, 95 %, at the worst attitude", "N", known_n);
@@ -172,7 +172,7 @@ fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fa
     Ok(outcome)
 }
 
-/// Returns the limits for the last verification of a tool's force, in N.
+/// Returns the limits for the last verification of the tool's force, N.
 pub fn verification_limits(files: &CellFiles, tool: &CompliantTool) -> VerificationLimits {
     VerificationLimits {
         limit: MAX_BAND_ERROR_SHARE * tool.band_n,
@@ -180,15 +180,15 @@ pub fn verification_limits(files: &CellFiles, tool: &CompliantTool) -> Verificat
     }
 }
 
-/// Returns the hash of the values that a verification of the force checks: payload and zero from the cell's file.
+/// Returns the hash of the values that a force verification checks: payload and force zero in the cell file.
 pub fn force_hash(tool: &CompliantTool) -> String {
     calibration_hash(&[&format!("payload_kg {} zero_n {}", tool.payload_kg, tool.zero_n)])
 }
 
-/// Fits the model, reports how well it predicts left-out coupons, and writes it.
+/// Fits the removal model, reports how well it predicts excluded coupons, and writes it.
 ///
 /// # Errors
-/// If the file of the coupons has problems, each with its line and column, or writing to the disk fails.
+/// If the file of coupons has problems (each with its line and column), or writing to the disk fails.
 pub fn run_removal(args: &Removal) -> Result<Outcome, Fault> {
     let bytes = disk::read(&args.coupons)?;
     let coupons = read_coupons(&bytes).map_err(|error| Fault::file_fault(&args.coupons, error))?;
@@ -216,7 +216,7 @@ pub fn run_removal(args: &Removal) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Returns the verdict for coupons that determine no model.
+/// Returns the outcome for coupons that do not determine a removal model.
 fn refused(message: String, args: &Removal) -> Outcome {
     let judgement = Judgement::new(vec![Reason::new("no_model", message)], vec![]);
     let mut outcome = Outcome::from_judgement(&judgement);
@@ -225,7 +225,7 @@ fn refused(message: String, args: &Removal) -> Outcome {
     outcome
 }
 
-/// Returns the numbers of the file with their keys.
+/// Returns the values of the removal file with their keys.
 fn numbers(found: &CouponFit, (coupons, tool): (&[Coupon], &CouponTool)) -> Vec<(&'static str, f64)> {
     let force_n =
         |of: fn(f64, f64) -> f64| coupons.iter().map(|coupon| coupon.force_n).reduce(of).unwrap_or(f64::NAN);
@@ -334,8 +334,8 @@ mod tests {
     use panelprep_base::geometry::KukaPose;
     use panelprep_cell::cell::Cell;
 
-    /// After `make demo`, a cycle runs on the cell in the repository: its file states the values that the demo
-    /// measures for the tool.
+    /// The cell file in the repository states the tool values that `make demo` measures, so that a cycle can run on
+    /// this cell after the demo.
     #[test]
     fn the_simulated_cell_states_what_the_demo_measures() {
         let flange_from_tool = KukaPose { z_mm: panelprep_sim::TOOL_LENGTH_MM, ..KukaPose::default() }.to_rigid();

@@ -1,12 +1,12 @@
-//! `panelprep calibrate verify` and `touch`: check whether the calibration is still valid.
+//! `panelprep calibrate verify` and `touch`: verify whether a calibration is still valid.
 //!
-//! With `--poses`, the remaining error over the working volume is measured. The camera on the flange looks at one fixed
-//! board from many poses. Each picture gives the board's pose through arm, mount and lens. The distance of the board's
-//! farthest corner from its known position is the remaining error at this pose.
+//! With `--poses`, the remaining error over the working volume is measured: the flange camera captures one fixed board
+//! from many poses, and each picture gives the pose of the board through arm, mount and lens. The remaining error at a
+//! pose is the distance of the board's farthest corner from its known position.
 //!
-//! With `--recipe`, a taught corner at its nominal position is the target of the flange camera. The corner in the
-//! picture is compared with its expected position, in mm perpendicular to the viewing direction. This tests mount, lens
-//! and arm together, but no error along the viewing direction.
+//! With `--recipe`, the target of the flange camera is a taught corner at its nominal position. The corner in the
+//! picture is compared with its expected position, in mm perpendicular to the viewing direction. This verifies mount,
+//! lens and arm together, but no error along the viewing direction.
 
 use super::super::args::Common;
 use super::super::disk;
@@ -30,23 +30,23 @@ use rayon::prelude::*;
 use serde_json::json;
 use std::path::Path;
 
-/// The measurement from a picture of the board, through the calibrations in use.
+/// The pose of a board, measured in a picture with the calibrations in use.
 struct BoardCheck {
     measurement: BoardMeasurement,
-    /// The board's pose from the 3D camera's own points, if there are any, and how much farther away than in the
-    /// picture they place the board, mm.
+    /// The pose of the board from the 3D camera's own points, if there are any, and by how much this board is farther
+    /// away than the one in the picture, mm.
     pose_from_points: Option<(Rigid<Base, panelprep_base::geometry::Board>, f64)>,
-    /// Whether the picture was taken with points, which should also show the board.
+    /// Whether the file contains points, in which the board should also be found.
     has_cloud: bool,
-    /// The reason why no measurement is allowed at the board's position in the picture.
+    /// The reason if the board is in a part of the picture in which the lens is not calibrated.
     outside_lens: Option<Reason>,
     picture_hash: String,
     calibration_hash: String,
 }
 
 impl BoardCheck {
-    /// Returns a reason if the board is not found in a scan's points: such a scan gives no evidence about how panels
-    /// are located.
+    /// Returns a reason if the board is not found in the points of a scan: then the scan does not verify how panels are
+    /// located.
     fn no_points_reason(&self) -> Option<Reason> {
         let message = "too few 3D points on the board, so the scan does not verify how panels are located: light the board \
                        evenly, clean the board, or move the board nearer, then scan again";
@@ -102,7 +102,7 @@ fn measure_board(
         }
     };
     let texts = [camera.text.as_str(), mount_text.as_str()];
-    // For a fixed camera and a fixed board, the robot's correction has no influence.
+    // The robot correction has no influence on a fixed camera with a fixed board.
     let calibration_hash = match args.camera {
         CameraName::Scanner => calibration_hash(&texts),
         CameraName::FlangeCamera => files.hash_with_arm(&texts),
@@ -118,8 +118,8 @@ fn measure_board(
     })
 }
 
-/// Measures the target, a board or a taught corner, in the picture and compares it with the known pose; with
-/// `--learn`, writes the board's pose.
+/// Measures the target (a board or a taught corner) in the picture, and compares it with its known pose. With
+/// `--learn`, writes the pose of the board to the target file.
 ///
 /// # Errors
 /// If a file is invalid, the picture shows no target, or the store cannot be written.
@@ -147,7 +147,7 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
     }
     let seen = measure_board(args, &files, (&target.board, window), progress)?;
     let off_mm = |found| health::distance_mm(&target.base_from_board, found, &target.board.corners());
-    // The panel is located with points, so the points of the board must be right as well.
+    // Panels are located with the points, so the points of the board must be verified as well.
     let points_mm = seen.pose_from_points.as_ref().map(|(by_points, _)| off_mm(by_points));
     let by_picture_mm = off_mm(&seen.measurement.base_from_board);
     let error_mm =
@@ -174,7 +174,7 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
     Ok(outcome)
 }
 
-/// Returns the outcome of a measurement that gives no evidence about the calibration and is not stored.
+/// Returns the outcome of a measurement that does not verify the calibration; it is not stored.
 fn refused(reason: Reason, error_mm: f64, limit_mm: f64) -> Outcome {
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![reason], vec![]));
     outcome.add_value("error_mm", json!(error_mm));
@@ -271,7 +271,7 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
 /// Minimum number of pictures for a measurement over the volume.
 const MIN_PICTURES: usize = 3;
 
-/// Evaluates every picture, and stores the worst result as a verification.
+/// Evaluates all pictures, and stores the largest error as a verification.
 ///
 /// # Errors
 /// If a file is invalid, too few pictures show the board, or the store cannot be written.
@@ -381,10 +381,10 @@ fn record_verification(
     Ok(outcome)
 }
 
-/// Measures the first taught corner in the picture and compares it with its expected position.
+/// Measures the first taught corner in the picture, and compares it with its expected position.
 ///
 /// # Errors
-/// If a file is invalid, no corner was taught, the picture shows none, or the store cannot be written.
+/// If a file is invalid, no corner was taught, the picture shows no corner, or the store cannot be written.
 fn run_on_taught_corner(args: &Verify, files: &CellFiles, recipe_file: &Path) -> Result<Outcome, Fault> {
     let wrong = |message: &str| Fault::stage(CalibError::Points(message.to_owned()));
     if args.camera != CameraName::FlangeCamera {

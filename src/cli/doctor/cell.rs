@@ -1,4 +1,5 @@
-//! Checks of the cell's files: the store, the calibrations with their age, the controller's EthernetKRL files.
+//! The checks of `panelprep doctor` for the files of the cell: the store, the calibrations with their age, and the
+//! controller's EthernetKRL files.
 
 use super::check::Check;
 use crate::cli::args::Common;
@@ -18,7 +19,7 @@ use panelprep_vision::calib::health::{VerificationLimits, health};
 use std::net::{IpAddr, ToSocketAddrs};
 use std::path::Path;
 
-/// Keys of files that have their own check: [`calibrations`] and the scanner's check.
+/// Keys of the cell file whose files have their own check: [`calibrations`] and the check of the scanner.
 const SEPARATELY_CHECKED_KEYS: [&str; 7] = [
     "calibration.scanner",
     "calibration.base_from_camera",
@@ -29,7 +30,7 @@ const SEPARATELY_CHECKED_KEYS: [&str; 7] = [
     "scanner.settings_2d",
 ];
 
-/// Checks the cell's file, which was already read, and the other files that it names.
+/// Checks the cell file, which was already read, and the files that it names.
 pub(super) fn check_cell_file(common: &Common, files: &CellFiles) -> Vec<Check> {
     let name = common.cell.display().to_string();
     let mut unmet = incomplete_files(&files.cell, Purpose::Cycle, &disk::read_referenced);
@@ -44,7 +45,7 @@ pub(super) fn check_cell_file(common: &Common, files: &CellFiles) -> Vec<Check> 
     unmet.into_iter().map(wrong).collect()
 }
 
-/// Checks whether the store can be read, and whether it waits for a person.
+/// Checks whether the store can be read, and whether a person must do something about it.
 pub(super) fn store(files: &CellFiles) -> (Check, Option<Store>) {
     let folder = files.store_folder().display().to_string();
     let store = match Store::open(files.store_folder()) {
@@ -70,7 +71,7 @@ pub(super) fn store(files: &CellFiles) -> (Check, Option<Store>) {
     (check, Some(store))
 }
 
-/// Checks by the hashes whether the scan and the pictures of each taught panel are still those of the teaching.
+/// Checks by their hashes that scan and pictures of each taught panel are unchanged since teaching.
 pub(super) fn taught(store: &Store) -> Vec<Check> {
     let name = "taught panels";
     let panels = match store.panel_names() {
@@ -96,7 +97,7 @@ pub(super) fn taught(store: &Store) -> Vec<Check> {
     panels.into_iter().map(check).collect()
 }
 
-/// Checks for each calibration whether it exists, and whether the store contains a recent verification.
+/// Checks for each calibration that it exists, and that the store contains a recent verification.
 pub(super) fn calibrations(files: &CellFiles, store: Option<&Store>) -> Vec<Check> {
     let camera = |name: &str, lens: Result<String, Fault>, mount: Result<String, Fault>| match (lens, mount) {
         (Ok(lens), Ok(mount)) => {
@@ -138,7 +139,7 @@ pub(super) fn calibrations(files: &CellFiles, store: Option<&Store>) -> Vec<Chec
 
 fn unreadable_check(name: &str, fault: &Fault) -> Check {
     let found = match fault {
-        // The advice of the check states how the file is made.
+        // The advice of this check states how the file is created.
         Fault::Calibration(CalibrationFault::CalibrationAway { file, .. }) => {
             format!("{} does not exist", file.display())
         }
@@ -179,19 +180,19 @@ fn verification_check((files, store): (&CellFiles, Option<&Store>), subject: &st
     }
 }
 
-/// The checks of the files for the controller.
+/// The results of the checks of the controller's files.
 pub(super) struct Programs {
     pub checks: Vec<Check>,
     /// The checksum that a controller with these files reports.
     pub sum: Option<i32>,
-    /// Whether all files exist and agree with each other and with the cell's file.
+    /// Whether all files exist and agree with each other and with the cell file.
     pub agree: bool,
 }
 
 const KUKA: &str = "controller files";
 
-/// Checks the files from the controller: they must be valid, match this program's protocol and agree with the
-/// cell's file.
+/// Checks the files of the controller: they must be valid, match the protocol of this program, and agree with the cell
+/// file.
 pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
     let nothing = |check| Programs { checks: vec![check], sum: None, agree: false };
     let Some(folder) = folder else {
@@ -231,7 +232,7 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
     let is_wrong = checks.iter().any(|check| !check.is_passed());
     let sum = match program_sum(&named) {
         Ok(sum) => Some(sum),
-        // Each missing file, each missing value and an edited cell_user.src has its own line above.
+        // Each missing file, each missing value and an edited cell_user.src was already reported by its own check.
         Err(SumError::Missing(_) | SumError::Value { .. } | SumError::UserEdited { .. }) if is_wrong => None,
         Err(error) => {
             let advice = "copy all KRL programs of one release of this program's config/kuka to the controller";
@@ -247,8 +248,8 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
     Programs { checks, sum, agree }
 }
 
-/// Reads the controller's files; a missing one is a check that failed. Without KUKA's own program of the submit
-/// interpreter it is not known whether a stop is received at all.
+/// Reads the controller's files; a missing file is a failed check. sps.sub, KUKA's own program of the submit
+/// interpreter, is also read, because it must call the cell's programs: otherwise a stop may not be processed at all.
 fn read_files(folder: &Path) -> (Vec<(&'static str, String)>, Vec<Check>) {
     let (mut texts, mut checks) = (Vec::new(), Vec::new());
     for name in [CONFIG].into_iter().chain(PROGRAMS).chain([USER, COMMANDS, STATES]) {
@@ -277,7 +278,7 @@ fn read_files(folder: &Path) -> (Vec<(&'static str, String)>, Vec<Check>) {
     (texts, checks)
 }
 
-/// Returns the addresses of a host that is given by its name; none if the name is not known here.
+/// Returns the IP addresses of a host name; none if the name cannot be resolved on this computer.
 fn addresses_of(host: &str) -> Vec<[u8; 4]> {
     let resolved = (host, 0_u16).to_socket_addrs().map(Iterator::collect::<Vec<_>>).unwrap_or_default();
     let four = resolved.into_iter().filter_map(|address| match address.ip() {
@@ -287,7 +288,7 @@ fn addresses_of(host: &str) -> Vec<[u8; 4]> {
     four.collect()
 }
 
-/// Checks which stage of the controller's proofs is signed, and what is missing for a cycle on a panel.
+/// Checks which stage of the controller's acceptance tests is signed, and what is missing for a cycle on a panel.
 pub(super) fn proofs(cell: &Cell) -> Check {
     let (name, robot) = ("proofs", cell.robot());
     if robot.kind() == RobotKind::Mock {
@@ -312,8 +313,8 @@ pub(super) fn proofs(cell: &Cell) -> Check {
     }
 }
 
-/// Judges whether the controller's programs can be accepted: the files must agree with the cell's file, and a real
-/// controller must report their checksum. The result then contains the line for the cell's file; nothing is written.
+/// Checks whether the controller's programs can be accepted: the files must agree with the cell file, and a real
+/// controller must report their checksum. The result then contains the line for the cell file; nothing is written.
 pub(super) fn acceptance(programs: &Programs, reported: Option<i32>, cell_file: &Path) -> Check {
     let name = "acceptance";
     let advice = "correct the checks that failed above, then run this again with --accept";
@@ -343,7 +344,7 @@ pub(super) fn acceptance(programs: &Programs, reported: Option<i32>, cell_file: 
     }
 }
 
-/// Compares the checksum of the files with the one with which the cell was accepted.
+/// Compares the checksum of the files with the checksum at the acceptance of the cell.
 fn check_program_checksum(sum: i32, kept: Option<i32>) -> Check {
     let name = format!("{KUKA}: programs");
     match kept {
@@ -373,7 +374,7 @@ mod tests {
     use super::*;
     use panelprep_cell::controller::planted::{MISTAKES, missed, texts};
 
-    /// Checks these files as a person copied them from the controller, with the cell's file.
+    /// Checks these files with the cell file, as if a person had copied them from the controller.
     fn checked(texts: &[(&'static str, String)]) -> Programs {
         let folder = tempfile::tempdir().expect("a folder");
         let mut cell = None;
@@ -401,7 +402,7 @@ mod tests {
         assert!(missed.is_empty(), "{} of {}:\n{}", missed.len(), MISTAKES.len(), missed.join("\n"));
     }
 
-    /// The checksum is accepted only if the files agree and a real controller reports the same checksum.
+    /// A checksum is accepted only if the files agree and a real controller reports the same checksum.
     #[test]
     fn programs_are_accepted_only_with_the_same_checksum() {
         let programs = checked(&texts());
@@ -414,7 +415,7 @@ mod tests {
         }
         let disagree = Programs { agree: false, ..programs };
         assert!(!acceptance(&disagree, Some(sum), file).is_passed());
-        // Without sps.sub, the doctor reports that it was not compared, and nothing is accepted.
+        // If sps.sub is missing, doctor reports that it was not compared, and nothing is accepted.
         let mut without = texts();
         without.retain(|(name, _)| *name != SUBMIT);
         let programs = checked(&without);

@@ -1,8 +1,8 @@
-//! `--points` and `--poses`: TOML files that a person writes from the values on the teach pendant.
+//! The TOML files of `--points` and `--poses`, which a person writes with the values on the pendant.
 //!
-//! - A camera's mount: the touched points, or the poses at its pictures.
-//! - The arm's own errors: pictures and touches, in poses that are stated by the flange, the axes, or both.
-//! - The tool: poses that determine its point and axis, and readings of its force without contact.
+//! - Mount of a camera: the touched points, or the poses of its pictures.
+//! - Errors of the arm: pictures and touches, in poses that are stated by the flange, by the axis angles, or by both.
+//! - Tool: poses that determine the TCP and the axis, and measurements of the force without contact.
 
 mod pose;
 
@@ -13,23 +13,23 @@ use panelprep_vision::calib::three_points::TouchedCorner;
 use panelprep_vision::calib::tool::AxisTouch;
 pub use pose::pose_keys;
 
-/// Content of the file of `--points`.
+/// The content of a points file (`--points`).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Points {
-    /// Three corners, and a fourth if the file has one.
+    /// The three touched corners, and the fourth if the file has one.
     pub touched: Vec<TouchedCorner>,
-    /// The axes at each corner, if the file has them.
+    /// The axis angles at each corner, if the file states them.
     pub joints: Vec<Option<Joints>>,
-    /// The flange's pose at the picture.
+    /// The flange pose of the picture.
     pub base_from_flange: Option<Rigid<Base, Flange>>,
-    /// The axes at the picture, if the file has them.
+    /// The axis angles of the picture, if the file states them.
     pub flange_joints: Option<Joints>,
 }
 
-/// Checks the text of a points file.
+/// Parses the text of a points file.
 ///
 /// # Errors
-/// Every problem with its line and key.
+/// If the file has problems; the error contains each problem with its line and key.
 pub fn points(file: &str, text: &str) -> Result<Points, Problems> {
     const KEYS: [(&str, &str); 4] =
         [("p1_mm", "p1_corner"), ("p2_mm", "p2_corner"), ("p3_mm", "p3_corner"), ("p4_mm", "p4_corner")];
@@ -80,21 +80,22 @@ pub fn points(file: &str, text: &str) -> Result<Points, Problems> {
     })
 }
 
-/// One pose of `--poses` with its picture.
+/// A picture of a poses file (`--poses`) and its pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PicturePose {
-    /// The picture's name in its folder.
+    /// The file name of the picture.
     pub image: String,
-    /// The flange's pose as reported by the robot.
+    /// The flange pose that the robot reported.
     pub base_from_flange: Rigid<Base, Flange>,
-    /// The reported axes, if the file has them.
+    /// The axis angles that the robot reported, if the file states them.
     pub joints: Option<Joints>,
 }
 
-/// Checks the text of a poses file for hand-eye calibration; `is_there` returns whether a picture is in the folder.
+/// Parses the text of a poses file for hand-eye calibration; `is_there` returns whether a picture is in the folder.
 ///
 /// # Errors
-/// Every problem with its line and key; also a picture that is missing or named twice.
+/// If the file has problems; the error contains each problem with its line and key, including pictures that are missing
+/// or named twice.
 pub fn picture_poses(
     file: &str,
     text: &str,
@@ -131,7 +132,7 @@ pub fn picture_poses(
     })
 }
 
-/// The robot's pose as the controller reports it: by the flange, by the axes, or by both.
+/// The pose of the robot as the controller reports it: by the flange, by the axis angles, or by both.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum StatedPose {
     Flange(Rigid<Base, Flange>),
@@ -139,7 +140,7 @@ pub enum StatedPose {
     Both(Rigid<Base, Flange>, Joints),
 }
 
-/// A picture's name in its folder, and the pose of the robot.
+/// The file name of a picture, and the pose of the robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NamedPose {
     /// The picture.
@@ -164,10 +165,11 @@ fn stated_pose(section: &Section<'_, '_>) -> Option<StatedPose> {
     }
 }
 
-/// Checks the text of a poses file for an arm: `[[poses]]` with `image`, and `base_from_flange`, `axes_deg` or both.
+/// Parses the text of a poses file for an arm: `[[poses]]` with `image`, and `base_from_flange`, `axes_deg` or both.
 ///
 /// # Errors
-/// Every problem with its line and key; also a picture that is missing or named twice.
+/// If the file has problems; the error contains each problem with its line and key, including pictures that are missing
+/// or named twice.
 pub fn arm_poses(file: &str, text: &str, is_there: &dyn Fn(&str) -> bool) -> Result<Vec<NamedPose>, Problems> {
     config::parse_file(file, text, |top| {
         let read = |section: Section<'_, '_>| {
@@ -178,7 +180,7 @@ pub fn arm_poses(file: &str, text: &str, is_there: &dyn Fn(&str) -> bool) -> Res
             }
             Some(NamedPose { image, pose: stated_pose(&section)? })
         };
-        // Every table is read, so that every problem is reported.
+        // All tables are read before an error is returned, so that every problem is reported.
         let all: Vec<Option<NamedPose>> = top.sections("poses").into_iter().map(read).collect();
         top.finish();
         let poses: Vec<NamedPose> = all.into_iter().collect::<Option<_>>()?;
@@ -192,23 +194,24 @@ pub fn arm_poses(file: &str, text: &str, is_there: &dyn Fn(&str) -> bool) -> Res
     })
 }
 
-/// A touched target, as a touches file states it.
+/// The target of a touch, as a touches file states it.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StatedTouch {
-    /// A spot by its number; touches of one spot have the same number.
+    /// A fixed point, by its number; touches of the same point have the same number.
     Spot(usize),
-    /// A corner (column, row) of the board in front of the camera on the flange.
+    /// A corner (column, row) of the fixed board in front of the flange camera.
     Corner(usize, usize),
-    /// A corner of the board that was at rest in a picture of the fixed camera.
+    /// A corner (column, row) of the board in this picture of the fixed camera; the board did not move between picture
+    /// and touch.
     CornerIn(usize, usize, String),
 }
 
-/// Checks the text of a touches file: `[[touches]]` with `spot`, or with `corner` of a fixed board, and a pose.
-/// With `image`, the board is the one in that picture of the fixed camera; without it, it is the board of the
-/// camera on the flange.
+/// Parses the text of a touches file: `[[touches]]` with a pose, and with `spot` or `corner`. With `image`, the corner
+/// belongs to the board in this picture of the fixed camera; without it, to the fixed board in front of the flange
+/// camera.
 ///
 /// # Errors
-/// Every problem with its line and key.
+/// If the file has problems; the error contains each problem with its line and key.
 pub fn arm_touches(
     file: &str,
     text: &str,
@@ -244,10 +247,10 @@ pub fn arm_touches(
 
 const FORCE_RANGE_N: std::ops::RangeInclusive<f64> = -2_000.0..=2_000.0;
 
-/// Checks the text of a file with readings of a compliant tool: the flange and the force, N, of each.
+/// Parses the text of a file with force measurements of a compliant tool: for each, the flange pose and the force, N.
 ///
 /// # Errors
-/// Every problem with its line and key.
+/// If the file has problems; the error contains each problem with its line and key.
 pub fn force_readings(file: &str, text: &str) -> Result<Vec<(Rigid<Base, Flange>, f64)>, Problems> {
     config::parse_file(file, text, |top| {
         let read = |section: Section<'_, '_>| {
@@ -256,30 +259,30 @@ pub fn force_readings(file: &str, text: &str) -> Result<Vec<(Rigid<Base, Flange>
             section.finish();
             Some((flange?.to_rigid(), force_n?))
         };
-        // Every table is read, so that every problem is reported.
+        // All tables are read before an error is returned, so that every problem is reported.
         let all: Vec<_> = top.sections("readings").into_iter().map(read).collect();
         top.finish();
         all.into_iter().collect()
     })
 }
 
-/// The content of the `--poses` file of `tcp`.
+/// The content of a poses file for `calibrate tcp`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ToolPoses {
-    /// Poses with the tip at one spot.
+    /// The flange poses in which the tool's tip is at the same fixed point.
     pub tip: Vec<Rigid<Base, Flange>>,
-    /// The data that determine the axis.
+    /// The poses that determine the axis of the tool.
     pub axis: Option<AxisTouch>,
 }
 
-/// Returns the true pose of the flange for the pose that the robot reported; the error describes why that is not
-/// possible.
+/// A function that returns the true flange pose for the pose that the robot reported; the error states why it cannot be
+/// computed.
 pub type TrueFlange<'a> = &'a dyn Fn(Rigid<Base, Flange>, Option<&Joints>) -> Result<Rigid<Base, Flange>, String>;
 
-/// Checks the text of a poses file for a tool: `[[poses]]`, and `[[axis]]` or `[[plate]]` with `[[flat]]`.
+/// Parses the text of a poses file for a tool: `[[poses]]`, and `[[axis]]` or `[[plate]]` with `[[flat]]`.
 ///
 /// # Errors
-/// Every problem with its line and key.
+/// If the file has problems; the error contains each problem with its line and key.
 pub fn tool_poses(file: &str, text: &str, true_flange: TrueFlange<'_>) -> Result<ToolPoses, Problems> {
     config::parse_file(file, text, |top| {
         let flange = |key: &'static str| -> Option<Vec<Rigid<Base, Flange>>> {
@@ -296,7 +299,7 @@ pub fn tool_poses(file: &str, text: &str, true_flange: TrueFlange<'_>) -> Result
                     }
                 }
             };
-            // Every table is read, so that every problem is reported.
+            // All tables are read before an error is returned, so that every problem is reported.
             let all: Vec<_> = top.sections(key).into_iter().map(read).collect();
             all.into_iter().collect()
         };
@@ -362,7 +365,7 @@ mod tests {
         }
     }
 
-    /// A pose in the form of a pendant or of KRL, with its type and its status and turn values.
+    /// A pose in the notation of the pendant or of KRL is accepted, with its type and its status and turn values.
     #[test]
     fn a_pose_of_krl_is_read() {
         let read = |pose: &str| {
@@ -388,7 +391,8 @@ mod tests {
         }
     }
 
-    /// A pose in the form of Zivid's hand-eye calibration. Calculated by hand: a rotation by 90° about Z is A = 90°.
+    /// A pose in the format of Zivid's hand-eye calibration is accepted. Expected value, calculated by hand: a rotation
+    /// by 90° about Z is A = 90°.
     #[test]
     fn a_matrix_is_read() {
         let read = |rows: &str| {
@@ -423,8 +427,8 @@ mod tests {
         assert!(problems(points("f", &format!("{text}{radians}"))).contains("look like radians"));
     }
 
-    /// A touch names a spot, a corner, or a corner in a picture; a touch that names two of them, or none, is a problem
-    /// with its line.
+    /// A touch states a fixed point, a corner, or a corner in a picture. A touch that states two of these, or none, is
+    /// a problem with its line.
     #[test]
     fn a_touch_states_exactly_one_target() {
         let read = |touch: &str| arm_touches("t.toml", &format!("[[touches]]\n{touch}\n{POSE}"), &|_| true);

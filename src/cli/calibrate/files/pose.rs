@@ -1,4 +1,4 @@
-//! Reads the keys of a pose in the forms that a person writes, and writes them in one of these forms.
+//! Parses the keys of a pose in the formats that a person writes, and formats poses for a poses file.
 
 use panelprep_base::config::{Section, Setting};
 use panelprep_base::geometry::{Base, Flange, KukaPose, Rigid};
@@ -14,13 +14,13 @@ pub(super) const AXIS_RANGE_DEG: std::ops::RangeInclusive<f64> = -720.0..=720.0;
 
 pub(super) const CORNER: std::ops::RangeInclusive<usize> = 0..=60;
 
-/// A pose as the controller shows it, `{X 400.5, Y 0, Z 600, A 90, B 0, C 180}`, also with its type, status and turn,
-/// `{E6POS: …, S 2, T 35}`. Or a pose as other programs write it (`Data` of Zivid's YAML): four rows of four numbers, a
+/// A pose in the notation of the controller, `{X 400.5, Y 0, Z 600, A 90, B 0, C 180}`, also with type, status and
+/// turn, `{E6POS: …, S 2, T 35}`. Or a 4 × 4 matrix as other programs write it (`Data` in Zivid's YAML), with a
 /// rotation and a translation in mm.
 struct WrittenPose(KukaPose);
 
-/// Maximum deviation of a rotation's columns from unit length and from right angles: larger than the rounding of files
-/// with seven digits.
+/// Maximum deviation of a rotation matrix from orthonormal columns; larger than the rounding of files with seven
+/// digits.
 const MAX_ROTATION_DEVIATION: f64 = 1e-3;
 
 fn describe_valid_pose() -> String {
@@ -29,7 +29,7 @@ fn describe_valid_pose() -> String {
         .to_owned()
 }
 
-/// Reads the pose from a 4 × 4 matrix.
+/// Parses a pose from a 4 × 4 matrix.
 fn parse_matrix(rows: &[toml::Spanned<DeValue<'_>>]) -> Result<KukaPose, String> {
     let mut matrix = nalgebra::Matrix4::<f64>::zeros();
     let [_, _, _, _] = rows else { return Err(describe_valid_pose()) };
@@ -96,7 +96,7 @@ impl Setting for WrittenPose {
     }
 }
 
-/// Reads the pose under this key of a table: six keys, or the form of the controller or of another program.
+/// Parses the pose under this key of a table: six keys, the notation of the controller, or a matrix.
 pub(super) fn parse_pose_table(section: &Section<'_, '_>, key: &'static str) -> Option<KukaPose> {
     match section.has_key(key) && !section.is_table(key) {
         true => section.parse::<WrittenPose>(key, (), None).map(|pose| pose.0),
@@ -104,7 +104,7 @@ pub(super) fn parse_pose_table(section: &Section<'_, '_>, key: &'static str) -> 
     }
 }
 
-/// Reads the six keys of a pose in mm and degrees; all of them are required.
+/// Parses the six keys of a pose in mm and degrees; all of them are required.
 pub(super) fn pose(section: &Section<'_, '_>) -> Option<KukaPose> {
     let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| section.parse(key, POSITION_RANGE_MM, None));
     let [a_deg, b_deg, c_deg] = ["a_deg", "b_deg", "c_deg"].map(|key| section.parse(key, ANGLE_RANGE_DEG, None));
@@ -112,8 +112,8 @@ pub(super) fn pose(section: &Section<'_, '_>) -> Option<KukaPose> {
     Some(KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? })
 }
 
-/// Returns whether these angles look like radians. This is not a proof: the caller uses the result only if the tool
-/// cannot be upright.
+/// Returns whether these angles are probably in radians. This is not certain, so the caller uses the result only if the
+/// tool cannot be upright.
 pub(super) fn like_radians(pose: &KukaPose) -> bool {
     let angles = [pose.a_deg, pose.b_deg, pose.c_deg];
     let circle = [std::f64::consts::PI, std::f64::consts::FRAC_PI_2];
@@ -121,8 +121,8 @@ pub(super) fn like_radians(pose: &KukaPose) -> bool {
         && angles.iter().any(|angle| circle.iter().any(|turn| (angle.abs() - turn).abs() < 0.05))
 }
 
-/// Returns the keys of a pose in the form of a poses file, with the axes if they are known: the input of
-/// `picture_poses`.
+/// Formats a pose with the keys of a poses file, and with the axis angles if they are known. `picture_poses` parses
+/// this format.
 pub fn pose_keys(flange: &ReportedFlange) -> String {
     let KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg } = flange.base_from_flange;
     let axes = flange.joints.map(|joints| format!("axes_deg = {:?}\n", joints.degrees()));

@@ -1,11 +1,11 @@
-//! `panelprep calibrate … --live`: takes the pictures itself. For each picture it reports whether it shows the board,
-//! the result from all pictures so far, and which picture to take next. At the end it calibrates with these pictures,
-//! as the same command does with files.
+//! `panelprep calibrate … --live`: calibrations that capture their own pictures. For each picture the command reports
+//! whether it shows the board, the result from all pictures so far, and which picture to capture next. At the end it
+//! calibrates with these pictures, as the same command does with files.
 //!
-//! Pictures stay in the folder of `--live`, poses in its `poses.toml`; an interrupted session continues at its end.
-//! For the mount of the 3D camera they are 3D shots: its mount is computed from its own points.
-//! A person moves the board or the arm and presses Enter, or with `--count` has some seconds for it. With `--move`
-//! the arm moves automatically, through the gates of `panelprep robot move-j`.
+//! The pictures stay in the folder of `--live`, and the poses in its `poses.toml`; an interrupted session can be
+//! continued. For the mount of the 3D camera, 3D scans are captured, because its mount is computed from its own points.
+//! A person moves the board or the arm and presses Enter; with `--count` the person has a few seconds for each pose.
+//! With `--move` the arm moves automatically, with the checks of `panelprep robot move-j`.
 
 mod moving;
 mod session;
@@ -27,13 +27,13 @@ use panelprep_vision::calib::hand_eye::MIN_STATIONS;
 use session::{CalibrationCamera, OperatorChoice, Session, report_lens, report_mount};
 use std::path::PathBuf;
 
-/// Maximum number of pictures: enough for any lens.
+/// Maximum number of pictures in one session, which is sufficient for any lens.
 const MAX_PICTURES: usize = 60;
 
-/// Calibrates the lens with pictures that are taken now.
+/// Calibrates the lens with newly captured pictures.
 ///
 /// # Errors
-/// If the camera does not deliver or writing to the disk fails; otherwise as for the command with files.
+/// If the camera delivers no picture, or writing to the disk fails; also the errors of the calibration from files.
 pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     let (Some(folder), Some(camera)) = (&args.live.live, args.camera) else {
         return Err(CalibrationFault::NoLiveCamera.into());
@@ -45,7 +45,7 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
         CameraName::Scanner => BoardView::HandHeldForFixed,
         CameraName::FlangeCamera => BoardView::HandHeldForFlange,
     };
-    // The lens is calibrated again: only the size of its pictures is taken from the old calibration.
+    // Only the picture size is used from the old calibration, because the lens is being calibrated again.
     let known = match camera {
         CameraName::Scanner => opening::lens(cell.scanner())?,
         CameraName::FlangeCamera => opening::lens(cell.flange_camera())?,
@@ -66,10 +66,10 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
     intrinsics::run(&whole, progress)
 }
 
-/// Calibrates a camera's mount with pictures and poses that are taken now.
+/// Calibrates the mount of a camera with newly captured pictures and poses.
 ///
 /// # Errors
-/// As [`lens`], and if the robot does not do what is requested.
+/// The errors of [`lens`], and if the robot does not execute a motion.
 pub fn mount(args: &HandEye, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     let Some(folder) = &args.live.live else { return Err(CalibrationFault::NoLiveCamera.into()) };
     let cell = CellFiles::read(common)?;

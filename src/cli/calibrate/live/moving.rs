@@ -1,9 +1,9 @@
-//! Poses to which the arm moves automatically.
+//! Chooses the poses of a calibration in which the arm moves automatically.
 //!
-//! A person brings the arm to a pose from which the camera sees the board. From there the flange is rotated and shifted
-//! about a point at the board's distance, until enough pictures show the board for a first mount. From then on, each
-//! pose is the one that minimizes the mount's stated error, until a further pose would improve the mount too little.
-//! Each move passes the gate of `panelprep robot move-j`; a pose that the gate refuses is left out.
+//! A person moves the arm to a pose in which the camera sees the board. From this pose the flange is rotated about a
+//! point at the board's distance and shifted, until enough pictures show the board for a first mount. After that, each
+//! next pose is the one that reduces the stated error of the mount most, until a further pose would reduce it too
+//! little. Each motion must pass the checks of `panelprep robot move-j`; a pose that does not pass is skipped.
 
 use super::super::super::fault::{CalibrationFault, Fault};
 use super::super::super::flange_pose::controller_pose;
@@ -23,11 +23,11 @@ use panelprep_service::daemon::{SingleError, SingleRobot};
 use panelprep_toolpath::path::{Kinematics, reach};
 use panelprep_vision::calib::{Board, BoardObservation, board_pose, detect};
 
-/// Share of the axes' full speed at which the arm moves, %.
+/// Speed of the automatic motions, % of the axes' maximum speed.
 const AXIS_SPEED_PERCENT: u8 = 10;
 /// Maximum number of pictures of one session.
 const MAX_PICTURES: usize = 30;
-/// Number of pictures with the board, before a mount is computed for the first time.
+/// Minimum number of pictures with the board for the first computation of the mount.
 const MIN_FIRST_PICTURES: usize = 8;
 /// The poses around the first pose: rotations about X, Y and Z of the flange, degrees, and shifts, mm.
 const POSE_VARIATIONS: [([f64; 3], [f64; 3]); 14] = [
@@ -47,10 +47,10 @@ const POSE_VARIATIONS: [([f64; 3], [f64; 3]); 14] = [
     ([0.0, -8.0, -45.0], [0.0, 0.0, 0.0]),
 ];
 
-/// Takes pictures from pose to pose.
+/// Moves the arm from pose to pose and captures a picture at each.
 ///
 /// # Errors
-/// If the robot does not do what is requested, the camera does not deliver, or writing to the disk fails.
+/// If the robot does not execute a motion, the camera delivers no picture, or writing to the disk fails.
 pub fn run(
     (args, cell, kind): (&HandEye, &CellFiles, BoardView),
     (board, camera): (&Board, PinholeCamera),
@@ -59,7 +59,7 @@ pub fn run(
 ) -> Result<(), Fault> {
     cell.require(panelprep_service::requirements::Purpose::Robot)?;
     let is_mock = cell.cell.robot().kind() == RobotKind::Mock;
-    // Another program that holds the store may be moving the robot.
+    // The store is locked, because another program that uses it may be moving the robot.
     let _store = (!is_mock).then(|| cell.settled_store()).transpose()?;
     let starts = if is_mock { first_pose((args, cell, kind), board, camera)? } else { None };
     let (mut robot, simulated) = live::start_robot_at(&cell.cell, starts)?;
@@ -112,7 +112,7 @@ pub fn run(
     Ok(())
 }
 
-/// The motion of the arm from pose to pose.
+/// The motions of the arm between the poses of a session.
 struct PoseTour<'t, 's> {
     single: &'t mut SingleRobot<'s>,
     cell: &'t CellFiles,
@@ -120,13 +120,13 @@ struct PoseTour<'t, 's> {
 }
 
 impl PoseTour<'_, '_> {
-    /// Returns the arm's pose, as the controller computes it.
+    /// Returns the current flange pose, as the controller computes it.
     fn flange_pose(&self) -> Result<ReportedFlange, Fault> {
         controller_pose(&self.arm, &self.single.state().joints).ok_or(CalibrationFault::NoAxes.into())
     }
 
-    /// Moves to this pose with the smallest motion of the axes; returns false if the arm cannot reach it or the
-    /// gate refuses.
+    /// Moves to this flange pose with the smallest motion of the axes. Returns false if the pose is out of reach, or
+    /// the motion does not pass the checks.
     fn move_to(&mut self, base_from_flange: &Rigid<Base, Flange>) -> Result<bool, Fault> {
         let now = self.single.state().joints;
         let far_deg = |joints: &Joints| joints.max_difference_deg(&now);
@@ -148,8 +148,8 @@ impl PoseTour<'_, '_> {
     }
 }
 
-/// Maximum rotation of an axis to the next pose, degrees. With a larger rotation the arm would change its
-/// configuration, and the motion would lead far through the cell.
+/// Maximum rotation of an axis to the next pose, degrees. With a larger rotation the arm would change its configuration
+/// and sweep a large part of the cell.
 const MAX_AXIS_ROTATION_DEG: f64 = 90.0;
 
 fn take_board_picture(
@@ -161,8 +161,8 @@ fn take_board_picture(
     session.store_picture(&taken, Some(&tour.flange_pose()?))
 }
 
-/// Returns the distance of the board along the flange's Z axis. If the camera is on the flange, it is the distance of
-/// the board from the camera in the first picture. A board on the flange is rotated about the flange itself.
+/// Returns the distance of the board along the flange's Z axis. If the camera is on the flange, it is the distance
+/// between board and camera in the first picture. A board on the flange is rotated about the flange itself.
 fn distance_mm(
     pictures: &[std::path::PathBuf],
     kind: BoardView,
@@ -181,7 +181,7 @@ fn distance_mm(
     Ok((posed.camera_from_board * board.centre()).mm.z)
 }
 
-/// Returns the flange's pose, rotated about a point at the distance `about_mm` in front of it, and shifted.
+/// Returns a flange pose that is rotated about a point at the distance `about_mm` in front of the flange, and shifted.
 fn vary_pose(
     base_from_flange: &Rigid<Base, Flange>,
     about_mm: f64,
@@ -193,10 +193,10 @@ fn vary_pose(
     *base_from_flange * Rigid::<Flange, Flange>::from_isometry_unchecked(moved)
 }
 
-/// Maximum number of random poses that see the board; the first one within the simulated arm's reach is used.
+/// Maximum number of random poses with the board in view; the first one within the reach of the simulated arm is used.
 const MAX_DRAWS: usize = 20;
 
-/// Returns the simulated arm's first pose, from which it sees the board, as if a person had moved it there.
+/// Returns the first pose of the simulated arm, in which the camera sees the board, as if a person had moved the arm.
 fn first_pose(
     (args, cell, kind): (&HandEye, &CellFiles, BoardView),
     board: &Board,
@@ -217,8 +217,8 @@ fn first_pose(
 mod tests {
     use super::*;
 
-    /// A rotation by 90° about Z, with the point at 100 mm, leaves the flange at its position; a rotation by 90° about
-    /// X moves it to the side of that point.
+    /// A rotation by 90° about Z, with the point at 100 mm, does not move the flange. A rotation by 90° about X moves
+    /// it to the side of the point.
     #[test]
     fn the_flange_is_rotated_about_the_board() {
         let start: Rigid<Base, Flange> = Rigid::from_isometry_unchecked(Isometry3::translation(500.0, 0.0, 300.0));

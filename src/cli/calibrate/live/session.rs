@@ -1,8 +1,8 @@
-//! One session: its camera, its pictures in a folder, and the report about them.
+//! A session of a live calibration: its camera, its pictures in a folder, and the reports about them.
 //!
-//! The camera is the cell's own one, or in a simulated cell a camera that looks at a board. Each picture is stored with
-//! its pose if it has one, and with what was detected in it. The report states the result from the pictures so far, and
-//! the next picture to take.
+//! The camera is the cell's own camera or, in a simulated cell, a camera in front of a board. Each picture is stored
+//! with its pose, if it has one, and with the corners that were detected in it. A report states the result from the
+//! pictures so far, and which picture to capture next.
 
 use super::super::args::LiveArgs;
 use super::super::boards::BoardImage;
@@ -27,16 +27,16 @@ use panelprep_vision::calib::{Board, detect};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// The file of the poses in the session's folder.
+/// The name of the poses file in the session's folder.
 pub const POSES: &str = "poses.toml";
 
-/// Minimum mean grey level of a picture; a darker picture shows nothing.
+/// Minimum mean grey level of a picture; in a darker picture no board is searched.
 const MIN_MEAN_GRAY: f64 = 20.0;
 
-/// File extensions of pictures and of 3D shots.
+/// File extensions of pictures and of 3D scans.
 const FILE_EXTENSIONS: [&str; 2] = ["png", "pcd"];
 
-/// A capture that a camera delivered.
+/// A picture or scan that a camera delivered.
 pub enum Capture {
     /// A picture.
     Picture(ColorPicture),
@@ -44,7 +44,7 @@ pub enum Capture {
     Scan(OrganizedCloud<Camera>),
 }
 
-/// The choice of a person.
+/// The operator's answer to the question for another picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OperatorChoice {
     /// A picture.
@@ -56,7 +56,7 @@ pub enum OperatorChoice {
 /// A session.
 pub struct Session<'a> {
     folder: &'a Path,
-    /// The number of pictures that are taken without asking, in all, and the time between them.
+    /// The total number of pictures that are captured without asking, and the time between them.
     unasked: Option<(usize, Duration)>,
     board: &'a Board,
     window: Option<usize>,
@@ -66,10 +66,10 @@ pub struct Session<'a> {
 }
 
 impl<'a> Session<'a> {
-    /// Creates a session that continues with the contents of the folder. 3D shots are read with their camera's lens.
+    /// Creates a session, which continues with the pictures in the folder. 3D scans are read with their camera's lens.
     ///
     /// # Errors
-    /// If a file in it cannot be read.
+    /// If a file in the folder cannot be read.
     pub fn new(
         (folder, args): (&'a Path, &LiveArgs),
         (board, window): (&'a Board, Option<usize>),
@@ -82,7 +82,7 @@ impl<'a> Session<'a> {
         let mut session = Session { folder, unasked, board, window, pictures: Vec::new(), found: 0, poses };
         let earlier = |number| {
             let named = |ending: &&str| session.numbered_path(number, ending);
-            // A 3D shot cannot be read without a lens: such a file belongs to a session of another command.
+            // A 3D scan cannot be read without a lens, so such a file belongs to a session of another command.
             FILE_EXTENSIONS[..if camera.is_some() { 2 } else { 1 }]
                 .iter()
                 .map(named)
@@ -111,12 +111,12 @@ impl<'a> Session<'a> {
         self.folder.join(format!("board_{number:04}.{ending}"))
     }
 
-    /// Returns the maximum number of pictures to take.
+    /// Returns the maximum number of pictures to capture.
     pub fn max_pictures(&self, usual: usize) -> usize {
         self.unasked.map_or(usual, |(count, _)| count)
     }
 
-    /// Returns the number of pictures.
+    /// Returns the number of pictures in the session.
     pub fn picture_count(&self) -> usize {
         self.pictures.len()
     }
@@ -126,15 +126,15 @@ impl<'a> Session<'a> {
         self.found
     }
 
-    /// Returns the files of the pictures.
+    /// Returns the files of all pictures.
     pub fn pictures(&self) -> Vec<PathBuf> {
         self.pictures.clone()
     }
 
-    /// Asks whether to take another picture.
+    /// Asks the operator whether to capture another picture.
     ///
     /// # Errors
-    /// If the person cannot be asked.
+    /// If the operator's answer cannot be read.
     pub fn ask_for_picture(&self) -> Result<OperatorChoice, Fault> {
         if let Some((count, every)) = self.unasked {
             if self.picture_count() >= count {
@@ -225,7 +225,7 @@ pub(super) fn report_reasons(outcome: &Outcome) {
     }
 }
 
-/// Reports the mount so far; returns whether another pose is useful.
+/// Reports the mount from the pictures so far; returns whether another pose is useful.
 pub(super) fn report_mount(outcome: &Outcome) -> bool {
     let number = |key: &str| outcome.json.get(key).and_then(serde_json::Value::as_f64);
     let verdict = outcome.json.get("verdict").and_then(serde_json::Value::as_str).unwrap_or_default();
@@ -248,37 +248,37 @@ pub(super) fn report_mount(outcome: &Outcome) -> bool {
     is_worth || verdict != Verdict::Accept.keyword()
 }
 
-/// Returns the pose that would improve the result most.
+/// Returns the flange pose that would improve the result most.
 pub(super) fn suggest_next_pose(outcome: &Outcome) -> Option<KukaPose> {
     outcome.json.get("next_pose").and_then(|pose| serde_json::from_value(pose.clone()).ok())
 }
 
-/// Another pose is only useful if less than this share of the error remains after it.
+/// Maximum ratio of the error after another pose to the present error at which the pose is useful.
 const MAX_REMAINING_SHARE: f64 = 0.95;
 
-/// If the error is below this value, no further pose is useful: the pose repeatability of the arm is about 0.03 mm
-/// (data sheet of the KR 6 R700).
+/// Error below which no further pose is useful, mm: the pose repeatability of the arm is about 0.03 mm (data sheet of
+/// the KR 6 R700).
 const SUFFICIENT_ERROR_MM: f64 = 0.02;
 
 /// The camera.
 pub enum CalibrationCamera {
-    /// The fixed camera, with its colour picture.
+    /// The fixed camera, which captures colour pictures.
     Scanner(Box<dyn Scanner>),
-    /// The fixed camera, with its 3D shot: its mount is computed from its own points.
+    /// The fixed camera, which captures 3D scans, because its mount is computed from its own points.
     Scans(Box<dyn Scanner>),
     /// The camera on the flange.
     Flange(Box<dyn FlangeCamera>),
     /// A simulated camera.
     Boards(SimulatedBoards),
-    /// A simulated camera in front of a board, with its 3D shot.
+    /// A simulated camera in front of a board, which captures 3D scans.
     BoardScans(SimulatedBoards),
 }
 
 impl CalibrationCamera {
-    /// Opens the camera that the cell's file names; `lens` is given if the camera's size is known.
+    /// Opens the camera that the cell file names; `lens` is given if its picture size is known.
     ///
     /// # Errors
-    /// If it cannot be opened.
+    /// If the camera cannot be opened.
     pub fn open(
         cell: &CellFiles,
         (view, board): (BoardView, &Board),
@@ -302,10 +302,10 @@ impl CalibrationCamera {
         })
     }
 
-    /// Creates the simulated cell's camera, in front of a board.
+    /// Creates the camera of the simulated cell, in front of a board.
     ///
     /// # Errors
-    /// If the board is not a chessboard: no other kind of board is simulated here.
+    /// If the board is not a chessboard, because other boards are not simulated.
     pub fn simulated(
         (view, board): (BoardView, &Board),
         (args, lens): (&LiveArgs, Option<PinholeCamera>),
@@ -319,10 +319,10 @@ impl CalibrationCamera {
         })
     }
 
-    /// Takes a picture or a 3D shot; returns it with the flange's pose if the camera's source knows it.
+    /// Captures a picture or a 3D scan. Also returns the flange pose if the source of the picture knows it.
     ///
     /// # Errors
-    /// If the camera does not deliver.
+    /// If the camera delivers no picture or scan.
     pub fn capture(&mut self) -> Result<(Capture, Option<Rigid<Base, Flange>>), Fault> {
         Ok(match self {
             CalibrationCamera::Scanner(camera) => {
@@ -355,10 +355,10 @@ pub fn is_simulated(cell: &CellFiles, view: BoardView) -> bool {
     }
 }
 
-/// Returns the simulated cell's board in the form that the renderer needs.
+/// Returns the board of the simulated cell in the form that the renderer needs.
 ///
 /// # Errors
-/// As [`CalibrationCamera::simulated`].
+/// The errors of [`CalibrationCamera::simulated`].
 pub fn board_cell(
     (view, board): (BoardView, &Board),
     (args, lens): (&LiveArgs, Option<PinholeCamera>),

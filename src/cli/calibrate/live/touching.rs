@@ -1,9 +1,9 @@
-//! `panelprep calibrate tcp`, `touch` and `verify` with `--live`: poses in which the tip touches something, and the
-//! picture of the target, taken now.
+//! `panelprep calibrate tcp`, `touch` and `verify` with `--live`: poses in which the tool's tip touches a point, and a
+//! newly captured picture of the target.
 //!
-//! For `tcp` and `touch`, the pose is read from the controller at each Enter. If no controller answers, a person reads
-//! it from the pendant. The command causes no motion. For `verify` in a simulated cell, a simulated person has put the
-//! target in its place.
+//! For `tcp` and `touch`, the pose is read from the controller each time Enter is pressed. If no controller responds, a
+//! person reads it from the pendant. The command causes no motion. For `verify` in a simulated cell, a simulated person
+//! has placed the target.
 
 use super::super::args::{CameraName, Tcp, Touch, Verify};
 use super::super::boards::Target;
@@ -21,17 +21,17 @@ use panelprep_base::number_text::fixed_decimals;
 use panelprep_cell::files::{self, ReportedFlange};
 use std::path::{Path, PathBuf};
 
-/// Number of poses with which a tool's tip is computed for the first time.
+/// Minimum number of poses for the first computation of the TCP.
 const MIN_FIRST_POSES: usize = 4;
 
-/// The answer of a person to a question for a pose.
+/// The operator's answer to the question for a pose.
 enum PoseAnswer {
     Here(ReportedFlange),
     Axis,
     Done,
 }
 
-/// Reads the person's input: `axis` if it is possible, `done`, or only Enter for a pose.
+/// Reads the operator's input: `axis` (if permitted), `done`, or only Enter for a pose.
 fn read_pose_answer(poses: &FlangePoses<'_>, may_be_axis: bool) -> Result<PoseAnswer, Fault> {
     loop {
         match read_answer_line()?.as_deref() {
@@ -51,10 +51,10 @@ fn read_pose_answer(poses: &FlangePoses<'_>, may_be_axis: bool) -> Result<PoseAn
     }
 }
 
-/// Calibrates the tool with poses that are read now.
+/// Calibrates the tool with poses that are read from the controller now.
 ///
 /// # Errors
-/// If writing to the disk fails or the flange's pose is not known; otherwise as for the command with files.
+/// If writing to the disk fails, or the flange pose is not known; also the errors of the calibration from files.
 pub fn tool((args, folder): (&Tcp, &Path), common: &Common) -> Result<Outcome, Fault> {
     let cell = CellFiles::read(common)?;
     let file = folder.join("poses.toml");
@@ -102,7 +102,7 @@ pub fn tool((args, folder): (&Tcp, &Path), common: &Common) -> Result<Outcome, F
     tools::run_tcp(&on_file(args.out.clone()), common)
 }
 
-/// Reports how well the poses so far determine the tip. If they do not determine it, the poses are kept.
+/// Reports how well the poses so far determine the TCP. If they do not determine it yet, the poses are kept.
 fn report_tip(found: Result<Outcome, Fault>) {
     match found {
         Ok(outcome) => {
@@ -115,10 +115,10 @@ fn report_tip(found: Result<Outcome, Fault>) {
     }
 }
 
-/// Measures the error at the tool with touches of the board's corners that are read now.
+/// Measures the error at the tool, with touches of the board's corners that are read from the controller now.
 ///
 /// # Errors
-/// As [`tool`].
+/// The errors of [`tool`].
 pub fn touch((args, folder): (&Touch, &Path), common: &Common) -> Result<Outcome, Fault> {
     let cell = CellFiles::read(common)?;
     let Target { board, base_from_board } = Target::read(&args.target, args.board.board().as_ref())?;
@@ -152,11 +152,10 @@ pub fn touch((args, folder): (&Touch, &Path), common: &Common) -> Result<Outcome
     verify::touch(&Touch { points: Some(file), live: None, ..args.clone() }, common)
 }
 
-/// Takes the picture and does the same as the command with files.
+/// Captures the picture of the target; afterwards the verification is the same as with a file.
 ///
 /// # Errors
-/// If the camera does not deliver, the flange's pose is not known, or writing to the disk fails; otherwise as for the
-/// command with files.
+/// If the camera delivers no picture, the flange pose is not known, or writing to the disk fails.
 pub fn take_target_picture(
     (args, folder): (&Verify, &Path),
     common: &Common,
@@ -174,7 +173,8 @@ pub fn take_target_picture(
     verify::run(&Verify { image: Some(image), flange, live: None, ..args.clone() }, common, progress)
 }
 
-/// Takes a 3D shot, which also gives the size of the squares; with a simulated scanner, its picture of the target.
+/// Captures a 3D scan, from which the size of the squares is also measured; a simulated scanner delivers its picture of
+/// the target.
 fn scanner(args: &Verify, (cell, folder): (&CellFiles, &Path), progress: &dyn Fn(&str)) -> Result<PathBuf, Fault> {
     if cell.cell.scanner().is_simulated() {
         let file = free_names(folder, "verify_scanner", &["png"]).remove(0);
@@ -189,7 +189,7 @@ fn scanner(args: &Verify, (cell, folder): (&CellFiles, &Path), progress: &dyn Fn
     disk::write(&file, files::write_pcd(&shot.cloud)).map(|()| file)
 }
 
-/// Takes a picture, and reads the flange's pose at this picture.
+/// Captures a picture with the flange camera, and reads the flange pose of the picture.
 fn flange_camera(
     args: &Verify,
     (cell, folder): (&CellFiles, &Path),
