@@ -1,6 +1,6 @@
-//! What the program states about itself. `panelprep explain`: the meaning of a message's code and the remedy, as in the
-//! manual's page of messages. `panelprep package-files`: manual pages, and completions for shells, made from the
-//! command line's own definition.
+//! Texts that the program contains about itself. `panelprep explain` prints the meaning of a message's code and the
+//! remedy, as the page of messages in the manual does. `panelprep package-files` writes the manual pages and shell
+//! completions, which are generated from the definition of the command line.
 
 use super::args::{Arguments, Explain, PackageFiles};
 use super::disk;
@@ -14,7 +14,7 @@ use panelprep_store::history::{code, codes, row};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-/// Explains the code; without one, lists all codes.
+/// Explains a code; without a code, lists all codes.
 ///
 /// # Errors
 /// If no message has this code.
@@ -43,11 +43,11 @@ pub fn run(args: &Explain) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Shells, each with the file name under which it looks for its completions.
+/// The shells, each with the file name under which it finds its completions.
 const COMPLETION_FILES: [(Shell, &str); 3] =
     [(Shell::Bash, "panelprep"), (Shell::Zsh, "_panelprep"), (Shell::Fish, "panelprep.fish")];
 
-/// Writes the files.
+/// Writes the manual pages and the shell completions.
 ///
 /// # Errors
 /// If writing to the disk fails.
@@ -69,7 +69,7 @@ pub fn write_package_files(args: &PackageFiles) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Writes a manual page for a command and for each subcommand.
+/// Writes a manual page for a command, and for each of its subcommands.
 fn write_manual(command: &Command, folder: &Path, files: &mut Vec<PathBuf>) -> Result<(), Fault> {
     let page = clap_mangen::Man::new(command.clone());
     let file = folder.join(page.get_filename());

@@ -1,4 +1,4 @@
-//! The faults that stop a command, as text. This is the only place where the errors of all modules come together.
+//! The errors that stop a command, with their messages. This is the only place that knows the errors of all modules.
 
 mod cell;
 mod data;
@@ -11,16 +11,15 @@ use panelprep_service::requirements::{Purpose, UnmetRequirement};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
-/// The reason why a command could not do its work: bad input, or a disk error. The exit code is 2 unless stated
-/// otherwise.
+/// The reason why a command failed: invalid input, or a disk error. The exit code is 2 unless stated otherwise.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
     /// A file does not have the required content.
     #[error("{}: {cause}", file.display())]
     File {
-        /// The file as the user named it.
+        /// The path of the file as the user stated it.
         file: PathBuf,
-        /// The problem of the file.
+        /// The problem in the file.
         cause: Box<dyn Error + Send + Sync>,
     },
     /// A configuration file has problems; each is listed with its line.
@@ -32,26 +31,26 @@ pub enum Fault {
     /// A device failed.
     #[error(transparent)]
     Device(#[from] DeviceFault),
-    /// A fault in the teaching of a panel.
+    /// A panel cannot be taught, or its taught data cannot be used.
     #[error(transparent)]
     Teaching(#[from] TeachingFault),
-    /// A fault of a clip or its labels.
+    /// A clip or its labels cannot be used or written.
     #[error(transparent)]
     Clip(#[from] ClipFault),
-    /// A record cannot be used.
+    /// The records do not contain what was requested, or do not accept a part.
     #[error(transparent)]
     Record(#[from] RecordFault),
-    /// The cell's file does not state what the command needs.
+    /// The cell file does not state everything that the command needs.
     #[error("{}", format_missing(cell, *purpose, unmet))]
     Unmet {
         /// The cell's file.
         cell: PathBuf,
-        /// The purpose for which the cell's file is not complete.
+        /// The purpose for which the cell file is not complete.
         purpose: Purpose,
         /// The missing entries.
         unmet: Vec<UnmetRequirement>,
     },
-    /// A program ended while a motion was in progress.
+    /// A program has ended while a motion was in progress.
     #[error(
         "a motion is open in the store: a program ended while the robot moved. Nothing moves until a person has \
          checked the cell; check the cell, jog the pad off the panel if it touches, then run `panelprep \
@@ -62,7 +61,7 @@ pub enum Fault {
         /// The cell's file.
         cell: PathBuf,
     },
-    /// The last cycle was aborted.
+    /// The last cycle was aborted and not cleared.
     #[error(
         "the last cycle in this store was aborted, and no person has confirmed that the cause is removed; check the \
          cell, then run `panelprep clear --cell {}`", cell.display()
@@ -71,7 +70,7 @@ pub enum Fault {
         /// The cell's file.
         cell: PathBuf,
     },
-    /// The content of the store differs from what this program wrote there.
+    /// The content of the store differs from what this program has written.
     #[error(
         "the store's content was changed or damaged: `panelprep store verify` lists the differences. Nothing \
          moves until a person has checked the cell and run `panelprep clear --cell {}`", cell.display()
@@ -85,20 +84,20 @@ pub enum Fault {
     NoSuchCode {
         /// The code as the user typed it.
         found: String,
-        /// The existing code that is most similar.
+        /// The existing code that is most similar to the typed one.
         nearest: Option<String>,
     },
-    /// A text on the command line that is not a pose.
+    /// A text on the command line is not a pose.
     #[error("\"{found}\" is not a {what}: {problem}")]
     NotSixNumbers {
-        /// The text as given.
+        /// The text that the user typed.
         found: String,
-        /// The expected kind of pose.
+        /// The kind of pose that is expected.
         what: &'static str,
         /// The problem.
         problem: String,
     },
-    /// A decision that does not state the step on which it is based.
+    /// A decision does not state the step on which it is based.
     #[error(
         "{command}: not requested, because the step is missing; read the step with `panelprep ctl state`, then run \
          `panelprep ctl {command} --step N`"
@@ -116,13 +115,13 @@ pub enum Fault {
         /// The socket.
         socket: PathBuf,
     },
-    /// A folder that contains other files.
+    /// The folder to be written contains other files.
     #[error("{}: is not empty and was not written by `panelprep render`; name a new folder", folder.display())]
     NotOwnFolder {
         /// The folder.
         folder: PathBuf,
     },
-    /// The demonstration's page would be open to other computers.
+    /// The page of the demo would be accessible from other computers.
     #[error(
         "{address}: the demo has accounts with known passwords, so its page must listen on a loopback address; give an address such as 127.0.0.1:8090"
     )]
@@ -130,7 +129,7 @@ pub enum Fault {
         /// The requested address.
         address: std::net::SocketAddr,
     },
-    /// A problem of an account of the operator's page.
+    /// An account of the operator's page has a problem.
     #[error("account {name}: {problem}")]
     Account {
         /// Its name.
@@ -141,54 +140,54 @@ pub enum Fault {
     /// The cycle for which the command waited is no longer the last cycle of the service.
     #[error("{} was expected, but the last cycle of the service is {}; see the page of the expected cycle", format_cycle(*waited_for), format_cycle(*found))]
     OtherCycle {
-        /// The cycle that was begun.
+        /// The number of the cycle that was started.
         waited_for: Option<i64>,
-        /// The last cycle of the service.
+        /// The number of the service's last cycle.
         found: Option<i64>,
     },
-    /// A recording in a place that is not allowed for a client.
+    /// A client requested a recording at a path that is not permitted.
     #[error("--record \"{file}\": {words}")]
     RecordName {
-        /// The file name, with unprintable characters as escapes.
+        /// The file name; unprintable characters are escaped.
         file: String,
-        /// The problem of the name, and what is allowed.
+        /// The problem of the file name, and what is valid.
         words: &'static str,
     },
-    /// A new file would be written over another one.
+    /// A new file would overwrite an existing one.
     #[error("{} already exists and is not overwritten; name another file with --out, or move the existing file", file.display())]
     AlreadyExists {
         /// The file.
         file: PathBuf,
     },
-    /// A question without an answer.
+    /// A question was not answered.
     #[error("{question} has no answer: give {option}{}", if *is_proposed { ", or --yes to accept the proposed value" } else { "" })]
     NoAnswer {
         /// The question.
         question: String,
         /// The option that answers the question.
         option: &'static str,
-        /// Whether there is a proposed value that could be accepted.
+        /// Whether there is a proposed value that can be accepted with --yes.
         is_proposed: bool,
     },
-    /// An answer that is not accepted.
+    /// The answer to a question is not valid.
     #[error("{option} \"{found}\": {problem}")]
     BadAnswer {
         /// The option.
         option: &'static str,
-        /// The answer as given.
+        /// The answer that was given.
         found: String,
-        /// The problem of the answer, and what is allowed.
+        /// The problem of the answer, and what is valid.
         problem: String,
     },
-    /// A thread of the program failed. Exit code 3.
+    /// A thread of the program failed; the exit code is 3.
     #[error(transparent)]
     Broken(#[from] panelprep_base::supervision::ThreadFault),
-    /// A stage refused its input; with the stage's own message.
+    /// A stage refused its input; the message is that of the stage.
     #[error(transparent)]
     Stage(Box<dyn Error + Send + Sync>),
 }
 
-/// Returns a line for each missing thing; the first line also names the commands that need these things.
+/// Returns one line for each missing item; the first line also names the commands that need the items.
 fn format_missing(cell: &Path, purpose: Purpose, unmet: &[UnmetRequirement]) -> String {
     let mut needed_by = format!(" ({} need it)", purpose.commands());
     let mut line = |UnmetRequirement { key, message, .. }: &UnmetRequirement| {
@@ -198,7 +197,7 @@ fn format_missing(cell: &Path, purpose: Purpose, unmet: &[UnmetRequirement]) -> 
 }
 
 impl Fault {
-    /// Returns the command's exit code and the code word for scripts.
+    /// Returns the exit code of the command, and the code word for scripts.
     pub fn code(&self) -> (u8, &'static str) {
         match self {
             Fault::Broken(_) => (3, "program_fault"),
@@ -207,12 +206,12 @@ impl Fault {
         }
     }
 
-    /// Creates the fault of a file.
+    /// Creates the error for a file with a problem.
     pub fn file_fault(file: &Path, cause: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
         Fault::File { file: file.to_owned(), cause: cause.into() }
     }
 
-    /// Converts the error that ended the loop.
+    /// Converts the error that ended the control loop.
     pub fn from_loop_error(error: DaemonError) -> Self {
         match error {
             DaemonError::Broken(fault) => Fault::Broken(fault),
@@ -220,7 +219,7 @@ impl Fault {
         }
     }
 
-    /// Creates the fault of a stage from its error.
+    /// Converts the error of a stage.
     pub fn stage(cause: impl Error + Send + Sync + 'static) -> Self {
         Fault::Stage(Box::new(cause))
     }

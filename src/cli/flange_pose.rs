@@ -1,5 +1,5 @@
-//! The pose of the flange at a picture that is taken now. It is reported by the service, by the controller if no
-//! service runs, or by the camera's source, or a person reads it from the pendant.
+//! The flange pose of a picture that is captured now. It is reported by the service or, if no service runs, by the
+//! controller, or by the source of the picture; otherwise a person reads it from the pendant.
 
 use super::fault::Fault;
 use super::load::CellFiles;
@@ -15,32 +15,33 @@ use std::cell::{Cell as Counter, RefCell};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// Maximum difference of an axis angle from before a picture until after it, degrees; with a larger one, the arm has
-/// moved.
+/// Maximum difference of an axis angle between before and after a picture at which the arm is treated as at rest,
+/// degrees.
 const STANDSTILL_TOLERANCE_DEG: f64 = 0.002;
-/// Time limit for a controller's answer.
+/// Time limit for a report of the controller.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(5);
 const MAX_MISSED_ANSWERS: u32 = 2;
 
-/// What is known about the flange's pose at a picture.
+/// What is known about the flange pose of a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PoseKnowledge {
-    /// The reported pose of the flange.
+    /// The flange was at this reported pose.
     At(ReportedFlange),
-    /// The arm moved during the picture.
+    /// The arm moved while the picture was captured.
     Moved,
     /// No pose was reported.
     Nothing,
 }
 
-/// The sources of the flange pose.
+/// The sources that can report the flange pose of a picture.
 pub struct FlangePoses<'c> {
     cell: &'c cell::Cell,
     arm: Kinematics,
     socket: PathBuf,
-    /// Open from before a picture until after it, if no service runs.
+    /// The link to the controller, open from before a picture until after it; only if no service runs.
     link: RefCell<Option<LinkedRobot>>,
-    /// Number of answers that the controller did not send; after [`MAX_MISSED_ANSWERS`] of them it is not asked again.
+    /// Number of reports that did not arrive in time; after [`MAX_MISSED_ANSWERS`] of them the controller is not
+    /// queried again.
     missed_answers: Counter<u32>,
 }
 
@@ -56,8 +57,8 @@ impl<'c> FlangePoses<'c> {
         }
     }
 
-    /// Returns the axis positions now, before a picture is taken. They come from the running service if it knows them.
-    /// If no service runs, they come from the controller if it answers.
+    /// Returns the current axis angles, before a picture is captured. They come from the running service if it knows
+    /// them or, if no service runs, from the controller if it responds.
     pub fn now(&self) -> Option<Joints> {
         match ctl::service_state(&self.socket) {
             Some(_) => ctl::service_axes(&self.socket),
@@ -65,7 +66,7 @@ impl<'c> FlangePoses<'c> {
         }
     }
 
-    /// Reads the axes in the same way as `panelprep robot state`: nothing is set and nothing moves.
+    /// Reads the axis angles from the controller, like `panelprep robot state`: nothing is set and nothing moves.
     fn ask_controller(&self) -> Option<Joints> {
         if self.cell.robot().kind() != RobotKind::Eki || self.missed_answers.get() >= MAX_MISSED_ANSWERS {
             return None;
@@ -83,15 +84,15 @@ impl<'c> FlangePoses<'c> {
         report
     }
 
-    /// Returns the axis positions after the picture, and releases the link to the controller, so that other clients may
-    /// use it.
+    /// Returns the axis angles after the picture, and closes the link to the controller, so that other clients can use
+    /// it.
     fn axes_after_picture(&self) -> Option<Joints> {
         let report = self.now();
         self.link.borrow_mut().take();
         report
     }
 
-    /// Combines the positions before and after the picture with the report of the camera's source.
+    /// Combines the axis angles before and after the picture with the pose that the source of the picture reports.
     pub fn combine_reports(
         &self,
         before: Option<Joints>,
@@ -100,8 +101,8 @@ impl<'c> FlangePoses<'c> {
         combine_evidence(&self.arm, before.zip(before.and_then(|_| self.axes_after_picture())), from_camera)
     }
 
-    /// Returns the pose that [`FlangePoses::combine_reports`] gives, and asks a person if nothing is known. `None` if the
-    /// picture does not count, or there is no answer.
+    /// Returns the pose from [`FlangePoses::combine_reports`], or asks a person if no pose was reported. `None` if the
+    /// arm moved during the picture, or the person does not answer.
     ///
     /// # Errors
     /// If standard input cannot be read.
@@ -133,7 +134,7 @@ impl<'c> FlangePoses<'c> {
     }
 }
 
-/// Returns the controller's next report from now on; earlier reports are still in the queue and are skipped.
+/// Returns the next report of the controller; reports that are already in the queue are older and are skipped.
 fn next_controller_report(link: &mut LinkedRobot) -> Option<Joints> {
     let (begun, mut is_drained) = (Instant::now(), false);
     while begun.elapsed() < RESPONSE_TIMEOUT {
@@ -165,7 +166,8 @@ fn combine_evidence(
     from_camera.map_or(PoseKnowledge::Nothing, at)
 }
 
-/// Returns what the controller reports at these axis angles; `None` if the angles are not numbers.
+/// Returns the flange pose that the controller calculates from these axis angles; `None` if they are not finite
+/// numbers.
 pub fn controller_pose(arm: &Kinematics, joints: &Joints) -> Option<ReportedFlange> {
     let base_from_flange = KukaPose::from_rigid(&arm.nominal_flange(joints)?);
     Some(ReportedFlange { base_from_flange, joints: Some(*joints) })
@@ -177,8 +179,7 @@ mod tests {
     use nalgebra::Isometry3;
     use panelprep_cell::cell::Cell;
 
-    /// At A2 = −90° and A3 = 90° the flange is 25 + 365 + 90 mm in front of the base, and 400 + 335 + 25 mm above
-    /// it.
+    /// At A2 = −90° and A3 = 90° the flange is 25 + 365 + 90 mm in front of the base, and 400 + 335 + 25 mm above it.
     #[test]
     fn a_flange_is_known_only_while_the_arm_is_at_rest() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|error| panic!("{error}"));

@@ -1,5 +1,5 @@
-//! `panelprep history`: searches the cycles of the store, compares two, shows trends of quantities, lists alarms. It
-//! prints the same data as a table for people, as JSON or as CSV. The table has columns, with the newest cycle first.
+//! `panelprep history`: searches for cycles in the store, compares two cycles, shows trends of quantities, and lists
+//! alarms. The same data are printed as a table for people, as JSON or as CSV. In a table the newest cycle comes first.
 
 use super::args::{Common, EndName, History, HistoryTask, SearchArguments};
 use super::fault::{Fault, RecordFault};
@@ -18,13 +18,13 @@ use panelprep_store::store::Store;
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-/// Runs the requested task.
+/// Runs one task of `panelprep history`.
 ///
 /// # Errors
 /// If a date, a panel or a quantity is not known, or there is no store to read.
 pub fn run(args: &History, common: &Common) -> Result<Outcome, Fault> {
     let store = match &common.store {
-        // A copy of the store in another folder needs no cell's file.
+        // A copy of the store in another folder can be read without a cell file.
         Some(folder) => Store::open(folder).map_err(Fault::stage)?,
         None => CellFiles::read(common)?.store()?,
     };
@@ -65,7 +65,7 @@ pub fn run(args: &History, common: &Common) -> Result<Outcome, Fault> {
     }
 }
 
-/// Returns the results in the requested form; JSON is always one object with all of them.
+/// Returns the results in the requested format; JSON is always one object with all results.
 fn results_outcome(
     args: &History,
     data: &impl Serialize,
@@ -121,7 +121,7 @@ fn load_past_cycle(store: &Store, cycle: i64) -> Result<PastCycle, Fault> {
     store.past_cycle(CycleId(cycle)).map_err(Fault::stage)
 }
 
-/// Returns the newest finished cycles of a panel, in order from the oldest to the newest.
+/// Returns the newest finished cycles of a panel, the oldest of them first.
 fn cycles(store: &Store, panel: &str, limit: usize) -> Result<Vec<PastCycle>, Fault> {
     let panels = store.cycle_panels().map_err(Fault::stage)?;
     if !panels.iter().any(|name| name == panel) {
@@ -180,10 +180,10 @@ fn alarms(store: &Store, args: &History, cycle: Option<CycleId>) -> Result<Outco
     results_outcome(args, &serde_json::json!({ "alarms": all }), &history::alarm_table(&all), words)
 }
 
-/// Placeholder for an empty value.
+/// Placeholder for an empty cell of a table.
 const EMPTY_PLACEHOLDER: &str = "–";
 
-/// Formats rows as columns; each column has the width of its widest cell, except the last one.
+/// Formats rows as columns; each column except the last is as wide as its widest cell.
 fn columns(rows: &[Vec<String>]) -> Vec<String> {
     let count = rows.iter().map(Vec::len).max().unwrap_or(0);
     let wide = |column: usize| {
@@ -298,7 +298,7 @@ fn limit_text(limit: Limit) -> String {
     }
 }
 
-/// Formats two cycles next to each other. Their inputs are shown only if they differ.
+/// Formats the comparison of two cycles. Their inputs are shown only if they differ.
 fn comparison_columns(comparison: &Comparison) -> Vec<String> {
     let [first, second] = &comparison.cycles;
     let mut words = vec![match comparison.is_same_part {
@@ -375,7 +375,7 @@ fn trend_columns(trend: &Trend) -> Vec<String> {
     words
 }
 
-/// Formats the heat map of all grids over many cycles.
+/// Formats the heat map of a panel's grids over many cycles.
 fn heat_columns(map: &HeatMap) -> Vec<String> {
     let mut rows = vec![row(&["grid", "films", "breaks", "median time to break"])];
     rows.extend(map.grids.iter().map(|cell| {

@@ -1,9 +1,9 @@
-//! `panelprep inspect`: the water-break test on a clip or, with `--truth DIR`, on a labelled set of clips, scored as a
-//! whole.
+//! `panelprep inspect`: the water-break test on a clip or, with `--truth DIR`, on a labelled set of clips, which is
+//! scored as a whole.
 //!
-//! Each folder in DIR that holds a `clip.csv` is a clip. Its labels are in `truth` or, if a person made them, next to
-//! its pictures. The score answers two questions for each place that truly broke: was half of its area found, and how
-//! late were its first 10 mm² detected as broken? A place is a connected component of the mask.
+//! Each folder in DIR that contains a `clip.csv` is a clip. Its labels are in `truth` or, if a person made them, next
+//! to its pictures. For each true break (a connected component of the true mask), the score states whether half of its
+//! area was found, and with what delay its first 10 mm² were detected as broken.
 
 use super::args::{Common, Inspect};
 use super::disk;
@@ -66,21 +66,21 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
     Ok(inspected.outcome(mask))
 }
 
-/// Limits of the size classes, mm².
+/// Bin limits of the histogram of break sizes, mm².
 const SIZE_CLASSES_MM2: [f64; 6] = [0.0, 5.0, 25.0, 50.0, 200.0, f64::INFINITY];
-/// A place counts as broken from the time at which its broken area first has this size, mm².
+/// Area at which a break begins, mm²: the time of a break is the time at which its broken area first reaches this size.
 const MIN_TIMED_BREAK_MM2: f64 = 10.0;
-/// Limits of the classes of delay, s.
+/// Bin limits of the histogram of delays, s.
 const DELAY_CLASSES_S: [f64; 7] = [f64::NEG_INFINITY, -1.0, -0.5, 0.0, 0.5, 1.0, f64::INFINITY];
 
-/// One true break of the film.
+/// A true break of the film, and how it was detected.
 struct TrueBreak {
     area_mm2: f64,
     found: bool,
     late_s: Option<f64>,
 }
 
-/// Row of one clip.
+/// The row of one clip in the table of results.
 struct Row {
     name: String,
     verdict: Verdict,
@@ -90,10 +90,10 @@ struct Row {
     breaks: Vec<TrueBreak>,
 }
 
-/// Scores the set in `folder`.
+/// Inspects and scores the labelled set in `folder`.
 ///
 /// # Errors
-/// If it holds no clip, or a clip or its labels cannot be read.
+/// If the folder contains no clip, or a clip or its labels cannot be read.
 fn run_labelled_set(
     taught: &LoadedPanel,
     folder: &Path,
@@ -172,7 +172,7 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
     (count > 0).then(|| sum / count as f64)
 }
 
-/// Returns for each size class its name, the number of true breaks, and how many of them were missed.
+/// Returns for each size bin its name, the number of true breaks, and the number of missed breaks.
 fn detection_by_size(rows: &[Row]) -> Vec<(String, usize, usize)> {
     let breaks = || rows.iter().flat_map(|row| &row.breaks);
     let class = |ends: &[f64]| {
@@ -213,7 +213,7 @@ fn build_outcome(rows: &[Row]) -> Outcome {
     let within = mean(broken().map(|row| row.within.iou));
     let (precision, recall) =
         (mean(broken().map(|row| row.whole.precision)), mean(broken().map(|row| row.whole.recall)));
-    // A set shows how good the method is, not how good a panel is.
+    // The verdict is always "accept", because a labelled set judges the method and not a panel.
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.lines = vec![format!("{:16} verdict   iou   within  prec.  recall  breaks missed", "clip")];
     for row in rows {

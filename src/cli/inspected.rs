@@ -1,5 +1,5 @@
-//! A clip in a folder: its inspection, and its labels, made by the renderer or by a person: a mask and, if known, its
-//! times.
+//! The inspection of a clip in a folder, and the labels of the clip (from the renderer or from a person): a mask and,
+//! if known, the times of the breaks.
 
 use super::disk;
 use super::fault::{ClipFault, Fault};
@@ -20,20 +20,20 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Number of pictures that are decoded at the same time; it limits the memory for a long clip.
+/// Number of pictures that are decoded at the same time, which limits the memory for a long clip.
 const DECODE_BATCH: usize = 8;
 
 /// An inspected clip.
 pub struct InspectedClip {
     /// The film.
     pub filmed: FilmOutcome,
-    /// Time from a decoded wet picture to its result, median, ms.
+    /// Median computing time of a wet picture, without decoding, ms.
     pub ms_per_frame: f64,
-    /// Agreement with the ground truth, if one was given.
+    /// The comparison with the ground truth, if one was given.
     pub score: Option<(Score, Confusion)>,
 }
 
-/// The pose of the panel in the camera's view.
+/// The pose of the panel in the camera's frame.
 #[derive(Debug, Clone, Copy)]
 pub struct PlacedPanel {
     /// The camera.
@@ -42,12 +42,12 @@ pub struct PlacedPanel {
     pub base_from_camera: Rigid<Base, Camera>,
     /// The panel's pose.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// Whether the nominal pose is assumed because no pose is given.
+    /// Whether the nominal pose is assumed, because no pose was given.
     pub is_assumed: bool,
 }
 
 impl PlacedPanel {
-    /// Reads the cell's files and the panel pose that `locate` found.
+    /// Reads the mount of the camera, and the pose of the panel that `locate` found.
     ///
     /// # Errors
     /// If a file is invalid.
@@ -60,7 +60,7 @@ impl PlacedPanel {
         })
     }
 
-    /// Returns the inspection's parameters for a clip of a taught panel.
+    /// Returns the parameters for the inspection of a taught panel.
     pub fn inspection_setup<'a>(
         &'a self,
         taught: &'a LoadedPanel,
@@ -72,11 +72,10 @@ impl PlacedPanel {
     }
 }
 
-/// Returns the pixels that the disc may have touched, from the grids that a person names; `None` if no grid is
-/// named.
+/// Returns the pixels that the disc may have touched, from the grids that a person names; `None` if no grid is named.
 ///
 /// # Errors
-/// If a word is not a grid of the panel.
+/// If a name is not that of a grid of the panel.
 pub fn abraded_pixels(words: &[String], taught: &LoadedPanel, recipe: &Recipe) -> Result<Option<Mask>, Fault> {
     let region = &taught.panel.region;
     let grids = match words {
@@ -95,7 +94,7 @@ pub fn abraded_pixels(words: &[String], taught: &LoadedPanel, recipe: &Recipe) -
     Ok(Some(touching::touched_pixels(&grids, &taught.panel, recipe.path())))
 }
 
-/// A grid that the panel does not have.
+/// The error for a grid that the panel does not have.
 #[derive(Debug, thiserror::Error)]
 #[error("the region has no grid {grid}; valid: r1c1 to r{rows}c{columns} ({rows} rows, {columns} columns)")]
 struct UnknownGrid {
@@ -104,7 +103,7 @@ struct UnknownGrid {
     columns: usize,
 }
 
-/// Runs the test on the pictures of a clip folder.
+/// Inspects the pictures in the folder of a clip.
 ///
 /// # Errors
 /// If `clip.csv` or a picture is missing, damaged or of another size.
@@ -230,16 +229,16 @@ impl InspectedClip {
 
 /// The ground truth of a clip.
 pub struct Labels {
-    /// The pixels in which the film was broken at the clip's end.
+    /// The pixels at which the film was broken at the end of the clip.
     pub mask: Mask,
     times: Option<ColorPicture>,
 }
 
 impl Labels {
-    /// Reads a folder's labels. Labels that a person made must belong to this clip.
+    /// Reads the labels in a folder. Labels that a person made must belong to this clip.
     ///
     /// # Errors
-    /// If there is no mask, a file is invalid, or the clip is not the one that a person labelled.
+    /// If there is no mask, a file is invalid, or the labels belong to another clip.
     pub fn read(folder: &Path, clip: &Path) -> Result<Self, Fault> {
         let file = folder.join(LABELS);
         if file.exists() {
@@ -258,14 +257,14 @@ impl Labels {
         Ok(Labels { mask: Mask::from_gray(&gray), times })
     }
 
-    /// Returns the time at which the film broke at a pixel, s; `None` also if the time is not known.
+    /// Returns the time at which the film broke at a pixel, s; `None` if it did not break or the time is not known.
     pub fn time_s(&self, index: usize) -> Option<f64> {
         decoded(*self.times.as_ref()?.rgb.get(index)?)
     }
 }
 
-/// Finds the labels of a clip of a set. They are in its folder `truth`, where the renderer writes them, or else in
-/// the clip's own folder, where a person's labels are kept.
+/// Finds the folder with the labels of a clip: its subfolder `truth`, in which the renderer writes them, or the folder
+/// of the clip itself, in which the labels of a person are saved.
 ///
 /// # Errors
 /// If the clip has no labels.
@@ -275,10 +274,10 @@ pub fn find_label_folder(clip: &Path) -> Result<PathBuf, Fault> {
     labelled.ok_or_else(|| ClipFault::NoLabels { clip: clip.to_owned() }.into())
 }
 
-/// Reads a clip's list.
+/// Reads the list of a clip's pictures (`clip.csv`).
 ///
 /// # Errors
-/// If the folder holds none, or it is invalid.
+/// If the folder contains no list, or the list is invalid.
 pub fn read_clip(folder: &Path) -> Result<Clip, Fault> {
     let list = folder.join("clip.csv");
     files::read_clip(&disk::read(&list)?).map_err(|error| Fault::file_fault(&list, error))
@@ -287,7 +286,7 @@ pub fn read_clip(folder: &Path) -> Result<Clip, Fault> {
 /// Returns the hash of a clip: the hash of the output of `sha256sum clip.csv FILE…`.
 ///
 /// # Errors
-/// If one of its files cannot be read.
+/// If one of the files cannot be read.
 pub fn clip_hash(folder: &Path, clip: &Clip) -> Result<String, Fault> {
     let names = std::iter::once("clip.csv").chain(clip.entries().iter().map(|shot| shot.file.as_str()));
     let lines: Result<String, Fault> =

@@ -1,9 +1,9 @@
-//! `panelprep label`: a person marks the broken film of a clip, on a page in a browser; the labels are stored in the
-//! clip's folder: `labels.json` with its mask and times, the earlier versions, and the draft of unsaved changes.
+//! `panelprep label`: a person marks the broken film of a clip on a page in a browser. The labels are saved in the
+//! folder of the clip: `labels.json` with its mask and times, earlier versions, and a draft with unsaved changes.
 //!
-//! A former `labels.json` is copied to the first free `labels.N.json` before it is replaced, so that none is lost; the
-//! one with the lowest number is the oldest. Mask and times are written before `labels.json`, and the draft is removed
-//! last. After a power cut in between, the draft still exists and is saved again.
+//! Before `labels.json` is replaced, it is copied to the first free `labels.N.json`, so that no version is lost; the
+//! lowest number is the oldest version. Mask and times are written before `labels.json`, and the draft is deleted last.
+//! After a power failure in between, the draft still exists and is saved again.
 
 use super::args::{Common, Label};
 use super::calibrate::now_unix_s;
@@ -26,11 +26,11 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Serves the page until the person is done, and reports what was stored.
+/// Serves the page until the person ends it, and reports what was saved.
 ///
 /// # Errors
-/// If the folder holds no clip, its labels or draft are invalid, recipe and panel do not fit, or the page cannot be
-/// served.
+/// If the folder contains no clip, its labels or draft are invalid, the recipe does not match the panel, or the page
+/// cannot be served.
 pub fn run(args: &Label, common: &Common) -> Result<Outcome, Fault> {
     if !args.clip.join("clip.csv").exists() {
         return Err(ClipFault::NoClip { folder: args.clip.clone() }.into());
@@ -64,7 +64,7 @@ pub fn run(args: &Label, common: &Common) -> Result<Outcome, Fault> {
     build_outcome(&keeping, &args.clip, saved)
 }
 
-/// Returns the size of the clip's pictures, read from the first one. With a recipe, it must be the size of the
+/// Returns the size of the clip's pictures, from the first picture. With a recipe, it must be the size of the
 /// calibrated camera.
 fn size_px(folder: &Path, shots: &[ClipEntry], camera: Option<&PinholeCamera>) -> Result<[usize; 2], Fault> {
     let Some(first) = shots.first() else { return Err(Fault::stage(files::ClipError::Empty)) };
@@ -76,7 +76,7 @@ fn size_px(folder: &Path, shots: &[ClipEntry], camera: Option<&PinholeCamera>) -
     Ok([picture.width, picture.height])
 }
 
-/// Returns the grids as the camera sees them, and the camera.
+/// Returns the outlines of the grids in the camera's picture, and the camera.
 fn grids(recipe_file: &Path, args: &Label, common: &Common) -> Result<(Vec<GridOutline>, PinholeCamera), Fault> {
     let cell_files = CellFiles::read(common)?;
     let recipe = load::recipe(recipe_file)?;
@@ -90,7 +90,7 @@ fn grids(recipe_file: &Path, args: &Label, common: &Common) -> Result<(Vec<GridO
     Ok((taught.panel.grids.iter().map(outline).collect(), placed.camera))
 }
 
-/// Reports the labels that are stored now.
+/// Reports the labels that are saved in the folder.
 fn build_outcome(keeping: &LabelFolder, folder: &Path, saved: u32) -> Result<Outcome, Fault> {
     let (labels, is_draft) = (keeping.labels()?, keeping.now()?.is_draft);
     let file = folder.join(LABELS);
@@ -110,7 +110,7 @@ fn build_outcome(keeping: &LabelFolder, folder: &Path, saved: u32) -> Result<Out
     Ok(outcome)
 }
 
-/// The folder in which the labels of a clip are stored.
+/// The folder in which the labels of a clip are saved.
 struct LabelFolder {
     folder: PathBuf,
     clip_sha256: String,
@@ -118,7 +118,7 @@ struct LabelFolder {
 }
 
 impl LabelFolder {
-    /// Creates the storage of labels for the clip in this folder.
+    /// Creates the storage for the labels of the clip in this folder.
     fn new(folder: &Path, clip_sha256: String, frame: ClipFrame) -> Self {
         LabelFolder { folder: folder.to_owned(), clip_sha256, frame }
     }
@@ -133,7 +133,7 @@ impl LabelFolder {
         Ok(Some(found))
     }
 
-    /// Returns the labels as they were saved last.
+    /// Returns the labels that were saved last; `None` if there are none.
     ///
     /// # Errors
     /// If the file is invalid.
@@ -141,7 +141,7 @@ impl LabelFolder {
         self.read(LABELS)
     }
 
-    /// Returns the current contents: the draft if there is one, else the labels.
+    /// Returns the current marks: the draft if there is one, otherwise the saved labels.
     ///
     /// # Errors
     /// If a file is invalid.
@@ -170,7 +170,7 @@ impl LabelFolder {
         }
     }
 
-    /// Copies the present labels to a file with the first free number.
+    /// Copies the current labels to the file with the first free number, and returns its name.
     fn back_up_former(&self) -> Result<Option<String>, Fault> {
         let file = self.folder.join(LABELS);
         if !file.exists() {
@@ -187,7 +187,7 @@ impl LabelFolder {
         }
     }
 
-    /// Writes labels, mask and times; returns the file name under which the former labels are kept.
+    /// Writes labels, mask and times; returns the name of the file to which the former labels were copied.
     fn write(&self, labels: &LabelFile) -> Result<Option<String>, Fault> {
         let broken = broken_pixels(&labels.breaks, &self.frame);
         let pictures = [

@@ -1,6 +1,6 @@
-//! The commands on a scan and on the corner pictures. `panelprep look` shows a scan as a picture with a pixel ruler, in
-//! which a person reads the region for a recipe. `panelprep locate` finds the present pose of the panel with the 3D
-//! camera, and `panelprep refine` checks the located pose against the corner pictures.
+//! The commands for scans and corner pictures. `panelprep look` draws a scan as a picture with a pixel ruler, from
+//! which a person reads the region for a recipe. `panelprep locate` finds the current pose of the panel with the 3D
+//! camera, and `panelprep refine` corrects this pose with corner pictures.
 
 use super::args::{Common, Locate, Look, Refine};
 use super::disk;
@@ -32,8 +32,8 @@ pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
     let base_from_camera = files.base_from_camera()?.value;
     let scan = load::scan(&args.scan, &camera)?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
-    // Data that depends only on the taught panel is computed before the scan is taken; in a cycle it is computed during
-    // the camera's exposure.
+    // Data that depend only on the taught panel are computed before the scan is read. In a cycle they are computed
+    // during the exposure of the camera.
     let model = TaughtModel::from_panel(&taught.panel, errors.range);
     let begin = Instant::now();
     let scan = errors.correct_scan(scan);
@@ -50,7 +50,7 @@ pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Returns the outcome of a localization; its verdict came `elapsed_ms` after the scan was in memory.
+/// Returns the outcome of a localization; `elapsed_ms` is the computing time after the scan was in memory.
 fn outcome(located: &LocateOutcome<'_>, elapsed_ms: f64) -> Outcome {
     let mut outcome = Outcome::from_judgement(&located.judgement);
     outcome.add_checks(&located.checks);
@@ -111,10 +111,10 @@ fn outcome(located: &LocateOutcome<'_>, elapsed_ms: f64) -> Outcome {
     outcome
 }
 
-/// Corrects the located pose and reports the result.
+/// Corrects the located pose with corner pictures, and reports the result.
 ///
 /// # Errors
-/// If a file is invalid, no corner was taught, or a picture shows none.
+/// If a file is invalid, no corner was taught, or a picture shows no corner.
 pub fn run_refine(args: &Refine, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
@@ -141,8 +141,8 @@ pub fn run_refine(args: &Refine, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Returns the uncertainties that the localization and both cameras' mounts state, 95 %, mm; `None` if one of them
-/// states no uncertainty.
+/// Returns the stated uncertainties (95 %) of the localization and of both camera mounts, mm; `None` if one of them
+/// states none.
 fn claims_mm(args: &Refine, files: &CellFiles) -> Result<Option<[f64; 2]>, Fault> {
     let scanner = files.cell.calibration().base_from_camera.is_some().then(|| files.base_from_camera());
     let scanner_mm = scanner.transpose()?.and_then(|mount| mount.uncertainty_mm);
@@ -151,7 +151,7 @@ fn claims_mm(args: &Refine, files: &CellFiles) -> Result<Option<[f64; 2]>, Fault
     Ok(load::located_mm(&args.located)?.zip(hand_eye_mm).map(<[f64; 2]>::from))
 }
 
-/// Finds the taught corners in the pictures, in order.
+/// Finds the taught corners in the pictures, in the order of teaching.
 fn find_corners(
     held: &CornerReference<'_>,
     located: Rigid<Base, Panel>,
@@ -169,7 +169,7 @@ fn find_corners(
     held.corners.iter().enumerate().zip(shots).map(find).collect()
 }
 
-/// Writes a corner's picture with the corner drawn at each of these poses of the panel.
+/// Writes a corner picture, with the corner drawn for each of these poses of the panel.
 fn draw(
     held: &CornerReference<'_>,
     (index, sighting, shot): (usize, &Sighting, &CornerShot),
@@ -207,7 +207,7 @@ fn refine_outcome(correction: &Correction, is_held_against_claims: bool, referen
     }
     outcome.add_value("base_from_panel", json!(pose));
     if reference == TaughtSource::Drawing {
-        // As `locate` states it: the frame of a panel that was taught from its drawing is the drawing's.
+        // As in `locate`, the frame of a panel that was taught from its drawing is that of the drawing.
         outcome.add_value("base_from_drawing", json!(pose));
     }
     outcome.add_value("shift_mm", json!(correction.refined.shift_mm));
@@ -215,18 +215,19 @@ fn refine_outcome(correction: &Correction, is_held_against_claims: bool, referen
     outcome
 }
 
-/// Draws the scan and reports how much of it is missing. It needs no cell and no calibration, except for a PLY file
-/// that does not state its width. If the cell has this camera's calibration, the scan is checked against it.
+/// Draws the scan and reports how many of its pixels have no point. Neither a cell nor a calibration is needed, except
+/// for a PLY file that does not state its width. If the cell has the calibration of this camera, the scan is compared
+/// with it.
 ///
 /// # Errors
-/// If the file is not an organised scan, is in another frame or unit, or is not from the calibrated camera, or
-/// writing to the disk fails.
+/// If the file is not an organised scan, is in another frame or unit, or is not from the calibrated camera, or writing
+/// to the disk fails.
 pub fn run_look(args: &Look, common: &Common) -> Result<Outcome, Fault> {
     let calibrated = CellFiles::read(common).and_then(|files| files.scanner()).ok();
     let size_px = calibrated.as_ref().map(|camera| (camera.value.width_px, camera.value.height_px));
     let read = files::read_any_cloud(&disk::read(&args.scan)?, size_px);
     let scan = read.map_err(|error| Fault::file_fault(&args.scan, error))?;
-    // A scan of another camera is allowed; its size identifies it.
+    // A scan of another camera is accepted; it is recognised by its size.
     let lens = calibrated.as_ref().map(|camera| &camera.value);
     let own = lens.filter(|lens| (lens.width_px, lens.height_px) == (scan.width(), scan.height()));
     let checked = own.map_or_else(|| files::check_frame(&scan), |lens| files::check_rays(&scan, lens));

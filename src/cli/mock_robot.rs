@@ -1,4 +1,4 @@
-//! `panelprep mock-robot`: a mock controller to which clients can connect until the program is ended.
+//! `panelprep mock-robot`: runs a mock controller that accepts clients, until the program is ended.
 
 use super::args::{Common, MockRobot};
 use super::disk;
@@ -17,11 +17,11 @@ use std::fs::DirEntry;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Interval between reports of events.
+/// Interval at which changes of the controller are reported.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
-/// Listens on the ports of the EthernetKRL files and reports what the controller does. Its inputs follow its
-/// outputs as configured in the cell's file.
+/// Runs a mock controller on the ports of the EthernetKRL files, and reports what it does. Its inputs follow its
+/// outputs as the cell file states.
 ///
 /// # Errors
 /// If a file is invalid, or a port is in use.
@@ -37,7 +37,7 @@ pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Out
     };
     let (commands, states) = (channel("CELLCMD.xml", CELLCMD)?, channel("CELLSTAT.xml", CELLSTAT)?);
     let ports = ports(args, &files.cell, [commands.port(), states.port()])?;
-    // Only the water, the light and the tool of the world matter here: no camera looks at it.
+    // Only water, light and tool of this world are used, because no camera captures it.
     let world = SimulatedWorld::new(sim::Cell::new(1, sim::Scene::Good, 8), &files.cell).map_err(Fault::stage)?;
     let faults = args.fault.clone().unwrap_or_default();
     let programs = match &args.programs {
@@ -67,7 +67,7 @@ pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Out
     }
 }
 
-/// Reads the programs of a folder. They replace the shipped programs of the same name or are added to them.
+/// Reads the programs in a folder. They replace the shipped programs with the same name, or are added to them.
 fn read_own_programs(folder: &Path) -> Result<Programs, Fault> {
     let named = |error: std::io::Error| Fault::file_fault(folder, error);
     let entries: Vec<_> = std::fs::read_dir(folder).and_then(Iterator::collect).map_err(named)?;
@@ -86,8 +86,8 @@ fn read_own_programs(folder: &Path) -> Result<Programs, Fault> {
     Programs::with_user_files(&texts).map_err(Fault::stage)
 }
 
-/// Returns the cell's ports. If the user gives EthernetKRL files, these are the ports of the files, which must
-/// agree with the ports in the cell's file.
+/// Returns the ports of the cell. If the user gives EthernetKRL files, these are the ports in the files, which must
+/// agree with the cell file.
 fn ports(args: &MockRobot, cell: &Cell, files: [u16; 2]) -> Result<Ports, Fault> {
     let robot = cell.robot();
     let cells = [robot.command_port(), robot.state_port()];
@@ -106,13 +106,13 @@ fn ports(args: &MockRobot, cell: &Cell, files: [u16; 2]) -> Result<Ports, Fault>
     }
 }
 
-/// The state that was last reported.
+/// The last state of the controller that was reported.
 #[derive(Default)]
 struct ReportedState {
     epoch: i32,
     executed: usize,
     stops: usize,
-    /// Number of faults that ended an interpreter of the programs.
+    /// Number of interpreters that stopped because of an error in the programs.
     faults: usize,
     outputs: Vec<u16>,
 }

@@ -1,7 +1,7 @@
-//! The command line: reads files, calls the phases, writes files and texts. Besides the store, it is the only module
-//! that uses a clock and a disk, and it is the only one that turns errors into text.
+//! The command line: reads files, calls the stages, and writes files and texts. Apart from the store, only this module
+//! uses a clock and a disk, and only this module converts errors to texts.
 //!
-//! A file contains one command, or the commands of one subject: `run` reads and reports, `stage` computes.
+//! A file contains one command, or the commands of one subject: `run` reads files and reports, `stage` computes.
 
 #[cfg(feature = "plant")]
 mod archive;
@@ -59,9 +59,9 @@ use args::{Arguments, Command};
 use std::process::ExitCode;
 use tracing::level_filters::LevelFilter;
 
-/// Runs a command, prints its result and returns the process's exit code.
+/// Runs a command, prints its result, and returns the exit code of the process.
 pub fn run(arguments: &Arguments) -> ExitCode {
-    // Commands that report their progress log only problems.
+    // Commands that print their own progress log only warnings and errors.
     let usual = match &arguments.command {
         Command::Demo(_) | Command::Cycle(_) | Command::AirRun(_) | Command::Replay(_) => LevelFilter::WARN,
         _ => LevelFilter::INFO,

@@ -1,11 +1,10 @@
-//! The program's output: the result of a command as words for a person or as one JSON object, progress, and the
-//! messages on standard error while it works.
+//! The output of the program: the result of a command as text or as one JSON object, and progress messages on standard
+//! error.
 //!
-//! The reader may close a stream at any time (`| head -1`): this does not end the command and does not change its exit
-//! code.
+//! The reader may close a stream at any time (`| head -1`): this neither ends the command nor changes its exit code.
 //!
-//! An event of the log is always one line. Names and texts come from files and from clients, and a line feed in one of
-//! them must not begin a line that looks like another event. Under systemd the journal adds the time itself.
+//! A log event is always one line. Names and texts come from files and clients, and a line feed in them must not begin
+//! a line that looks like another event. Under systemd the journal adds the time.
 
 use super::disk;
 use super::fault::Fault;
@@ -22,7 +21,7 @@ use tracing_subscriber::layer::SubscriberExt;
 /// Writes a line of the result to standard output.
 ///
 /// # Errors
-/// If it cannot be written for a reason other than a missing reader, such as a full disk.
+/// If it cannot be written for another reason than a closed reader, for example because the disk is full.
 pub fn print_line(line: &str) -> io::Result<()> {
     let mut stdout = io::stdout().lock();
     match writeln!(stdout, "{line}").and_then(|()| stdout.flush()) {
@@ -31,8 +30,8 @@ pub fn print_line(line: &str) -> io::Result<()> {
     }
 }
 
-/// Reads a line that a person types at the terminal, without leading and trailing blanks; `None` if the input has
-/// ended.
+/// Reads a line that a person types at the terminal, without leading and trailing white space; `None` at the end of the
+/// input.
 ///
 /// # Errors
 /// If standard input cannot be read.
@@ -43,7 +42,8 @@ pub fn read_answer_line() -> Result<Option<String>, Fault> {
     Ok((read > 0).then(|| line.trim().to_owned()))
 }
 
-/// Writes a line of progress, or a problem, to standard error. If that fails, there is no other place to report it.
+/// Writes a line of progress, or a problem, to standard error. A failure is ignored, because it could not be reported
+/// anywhere.
 pub fn write_progress(line: &str) {
     #[expect(
         clippy::let_underscore_must_use,
@@ -52,19 +52,19 @@ pub fn write_progress(line: &str) {
     let _ = writeln!(io::stderr().lock(), "{line}");
 }
 
-/// The result of a command, in both forms.
+/// The result of a command, as text and as JSON.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     /// Exit code of the command.
     pub exit_code: u8,
     /// The JSON object for `--json`.
     pub json: Map<String, Value>,
-    /// Lines for a person.
+    /// The lines of text for a person.
     pub lines: Vec<String>,
 }
 
 impl Outcome {
-    /// Creates an outcome from a judgement: `verdict` and `reasons`, and the words for them.
+    /// Creates an outcome from a judgement, with its verdict and reasons.
     pub fn from_judgement(judgement: &Judgement) -> Self {
         let mut json = Map::new();
         json.insert("verdict".to_owned(), json!(judgement.verdict));
@@ -74,22 +74,22 @@ impl Outcome {
         Outcome { exit_code: judgement.verdict.exit_code(), json, lines: words }
     }
 
-    /// Adds the checks on which the judgement is based.
+    /// Adds the checks on which the judgement is based to the JSON object.
     pub fn add_checks(&mut self, checks: &[Check]) {
         self.add_value("checks", json!(checks));
     }
 
-    /// Adds a value that scripts read.
+    /// Adds a value to the JSON object.
     pub fn add_value(&mut self, key: &str, value: Value) {
         self.json.insert(key.to_owned(), value);
     }
 
-    /// Adds a line for a person.
+    /// Adds a line to the text.
     pub fn add_line(&mut self, line: impl Into<String>) {
         self.lines.push(line.into());
     }
 
-    /// Writes the object that `--json` prints to this file, if one is named.
+    /// Writes the JSON object, as `--json` prints it, to this file, if one is named.
     ///
     /// # Errors
     /// If writing to the disk fails.
@@ -104,7 +104,7 @@ impl Outcome {
     }
 }
 
-/// Prints the result and returns its exit code; if the result cannot be written, this is a disk fault.
+/// Prints the result and returns its exit code; if the result cannot be written, returns the exit code of a disk error.
 fn print_outcome(text: &str, exit: u8) -> ExitCode {
     match print_line(text) {
         Ok(()) => ExitCode::from(exit),
@@ -115,7 +115,7 @@ fn print_outcome(text: &str, exit: u8) -> ExitCode {
     }
 }
 
-/// Prints the fault that stopped a command: words on standard error, and with `--json` also an object.
+/// Prints the error that stopped a command: a message on standard error, and with `--json` also an object.
 pub fn print_fault(fault: &Fault, as_json: bool) -> ExitCode {
     write_progress(&format!("panelprep: {fault}"));
     let (exit, code) = fault.code();
@@ -126,16 +126,16 @@ pub fn print_fault(fault: &Fault, as_json: bool) -> ExitCode {
     ExitCode::from(exit)
 }
 
-/// Starts the log; `PANELPREP_LOG` may set another level than `usual`: `error`, `warn`, `info`, `debug`, `trace`,
+/// Starts the log. `PANELPREP_LOG` can set another level than `usual`: `error`, `warn`, `info`, `debug`, `trace`,
 /// `off`.
 pub fn start_log(usual: LevelFilter) {
     let level = std::env::var("PANELPREP_LOG").ok().and_then(|word| word.parse().ok()).unwrap_or(usual);
     let out = || OneLine(std::io::stderr());
     let log = fmt().with_writer(out).with_ansi(false).with_target(false).with_max_level(level);
-    // An internal error would be printed by `eprintln!`, which panics if standard error has no reader.
+    // Internal errors of the logger are not printed, because it would use `eprintln!`, which panics if standard error
+    // is closed.
     let log = log.log_internal_errors(false);
-    // The messages of these libraries can be caused by any input from a network, so they are not part of the usual
-    // log.
+    // Any network input can cause messages of these libraries, so they are not logged by default.
     let is_of_network = |target: &str| ["opcua", "async_nats"].iter().any(|name| target.starts_with(name));
     let is_told = move |of: &tracing::Metadata<'_>| level >= LevelFilter::DEBUG || !is_of_network(of.target());
     #[expect(clippy::let_underscore_must_use, reason = "set once for each process; a second one changes nothing")]
@@ -145,8 +145,8 @@ pub fn start_log(usual: LevelFilter) {
     };
 }
 
-/// Writes each event as one line. Each event arrives complete; its control characters, except the one at its end,
-/// are written as escapes.
+/// A writer that writes each event as one line. Each event arrives complete; its control characters, except the one at
+/// its end, are escaped.
 struct OneLine<W>(W);
 
 impl<W: Write> Write for OneLine<W> {

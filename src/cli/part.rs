@@ -1,5 +1,5 @@
-//! The part that a cycle treats. Its names are checked when they are given, stored as a text with the cycle, and
-//! shown first on its page.
+//! The part that a cycle treats. Its names are checked when they are given, stored with the cycle as a text, and shown
+//! first on the page of the cycle.
 
 use super::fault::{Fault, RecordFault};
 use panelprep_base::number_text::{printable, utc_day};
@@ -7,13 +7,13 @@ use panelprep_cell::record::{ANOTHER_PART_TEXT, CycleRecord, LostPasses, PartNam
 use panelprep_service::report::page::{Row, Section};
 use panelprep_store::store::{PassesOfCycle, Store};
 
-/// Maximum length of each of the part's names, in characters.
+/// Maximum length of each name of a part, characters.
 const MAX_CHARACTERS: usize = 120;
 
-/// Returns the names if at least one is given.
+/// Checks the names of a part; returns `None` if no name is given.
 ///
 /// # Errors
-/// If one is empty, too long, or cannot be printed as it is.
+/// If a name is empty, too long, or contains characters that cannot be printed.
 pub fn parse_part_names(part: PartNames) -> Result<Option<PartNames>, Fault> {
     let named = [("--part", &part.serial), ("--order", &part.order), ("--operator", &part.operator)];
     for (option, name) in named {
@@ -26,15 +26,16 @@ pub fn parse_part_names(part: PartNames) -> Result<Option<PartNames>, Fault> {
     Ok((part != PartNames::default()).then_some(part))
 }
 
-/// Returns the text that is stored for the part.
+/// Returns the names of a part as the TOML text that is stored.
 ///
 /// # Errors
-/// If it cannot be written as TOML.
+/// If the names cannot be written as TOML.
 pub fn text(part: &PartNames) -> Result<String, Fault> {
     toml::to_string(part).map_err(Fault::stage)
 }
 
-/// Returns the text with which a start records that another part than before is in the fixture.
+/// Returns the file name and the text that record, at the start of a cycle, that another part than before is in the
+/// fixture.
 pub fn another_part_text() -> (String, String) {
     (
         ANOTHER_PART_TEXT.to_owned(),
@@ -42,19 +43,20 @@ pub fn another_part_text() -> (String, String) {
     )
 }
 
-/// Returns the text with which a start records how many passes the part had in lost cycles.
+/// Returns the file name and the text that record, at the start of a cycle, how many sanding passes the part had in
+/// lost cycles.
 ///
 /// # Errors
-/// If it cannot be written as TOML.
+/// If the number cannot be written as TOML.
 pub fn lost(passes: u8) -> Result<(String, String), Fault> {
     Ok((LostPasses::FILE.to_owned(), toml::to_string(&LostPasses { passes }).map_err(Fault::stage)?))
 }
 
-/// Checks that a part may be abraded once more after these cycles, and after this number of passes in lost cycles, if
-/// `most` passes are allowed.
+/// Checks that a part may be sanded once more: after these cycles, and after this number of passes in lost cycles, it
+/// must have had fewer than `most` passes.
 ///
 /// # Errors
-/// If the part has already had this number of passes; each cycle is named.
+/// If the part has already had `most` passes; the error lists the cycles.
 pub fn check_pass_limit(
     part: Option<&PartNames>,
     (earlier, lost): (&[PassesOfCycle], u8),
@@ -71,12 +73,12 @@ pub fn check_pass_limit(
     Err(RecordFault::PartUsedUp { part, most, history }.into())
 }
 
-/// Returns a number of passes with its noun.
+/// Returns a number of passes with its noun, for example "2 passes".
 fn counted(passes: usize) -> String {
     if passes == 1 { "1 pass".to_owned() } else { format!("{passes} passes") }
 }
 
-/// Describes cycles with their numbers of passes, as text.
+/// Returns a list of cycles with their numbers of passes, as a text.
 pub fn history(earlier: &[PassesOfCycle]) -> String {
     let words = |PassesOfCycle { cycle, started_unix_s, passes, .. }: &PassesOfCycle| {
         format!("cycle {cycle} of {}: {}", utc_day(*started_unix_s), counted(*passes))
@@ -84,7 +86,7 @@ pub fn history(earlier: &[PassesOfCycle]) -> String {
     earlier.iter().map(words).collect::<Vec<_>>().join("; ")
 }
 
-/// Returns the section about the part on a cycle's page; `None` if no part was named.
+/// Returns the section about the part for the page of a cycle; `None` if no part was named.
 pub fn section(store: &Store, record: &CycleRecord) -> Option<Section> {
     record.files.iter().find(|file| file.name == PartNames::FILE)?;
     let (text, part) = match store.stored_part(record) {
@@ -106,7 +108,8 @@ mod tests {
     use super::*;
     use panelprep_cell::record::CycleId;
 
-    /// Calculated by hand: 2 + 1 earlier passes leave one pass of a limit of 4, and none of a limit of 3.
+    /// Expected results, calculated by hand: 2 + 1 earlier passes leave one pass if the limit is 4, and none if it is
+    /// 3.
     #[test]
     fn a_part_at_its_pass_limit_is_refused_with_its_history() {
         let cycle = |id, passes| PassesOfCycle {

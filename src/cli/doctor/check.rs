@@ -1,6 +1,6 @@
-//! One line of the doctor's list, and the checks of the computer: this program, its disk, its clock, its sockets.
+//! A check of `panelprep doctor`, and the checks of the computer: this program, the disk, the clock, the sockets.
 //!
-//! The functions `judge_…` convert a fact of the computer or of a camera to a line for a person. They are pure.
+//! The functions `judge_…` convert a fact about the computer or a camera to a check; they are pure functions.
 
 use crate::cli::calibrate::now_unix_s;
 use panelprep_base::verdict::Reason;
@@ -14,32 +14,32 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::UNIX_EPOCH;
 
-/// The status of a checked item.
+/// The result of a check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::cli) enum Status {
-    /// The item was checked and nothing is wrong.
+    /// The item was checked and is correct.
     Right,
-    /// Something is wrong with the item.
+    /// The item was checked and is not correct.
     Wrong,
-    /// The item was not checked, which counts as a failure.
+    /// The item was not checked, which is treated as a failure.
     Open,
 }
 
-/// One item on the list.
+/// A check of one item, with its result and advice.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(in crate::cli) struct Check {
-    /// Name of the checked item.
+    /// The name of the checked item.
     pub name: String,
     /// Its status.
     pub status: Status,
-    /// Result of the check.
+    /// What the check has found, as a text.
     pub found: String,
-    /// Remedy; empty if the check passed.
+    /// What to do; empty if the check passed.
     pub advice: String,
 }
 
 impl Check {
-    /// Returns whether the item was checked and nothing is wrong with it.
+    /// Returns whether the check passed.
     pub fn is_passed(&self) -> bool {
         self.status == Status::Right
     }
@@ -57,12 +57,12 @@ impl Check {
     }
 }
 
-/// Minimum free space, MB: with less, there is room for only a few cycles.
+/// Minimum free disk space for a passed check, MB; less space is enough for a few cycles only.
 const MIN_FREE_MB: u64 = 10_000;
-/// Maximum time by which the store's last entry may be ahead of the clock, s.
+/// Maximum time by which the last entry of the store may be ahead of the clock, s.
 const MAX_CLOCK_LEAD_S: i64 = 60;
 
-/// Judges the room for the data that a cycle writes.
+/// Judges whether the free disk space is sufficient for the data of cycles.
 fn judge_disk(folder: &str, free_mb: u64) -> Check {
     let found = format!("{free_mb} MB free on the disk of the store, {folder}");
     match free_mb {
@@ -76,7 +76,7 @@ fn judge_disk(folder: &str, free_mb: u64) -> Check {
     }
 }
 
-/// Returns an alarm if the disk has little room; `None` if there is enough.
+/// Returns an alarm if the free disk space is low; `None` if it is sufficient.
 pub(in crate::cli) fn low_disk_space(folder: &str, free_mb: u64) -> Option<Reason> {
     let code = match free_mb {
         ..FLOOR_MB => "disk_full",
@@ -92,8 +92,8 @@ pub(in crate::cli) fn low_disk_space(folder: &str, free_mb: u64) -> Option<Reaso
 fn judge_time_sync(kept: Option<bool>) -> Check {
     match kept {
         Some(true) => Check::passed("clock", "set by a time server"),
-        // Records contain times that an inspector signs; the clock of a cell without a network may still be set by
-        // hand.
+        // A clock without a time server passes, because a cell may have no network; but an inspector signs the times in
+        // the records, so it is reported.
         Some(false) => Check::passed(
             "clock",
             "not set by a time server; records contain the time of this computer's own clock",
@@ -102,7 +102,7 @@ fn judge_time_sync(kept: Option<bool>) -> Check {
     }
 }
 
-/// Checks that the last time written in the store is not ahead of the clock.
+/// Checks that the time of the last entry in the store is not ahead of the clock.
 fn judge_clock_order(written_unix_s: i64, now_unix_s: i64) -> Check {
     let ahead_s = written_unix_s - now_unix_s;
     if ahead_s > MAX_CLOCK_LEAD_S {
@@ -113,8 +113,8 @@ fn judge_clock_order(written_unix_s: i64, now_unix_s: i64) -> Check {
     Check::passed("clock beside the store", format!("last written {:.1} h ago", -ahead_s as f64 / 3600.0))
 }
 
-/// Judges whether a socket may have the buffer for a GigE Vision camera's picture, which comes in one burst.
-/// `largest_bytes` is the kernel's `rmem_max`; without a size, the size of an ordinary camera is assumed.
+/// Judges whether a socket can have a buffer that is large enough for all packets of a GigE Vision picture.
+/// `largest_bytes` is the kernel's `rmem_max`. If `size_px` is not known, the size of a typical camera is assumed.
 fn judge_receive_buffer(largest_bytes: Option<u64>, needed_bytes: usize, size_px: Option<[usize; 2]>) -> Check {
     let name = "socket buffers";
     let advice = format!(
@@ -139,9 +139,9 @@ fn judge_receive_buffer(largest_bytes: Option<u64>, needed_bytes: usize, size_px
     }
 }
 
-/// Checks whether there is a graphics processor for the Zivid SDK and whether the service may access it. This is
-/// judged by the character devices of `/proc/devices`: their names are those that `config/panelprep-zivid.conf`
-/// allows the service. `has_uvm_node`: /dev/nvidia-uvm exists.
+/// Checks whether the computer has a GPU for the Zivid SDK, and whether the service has access to it. The check uses
+/// the character devices in `/proc/devices`, by the names that `config/panelprep-zivid.conf` permits the service to
+/// use. `has_uvm_node`: /dev/nvidia-uvm exists.
 fn judge_graphics_processor(devices: Option<&str>, has_uvm_node: bool) -> Check {
     let name = "graphics processor";
     let Some(devices) = devices else {
@@ -172,7 +172,7 @@ fn judge_graphics_processor(devices: Option<&str>, has_uvm_node: bool) -> Check 
     }
 }
 
-/// Judges whether the cell's present light is suitable for the exposures of the camera's settings.
+/// Judges whether the present light of the cell is suitable for the exposure times in the camera's settings.
 pub(super) fn judge_light(light: &Light, settings: &[ZividSettings]) -> Check {
     let name = "light on the scene";
     let every = match light.frequency.as_str() {
@@ -216,13 +216,14 @@ pub(super) fn judge_light(light: &Light, settings: &[ZividSettings]) -> Check {
     )
 }
 
-/// Reports that the state of the light is not known, because the camera does not report it: a doubt, not a fault of
-/// the cell.
+/// Returns a passed check which reports that the light is not known, because the camera does not report it; this is no
+/// fault of the cell.
 pub(super) fn unknown_light(why: &str) -> Check {
     Check::passed("light on the scene", format!("not known whether the light flickers: {why}"))
 }
 
-/// Checks whether the 3D camera has reached its steady temperature. A doubt is reported; a cycle may still begin.
+/// Checks whether the 3D camera has reached its stable temperature. If it has not, this is reported, but a cycle can
+/// still be started.
 pub(super) fn check_warm_up(state: WarmUpState) -> Check {
     let name = "scanner's warmth";
     match state {
@@ -238,7 +239,7 @@ pub(super) fn check_warm_up(state: WarmUpState) -> Check {
     }
 }
 
-/// Checks this program and the libraries that it uses.
+/// Checks this program and the libraries that it needs.
 pub(super) fn program() -> Check {
     let version = env!("CARGO_PKG_VERSION");
     match opencv::core::get_version_string() {
@@ -262,7 +263,7 @@ pub(super) fn check_time_sync() -> Check {
     }))
 }
 
-/// Checks that nothing in the store was written in the future; `None` if there is no store.
+/// Checks that no entry of the store has a time in the future; `None` if there is no store.
 pub(super) fn check_clock_order(store: &Path) -> Option<Check> {
     let newest = fs::read_dir(store).ok()?.filter_map(|entry| {
         let written = entry.ok()?.metadata().ok()?.modified().ok()?;
@@ -271,7 +272,7 @@ pub(super) fn check_clock_order(store: &Path) -> Option<Check> {
     Some(judge_clock_order(newest.max()?, now_unix_s()))
 }
 
-/// Checks the free space at the present or future path of the store.
+/// Checks the free disk space at the path of the store, which need not exist yet.
 pub(super) fn disk(store: &Path) -> Check {
     let whole = std::path::absolute(store).unwrap_or_else(|_| store.to_owned());
     let there: Option<PathBuf> = whole.ancestors().find(|folder| folder.is_dir()).map(Path::to_owned);
@@ -288,7 +289,7 @@ pub(super) fn disk(store: &Path) -> Check {
     }
 }
 
-/// Reports the recordings in the store, which are not removed automatically; `None` if there are none.
+/// Reports the recordings in the store, which are never deleted automatically; `None` if there are none.
 pub(super) fn recordings(store: &Path) -> Option<Check> {
     let folder = daemon::recordings(store);
     let bytes = |entry: std::io::Result<fs::DirEntry>| Some(entry.ok()?.metadata().ok()?.len());
@@ -299,13 +300,13 @@ pub(super) fn recordings(store: &Path) -> Option<Check> {
     (count > 0).then(|| Check::passed("recordings", found))
 }
 
-/// Finds the drivers of graphics processors that the kernel has loaded.
+/// Checks which GPU drivers the kernel has loaded.
 pub(super) fn graphics_processor() -> Check {
     let devices = fs::read_to_string("/proc/devices").ok();
     judge_graphics_processor(devices.as_deref(), Path::new("/dev/nvidia-uvm").exists())
 }
 
-/// Compares the kernel's largest receive buffer with what a picture of this size needs.
+/// Compares the maximum receive buffer of the kernel with the size that a picture of this size needs.
 pub(super) fn receive_buffer(size_px: Option<[usize; 2]>, packet_bytes: u16) -> Check {
     let text = fs::read_to_string("/proc/sys/net/core/rmem_max").ok();
     let needed = socket_buffer_bytes(size_px.unwrap_or_default(), packet_bytes);
@@ -316,7 +317,7 @@ pub(super) fn receive_buffer(size_px: Option<[usize; 2]>, packet_bytes: u16) -> 
 mod tests {
     use super::*;
 
-    /// The driver names of version 550 and later, and those of older versions.
+    /// Tests the device names of drivers of version 550 and later, and those of older versions.
     #[test]
     fn a_graphics_processor_is_found_by_its_driver_name() {
         let listed = |names: &str| {
@@ -339,7 +340,8 @@ mod tests {
         assert!(!nodeless.is_passed() && nodeless.advice.contains("nvidia-modprobe -c 0 -u"), "{nodeless:?}");
     }
 
-    /// Calculated by hand: the samples expose for 10 and 20 ms; 20 ms are 2.4 periods of a lamp on 60 Hz.
+    /// Expected results, calculated by hand: the sample settings have exposure times of 10 and 20 ms. 20 ms are 2.4
+    /// flicker periods of a lamp on 60 Hz mains.
     #[test]
     fn a_lamp_that_flickers_is_reported_with_the_settings_that_do_not_fit() {
         let files =
@@ -384,7 +386,8 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: written at 10:02 and read at 10:00 is two minutes ahead, more than the limit of one minute.
+    /// Expected result, calculated by hand: an entry at 10:02 is two minutes ahead of the clock at 10:00, more than the
+    /// limit of one minute.
     #[test]
     fn a_clock_that_was_set_back_is_reported() {
         assert!(

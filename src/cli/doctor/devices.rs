@@ -1,8 +1,10 @@
-//! Checks of the connected devices: cameras, the robot's ports, the service, the compliant tool. Nothing is moved.
+//! The checks of `panelprep doctor` for the connected devices: cameras, robot ports, service, compliant tool. Nothing
+//! is moved.
 //!
-//! For a Zivid they state whether it delivers, whether the light is suitable for its exposures, whether it is warm, and
-//! on which device its SDK computes. A camera that the service uses is judged by the service's reply. For the tool they
-//! state whether it answers and reports no fault; it stays retracted, and nothing is pressed.
+//! For a Zivid camera they report whether it delivers scans, whether the light is suitable for its exposure times,
+//! whether it is warm, and on which GPU its SDK computes. A camera that the service uses is judged by the service's
+//! reply. For the tool they report whether it responds without a fault; the tool stays retracted, and nothing is
+//! pressed.
 
 use super::check::{self, Check};
 use crate::cli::fault::Fault;
@@ -20,8 +22,8 @@ use panelprep_kuka::eki::LinkLoss;
 use panelprep_service::daemon::{RemoteScanner, SingleError, SingleRobot};
 use std::time::{Duration, Instant};
 
-/// Judges a camera that the service uses, from the result of a request for a shot; a cell that is at work is not
-/// disturbed.
+/// Judges a camera that the service uses, from the service's reply to a request for a picture. No picture is requested
+/// while the cell is working.
 fn judge_shot_reply(name: &str, state: &str, taken: Result<ColorPicture, CameraError>) -> Check {
     let holder = format!("in use by the service, state {state}");
     match taken {
@@ -37,7 +39,7 @@ fn judge_shot_reply(name: &str, state: &str, taken: Result<ColorPicture, CameraE
     }
 }
 
-/// Checks both cameras, and the sockets that a network camera needs.
+/// Checks both cameras, and the socket buffers that a network camera needs.
 pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
     let scanner = match files.cell.scanner() {
         Camera::Simulated => vec![simulated_check("scanner")],
@@ -60,8 +62,8 @@ pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
     scanner.into_iter().chain(flange_camera).collect()
 }
 
-/// Opens the camera and waits for its first complete picture; if the service uses the camera, the service takes this
-/// picture. Also returns the size if it is known: from its calibration, else from the camera itself.
+/// Opens the camera and waits for its first complete picture; if the service uses the camera, the service captures the
+/// picture. Also returns the picture size if it is known, from the calibration or from the camera itself.
 #[cfg(feature = "gige")]
 fn gige_camera(files: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
     use judge_shot_reply;
@@ -115,8 +117,8 @@ fn recorded_check(
     }
 }
 
-/// Checks whether the service runs and whether the robot answers. If the service holds the robot's ports, the service
-/// is queried.
+/// Checks whether the service runs and whether the robot responds. If the service uses the robot's ports, the service
+/// is queried instead of the robot.
 ///
 /// Also returns the checksum of the programs that a real controller reports.
 pub(super) fn robot_and_service(files: &CellFiles, sum: Option<i32>) -> (Vec<Check>, Option<i32>) {
@@ -216,8 +218,8 @@ fn advice(error: &SingleError) -> &'static str {
     }
 }
 
-/// Starts the camera's worker, opens the camera and takes a shot to warm it up. If requested, takes shots for ten
-/// minutes and follows the camera's temperature.
+/// Starts the worker of the camera, opens the camera, and captures a scan to warm it up. With `warm_up`, captures scans
+/// for ten minutes and observes the temperature of the camera.
 fn zivid_checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> Vec<Check> {
     let graphics = check::graphics_processor();
     if let Some(state) = ctl::service_state(&files.socket()) {
@@ -273,10 +275,10 @@ fn zivid_checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> Vec<C
     vec![graphics, Check::passed("scanner", reported), light, warm_up]
 }
 
-/// Duration of a camera's warm-up, the ten minutes that its manufacturer states, and interval between two shots.
+/// Duration of a camera's warm-up (ten minutes, as the manufacturer states), and interval between two scans.
 const WARM_UP_TIME_AND_INTERVAL: [Duration; 2] = [Duration::from_secs(605), Duration::from_secs(10)];
 
-/// Takes 3D shots, which warm the camera up, and reports its temperature at each shot.
+/// Captures 3D scans, which warm up the camera, and reports its temperature at each scan.
 fn warm_up_camera(scanner: &mut ZividScanner, [long, every]: [Duration; 2]) -> Result<(), ZividFault> {
     let begun = Instant::now();
     while begun.elapsed() < long {
@@ -293,10 +295,10 @@ fn warm_up_camera(scanner: &mut ZividScanner, [long, every]: [Duration; 2]) -> R
 }
 
 const NAME: &str = "compliant tool";
-/// Time limit for the tool to answer and to move back.
+/// Maximum time in which the tool responds and retracts.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// Checks the tool of a cell; `None` if it is a spring. `served` states that the service runs and holds the tool.
+/// Checks the tool of a cell; `None` if the tool is a spring. `served` is true if the service runs and uses the tool.
 pub(super) fn check_tool(cell: &Cell, served: bool) -> Option<Check> {
     let tool = cell.tool().compliant()?;
     Some(match &tool.address {
@@ -313,7 +315,7 @@ pub(super) fn check_tool(cell: &Cell, served: bool) -> Option<Check> {
     })
 }
 
-/// Waits until the tool is ready, up to the time limit.
+/// Waits until the tool is ready, but not longer than the time limit.
 fn wait_until_ready(tool: &CompliantTool, mut link: AcfLink) -> Check {
     let began = Instant::now();
     let (mut last, mut lost): (Option<ToolReading>, Option<LinkLossCause>) = (None, None);
@@ -330,7 +332,7 @@ fn wait_until_ready(tool: &CompliantTool, mut link: AcfLink) -> Check {
     describe_tool_state(tool, last, lost)
 }
 
-/// Describes the tool's state in words.
+/// Returns the check of the tool from its last measurement or the loss of its connection.
 fn describe_tool_state(tool: &CompliantTool, last: Option<ToolReading>, lost: Option<LinkLossCause>) -> Check {
     let place =
         tool.address.as_ref().map_or(String::new(), |address| format!("{}, port {}", address.host, address.port));
@@ -369,7 +371,7 @@ mod tests {
         Cell::check("f", &text).unwrap_or_else(|problems| panic!("{problems}"))
     }
 
-    /// A spring is not checked. A tool that answers passes; one that is broken or missing is reported with
+    /// A spring is not checked. A tool that responds passes. A tool with a fault, or a missing tool, is reported with
     /// advice.
     #[test]
     fn doctor_checks_the_compliant_tool() {

@@ -1,8 +1,8 @@
-//! `panelprep doctor`: checks the cell from the bottom up, with one line per item and advice if an item is not right.
+//! `panelprep doctor`: checks the whole cell and prints one line per check, with advice if a check failed.
 //!
-//! It moves nothing and writes nothing. A check with a failed prerequisite is reported as skipped and counts as a
-//! failure. `check` contains one line and finds the facts of the computer, `cell` those of the cell's files, `devices`
-//! those of connected devices, and `plant` those outside the cell.
+//! The command moves nothing and writes nothing. If a prerequisite of a check failed, the check is reported as skipped,
+//! which is treated as a failure. `check` contains the checks of the computer, `cell` those of the cell's files,
+//! `devices` those of connected devices, and `plant` those of systems outside the cell.
 
 mod cell;
 mod check;
@@ -19,15 +19,15 @@ use check::{Check, Status};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 
-/// Checks everything and reports.
+/// Runs all checks and reports their results.
 ///
 /// # Errors
-/// None: what cannot be read is a finding.
+/// Never; what cannot be read is a failed check.
 pub fn run(args: &Doctor, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome(&run_checks(args, common)))
 }
 
-/// Returns all checks in order: the computer, the cell's files, the devices, and the systems outside the cell.
+/// Runs all checks in order: the computer, the files of the cell, the devices, and the systems outside the cell.
 pub(in crate::cli) fn run_checks(args: &Doctor, common: &Common) -> Vec<Check> {
     let mut checks = vec![check::program(), check::check_time_sync()];
     match CellFiles::read(common) {

@@ -1,5 +1,5 @@
-//! The systems outside the cell: the line, the office, the quality system and the MQTT broker. The checks read the
-//! files that these systems need and connect to their servers, but without a login, and send nothing.
+//! The checks of `panelprep doctor` for systems outside the cell: production line, office server, quality system and
+//! MQTT broker. They read the files for these systems and connect to the servers without a login; no data is sent.
 
 use super::check::Check;
 use crate::cli::connecting::connected;
@@ -11,10 +11,10 @@ use panelprep_cell::recipe::Recipe;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Time limit for a server to accept a connection.
+/// Time limit for opening a connection to a server.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// Checks all plant connections that the cell's file names.
+/// Checks all plant connections that the cell file names.
 pub(super) fn check_connections(cell: &Cell) -> Vec<Check> {
     let mut checks = Vec::new();
     if let Some(fault) = DeviceFault::missing_plant(cell) {
@@ -54,7 +54,7 @@ fn broker_files(broker: &Broker) -> Result<(), TrustError> {
     authorities(broker.ca.as_deref(), None)?;
     match &broker.login {
         BrokerLogin::Anybody => Ok(()),
-        // The file begins with a certificate; only the broker checks its form.
+        // The credentials file begins with a certificate, whose format only the broker checks.
         BrokerLogin::Credentials(file) | BrokerLogin::Password { file, .. } => check_secrets(Some(file)),
     }
 }

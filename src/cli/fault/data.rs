@@ -1,5 +1,5 @@
-//! The faults of a cell's data that stop a command: of a teaching, new or existing, of a clip and its labels, and of
-//! the records of cycles and parts and their history.
+//! Errors of data that stop a command: of teaching and taught panels, of a clip and its labels, and of the records and
+//! history of cycles and parts.
 
 use panelprep_base::number_text::distinguishable_texts;
 use std::path::PathBuf;
@@ -7,44 +7,45 @@ use std::path::PathBuf;
 /// The reason why a panel cannot be taught, or why its taught data cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum TeachingFault {
-    /// There is no scan for the teaching.
+    /// No scan was given for teaching.
     #[error(
         "no scan for teaching: name a scan with --scan FILE, take a scan now with --live DIR, or name the panel's drawing with \
          --nominal FILE"
     )]
     NoScan,
-    /// The terminal is closed, so that no person can answer.
+    /// Standard input is closed, so no person can answer.
     #[error(
         "no answer from the terminal: the files taken so far are in the folder of --live; name these files with --scan, \
          --corner and --flange to continue"
     )]
     NoAnswer,
-    /// The numbers of `--corner` and `--flange` options differ.
+    /// The number of `--corner` options differs from the number of `--flange` options.
     #[error(
         "{found} --corner and {flanges} --flange were given: each corner picture needs the flange's pose at that picture"
     )]
     CornerWithoutFlange {
-        /// Number of corner pictures.
+        /// Number of `--corner` options.
         found: usize,
-        /// Number of flange poses.
+        /// Number of `--flange` options.
         flanges: usize,
     },
-    /// All corner pictures in which no corner was found.
+    /// No corner was found in these corner pictures; contains a message for each.
     #[error("{}", .0.join("; "))]
     Corners(Vec<String>),
-    /// No corner picture for a cell that runs cycles.
+    /// No corner picture was given, although the cell measures corners in each cycle.
     #[error(
         "no corner picture was given, but a cycle of this cell measures taught corners before each contact: name one or, better, \
          two pictures, each with --corner FILE --flange POSE.json (a cell without [calibration] flange_camera needs none)"
     )]
     NoCorner,
-    /// No corner view for a cell that runs cycles, and a panel that is taught from its drawing.
+    /// No corner view was given for a panel that is taught from its drawing, although the cell measures corners in each
+    /// cycle.
     #[error(
         "no corner view was given, but a cycle of this cell measures taught corners before each contact: name the flange's pose of \
          one or, better, two views, each with --flange POSE.json; the pictures are computed from the drawing"
     )]
     NoCornerView,
-    /// A drawing for a recipe that does not state its place.
+    /// A drawing was given, but the recipe does not state its pose.
     #[error(
         "{}: [nominal] is missing: state the pose of the drawing's frame in the robot's base, by base_from_drawing or by datum points",
         recipe.display()
@@ -53,7 +54,7 @@ pub enum TeachingFault {
         /// The recipe's file.
         recipe: PathBuf,
     },
-    /// A scan for a recipe whose panel is taught from a drawing.
+    /// A scan was given, but the recipe states that the panel is taught from its drawing.
     #[error(
         "{}: [nominal] states that the panel is taught from its drawing: name the drawing with --nominal FILE, or remove [nominal]",
         recipe.display()
@@ -62,42 +63,42 @@ pub enum TeachingFault {
         /// The recipe's file.
         recipe: PathBuf,
     },
-    /// A corner of the region that the 3D camera does not see on the drawing.
+    /// The 3D camera does not see a corner of the region on the drawing.
     #[error(
         "[nominal] region_mm: the 3D camera sees no point of the drawing at corner {number}; choose four corners on the visible surface, in mm \
          of the drawing's frame"
     )]
     RegionOffDrawing {
-        /// Number of the corner, from 1.
+        /// The number of the corner, from 1.
         number: usize,
     },
-    /// A corner of the region that is not on the drawing's surface.
+    /// A corner of the region is not on the surface of the drawing.
     #[error(
         "[nominal] region_mm: corner {number} is {} mm in front of or behind the drawing's surface (limit {} mm); state the \
          coordinates of a point on the surface",
         distinguishable_texts(*away_mm, *limit_mm, 1)[0], distinguishable_texts(*away_mm, *limit_mm, 1)[1]
     )]
     RegionBesideDrawing {
-        /// Number of the corner, from 1.
+        /// The number of the corner, from 1.
         number: usize,
-        /// Its distance along the camera's ray, mm.
+        /// The distance of the corner from the surface along the camera's ray, mm.
         away_mm: f64,
         /// The limit, mm.
         limit_mm: f64,
     },
-    /// A region that would be stated twice.
+    /// The region would be stated twice, by the recipe and by drawing it.
     #[error("{}: [nominal] region_mm already states the region: remove region_mm to draw the region, or leave out --draw", recipe.display())]
     RegionInDrawing {
         /// The recipe's file.
         recipe: PathBuf,
     },
-    /// The flange camera does not see the drawing.
+    /// The flange camera does not see the panel of the drawing.
     #[error("{}: from this pose the flange camera does not see the drawing; choose a pose that sees a corner", flange.display())]
     DrawingNotSeen {
-        /// The file of the flange's pose.
+        /// The file with the flange pose.
         flange: PathBuf,
     },
-    /// More corner pictures than corners were taught.
+    /// There are more corner pictures than taught corners.
     #[error(
         "{found} corner pictures, but only {taught} corners of this panel were taught; teach more corners with --corner"
     )]
@@ -115,35 +116,35 @@ pub enum TeachingFault {
     TaughtOtherwise {
         /// The recipe's file.
         recipe: PathBuf,
-        /// The table that differs between the recipes.
+        /// The table of the recipe that differs.
         table: &'static str,
         /// The panel.
         panel: String,
         /// Its taught version.
         version: String,
     },
-    /// A taught corner picture in the store that cannot be used for measurements.
+    /// A taught corner picture in the store cannot be used for measurements.
     #[error(
         "the taught corner picture {number} cannot be used: {cause}; correct this, then teach the panel again with the new picture"
     )]
     TaughtCorner {
-        /// Number of the corner, from 1.
+        /// The number of the corner, from 1.
         number: usize,
-        /// The problem of the corner picture.
+        /// The reason why the picture cannot be used.
         cause: String,
     },
 }
 
-/// The reason why a clip, or its labels, cannot be used or written.
+/// The reason why a clip or its labels cannot be used or written.
 #[derive(Debug, thiserror::Error)]
 pub enum ClipFault {
-    /// A film would overwrite another film.
+    /// A new film would overwrite an existing one.
     #[error("{} already contains a film (clip.csv or 00001.png); name another folder", folder.display())]
     ClipExists {
         /// The folder.
         folder: PathBuf,
     },
-    /// A folder without a clip.
+    /// The folder contains no clip.
     #[error(
         "{}: there is no clip.csv; a clip is a folder of numbered pictures with a clip.csv that states the time of each \
          picture, as `panelprep shoot film` writes it", folder.display()
@@ -152,7 +153,7 @@ pub enum ClipFault {
         /// The folder.
         folder: PathBuf,
     },
-    /// A clip of a set that has no labels.
+    /// A clip of a labelled set has no labels.
     #[error(
         "{}: the clip has no labels: no mask.png in its folder truth or next to its pictures; mark the breaks with \
          `panelprep label --clip {}`",
@@ -162,15 +163,15 @@ pub enum ClipFault {
         /// The clip's folder.
         clip: PathBuf,
     },
-    /// Labels that cannot be read.
+    /// The file of labels cannot be parsed.
     #[error("{}: {cause}; move the file away to begin with new labels", file.display())]
     BadLabels {
         /// The file.
         file: PathBuf,
-        /// The problem of the labels.
+        /// The reason why the labels cannot be parsed.
         cause: panelprep_cell::labels::FormError,
     },
-    /// A person labelled another clip, or this clip before it was changed.
+    /// The labels belong to another clip, or the clip has changed since.
     #[error(
         "{}: these labels were made for other pictures than those of {}; check each break again with `panelprep \
          label --clip {}`",
@@ -182,7 +183,7 @@ pub enum ClipFault {
         /// The clip's folder.
         clip: PathBuf,
     },
-    /// A mask would overwrite the labels of a person.
+    /// A mask would overwrite the labels that a person made.
     #[error(
         "{}: contains labels of a person, which the mask of this inspection would overwrite; name another folder for --pictures",
         folder.display()
@@ -191,15 +192,15 @@ pub enum ClipFault {
         /// The folder.
         folder: PathBuf,
     },
-    /// No picture of the film would be wet, so that no test could use it.
+    /// No picture of the film would be marked as wet, so that it could not be inspected.
     #[error("--wet-from-s is {wet_from_s} s; the limits are 0 to {seconds} s, the length of the film")]
     NeverWet {
         /// The requested time.
         wet_from_s: f64,
-        /// Length of the film, s.
+        /// Duration of the film, s.
         seconds: f64,
     },
-    /// It is not stated when the sprayed panel is wet.
+    /// The time is not stated from which the sprayed panel is wet.
     #[error(
         "--spray-from-s is {spray_from_s} s, but --wet-from-s is missing; give --wet-from-s, the time at which the \
          spray is off"
@@ -208,7 +209,7 @@ pub enum ClipFault {
         /// The requested time.
         spray_from_s: f64,
     },
-    /// The phases are in another order than the test needs.
+    /// The phases of the film are not in the order that the inspection needs.
     #[error(
         "--spray-from-s is {spray_from_s} s, --wet-from-s is {wet_from_s} s, and the film lasts {seconds} s; the spray must begin at \
          0 s or later, the wet pictures after the spray, and both within the film"
@@ -218,36 +219,36 @@ pub enum ClipFault {
         spray_from_s: f64,
         /// The requested time.
         wet_from_s: f64,
-        /// Length of the film, s.
+        /// Duration of the film, s.
         seconds: f64,
     },
 }
 
-/// The reason why the records cannot answer, or do not accept a part.
+/// The reason why the records do not contain what was requested, or do not accept a part.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordFault {
-    /// A text in a search that is not a date.
+    /// A text in a search is not a date.
     #[error("{option}: {cause}")]
     Date {
         /// The option.
         option: &'static str,
-        /// The problem of the date.
+        /// The reason why the text is not a date.
         cause: panelprep_store::history::DateError,
     },
-    /// Conditions of a search together with another request to the history.
+    /// Search conditions were given to a subcommand that is not the search.
     #[error(
         "conditions such as --part are valid only for the search, `panelprep history` without a subcommand; remove them"
     )]
     SearchBesideTask,
-    /// No cycle in the store treated this panel.
+    /// The store contains no cycle of this panel.
     #[error("the store contains no cycle of panel {panel}; {}", describe_panels(panels))]
     NoCyclesOf {
-        /// The panel as the user named it.
+        /// The name of the panel as the user typed it.
         panel: String,
-        /// The panels that were treated by cycles.
+        /// The panels of which the store contains cycles.
         panels: Vec<String>,
     },
-    /// The panel's cycles have no quantity of this name.
+    /// The cycles of the panel have no quantity with this name.
     #[error(
         "no cycle of panel {panel} has a quantity {found}{}; valid: {}; or, in quotes, the name of a check on the page of a \
          cycle",
@@ -258,31 +259,31 @@ pub enum RecordFault {
         found: String,
         /// The panel.
         panel: String,
-        /// The existing name that is most similar.
+        /// The existing name that is most similar to the typed one.
         nearest: Option<String>,
-        /// The keywords of the quantities that exist.
+        /// The keywords of the existing quantities.
         words: Vec<&'static str>,
     },
-    /// A part that may not be abraded any more.
+    /// The part has reached its maximum number of sanding passes.
     #[error(
         "{part} has reached the limit of {most} passes ([process] max_passes_per_part): {history}; take \
          the part out, and let the inspector decide about the part with the pages of these cycles"
     )]
     PartUsedUp {
-        /// The part in words, with its serial number if it has one.
+        /// A description of the part, with its serial number if it has one.
         part: String,
-        /// Maximum number of passes.
+        /// Maximum number of sanding passes per part.
         most: usize,
-        /// The cycles, with the number of passes in each.
+        /// The cycles of the part, with the number of passes in each.
         history: String,
     },
-    /// The names of a part that the cell does not accept.
+    /// The names of the part are not valid in this cell.
     #[error("{0}")]
     PartNames(panelprep_cell::cell::PartNameError),
-    /// A part whose abrasions cannot be counted, because the store was restored from a backup.
+    /// The sanding passes of the part are not known, because the store was restored from a backup.
     #[error("{0}")]
     CountUnknown(panelprep_store::store::UnknownPassCount),
-    /// A cycle with an unsigned record.
+    /// The record of a cycle is not signed.
     #[error(
         "the record of cycle {cycle} is not signed: the cycle has not ended, or signing failed; `panelprep store verify` \
          reports details"
@@ -299,12 +300,12 @@ pub enum RecordFault {
         /// The reason why the cell's own store has no public key.
         problem: String,
     },
-    /// A name of the part that is not valid.
+    /// A name of the part is not valid.
     #[error("{option} \"{found}\": {problem}; give the text as it must appear on the cycle's page")]
     PartName {
         /// The option.
         option: &'static str,
-        /// The name as given.
+        /// The name that was given.
         found: String,
         /// The problem.
         problem: String,

@@ -1,8 +1,9 @@
-//! `panelprep new cell`: writes the tables of the sample files for the connected devices, with the answers in them.
+//! `panelprep new cell`: writes a cell file from the tables of the sample files for the connected devices, with the
+//! answers of a person.
 //!
-//! For a real cell, only its own people know the poses, the box, the inputs and outputs. What was not answered comes
-//! from the sample and is marked as such in the file and in the result. What a file does not need (the arm's
-//! surroundings, the cameras' poses measured by tape, a stated error of the tool) is left as a comment.
+//! For a real cell, poses, box, inputs and outputs can only be stated by its own people. Values that were not answered
+//! are those of the sample; this is marked in the file and in the result. Optional entries (the arm's surroundings, the
+//! camera poses measured with a tape, a stated error of the tool) are written as comments.
 
 use super::super::args::{Common, FlangeCameraKind, NewCell, RobotKindName, ScannerKind};
 use super::super::connecting::{self, FoundDevices};
@@ -21,12 +22,12 @@ use toml_edit::Array;
 
 const SIMULATED: &str = include_str!("../../../config/cell.toml");
 const REAL_CELL_TEMPLATE: &str = include_str!("../../../config/cell-example.toml");
-/// The paths at which the service of an installed package has its store and its socket.
+/// The paths of the store and the socket of an installed service.
 const SERVICE_STORE: &str = "/var/lib/panelprep";
 const SERVICE_SOCKET: &str = "/run/panelprep/panelprep.sock";
-/// Tables whose numbers each real cell must state itself.
+/// Tables whose values every real cell must state itself.
 const CELL_SPECIFIC_TABLES: [&str; 5] = ["poses.park", "io.outputs", "io.off_after_s", "io.feedbacks", "limits"];
-/// The tables of a real cell that are optional.
+/// The optional tables of a real cell.
 const OPTIONAL_TABLES: [&str; 7] = [
     "poses.ready",
     "poses.verify",
@@ -36,10 +37,10 @@ const OPTIONAL_TABLES: [&str; 7] = [
     "arm",
     "keep_out",
 ];
-/// A key with a number that only a person can state.
+/// The key of a number that only a person can state.
 const STATED_NUMBER_KEY: &str = "tool_error_mm";
 
-/// Returns the problems that `panelprep check` finds in the text of a cell's file; the files that it names may be
+/// Returns the problems that `panelprep check` finds in the text of a cell file; the files that it names may be
 /// missing.
 fn problems(name: &str, text: &str) -> Problems {
     match Cell::check(name, text) {
@@ -50,38 +51,38 @@ fn problems(name: &str, text: &str) -> Problems {
     }
 }
 
-/// The answers; before a question is answered, the proposed value.
+/// The answers; initially the proposed values.
 #[derive(Clone)]
 struct Answers {
     scanner: ScannerKind,
     scanner_serial: Option<String>,
     flange_camera: FlangeCameraKind,
-    /// The key that names the flange camera, and its value.
+    /// The key by which the flange camera is selected, and its value.
     flange_camera_by: Option<(&'static str, String)>,
     robot: RobotKindName,
     host: Option<String>,
-    /// The park pose and the box of the tool's tip, of a real cell.
+    /// The park pose and the box of the TCP; only for a real cell.
     motion: Option<Motion>,
     store: String,
 }
 
-/// The limits of the motion of a real cell.
+/// The limits of the motions of a real cell.
 #[derive(Clone)]
 struct Motion {
     park_deg: [f64; 6],
     box_mm: BoxMm,
 }
 
-/// The motion limits of the sample file.
+/// The limits of the motions in the sample file.
 const SAMPLE_MOTION: Motion = Motion {
     park_deg: [-90.0, -120.0, 120.0, 0.0, 60.0, 0.0],
     box_mm: [[250.0, -450.0, 50.0], [750.0, 450.0, 900.0]],
 };
 
-/// The file in which the networks of the cell are listed for the service's unit.
+/// The file that lists the networks of the cell for the service's systemd unit.
 const NETWORKS_FILE: &str = "/etc/systemd/system/panelprep.service.d/network.conf";
 
-/// Asks the questions and writes the cell's file.
+/// Asks the questions and writes the cell file.
 pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
     if args.out.symlink_metadata().is_ok() {
         return Err(Fault::AlreadyExists { file: args.out.clone() });
@@ -120,8 +121,8 @@ pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Refuses options of one kind if another kind was chosen: a person would believe that the unused value was written to
-/// the file.
+/// Refuses options that belong to another kind of device than the chosen one. Otherwise a person would believe that the
+/// value is in the file.
 fn refuse_options(
     others: &'static str,
     chosen: &str,
@@ -136,7 +137,7 @@ fn refuse_options(
     })
 }
 
-/// Reports the search and returns what was found; empty if there was no search.
+/// Reports the result of a search for devices, and returns what was found; empty if no search was made.
 fn report_search(args: &NewCell, look: impl FnOnce() -> FoundDevices) -> Vec<String> {
     if args.no_search {
         return vec![];
@@ -147,7 +148,7 @@ fn report_search(args: &NewCell, look: impl FnOnce() -> FoundDevices) -> Vec<Str
 }
 
 impl Answers {
-    /// Returns the proposed answers: a cell that needs no device.
+    /// Returns the proposed answers, for a cell that needs no device.
     fn proposed_answers() -> Self {
         Answers {
             scanner: ScannerKind::Simulated,
@@ -179,19 +180,19 @@ impl Answers {
         Ok(answers)
     }
 
-    /// Checks the file that results from these answers: there must be no problem at keys that begin with `keys`.
+    /// Checks that the file with these answers has no problem at keys that begin with `keys`.
     fn check_file(&self, keys: &str) -> Refusal {
         let text = text("", self).map_err(|fault| fault.to_string())?;
         refusal(problems("", &text).list, keys)
     }
 
-    /// Returns whether the robot's controller is another machine; in this case no camera may be simulated.
+    /// Returns whether the robot controller is a separate device; then no camera may be simulated.
     fn is_robot_remote(&self) -> bool {
         Answers { scanner: ScannerKind::Simulated, ..self.clone() }.check_file("scanner.kind").is_err()
     }
 }
 
-/// Refuses the value of an option.
+/// Returns the error for an option whose value is not valid here.
 fn refuse_option_value<T: ValueEnum>(
     option: &'static str,
     value: T,
@@ -344,12 +345,12 @@ fn motion(args: &NewCell, asker: &mut Asker<'_>, answers: &Answers) -> Result<Mo
     Ok(Motion { park_deg, box_mm })
 }
 
-/// The port of the state channel in the samples.
+/// The TCP port of the state channel in the sample files.
 const STATE_PORT: u16 = 54_601;
 
-/// One table of a file: its header and all lines up to the next header.
+/// One table of a TOML file: its header and all lines up to the next header.
 struct Block<'t> {
-    /// Its name, `poses.park`; empty for the part before the first table.
+    /// The name of the table, for example `poses.park`; empty for the lines before the first table.
     name: &'t str,
     text: &'t str,
 }
@@ -372,7 +373,7 @@ fn block<'t>(text: &'t str, name: &str) -> &'t str {
     split_tables(text).into_iter().find(|block| block.name == name).map_or("", |block| block.text)
 }
 
-/// Returns the lines of a table as comments.
+/// Converts the lines of a table to comments.
 fn as_comments(text: &str) -> String {
     let line = |line: &str| match line.trim().is_empty() || line.starts_with('#') {
         true => format!("{line}\n"),
@@ -381,7 +382,7 @@ fn as_comments(text: &str) -> String {
     text.lines().map(line).collect()
 }
 
-/// Returns a table with a comment that its numbers must be checked against the cell.
+/// Adds the comment that the values of a table must be compared with the cell.
 fn to_check(text: &str) -> String {
     let line = |line: &str| match line.starts_with(STATED_NUMBER_KEY) {
         true => format!("# {line}\n"),
@@ -391,11 +392,11 @@ fn to_check(text: &str) -> String {
     format!("{CHECK_COMMENT}\n{lines}")
 }
 
-/// The comment that is written before each table with numbers to check.
+/// The comment that is written before each table with values of the sample.
 const CHECK_COMMENT: &str = "# TO CHECK before anything moves: numbers in this table that you did not state are from the sample, not \
      from your cell.";
 
-/// Returns the file's text.
+/// Returns the text of the cell file.
 fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
     let is_real = answers.robot == RobotKindName::Eki;
     let scanner = if answers.scanner == ScannerKind::Zivid { REAL_CELL_TEMPLATE } else { SIMULATED };
@@ -443,7 +444,7 @@ fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
     Ok(cell.to_string())
 }
 
-/// Returns the text before the first table.
+/// Returns the part of the cell file before its first table.
 fn head(answers: &Answers) -> String {
     let socket = match answers.store == SERVICE_STORE {
         true => format!("socket = \"{SERVICE_SOCKET}\" # as in panelprep.service: members of the service's group may send requests\n"),

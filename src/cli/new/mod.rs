@@ -1,7 +1,7 @@
-//! `panelprep new cell` and `new recipe`: a commented file to start from.
+//! `panelprep new cell` and `new recipe`: write a file with comments as a starting point.
 //!
-//! The text is that of the samples in `config/`, with its comments; answers are set in it. The written file has passed
-//! the checks of `panelprep check`, and no file is overwritten.
+//! The text is that of the samples in `config/` with their comments, with the answers as values. The written file
+//! passes `panelprep check`. No file is overwritten.
 //!
 //! - `questions`: questions and answers · `cell` · `recipe`
 
@@ -16,7 +16,7 @@ use super::output::Outcome;
 /// Asks the questions and writes the file.
 ///
 /// # Errors
-/// If a question has no answer, an answer is not accepted, or the file exists already.
+/// If a question is not answered, an answer is not valid, or the file already exists.
 pub fn run(args: &New, common: &Common) -> Result<Outcome, Fault> {
     match &args.what {
         NewFile::Cell(args) => cell::run(args, common),

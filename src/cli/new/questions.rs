@@ -1,7 +1,7 @@
-//! Questions on the terminal, and their answers in a sample's text.
+//! Asks questions on the terminal, and writes the answers to the text of a sample.
 //!
-//! Each question can be answered by an option instead, and has a proposal if one can be made. Values are set in the
-//! sample's text, and the problems of these values are found there.
+//! Each question can also be answered by an option, and may have a proposed answer. An answer is written to the text of
+//! the sample and checked there.
 
 use super::super::fault::Fault;
 use super::super::output::write_progress;
@@ -27,7 +27,7 @@ pub(super) struct Question<'q> {
 }
 
 impl<'q> Question<'q> {
-    /// Creates a question with the option that answers it and the value of that option.
+    /// Creates a question, with the option that answers it and the value of this option, if given.
     pub fn new(words: &'q str, option: &'static str, given: Option<&str>) -> Self {
         Question { text: words, option, given_answer: given.map(str::to_owned), proposal: None }
     }
@@ -39,14 +39,14 @@ impl<'q> Question<'q> {
 }
 
 impl Asker<'static> {
-    /// Creates an asker that asks on standard error and reads from standard input.
+    /// Creates an asker that prints questions on standard error and reads answers from standard input.
     pub fn for_terminal(takes_proposals: bool) -> Self {
         Asker { are_proposals_accepted: takes_proposals, answers: Box::new(std::io::stdin().lock()) }
     }
 }
 
 impl Asker<'_> {
-    /// Returns the answer as `read` interprets it; if `read` refuses an answer, the question is asked again.
+    /// Returns the answer as parsed by `read`; if `read` refuses the answer, the question is asked again.
     fn ask<T>(&mut self, question: &Question<'_>, read: impl Fn(&str) -> Result<T, String>) -> Result<T, Fault> {
         let option = question.option;
         let refused = |found: &str, problem| Fault::BadAnswer { option, found: found.to_owned(), problem };
@@ -84,11 +84,11 @@ impl Asker<'_> {
     }
 }
 
-/// The result of a check of an answer; the error states what is wrong and what is allowed.
+/// The result of checking an answer; the error states the problem and what is valid.
 pub(super) type Refusal = Result<(), String>;
 
 impl Asker<'_> {
-    /// Asks for any text that `check` accepts.
+    /// Asks for a text that `check` accepts.
     pub fn ask_text(
         &mut self,
         question: &Question<'_>,
@@ -97,7 +97,7 @@ impl Asker<'_> {
         self.ask(question, |answer| check_answer(parse_text(answer)?, &check))
     }
 
-    /// Asks for one of the allowed values, if `check` accepts it.
+    /// Asks for one of the valid values, which `check` must accept.
     pub fn ask_choice<T: Copy>(
         &mut self,
         question: &Question<'_>,
@@ -116,7 +116,7 @@ impl Asker<'_> {
         })
     }
 
-    /// Asks for numbers that `check` accepts, separated by commas or spaces.
+    /// Asks for `N` numbers, separated by commas or spaces, which `check` must accept.
     pub fn numbers<const N: usize>(
         &mut self,
         question: &Question<'_>,
@@ -125,8 +125,8 @@ impl Asker<'_> {
         self.ask(question, |answer| check_answer(numbers(answer)?, &check))
     }
 
-    /// Asks for both corners of a box that `check` accepts. The reason for a refusal may be in either corner, so both
-    /// are asked again.
+    /// Asks for both corners of a box that `check` accepts. If the box is refused, both corners are asked again,
+    /// because the error may be in either corner.
     pub fn box_mm(
         &mut self,
         [least, greatest]: [Question<'_>; 2],
@@ -146,7 +146,7 @@ impl Asker<'_> {
     }
 }
 
-/// A box: its minimum and its maximum corner, mm in the robot's base.
+/// A box, given by its minimum and its maximum corner, mm in the robot's base.
 pub(super) type BoxMm = [[f64; 3]; 2];
 
 /// Accepts every answer.
@@ -184,7 +184,7 @@ fn numbers<const N: usize>(answer: &str) -> Result<[f64; N], String> {
     numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(allowed)
 }
 
-/// Sets a value in a file's text, in an existing table; the comment next to it stays.
+/// Sets a value in an existing table of a TOML document; the comment next to the value is kept.
 pub(super) fn set(document: &mut DocumentMut, table: &str, key: &str, value: impl Into<Value>) {
     let mut below = table.split('.').filter(|name| !name.is_empty());
     let home = below.try_fold(document.as_table_mut(), |home, name| home.get_mut(name)?.as_table_mut());
@@ -193,13 +193,13 @@ pub(super) fn set(document: &mut DocumentMut, table: &str, key: &str, value: imp
     }
 }
 
-/// Returns the first problem at a key that begins with `keys`, as a refusal.
+/// Returns the first problem at a key that begins with `keys`, as an error.
 pub(super) fn refusal(problems: Vec<Problem>, keys: &str) -> Refusal {
     let first = problems.into_iter().find(|problem| problem.key.starts_with(keys));
     first.map_or(Ok(()), |Problem { key, message, .. }| Err(format!("{key}: {message}")))
 }
 
-/// Formats numbers in the form of an answer.
+/// Formats numbers as a person types them.
 pub(super) fn format_numbers(numbers: &[f64]) -> String {
     numbers.iter().copied().map(shortest_text).collect::<Vec<_>>().join(",")
 }
@@ -220,7 +220,7 @@ mod tests {
         }
     }
 
-    /// The value of the option has priority over the typed text. An empty line accepts the proposal, and after a wrong
+    /// The value of the option has priority over the typed text. An empty line accepts the proposal. After an invalid
     /// answer the question is asked again.
     #[test]
     fn an_answer_comes_from_the_option_the_terminal_or_the_proposal() {
@@ -241,10 +241,10 @@ mod tests {
             let message = of(asker, &question).expect_err("refused").to_string();
             assert!(message.contains(words), "{message}");
         }
-        // If there is no proposed answer, --yes does not answer the question.
+        // If there is no proposal, --yes does not answer the question.
         let message = of(asker("", true), &question(None, None)).expect_err("refused").to_string();
         assert!(message.ends_with("give --rows"), "{message}");
-        // A count is checked against its range at once, not later in the resulting file.
+        // A count is checked against its range immediately, before the file is created.
         let of = |given| asker("", true).count(&question(Some(given), None), 1..=50);
         assert_eq!(of("50").expect("allowed"), 50.0);
         for wrong in ["0", "51", "2.5", "many"] {

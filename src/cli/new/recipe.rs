@@ -1,4 +1,4 @@
-//! `panelprep new recipe`: writes the sample recipe with a panel's own numbers.
+//! `panelprep new recipe`: writes the sample recipe with the values of a panel.
 
 use super::super::args::{Common, NewRecipe};
 use super::super::disk;
@@ -15,13 +15,14 @@ use serde_json::json;
 use toml_edit::{Array, DocumentMut, Value};
 
 const SAMPLE: &str = include_str!("../../../config/panels/example.toml");
-/// The corners of the region in the sample recipe, px, followed by its search box.
+/// The corners of the region in the sample recipe, px; the next constant is its search box.
 const CORNERS_PX: [f64; 8] = [700.0, 350.0, 1250.0, 350.0, 1250.0, 850.0, 700.0, 850.0];
 const SAMPLE_BOX_MM: BoxMm = [[300.0, -400.0, 100.0], [700.0, 400.0, 800.0]];
-/// The sample's force, which is a comment there: only a recipe for a compliant tool has one.
+/// The line with the force in the sample recipe, where it is a comment, and the same line without the comment mark:
+/// only a recipe for a compliant tool states a force.
 const FORCE_COMMENT: [&str; 2] = ["# force_n = 20.0                #", "force_n = 20.0                  #"];
 
-/// Limits of the number of rows, and of columns, in a recipe.
+/// Minimum and maximum number of rows, and of columns, of grids.
 const GRID_COUNT_LIMITS: std::ops::RangeInclusive<u32> = 1..=50;
 
 /// Asks the questions and writes the recipe.
@@ -55,8 +56,7 @@ pub(super) fn run(args: &NewRecipe, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// The context in which an answer is checked: the recipe that results from it, and the cell that will execute this
-/// recipe.
+/// The context in which an answer is checked: the recipe with this answer, and the cell that will execute it.
 #[derive(Clone, Copy)]
 struct RecipeContext<'a> {
     /// The recipe's file.
@@ -76,14 +76,14 @@ impl RecipeContext<'_> {
         Problems { file: self.name.to_owned(), list }
     }
 
-    /// Checks the recipe that results from these answers: there must be no problem at keys that begin with `keys`.
+    /// Checks that the recipe with these answers has no problem at keys that begin with `keys`.
     fn check_recipe(&self, keys: &str, answers: &Answers) -> Refusal {
         let text = text(self.name, answers).map_err(|fault| fault.to_string())?;
         refusal(self.problems(&text).list, keys)
     }
 }
 
-/// The answers; before a question is answered, the proposed value.
+/// The answers; initially the proposed values.
 #[derive(Clone)]
 struct Answers {
     panel: String,
@@ -92,7 +92,7 @@ struct Answers {
     columns: f64,
     box_mm: BoxMm,
     disc_mm: f64,
-    /// For a cell with a compliant tool.
+    /// The force of the tool, N; only for a cell with a compliant tool.
     force_n: Option<f64>,
 }
 
@@ -157,7 +157,7 @@ impl Answers {
     }
 }
 
-/// Returns the cell's box in which the tool's tip must stay.
+/// Returns the box of the cell in which the TCP must stay.
 fn cells_box(cell: &Cell) -> Option<BoxMm> {
     let workspace = cell.limits().workspace()?;
     Some([workspace.min, workspace.max].map(|corner| [corner.mm.x, corner.mm.y, corner.mm.z]))
@@ -183,12 +183,12 @@ fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
     if let Some(force_n) = force_n {
         set(&mut recipe, "path", "force_n", *force_n);
     }
-    // The sample's comment on this line names the last grid.
+    // The comment on this line of the sample names the last grid.
     let grids = format!("r{}c{}", shortest_text(*rows), shortest_text(*columns));
     Ok(recipe.to_string().replace("r1c1 … r4c6", &format!("r1c1 … {grids}")))
 }
 
-/// Parses the text as a TOML document.
+/// Parses a text as a TOML document.
 pub(super) fn parse_document(name: &str, text: &str) -> Result<DocumentMut, Fault> {
     text.parse().map_err(|error: toml_edit::TomlError| {
         let problem = Problem { line: 1, key: String::new(), message: error.to_string() };
