@@ -1,4 +1,4 @@
-//! `panelprep plan`: the sanding path over the grids that are named, or over those that failed in a film.
+//! `panelprep plan`: plans the sanding path over the named grids, or over the grids that failed in a film.
 
 use super::args::{Common, Plan};
 use super::cycle_files::Calibrated;
@@ -32,18 +32,18 @@ use panelprep_vision::inspect::{Demands, Footprint};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// A plan with its verdict, and the data on which it is based.
+/// A planned path with its verdict, and the data from which it was planned.
 struct PlannedPath {
     stage: stages::plan::PlanOutcome,
     fit: Fit,
-    /// The pose to set as the robot's base.
+    /// The base frame that must be set on the robot.
     base: KukaPose,
 }
 
-/// Plans and reports the result; writes the plan and the KRL program if requested.
+/// Plans a path and reports the result; writes the plan and the KRL program if requested.
 ///
 /// # Errors
-/// If a file is invalid, a grid is unknown, or the surface cannot be fitted.
+/// If a file is invalid, a grid is unknown, or no surface can be fitted.
 pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
@@ -125,7 +125,7 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Returns the name of the program in a file: a controller loads a program by the file's name.
+/// Returns the name of the KRL program, which must be the name of its file.
 fn program_name(file: &Path) -> Result<ProgramName, Fault> {
     if file.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("src")) {
         return Err(Fault::file_fault(file, "the file name of a KRL program must end in .src"));
@@ -134,7 +134,7 @@ fn program_name(file: &Path) -> Result<ProgramName, Fault> {
     name.parse().map_err(|error| Fault::file_fault(file, error))
 }
 
-/// Returns the pose from which the arm starts to follow the plan, with a remark about it.
+/// Returns the pose from which the arm starts the path, with a remark about this pose.
 fn reach<'a>(
     kinematics: &'a Kinematics,
     (files, common): (&CellFiles, &Common),
@@ -170,7 +170,7 @@ fn reach<'a>(
 }
 
 impl PlannedPath {
-    /// Writes the plan as a program, unless it is rejected. Returns whether the program was written, with a
+    /// Writes the plan as a KRL program, unless the plan is rejected. Returns whether the program was written, and a
     /// message.
     fn program(
         &self,
@@ -198,7 +198,7 @@ impl PlannedPath {
         Ok((true, format!("KRL program written to {shown}; {words}")))
     }
 
-    /// Returns the removal of the plan in numbers; `None` if it is not requested or not known.
+    /// Returns the removal of the plan; `None` if it is not requested or not known.
     fn removal(&self) -> Option<Value> {
         let found = self.stage.removed.as_ref()?.figures?;
         Some(json!({
@@ -208,14 +208,14 @@ impl PlannedPath {
         }))
     }
 
-    /// Simulates the effect of the disc along the plan.
+    /// Simulates the dwell time of the disc along the plan.
     fn dwell(&self, taught: &LoadedPanel, recipe: &Recipe) -> Dwell {
         let radius_mm = recipe.path().disc_diameter_mm() / 2.0;
         let (plan, executed) = (&self.stage.plan, dwell::timed_poses(&self.stage.plan));
         dwell::simulate_treated(&self.fit.surface, &taught.panel.region, &plan.treated, &executed, radius_mm)
     }
 
-    /// Returns the results of the dry run as a table of lines.
+    /// Returns the results of the simulation as the lines of a table.
     fn table(&self, dwell: &Dwell, disc: &DiscWearPlan, recipe: &Recipe) -> Vec<String> {
         let discs =
             disc.discs().map_or("not counted, disc_life_mm2 is not set".to_owned(), |discs| format!("{discs:.2}"));
@@ -276,7 +276,7 @@ impl PlannedPath {
         self.stage.plan.grid_dwell.iter().find(|(known, _)| *known == id).map(|(_, spread)| *spread)
     }
 
-    /// Describes how even the time under the disc is.
+    /// Returns a line about the uniformity of the dwell time.
     fn describe_evenness(&self, recipe: &Recipe) -> String {
         let (Some(dwell), Some((ratio, grid))) = (self.stage.plan.dwell, self.stage.plan.dwell_ratio()) else {
             return "time under disc    nothing is treated".to_owned();
@@ -291,7 +291,7 @@ impl PlannedPath {
         )
     }
 
-    /// Describes the plan in words.
+    /// Returns the description of the plan as lines.
     fn describe_plan(&self) -> Vec<String> {
         let plan = &self.stage.plan;
         let mut words = vec![format!(
@@ -354,7 +354,7 @@ impl PlannedPath {
     }
 }
 
-/// A mask of another size than the camera's pictures.
+/// The error for a mask that does not have the size of the camera's pictures.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "the mask has {} × {} px, the camera's pictures have {} × {} px; name a mask that `inspect --pictures` wrote",
@@ -365,11 +365,11 @@ struct OtherSize {
     camera_px: [usize; 2],
 }
 
-/// Returns the grids of a plan, and the areas of these grids that it treats. Also returns a remark if areas around
-/// breaks are requested and the breaks are not known.
+/// Returns the grids of a plan, and the areas of these grids that are treated. Also returns a remark if the recipe
+/// requires areas around breaks but the breaks are not known.
 ///
 /// # Errors
-/// If a file is invalid, or a word is not a grid's name.
+/// If a file is invalid, or a name is not that of a grid.
 fn places(
     args: &Plan,
     (files, taught, fit): (&CellFiles, &LoadedPanel, &Fit),
@@ -392,7 +392,7 @@ fn places(
     Ok((grids, treated, None))
 }
 
-/// Reads the mask of a film and determines the water breaks on the panel, at the panel's pose in the film.
+/// Reads the mask of a film, and returns the water breaks on the panel at the panel's pose in this film.
 fn broken(
     mask: &Path,
     args: &Plan,
@@ -414,10 +414,10 @@ fn broken(
     Ok(Broken { places: footprint.taught_pixels(&mask), located_mm2 })
 }
 
-/// Returns the uncertainty of the pose that the plan is for, 95 %, mm; `None` if it is not known.
+/// Returns the uncertainty (95 %) of the pose for which the plan is made, mm; `None` if it is not known.
 ///
 /// # Errors
-/// If the file is invalid.
+/// If the file with the pose is invalid.
 fn located_mm(args: &Plan) -> Result<Option<f64>, Fault> {
     Ok(args.located.as_deref().map(load::located_mm).transpose()?.flatten())
 }

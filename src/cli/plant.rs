@@ -1,4 +1,4 @@
-//! The connections of the service to the systems of a plant: the office, the MQTT broker and OPC UA clients.
+//! The connections of the service to the systems of a plant: office server, MQTT broker and OPC UA clients.
 
 pub use super::archive::{run as run_archive, run_fleet};
 use super::fault::Fault;
@@ -9,14 +9,14 @@ use panelprep_service::daemon::{
 
 pub use panelprep_service::daemon::OfficeStatus;
 
-/// The connections; they end when this is dropped.
+/// The plant connections; dropping them closes the connections.
 pub struct PlantConnections {
     _office: Option<OfficeSender>,
     _sparkplug: Option<SparkplugEdge>,
     _opcua: Option<OpcUaServer>,
 }
 
-/// Connects the cell to each system that its file names.
+/// Connects the cell to each system that the cell file names.
 ///
 /// # Errors
 /// If a connection cannot be started.
@@ -32,7 +32,7 @@ pub fn connect(
     })
 }
 
-/// Sends records to the office, if the cell's file names a broker.
+/// Starts to send records to the office server, if the cell file names a broker.
 ///
 /// # Errors
 /// If the sender cannot be started.
@@ -47,20 +47,20 @@ fn office_sender(
     OfficeSender::start(parts).map(Some).map_err(Fault::stage)
 }
 
-/// Connects the cell to its MQTT broker, if the cell's file names one.
+/// Connects the cell to its MQTT broker, if the cell file names one.
 ///
 /// # Errors
-/// If it cannot be started.
+/// If the connection cannot be started.
 fn edge_node(files: &CellFiles, context: &InterfaceContext) -> Result<Option<SparkplugEdge>, Fault> {
     let Some(node) = files.cell.sparkplug().cloned() else { return Ok(None) };
     tracing::info!("MQTT Sparkplug: edge node {} of the group {}", node.edge_node_id, node.group_id);
     SparkplugEdge::serve(SparkplugParts { node, front: context.clone() }).map(Some).map_err(Fault::stage)
 }
 
-/// Serves the cell by OPC UA, if its file names an address for it.
+/// Starts the OPC UA server of the cell, if the cell file names an address for it.
 ///
 /// # Errors
-/// If the operating system refuses.
+/// If the operating system does not permit the address or cannot start a thread.
 fn opcua_server(files: &CellFiles, context: &InterfaceContext) -> Result<Option<OpcUaServer>, Fault> {
     let parts = OpcUaParts { settings: files.cell.opcua().clone(), front: context.clone() };
     OpcUaServer::serve(parts).map_err(Fault::stage)

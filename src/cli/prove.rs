@@ -1,9 +1,9 @@
-//! `panelprep robot prove`: goes through what the installation page requires to be proven on a controller, one
-//! assumption after the other.
+//! `panelprep robot prove`: guides a person through the acceptance tests of a controller, which the installation page
+//! lists as assumptions to be proven.
 //!
-//! It tests over the two ports what a client alone can see. For the rest it states what to do and what to expect,
-//! and writes down what the person at the controller has seen. It causes no motion. The answers become a page to
-//! sign; `--sign` stores the signature.
+//! The command tests what a client can observe on the two ports. For the other tests it states what to do and what to
+//! expect, and records what the person at the controller has observed. It causes no motion. The results are written to
+//! a page to be signed; `--sign` stores the signature.
 
 mod page;
 mod table;
@@ -28,12 +28,12 @@ use serde_json::json;
 use std::io::BufRead;
 use table::{Assumption, Finding, INSTALLATION, Proof, assumptions};
 
-/// Goes through the rows of a stage and writes its page, or stores the signature of a page.
+/// Runs the acceptance tests of a stage and writes its page, or stores the signature of a page.
 ///
 /// # Errors
-/// If the cell's robot is not a controller with two ports, the stage before is not signed, the controller has another
-/// mode or other programs than the stage needs, another program holds the store, or the page exists already or cannot
-/// be written.
+/// If the robot of the cell has no real controller, the previous stage is not signed, the controller has another mode
+/// or other programs than the stage requires, another program uses the store, or the page already exists or cannot be
+/// written.
 pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     files.require(Purpose::Robot)?;
     if files.cell.robot().kind() != RobotKind::Eki {
@@ -42,8 +42,7 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     if args.sign {
         return page::sign(args, files);
     }
-    // The store is released while a person is asked, because that person uses other commands of this program in the
-    // meantime.
+    // The store is closed while a person is asked, because the person uses other commands of this program meanwhile.
     drop(files.settled_store()?);
     let begin = identify(&files.cell)?;
     let stage = stage_to_prove(args, files, &begin)?;
@@ -59,7 +58,7 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     run.end()
 }
 
-/// Returns the stage to be proven, if the controller is ready for it. A mock controller is always ready.
+/// Returns the stage to be tested, if the controller is ready for it. A mock controller is always ready.
 fn stage_to_prove(args: &Prove, files: &CellFiles, begin: &ReportedController) -> Result<ProofStage, Fault> {
     let robot = files.cell.robot();
     let stage = args.stage.unwrap_or_else(|| ProofStage::after(robot.signed_stage()));
@@ -82,7 +81,7 @@ fn stage_to_prove(args: &Prove, files: &CellFiles, begin: &ReportedController) -
     Ok(stage)
 }
 
-/// Returns whether a stage is proven in this mode: in stage A a person holds the enabling switch.
+/// Returns whether a stage is tested in this mode; in stage A a person holds the enabling switch.
 fn is_mode_of(stage: ProofStage, mode: Mode) -> bool {
     match stage {
         ProofStage::A => mode == Mode::T1,
@@ -90,19 +89,19 @@ fn is_mode_of(stage: ProofStage, mode: Mode) -> bool {
     }
 }
 
-/// The rows of a stage during the proofs.
+/// A run of the acceptance tests of one stage.
 struct ProofRun<'r> {
     args: &'r Prove,
     files: &'r CellFiles,
     stage: ProofStage,
     begin: ReportedController,
-    /// All rows of the stage, in their order: each is open until it was done.
+    /// All tests of the stage, in their order; a test is open until it was run.
     proofs: Vec<Proof>,
 }
 
 impl<'r> ProofRun<'r> {
-    /// Writes the page before the first question: after a day's work at the controller, it must be possible to store
-    /// the answers.
+    /// Starts a run and writes its page before the first question, so that a page that cannot be written is detected
+    /// before the work begins.
     fn begin(
         args: &'r Prove,
         files: &'r CellFiles,
@@ -124,8 +123,8 @@ impl<'r> ProofRun<'r> {
         }
     }
 
-    /// Goes through the rows. The trials of this program come first: in T1 a person holds the start key during them,
-    /// and not afterwards.
+    /// Runs the tests in their order. This program's own tests come first: in T1 a person holds the Start key during
+    /// these tests only.
     fn go_through(&mut self, tell: &dyn Fn(&str)) -> Result<(), Fault> {
         let mut answers = std::io::stdin().lock().lines().map_while(Result::ok);
         let is_tried = |place: &usize| unattended::for_row(self.proofs[*place].assumption.number).is_some();
@@ -151,7 +150,8 @@ impl<'r> ProofRun<'r> {
         Ok(())
     }
 
-    /// Stores that a row was found wrong on a real controller, at once: a run that is cut later must not lose it.
+    /// Immediately stores that a test failed on a real controller, so that an interrupted run does not lose this
+    /// result.
     fn store_wrong_row(&self) -> Result<(), Fault> {
         let (ControllerKind::Real, Some(programs_sum)) = (self.begin.kind, self.begin.programs_sum) else {
             return Ok(());
@@ -170,10 +170,11 @@ impl<'r> ProofRun<'r> {
         Store::store_proofs_in(self.files.store_folder(), &page, current_user()).map_err(Fault::stage)
     }
 
-    /// Writes the final page, and stores it if each row was proven. The rows hold only for the controller that also
-    /// answers at the end, with the programs of the beginning.
+    /// Writes the final page, and stores it if every test has passed. The results are valid only if the same
+    /// controller, with the same programs, still responds at the end.
     fn end(self) -> Result<Outcome, Fault> {
-        // If the link cannot be started after a day's work, the page is still written, but it cannot be signed.
+        // If no link can be started at the end, the page is still written, because it contains a day's work, but it
+        // cannot be signed.
         let end = identify(&self.files.cell).unwrap_or(ReportedController::UNKNOWN);
         let page = self.page(Some(end));
         let text = page.render();
@@ -204,7 +205,7 @@ impl<'r> ProofRun<'r> {
     }
 }
 
-/// Returns the line about the page and what to do with it.
+/// Returns the line about the page, with what to do next.
 fn describe_end(page: &ProofPage<'_>, file: &str) -> String {
     let stage = page.stage.letter();
     match page.basis() {
@@ -224,7 +225,8 @@ fn describe_end(page: &ProofPage<'_>, file: &str) -> String {
     }
 }
 
-/// Tries a row, with the store held, so that no other program of this cell uses the controller meanwhile.
+/// Runs a test of this program. The store is locked during the test, so that no other program of this cell uses the
+/// controller.
 fn attempted(files: &CellFiles, attempt: unattended::Attempt) -> Result<(Finding, String), Fault> {
     match files.settled_store() {
         Ok(_store) => attempt(&files.cell),
@@ -245,7 +247,7 @@ fn ask_observation(
     Proof { assumption, finding, evidence, tried: false }
 }
 
-/// Minimum length of the evidence: the shortest text that can name a trace, a film or a figure.
+/// Minimum length of the evidence, characters: the shortest text that can name a trace, a film or a figure.
 const MIN_EVIDENCE_CHARS: usize = 3;
 
 fn parse_observation(line: &str) -> (Finding, String) {
@@ -253,7 +255,7 @@ fn parse_observation(line: &str) -> (Finding, String) {
     let evidence = evidence.trim();
     match word.to_ascii_lowercase().as_str() {
         "" => (Finding::Open, "not done".to_owned()),
-        // Evidence that cannot be looked up later proves nothing.
+        // Evidence that no person can look up afterwards is not accepted.
         "y" if evidence.chars().count() < MIN_EVIDENCE_CHARS => {
             (Finding::Open, "reported as expected, without evidence".to_owned())
         }
@@ -319,7 +321,7 @@ mod tests {
         }
     }
 
-    /// Without a row, with an open row, or at an end that confirms nothing, the run is not accepted.
+    /// A run without tests, with an open test, or without a confirmed controller at its end is not accepted.
     #[test]
     fn only_proven_rows_on_a_confirmed_controller_are_accepted() {
         let row = assumptions(INSTALLATION).remove(0);

@@ -1,5 +1,5 @@
-//! `panelprep record`: exports signed records, verifies them with only the public key, and exports the head of
-//! their chain.
+//! `panelprep record`: signs and exports records, verifies them with only the public key, and exports the head of their
+//! hash chain.
 
 use super::args::{
     Common, ExportRecord, HeadOfRecords, MeaningName, RecordCommand, RecordTask, SignRecord, VerifyRecord,
@@ -24,16 +24,16 @@ use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// The name under which systemd provides the cell's key, with `LoadCredential=`.
+/// The name of the systemd credential that contains the signing key of the cell (`LoadCredential=`).
 const CREDENTIAL: &str = "panelprep-record-key";
 const HEAD: &str = "head.json";
 const PUBLIC_KEY: &str = "public-key.pem";
 const FILES: &str = "files";
 
-/// Runs the requested task.
+/// Runs one task of `panelprep record`.
 ///
 /// # Errors
-/// If a file cannot be read or written, or the store has no such cycle.
+/// If a file cannot be read or written, or the store has no cycle with this number.
 pub fn run(args: &RecordCommand, common: &Common) -> Result<Outcome, Fault> {
     match &args.what {
         RecordTask::Sign(args) => sign(args, common),
@@ -43,11 +43,11 @@ pub fn run(args: &RecordCommand, common: &Common) -> Result<Outcome, Fault> {
     }
 }
 
-/// Returns the key with which this cell signs: the file that the cell's file names, else a credential, else one in the
-/// store.
+/// Returns the signing key of the cell: the file that the cell file names, otherwise a systemd credential, otherwise a
+/// key in the store.
 ///
 /// # Errors
-/// If it cannot be read or made.
+/// If the key cannot be read or created.
 pub fn key(files: &CellFiles) -> Result<CellKey, Fault> {
     let credential = std::env::var_os("CREDENTIALS_DIRECTORY").map(|folder| PathBuf::from(folder).join(CREDENTIAL));
     let place = match (files.cell.record_key(), credential.filter(|file| file.exists())) {
@@ -58,7 +58,7 @@ pub fn key(files: &CellFiles) -> Result<CellKey, Fault> {
     store::cell_key(files.store_folder(), &place).map_err(Fault::stage)
 }
 
-/// Signs every finished cycle that is unsigned, and reports each as text; a warning is reported as such.
+/// Signs every finished cycle that is not signed, and reports each one; `Err` is a warning.
 ///
 /// # Errors
 /// If the key or the store cannot be used.
@@ -74,11 +74,11 @@ pub fn sign_missing(files: &CellFiles, report: &dyn Fn(Result<String, String>)) 
     Store::sign_missing(files.store_folder(), &key, &each).map_err(Fault::stage)
 }
 
-/// Signs the record of a cycle as this person and makes the cycle's page again, which then shows the signature. This
-/// is for interfaces that have already identified the person.
+/// Signs the record of a cycle in the name of this person, and writes the page of the cycle again, so that it shows the
+/// signature. The caller must have identified the person.
 ///
 /// # Errors
-/// If the cycle is not over, the person has already signed with this meaning, or the store or the page cannot be
+/// If the cycle has not ended, the person has already signed with this meaning, or the store or the page cannot be
 /// written.
 pub fn sign_by_person(files: &CellFiles, signs: &PersonSigningRequest) -> Result<SignatureRow, Fault> {
     let row = Store::sign_by_person(files.store_folder(), &key(files)?, signs).map_err(Fault::stage)?;
@@ -105,7 +105,7 @@ fn sign(args: &SignRecord, common: &Common) -> Result<Outcome, Fault> {
     };
     let SignRecord { name, remark, water, lamp, ambient, abrasive, .. } = args.clone();
     let values = StatedValues { water, lamp, ambient, abrasive };
-    // A store must not be created in a mistyped folder.
+    // The existence of the store is checked first, so that no store is created in a mistyped folder.
     drop(files.store()?);
     let cycle = CycleId(args.cycle);
     let row = sign_by_person(&files, &PersonSigningRequest { cycle, name, user, meaning, remark, values })?;
@@ -133,7 +133,7 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.lines.clear();
     let key = key(&files)?;
-    // A cycle that does not exist or is not over is refused before anything of any cycle is written.
+    // All cycles are checked before anything is written: each must exist and have ended.
     let all = cycles.into_iter().map(|cycle| Ok((cycle, signed_rows(&files, &store, cycle)?)));
     let all = all.collect::<Result<Vec<_>, Fault>>()?;
     let mut written = Vec::new();
@@ -166,11 +166,11 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Makes the page of a cycle as PDF, with all signatures of that cycle and what the cell signs for it. `None` if
-/// the cell has not signed the cycle.
+/// Creates the page of a cycle as PDF, with all signatures of the cycle and the data that the cell signs. `None` if the
+/// cell has not signed the cycle.
 ///
 /// # Errors
-/// If the store no longer has the signed record complete, or the PDF cannot be written.
+/// If the signed record in the store is no longer complete, or the PDF cannot be written.
 pub fn signed_pdf(store: &Store, key: &CellKey, rows: &[SignatureRow]) -> Result<Option<RecordPdf>, Fault> {
     let (Some(row), Some(last)) = (rows.iter().find(|row| !row.is_of_person), rows.last()) else { return Ok(None) };
     let kept = StoredCycle::read(store, row.cycle)?;
@@ -181,7 +181,7 @@ pub fn signed_pdf(store: &Store, key: &CellKey, rows: &[SignatureRow]) -> Result
     Ok(Some(RecordPdf { pdf, page, signature }))
 }
 
-/// Returns the signatures of a cycle; a cycle that is over and not yet signed is signed now.
+/// Returns the signatures of a cycle; if the cycle has ended and is not signed yet, it is signed now.
 fn signed_rows(files: &CellFiles, store: &Store, cycle: CycleId) -> Result<Vec<SignatureRow>, Fault> {
     let record = store.cycle(cycle).map_err(Fault::stage)?;
     if record.judgement.is_some() && store.cycle_signatures(cycle).map_err(Fault::stage)?.is_empty() {
@@ -194,7 +194,7 @@ fn signed_rows(files: &CellFiles, store: &Store, cycle: CycleId) -> Result<Vec<S
     }
 }
 
-/// Writes a statement with its signature; for the statement of a cycle, also the files that it names.
+/// Writes a signed statement and its signature; for the statement of a cycle also the files that it names.
 fn export_row(store: &Store, row: &SignatureRow, out: &Path) -> Result<Vec<PathBuf>, Fault> {
     let bytes = store.blob(&row.record_hash).map_err(Fault::stage)?;
     let stem = match row.is_of_person {
@@ -207,7 +207,7 @@ fn export_row(store: &Store, row: &SignatureRow, out: &Path) -> Result<Vec<PathB
     let mut written = vec![json, signature];
     if let StatementContent::Cycle(cycle) = Statement::read(&bytes).map_err(Fault::stage)?.says {
         for (_, hash) in signing::exported_files(&cycle) {
-            // If the store no longer has a file complete, `record verify` reports it.
+            // A missing or incomplete file is skipped here; `record verify` reports it.
             if let Ok(bytes) = store.blob(&hash) {
                 let file = out.join(FILES).join(&hash);
                 disk::write(&file, bytes)?;
@@ -303,7 +303,7 @@ fn verify(args: &VerifyRecord, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Describes a statement in one line.
+/// Returns one line that describes a signed statement.
 fn describe_statement(statement: &Statement, hash: &str) -> String {
     let at = utc_text(statement.unix_ms.div_euclid(1_000));
     match &statement.says {
@@ -324,7 +324,7 @@ fn describe_statement(statement: &Statement, hash: &str) -> String {
     }
 }
 
-/// Returns the public keys of the store: of the key in use, and of the keys with which earlier records were signed.
+/// Returns the public keys in the store: the current key, and the keys with which earlier records were signed.
 fn store_public_keys(store: &Path) -> Result<Vec<PublicKey>, Fault> {
     let mut keys = store::public_keys(store).map_err(Fault::stage)?;
     for row in Store::open(store).map_err(Fault::stage)?.signatures().map_err(Fault::stage)? {
@@ -345,7 +345,7 @@ fn store_folder(common: &Common) -> Result<PathBuf, Fault> {
     }
 }
 
-/// Reads a record, or a folder of records, with their files.
+/// Reads a record, or all records in a folder, with their files.
 fn read_export(path: &Path, export: &mut ExportContent) -> Result<(), Fault> {
     if !path.exists() {
         return Err(Fault::file_fault(path, "does not exist"));
@@ -357,8 +357,7 @@ fn read_export(path: &Path, export: &mut ExportContent) -> Result<(), Fault> {
         let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
         let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         let is_head = is_folder && file.file_stem().is_some_and(|stem| stem == "head");
-        // If a record is named and its signature is missing, this is a finding of the verification and not an
-        // error.
+        // A missing signature of a named record is a finding of the verification, not an error.
         let is_there = is_folder || ending == "json" || file.exists();
         if ["json", "sig"].contains(&ending) && !is_head && is_there {
             export.statements.insert(name, disk::read(&file)?);
@@ -377,8 +376,8 @@ fn read_export(path: &Path, export: &mut ExportContent) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Returns a named file of an export with the files that verify it: the record and its signature and, if there is a
-/// PDF, the PDF and the signed page.
+/// Returns the files that are needed to verify a named file of an export: the record and its signature and, if there is
+/// a PDF, the PDF and the signed page.
 fn with_verification_files(file: &Path) -> Vec<PathBuf> {
     let (record, pdf) = (file.with_extension("json"), file.with_extension("pdf"));
     let mut all = vec![record.clone(), record.with_extension("sig")];

@@ -1,4 +1,4 @@
-//! `panelprep render`: writes the simulated cell as files, and its ground truth in a folder that no stage reads.
+//! `panelprep render`: writes a simulated cell as files, and its ground truth to a folder that no stage reads.
 
 use super::args::{FilmName, Render, SceneName, real_arm, scanner_distortion};
 use super::disk;
@@ -23,22 +23,22 @@ use serde_json::json;
 use std::fs;
 use std::path::Path;
 
-/// A file that marks a folder as written by this command; only such a folder may be written again.
+/// Name of the file that marks a folder as written by this command; only such a folder may be overwritten.
 const FOLDER_MARK_FILE: &str = ".rendered-by-panelprep";
-/// Duration of the observation of the wet panel, s: the default of the cell's file.
+/// Duration of the observation of the wet panel, s; the default of the cell file.
 const OBSERVATION_S: u32 = 60;
-/// Number of pictures per second: the recipe's default.
+/// Pictures per second of a film; the default of the recipe.
 const FRAMES_PER_SECOND: f64 = 5.0;
 
-/// Uncertainty of the scanner's mount that its rendered calibration states, mm: 0.1 mm and 0.01° at 0.79 m.
+/// Uncertainty that the rendered calibration of the scanner's mount states, mm: 0.1 mm and 0.01° at 0.79 m.
 const SCANNER_UNCERTAINTY_MM: f64 = 0.24;
-/// The same for the flange camera, mm: 0.1 mm and 0.01° at 0.45 m.
+/// Uncertainty that the rendered calibration of the flange camera's mount states, mm: 0.1 mm and 0.01° at 0.45 m.
 const FLANGE_CAMERA_UNCERTAINTY_MM: f64 = 0.18;
-/// The same for the tool's tip, mm.
+/// Uncertainty that the rendered calibration of the TCP states, mm.
 const TOOL_TIP_UNCERTAINTY_MM: f64 = 0.05;
 
 impl FilmName {
-    /// Returns the specification of the film for this seed.
+    /// Returns the parameters of the simulated film for this seed.
     pub fn spec(self, seed: u64) -> FilmSpec {
         match self {
             FilmName::Calm => FilmSpec::CALM_FILM,
@@ -59,10 +59,10 @@ impl From<SceneName> for Scene {
     }
 }
 
-/// Writes the cell and lists the files.
+/// Writes a simulated cell and lists its files.
 ///
 /// # Errors
-/// If the folder holds other files or writing to the disk fails.
+/// If the folder contains other files, or writing to the disk fails.
 pub fn run(args: &Render) -> Result<Outcome, Fault> {
     let spec = args.film.spec(args.seed);
     let cell = sim::Cell::new(args.seed, args.scene.into(), args.reduction as usize);
@@ -102,10 +102,10 @@ pub fn run(args: &Render) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Renders a cell into a folder: the files with which the cell is taught, and the later pictures of its cameras.
+/// Renders a cell to a folder: the files with which the panel is taught, and the pictures of a cycle.
 ///
 /// # Errors
-/// As [`run`].
+/// The errors of [`run`].
 pub fn write(
     cell: &sim::Cell,
     folder: &Path,
@@ -126,7 +126,7 @@ pub fn write(
     Ok(rendered)
 }
 
-/// Writes the panel's drawing, and the recipe by which the panel is taught from it.
+/// Writes the drawing of the panel, and a recipe for teaching the panel from the drawing.
 fn write_drawing(cell: &sim::Cell, rendered: &RenderedFiles) -> Result<(), Fault> {
     let (mesh, base_from_drawing) = cell.drawing();
     disk::write(&rendered.file_path("drawing.stl"), files::write_stl(&mesh))?;
@@ -139,7 +139,7 @@ fn write_drawing(cell: &sim::Cell, rendered: &RenderedFiles) -> Result<(), Fault
     disk::write(&rendered.file_path("recipe_drawing.toml"), recipe + &nominal)
 }
 
-/// Writes one clip of a labelled set: the same panel in the same pose, with other grease.
+/// Writes one clip of a labelled set: the same panel at the same pose, with other grease.
 fn write_labelled(cell: &sim::Cell, rendered: &RenderedFiles, film: FilmName, index: u64) -> Result<(), Fault> {
     let until_s = sim::WET_FROM_S + 0.85 * f64::from(rendered.seconds);
     let grease = Grease::Mixed { count: 2 + (index % 4) as usize, until_s };
@@ -150,11 +150,11 @@ fn write_labelled(cell: &sim::Cell, rendered: &RenderedFiles, film: FilmName, in
     write_truth(&film, &folder.join("truth"), rendered.seconds)
 }
 
-/// Renders the files with which a cell is taught: configuration, calibrations, recipe, scan and corner at the nominal
-/// pose.
+/// Renders the files with which the panel is taught: configuration, calibrations, recipe, and scan and corner pictures
+/// at the nominal pose.
 ///
 /// # Errors
-/// As [`run`].
+/// The errors of [`run`].
 pub fn write_taught(cell: &sim::Cell, folder: &Path, progress: &dyn Fn(&str)) -> Result<RenderedFiles, Fault> {
     write_taught_for(cell, folder, OBSERVATION_S, progress)
 }
@@ -176,7 +176,7 @@ fn write_taught_for(
     Ok(rendered)
 }
 
-/// Empties a folder that this command wrote earlier, or creates a new one.
+/// Empties a folder that this command has written, or creates a new one.
 fn prepare_output_folder(folder: &Path) -> Result<(), Fault> {
     let named = |error: std::io::Error| Fault::file_fault(folder, error);
     if folder.exists() {
@@ -185,7 +185,7 @@ fn prepare_output_folder(folder: &Path) -> Result<(), Fault> {
         if !ours && !empty {
             return Err(Fault::NotOwnFolder { folder: folder.to_owned() });
         }
-        // A store in use by another program is not removed.
+        // If another program uses the store in the folder, the folder is not emptied.
         let store = folder.join("store");
         if let (true, Err(in_use @ StoreError::Leased { .. })) = (store.exists(), Store::create(&store)) {
             return Err(Fault::stage(in_use));
@@ -223,8 +223,8 @@ fn write_configuration(
     texts.iter().try_for_each(|(name, text)| disk::write(&rendered.file_path(name), text))
 }
 
-/// Returns the limit for verifications, mm: the program's own limit at full size, more for smaller pictures, which
-/// locate a board less exactly.
+/// Returns the limit for verifications, mm: the default at full size, and more for smaller pictures, in which a board
+/// is located less precisely.
 fn verify_limit_mm(cell: &sim::Cell) -> f64 {
     let smaller = FULL_WIDTH_PX as f64 / cell.scanner().width_px as f64;
     0.5 + (smaller - 1.0).round() / 10.0
@@ -288,11 +288,11 @@ box_min_mm = [100.0, -450.0, 50.0]
 box_max_mm = [700.0, 450.0, 900.0]
 "#;
 
-/// Maximum factor by which the pixels of a displaced panel are larger than at its taught pose.
+/// Maximum ratio of the pixel size on a displaced panel to that at its taught pose.
 const MAX_DISPLACED_PIXEL_FACTOR: f64 = 1.2;
 
-/// Returns the recipe. If the cell's own limit is smaller than the cell's pixels can show, the recipe states the
-/// smallest break that the pixels certainly show.
+/// Returns the recipe. If the pixels are too large for the `min_break_mm2` of the cell, the recipe states the smallest
+/// break that can be found reliably with these pixels.
 fn recipe(cell: &sim::Cell, taught_scan: &OrganizedCloud<Camera>, seconds: u32) -> Result<String, Fault> {
     let text = plain_recipe(cell, seconds);
     let plain = Recipe::check("recipe.toml", &text)?;
@@ -333,7 +333,7 @@ fn plain_recipe(cell: &sim::Cell, seconds: u32) -> String {
 }
 
 fn write_corner(cell: &sim::Cell, rendered: &RenderedFiles, place: PanelPosition) -> Result<(), Fault> {
-    // The first file has no number; scripts expect this name.
+    // The file name of the first corner has no number; scripts use this name.
     for (view, number) in cell.corner_views().iter().zip(["", "2", "3", "4"]) {
         let (taught, base_from_flange) = match place {
             PanelPosition::Nominal => ("taught_", view.base_from_flange),
@@ -348,7 +348,7 @@ fn write_corner(cell: &sim::Cell, rendered: &RenderedFiles, place: PanelPosition
     Ok(())
 }
 
-/// Returns the times at which the clip's pictures are taken: from the dry panel to the end of the observation.
+/// Returns the times of the pictures of a clip, from the dry panel to the end of the observation.
 fn clip_times_s(seconds: u32) -> Vec<f64> {
     let end_s = sim::WET_FROM_S + f64::from(seconds);
     (0..=(end_s * FRAMES_PER_SECOND).round() as u32).map(|frame| f64::from(frame) / FRAMES_PER_SECOND).collect()
@@ -362,7 +362,7 @@ fn write_clip(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
             sim::Phase::Spray => Phase::Spray,
             sim::Phase::Wet => Phase::Wet,
         };
-        // The dry pictures keep every pixel (PNG), because all later pictures are compared with them.
+        // Dry pictures are stored without loss (PNG), because all other pictures are compared with them.
         let kind = if phase == Phase::Dry { "png" } else { "jpg" };
         ClipEntry { file: format!("{:05}.{kind}", index + 1), time_s, phase }
     };
@@ -379,7 +379,7 @@ fn write_clip(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
     disk::write(&folder.join("clip.csv"), clip.to_csv())
 }
 
-/// Writes the pixels that broke, and the times when they broke: see [`panelprep_cell::labels`].
+/// Writes the true mask of broken pixels, and the times at which they broke: see [`panelprep_cell::labels`].
 fn write_truth(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
     let last_s = clip_times_s(seconds).last().copied().unwrap_or_default();
     let broken = film.broken_pixels(last_s);

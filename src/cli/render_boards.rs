@@ -1,5 +1,5 @@
-//! Boards and coupons of the simulated cell as files of a rendered folder: boards for the verification of its cameras,
-//! with `--boards` boards for their calibration, and test coupons, with which `panelprep calibrate removal` is tried.
+//! Writes boards and coupons of the simulated cell to a rendered folder: boards for the verification of its cameras,
+//! with `--boards` also boards for their calibration, and test coupons for `panelprep calibrate removal`.
 
 use super::args::{Common, Render, Simulation};
 use super::calibrate::args::{BoardArgs, CameraName, Touch, Verify};
@@ -26,19 +26,19 @@ use std::path::{Path, PathBuf};
 
 const TARGET: (&str, f64) = ("5x4", 40.0);
 const POSES: usize = 15;
-/// Number of poses for the calibration of the arm's own errors, which needs more poses.
+/// Number of poses for the calibration of the arm, which needs more poses than a camera mount.
 const ARM_POSES: usize = 20;
 const LENS_PICTURES: usize = 25;
-/// A simulated robot's own errors.
+/// The pose noise of the simulated robot.
 pub(super) const ROBOT_NOISE: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.005 };
 const TOUCH_NOISE_MM: f64 = 0.1;
 
-/// The folder's files by their role.
+/// The files of a rendered folder, by their purpose.
 #[derive(Debug, Clone)]
 pub struct RenderedFiles {
     /// The folder.
     pub folder: PathBuf,
-    /// Length of the folder's wet films, s.
+    /// Duration of the wet films in the folder, s.
     pub seconds: u32,
 }
 
@@ -50,7 +50,7 @@ impl RenderedFiles {
 }
 
 impl RenderedFiles {
-    /// Returns the arguments of `panelprep calibrate verify` for this camera's target.
+    /// Returns the arguments of `panelprep calibrate verify` for this camera, with its rendered target.
     pub fn verification(&self, camera: CameraName) -> Verify {
         let (name, flange) = match camera {
             CameraName::Scanner => ("scanner", None),
@@ -71,7 +71,7 @@ impl RenderedFiles {
         }
     }
 
-    /// Returns the arguments of `panelprep calibrate touch` for the scanner's target.
+    /// Returns the arguments of `panelprep calibrate touch`, with the rendered target of the scanner.
     pub fn touch(&self) -> Touch {
         Touch {
             board: target_board().into(),
@@ -82,7 +82,7 @@ impl RenderedFiles {
         }
     }
 
-    /// Returns the common arguments for the cell that these files describe.
+    /// Returns the common arguments for the rendered cell.
     pub fn common_arguments(&self) -> Common {
         Common { cell: self.file_path("cell.toml"), store: None, json: false }
     }
@@ -92,7 +92,7 @@ fn target_board() -> BoardArgs {
     BoardArgs { board: TARGET.0.to_owned(), square_mm: Some(TARGET.1), subpix: None }
 }
 
-/// Writes the boards on which the cameras are verified: pictures, their known poses, a touch.
+/// Writes the boards for the verification of the cameras: pictures, known poses, and a touch.
 ///
 /// # Errors
 /// If writing to the disk fails.
@@ -111,7 +111,7 @@ pub fn write_targets(cell: &sim::Cell, rendered: &RenderedFiles) -> Result<(), F
     disk::write(&rendered.file_path("target/touched.toml"), points_text(&board, arm, touched)?)
 }
 
-/// Returns the controller's report for this true pose of the flange.
+/// Returns the flange pose that the controller reports if this is the true pose.
 fn controller_report(
     arm: Option<&RealArm>,
     base_from_flange: &Rigid<Base, Flange>,
@@ -125,7 +125,7 @@ fn controller_report(
     }
 }
 
-/// Writes the controller's report for this true pose of the flange.
+/// Writes the flange pose that the controller reports if this is the true pose.
 ///
 /// # Errors
 /// If the arm cannot reach the pose, or writing to the disk fails.
@@ -139,7 +139,7 @@ pub fn write_flange(
     disk::write(file, files::write_reported_flange(&ReportedFlange { base_from_flange, joints }))
 }
 
-/// Writes the data for the cell's calibrations, a folder for each: lens, both mounts, three points, tool.
+/// Writes the data for the calibrations of the cell, each in its own folder: lens, both mounts, three points, tool.
 ///
 /// # Errors
 /// If writing to the disk fails.
@@ -160,7 +160,7 @@ pub fn write(
     pictures(rendered, "flange", (&cell, &cell.flange_camera()), &flange)?;
     disk::write(&rendered.file_path("boards/fixed/poses.toml"), poses_text(arm, &fixed)?)?;
     disk::write(&rendered.file_path("boards/flange/poses.toml"), poses_text(arm, &flange)?)?;
-    // The true pose of the fixed board: `calibrate verify --poses` compares the pictures with it.
+    // The true pose of the fixed board, with which `calibrate verify --poses` compares the pictures.
     let mut known = MountedPose::<TargetMount>::from_pose(KukaPose::from_rigid(&cell.base_from_board()));
     known.board = Some(BoardSize { board: "9x6".to_owned(), square_mm: 25.0 });
     disk::write(&rendered.file_path("boards/flange/target.toml"), known.to_toml())?;
@@ -190,7 +190,8 @@ pub fn write(
     disk::write(&rendered.file_path("boards/tip.toml"), tip_text(arm)?)
 }
 
-/// Writes `boards/scanner/*.pcd`: scans of a board of 8×6 inner corners, 30 mm, all over the working volume.
+/// Writes `boards/scanner/*.pcd`: scans of a board with 8×6 inner corners and 30 mm squares, in the whole working
+/// volume.
 ///
 /// # Errors
 /// If writing to the disk fails.
@@ -209,7 +210,7 @@ pub fn write_scans(
     })
 }
 
-/// Writes `boards/force.toml`: readings of a compliant tool without contact.
+/// Writes `boards/force.toml`: force measurements of a compliant tool without contact.
 ///
 /// # Errors
 /// If writing to the disk fails.
@@ -217,7 +218,7 @@ pub fn write_force(rendered: &RenderedFiles) -> Result<(), Fault> {
     disk::write(&rendered.file_path("boards/force.toml"), FORCE_TEXT)
 }
 
-/// Returns this number of shots that the arm can reach; an arm with its nominal geometry reaches all shots here.
+/// Returns this number of board poses that the arm can reach; an arm with its nominal geometry reaches all of them.
 fn within_reach<C: Frame>(
     arm: Option<&RealArm>,
     count: usize,
@@ -228,7 +229,7 @@ fn within_reach<C: Frame>(
     shots(MAX_DRAWS_PER_SHOT * count).into_iter().filter(comes).take(count).collect()
 }
 
-/// Number of random shots for each shot that is needed; at least one of them is within reach.
+/// Maximum number of random poses per required pose, among which at least one is within the reach of the arm.
 const MAX_DRAWS_PER_SHOT: usize = 10;
 
 fn save(rendered: &RenderedFiles, name: &str, picture: &GrayPicture) -> Result<(), Fault> {
@@ -250,7 +251,7 @@ fn pictures<C: Frame>(
     })
 }
 
-/// Returns the pose as text for a file, with the axes if the arm differs from its nominal geometry.
+/// Formats a pose for a poses file, with the axis angles if the arm differs from its nominal geometry.
 fn reported_text(ReportedFlangePose { base_from_flange, joints }: &ReportedFlangePose) -> String {
     pose_keys(&ReportedFlange { base_from_flange: KukaPose::from_rigid(base_from_flange), joints: *joints })
 }
@@ -263,7 +264,7 @@ fn poses_text<C: Frame>(arm: Option<&RealArm>, shots: &[BoardShot<C>]) -> Result
     shots.iter().enumerate().map(pose).collect()
 }
 
-/// Returns a points file with the corners that the program asks the person to touch.
+/// Returns the text of a points file with the corners that the calibration asks a person to touch.
 #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
 fn points_text(
     board: &Board,
@@ -275,7 +276,7 @@ fn points_text(
     let mut text = String::new();
     for (index, (place, (column, row))) in touched(&places).iter().zip(corners).enumerate() {
         let number = index + 1;
-        // A pointer that points straight down.
+        // The corners are touched with a pointer that points straight down.
         let pointing = flange_pose_for_tip(*place, [0.0; 3], sim::TOOL_LENGTH_MM);
         let ReportedFlangePose { base_from_flange, joints } = controller_report(arm, &pointing)?;
         let tip = match joints {
@@ -291,7 +292,7 @@ fn points_text(
     Ok(text)
 }
 
-/// Returns whether the arm can reach every corner that is to be touched.
+/// Returns whether the arm can reach all corners that are to be touched.
 fn can_reach_corners(
     arm: &RealArm,
     board: &Board,
@@ -304,8 +305,8 @@ fn can_reach_corners(
     })
 }
 
-/// Returns the flange's pose when the tip of a tool of length `out_mm` is at `place`. The tool's axis is rotated by
-/// `turn_deg` from straight down.
+/// Returns the flange pose at which the tip of a tool of length `out_mm` is at `place`. The axis of the tool is rotated
+/// by `turn_deg` from straight down.
 fn flange_pose_for_tip(place: Point<Base>, turn_deg: [f64; 3], out_mm: f64) -> Rigid<Base, Flange> {
     let down = UnitQuaternion::from_scaled_axis(Vector3::new(std::f64::consts::PI, 0.0, 0.0));
     let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn_deg.map(|deg| Degrees(deg).to_rad())));
@@ -316,8 +317,8 @@ fn flange_pose_for_tip(place: Point<Base>, turn_deg: [f64; 3], out_mm: f64) -> R
     tip * flange_from_tool.inverse()
 }
 
-/// Returns the text of poses that hold the tip at corners of a fixed board; without `image`, the board is the one in
-/// front of the camera on the flange. Corners that the arm cannot reach are left out.
+/// Returns the text of a touches file with touched corners of a fixed board. Without `image`, the board is the one in
+/// front of the flange camera. Corners that the arm cannot reach are omitted.
 #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
 fn corners_text(
     arm: &RealArm,
@@ -341,7 +342,7 @@ fn corners_text(
     text
 }
 
-/// Returns the text of poses with the tip at each of two spots.
+/// Returns the text of a touches file with several poses at each of two fixed points.
 #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
 fn touches_text(arm: Option<&RealArm>) -> Result<String, Fault> {
     let mut text = String::new();
@@ -357,8 +358,8 @@ fn touches_text(arm: Option<&RealArm>) -> Result<String, Fault> {
 const TOOL_ROTATIONS_DEG: [[f64; 3]; 5] =
     [[0.0, 0.0, 0.0], [30.0, 0.0, 20.0], [-30.0, 10.0, 0.0], [0.0, 35.0, -40.0], [10.0, -35.0, 60.0]];
 
-/// Readings of a compliant tool without contact, pointing down, halfway, level and up: a payload of 1.5 kg and a
-/// zero of 0.4 N.
+/// Force measurements of a compliant tool without contact, pointing down, at 45°, horizontal and up, for a payload of
+/// 1.5 kg and a force zero of 0.4 N.
 pub(super) const FORCE_TEXT: &str = "\
 [[readings]]
 base_from_flange = { x_mm = 520.0, y_mm = 30.0, z_mm = 450.0, a_deg = 0.0, b_deg = 180.0, c_deg = 0.0 }
@@ -377,8 +378,8 @@ base_from_flange = { x_mm = 520.0, y_mm = 30.0, z_mm = 450.0, a_deg = 0.0, b_deg
 force_n = 10.80
 ";
 
-/// Returns the text of poses with the simulated tool's tip at one spot, and of two poses with a point 60 mm behind the
-/// tip at this spot. The numbers have two decimals, as on a teach pendant.
+/// Returns the text of a poses file for the simulated tool: poses with its tip at a fixed point, and two poses with a
+/// point 60 mm behind the tip at this fixed point. The numbers have two decimals, as on a pendant.
 fn tip_text(arm: Option<&RealArm>) -> Result<String, Fault> {
     let held = |turn_deg: [f64; 3], out_mm: f64| -> Result<String, Fault> {
         let ReportedFlangePose { base_from_flange, joints } =
@@ -404,23 +405,23 @@ fn tip_text(arm: Option<&RealArm>) -> Result<String, Fault> {
     tip.chain(axis).collect()
 }
 
-/// The default disc diameter of a recipe, mm.
+/// Diameter of the disc, mm; the default of a recipe.
 pub const DISC_DIAMETER_MM: f64 = 30.0;
-/// The simulated sander, with an orbit of 5 mm.
+/// The simulated sander for the coupons, with an orbit of 5 mm.
 pub const COUPON_TOOL: CouponTool = CouponTool {
     pad: PadWithDisc { radius_mm: DISC_DIAMETER_MM / 2.0, stiffness_n_mm3: 0.05 },
     orbit: Orbit { diameter_mm: 5.0, speed_rev_min: 10_000.0 },
 };
-/// The disc's removal coefficient, mm²/N, and its decay with wear, 1/mm².
+/// Preston's coefficient of the simulated disc, mm²/N, and its decay with the swept area, 1/mm².
 const PRESTON_MM2_PER_N: f64 = 4e-4;
 const DECAY_PER_MM2: f64 = 0.8e-6;
-/// Maximum relative difference of a coupon's removal from the mean of its disc, in both directions.
+/// Maximum relative difference of a coupon's removal from the mean of its disc, to either side.
 const MAX_RELATIVE_DIFFERENCE: f64 = 0.05;
-/// Maximum relative difference of a disc's removal from the mean of all discs, in both directions.
+/// Maximum relative difference of a disc's removal from the mean of all discs, to either side.
 const MAX_DISC_DIFFERENCE: f64 = 0.03;
-/// Measured places on each coupon.
+/// The names of the measured places on each coupon.
 const MEASURED_PLACES: [&str; 3] = ["left", "middle", "right"];
-/// For each coupon its force, N, and the area that its disc had swept, mm²; two coupons for each disc.
+/// For each coupon, the force, N, and the area that its disc had already swept, mm²; each disc has two coupons.
 const COUPONS: [(f64, f64); 8] = [
     (20.0, 0.0),
     (10.0, 390_000.0),
@@ -432,7 +433,7 @@ const COUPONS: [(f64, f64); 8] = [
     (20.0, 130_000.0),
 ];
 
-/// Writes `boards/coupons.csv`: thicknesses before and after, with new and worn discs.
+/// Writes `boards/coupons.csv`: thicknesses before and after sanding, with new and worn discs.
 ///
 /// # Errors
 /// If writing to the disk fails.
@@ -446,7 +447,7 @@ pub fn write_coupons(seed: u64, rendered: &RenderedFiles) -> Result<(), Fault> {
         .collect();
     for index in 0..MEASURED_PLACES.len() * COUPONS.len() {
         let number = index / MEASURED_PLACES.len();
-        // The forces are below and above those in the recipes of the simulated cell.
+        // The forces are below and above the force in the recipe of the simulated cell.
         let (passes, (force_n, worn_mm2)) = ([1.0, 2.0, 4.0][index % 3], COUPONS[number]);
         let (name, disc, lines) = (format!("C{}", number + 1), format!("D{}", number / 2 + 1), Lines::One);
         let coupon = Coupon {

@@ -1,4 +1,4 @@
-//! `panelprep robot …`: the nine functions of thesis Table 3.1, one at a time, each through its gate.
+//! `panelprep robot …`: executes one of the nine functions of thesis Table 3.1, after the same checks as in a cycle.
 
 use super::args::{Common, OnOff, Robot, RobotFunction, TipName};
 use super::fault::Fault;
@@ -18,10 +18,10 @@ use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::time::Duration;
 
-/// Executes one function of the robot and prints the controller's state after it.
+/// Executes one function of the robot, and prints the state of the controller afterwards.
 ///
 /// # Errors
-/// If a file or a number is invalid, another program holds the store, or no device can be started.
+/// If a file or a number is invalid, another program uses the store, or the devices cannot be started.
 pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     if let RobotFunction::Prove(prove) = &args.function {
@@ -29,8 +29,8 @@ pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     }
     files.require(Purpose::Robot)?;
     let action = RobotAction::read(&args.function, &files)?;
-    // A program that holds the store may be moving the robot. Reading the state is always allowed, and a mock robot
-    // is this program's own.
+    // Another program that uses the store may be moving the robot. Reading the state is always permitted, and a mock
+    // robot belongs to this program.
     let is_shared = action != RobotAction::State && files.cell.robot().kind() == RobotKind::Eki;
     let _store = is_shared.then(|| files.settled_store()).transpose()?;
     let (mut robot, _simulated) = live::robot_alone(&files.cell)?;
@@ -56,8 +56,8 @@ pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Replaces the reason if the cell's service runs: no controller answers, because it serves one client and the service
-/// is that client.
+/// Replaces the reason if the service of the cell runs: the controller does not respond because it serves one client,
+/// and the service is this client.
 fn no_answer_reason(judgement: Judgement, files: &CellFiles) -> Judgement {
     let is_served = files.cell.robot().kind() == RobotKind::Eki && UnixStream::connect(files.socket()).is_ok();
     if !is_served {
@@ -68,8 +68,8 @@ fn no_answer_reason(judgement: Judgement, files: &CellFiles) -> Judgement {
     Judgement { reasons: vec![Reason::new("no_controller", words)], ..judgement }
 }
 
-/// Converts an error: a refusal of the gate is a verdict, a command that cannot be sent is bad input, every other
-/// error is a fault of the cell.
+/// Converts an error: a command that did not pass the checks is a verdict, a command that cannot be sent is invalid
+/// input, and every other error is a fault of the cell.
 fn judgement(error: SingleError) -> Result<Judgement, Fault> {
     let code = match error {
         SingleError::Gate(judgement) => return Ok(judgement),
@@ -104,7 +104,7 @@ impl RobotAction {
                 target: pose(to)?,
                 base: base.as_deref().map(pose).transpose()?.unwrap_or_default(),
                 tool: tip(*tool, files)?,
-                // The gate compares the speed with the cell's own limit.
+                // The speed is compared with the limit of the cell in the motion checks.
                 speed_mm_s: speed(*speed_mm_s, "--speed-mm-s", f64::MAX, &files.cell)?,
             }),
             RobotFunction::SetBase { base } => RobotAction::Set(Command::SetBase(pose(base)?)),
@@ -131,9 +131,10 @@ impl RobotAction {
 
     fn perform(&self, single: &mut SingleRobot<'_>, cell: &Cell) -> Result<(), SingleError> {
         match self {
-            // While the arm moves, axes and tip may be reported for different moments.
+            // While the arm moves, axis angles and TCP pose may be of different times.
             RobotAction::State if single.state().moving => Ok(()),
-            // Before its program is started, the controller does not know the tip and reports 0 for all values.
+            // Before its program is started, the controller does not know the TCP pose and reports 0 for all its
+            // values.
             RobotAction::State if single.state().tip_is_unknown() => Ok(()),
             RobotAction::State => single.check_arm_identity(cell).map_err(arm_mismatch_refusal),
             RobotAction::MoveJ(joints, percent) => single.move_joints(*joints, *percent, cell),
@@ -145,16 +146,16 @@ impl RobotAction {
     }
 }
 
-/// Converts the reason why the arm is not the cell's arm to a refusal of the gate. The state is shown nevertheless,
-/// and no motion passes its gate.
+/// Converts the reason why the connected arm is not the arm of the cell to a failed motion check. The state is printed
+/// nevertheless, but no motion is permitted.
 fn arm_mismatch_refusal(reason: Reason) -> SingleError {
     SingleError::Gate(Judgement::new(vec![reason], vec![]))
 }
 
-/// The lowest speed that is requested from a controller, mm/s.
+/// Minimum speed that can be commanded, mm/s.
 const MIN_SPEED_MM_S: f64 = 1.0;
 
-/// Checks a requested speed of the tip, mm/s; one above `most` is refused here, before anything begins.
+/// Checks a commanded speed of the TCP, mm/s. A speed above `most` is refused here, before anything is sent.
 fn speed(found: f64, option: &'static str, most: f64, cell: &Cell) -> Result<f64, Fault> {
     if (MIN_SPEED_MM_S..=most).contains(&found) {
         return Ok(found);
@@ -177,7 +178,7 @@ fn tip(name: TipName, files: &CellFiles) -> Result<SetTcp, Fault> {
     })
 }
 
-/// Reads a name of the cell's poses, or six angles.
+/// Parses the name of a pose of the cell, or six axis angles.
 fn parse_joints(text: &str, cell: &Cell) -> Result<Joints, Fault> {
     if let Some(joints) = cell.pose(text) {
         return Ok(joints);
@@ -194,7 +195,7 @@ fn parse_joints(text: &str, cell: &Cell) -> Result<Joints, Fault> {
     Ok(Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg })
 }
 
-/// Reads six numbers, or a file with a pose.
+/// Parses six numbers, or reads a file with a pose.
 fn pose(text: &str) -> Result<KukaPose, Fault> {
     if text.ends_with(".json") {
         let file = Path::new(text);
@@ -209,10 +210,10 @@ fn pose(text: &str) -> Result<KukaPose, Fault> {
     Ok(KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg })
 }
 
-/// Reads a pose that a person wrote: X,Y,Z,A,B,C in mm and degrees.
+/// Parses a pose that a person typed: X,Y,Z,A,B,C in mm and degrees.
 ///
 /// # Errors
-/// If the text is not six numbers; the error states the problem and the valid form.
+/// If the text does not have six numbers; the error states the problem and the valid format.
 pub(super) fn parse_pose_argument(text: &str) -> Result<KukaPose, String> {
     let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] =
         parse_six_numbers(text).map_err(|problem| format!("{problem}; valid: X,Y,Z,A,B,C in mm and degrees"))?;

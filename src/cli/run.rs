@@ -1,7 +1,7 @@
-//! `panelprep run`: the service of a configured cell.
+//! `panelprep run`: the service of a cell.
 //!
-//! In a simulated cell, a simulated person dries the panel before a person confirms that it is dry, with `start` or
-//! `unhold --dried`.
+//! In a simulated cell, a simulated person dries the panel before a person confirms with `start` or `unhold --dried`
+//! that it is dry.
 
 use super::args::{Common, CountArguments, Run};
 use super::cycle_files::{self, Calibrated, TaughtRecipe};
@@ -34,18 +34,19 @@ use std::sync::mpsc::{self, Receiver};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
-/// Serves the cell until a signal ends the service. A person must clear what an earlier process left open; nothing
-/// moves before that.
+/// Runs the service of the cell until a signal ends it. If an earlier process has left a motion open, a person must
+/// clear it before anything moves.
 ///
 /// # Errors
-/// If a file is invalid, another process writes to the store or answers on the socket, or the store cannot be written.
+/// If a file is invalid, another process uses the store or the socket, or the store cannot be written.
 pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let supervisor = Supervisor::default();
     supervisor.record_all_panics();
     let (sender, queue) = daemon::request_queue();
     signals(sender.clone())?;
     let files = Arc::new(CellFiles::read(common)?);
-    // Before anything is connected: a service that a line or an office expects must not start without them.
+    // This is checked before anything is connected: a service whose cell file names a production line or an office
+    // server must not start without them.
     if let Some(missing) = DeviceFault::missing_plant(&files.cell) {
         return Err(missing.into());
     }
@@ -97,7 +98,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         view: view.clone(),
     };
     let mut handler = RequestHandler::new(queue, left_open, parts);
-    // This also applies to a change that an earlier start found, until a person has cleared it.
+    // This also applies to a change that an earlier start has detected, until a person has cleared it.
     if recovered.at == (At::Aborted { cause: Cause::StoreChanged }) {
         let found = store.incidents().map_err(Fault::stage)?.pop().map_or(vec![], |incident| incident.found);
         let found: Vec<Reason> = found.into_iter().map(|words| Reason::new("store_changed", words)).collect();
@@ -120,13 +121,14 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         lock_step,
     };
     let ended = daemon::run(LoopStart { cell, cycle: None, state, before: LoopMemoryStart::Boot }, ports);
-    // A recording that is still open belongs to a loop that failed; this recording is needed to find the cause.
+    // If a recording is still open here, the loop has failed; the recording is finished because it is needed to find
+    // the cause.
     if let Some(recorded) = recording.finish() {
         tracing::info!("{}", recorded.message);
     }
     let ended = ended.map_err(Fault::from_loop_error)?;
-    // The page's connections to the store end before the store's own connection. The last connection then leaves a
-    // database without a write-ahead log.
+    // The page's connections to the store are closed before the store's own connection, because the last connection
+    // removes the write-ahead log of the database.
     drop((socket, page, push, plant, line, fronts, person));
     #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
     let _ = pages.join();
@@ -135,8 +137,8 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome(&ended))
 }
 
-/// Opens the store. If the disk is completely full, the service still starts: it answers, refuses all requests,
-/// reports what to delete, and continues when there is room. `None` if a signal ends it first.
+/// Opens the store. If the disk is full, the service still starts: it replies to requests, refuses them all, reports
+/// what to delete, and continues when there is space. `None` if a signal ends the service first.
 fn open_store(files: &CellFiles, (sender, queue): (&RequestSender, &RequestQueue)) -> Result<Option<Store>, Fault> {
     let full = match Store::create(files.store_folder()) {
         Err(error @ StoreError::Full { .. }) => error.to_string(),
@@ -148,7 +150,7 @@ fn open_store(files: &CellFiles, (sender, queue): (&RequestSender, &RequestQueue
     if let Err(error) = &socket {
         tracing::warn!("requests cannot be answered while the disk is full: {error}");
     }
-    // Any other error ends the waiting.
+    // Any other error than a full disk ends the waiting.
     let opened = daemon::wait_for(queue, || match Store::create(files.store_folder()) {
         Err(error @ StoreError::Full { .. }) => Err(Reason::new("disk_full", error.to_string())),
         opened => Ok(opened),
@@ -156,7 +158,7 @@ fn open_store(files: &CellFiles, (sender, queue): (&RequestSender, &RequestQueue
     opened.transpose().map_err(Fault::stage)
 }
 
-/// Converts each signal into a request, for any number of signals.
+/// Starts a thread that converts each signal to a request.
 fn signals(sender: RequestSender) -> Result<(), Fault> {
     let mut signals = Signals::new([SIGTERM, SIGINT]).map_err(Fault::stage)?;
     let each = move || {
@@ -170,7 +172,7 @@ fn signals(sender: RequestSender) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Writes the page of each ended cycle, in parallel to the loop, until the channel is closed.
+/// Writes the page of each ended cycle, in parallel to the control loop, until the channel is closed.
 fn write_pages(
     files: Arc<CellFiles>,
     ended: Receiver<EndedCycle>,
@@ -183,7 +185,7 @@ fn write_pages(
         Ok(page)
     };
     let each = move || {
-        // The records are signed before the pages are made, because the pages show the signatures.
+        // The records are signed before the pages are written, because the pages contain the signatures.
         sign(&again);
         if let Err(fault) = report::make_missing_pages(&again, &log_page) {
             tracing::warn!("missing pages of earlier cycles cannot be made: {fault}");
@@ -216,7 +218,7 @@ fn log_page(cycle: CycleId, page: Result<PathBuf, Fault>) {
     }
 }
 
-/// Signs each cycle that is over and not yet signed; if this fails, it is tried again after the next cycle.
+/// Signs each ended cycle that is not signed; after a failure this is repeated after the next cycle.
 fn sign(files: &CellFiles) {
     let report = |result: Result<String, String>| match result {
         Ok(words) => tracing::info!("{words}"),
@@ -227,7 +229,7 @@ fn sign(files: &CellFiles) {
     }
 }
 
-/// Removes files whose retention time is over; if this fails, it is tried again after the next cycle.
+/// Deletes files whose retention time has passed; after a failure this is repeated after the next cycle.
 fn prune(files: &CellFiles) {
     match Store::prune(files.store_folder(), files.cell.retention()) {
         Ok(PrunedFiles { files: 0, .. }) => {}
@@ -241,8 +243,8 @@ fn prune(files: &CellFiles) {
     }
 }
 
-/// Returns the data with which the cameras were started and which later cycles must match: the settings, and the
-/// serial number and picture size of each calibrated camera.
+/// Returns the data with which the cameras were started: their settings, and the serial number and picture size of each
+/// calibrated camera. The files must contain the same data in each cycle.
 fn camera_start_data(files: &CellFiles) -> Result<Vec<(&'static str, String)>, Fault> {
     let mut all = zivid::settings(&files.cell)?;
     let calibration = files.cell.calibration();
@@ -258,8 +260,8 @@ fn camera_start_data(files: &CellFiles) -> Result<Vec<(&'static str, String)>, F
     Ok(all)
 }
 
-/// Returns the function that reads all data of a cycle, anew for each cycle. The cameras keep the data with which they
-/// were started, so the files must still contain the same data.
+/// Returns a function that reads all data of a cycle; it is called for each cycle. The files must contain the data with
+/// which the cameras were started.
 fn cycle_loader(
     (files, common): (Arc<CellFiles>, Common),
     (cell, taken_by): (Arc<CellSetup>, Vec<(&'static str, String)>),
@@ -269,7 +271,8 @@ fn cycle_loader(
     Arc::new(move |request: StartRequest| {
         let StartRequest { recipe: name, text, record, part, another_part, lost_passes, is_stated_clear, own_text } =
             request;
-        // A file on a disk that hangs must not block the connections of clients that request a stop.
+        // Only one start at a time reads files, so that a disk that hangs does not block the clients that request a
+        // stop.
         let Ok(_turn) = one_at_a_time.try_lock() else {
             return Err(vec![Reason::new(
                 "busy",
@@ -330,14 +333,14 @@ fn cycle_loader(
     })
 }
 
-/// Returns what the record of a start says if the person stated that the cell is clear.
+/// Returns the remark in the record of a start if the person stated that the cell is clear.
 fn stated_clear_remark() -> Reason {
     let message =
         "the person who started the cycle stated that the guard is closed and no person is inside the cell";
     Reason::new("stated_clear", message)
 }
 
-/// Returns a reason if a recipe's text differs from the file of this name in the recipes' folder.
+/// Returns a reason if the text of a recipe differs from the file with this name in the folder of recipes.
 fn foreign_recipe(folder: &Path, (name, text): (&str, &str)) -> Option<Reason> {
     let file = folder.join(Path::new(name).file_name().unwrap_or_default());
     let there = disk::read_text(&file).ok();
@@ -354,7 +357,7 @@ fn foreign_recipe(folder: &Path, (name, text): (&str, &str)) -> Option<Reason> {
     Some(Reason::new("foreign_recipe", message))
 }
 
-/// Returns the refusal for an operator, who may start only with the recipes that an engineer has put into the
+/// Returns the refusal for an operator, who may start cycles only with the recipes that an engineer has put into the
 /// folder.
 fn not_permitted_refusal(foreign: &Reason) -> Reason {
     let message = format!(
@@ -378,7 +381,7 @@ fn outcome(state: &State) -> Outcome {
     outcome
 }
 
-/// Passes requests on. In a simulated cell, first dries the panel if the request confirms that it is dry.
+/// Passes requests on. In a simulated cell, it dries the panel before a request that confirms that the panel is dry.
 struct SimulatedPerson<R> {
     /// The source of the requests.
     pub requester: R,
@@ -408,8 +411,8 @@ impl<R: Port<RequestCommand>> Port<RequestCommand> for SimulatedPerson<R> {
 mod tests {
     use super::*;
 
-    /// A recipe of the folder is recognised by its name and its whole text; another text under the same name is not
-    /// this recipe.
+    /// A recipe in the folder is recognised by its name and its whole text; another text with the same name is another
+    /// recipe.
     #[test]
     fn a_recipe_of_the_folder_is_recognised_by_name_and_text() {
         let folder = tempfile::tempdir().expect("a folder");

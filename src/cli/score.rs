@@ -1,10 +1,10 @@
-//! Compares the results of a simulated cycle with the true values of the simulation. Besides the tests, only this
-//! module reads the true values, and it makes no decisions.
+//! Compares the results of a simulated cycle with the ground truth of the simulation. Apart from the tests, only this
+//! module reads the ground truth, and no decision depends on it.
 //!
-//! The measured values come from the record, the executed motions from the mock controller's own log, and the true
-//! values from the simulated world. The log also shows that each waypoint of a path was executed once and acknowledged
-//! once: see [`contact_runs`]. After a fault of the simulated tool, it shows how soon the sander was off and the disc
-//! lifted.
+//! The measured values are from the record, the executed motions from the mock controller's log, and the true values
+//! from the simulated world. The log also shows whether each waypoint of a path was executed and acknowledged once: see
+//! [`contact_runs`]. After an injected fault of the simulated tool, it shows when the sander was switched off and when
+//! the disc was lifted.
 
 use super::live::SimulatedController;
 use super::output::Outcome;
@@ -25,10 +25,10 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 use std::sync::Arc;
 
-/// Distance between the points of the grid on which coverage is counted, mm.
+/// Spacing of the sample points with which coverage is measured, mm.
 const LATTICE_MM: f64 = 1.0;
 
-/// The comparison of a cycle with the ground truth.
+/// The comparison of a cycle with the ground truth of the simulation.
 pub struct Score {
     located: Option<PlacementError>,
     refined: Option<PlacementError>,
@@ -36,9 +36,10 @@ pub struct Score {
     moves: Option<f64>,
     inspections: Vec<InspectionScore>,
     abrasions: Vec<AbrasionScore>,
-    /// The effect of a tool fault, if one was requested and the path reached the waypoint of the fault.
+    /// The reaction to an injected tool fault, if one was requested; `Some(None)` if the path did not reach the
+    /// waypoint of the fault.
     after_tool_fault: Option<Option<AfterToolFault>>,
-    /// The reason why the executed waypoints differ from those that were sent.
+    /// The difference between the executed waypoints and those that were sent, if there is one.
     pub lost: Option<Reason>,
 }
 
@@ -55,19 +56,19 @@ struct AbrasionScore {
     pass: u8,
     waypoints: u32,
     executed: usize,
-    /// Number of executed waypoints with the disc on the panel.
+    /// Number of executed waypoints with the disc in contact.
     in_contact: usize,
     coverage: f64,
-    /// Surface of the grids that was under the disc, mm².
+    /// Area of the grids that the disc has covered, mm².
     sanded_mm2: f64,
-    /// Time from the path's first waypoint to its last one, s.
+    /// Time from the first waypoint of the path to the last one, s.
     path_s: f64,
     step_over: Option<StepOver>,
     errors: Option<ContactErrors>,
 }
 
 impl Score {
-    /// Compares the results of a cycle and its execution with the ground truth of its world.
+    /// Compares the results of a cycle, and the executed motions, with the ground truth of the simulated world.
     pub fn compute(
         record: &CycleRecord,
         inspections: &[Arc<Inspection>],
@@ -96,7 +97,7 @@ impl Score {
         }
     }
 
-    /// Adds the score for scripts.
+    /// Adds the score to the JSON object of the outcome.
     pub fn add_to_outcome(&self, outcome: &mut Outcome) {
         outcome.add_value(
             "locate",
@@ -133,7 +134,7 @@ impl Score {
         outcome.add_value("noise", json!(sim::scanner_noise()));
     }
 
-    /// Returns the lines of the score for a person: a name and its value.
+    /// Returns the lines of the score for a person, each with a name and a value.
     fn lines(&self) -> Vec<(String, String)> {
         let mut lines = Vec::new();
         if let Some(error) = self.located {
@@ -187,12 +188,12 @@ impl Score {
         lines
     }
 
-    /// Describes the score in words.
+    /// Returns the score as lines of text.
     pub fn describe_score(&self) -> Vec<String> {
         self.lines().into_iter().map(|(name, value)| format!("{name}: {value}")).collect()
     }
 
-    /// Returns the score as a section of the page.
+    /// Returns the score as a section for the page of the cycle.
     pub fn section(&self, simulation: &str) -> Section {
         Section {
             heading: "Comparison with the true values of the simulation".to_owned(),
@@ -206,13 +207,14 @@ impl Score {
     }
 }
 
-/// Compares each film with the pixels at which the film was truly broken in its last picture.
+/// Compares the mask of each film with the pixels at which the film was truly broken in its last picture.
 fn score_inspections(
     record: &CycleRecord,
     inspections: &[Arc<Inspection>],
     films: &[Mask],
 ) -> Vec<InspectionScore> {
-    // An abandoned film has a true mask but no inspection, so the true masks cannot be assigned to the inspections.
+    // An abandoned film has a true mask but no inspection. The true masks can then not be assigned to the inspections,
+    // and none is used.
     let films = if films.len() == inspections.len() { films } else { &[] };
     let watched =
         |finding: &&Finding| finding.kind == Kind::Inspect && finding.number(name::WATCHED_TIME_NAME).is_some();
@@ -273,24 +275,24 @@ fn pose_from_finding(finding: &Finding) -> Option<Rigid<Base, Panel>> {
     Some(serde_json::from_value::<KukaPose>(pose.clone()).ok()?.to_rigid())
 }
 
-/// Returns the grids that an abrasion touched.
+/// Returns the grids that a sanding pass touched.
 fn grids<'a>(finding: &Finding, panel: &'a TaughtPanel) -> Vec<&'a Grid> {
     let named = ["grids", "grids_in_part"].into_iter().filter_map(|name| finding.details.get(name)?.as_array());
     let names: Vec<&str> = named.flatten().filter_map(Value::as_str).collect();
     panel.grids.iter().filter(|grid| names.contains(&grid.id.to_string().as_str())).collect()
 }
 
-/// Returns the surface of a grid that was under the disc, mm².
+/// Returns the area of a grid that the disc has covered, mm².
 fn sanded_mm2(grid: &Grid, touched: &TouchedPoints, truth: &CellTruth) -> f64 {
     let [a, b, c, d] = grid.corners.map(|corner| corner.mm.coords);
     let points = surface_grid(grid, truth);
     let covered = points.par_iter().filter(|point| touched.was_touched(**point)).count();
-    // Half of the vector product of the diagonals.
+    // The area is half of the cross product of the diagonals.
     let area_mm2 = (c - a).cross(&(d - b)).norm() / 2.0;
     area_mm2 * covered as f64 / points.len().max(1) as f64
 }
 
-/// Returns points of a grid on the true surface; each point represents nearly the same area.
+/// Returns sample points of a grid on the true surface; each represents nearly the same area.
 fn surface_grid(grid: &Grid, truth: &CellTruth) -> Vec<Point<Panel>> {
     let [a, b, c, d] = grid.corners.map(|corner| corner.mm.coords);
     let steps = |length_mm: f64| (length_mm / LATTICE_MM).ceil().max(1.0) as usize;
@@ -311,13 +313,14 @@ fn contact(motions: &[MotionRecord]) -> impl Iterator<Item = &MotionRecord> {
     motions.iter().filter(|record| record.motion.path == Path::Contact && record.done > 0)
 }
 
-/// Returns the contact paths as the controller executed them, one for each in the store, in order.
+/// Returns the contact paths as the controller executed them, in order, one for each contact path in the store.
 ///
-/// A path is a run of commands with consecutive ids: a speed is set before each path and an output is switched after
-/// it.
+/// The commands of a path have consecutive ids. Paths are separated, because a speed is set before each path and an
+/// output is switched after it.
 ///
 /// # Errors
-/// If a command was executed twice, or a path has more or fewer waypoints than were sent and acknowledged.
+/// If a command was executed twice, or the number of executed waypoints of a path differs from the number that was sent
+/// and acknowledged.
 fn contact_runs<'a>(
     motions: &[MotionRecord],
     executed: &'a [ExecutedMotion],
@@ -360,10 +363,10 @@ fn contact_runs<'a>(
 /// Maximum number of acknowledgements of a path that were in transit when its epoch ended early.
 const MAX_ACKS_IN_TRANSIT: u32 = 2;
 
-/// The reaction to the fault.
+/// The reaction of the cell to an injected tool fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AfterToolFault {
-    /// Time from the fault until the tool's output was off, ms; `None` if it ran for as long as the disc was on the
+    /// Time from the fault until the output of the tool was off, ms; `None` if it was on as long as the disc was on the
     /// panel.
     pub off_ms: Option<u64>,
     /// Time from the fault until the retract began, or until the path left the panel, ms.
@@ -371,8 +374,8 @@ pub struct AfterToolFault {
 }
 
 impl AfterToolFault {
-    /// Computes the reaction from the executed waypoints and the tool's state at each tick of a contact. `None` if the
-    /// path did not reach the waypoint of the fault, or nothing was in contact afterwards.
+    /// Computes the reaction from the executed waypoints and from the state of the tool at each tick of a contact.
+    /// `None` if the path did not reach the waypoint of the fault, or there was no contact after it.
     pub fn compute(
         planned: PlannedToolFault,
         executed: &[ExecutedMotion],
@@ -381,7 +384,7 @@ impl AfterToolFault {
         let mut touching = executed.iter().filter(|command| command.contact);
         let begun_ms = touching.nth(planned.from.checked_sub(1)? as usize)?.time_ms;
         let mut after = trace.iter().filter(|sample| sample.time_ms > begun_ms).peekable();
-        // A later path of the same cycle begins after a gap in the samples.
+        // A gap in the samples separates this contact from the next path of the same cycle.
         let mut before_ms = after.peek()?.time_ms;
         let path: Vec<&ContactSample> = after
             .take_while(|sample| sample.time_ms - std::mem::replace(&mut before_ms, sample.time_ms) < MAX_GAP_MS)
@@ -393,7 +396,7 @@ impl AfterToolFault {
         })
     }
 
-    /// Returns a sentence for a person.
+    /// Returns a text about the reaction for a person.
     pub fn describe_reaction(self) -> String {
         let off = self
             .off_ms
@@ -401,13 +404,13 @@ impl AfterToolFault {
         format!("{off}, disc lifted after {} ms", self.lifted_ms)
     }
 
-    /// Returns the value for scripts.
+    /// Returns the reaction as JSON.
     pub fn json(self) -> Value {
         json!({"off_ms": self.off_ms, "lifted_ms": self.lifted_ms})
     }
 }
 
-/// Maximum gap between two samples of the same contact, ms.
+/// Maximum time between two samples of the same contact, ms.
 const MAX_GAP_MS: u64 = 1_000;
 
 #[cfg(test)]
@@ -428,7 +431,7 @@ mod tests {
         MotionRecord { motion, outcome, done, contact: None }
     }
 
-    /// Ids 5 to 8 are a contact path with a part in the air; 2 and 11 are motions in the air.
+    /// The commands 5 to 8 are a contact path, part of which is without contact; 2 and 11 are motions without contact.
     #[test]
     fn each_waypoint_is_executed_and_acknowledged_once() {
         let log = [(2, false), (5, true), (6, false), (7, true), (8, false), (11, false)];
@@ -438,7 +441,7 @@ mod tests {
         assert_eq!(runs[0].iter().map(|one| one.id).collect::<Vec<_>>(), [5, 6, 7, 8]);
         let held = contact_runs(&[motion(9, 4)], &log).expect("the rest was never executed");
         assert_eq!(held[0].len(), 4);
-        // The last acknowledgements were still in transmission when the path was ended.
+        // The last acknowledgements were in transit when the path was ended.
         assert!(contact_runs(&[motion(9, 2)], &log).is_ok());
         let wrong = |motions: &[MotionRecord], log: &[ExecutedMotion]| {
             contact_runs(motions, log).expect_err("wrong").message
@@ -464,8 +467,8 @@ mod tests {
         ContactSample { time_ms, base_from_flange, base_from_tool, sanding: true, tool_on }
     }
 
-    /// Calculated by hand: the second waypoint in contact ends at 200 ms; the sander is off at 310 ms and the last
-    /// sample of this contact is at 420 ms.
+    /// Expected times, calculated by hand: the second waypoint in contact ends at 200 ms. The sander is off at 310 ms,
+    /// and the last sample of this contact is at 420 ms.
     #[test]
     fn times_count_from_the_waypoint_at_which_the_fault_begins() {
         let planned = PlannedToolFault { fault: ToolFault::Silent, from: 2 };

@@ -1,8 +1,8 @@
-//! `panelprep shoot`: takes pictures, scans and films with the configured cameras, outside of a cycle and without any
-//! calibration, and reports what was taken.
+//! `panelprep shoot`: captures pictures, scans and films with the configured cameras, outside of a cycle and without a
+//! calibration, and reports their quality.
 //!
-//! The pictures of a film are taken one after the other and written while the next ones arrive, with a `clip.csv` that
-//! `inspect` and a recorded camera read.
+//! The pictures of a film are written while the next ones are captured, with a `clip.csv` that `inspect` and a recorded
+//! camera read.
 
 pub mod opening;
 
@@ -30,10 +30,11 @@ impl Shoot {
     }
 }
 
-/// Takes and writes what was requested; existing files stay. If the service uses the cameras, it takes the pictures.
+/// Captures what was requested and writes it to new files; existing files are kept. If the service uses the cameras,
+/// the service captures the pictures.
 ///
 /// # Errors
-/// If a cycle is in progress, a camera does not deliver, or writing to the disk fails.
+/// If a cycle is in progress, a camera delivers no picture, or writing to the disk fails.
 pub fn run(args: &Shoot, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let Simulation { tool_fault, line_parts, .. } = args.simulation;
     for (option, is_given) in [("--tool-fault", tool_fault.is_some()), ("--line-parts", line_parts > 0)] {
@@ -55,7 +56,7 @@ pub fn run(args: &Shoot, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
     Ok(outcome)
 }
 
-/// Returns the file names of one shot, one for each file extension, with the first number that no file of the folder
+/// Returns the file names of one capture, one for each file extension, with the first number that no file in the folder
 /// has.
 pub(super) fn free_names(folder: &Path, name: &str, extensions: &[&str]) -> Vec<PathBuf> {
     let of = |number: u32| {
@@ -65,7 +66,8 @@ pub(super) fn free_names(folder: &Path, name: &str, extensions: &[&str]) -> Vec<
     of(free.unwrap_or(u32::MAX)).collect()
 }
 
-/// Takes scans. They need no calibration; if the cell has the camera's calibration, they are checked against it.
+/// Captures scans. No calibration is needed; if the cell has the calibration of the camera, the scans are compared with
+/// it.
 fn take_scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let mut opened = opening::scanner(files, &args.requested_shot(), progress)?;
     let lens = files.scanner().ok().map(|camera| camera.value);
@@ -155,7 +157,7 @@ fn corners(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dy
     Ok(())
 }
 
-/// Lists every shot with all its files; for scans, also the largest share of missing points.
+/// Lists all captures with their files; for scans also the largest fraction of missing points.
 fn list_files(outcome: &mut Outcome, all: Vec<Value>) {
     let files: Vec<Value> = all.iter().filter_map(|shot| shot["files"].as_array()).flatten().cloned().collect();
     let missing = all.iter().filter_map(|shot| shot["missing_share"].as_f64()).reduce(f64::max);
@@ -166,7 +168,7 @@ fn list_files(outcome: &mut Outcome, all: Vec<Value>) {
     outcome.add_value("shots", json!(all));
 }
 
-/// Writes a picture and reports it.
+/// Writes a picture to a file, and reports its quality.
 fn write_picture(
     outcome: &mut Outcome,
     names: &[PathBuf],
@@ -192,7 +194,7 @@ fn quality_json(names: &[PathBuf], size_px: [usize; 2], time_s: f64, quality: &P
     })
 }
 
-/// Adds what the camera reports about a shot, as text and for scripts.
+/// Adds the conditions that the camera reports about a capture, as text and as JSON.
 fn conditions(outcome: &mut Outcome, description: &mut Value, conditions: Conditions) {
     let Conditions { exposure_us, camera_c, throttled_ms } = conditions;
     (description["exposure_us"], description["camera_c"], description["throttled_ms"]) =
@@ -218,11 +220,11 @@ fn describe_quality(quality: &PictureQuality) -> String {
     )
 }
 
-/// Maximum number of pictures that wait to be written. If the disk is too slow for a longer time, the camera drops
-/// pictures, which are counted.
+/// Maximum number of pictures that wait to be written. If the disk is too slow for longer, the camera drops pictures,
+/// which are counted.
 const MAX_WAITING_PICTURES: usize = 64;
 const WRITERS: usize = 2;
-/// Step by which a simulated cell's time advances while the next picture is awaited, ms.
+/// Step by which the time of a simulated cell advances while the program waits for the next picture, ms.
 const STEP_MS: u64 = 12;
 
 /// The captured film.
@@ -232,10 +234,10 @@ struct CapturedFilm {
     dropped: u64,
 }
 
-/// Takes a film and writes it.
+/// Captures a film and writes it.
 ///
 /// # Errors
-/// If the folder already holds a clip, the camera does not deliver, or writing to the disk fails.
+/// If the folder already contains a clip, the camera delivers no picture, or writing to the disk fails.
 fn capture_film(
     args: &Shoot,
     files: &CellFiles,
@@ -254,8 +256,8 @@ fn capture_film(
     let taken = thread::scope(|scope| {
         let writer = |to_write: Arc<_>| scope.spawn(move || write(args, &to_write));
         let writers: Vec<_> = (0..WRITERS).map(|_| writer(to_write.clone())).collect();
-        // Only the writers own the receiving end of the channel: if they end because writing to the disk fails,
-        // sending a picture fails and does not wait.
+        // Only the writers own the receiving end of the channel. If they end because writing fails, sending a picture
+        // fails instead of waiting.
         drop(to_write);
         let taken = record(args, &mut opened, |entry, picture| pictures.send((entry, picture)).is_ok());
         drop(pictures);
@@ -277,7 +279,8 @@ fn capture_film(
     Ok(())
 }
 
-/// Checks the phases of a film: dry, then sprayed, then wet. Without spray it may be wet from its beginning.
+/// Checks the order of the phases of a film: dry, then sprayed, then wet. A film without spray may be wet from its
+/// start.
 fn check_phases(seconds: f64, spray_from_s: Option<f64>, wet_from_s: Option<f64>) -> Result<(), ClipFault> {
     let is_right = match (spray_from_s, wet_from_s) {
         (None, wet_from_s) => (0.0..=seconds).contains(&wet_from_s.unwrap_or(0.0)),
@@ -294,7 +297,7 @@ fn check_phases(seconds: f64, spray_from_s: Option<f64>, wet_from_s: Option<f64>
     }
 }
 
-/// Takes pictures until the time is over; `keep` returns false if the writers have ended.
+/// Captures pictures until the time has passed; `keep` returns false if the writers have ended.
 fn record(
     args: &Shoot,
     opened: &mut OpenedCamera<Box<dyn Scanner>>,
@@ -304,7 +307,7 @@ fn record(
     let mut taken = CapturedFilm { entries: Vec::new(), quality: None, dropped: 0 };
     loop {
         let next = match opened.camera.next_clip_picture() {
-            // The end of a recording is reached.
+            // All pictures of the recording were replayed.
             Err(CameraError::RecordingExhausted { .. }) if !taken.entries.is_empty() => break,
             next => next.map_err(Fault::stage)?,
         };
@@ -324,7 +327,7 @@ fn record(
                     break;
                 }
             }
-            // In a simulated cell, time passes only when the controller's time advances.
+            // In a simulated cell, the time must be advanced by the program.
             None => match &opened.simulated {
                 Some(simulated) => {
                     simulated.server.handle().with_controller(|controller| controller.advance_ms(STEP_MS))

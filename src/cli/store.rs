@@ -1,5 +1,6 @@
-//! `panelprep store`: checks that everything in the store is as written, and lists the records that the office must
-//! have. `panelprep backup` and `panelprep restore`: write the cell into one archive, and restore it from this archive.
+//! `panelprep store`: verifies that the content of the store is unchanged, and lists the records that the office server
+//! must have. `panelprep backup` and `panelprep restore`: write the cell to one archive file, and restore it from the
+//! file.
 
 use super::args::{Backup, BackupPart, Common, RenewStore, Restore, StoreCommand, StoreTask, VerifyStore};
 use super::disk;
@@ -16,10 +17,10 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Runs the requested task.
+/// Runs one task of `panelprep store`.
 ///
 /// # Errors
-/// If the cell's file has problems, or there is no store to read.
+/// If the cell file has problems, or there is no store to read.
 pub fn run(args: &StoreCommand, common: &Common) -> Result<Outcome, Fault> {
     match &args.what {
         StoreTask::Verify(args) => verify(args, common),
@@ -28,7 +29,7 @@ pub fn run(args: &StoreCommand, common: &Common) -> Result<Outcome, Fault> {
     }
 }
 
-/// Returns the store's folder. A copy in another folder, `--store`, needs no cell's file.
+/// Returns the folder of the store. A copy in another folder (`--store`) can be used without a cell file.
 fn folder(common: &Common) -> Result<PathBuf, Fault> {
     match &common.store {
         Some(folder) => Ok(folder.clone()),
@@ -38,7 +39,7 @@ fn folder(common: &Common) -> Result<PathBuf, Fault> {
 
 fn renew(args: &RenewStore, common: &Common) -> Result<Outcome, Fault> {
     let folder = folder(common)?;
-    // A store must not be created in a mistyped folder.
+    // The existence of the store is checked first, so that no store is created in a mistyped folder.
     drop(Store::open(&folder).map_err(Fault::stage)?);
     Store::renew_outbox(&folder, &args.why).map_err(Fault::stage)?;
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Pass, reasons: vec![] });
@@ -94,10 +95,10 @@ fn verify(args: &VerifyStore, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Makes an archive of the cell.
+/// Writes a backup of the cell to an archive file.
 ///
 /// # Errors
-/// If something cannot be read, the archive exists already, or it cannot be written.
+/// If a file cannot be read, or the archive file already exists or cannot be written.
 pub fn back_up(args: &Backup, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let with = |part| args.only.is_none_or(|only| only == part);
@@ -167,10 +168,10 @@ fn configuration(files: &CellFiles, cell: &Path) -> Result<Configuration, Fault>
     Ok(Configuration { cell: disk::read_text(cell)?, named_files: named, recipes })
 }
 
-/// Depth of the folders, below the folder of the cell's file, in which recipes are searched.
+/// Number of folder levels below the folder of the cell file in which recipes are searched.
 const RECIPE_SEARCH_DEPTH: usize = 2;
 
-/// Finds the recipes in a folder and in the folders below it; the content of a file decides its kind.
+/// Finds the recipes in a folder and its subfolders; a file is recognised by its content.
 fn find_recipes(folder: &Path, below: &Path, found: &mut Vec<(String, PathBuf)>) -> Result<(), Fault> {
     let entries = std::fs::read_dir(folder).and_then(Iterator::collect::<Result<Vec<_>, _>>);
     for entry in entries.map_err(|error| Fault::file_fault(folder, error))? {
@@ -193,12 +194,12 @@ fn find_recipes(folder: &Path, below: &Path, found: &mut Vec<(String, PathBuf)>)
     Ok(())
 }
 
-/// Returns the count with its noun: "1 file", "2 files".
+/// Returns a count with its noun, for example "1 file" or "2 files".
 fn format_count(count: usize, word: &str) -> String {
     if count == 1 { format!("1 {word}") } else { format!("{count} {word}s") }
 }
 
-/// Describes what is known about the time between the backup and the restore.
+/// Returns a text that states whether parts may have been sanded between the backup and the restore.
 fn describe_time_since_backup(since: &SinceBackup) -> String {
     let abraded = if since.is_nothing_abraded {
         "nothing was abraded since the backup: the replaced store shows it, and its last cycle is the one that --last-cycle \
@@ -210,10 +211,11 @@ fn describe_time_since_backup(since: &SinceBackup) -> String {
     format!("later cycles are numbered above {}; {abraded}", since.last_cycle)
 }
 
-/// Restores an archive.
+/// Restores a backup from an archive file.
 ///
 /// # Errors
-/// If something exists already, is in use, or the disk refuses. A damaged archive is an outcome.
+/// If a part already exists or is in use, or writing to the disk fails. A damaged archive file is an outcome, not an
+/// error.
 pub fn restore(args: &Restore, common: &Common) -> Result<Outcome, Fault> {
     let with = |part| args.only.is_none_or(|only| only == part);
     let plan = Plan {

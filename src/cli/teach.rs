@@ -1,4 +1,4 @@
-//! `panelprep teach`: teaches a panel at its nominal pose and stores the taught data.
+//! `panelprep teach`: teaches a panel at its nominal pose, and stores the taught data.
 
 mod inputs;
 
@@ -25,8 +25,8 @@ use std::path::Path;
 /// Teaches a panel, stores the taught data and reports the result.
 ///
 /// # Errors
-/// If a file is invalid, the scan shows no panel under the region, or no corner picture is given for a cell that runs
-/// cycles. Nothing is stored then.
+/// If a file is invalid, the scan shows no panel in the region, or no corner picture is given although the cell
+/// measures corners in each cycle. In this case nothing is stored.
 pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let cell_files = CellFiles::read(common)?;
     let mut drawn = ViewedDrawing::view_drawing(args, &cell_files)?;
@@ -35,7 +35,7 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let (scanner, base_from_camera) = (cell_files.scanner()?, cell_files.base_from_camera()?);
     let (scan, scan_bytes) = match (&mut drawn, &args.scan) {
         (Some(drawn), _) => (drawn.scan.clone(), std::mem::take(&mut drawn.scan_file)),
-        // An unsuitable scan is refused with the file's name before anything is stored.
+        // An unsuitable scan is refused here, with the name of its file, before anything is stored.
         (None, Some(file)) => {
             (scanner.scan_errors.correct_scan(load::scan(file, &scanner.value)?), super::disk::read(file)?)
         }
@@ -111,9 +111,8 @@ pub fn region_parts_off_panel(panel: &TaughtPanel, recipe: &Recipe) -> Vec<OffPa
     panel.region_off_panel(recipe.surface().max_hole_mm(), &recipe.inspect().masked_px())
 }
 
-/// Returns the given files in the form in which the store keeps them: the bytes of the scan, and the corner pictures.
-/// These are the pictures that the command names, or those that were computed from the drawing, which are moved out of
-/// `drawn`.
+/// Returns the files that are stored: the bytes of the scan, and the corner pictures. The pictures are those that the
+/// command line names, or those that were computed from the drawing, which are moved out of `drawn`.
 fn read_given_files(
     (args, scan): (&Teach, Vec<u8>),
     drawn: &mut Option<ViewedDrawing>,
@@ -156,8 +155,8 @@ fn read_given_files(
     Ok(teaching)
 }
 
-/// Saves pictures of input from which no panel could be taught: the scan with the recipe's region and, if a corner was
-/// not found, each corner picture as given.
+/// Saves pictures of an input from which no panel could be taught: the scan with the region of the recipe and, if a
+/// corner was not found, all corner pictures.
 fn save_rejected_inputs(
     folder: &Path,
     (scan, recipe): (&OrganizedCloud<Camera>, &Recipe),
@@ -188,7 +187,7 @@ fn wrong_corner_indices(error: &(dyn Error + Send + Sync + 'static)) -> Vec<usiz
     }
 }
 
-/// How well the panel's shape determines its pose: the result of locating the panel in its own scan.
+/// How well the shape of the panel constrains its pose: the result of locating the panel in its own taught scan.
 struct PoseConstraint {
     outline: Option<locate::OutlineEvidence>,
     marks_mm: f64,
@@ -205,7 +204,7 @@ impl PoseConstraint {
         PoseConstraint { outline, marks_mm, found }
     }
 
-    /// Returns the reasons why a panel with this teaching is not accepted: a cycle would not find it either.
+    /// Returns the reasons why the taught panel is not accepted: a cycle could not locate it.
     fn reasons(&self, recipe: &Recipe) -> Vec<Reason> {
         let (judgement, what) = match &self.found {
             Ok(fit) => {
@@ -218,8 +217,8 @@ impl PoseConstraint {
     }
 }
 
-/// Reports how well the panel's shape constrains its pose, and how well its corners show a displacement along the
-/// normal. Returns the warnings.
+/// Reports how well the shape of the panel constrains its pose, and how well its corner pictures show a displacement
+/// along the normal. Returns the warnings.
 fn report_constraint(
     taught: &LoadedPanel,
     held: &PoseConstraint,
@@ -236,7 +235,7 @@ fn report_constraint(
         ));
     }
     outcome.add_value("marks_mm", json!(marks_mm));
-    // A drawing shows no fixture, so that advice about the fixture cannot help.
+    // A drawing contains no fixture, so there is no advice about the fixture.
     let is_drawn = matches!(taught.panel.reference, TaughtSource::Drawing);
     let fit = found.as_ref().ok().filter(|_| !is_drawn);
     let at_teaching = outline.as_ref().map_or(Vec::new(), |outline| gate::teaching_warnings(outline, fit));
@@ -259,7 +258,8 @@ fn report_constraint(
     let verify_mm = recipe.corner().verify_mm();
     for (index, corner) in taught.corners.iter().enumerate() {
         let seen = corner.visible_normal_share();
-        // Below one hundredth, the effect of the lens's own errors is as large as the effect of the displacement.
+        // If a corner shows less than one hundredth of a displacement, the errors of the lens have as much effect as
+        // the displacement.
         let detection =
             if seen > 0.01 { format!("of {:.1} mm or more is", verify_mm / seen) } else { "is not".to_owned() };
         outcome.add_line(format!(
@@ -303,10 +303,10 @@ fn report_camera_check(fit: &locate::Fit, outcome: &mut Outcome) {
     outcome.add_value("camera_noticed_mm", json!(noticed_mm));
 }
 
-/// Draws the taught panel.
+/// Draws the taught panel on its picture.
 ///
 /// # Errors
-/// If OpenCV refuses to draw.
+/// If OpenCV cannot draw the picture.
 pub fn picture(taught: &LoadedPanel) -> Result<panelprep_base::geometry::ColorPicture, Fault> {
     let panel = &taught.panel;
     let scan = panel.scan.picture();

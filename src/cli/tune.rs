@@ -1,4 +1,4 @@
-//! `panelprep tune`: advice from a clip about light and the settings of the method in use.
+//! `panelprep tune`: gives advice about the light, and about the settings of the inspection method, from a clip.
 
 use super::args::{Common, Tune};
 use super::fault::Fault;
@@ -19,9 +19,9 @@ use serde_json::json;
 
 /// The names of a picture's channels.
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
-/// Maximum number of pictures of each phase that are examined.
+/// Maximum number of evaluated pictures per phase.
 const MAX_PICTURES_PER_PHASE: usize = 10;
-/// Examines a clip and gives advice.
+/// Evaluates a clip and prints the advice.
 ///
 /// # Errors
 /// If a file is invalid, the panel was not taught, or the clip has no dry picture.
@@ -35,7 +35,7 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     let picture = |shot: &ClipEntry| load::picture(&args.clip.join(&shot.file), &placed.camera);
     let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
     let demands = Demands::from_recipe(&recipe, files.cell.limits());
-    // The view is needed for its region, and for the checks of the pictures that are added to the test.
+    // The view defines the region of the panel in the pictures, and is used for the checks of the pictures.
     let view = FilmView { taught: &taught.panel, camera: &placed.camera, camera_from_panel, sanded: None };
     let mut watch = FilmWatch::new(&view, recipe.inspect(), demands).map_err(Fault::stage)?;
     if placed.is_assumed {
@@ -101,7 +101,7 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Reports the grids that the film makes brighter.
+/// Reports the grids on which the film is brighter than the dry panel.
 fn report_brighter_grids(grids: &[GridContrast], outcome: &mut Outcome) {
     let brighter = |grid: &&GridContrast| grid.channel_to_noise <= -MIN_CONTRAST_TO_NOISE;
     for grid in grids.iter().filter(brighter) {

@@ -1,5 +1,5 @@
 //! `panelprep user`: manages the accounts of the operator's page, from a terminal of the cell's computer. The first
-//! administrator is made here.
+//! administrator is created with this command.
 
 use super::args::{Common, User, UserTask};
 use super::fault::Fault;
@@ -14,14 +14,14 @@ use serde_json::json;
 use std::io::{BufRead, IsTerminal};
 use std::path::Path;
 
-/// Runs the requested task.
+/// Runs one task of `panelprep user`.
 ///
 /// # Errors
-/// If the cell's file has problems, the account does not fit the request, or the store cannot be written.
+/// If the cell file has problems, the task is not possible for the account, or the store cannot be written.
 pub fn run(args: &User, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
-    // Listing needs no right to write. Only a new account may create a store: the other tasks must not create one in a
-    // mistyped folder.
+    // Listing opens the store without write access. Only `add` may create a store, so that other tasks do not create
+    // one in a mistyped folder.
     let store = match &args.what {
         UserTask::List => files.store()?,
         UserTask::Add { .. } => Store::open_for_accounts(files.store_folder()).map_err(Fault::stage)?,
@@ -61,10 +61,10 @@ pub fn run(args: &User, common: &Common) -> Result<Outcome, Fault> {
     }
 }
 
-/// Adds an account with this password to the store of a cell that is made for a demonstration.
+/// Adds an account with this password to the store of a demo cell.
 ///
 /// # Errors
-/// As [`run`].
+/// The errors of [`run`].
 pub fn add(folder: &Path, (name, role): (&str, Role), password: &str) -> Result<(), Fault> {
     UserAccounts { store: Store::open_for_accounts(folder).map_err(Fault::stage)? }
         .add(name, role, name, password)
@@ -135,7 +135,7 @@ pub(super) fn check_account(
     Account::create_validated((name, printed_name), (role, true), (Some(password), salt), None).map_err(problem)
 }
 
-/// Asks for the password twice at a terminal; otherwise reads a line.
+/// Asks twice for the password at a terminal; if standard input is not a terminal, reads one line.
 pub(super) fn read_new_password(name: &str) -> Result<String, Fault> {
     let problem = |problem: String| Fault::Account { name: name.to_owned(), problem };
     let stdin = std::io::stdin();

@@ -1,4 +1,5 @@
-//! The program without the systems of a plant: what a cell's file or a command asks of them is refused.
+//! Replaces the plant connections in a program that was built without them: cell files and commands that need them are
+//! refused.
 
 use super::args::{Archive, Fleet};
 use super::fault::{DeviceFault, Fault};
@@ -11,7 +12,7 @@ use panelprep_store::office::RecipeOffer;
 /// The connections: none.
 pub struct PlantConnections;
 
-/// The status of the transfer to the office, which this program does not have.
+/// The status of the transfer to the office server, which this program does not support.
 #[derive(Debug, Clone, Default)]
 pub struct OfficeStatus;
 
@@ -21,16 +22,16 @@ impl OfficeStatus {
         None
     }
 
-    /// Returns no problem of a transfer: a cell whose file names an office is not served.
+    /// Returns no reasons: a cell whose file names an office server is refused, so nothing is transferred.
     pub fn reasons(&self, _behind_min: usize, _now_unix_ms: i64) -> Vec<Reason> {
         vec![]
     }
 }
 
-/// Connects nothing: a cell whose file names a system of the plant was refused before ([`DeviceFault::missing_plant`]).
+/// Connects nothing: a cell whose file names a plant connection was already refused ([`DeviceFault::missing_plant`]).
 ///
 /// # Errors
-/// None.
+/// Never.
 pub fn connect(
     _files: &CellFiles,
     _context: &InterfaceContext,
@@ -39,7 +40,7 @@ pub fn connect(
     Ok(PlantConnections)
 }
 
-/// Refuses `panelprep archive`.
+/// Refuses the command `panelprep archive`.
 ///
 /// # Errors
 /// Always.
@@ -47,7 +48,7 @@ pub fn run_archive(_args: &Archive) -> Result<Outcome, Fault> {
     Err(DeviceFault::BuiltWithoutPlant { what: "panelprep archive".to_owned() }.into())
 }
 
-/// Refuses `panelprep fleet`.
+/// Refuses the command `panelprep fleet`.
 ///
 /// # Errors
 /// Always.

@@ -1,4 +1,4 @@
-//! The Zivid camera of the configured cell, and the worker that serves it: this program in another role.
+//! The Zivid camera of the cell, and its worker process, which is this program in another role.
 
 use super::args::ZividWorker;
 use super::disk;
@@ -13,20 +13,20 @@ use panelprep_devices::zivid::{
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Name of the library for the loader.
+/// File name of the camera library.
 pub const LIBRARY: &str = "libpanelprep_zivid.so";
-/// The worker's role on the command line.
+/// The hidden command with which the worker process is started.
 pub const ROLE: &str = "zivid-worker";
 
-/// This program's file as the kernel keeps it open. After an upgrade has replaced the file, this is still the old
-/// program. So a worker that a running service starts again uses the same version of the protocol as the service.
+/// The path of the running program, which the kernel keeps even after an upgrade has replaced the file. So a worker
+/// that a running service restarts has the same protocol version as the service.
 pub const OWN_EXECUTABLE: &str = "/proc/self/exe";
 
-/// Starts the camera that the cell's file names, and does not wait until it is ready; `camera` is its calibration.
+/// Starts the camera that the cell file names, without waiting until it is ready; `camera` is its calibration.
 ///
 /// # Errors
-/// If the cell does not name the camera's settings, a file cannot be read or is invalid, or there is no thread or
-/// program.
+/// If the cell file does not name the camera's settings, a file cannot be read or is invalid, or the worker cannot be
+/// started.
 pub fn scanner(cell: &Cell, zivid: &ZividCamera, camera: &PinholeCamera) -> Result<ZividScanner, Fault> {
     let [(_, scan_yaml), (_, picture_yaml)] = texts(zivid)?;
     let source = match (&zivid.serial, &zivid.file_camera) {
@@ -36,7 +36,7 @@ pub fn scanner(cell: &Cell, zivid: &ZividCamera, camera: &PinholeCamera) -> Resu
     };
     let setup = CameraSetup {
         source,
-        // A file camera, which reads its shots from a file, may have another serial number.
+        // A file camera may have another serial number than the calibrated camera, so it is not compared.
         serial: calibrated_serial(cell.calibration().scanner.as_deref())?.filter(|_| zivid.file_camera.is_none()),
         size: Size { width: camera.width_px, height: camera.height_px },
         scan_yaml,
@@ -49,11 +49,11 @@ pub fn scanner(cell: &Cell, zivid: &ZividCamera, camera: &PinholeCamera) -> Resu
     ZividScanner::start(setup, command_launcher(OWN_EXECUTABLE.into(), arguments.into())).map_err(Fault::stage)
 }
 
-/// Returns the camera's settings in the form that a cycle stores: the purpose of each and its text. Empty for another
-/// camera, or if the cell's file names none.
+/// Returns the settings of the camera as they are stored with a cycle: for each purpose the text of its file. Empty if
+/// the scanner is not a Zivid, or the cell file names no settings.
 ///
 /// # Errors
-/// As [`checked_settings`].
+/// The errors of [`checked_settings`].
 pub fn settings(cell: &Cell) -> Result<Vec<(&'static str, String)>, Fault> {
     match cell.scanner() {
         Camera::Device(zivid) => Ok(texts(zivid)?.into()),
@@ -66,10 +66,10 @@ fn texts(zivid: &ZividCamera) -> Result<[(&'static str, String); 2], Fault> {
     Ok([("zivid_settings", scan), ("zivid_settings_2d", film)])
 }
 
-/// Reads the camera's settings: those for 3D shots, and those for the film.
+/// Reads and checks the settings of the camera, for 3D scans and for the film.
 ///
 /// # Errors
-/// If a file is not named, cannot be read, or is invalid.
+/// If a settings file is not named, cannot be read, or is invalid.
 pub fn checked_settings(zivid: &ZividCamera) -> Result<[ZividSettings; 2], Fault> {
     Ok(read(zivid)?.map(|(_, settings)| settings))
 }
@@ -85,7 +85,7 @@ fn read(zivid: &ZividCamera) -> Result<[(String, ZividSettings); 2], Fault> {
     Ok([scan, read("settings_2d", &zivid.settings_2d, ZividUse::Film)?])
 }
 
-/// Serves the daemon at the other end of standard input until the daemon closes the connection.
+/// Runs the worker process, whose standard input is the socket to the daemon, until the daemon closes the connection.
 pub fn worker(args: &ZividWorker) -> ExitCode {
     match serve_worker(&args.library) {
         Ok(()) => ExitCode::SUCCESS,

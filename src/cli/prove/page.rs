@@ -1,4 +1,4 @@
-//! The page of proofs to sign, and the signature of a page of which each row was proven.
+//! The page of the acceptance tests that is to be signed, and the signature of a page on which every test has passed.
 
 use super::super::args::Prove;
 use super::super::calibrate::now_unix_s;
@@ -22,23 +22,24 @@ const STYLE: &str = "body{font:14px/1.4 sans-serif;max-width:1100px;margin:2em a
 td,th{border:1px solid #999;padding:4px 6px;text-align:left;vertical-align:top}\
 .wrong{border-left:.6em solid #d55e00}.open{border-left:.6em solid #e69f00}.proven{border-left:.6em solid #009e73}.sign{margin-top:3em}";
 
-/// The controller for which the rows of a page are valid.
+/// The controller for which the results on a page are valid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum PageBasis {
-    /// One real controller with the same programs, from the first row to the last.
+    /// The same real controller, with the same programs, from the first test to the last.
     Real,
     /// A mock controller.
     Mock,
-    /// The run has not ended, so that its end does not confirm the controller yet.
+    /// The controller is not confirmed yet, because the run has not ended.
     Unconfirmed,
-    /// No controller answered at the end.
+    /// No controller responded at the end of the run.
     Unknown,
-    /// At the end the controller reported other programs than at the beginning.
+    /// At the end of the run the controller reported other programs than at its start.
     OtherPrograms,
 }
 
 impl PageBasis {
-    /// Returns the basis of a run by what the controller reported at its beginning, and at its end if it has ended.
+    /// Determines for which controller the results are valid, from the controller's reports at the start of the run
+    /// and, if it has ended, at its end.
     pub(super) fn of_run(begin: &ReportedController, end: Option<&ReportedController>) -> Self {
         let is_mock = |controller: &ReportedController| controller.kind == ControllerKind::Mock;
         let Some(end) = end else {
@@ -54,7 +55,7 @@ impl PageBasis {
         }
     }
 
-    /// Returns the page's title.
+    /// Returns the title of the page.
     fn title(self) -> &'static str {
         match self {
             PageBasis::Real => "Proven on the controller",
@@ -66,34 +67,35 @@ impl PageBasis {
     }
 }
 
-/// A stage's rows, and what is known about the run.
+/// The page of a stage: its tests, and the data of the run.
 pub(super) struct ProofPage<'p> {
     pub(super) stage: ProofStage,
-    /// All rows of the stage; a row that was not reached is open.
+    /// All tests of the stage; a test that was not run is open.
     pub(super) proofs: &'p [Proof],
     pub(super) by: &'p str,
     pub(super) robot: &'p Robot,
-    /// What the controller reported at the beginning and at the end.
+    /// The controller's reports at the start and at the end of the run.
     pub(super) reports: (ReportedController, Option<ReportedController>),
 }
 
 impl ProofPage<'_> {
-    /// Returns the controller for which the rows hold.
+    /// Returns the controller for which the results are valid.
     pub(super) fn basis(&self) -> PageBasis {
         PageBasis::of_run(&self.reports.0, self.reports.1.as_ref())
     }
 
-    /// Returns the number of rows that are wrong or open.
+    /// Returns the number of tests that failed or are open.
     pub(super) fn unproven(&self) -> usize {
         self.proofs.iter().filter(|proof| !proof.is_proven()).count()
     }
 
-    /// Returns whether the page can be signed: each row is proven, on one real controller.
+    /// Returns whether the page can be signed: every test has passed, on the same real controller.
     pub(super) fn is_signable(&self) -> bool {
         self.basis() == PageBasis::Real && !self.proofs.is_empty() && self.unproven() == 0
     }
 
-    /// Returns why a page of a real controller cannot be signed, and what follows if the stage was signed before.
+    /// Returns why the page of a real controller cannot be signed, and what this means for earlier signatures of the
+    /// stage.
     pub(super) fn describe_unproven(&self) -> String {
         let letter = self.stage.letter();
         let remedy = match self.count(Finding::Wrong) {
@@ -109,7 +111,7 @@ impl ProofPage<'_> {
         self.proofs.iter().filter(|proof| proof.finding == finding).count()
     }
 
-    /// Returns the modes and the checksum that the controller reported.
+    /// Returns a text with the modes and the checksums that the controller reported.
     fn reported(&self) -> String {
         let words = |controller: &ReportedController| {
             let sum = controller.programs_sum.map_or("unknown".to_owned(), |sum| sum.to_string());
@@ -142,7 +144,7 @@ impl ProofPage<'_> {
         }
     }
 
-    /// Renders the place for the signature, or why there is none.
+    /// Renders the field for the signature, or the reason why the page cannot be signed.
     fn end(&self) -> Markup {
         let letter = self.stage.letter();
         html! {
@@ -161,9 +163,10 @@ impl ProofPage<'_> {
         }
     }
 
-    /// Renders all rows, with the person, the date and the controller.
+    /// Renders the page as HTML: all tests, with the person, the date and the controller.
     ///
-    /// Only a page of a run that has ended on one real controller can be signed.
+    /// It has a field for the signature only if the run has ended and every test has passed on the same real
+    /// controller.
     pub(super) fn render(&self) -> String {
         let title = match self.basis() {
             PageBasis::Real if !self.is_signable() => "Tried on the controller: not proven",
@@ -198,10 +201,10 @@ impl ProofPage<'_> {
     }
 }
 
-/// Stores that a person signed the page: with the stage, the person, the date and the checksum of the programs.
+/// Stores that a person signed the page, with the stage, the person, the date and the checksum of the programs.
 ///
 /// # Errors
-/// If the stage before it is not signed, the page is not the newest one of which each row was proven, the cell was
+/// If the previous stage is not signed, the page is not the newest one on which every test has passed, the cell was
 /// accepted with other programs, or the store cannot be read or written.
 pub(super) fn sign(args: &Prove, files: &CellFiles) -> Result<Outcome, Fault> {
     let robot = files.cell.robot();
@@ -277,8 +280,8 @@ mod tests {
         page.is_signable()
     }
 
-    /// The page begins with each row open. A run that is interrupted, or whose end confirms nothing, leaves no place
-    /// for a signature.
+    /// On the first page all tests are open. The page of a run that was interrupted, or whose end does not confirm the
+    /// controller, has no field for a signature.
     #[test]
     fn only_a_whole_run_on_one_controller_can_be_signed() {
         let all = proven(usize::MAX);
@@ -295,7 +298,7 @@ mod tests {
         ] {
             assert!(!is_signable(&all, wrong), "{wrong:?}");
         }
-        // A stage that was signed before is no longer valid: the page states this.
+        // The page states that an earlier signature of the stage is no longer valid.
         let mut wrong = all.clone();
         wrong[0].finding = Finding::Wrong;
         let words = |proofs: &[Proof]| with_page(proofs, end, |page| page.describe_unproven());

@@ -1,19 +1,20 @@
-//! The table "To be proven" of the installation page: its rows, and their results.
+//! The table "To be proven" of the installation page: the assumptions about the controller, and the results of their
+//! tests.
 
 use panelprep_cell::cell::ProofStage;
 
-/// A row of the table on the installation page.
+/// An assumption about the controller: a row of the table on the installation page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Assumption {
-    /// The stage in which it is proven.
+    /// The stage in which the assumption is tested.
     pub(super) stage: ProofStage,
-    /// The row's number on the installation page.
+    /// The number of the row on the installation page.
     pub(super) number: u32,
     pub(super) assumed: String,
     pub(super) to_do: String,
-    /// Expected observation if the assumption holds.
+    /// The expected observation if the assumption is true.
     pub(super) to_see: String,
-    /// Consequence if the assumption does not hold.
+    /// The consequence if the assumption is false.
     pub(super) otherwise: String,
 }
 
@@ -32,35 +33,35 @@ impl Finding {
     }
 }
 
-/// The reason why a row that was not reached is open.
+/// The evidence of a test that was not run.
 const NOT_DONE: &str = "not done";
 
 impl Proof {
-    /// Returns the proof of a row before anything was done.
+    /// Creates the open test of an assumption.
     pub(super) fn open(assumption: Assumption) -> Self {
         Proof { assumption, finding: Finding::Open, evidence: NOT_DONE.to_owned(), tried: false }
     }
 
-    /// Returns whether the row is proven, with evidence.
+    /// Returns whether the test has passed, with evidence.
     pub(super) fn is_proven(&self) -> bool {
         self.finding == Finding::Proven && !self.evidence.is_empty()
     }
 }
 
-/// One line of the page of proofs.
+/// The test of an assumption, with its result: a row of the page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Proof {
     pub(super) assumption: Assumption,
     pub(super) finding: Finding,
     pub(super) evidence: String,
-    /// Whether this program tested the assumption; otherwise the person reported the result.
+    /// Whether this program ran the test; otherwise a person reported the result.
     pub(super) tried: bool,
 }
 
-/// The installation page with the table of assumptions to go through.
+/// The installation page with the table of assumptions.
 pub(super) const INSTALLATION: &str = include_str!("../../../config/kuka/README.md");
 
-/// Returns the rows of the table "To be proven", stage by stage.
+/// Returns the rows of the table "To be proven", in the order of the stages.
 pub(super) fn assumptions(page: &str) -> Vec<Assumption> {
     let table = page.split("\n## To be proven\n").nth(1).and_then(|rest| rest.split("\n## ").next());
     let mut stage = None::<ProofStage>;
@@ -74,7 +75,8 @@ pub(super) fn assumptions(page: &str) -> Vec<Assumption> {
     rows
 }
 
-/// Parses a row: number, assumption, what to do, what to see, what breaks otherwise; the last column is for the person.
+/// Parses a row: number, assumption, what to do, what to observe, consequence otherwise; the last column is for the
+/// person.
 fn row(stage: ProofStage, line: &str) -> Option<Assumption> {
     let mut cells = line.strip_prefix('|')?.split(" | ").map(str::trim);
     let number = cells.next()?.parse().ok()?;
@@ -88,7 +90,7 @@ mod tests {
     use super::super::unattended;
     use super::*;
 
-    /// Returns the errors in the list of proofs.
+    /// Returns the errors in the table of an installation page.
     fn wrong(page: &str) -> Vec<String> {
         let rows = assumptions(page);
         let mut found = Vec::new();
@@ -104,8 +106,8 @@ mod tests {
         }
         for row in &rows {
             let number = row.number;
-            // A command of this program, a step of the first test, an item on the controller's screen, or something to do
-            // by hand at the cell.
+            // What to do must name a command of this program, a step of the first test, an item on the controller's
+            // screen, or something at the cell.
             let is_doable =
                 ["`panelprep ", "step ", "steps ", "**Display", "Install, ", "`cell_motion`", "as row "]
                     .iter()
@@ -120,7 +122,7 @@ mod tests {
             if row.otherwise.len() < 10 {
                 found.push(format!("{number}: what breaks otherwise is missing"));
             }
-            // The program's own trials need no person; what is tried is stated as such.
+            // If this program runs the test, the table must state that no person is needed.
             let is_tried = unattended::for_row(number).is_some();
             if is_tried != row.to_do.contains("`panelprep robot prove") {
                 found.push(format!("{number}: whether this program tries it is stated wrongly"));
@@ -146,7 +148,8 @@ mod tests {
             assert_ne!(page, INSTALLATION, "{from}");
             wrong(&page)
         };
-        // Inserted errors: exchanged stages, a wrong row number, a row by hand, a row without its last column.
+        // The inserted errors are: exchanged stages, a wrong row number, a row without a program test, a row without
+        // its last column.
         assert!(!changed("### Stage A:", "### Stage C:").is_empty());
         assert!(changed("\n| 9 | `RESUME`", "\n| 57 | `RESUME`").iter().any(|words| words.contains("1 to 56")));
         let row = assumptions(INSTALLATION).into_iter().find(|row| row.number == 16).expect("a row");

@@ -1,5 +1,5 @@
-//! What each trial of this program uses: its result, a client in a new epoch, commands that move nothing, and a client
-//! of the controller's two ports that can send what the robot link never sends.
+//! Building blocks of this program's acceptance tests: the result of a test, a client in a new epoch, commands that
+//! move nothing, and a client of the controller's two ports that can send what the robot link never sends.
 
 use super::super::fault::Fault;
 use super::table::Finding;
@@ -8,15 +8,15 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::time::{Duration, Instant};
 
-/// A controller makes its channels available again within this time, whatever happened to them.
+/// Maximum time in which a controller makes its channels available again after any disturbance.
 const RECONNECT_TIMEOUT: Duration = Duration::from_secs(10);
-/// Time limit for a state; states come every 100 ms.
+/// Time limit for a state message; one is due every 100 ms.
 pub(super) const STATE_TIMEOUT: Duration = Duration::from_millis(1_500);
-/// Interval between two heartbeats: a controller stops what is queued after 400 ms of silence.
+/// Interval between two heartbeats; a controller stops the queued commands after 400 ms without a message.
 const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(100);
-/// Longest wait for one read.
+/// Maximum waiting time of one read.
 const READ_TIMEOUT: Duration = Duration::from_millis(20);
-/// The operations of the state channel.
+/// Operation numbers of requests on the state channel.
 const OP_HEARTBEAT: i32 = 10;
 pub(super) const OP_ABORT: i32 = 11;
 pub(super) const OP_RESET: i32 = 12;
@@ -30,7 +30,7 @@ pub(super) fn connect(cell: &Cell, port: u16) -> std::io::Result<TcpStream> {
     Ok(stream)
 }
 
-/// A channel: its connection, and what was received since the last complete document.
+/// A connection to one channel, and the bytes that were received after the last complete document.
 struct RawChannel {
     stream: TcpStream,
     text: Vec<u8>,
@@ -42,7 +42,7 @@ impl RawChannel {
         RawChannel { stream, text: Vec::new(), is_closed: false }
     }
 
-    /// Reads what has arrived; returns the newest complete document with this tag, without its end tag.
+    /// Reads the available bytes; returns the newest complete document with this tag, without its end tag.
     fn read(&mut self, tag: &str) -> Option<String> {
         let mut piece = [0; 4_096];
         match self.stream.read(&mut piece) {
@@ -60,7 +60,7 @@ impl RawChannel {
     }
 }
 
-/// What a client has received: the newest state and acknowledgement, and which channels were closed.
+/// The data that a client has received: the newest state message and acknowledgement, and which channels were closed.
 #[derive(Debug, Default)]
 pub(super) struct ReceivedData {
     pub(super) state: Option<String>,
@@ -70,33 +70,33 @@ pub(super) struct ReceivedData {
 }
 
 impl ReceivedData {
-    /// Returns a number of the newest state.
+    /// Returns an integer attribute of the newest state message.
     pub(super) fn state_value(&self, name: &str) -> Option<i64> {
         attribute(self.state.as_deref()?, name)?.parse().ok()
     }
 
-    /// Returns whether the controller has answered a request that was sent after this one: `Re` is the number of the last
-    /// request that it has read.
+    /// Returns whether the controller has replied to a request that was sent after this one: `Re` is the number of the
+    /// last request that the controller has read.
     pub(super) fn has_answered_after(&self, request: i32) -> bool {
         self.state_value("Re").is_some_and(|answered| answered > i64::from(request))
     }
 
-    /// Returns a number of the newest acknowledgement.
+    /// Returns an integer attribute of the newest acknowledgement.
     pub(super) fn ack_value(&self, name: &str) -> Option<i64> {
         attribute(self.ack.as_deref()?, name)?.parse().ok()
     }
 }
 
-/// A client of both channels.
+/// A client of both channels of the controller that can send any bytes.
 pub(super) struct RawClient {
     command: RawChannel,
     state: RawChannel,
-    /// The id of the last request.
+    /// The number of the last request.
     asked: i32,
 }
 
 impl RawClient {
-    /// Connects repeatedly until the controller reports a state; `None` if it does not report one in time.
+    /// Tries to connect until the controller sends a state message; `None` if it sends none within the time limit.
     pub(super) fn connect_with_retries(cell: &Cell) -> Option<(RawClient, ReceivedData)> {
         let begun = Instant::now();
         while begun.elapsed() < RECONNECT_TIMEOUT {
@@ -114,12 +114,12 @@ impl RawClient {
         None
     }
 
-    /// Returns the id of the last request: a controller that has read it states it in `Re`.
+    /// Returns the number of the last request; a controller that has read it reports this number in `Re`.
     pub(super) fn last_request_id(&self) -> i32 {
         self.asked
     }
 
-    /// Listens for a time, or until it has received enough, and sends heartbeats meanwhile.
+    /// Receives data for this time, or until `is_enough` returns true, and sends heartbeats meanwhile.
     pub(super) fn listen(&mut self, timeout: Duration, is_enough: impl Fn(&ReceivedData) -> bool) -> ReceivedData {
         let (begun, mut beat) = (Instant::now(), None::<Instant>);
         let mut received = ReceivedData::default();
@@ -155,46 +155,46 @@ impl RawClient {
     }
 }
 
-/// Returns the text of an attribute of a document; of the first, if several elements have it.
+/// Returns the value of an attribute in a document; if several elements have the attribute, the first value.
 pub(super) fn attribute<'t>(document: &'t str, name: &str) -> Option<&'t str> {
     document.split(&format!(" {name}=\"")).nth(1)?.split('"').next()
 }
 
-/// Returns the texts of the six numbers of a pose in a document.
+/// Returns the six numbers of a pose in a document, as texts.
 pub(super) fn pose<'t>(document: &'t str, element: &str) -> Option<[&'t str; 6]> {
     let inside = document.split(&format!("<{element}")).nth(1)?;
     let [x, y, z, a, b, c] = ["X", "Y", "Z", "A", "B", "C"].map(|name| attribute(inside, name));
     Some([x?, y?, z?, a?, b?, c?])
 }
 
-/// The finding of a trial, with what was commanded and what was reported.
+/// The result of a test of this program, with the evidence: what was sent and what was reported.
 pub(super) type TestResult = Result<(Finding, String), Fault>;
 
-/// The evidence of a trial without an answer of the controller.
+/// The evidence of a test in which the controller did not respond.
 pub(super) const NO_STATE_MESSAGE: &str =
     "no state within 10 s; is the submit interpreter running, and is no other client connected?";
 
-/// The evidence of a trial that needs the robot program, which executes the commands.
+/// The evidence of a test that needs the robot program, if the robot program does not run.
 pub(super) const NO_PROGRAM_MESSAGE: &str =
     "the robot program does not run: select cell_motion, in T1 hold Start, and prove again";
 
-/// The bit of `Flags` that states that a motion is possible.
+/// The bit of the attribute `Flags` for "motion possible".
 const MOTION_POSSIBLE_BIT: i64 = 16;
-/// The bit of `Flags` that states that the program has stopped the epoch.
+/// The bit of the attribute `Flags` for "the program has stopped the epoch".
 const STOPPED_BIT: i64 = 128;
-/// Time limit within which a requested epoch is open and the program has reset its base and tool.
+/// Maximum time from the request for an epoch until it is open and the program has reset base and tool.
 const EPOCH_TIMEOUT: Duration = Duration::from_millis(500);
 
 pub(super) fn make_finding(right: bool, evidence: String) -> TestResult {
     Ok((if right { Finding::Proven } else { Finding::Wrong }, evidence))
 }
 
-/// Returns an open result: the trial showed no effect, neither the expected one nor another one.
+/// Returns the result "open": the test showed neither the expected effect nor another one.
 pub(super) fn open(evidence: impl Into<String>) -> TestResult {
     Ok((Finding::Open, evidence.into()))
 }
 
-/// Returns the result of a trial that needs the robot program, if it does not run.
+/// Returns the result of a test that needs the robot program, if the robot program does not run.
 pub(super) fn no_program() -> TestResult {
     open(NO_PROGRAM_MESSAGE)
 }
@@ -204,22 +204,22 @@ pub(super) fn program_runs(received: &ReceivedData) -> bool {
     received.state_value("Flags").is_some_and(|flags| flags & MOTION_POSSIBLE_BIT != 0)
 }
 
-/// Returns whether the controller reports that it has stopped the epoch; `None` without a state.
+/// Returns whether the controller reports that it has stopped the epoch; `None` if no state message was received.
 pub(super) fn is_stopped(received: &ReceivedData) -> Option<bool> {
     received.state_value("Flags").map(|flags| flags & STOPPED_BIT != 0)
 }
 
-/// Returns a number as evidence.
+/// Formats a number for the evidence.
 pub(super) fn shown(number: Option<i64>) -> String {
     number.map_or("nothing".to_owned(), |number| number.to_string())
 }
 
-/// Returns a command that sets the base, which moves nothing.
+/// Returns the document of a command that sets the base, which moves nothing.
 pub(super) fn set_base(id: i32, epoch: i64, x: &str) -> String {
     command(id, epoch, 3, "0.0", [x, "0.0", "0.0", "0.0", "0.0", "0.0"])
 }
 
-/// Returns a command; `speed_m_s` is its `R2`.
+/// Returns the document of a command; `speed_m_s` is its attribute `R2`.
 pub(super) fn command(
     id: i32,
     epoch: i64,
@@ -233,15 +233,15 @@ pub(super) fn command(
     )
 }
 
-/// A client in a new epoch.
+/// A client in a newly opened epoch.
 pub(super) struct InEpoch {
     pub(super) client: RawClient,
     pub(super) epoch: i64,
-    /// The newest state in it.
+    /// The newest data that were received in this epoch.
     pub(super) received: ReceivedData,
 }
 
-/// Connects and opens the epoch after the next one; `None` if the controller does not report it in time.
+/// Connects and opens an epoch two above the controller's epoch; `None` if the controller does not report it in time.
 pub(super) fn open_new_epoch(cell: &Cell) -> Option<InEpoch> {
     let (mut client, received) = RawClient::connect_with_retries(cell)?;
     let epoch = received.state_value("Ep")? + 2;

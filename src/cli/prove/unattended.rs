@@ -1,7 +1,8 @@
-//! Tests that a client can do without a person: over the two ports, without a motion.
+//! The acceptance tests that need no person: a client runs them over the two ports, without a motion.
 //!
-//! The trials of the two channels are: names, bytes that are no document, a second client, the epoch's range, clients
-//! that vanish. Each states what was sent and what the controller reported about it; silence proves nothing.
+//! The tests of the two channels cover: names, bytes that are not a document, a second client, the range of epochs,
+//! clients that disappear. Each test states what was sent and what the controller reported; if the controller reports
+//! nothing, the test is not passed.
 
 use super::super::live;
 use super::table::Finding;
@@ -17,7 +18,7 @@ use panelprep_service::daemon::SingleRobot;
 use std::io::{ErrorKind, Read, Write};
 use std::time::{Duration, Instant};
 
-/// A test of a row.
+/// A function that tests one assumption.
 pub(super) type Attempt = fn(&Cell) -> TestResult;
 
 /// Returns the test for a row of the installation page; `None` if only a person can observe the result.
@@ -39,10 +40,10 @@ pub(super) fn for_row(number: u32) -> Option<Attempt> {
     }
 }
 
-/// Checks that the base comes back as it was sent: both texts are compared as numbers, with a smaller tolerance
-/// than the link's own.
+/// Checks that the controller reports the base that was sent. Both texts are compared as numbers, with a smaller
+/// tolerance than that of the robot link.
 fn check_base_echo(cell: &Cell, x_mm: f64, most_mm: f64) -> TestResult {
-    // The connections of earlier tests may still be closing.
+    // The connections of earlier tests may not be closed completely yet.
     if RawClient::connect_with_retries(cell).is_none() {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
     }
@@ -70,8 +71,8 @@ fn check_decimals(cell: &Cell) -> TestResult {
     check_base_echo(cell, 1.2345, 0.000_01)
 }
 
-/// Checks that a frame may state its six attributes in any order: they are sent in reverse, and each must reach its own
-/// coordinate.
+/// Checks that the six attributes of a frame may be in any order: they are sent in reverse order, and each must be
+/// assigned to its own coordinate.
 fn a_frame_comes_in_any_order(cell: &Cell) -> TestResult {
     const SENT: &str = "<P C=\"6.0\" B=\"5.0\" A=\"4.0\" Z=\"3.0\" Y=\"2.0\" X=\"1.0\"></P>";
     const EXPECTED: [f64; 6] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
@@ -97,9 +98,9 @@ fn a_frame_comes_in_any_order(cell: &Cell) -> TestResult {
     )
 }
 
-/// Checks that no old command is left after the link was cut. Thirty commands are written at once and the link is cut,
-/// so that entries stay unread. They belong to the epoch that is opened next: an old entry would be read with the next
-/// command, and would be refused or executed in its place.
+/// Checks that no old command remains after the link was cut. Thirty commands are sent at once and the link is cut, so
+/// that some of them stay unread. They belong to the epoch that is opened next: an old command would be read with the
+/// next command, and would be refused or executed instead of it.
 fn no_old_command_is_left(cell: &Cell) -> TestResult {
     const COMMANDS: i32 = 30;
     let Some((mut first, received)) = RawClient::connect_with_retries(cell) else {
@@ -114,7 +115,7 @@ fn no_old_command_is_left(cell: &Cell) -> TestResult {
     let Some(InEpoch { mut client, epoch: opened, received }) = open_new_epoch(cell) else {
         return make_finding(false, "no epoch was opened after the link was cut".to_owned());
     };
-    // A command that is queued and not executed would end the epoch.
+    // A command that is queued but not executed would end the epoch.
     if !program_runs(&received) {
         return no_program();
     }
@@ -135,16 +136,17 @@ fn no_old_command_is_left(cell: &Cell) -> TestResult {
     )
 }
 
-/// Checks that a command is read whole: the program executes a command only if all its elements have the same counter.
+/// Checks that a command is read completely: the program executes a command only if all its elements have the same
+/// counter.
 fn a_command_is_read_whole(cell: &Cell) -> TestResult {
     check_base_echo(cell, 1.0, 0.000_01)
 }
 
 fn time_is_in_ms(cell: &Cell) -> TestResult {
     const WATCH_TIME: Duration = Duration::from_secs(5);
-    /// Maximum difference between the two clocks; a state comes every 100 ms.
+    /// Maximum difference between the two clocks, ms; a state message is due every 100 ms.
     const MAX_DIFFERENCE_MS: i64 = 500;
-    /// Minimum number of states: half of those that are due.
+    /// Minimum number of state messages: half of those that are due.
     const MIN_STATES: i64 = 25;
     let Some((mut client, first)) = RawClient::connect_with_retries(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
@@ -162,7 +164,7 @@ fn time_is_in_ms(cell: &Cell) -> TestResult {
          {MIN_STATES})",
         to - from
     );
-    // If the link ended early, the two states are of nearly the same time and prove nothing.
+    // If the link ended early, the times of the two state messages are too close for a comparison.
     if passed < WATCH_TIME || states < MIN_STATES {
         return open(evidence);
     }
@@ -186,8 +188,8 @@ fn large_numbers_are_decimal(cell: &Cell) -> TestResult {
     make_finding(written == EXPECTED, format!("base X {SENT} mm was sent, the state contains {written}"))
 }
 
-/// Checks that a line without base and tool is refused. The line ends at the arm's present pose, at 1 mm/s: a
-/// controller that executes it moves nothing.
+/// Checks that a linear motion without base and tool is refused. It would end at the arm's present pose, at 1 mm/s, so
+/// a controller that executes it moves nothing.
 fn a_line_without_frames_is_refused(cell: &Cell) -> TestResult {
     const NO_FRAMES: i64 = 6;
     const SPEED_M_S: &str = "0.001";
@@ -212,7 +214,7 @@ fn a_line_without_frames_is_refused(cell: &Cell) -> TestResult {
     )
 }
 
-/// Checks that both channels are open: each must have sent a document of its own.
+/// Checks that both channels are open: each must have sent one of its documents.
 fn check_names_read(cell: &Cell) -> TestResult {
     let Some((mut client, _)) = RawClient::connect_with_retries(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
@@ -229,19 +231,20 @@ fn check_names_read(cell: &Cell) -> TestResult {
     make_finding(true, format!("a state and an acknowledgement; boot id {boot}, checksum of the programs {sum}"))
 }
 
-/// The effect on a channel of bytes that are no document.
+/// The effect of bytes that are not a document on one channel.
 enum ByteEffect {
     /// The channel was closed, and nothing else changed.
     Closed,
-    /// What was sent after them was read and answered.
+    /// The bytes were skipped: the documents after them were processed.
     Skipped,
     /// Anything else.
     Other(String),
-    /// The trial could not be made.
+    /// The test could not be run.
     NotTried(Finding, &'static str),
 }
 
-/// Sends the bytes on each channel separately: their effect on one channel shows nothing about the other one.
+/// Checks that bytes that are not a document have no effect. Each channel is tested separately, because the effect on
+/// one channel says nothing about the other.
 fn what_is_no_document_does_nothing(cell: &Cell) -> TestResult {
     let mut all = Vec::new();
     for (name, bytes) in
@@ -263,7 +266,8 @@ fn what_is_no_document_does_nothing(cell: &Cell) -> TestResult {
     make_finding(true, all.join(", "))
 }
 
-/// Returns the effect of these bytes on the state channel: it must answer the requests that follow them, or be closed.
+/// Returns the effect of these bytes on the state channel: the controller must reply to subsequent requests, or close
+/// the channel.
 fn effect_on_state(cell: &Cell, bytes: &[u8]) -> ByteEffect {
     let Some(InEpoch { mut client, epoch, .. }) = open_new_epoch(cell) else {
         return ByteEffect::NotTried(Finding::Wrong, NO_STATE_MESSAGE);
@@ -285,8 +289,8 @@ fn effect_on_state(cell: &Cell, bytes: &[u8]) -> ByteEffect {
     ))
 }
 
-/// Returns the effect of these bytes on the command channel: the command that follows them must be executed, or the
-/// channel be closed.
+/// Returns the effect of these bytes on the command channel: the controller must execute the subsequent command, or
+/// close the channel.
 fn effect_on_command(cell: &Cell, bytes: &[u8]) -> ByteEffect {
     const BASE_X_MM: f64 = 7.0;
     let Some(InEpoch { mut client, epoch, received }) = open_new_epoch(cell) else {
@@ -314,7 +318,7 @@ fn effect_on_command(cell: &Cell, bytes: &[u8]) -> ByteEffect {
     ))
 }
 
-/// Returns the effect after a channel was closed: the next client must find the same epoch, in which nothing was
+/// Returns the effect after a channel was closed: for the next client, the epoch must be the same and no command
 /// executed.
 fn effect_of_closing(cell: &Cell, epoch: i64) -> ByteEffect {
     let Some((_, received)) = RawClient::connect_with_retries(cell) else {
@@ -328,7 +332,7 @@ fn effect_of_closing(cell: &Cell, epoch: i64) -> ByteEffect {
     ByteEffect::Other(format!("it was closed, then epoch {found} (expected {epoch}), Done {done} (expected 0)"))
 }
 
-/// What happened to a second client of a channel.
+/// The reaction of the controller to a second client of a channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
 enum SecondClient {
     #[strum(serialize = "was served")]
@@ -342,14 +346,14 @@ enum SecondClient {
 }
 
 impl SecondClient {
-    /// Connects to a port that has a client, sends a document and waits for an answer.
+    /// Connects to a port that already has a client, sends a document and waits for a reply.
     fn observe(cell: &Cell, port: u16, document: &str) -> Self {
         let mut second = match connect(cell, port) {
             Ok(second) => second,
             Err(error) => {
                 return match error.kind() {
                     ErrorKind::ConnectionRefused | ErrorKind::ConnectionReset => SecondClient::Refused,
-                    // The first client is connected to the same port, so the way there is open.
+                    // The first client is connected to the same port, so a timeout is not caused by the network.
                     ErrorKind::TimedOut | ErrorKind::WouldBlock => SecondClient::Unanswered,
                     _ => SecondClient::NotTried,
                 };
@@ -371,8 +375,8 @@ impl SecondClient {
     }
 }
 
-/// Checks that a second client is refused. It requests another epoch and sends a command of the first client's epoch: a
-/// controller that obeys it would change the epoch, or count the command.
+/// Checks that a second client is refused. It requests another epoch, and sends a command of the first client's epoch.
+/// A controller that obeys would change the epoch, or count the command.
 fn check_second_client_refused(cell: &Cell) -> TestResult {
     const WATCH_TIME: Duration = Duration::from_secs(6);
     let Some(InEpoch { client: mut first, epoch, .. }) = open_new_epoch(cell) else {
@@ -380,8 +384,7 @@ fn check_second_client_refused(cell: &Cell) -> TestResult {
     };
     let request = format!("<Req Id=\"1\" Ep=\"0\" Op=\"{OP_RESET}\" N1=\"{}\"></Req>", epoch + 2);
     let ports = [(cell.robot().state_port(), request), (cell.robot().command_port(), set_base(1, epoch, "9.0"))];
-    // The first client continues meanwhile: a client that sends nothing loses its epoch without any influence of the
-    // second one.
+    // The first client continues to send meanwhile, because otherwise its epoch would end for another reason.
     let second = std::thread::scope(|scope| {
         let others =
             ports.map(|(port, document)| scope.spawn(move || SecondClient::observe(cell, port, &document)));
@@ -408,15 +411,15 @@ fn check_second_client_refused(cell: &Cell) -> TestResult {
     make_finding(is_undisturbed && !second.contains(&SecondClient::Served), evidence)
 }
 
-/// Checks the range of epoch numbers: both requests with the largest number are answered, the epoch stays, and only the
-/// abort stops it.
+/// Checks the range of epoch numbers: the controller must reply to both requests with the maximum number, keep its
+/// epoch, and stop only after the abort.
 fn check_epoch_range(cell: &Cell) -> TestResult {
     let Some(InEpoch { mut client, epoch, .. }) = open_new_epoch(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
     };
     let mut all = Vec::new();
     for (name, operation, stops) in [("a reset", OP_RESET, false), ("an abort", OP_ABORT, true)] {
-        // The answer to this request must be later than the one to the last heartbeat.
+        // The reply to this request must be newer than the reply to the last heartbeat.
         let before = client.last_request_id();
         if client.ask(operation, i32::MAX).is_err() {
             return make_finding(false, format!("the state channel closed at {name}"));
@@ -441,8 +444,8 @@ fn check_epoch_range(cell: &Cell) -> TestResult {
     make_finding(true, all.join("; "))
 }
 
-/// Checks that clients that vanish block no port. Only connected clients count: a refused connection shows nothing
-/// about a client that vanishes.
+/// Checks that clients that disappear do not block a port. Only clients that were connected are counted, because a
+/// refused connection says nothing about a client that disappears.
 fn check_vanished_client(cell: &Cell) -> TestResult {
     const GROUPS: usize = 10;
     const CLIENTS_IN_GROUP: usize = 10;
@@ -475,13 +478,13 @@ fn check_vanished_client(cell: &Cell) -> TestResult {
     )
 }
 
-/// Time limit for a group of clients: the controller opens a port again after each of them.
+/// Time limit for a group of clients; the controller must open the port again after each client.
 const GROUP_TIMEOUT: Duration = Duration::from_secs(30);
-/// Pause before the next attempt at a port that is not open again yet.
+/// Delay before the next attempt to connect to a port that is not open again yet.
 const PORT_PAUSE: Duration = Duration::from_millis(20);
 
-/// Connects to the command port and closes the connection at once, until this number of clients was connected or the
-/// time is over; returns the number.
+/// Connects to the command port and closes the connection immediately, until this number of clients was connected or
+/// the time limit is reached; returns the number of connected clients.
 fn connect_and_vanish(cell: &Cell, wanted: usize) -> usize {
     let (begun, mut connected) = (Instant::now(), 0);
     while connected < wanted && begun.elapsed() < GROUP_TIMEOUT {

@@ -1,8 +1,8 @@
-//! Opens only one camera of the cell: with the size in its calibration or, without one, with its own size. If the
-//! service uses the camera, it is borrowed from the service.
+//! Opens a single camera of the cell with the picture size of its calibration or, without a calibration, with its own
+//! size. If the service uses the camera, the pictures are requested from the service.
 //!
-//! A driver checks every picture against one size. A camera without a calibration is first opened for [`UNKNOWN_PX`];
-//! it refuses and reports its real size, and is then opened for that size.
+//! A driver compares every picture with a known size. A camera without a calibration is first opened with
+//! [`UNKNOWN_PX`]: it refuses and reports its actual size, and is then opened with this size.
 
 use super::super::args::{Shot, Simulation};
 use super::super::fault::{CalibrationFault, DeviceFault, Fault};
@@ -20,11 +20,11 @@ use panelprep_service::daemon::{BorrowedFlangeCamera, RemoteScanner};
 use panelprep_sim as sim;
 use std::path::PathBuf;
 
-/// An opened camera, with the simulated world if there is one.
+/// An opened camera, with the simulated world if the cell is simulated.
 pub struct OpenedCamera<C> {
     /// The camera.
     pub camera: C,
-    /// The simulated world that it looks at, if there is one.
+    /// The simulated world that the camera views, if there is one.
     pub simulated: Option<SimulatedController>,
 }
 
@@ -36,16 +36,16 @@ impl<C> OpenedCamera<C> {
 
 /// The requested shot.
 pub struct RequestedShot {
-    /// The camera, and the kind of shot.
+    /// The kind of capture, which determines the camera.
     pub shot: Shot,
     /// Settings of the simulated cell.
     pub simulation: Simulation,
 }
 
-/// Returns the lens's calibration; `None` if there is none yet.
+/// Returns the calibrated lens; `None` if the camera is not calibrated yet.
 ///
 /// # Errors
-/// If its file cannot be read or has problems.
+/// If the calibration file cannot be read or has problems.
 pub fn lens(found: Result<LoadedCalibration<PinholeCamera>, Fault>) -> Result<Option<PinholeCamera>, Fault> {
     match found {
         Ok(found) => Ok(Some(found.value)),
@@ -56,7 +56,7 @@ pub fn lens(found: Result<LoadedCalibration<PinholeCamera>, Fault>) -> Result<Op
     }
 }
 
-/// Returns a camera of this size, which is all that a driver needs from a calibration.
+/// Returns a lens with this picture size; a driver uses no other value of the lens.
 pub fn camera_of_size([width_px, height_px]: [usize; 2]) -> PinholeCamera {
     let (fx_px, fy_px) = (width_px as f64, width_px as f64);
     let (cx_px, cy_px) = (width_px as f64 / 2.0, height_px as f64 / 2.0);
@@ -66,7 +66,7 @@ pub fn camera_of_size([width_px, height_px]: [usize; 2]) -> PinholeCamera {
 /// Waits until a Zivid camera is ready.
 ///
 /// # Errors
-/// If it does not become ready; if no size was known, the error states the camera's size.
+/// If the camera does not become ready; if its size was not known, the error contains the size.
 pub fn zivid_ready(scanner: &mut ZividScanner) -> Result<(), CameraError> {
     scanner.wait_ready(AnswerTimeouts::default().start()).map_err(|fault| match fault {
         ZividFault::WrongSize { found_px, expected_px: UNKNOWN_PX, .. } => {
@@ -76,10 +76,10 @@ pub fn zivid_ready(scanner: &mut ZividScanner) -> Result<(), CameraError> {
     })
 }
 
-/// Opens a camera for its calibrated size or for its own; also returns that size.
+/// Opens a camera with its calibrated size, or else with its own size; also returns the size.
 ///
 /// # Errors
-/// If it cannot be opened, or does not deliver.
+/// If the camera cannot be opened or delivers no picture.
 pub fn open_with_size<C>(
     lens: Option<PinholeCamera>,
     open: impl Fn(&PinholeCamera) -> Result<C, Fault>,
@@ -92,7 +92,7 @@ pub fn open_with_size<C>(
     match look(&mut camera) {
         Ok(()) => Ok((camera, UNKNOWN_PX)),
         Err(CameraError::WrongSize { found_px, .. }) => {
-            // A camera is released before it is opened again.
+            // The camera must be released before it is opened again.
             drop(camera);
             Ok((open(&camera_of_size(found_px))?, found_px))
         }
@@ -100,7 +100,7 @@ pub fn open_with_size<C>(
     }
 }
 
-/// Starts the simulated world, with its own mock controller.
+/// Starts a simulated world with its own mock controller.
 fn start_simulated_world(
     files: &CellFiles,
     wanted: &RequestedShot,
@@ -114,8 +114,8 @@ fn start_simulated_world(
     SimulatedController::start_parked(&files.cell, cell, wanted.shot.needs_light())
 }
 
-/// Returns the socket of the service, if it runs and has this camera. A recording is not used through the service: each
-/// program reads it itself.
+/// Returns the socket of the service, if the service runs and uses this camera. A recorded camera is not used through
+/// the service, because each program can read the recording itself.
 fn service_socket(files: &CellFiles, is_recorded: bool, progress: &dyn Fn(&str)) -> Option<PathBuf> {
     let socket = files.socket();
     let state = if is_recorded { None } else { ctl::service_state(&socket) }?;
@@ -126,7 +126,7 @@ fn service_socket(files: &CellFiles, is_recorded: bool, progress: &dyn Fn(&str))
 /// Opens the fixed 3D camera.
 ///
 /// # Errors
-/// If it cannot be opened.
+/// If the camera cannot be opened.
 pub fn scanner(
     files: &CellFiles,
     wanted: &RequestedShot,
@@ -164,7 +164,7 @@ pub fn scanner(
 /// Opens the camera on the flange.
 ///
 /// # Errors
-/// If it cannot be opened.
+/// If the camera cannot be opened.
 pub fn flange_camera(
     files: &CellFiles,
     wanted: &RequestedShot,

@@ -1,8 +1,8 @@
-//! The inputs of `teach`: taken now, or from the panel's drawing.
+//! The inputs of `teach`: captured now, or computed from the drawing of the panel.
 //!
-//! The scan, the region drawn on its picture in a browser, and the corner pictures are taken now. If the panel is
-//! taught from its drawing, scan and corner pictures show the drawing as the cell's cameras would see it at the nominal
-//! pose.
+//! With `--live`, the scan and the corner pictures are captured now, and the region is drawn on the scan's picture in a
+//! browser. If the panel is taught from its drawing, scan and corner pictures are rendered as the cell's cameras would
+//! see the drawing at the nominal pose.
 
 use super::super::args::{Shot, Teach};
 use super::super::fault::{DeviceFault, Fault, TeachingFault};
@@ -27,24 +27,24 @@ use panelprep_vision::nominal::{NominalError, Part, PartEdges, PartRays, PartVie
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-/// Deviation of the facets above which the operator is warned, mm: a tenth of the smallest deviation that a scan
-/// measures.
+/// Deviation of the drawing's triangles from the surface above which a warning is printed, mm: a tenth of the smallest
+/// deviation of the panel that a scan can measure.
 const FACETS_WARNING_MM: f64 = 0.01;
-/// Maximum deviation of the facets, mm; above it a person must decide. It is the error of the contact after a good
-/// localization.
+/// Deviation of the drawing's triangles from the surface above which the result is for review, mm: the contact error
+/// after a good localization.
 const MAX_FACETS_MM: f64 = 0.15;
-/// Maximum distance of a corner of the region from the drawing's surface, along the camera's ray, mm.
+/// Maximum distance of a corner of the region from the surface of the drawing, along the camera's ray, mm.
 const MAX_REGION_DISTANCE_MM: f64 = 1.0;
-/// Maximum share of the surface that lies outside of the picture; above it a person must decide.
+/// Fraction of the surface outside of the picture above which the result is for review.
 const MAX_OUTSIDE_SHARE: f64 = 0.001;
 
-/// A drawing as the cameras see it.
+/// A drawing with its views: the scan and the pictures that the cameras would capture.
 pub struct ViewedDrawing {
     /// The rendered scan of the 3D camera.
     pub scan: OrganizedCloud<Camera>,
-    /// The same as the file that the store keeps.
+    /// The rendered scan as a file, in the form in which it is stored.
     pub scan_file: Vec<u8>,
-    /// The rendered pictures of the flange camera, from the poses that the command names.
+    /// The rendered pictures of the flange camera, from the flange poses that the command line names.
     pub corners: Vec<TaughtCorner>,
     hash: String,
     unit: &'static str,
@@ -54,7 +54,7 @@ pub struct ViewedDrawing {
     facet_error_mm: f64,
     residual_mm: Option<f64>,
     not_seen: UnseenShares,
-    /// Whether the part reaches the rim of the picture.
+    /// Whether the drawing reaches the border of the picture.
     reaches_rim: bool,
 }
 
@@ -62,16 +62,16 @@ pub struct ViewedDrawing {
 struct FlangeView {
     camera: PinholeCamera,
     flange_from_camera: Rigid<Flange, FlangeCamera>,
-    /// Brightness of panel and background in its pictures, grey levels.
+    /// Grey levels of panel and background in the rendered pictures.
     grays: [u8; 2],
 }
 
 impl ViewedDrawing {
-    /// Renders the drawing that the command names, as the cameras see it; `None` if it names none.
+    /// Renders the drawing that the command line names, as the cameras would see it; `None` if it names none.
     ///
     /// # Errors
-    /// If the recipe does not state the drawing's pose, the file does not describe one clear surface, or a camera does
-    /// not see it.
+    /// If the recipe does not state the pose of the drawing, the file does not describe one unambiguous surface, or a
+    /// camera does not see the drawing.
     pub fn view_drawing(args: &Teach, cell: &CellFiles) -> Result<Option<ViewedDrawing>, Fault> {
         let recipe = load::recipe(&args.recipe)?;
         let (file, nominal) = match (&args.nominal, recipe.nominal()) {
@@ -129,11 +129,12 @@ impl ViewedDrawing {
         }))
     }
 
-    /// Returns the reasons why a person must decide about a panel that was taught from this drawing.
+    /// Returns the reasons for which a panel that is taught from this drawing needs a review.
     pub fn reasons(&self) -> Vec<Reason> {
         let outside = self.not_seen.outside;
         let message = || {
-            // Large triangles are counted whole, so the share alone does not show that the picture cuts the panel.
+            // A triangle that is partly outside is counted as outside or inside as a whole, so the fraction alone does
+            // not show whether the picture cuts the panel off.
             let found = match outside > MAX_OUTSIDE_SHARE {
                 true => format!(
                     "{} % of the drawing's surface lies outside of the 3D camera's picture",
@@ -159,7 +160,7 @@ impl ViewedDrawing {
         cut.into_iter().chain(coarse).collect()
     }
 
-    /// Reports what was taught from.
+    /// Reports the drawing from which the panel was taught.
     pub fn report(&self, file: &Path, outcome: &mut Outcome) {
         let kind = if self.is_closed { "a closed body" } else { "an open surface" };
         outcome.add_line(format!(
@@ -198,7 +199,7 @@ impl ViewedDrawing {
     }
 }
 
-/// Returns the region's corners in the 3D camera's picture.
+/// Returns the corners of the region as pixels of the 3D camera's picture.
 fn region_px(
     corners: &[Point<Camera>; 4],
     scan: &OrganizedCloud<Camera>,
@@ -212,20 +213,21 @@ fn region_px(
             Some((pixel, scan.point(column, row)?))
         });
         let (pixel, point) = seen.ok_or(TeachingFault::RegionOffDrawing { number })?;
-        // Only the distance along the ray counts: across the ray, the point of the pixel is up to half a pixel away.
+        // Only the distance along the ray is compared, because perpendicular to it the pixel's point may be up to half
+        // a pixel away.
         let away_mm = (point.mm.coords.norm() - corner.mm.coords.norm()).abs();
         if away_mm > MAX_REGION_DISTANCE_MM {
             return Err(
                 TeachingFault::RegionBesideDrawing { number, away_mm, limit_mm: MAX_REGION_DISTANCE_MM }.into()
             );
         }
-        // Rounded to as many digits as the page writes.
+        // The pixels are rounded to the number of digits that the drawing page writes.
         *px = [pixel.u, pixel.v].map(|px| (px * 10.0).round() / 10.0);
     }
     Ok(corners_px)
 }
 
-/// Writes the region's corners into the recipe's file, if they differ from those in it.
+/// Writes the corners of the region to the recipe file, if they have changed.
 fn set_region(args: &Teach, recipe: &Recipe, corners_px: [[f64; 2]; 4]) -> Result<(), Fault> {
     if args.draw {
         return Err(TeachingFault::RegionInDrawing { recipe: args.recipe.clone() }.into());
@@ -241,14 +243,14 @@ fn set_region(args: &Teach, recipe: &Recipe, corners_px: [[f64; 2]; 4]) -> Resul
     Ok(())
 }
 
-/// Returns what the flange camera sees of the drawing from each pose that the command names.
+/// Returns the flange camera's view of the drawing from each flange pose that the command line names.
 fn corners(
     args: &Teach,
     cell: &CellFiles,
     (part, base_from_drawing): (&Part, &Rigid<Base, Drawing>),
     recipe: &Recipe,
 ) -> Result<Vec<TaughtCorner>, Fault> {
-    // The recipe's limits lie within 0 and 255, so their mean fits into a byte.
+    // The recipe's limits are between 0 and 255, so their mean fits into a byte.
     let gray = ((recipe.corner().panel_gray_min() + recipe.corner().panel_gray_max()) / 2) as u8;
     let view = FlangeView {
         camera: cell.flange_camera()?.value,
@@ -268,11 +270,12 @@ fn corners(
     args.flange.iter().map(corner).collect()
 }
 
-/// Returns the same command with existing files: those that it names, or those that were taken. The region is drawn on
-/// the picture of the scan, or of the drawing.
+/// Returns the arguments with existing files: those that the command line names, or those that were captured now. The
+/// region is drawn on the picture of the scan or of the drawing.
 ///
 /// # Errors
-/// If a camera does not deliver, there is no answer, the page cannot be served, or writing to the disk fails.
+/// If a camera delivers no picture, a question is not answered, the page cannot be served, or writing to the disk
+/// fails.
 pub fn with_files(args: &Teach, cell: &CellFiles, drawn: Option<&OrganizedCloud<Camera>>) -> Result<Teach, Fault> {
     let mut ready = args.clone();
     let world = simulated_cell(args, cell)?;
@@ -296,8 +299,7 @@ pub fn with_files(args: &Teach, cell: &CellFiles, drawn: Option<&OrganizedCloud<
     Ok(ready)
 }
 
-/// Returns the simulated cell, if it is used and its cameras are free: a simulated person puts the panel at its nominal
-/// pose.
+/// Returns the simulated cell, if its cameras are used and free. A simulated person puts the panel at its nominal pose.
 fn simulated_cell(args: &Teach, cell: &CellFiles) -> Result<Option<sim::Cell>, Fault> {
     let is_simulated =
         [cell.cell.scanner().is_simulated(), cell.cell.flange_camera().is_simulated()].contains(&true);
@@ -322,7 +324,7 @@ fn scan(args: &Teach, (cell, world): (&CellFiles, Option<&sim::Cell>), folder: &
     Ok(file)
 }
 
-/// Serves the page for drawing until the person has finished.
+/// Serves the page for drawing the region until the person ends it.
 fn draw(args: &Teach, picture: &ColorPicture) -> Result<(), Fault> {
     let recipe = args.recipe.clone();
     let sheet = DrawingSheet {
@@ -342,7 +344,7 @@ fn draw(args: &Teach, picture: &ColorPicture) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Takes the corner pictures with their poses, in the recipe's order.
+/// Captures the corner pictures with their flange poses, in the order of the recipe.
 fn take_corners(
     args: &Teach,
     (cell, world): (&CellFiles, Option<&sim::Cell>),
@@ -393,7 +395,7 @@ fn take_corners(
     Ok((pictures, flanges))
 }
 
-/// Returns the simulated camera's view of a corner, from the pose to which the simulated person has brought it.
+/// Returns the simulated view of a corner, from the pose to which the simulated person has moved the flange.
 fn simulated_corner_view(
     world: &sim::Cell,
     index: usize,
