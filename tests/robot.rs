@@ -251,6 +251,6 @@ fn the_proofs_are_tried_or_asked_of_a_person() {
     assert!(page.contains("trace 1") && page.contains("it stopped") && page.contains("By Ada"), "{page}");
     assert_eq!(page.matches("<tr class=").count(), proofs.len());
     // It was a mock controller, which proves nothing: the page states this, and cannot be signed.
-    assert!(page.contains("proves nothing about a real controller") && !page.contains("signature"), "{page}");
+    assert!(page.contains("not valid for a real controller") && !page.contains("signature"), "{page}");
     assert!(reported["mock"] == true && reported["reasons"][0]["code"] == "mock_controller", "{reported}");
 }

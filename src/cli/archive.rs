@@ -69,13 +69,13 @@ pub fn run_fleet(args: &Fleet) -> Result<Outcome, Fault> {
     let settings = settings(&args.settings)?;
     let ended = shutdown_signal()?;
     let on_listening = |address: &FleetAddress| {
-        tracing::info!("the office's page: {}", address.url);
+        tracing::info!("web page of the office server: {}", address.url);
         if let Some(fingerprint) = &address.fingerprint {
             tracing::info!("SHA-256 of the page's self-signed certificate: {fingerprint}");
         }
     };
     run_to_end(serve_fleet(&settings, on_listening, ended))?;
-    Ok(message_outcome("the server of the office's page has stopped"))
+    Ok(message_outcome("the web page of the office server has stopped"))
 }
 
 fn account(args: &ArchiveAccount) -> Result<Outcome, Fault> {
@@ -85,7 +85,7 @@ fn account(args: &ArchiveAccount) -> Result<Outcome, Fault> {
         user::check_account((&args.name, &printed_name), Role::Viewer, &user::read_new_password(&args.name)?)?;
     let account = OfficeAccount { name: account.name, printed_name, password_hash: account.password_hash };
     run_to_end(Reader::new(&settings).store_account(&account))?;
-    Ok(message_outcome(&format!("account {}: may view the office's page", account.name)))
+    Ok(message_outcome(&format!("account {}: may view the web page of the office server", account.name)))
 }
 
 fn run_offer(args: &OfferRecipe) -> Result<Outcome, Fault> {
@@ -153,7 +153,7 @@ fn describe_cell(one: &CheckedCell) -> String {
     let CheckedCell { cell, records, signatures, files, missing_in_cell: gone, matching: same, .. } = one;
     let same = same
         .map_or("not compared with the cell".to_owned(), |same| format!("{same} identical to those of the cell"));
-    let gone = if *gone > 0 { format!(", {gone} files no longer existed in the cell") } else { String::new() };
+    let gone = if *gone > 0 { format!(", {gone} files no longer exist in the cell") } else { String::new() };
     format!("cell {cell}: {records} records, {same}; {signatures} signatures valid; {files} files undamaged{gone}")
 }
 
@@ -173,7 +173,7 @@ fn list(named: &str) -> Result<CellList, Fault> {
     let cell = CellName::new(name).map_err(unfit)?;
     if place.is_empty() {
         return Err(unfit(
-            "nothing follows the =; name the folder of the cell's store or the file of its list".to_owned(),
+            "the text after = is missing; name the folder of the cell's store or the file of its list".to_owned(),
         ));
     }
     let place = Path::new(place);

@@ -35,7 +35,7 @@ pub(super) fn connected(place: impl ToSocketAddrs + Send + 'static, within: Dura
     });
     receiver
         .recv_timeout(2 * within)
-        .unwrap_or_else(|_| Err(format!("no answer within {} s", 2 * within.as_secs())))
+        .unwrap_or_else(|_| Err(format!("no response within {} s", 2 * within.as_secs())))
 }
 
 /// Time limit for the response of the controller.
@@ -48,16 +48,16 @@ pub(super) struct FoundDevices {
 }
 
 /// Finds the GigE Vision cameras on all networks of this computer.
-pub(super) fn gige_cameras() -> FoundDevices {
+pub(super) fn find_gige_cameras() -> FoundDevices {
     match gige::search() {
         Ok(cameras) if cameras.is_empty() => FoundDevices {
             serials: vec![],
-            description: "no GigE Vision camera answers on the networks of this machine".to_owned(),
+            description: "no GigE Vision camera responds on the networks of this computer".to_owned(),
         },
         Ok(cameras) => {
             let each: Vec<String> =
                 cameras.iter().map(|camera| format!("serial {} at {}", camera.serial, camera.address)).collect();
-            let words = format!("GigE Vision cameras that answer: {}", each.join("; "));
+            let words = format!("GigE Vision cameras that respond: {}", each.join("; "));
             FoundDevices { serials: cameras.into_iter().map(|camera| camera.serial).collect(), description: words }
         }
         Err(words) => FoundDevices { serials: vec![], description: words },
@@ -65,17 +65,17 @@ pub(super) fn gige_cameras() -> FoundDevices {
 }
 
 /// Finds the connected Zivid camera, if there is only one.
-pub(super) fn zivid_camera() -> FoundDevices {
-    match single_zivid_serial() {
+pub(super) fn find_zivid_camera() -> FoundDevices {
+    match find_single_zivid_serial() {
         Ok(serial) => {
-            FoundDevices { description: format!("a Zivid camera answers: serial {serial}"), serials: vec![serial] }
+            FoundDevices { description: format!("a Zivid camera responds: serial {serial}"), serials: vec![serial] }
         }
         Err(words) => FoundDevices { serials: vec![], description: format!("no Zivid camera was found: {words}") },
     }
 }
 
 /// Returns the serial number of the connected camera, if there is only one. Afterwards the worker releases the camera.
-fn single_zivid_serial() -> Result<String, String> {
+fn find_single_zivid_serial() -> Result<String, String> {
     let setup = CameraSetup {
         source: Source::Only,
         // No camera has an empty serial number, so the worker reports the camera that it finds and changes none of its
@@ -102,6 +102,6 @@ pub(super) fn controller(host: &str, port: u16) -> String {
     let place = format!("{host}, port {port}");
     match connected((host.to_owned(), port), RESPONSE_TIMEOUT) {
         Ok(()) => format!("{place}: the controller accepts connections; `panelprep doctor` checks more"),
-        Err(problem) => format!("{place}: no answer yet: {problem}"),
+        Err(problem) => format!("{place}: no response yet: {problem}"),
     }
 }

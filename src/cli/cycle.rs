@@ -146,7 +146,7 @@ fn run_once(
 fn sign(files: &CellFiles, progress: &dyn Fn(&str)) {
     let report = |result: Result<String, String>| progress(&result.unwrap_or_else(|problem| problem));
     if let Err(fault) = signed::sign_missing(files, &report) {
-        progress(&format!("the records could not be signed: {fault}"));
+        progress(&format!("the records could not be signed: {fault}; they are signed at the next start"));
     }
 }
 
@@ -259,7 +259,7 @@ impl CycleRun {
         }
         let passes = report::describe_grids(&self.stored.record);
         if self.stored.record.is_air_run() {
-            outcome.add_line("air-run: the panel was neither tested nor abraded");
+            outcome.add_line("air-run: the panel was neither inspected nor sanded");
         }
         outcome.add_line(format!(
             "abraded: {}",

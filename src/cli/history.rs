@@ -369,7 +369,8 @@ fn trend_columns(trend: &Trend) -> Vec<String> {
             format_value(usual.mean),
             format_value(usual.sigma)
         ),
-        None => format!("fewer than {} values: no hints", panelprep_store::history::western_electric::MIN_VALUES),
+        None => format!("no hints: there are fewer than {} \
+            values", panelprep_store::history::western_electric::MIN_VALUES),
     });
     words.extend((trend.without > 0).then(|| format!("{} more cycles do not have this value", trend.without)));
     words

@@ -67,11 +67,11 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
 }
 
 /// Bin limits of the histogram of break sizes, mm².
-const SIZE_CLASSES_MM2: [f64; 6] = [0.0, 5.0, 25.0, 50.0, 200.0, f64::INFINITY];
+const SIZE_BIN_LIMITS_MM2: [f64; 6] = [0.0, 5.0, 25.0, 50.0, 200.0, f64::INFINITY];
 /// Area at which a break begins, mm²: the time of a break is the time at which its broken area first reaches this size.
 const MIN_TIMED_BREAK_MM2: f64 = 10.0;
 /// Bin limits of the histogram of delays, s.
-const DELAY_CLASSES_S: [f64; 7] = [f64::NEG_INFINITY, -1.0, -0.5, 0.0, 0.5, 1.0, f64::INFINITY];
+const DELAY_BIN_LIMITS_S: [f64; 7] = [f64::NEG_INFINITY, -1.0, -0.5, 0.0, 0.5, 1.0, f64::INFINITY];
 
 /// A true break of the film, and how it was detected.
 struct TrueBreak {
@@ -173,18 +173,18 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
 }
 
 /// Returns for each size bin its name, the number of true breaks, and the number of missed breaks.
-fn detection_by_size(rows: &[Row]) -> Vec<(String, usize, usize)> {
+fn count_detections_by_size(rows: &[Row]) -> Vec<(String, usize, usize)> {
     let breaks = || rows.iter().flat_map(|row| &row.breaks);
     let class = |ends: &[f64]| {
         let of = || breaks().filter(|one| (ends[0]..ends[1]).contains(&one.area_mm2));
         (format_range(ends, "mm²"), of().count(), of().filter(|one| !one.found).count())
     };
-    SIZE_CLASSES_MM2.windows(2).map(class).collect()
+    SIZE_BIN_LIMITS_MM2.windows(2).map(class).collect()
 }
 
-fn delays_by_class(rows: &[Row]) -> Vec<(String, usize)> {
+fn count_delays_by_bin(rows: &[Row]) -> Vec<(String, usize)> {
     let late = || rows.iter().flat_map(|row| &row.breaks).filter_map(|one| one.late_s);
-    DELAY_CLASSES_S
+    DELAY_BIN_LIMITS_S
         .windows(2)
         .map(|ends| (format_range(ends, "s"), late().filter(|s| (ends[0]..ends[1]).contains(s)).count()))
         .collect()
@@ -239,7 +239,7 @@ fn build_outcome(rows: &[Row]) -> Outcome {
     outcome.add_line(format!(
         "grids: {true_fail} rightly failed, {false_fail} wrongly failed, {false_pass} wrongly passed, {true_pass} rightly passed"
     ));
-    let sizes = detection_by_size(rows);
+    let sizes = count_detections_by_size(rows);
     for (class, places, missed) in &sizes {
         outcome.add_line(format!("  breaks of {class:16} {places:4}, missed {missed:4}"));
     }
@@ -268,14 +268,14 @@ fn build_outcome(rows: &[Row]) -> Outcome {
 }
 
 fn plot_results(rows: &[Row]) -> Result<[(&'static str, panelprep_base::geometry::ColorPicture); 2], Fault> {
-    let missed: Vec<BarClass> = detection_by_size(rows)
+    let missed: Vec<BarClass> = count_detections_by_size(rows)
         .into_iter()
         .map(|(class, places, missed)| BarClass {
             label: format!("{class} ({missed} of {places})"),
             share: missed as f64 / places.max(1) as f64,
         })
         .collect();
-    let lateness = delays_by_class(rows);
+    let lateness = count_delays_by_bin(rows);
     let all: usize = lateness.iter().map(|(_, count)| count).sum();
     let late: Vec<BarClass> = lateness
         .into_iter()

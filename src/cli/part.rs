@@ -67,21 +67,21 @@ pub fn check_pass_limit(
     if used < most {
         return Ok(());
     }
-    let stated = (lost > 0).then(|| format!("lost cycles, as stated: {}", counted(usize::from(lost))));
+    let stated = (lost > 0).then(|| format!("lost cycles, as stated: {}", format_pass_count(usize::from(lost))));
     let known = (!earlier.is_empty()).then(|| history(earlier));
     let history = known.into_iter().chain(stated).collect::<Vec<_>>().join("; ");
     Err(RecordFault::PartUsedUp { part, most, history }.into())
 }
 
 /// Returns a number of passes with its noun, for example "2 passes".
-fn counted(passes: usize) -> String {
+fn format_pass_count(passes: usize) -> String {
     if passes == 1 { "1 pass".to_owned() } else { format!("{passes} passes") }
 }
 
 /// Returns a list of cycles with their numbers of passes, as a text.
 pub fn history(earlier: &[PassesOfCycle]) -> String {
     let words = |PassesOfCycle { cycle, started_unix_s, passes, .. }: &PassesOfCycle| {
-        format!("cycle {cycle} of {}: {}", utc_day(*started_unix_s), counted(*passes))
+        format!("cycle {cycle} of {}: {}", utc_day(*started_unix_s), format_pass_count(*passes))
     };
     earlier.iter().map(words).collect::<Vec<_>>().join("; ")
 }

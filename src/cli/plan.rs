@@ -236,11 +236,11 @@ impl PlannedPath {
                 disc.wear_after_mm2 - disc.swept_mm2
             ),
             format!(
-                "covered            {:8.2} %, longest time under the disc {:.2} s",
+                "covered            {:8.2} %, maximum dwell time {:.2} s",
                 100.0 * dwell.share(),
                 dwell.longest_s()
             ),
-            self.describe_evenness(recipe),
+            self.describe_uniformity(recipe),
             "grid      covered %   overlap %   left mm²   mean s    5 % s   95 % s   ratio".to_owned(),
         ];
         table.extend(dwell.grids.iter().map(|grid| {
@@ -277,14 +277,14 @@ impl PlannedPath {
     }
 
     /// Returns a line about the uniformity of the dwell time.
-    fn describe_evenness(&self, recipe: &Recipe) -> String {
+    fn describe_uniformity(&self, recipe: &Recipe) -> String {
         let (Some(dwell), Some((ratio, grid))) = (self.stage.plan.dwell, self.stage.plan.dwell_ratio()) else {
-            return "time under disc    nothing is treated".to_owned();
+            return "dwell time         nothing is treated".to_owned();
         };
         let whose = grid.map_or("all together".to_owned(), |id| format!("the worst, {id}"));
         let [ratio, allowed] = distinguishable_texts(ratio, recipe.path().max_dwell_ratio(), 2);
         format!(
-            "time under disc    {:8} s at 5 % of the treated area, {} s at 95 %; ratio {ratio} ({whose}), limit \
+            "dwell time         {:8} s at 5 % of the treated area, {} s at 95 %; ratio {ratio} ({whose}), limit \
              {allowed}",
             fixed_decimals(dwell.low_s, 2),
             fixed_decimals(dwell.high_s, 2)

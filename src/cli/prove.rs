@@ -49,12 +49,12 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     let mut run = ProofRun::begin(args, files, (stage, begin))?;
     if begin.kind == ControllerKind::Mock {
         tell(
-            "a MOCK controller answered: this is a rehearsal, which proves nothing about a real controller; do not \
-             sign its page",
+            "a MOCK controller responded: this is a rehearsal, which is not valid for a real controller; do not sign \
+                its page",
         );
     }
     tell(&format!("stage {}, {} rows; {}", stage.letter(), run.proofs.len(), stage.conditions()));
-    run.go_through(tell)?;
+    run.run_tests(tell)?;
     run.end()
 }
 
@@ -125,16 +125,16 @@ impl<'r> ProofRun<'r> {
 
     /// Runs the tests in their order. This program's own tests come first: in T1 a person holds the Start key during
     /// these tests only.
-    fn go_through(&mut self, tell: &dyn Fn(&str)) -> Result<(), Fault> {
+    fn run_tests(&mut self, tell: &dyn Fn(&str)) -> Result<(), Fault> {
         let mut answers = std::io::stdin().lock().lines().map_while(Result::ok);
-        let is_tried = |place: &usize| unattended::for_row(self.proofs[*place].assumption.number).is_some();
+        let is_tried = |place: &usize| unattended::find_test_for_row(self.proofs[*place].assumption.number).is_some();
         let (tried, asked): (Vec<usize>, Vec<usize>) = (0..self.proofs.len()).partition(is_tried);
         for place in tried.into_iter().chain(asked) {
             let assumption = self.proofs[place].assumption.clone();
             tell(&format!("{}. {}", assumption.number, assumption.assumed));
-            let proof = match unattended::for_row(assumption.number) {
+            let proof = match unattended::find_test_for_row(assumption.number) {
                 Some(attempt) => {
-                    let (finding, evidence) = attempted(self.files, attempt)?;
+                    let (finding, evidence) = run_attempt(self.files, attempt)?;
                     Proof { assumption, finding, evidence, tried: true }
                 }
                 None => ask_observation(assumption, &mut answers, tell),
@@ -216,10 +216,11 @@ fn describe_end(page: &ProofPage<'_>, file: &str) -> String {
         PageBasis::Real => format!("page: {file}. {}", page.describe_unproven()),
         PageBasis::Mock => format!("page: {file}; from a rehearsal on a mock controller, nothing to sign"),
         PageBasis::Unknown | PageBasis::Unconfirmed => {
-            format!("page: {file}; no controller answered at the end: do not sign the page; run the command again")
+            format!("page: {file}; no controller responded at the end: do not sign the page; run the command again")
         }
         PageBasis::OtherPrograms => format!(
-            "page: {file}; the controller's programs were changed during the proofs: do not sign the page; accept the programs \
+            "page: {file}; the controller's programs changed during the tests: do not sign the \
+                page; accept the programs \
              (`panelprep doctor --kuka DIR --accept`), then run the command again"
         ),
     }
@@ -227,7 +228,7 @@ fn describe_end(page: &ProofPage<'_>, file: &str) -> String {
 
 /// Runs a test of this program. The store is locked during the test, so that no other program of this cell uses the
 /// controller.
-fn attempted(files: &CellFiles, attempt: unattended::Attempt) -> Result<(Finding, String), Fault> {
+fn run_attempt(files: &CellFiles, attempt: unattended::Attempt) -> Result<(Finding, String), Fault> {
     match files.settled_store() {
         Ok(_store) => attempt(&files.cell),
         Err(fault) => Ok((Finding::Open, fault.to_string())),
@@ -270,14 +271,14 @@ fn judgement(proofs: &[Proof], basis: PageBasis) -> Judgement {
         PageBasis::Real => None,
         PageBasis::Mock => Some((
             "mock_controller",
-            "a mock controller answered: tests on a mock controller prove nothing about a real controller",
+            "a mock controller responded: its tests are not valid for a real controller",
         )),
         PageBasis::Unknown | PageBasis::Unconfirmed => {
-            Some(("no_controller", "no controller answered at the end of the proofs: they prove nothing"))
+            Some(("no_controller", "no controller responded at the end of the tests: their results are not valid"))
         }
         PageBasis::OtherPrograms => Some((
             "other_programs",
-            "the controller reports other programs at the end than at the beginning of the proofs: they prove nothing",
+            "the controller's programs changed during the tests: their results are not valid",
         )),
     };
     let of_proofs = proofs.iter().filter(|proof| !proof.is_proven()).map(|proof| {

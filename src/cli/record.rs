@@ -25,10 +25,10 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The name of the systemd credential that contains the signing key of the cell (`LoadCredential=`).
-const CREDENTIAL: &str = "panelprep-record-key";
-const HEAD: &str = "head.json";
-const PUBLIC_KEY: &str = "public-key.pem";
-const FILES: &str = "files";
+const KEY_CREDENTIAL_NAME: &str = "panelprep-record-key";
+const HEAD_FILE_NAME: &str = "head.json";
+const PUBLIC_KEY_FILE_NAME: &str = "public-key.pem";
+const FILES_FOLDER_NAME: &str = "files";
 
 /// Runs one task of `panelprep record`.
 ///
@@ -49,7 +49,7 @@ pub fn run(args: &RecordCommand, common: &Common) -> Result<Outcome, Fault> {
 /// # Errors
 /// If the key cannot be read or created.
 pub fn key(files: &CellFiles) -> Result<CellKey, Fault> {
-    let credential = std::env::var_os("CREDENTIALS_DIRECTORY").map(|folder| PathBuf::from(folder).join(CREDENTIAL));
+    let credential = std::env::var_os("CREDENTIALS_DIRECTORY").map(|folder| PathBuf::from(folder).join(KEY_CREDENTIAL_NAME));
     let place = match (files.cell.record_key(), credential.filter(|file| file.exists())) {
         (Some(file), _) => KeyLocation::File(file.to_owned()),
         (None, Some(file)) => KeyLocation::Provided(file),
@@ -155,12 +155,12 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
             args.out.join(format!("{}.json", signing::cycle_stem(cycle))).display()
         ));
     }
-    written.push(args.out.join(PUBLIC_KEY));
+    written.push(args.out.join(PUBLIC_KEY_FILE_NAME));
     let keys = store_public_keys(files.store_folder())?;
     let pem = keys.iter().map(PublicKey::to_pem).collect::<Result<String, _>>().map_err(Fault::stage)?;
-    disk::write(&args.out.join(PUBLIC_KEY), pem)?;
-    written.extend(write_head(&store, &key, &args.out.join(HEAD))?.1);
-    outcome.add_line(format!("public key {}: {}", key.public_key().hex(), args.out.join(PUBLIC_KEY).display()));
+    disk::write(&args.out.join(PUBLIC_KEY_FILE_NAME), pem)?;
+    written.extend(write_head(&store, &key, &args.out.join(HEAD_FILE_NAME))?.1);
+    outcome.add_line(format!("public key {}: {}", key.public_key().hex(), args.out.join(PUBLIC_KEY_FILE_NAME).display()));
     outcome.add_value("files", json!(written));
     outcome.add_value("public_key", json!(key.public_key().hex()));
     Ok(outcome)
@@ -209,7 +209,7 @@ fn export_row(store: &Store, row: &SignatureRow, out: &Path) -> Result<Vec<PathB
         for (_, hash) in signing::exported_files(&cycle) {
             // A missing or incomplete file is skipped here; `record verify` reports it.
             if let Ok(bytes) = store.blob(&hash) {
-                let file = out.join(FILES).join(&hash);
+                let file = out.join(FILES_FOLDER_NAME).join(&hash);
                 disk::write(&file, bytes)?;
                 written.push(file);
             }
@@ -365,7 +365,7 @@ fn read_export(path: &Path, export: &mut ExportContent) -> Result<(), Fault> {
             export.pdfs.insert(name, content_hash(&disk::read(&file)?));
         }
     }
-    let files = folder.join(FILES);
+    let files = folder.join(FILES_FOLDER_NAME);
     if files.is_dir() {
         let all = export.files.get_or_insert_default();
         for file in list_folder(&files)? {

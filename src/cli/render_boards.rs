@@ -27,8 +27,8 @@ use std::path::{Path, PathBuf};
 const TARGET: (&str, f64) = ("5x4", 40.0);
 const POSES: usize = 15;
 /// Number of poses for the calibration of the arm, which needs more poses than a camera mount.
-const ARM_POSES: usize = 20;
-const LENS_PICTURES: usize = 25;
+const ARM_POSE_COUNT: usize = 20;
+const LENS_PICTURE_COUNT: usize = 25;
 /// The pose noise of the simulated robot.
 pub(super) const ROBOT_NOISE: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.005 };
 const TOUCH_NOISE_MM: f64 = 0.1;
@@ -151,11 +151,11 @@ pub fn write(
     let cell = BoardCell::new(seed, BoardPrint::chessboard(9, 6, 25.0), ROBOT_NOISE).with_reduction(reduction);
     let board = Board::parse("9x6", 25.0).map_err(Fault::stage)?;
     let lens: Vec<BoardShot<panelprep_base::geometry::FlangeCamera>> =
-        cell.lens_shots(&cell.flange_camera(), LENS_PICTURES);
+        cell.lens_shots(&cell.flange_camera(), LENS_PICTURE_COUNT);
     pictures(rendered, "lens", (&cell, &cell.flange_camera()), &lens)?;
-    let poses = if arm.is_some() { ARM_POSES } else { POSES };
-    let fixed = within_reach(arm, poses, |count| cell.fixed_shots(count));
-    let flange = within_reach(arm, poses, |count| cell.flange_shots(count));
+    let poses = if arm.is_some() { ARM_POSE_COUNT } else { POSES };
+    let fixed = select_reachable_shots(arm, poses, |count| cell.fixed_shots(count));
+    let flange = select_reachable_shots(arm, poses, |count| cell.flange_shots(count));
     pictures(rendered, "fixed", (&cell, &cell.scanner()), &fixed)?;
     pictures(rendered, "flange", (&cell, &cell.flange_camera()), &flange)?;
     disk::write(&rendered.file_path("boards/fixed/poses.toml"), poses_text(arm, &fixed)?)?;
@@ -219,7 +219,7 @@ pub fn write_force(rendered: &RenderedFiles) -> Result<(), Fault> {
 }
 
 /// Returns this number of board poses that the arm can reach; an arm with its nominal geometry reaches all of them.
-fn within_reach<C: Frame>(
+fn select_reachable_shots<C: Frame>(
     arm: Option<&RealArm>,
     count: usize,
     shots: impl Fn(usize) -> Vec<BoardShot<C>>,
@@ -420,7 +420,7 @@ const MAX_RELATIVE_DIFFERENCE: f64 = 0.05;
 /// Maximum relative difference of a disc's removal from the mean of all discs, to either side.
 const MAX_DISC_DIFFERENCE: f64 = 0.03;
 /// The names of the measured places on each coupon.
-const MEASURED_PLACES: [&str; 3] = ["left", "middle", "right"];
+const MEASURED_PLACE_NAMES: [&str; 3] = ["left", "middle", "right"];
 /// For each coupon, the force, N, and the area that its disc had already swept, mm²; each disc has two coupons.
 const COUPONS: [(f64, f64); 8] = [
     (20.0, 0.0),
@@ -445,8 +445,8 @@ pub fn write_coupons(seed: u64, rendered: &RenderedFiles) -> Result<(), Fault> {
     let discs: Vec<f64> = (0..COUPONS.len() / 2)
         .map(|_| 1.0 + random.random_range(-MAX_DISC_DIFFERENCE..MAX_DISC_DIFFERENCE))
         .collect();
-    for index in 0..MEASURED_PLACES.len() * COUPONS.len() {
-        let number = index / MEASURED_PLACES.len();
+    for index in 0..MEASURED_PLACE_NAMES.len() * COUPONS.len() {
+        let number = index / MEASURED_PLACE_NAMES.len();
         // The forces are below and above the force in the recipe of the simulated cell.
         let (passes, (force_n, worn_mm2)) = ([1.0, 2.0, 4.0][index % 3], COUPONS[number]);
         let (name, disc, lines) = (format!("C{}", number + 1), format!("D{}", number / 2 + 1), Lines::One);
@@ -466,7 +466,7 @@ pub fn write_coupons(seed: u64, rendered: &RenderedFiles) -> Result<(), Fault> {
         let k = PRESTON_MM2_PER_N * (-DECAY_PER_MM2 * worn_mm2).exp();
         let depth_um = 1_000.0 * k * coupon.exposure_n_mm(&COUPON_TOOL) * own;
         let before_um = 120.0 + random.random_range(-2.0..2.0);
-        let place = MEASURED_PLACES[index % MEASURED_PLACES.len()];
+        let place = MEASURED_PLACE_NAMES[index % MEASURED_PLACE_NAMES.len()];
         let after_um = before_um - depth_um;
         #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
         let _ = writeln!(

@@ -228,7 +228,7 @@ fn parse_six_numbers(text: &str) -> Result<[f64; 6], String> {
             _ => Err(format!("\"{}\" is not a number", part.trim())),
         })
         .collect::<Result<_, _>>()?;
-    <[f64; 6]>::try_from(numbers).map_err(|numbers| format!("{} numbers, but six are needed", numbers.len()))
+    <[f64; 6]>::try_from(numbers).map_err(|numbers| format!("found {} numbers, expected six", numbers.len()))
 }
 
 fn state_to_json(state: &State, io: &InputsOutputs) -> Value {

@@ -26,7 +26,7 @@ use serde_json::{Value, json};
 use std::sync::Arc;
 
 /// Spacing of the sample points with which coverage is measured, mm.
-const LATTICE_MM: f64 = 1.0;
+const SAMPLE_SPACING_MM: f64 = 1.0;
 
 /// The comparison of a cycle with the ground truth of the simulation.
 pub struct Score {
@@ -138,11 +138,11 @@ impl Score {
     fn lines(&self) -> Vec<(String, String)> {
         let mut lines = Vec::new();
         if let Some(error) = self.located {
-            let value = format!("{:.2} mm on average, {:.2} mm at most", error.mean_mm, error.max_mm);
+            let value = format!("mean {:.2} mm, maximum {:.2} mm", error.mean_mm, error.max_mm);
             lines.push(("located by 3D, error over the panel".to_owned(), value));
         }
         if let Some(error) = self.refined {
-            let value = format!("{:.2} mm on average, {:.2} mm at most", error.mean_mm, error.max_mm);
+            let value = format!("mean {:.2} mm, maximum {:.2} mm", error.mean_mm, error.max_mm);
             lines.push(("after the corner pictures, error over the panel".to_owned(), value));
         }
         for (index, one) in self.inspections.iter().enumerate() {
@@ -180,10 +180,11 @@ impl Score {
         }
         if let Some(after) = self.after_tool_fault {
             let value = after.map_or(
-                "no path in contact reached the waypoint of the fault".to_owned(),
+                "no sanding path reached the waypoint of the injected fault: choose a smaller waypoint \
+                    number".to_owned(),
                 AfterToolFault::describe_reaction,
             );
-            lines.push(("reaction to the tool's fault".to_owned(), value));
+            lines.push(("reaction to the injected tool fault".to_owned(), value));
         }
         lines
     }
@@ -295,7 +296,7 @@ fn sanded_mm2(grid: &Grid, touched: &TouchedPoints, truth: &CellTruth) -> f64 {
 /// Returns sample points of a grid on the true surface; each represents nearly the same area.
 fn surface_grid(grid: &Grid, truth: &CellTruth) -> Vec<Point<Panel>> {
     let [a, b, c, d] = grid.corners.map(|corner| corner.mm.coords);
-    let steps = |length_mm: f64| (length_mm / LATTICE_MM).ceil().max(1.0) as usize;
+    let steps = |length_mm: f64| (length_mm / SAMPLE_SPACING_MM).ceil().max(1.0) as usize;
     let (across, down) = (steps((b - a).norm().max((c - d).norm())), steps((d - a).norm().max((c - b).norm())));
     let at = |index: usize| {
         let share = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;

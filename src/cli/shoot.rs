@@ -58,7 +58,7 @@ pub fn run(args: &Shoot, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
 
 /// Returns the file names of one capture, one for each file extension, with the first number that no file in the folder
 /// has.
-pub(super) fn free_names(folder: &Path, name: &str, extensions: &[&str]) -> Vec<PathBuf> {
+pub(super) fn find_free_names(folder: &Path, name: &str, extensions: &[&str]) -> Vec<PathBuf> {
     let of = |number: u32| {
         extensions.iter().map(move |extension| folder.join(format!("{name}_{number:04}.{extension}")))
     };
@@ -77,7 +77,7 @@ fn take_scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Resul
     let outcome = &mut outcome_json;
     for _ in 0..args.count {
         let shot = opened.camera.capture_3d().map_err(Fault::stage)?;
-        let names = free_names(&args.out, "scan", &["pcd", "ply", "png"]);
+        let names = find_free_names(&args.out, "scan", &["pcd", "ply", "png"]);
         let of_lens =
             lens.filter(|lens| (lens.width_px, lens.height_px) == (shot.cloud.width(), shot.cloud.height()));
         let checked = match &of_lens {
@@ -125,7 +125,7 @@ fn pictures(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &d
     let mut all = Vec::new();
     for _ in 0..args.count {
         let shot = opened.camera.capture_2d().map_err(Fault::stage)?;
-        let names = free_names(&args.out, "picture", &["png"]);
+        let names = find_free_names(&args.out, "picture", &["png"]);
         let mut description = write_picture(outcome, &names, &shot.picture, shot.time_s)?;
         conditions(outcome, &mut description, opened.camera.conditions());
         all.push(description);
@@ -141,7 +141,7 @@ fn corners(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dy
     for _ in 0..args.count {
         let before = poses.now();
         let shot = opened.camera.capture().map_err(Fault::stage)?;
-        let names = free_names(&args.out, "corner", &["png", "json"]);
+        let names = find_free_names(&args.out, "corner", &["png", "json"]);
         let mut description = write_picture(outcome, &names[..1], &shot.picture, shot.time_s)?;
         conditions(outcome, &mut description, opened.camera.conditions());
         all.push(description);

@@ -202,13 +202,13 @@ fn format_count(count: usize, word: &str) -> String {
 /// Returns a text that states whether parts may have been sanded between the backup and the restore.
 fn describe_time_since_backup(since: &SinceBackup) -> String {
     let abraded = if since.is_nothing_abraded {
-        "nothing was abraded since the backup: the replaced store shows it, and its last cycle is the one that --last-cycle \
-         states"
+        "nothing was sanded since the backup: the last cycle in the replaced store is the one that --last-cycle \
+            states"
     } else {
-        "it is not proven that nothing was abraded since the backup: each part needs a statement at its first start \
+        "parts may have been sanded since the backup: each part needs a statement at its first start \
          (`--lost-passes NUMBER`, or `--another-part` for a part without a serial number)"
     };
-    format!("later cycles are numbered above {}; {abraded}", since.last_cycle)
+    format!("new cycles get numbers above {}; {abraded}", since.last_cycle)
 }
 
 /// Restores a backup from an archive file.

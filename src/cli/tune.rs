@@ -137,7 +137,8 @@ fn film_outcome(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
         found.detection_limit_mm2, demands.min_break_mm2
     ));
     outcome.add_line(format!(
-        "places that looked dry and then wet again: dry for up to {:.1} s; a break must be seen for {persist_s} s",
+        "pixels that appeared dry and then wet again were dry for up to {:.1} s; a break must persist for \
+            {persist_s} s",
         found.flash_s
     ));
     let unseen: Vec<String> = found.unseen_if_sanded.iter().map(ToString::to_string).collect();

@@ -161,16 +161,16 @@ fn the_numbers_are_those_of_client_and_mock() {
     // client closes first.
     assert!(of("CELL_SILENT_MS") > 1000.0);
     for (ours, mocks, unit) in [
-        ("CELL_WATCHDOG_MS", "WATCHDOG_MS", 1.0),
-        ("CELL_RING_N", "RING", 1.0),
+        ("CELL_WATCHDOG_MS", "WATCHDOG_TIMEOUT_MS", 1.0),
+        ("CELL_RING_N", "RING_ENTRIES", 1.0),
         ("CELL_PER_CYCLE", "COMMANDS_PER_TICK", 1.0),
         ("CELL_ADVANCE", "ADVANCE_MOTIONS", 1.0),
         ("CELL_STATE_MS", "STATE_INTERVAL_MS", 1.0),
         ("CELL_ACK_MS", "ACK_INTERVAL_MS", 1.0),
         ("CELL_CYCLE_MS", "TICK_MS", 1.0),
-        ("CELL_SILENT_MS", "SILENCE_MS", 1.0),
+        ("CELL_SILENT_MS", "CLIENT_SILENCE_TIMEOUT_MS", 1.0),
         ("CELL_EPOCH_STEP", "MAX_EPOCH_STEP", 1.0),
-        ("CELL_OFF_AGAIN_MS", "FORCED_OFF_MS", 1.0),
+        ("CELL_OFF_AGAIN_MS", "FORCED_OFF_DURATION_MS", 1.0),
         ("CELL_LINE_ALONE", "UNCONNECTED_LINE_OUTPUTS", 1.0),
         ("CELL_RETRACT_MM", "RETRACT_MM", 1.0),
         ("CELL_RETRACT_VEL", "RETRACT_MM_S", 1000.0),

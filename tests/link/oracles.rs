@@ -17,7 +17,7 @@ const MAX_SLOW_RETRACT_MS: u64 = 1_600;
 /// braking, ms.
 const MAX_EPOCH_END_MS: u64 = 400 + 400 + BRAKE_MS;
 /// The longest time after which the connection of a client that sends nothing is closed and the epoch ends, ms.
-const SILENCE_MS: u64 = 3_000 + 400;
+const CLIENT_SILENCE_TIMEOUT_MS: u64 = 3_000 + 400;
 /// Time in which the pad must be off the surface after a stop in contact, ms.
 const MAX_LEAVE_MS: u64 = 100;
 /// Contact without motion.
@@ -337,7 +337,7 @@ impl Oracles {
     /// Returns the time at which the controller ended an epoch that the client had ended at the given time, plus the
     /// time that the controller's program may need.
     fn late_end_ms(&self, cell: &Insides<'_>, closed_ms: u64) -> u64 {
-        let latest_ms = closed_ms + SILENCE_MS + self.delay_ms;
+        let latest_ms = closed_ms + CLIENT_SILENCE_TIMEOUT_MS + self.delay_ms;
         let stop = cell.controller.program_stops().last().filter(|stop| stop.time_ms <= latest_ms);
         stop.map_or(0, |stop| stop.time_ms + PROGRAMS_MS)
     }

@@ -42,7 +42,7 @@ fn each_planted_fault_of_the_camera_is_named() {
         ("crash", "C11 the 3D camera's worker ended (signal: 6 (SIGABRT)"),
         ("gone", "C2 the 3D camera was lost during a 3D shot: the camera does not answer"),
         ("missing", "C6 no 3D data: 0.00 % of the shot's pixels have a point"),
-        ("infinite", "C4 the shot was discarded, because 1 points have an infinite coordinate"),
+        ("infinite", "C4 the scan was discarded, because 1 points have an infinite coordinate"),
         ("half", "C5 a 3D shot: 81×50 px, but the camera's calibration is for 162×100"),
     ];
     for (fault, words) in cases {
@@ -82,7 +82,7 @@ fn a_connected_camera_that_cannot_be_opened_states_why() {
             "C5 the 3D camera needs other firmware: camera STUB0001 has firmware 2.17.0+played",
         ),
         ("busy", "C1 the 3D camera is in use: camera STUB0001 is connected to another program or computer"),
-        ("inaccessible", "C1 the 3D camera cannot be reached: camera STUB0001 is seen on the network"),
+        ("inaccessible", "C1 the 3D camera cannot be reached: camera STUB0001 was detected on the network"),
     ];
     for (status, words) in cases {
         let folder = tempfile::tempdir().expect("a folder");
@@ -90,7 +90,7 @@ fn a_connected_camera_that_cannot_be_opened_states_why() {
         let scanner = ZividScanner::start(setup, launch).expect("a thread");
         let message = scanner.wait_ready(TIMEOUT).expect_err(status).to_string();
         assert!(
-            message.starts_with(words) && message.contains("In the SDK's words: the camera cannot be connected"),
+            message.starts_with(words) && message.contains("Message of the SDK: the camera cannot be connected"),
             "{message}"
         );
         assert!(!message.contains("cable"), "{message}");

@@ -65,7 +65,7 @@ impl Mounted for FlangeCameraMount {
 }
 
 /// Reads the cell file if it exists; it is used only for limits.
-pub fn cell_if_present(common: &Common) -> Result<Option<Cell>, Fault> {
+pub fn read_cell_if_present(common: &Common) -> Result<Option<Cell>, Fault> {
     if !common.cell.is_file() {
         return Ok(None);
     }
@@ -91,7 +91,7 @@ impl CorrectionInUse {
     /// # Errors
     /// If a file cannot be read or is invalid.
     pub fn load(named: Option<&Path>, common: &Common) -> Result<Option<Self>, Fault> {
-        let cell = cell_if_present(common)?;
+        let cell = read_cell_if_present(common)?;
         let of_cell = cell.as_ref().and_then(|cell| cell.calibration().robot_correction.clone());
         let Some(file) = named.map(Path::to_owned).or(of_cell) else { return Ok(None) };
         let cell = match cell {

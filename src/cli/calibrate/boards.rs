@@ -137,7 +137,7 @@ impl Target {
             let stated = BoardSize { board: named.board.clone(), square_mm: requested.square_mm() };
             let message = format!(
                 "the target file states {size}, but the command states {stated}; correct --board and --square-mm, \
-                 or leave both out, or write the target again with --learn"
+                 or omit both, or write the target again with --learn"
             );
             return Err(Fault::file_fault(file, CalibError::Points(message)));
         }

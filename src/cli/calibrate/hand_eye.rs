@@ -6,7 +6,7 @@ use super::super::disk;
 use super::super::fault::Fault;
 use super::super::output::Outcome;
 use super::args::{HandEye as Args, MountName};
-use super::arm_correction::{CorrectionInUse, Mounted, cell_if_present, read_intrinsics};
+use super::arm_correction::{CorrectionInUse, Mounted, read_cell_if_present, read_intrinsics};
 use super::boards::{self, BoardImage};
 use super::files;
 use super::output::{self, provenance, write_calibration};
@@ -52,7 +52,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let board = boards::parse_board(&args.board)?;
     let lens = read_intrinsics(&args.intrinsics)?;
     let (camera, errors) = (lens.camera, ScanErrors::from_measured(lens.errors.as_ref()));
-    let cell = cell_if_present(common)?;
+    let cell = read_cell_if_present(common)?;
     let arm = CorrectionInUse::load(args.robot.as_deref(), common)?;
     let (mut looks, aside) = collect_board_pictures(args, (&board, arm.as_ref()), &camera, progress)?;
     let mut pictures: Vec<_> =
@@ -269,7 +269,8 @@ fn report_result<A: Arrangement>(
     outcome.add_line(format!("uncertainty ± {:.3} mm at the panel (95 %); {lens}", found.uncertainty_mm));
     if found.correlated_pose_count > 1.0 {
         outcome.add_line(format!(
-            "the arm's errors are correlated in neighbouring poses: {:.1} poses count as one; calibrate the arm (`panelprep calibrate \
+            "the arm's errors are correlated in neighbouring poses: {:.1} poses count as \
+                one; calibrate the arm (`panelprep calibrate \
              robot`), or take poses over the whole working volume",
             found.correlated_pose_count
         ));
@@ -285,7 +286,8 @@ fn report_result<A: Arrangement>(
             board.square_mm()
         ));
     }
-    outcome.add_line(format!("without the worst picture, {left_out}, the result changes by {left_out_mm:.3} mm"));
+    outcome.add_line(format!("if the worst picture, {left_out}, is excluded, the result changes by {left_out_mm:.3} \
+        mm"));
     for residual in &found.residuals {
         let mark = if residual.used { "" } else { "  does not fit" };
         outcome.add_line(format!(
@@ -360,7 +362,7 @@ fn stage_of_three_points<A: Mounted>(
     let seen = BoardObservation::Pixels(detected.corners.clone());
     let found = three_points::<A>(&camera, &board, &seen, &points.touched, points.base_from_flange);
     let found = found.map_err(Fault::stage)?;
-    let rough = cell_if_present(common)?.as_ref().and_then(A::rough_pose);
+    let rough = read_cell_if_present(common)?.as_ref().and_then(A::rough_pose);
     let judgement = gate::three_points(&found, rough.as_ref());
     let mut outcome = build_outcome(&judgement, &found);
     outcome.add_value("picture", json!(picture));

@@ -73,7 +73,8 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
     let mut judgement = gate::intrinsics(&found);
     // A lens that does not pass the check of the file format is not written.
     if let Err(problems) = Intrinsics::check(&args.out.display().to_string(), &text) {
-        let mut reasons = vec![Reason::new("not_a_lens", format!("these values are not a valid lens: {problems}"))];
+        let mut reasons = vec![Reason::new("not_a_lens", format!("these values are not a valid lens calibration: \
+            {problems}; calibrate the lens again"))];
         reasons.append(&mut judgement.reasons);
         judgement = Judgement::new(reasons, vec![]);
     }
@@ -117,7 +118,7 @@ fn exclusion_reasons(found: &Calibrated) -> Vec<String> {
         let new: Vec<&str> = model.added();
         Some(match (trial.left_out_rms_px, own) {
             (Some(with), Some(without)) => format!(
-                "{}: error in left-out pictures {with:.4} px rms if included, {without:.4} px rms if not",
+                "{}: error in held-out pictures {with:.4} px rms if included, {without:.4} px rms if not",
                 new.join(", ")
             ),
             _ => format!("{}: if included, no lens fits the subsets of the pictures", new.join(", ")),
@@ -157,12 +158,12 @@ fn report_model(outcome: &mut Outcome, found: &Calibrated, board: &Board) {
     outcome
         .add_value("support", json!({"share": support.share, "error_px": support.error_px, "outline_px": outline}));
     outcome.add_line(format!(
-        "model {}; error of corners in left-out pictures {:.3} px rms, 95 % within {:.3} px",
+        "model {}; error of corners in held-out pictures {:.3} px rms, 95 % within {:.3} px",
         found.model.name(),
         found.left_out_rms_px,
         found.left_out_95_px
     ));
-    left_out.iter().for_each(|reason| outcome.add_line(format!("left out of the lens model: {reason}")));
+    left_out.iter().for_each(|reason| outcome.add_line(format!("excluded from the lens model: {reason}")));
     outcome.add_line(format!(
         "the lens is determined to {:.2} px in {:.0} % of the picture",
         support.error_px,
@@ -172,7 +173,7 @@ fn report_model(outcome: &mut Outcome, found: &Calibrated, board: &Board) {
     outcome.add_value("next_picture", json!(next.as_ref().map(|next| &next.description)));
     match next {
         Some(next) => outcome.add_line(format!(
-            "the most useful next picture: {}; the lens's error then falls to {:.0} % of its present value",
+            "most useful next picture: {}; with it, the error of the lens falls to {:.0} % of its present value",
             next.description,
             next.error_share * 100.0
         )),
@@ -327,7 +328,7 @@ const MEDIAN_LIMITS_PX: (f64, f64) = (0.1, 1.0);
 
 /// Minimum range of the depths as a fraction of the distance: the points of a flat scan fit the rays of some lens even
 /// if they are in a wrong frame.
-const MIN_DEPTH_VARIATION: f64 = 0.05;
+const MIN_RELATIVE_DEPTH_RANGE: f64 = 0.05;
 
 /// Computes the lens from a scan and writes the file.
 ///
@@ -362,8 +363,8 @@ pub fn run_from_scan(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
     depths_mm.sort_by(f64::total_cmp);
     let depth = |share: f64| depths_mm[((depths_mm.len() - 1) as f64 * share) as usize];
     let relief = (depth(0.95) - depth(0.05)) / depth(0.5);
-    if relief.is_nan() || relief < MIN_DEPTH_VARIATION {
-        let [found, wanted] = distinguishable_texts(100.0 * relief, 100.0 * MIN_DEPTH_VARIATION, 1);
+    if relief.is_nan() || relief < MIN_RELATIVE_DEPTH_RANGE {
+        let [found, wanted] = distinguishable_texts(100.0 * relief, 100.0 * MIN_RELATIVE_DEPTH_RANGE, 1);
         review.push(Reason::new(
             "flat",
             format!(
@@ -382,7 +383,8 @@ pub fn run_from_scan(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
     };
     let text = intrinsics.to_toml();
     if let Err(problems) = Intrinsics::check(&args.out.display().to_string(), &text) {
-        reject.push(Reason::new("not_a_lens", format!("these values are not a valid lens: {problems}")));
+        reject.push(Reason::new("not_a_lens", format!("these values are not a valid lens calibration: {problems}; \
+            calibrate the lens again")));
     }
     let judgement = Judgement::new(reject, review);
     let mut outcome = Outcome::from_judgement(&judgement);

@@ -40,7 +40,7 @@ struct BoardPicture {
 /// # Errors
 /// If a file is invalid.
 pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
-    let cell = match arm_correction::cell_if_present(common)? {
+    let cell = match arm_correction::read_cell_if_present(common)? {
         Some(cell) => cell,
         None => Cell::check("", "")?,
     };
@@ -250,7 +250,7 @@ fn report_result(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, St
     };
     outcome.add_value("kind", json!(kind));
     outcome.add_line(format!(
-        "left-out pictures: residuals {:.3} mm rms with mounts and boards alone, {:.3} mm rms with the correction",
+        "held-out pictures: residuals {:.3} mm rms with mounts and boards alone, {:.3} mm rms with the correction",
         found.uncorrected_left_out_mm, found.corrected_left_out_mm
     ));
     let numbers = found.numbers.iter().map(|number| {
@@ -265,7 +265,7 @@ fn report_result(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, St
     let names: Vec<&str> = undetermined.iter().map(|number| number.name.as_str()).collect();
     if !names.is_empty() {
         outcome.add_line(format!(
-            "not determined by these data, and held near the values of the drawing: {}",
+            "not determined by these data, so kept near the nominal values: {}",
             names.join("; ")
         ));
     }

@@ -87,7 +87,7 @@ pub fn run_tcp(args: &Tcp, common: &Common) -> Result<Outcome, Fault> {
 }
 
 /// Maximum force error of a measurement without contact, as a fraction of the tool's force band (`band_n`).
-const MAX_BAND_ERROR_SHARE: f64 = 0.5;
+const MAX_BAND_ERROR_FRACTION: f64 = 0.5;
 
 /// Determines payload and force zero. With `--verify`, compares them with the cell file and stores the result.
 ///
@@ -135,7 +135,7 @@ fn check_uncertainty(found: &ForceCalibration, tool: Option<&CompliantTool>) -> 
     let known_n = found.zero_95_n + STANDARD_GRAVITY_M_S2 * found.payload_95_kg;
     let check = Check::new("force by payload and zero, 95 %, at the worst attitude", "N", known_n);
     let Some(tool) = tool else { return check };
-    let allowed_n = MAX_BAND_ERROR_SHARE * tool.band_n;
+    let allowed_n = MAX_BAND_ERROR_FRACTION * tool.band_n;
     check.with_max(allowed_n, LimitSource::cell("tool.band_n")).or_review("force_uncertain", || {
         let [found, allowed] = distinguishable_texts(known_n, allowed_n, 1);
         format!(
@@ -175,7 +175,7 @@ fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fa
 /// Returns the limits for the last verification of the tool's force, N.
 pub fn verification_limits(files: &CellFiles, tool: &CompliantTool) -> VerificationLimits {
     VerificationLimits {
-        limit: MAX_BAND_ERROR_SHARE * tool.band_n,
+        limit: MAX_BAND_ERROR_FRACTION * tool.band_n,
         ..VerificationLimits::from_limits(files.cell.limits())
     }
 }
@@ -284,7 +284,7 @@ fn report_result(outcome: &mut Outcome, found: &CouponFit, coupons: &[Coupon]) {
         fixed_decimals(wear_95, 2)
     ));
     outcome.add_line(format!(
-        "{} measured places, {} % rms from the model; places that were left out of the fit: {} % rms from the prediction",
+        "{} measured places, {} % rms from the model; held-out places: {} % rms from the prediction",
         coupons.len(),
         fixed_decimals(100.0 * found.coupon_deviation, 1),
         fixed_decimals(100.0 * found.cross_validation_rms(), 1)

@@ -48,8 +48,8 @@ impl BoardCheck {
     /// Returns a reason if the board is not found in the points of a scan: then the scan does not verify how panels are
     /// located.
     fn no_points_reason(&self) -> Option<Reason> {
-        let message = "too few 3D points on the board, so the scan does not verify how panels are located: light the board \
-                       evenly, clean the board, or move the board nearer, then scan again";
+        let message = "too few 3D points on the board, so the scan does not verify how panels are located: light the \
+            board uniformly, clean the board, or move the board nearer, then scan again";
         (self.has_cloud && self.pose_from_points.is_none()).then(|| Reason::new("no_points", message))
     }
 }

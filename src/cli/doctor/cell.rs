@@ -305,7 +305,8 @@ pub(super) fn proofs(cell: &Cell) -> Check {
                 name,
                 format!("{why}; permitted: {permitted}"),
                 format!(
-                    "prove stage {next} with `panelprep robot prove --stage {next} --out FILE --by NAME`, sign its page, store the \
+                    "test stage {next} \
+                        with `panelprep robot prove --stage {next} --out FILE --by NAME`, sign its page, store the \
                      signature with --sign, then set signed_stage = \"{next}\" in [robot]; a mock controller needs none"
                 ),
             )
@@ -327,7 +328,7 @@ pub(super) fn acceptance(programs: &Programs, reported: Option<i32>, cell_file: 
         (Some(sum), None) => Check::failed(
             name,
             format!("refused: the files have the checksum {sum}, and no real controller reports a checksum"),
-            "connect the controller; end the service while this runs, since a controller serves one client",
+            "connect the controller, and stop the service meanwhile, because a controller serves one client",
         ),
         (Some(sum), Some(reported)) if sum != reported => Check::failed(
             name,

@@ -77,7 +77,7 @@ fn judge_disk(folder: &str, free_mb: u64) -> Check {
 }
 
 /// Returns an alarm if the free disk space is low; `None` if it is sufficient.
-pub(in crate::cli) fn low_disk_space(folder: &str, free_mb: u64) -> Option<Reason> {
+pub(in crate::cli) fn check_low_disk_space(folder: &str, free_mb: u64) -> Option<Reason> {
     let code = match free_mb {
         ..FLOOR_MB => "disk_full",
         FLOOR_MB..MIN_FREE_MB => "disk_scarce",
@@ -375,7 +375,7 @@ mod tests {
         );
         let full = judge_disk("store", FLOOR_MB - 1);
         assert!(!full.is_passed() && full.advice.contains("1000 MB"));
-        let alarm = |free_mb| low_disk_space("store", free_mb).map(|reason| reason.code.into_owned());
+        let alarm = |free_mb| check_low_disk_space("store", free_mb).map(|reason| reason.code.into_owned());
         let codes = [FLOOR_MB - 1, FLOOR_MB, MIN_FREE_MB].map(alarm);
         assert_eq!(codes, [Some("disk_full".to_owned()), Some("disk_scarce".to_owned()), None]);
         let buffer = |largest| judge_receive_buffer(largest, 20_874_880, Some([5_472, 3_648]));

@@ -153,7 +153,8 @@ fn robot(cell: &Cell, sum: Option<i32>) -> (Check, Option<i32>) {
                 let check = Check::failed(
                     "robot",
                     format!(
-                        "{place}: a MOCK controller answers, which proves nothing about a real controller; mode {}",
+                        "{place}: a MOCK controller responds, which is no evidence about a real \
+                            controller; mode {}",
                         state.mode.name()
                     ),
                     "expected in a rehearsal; for the real cell, connect the real controller and run `panelprep doctor` again",
@@ -337,7 +338,7 @@ fn describe_tool_state(tool: &CompliantTool, last: Option<ToolReading>, lost: Op
     let place =
         tool.address.as_ref().map_or(String::new(), |address| format!("{}, port {}", address.host, address.port));
     let Some(reading) = last.filter(|_| lost.is_none()) else {
-        let why = lost.map_or("the tool does not answer".to_owned(), |loss| loss.to_string());
+        let why = lost.map_or("the tool does not respond".to_owned(), |loss| loss.to_string());
         let advice = "check the tool's power, cable and address (`ping`), end other programs that are connected to the \
                       tool, and compare [tool] with the tool's settings";
         return Check::failed(NAME, format!("{place}: {why}"), advice);

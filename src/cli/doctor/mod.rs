@@ -14,7 +14,7 @@ use super::ctl;
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::output::Outcome;
-pub(in crate::cli) use check::low_disk_space;
+pub(in crate::cli) use check::check_low_disk_space;
 use check::{Check, Status};
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;

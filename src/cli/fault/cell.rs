@@ -25,7 +25,7 @@ pub enum DeviceFault {
     #[error("--tool-fault needs [tool] kind = \"simulated\" and [robot] kind = \"mock\" in the cell's file")]
     NoFailingTool,
     /// An option is only valid for a complete cycle.
-    #[error("{option} is for a whole cycle, not for single pictures and scans; leave the option out")]
+    #[error("{option} is for a whole cycle, not for single pictures and scans; omit the option")]
     CycleOnlyOption {
         /// The option.
         option: &'static str,
@@ -92,7 +92,8 @@ pub enum DeviceFault {
     Unsigned(#[from] Unsigned),
     /// A stage of the acceptance tests was requested before the previous stage is signed.
     #[error(
-        "stage {} is proven after stage {before} is signed: sign the page of stage {before}, store the signature with \
+        "stage {} can be tested only after stage {before} is \
+            signed: sign the page of stage {before}, store the signature with \
          `panelprep robot prove --stage {before} --sign --out FILE --by NAME`, then set signed_stage = \"{before}\" in [robot] of \
          the cell's file", stage.letter(), before = before.letter()
     )]
@@ -105,7 +106,8 @@ pub enum DeviceFault {
     /// The controller executes other programs than the accepted ones, so acceptance tests on it would not be valid for
     /// the accepted programs.
     #[error(
-        "the proofs are of programs with the checksum {reported}, but [robot] programs_sum is {}: accept the programs first with \
+        "the tests are for programs with the checksum \
+            {reported}, but [robot] programs_sum is {}: accept the programs first with \
          `panelprep doctor --kuka DIR --accept`, and add the line that it prints to the cell's file",
         .accepted.map_or("missing".to_owned(), |sum| sum.to_string())
     )]
@@ -117,7 +119,8 @@ pub enum DeviceFault {
     },
     /// The operating mode is not that of the requested stage.
     #[error(
-        "stage {} is proven in {}, but the controller reports {mode}: turn the mode switch, then run the command again",
+        "stage {} is tested in {}, but the controller reports \
+            {mode}: turn the mode switch, then run the command again",
         stage.letter(), if *stage == ProofStage::A { "T1" } else { "AUT or EXT" }
     )]
     ProvenInOtherMode {
@@ -128,14 +131,15 @@ pub enum DeviceFault {
     },
     /// No controller responds, so no acceptance test can be run.
     #[error(
-        "no controller answers, so nothing can be proven: connect it, and end the service while this runs, since a \
-         controller serves one client; `panelprep doctor` reports what is missing"
+        "no controller responds, so no test can be run: connect the controller, and stop the service during the \
+            tests, because a controller serves one client; `panelprep doctor` reports what is missing"
     )]
     NoControllerToProve,
     /// The page to be signed is not the newest page of its stage on which every test has passed.
     #[error(
-        "{} is not the newest page of stage {} of which each row was proven: a page that was changed, has an open row or is \
-         of a mock controller cannot be signed. Prove the stage again with `panelprep robot prove --stage {} --out FILE --by NAME`",
+        "{} is not the newest page of stage {} on which every test has passed: a page that was changed, has an open \
+            test or is of a mock controller cannot be signed. Test the stage again \
+            with `panelprep robot prove --stage {} --out FILE --by NAME`",
         page.display(), stage.letter(), stage.letter()
     )]
     PageNotProven {
@@ -145,7 +149,7 @@ pub enum DeviceFault {
         stage: ProofStage,
     },
     /// A sheet of foam was stated for an air-run, which has no contact.
-    #[error("--on-foam is for `panelprep cycle`: an air-run touches nothing, so leave it out")]
+    #[error("--on-foam is for `panelprep cycle`: an air-run has no contact, so omit the option")]
     FoamInTheAir,
     /// The acceptance tests need a real controller, but the robot is a mock robot.
     #[error(
@@ -220,7 +224,8 @@ pub enum CalibrationFault {
         file: String,
     },
     /// The axis angles that the controller reports are not finite numbers.
-    #[error("the controller reports axis angles that are not numbers: the flange's pose is not known")]
+    #[error("the controller reports axis angles that are not numbers, so the flange pose is not known: restart the \
+        controller")]
     NoAxes,
     /// No poses were given for a tool or touch calibration.
     #[error(

@@ -205,7 +205,7 @@ fn refuse_option_value<T: ValueEnum>(
 
 fn scanner(args: &NewCell, asker: &mut Asker<'_>, answers: Answers) -> Result<Answers, Fault> {
     let found = match (args.scanner, &args.scanner_serial) {
-        (None | Some(ScannerKind::Zivid), None) => report_search(args, connecting::zivid_camera),
+        (None | Some(ScannerKind::Zivid), None) => report_search(args, connecting::find_zivid_camera),
         _ => vec![],
     };
     let is_none = found.is_empty() && args.scanner_serial.is_none() && !answers.is_robot_remote();
@@ -237,7 +237,7 @@ fn flange_camera(args: &NewCell, asker: &mut Asker<'_>, answers: Answers) -> Res
     let found = match args.flange_camera {
         Some(FlangeCameraKind::Simulated) => vec![],
         _ if is_named => vec![],
-        _ => report_search(args, connecting::gige_cameras),
+        _ => report_search(args, connecting::find_gige_cameras),
     };
     let is_none = found.is_empty() && !is_named && !answers.is_robot_remote();
     let proposal = if is_none { "simulated" } else { "gige" };

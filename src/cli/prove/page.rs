@@ -40,7 +40,7 @@ pub(super) enum PageBasis {
 impl PageBasis {
     /// Determines for which controller the results are valid, from the controller's reports at the start of the run
     /// and, if it has ended, at its end.
-    pub(super) fn of_run(begin: &ReportedController, end: Option<&ReportedController>) -> Self {
+    pub(super) fn from_reports(begin: &ReportedController, end: Option<&ReportedController>) -> Self {
         let is_mock = |controller: &ReportedController| controller.kind == ControllerKind::Mock;
         let Some(end) = end else {
             return if is_mock(begin) { PageBasis::Mock } else { PageBasis::Unconfirmed };
@@ -58,11 +58,12 @@ impl PageBasis {
     /// Returns the title of the page.
     fn title(self) -> &'static str {
         match self {
-            PageBasis::Real => "Proven on the controller",
-            PageBasis::Mock => "Rehearsed on a mock controller: proves nothing about a real controller",
-            PageBasis::Unconfirmed => "Not finished: proves nothing yet",
-            PageBasis::Unknown => "No controller answered at the end: proves nothing",
-            PageBasis::OtherPrograms => "The controller's programs were changed during the proofs: proves nothing",
+            PageBasis::Real => "Tested on the controller",
+            PageBasis::Mock => "Rehearsal with a mock controller: not valid for a real controller",
+            PageBasis::Unconfirmed => "Not finished: the results are not valid yet",
+            PageBasis::Unknown => "No controller responded at the end: the results are not valid",
+            PageBasis::OtherPrograms => "The controller's programs changed during the tests: the results are not \
+                valid",
         }
     }
 }
@@ -81,17 +82,17 @@ pub(super) struct ProofPage<'p> {
 impl ProofPage<'_> {
     /// Returns the controller for which the results are valid.
     pub(super) fn basis(&self) -> PageBasis {
-        PageBasis::of_run(&self.reports.0, self.reports.1.as_ref())
+        PageBasis::from_reports(&self.reports.0, self.reports.1.as_ref())
     }
 
     /// Returns the number of tests that failed or are open.
-    pub(super) fn unproven(&self) -> usize {
+    pub(super) fn failed_or_open_count(&self) -> usize {
         self.proofs.iter().filter(|proof| !proof.is_proven()).count()
     }
 
     /// Returns whether the page can be signed: every test has passed, on the same real controller.
     pub(super) fn is_signable(&self) -> bool {
-        self.basis() == PageBasis::Real && !self.proofs.is_empty() && self.unproven() == 0
+        self.basis() == PageBasis::Real && !self.proofs.is_empty() && self.failed_or_open_count() == 0
     }
 
     /// Returns why the page of a real controller cannot be signed, and what this means for earlier signatures of the
@@ -101,10 +102,11 @@ impl ProofPage<'_> {
         let remedy = match self.count(Finding::Wrong) {
             0 => String::new(),
             _ => format!(
-                " No earlier signature of stage {letter} or of a later stage counts any more: prove it again."
+                " Earlier signatures of stage {letter} and of the stages after it are no longer valid: test the \
+                    stage again."
             ),
         };
-        format!("Stage {letter} cannot be signed: {} rows are wrong or open.{remedy}", self.unproven())
+        format!("Stage {letter} cannot be signed: {} tests have failed or are open.{remedy}", self.failed_or_open_count())
     }
 
     fn count(&self, finding: Finding) -> usize {
@@ -169,7 +171,7 @@ impl ProofPage<'_> {
     /// controller.
     pub(super) fn render(&self) -> String {
         let title = match self.basis() {
-            PageBasis::Real if !self.is_signable() => "Tried on the controller: not proven",
+            PageBasis::Real if !self.is_signable() => "Tested on the controller: not passed",
             basis => basis.title(),
         };
         let page = html! {
@@ -276,7 +278,7 @@ mod tests {
         let text = page.render();
         assert_eq!(text.matches("<tr class=").count(), rows, "each row is on the page");
         assert_eq!(text.contains("name, signature"), page.is_signable());
-        assert_eq!(text.contains("<h1>Proven on the controller</h1>"), page.is_signable());
+        assert_eq!(text.contains("<h1>Tested on the controller</h1>"), page.is_signable());
         page.is_signable()
     }
 
@@ -302,8 +304,8 @@ mod tests {
         let mut wrong = all.clone();
         wrong[0].finding = Finding::Wrong;
         let words = |proofs: &[Proof]| with_page(proofs, end, |page| page.describe_unproven());
-        assert!(words(&wrong).ends_with("counts any more: prove it again."), "{}", words(&wrong));
-        assert!(words(&proven(0)).ends_with("rows are wrong or open."), "{}", words(&proven(0)));
+        assert!(words(&wrong).ends_with("are no longer valid: test the stage again."), "{}", words(&wrong));
+        assert!(words(&proven(0)).ends_with("tests have failed or are open."), "{}", words(&proven(0)));
         let mut empty = all;
         empty[0].evidence.clear();
         assert!(!is_signable(&empty, end), "without evidence");

@@ -123,7 +123,7 @@ mod tests {
                 found.push(format!("{number}: what breaks otherwise is missing"));
             }
             // If this program runs the test, the table must state that no person is needed.
-            let is_tried = unattended::for_row(number).is_some();
+            let is_tried = unattended::find_test_for_row(number).is_some();
             if is_tried != row.to_do.contains("`panelprep robot prove") {
                 found.push(format!("{number}: whether this program tries it is stated wrongly"));
             }

@@ -172,11 +172,12 @@ pub(super) type TestResult = Result<(Finding, String), Fault>;
 
 /// The evidence of a test in which the controller did not respond.
 pub(super) const NO_STATE_MESSAGE: &str =
-    "no state within 10 s; is the submit interpreter running, and is no other client connected?";
+    "no state message was received within 10 s: check that the submit interpreter is running and that no other \
+        client is connected";
 
 /// The evidence of a test that needs the robot program, if the robot program does not run.
 pub(super) const NO_PROGRAM_MESSAGE: &str =
-    "the robot program does not run: select cell_motion, in T1 hold Start, and prove again";
+    "the robot program is not running: select cell_motion, hold Start in T1, and run the test again";
 
 /// The bit of the attribute `Flags` for "motion possible".
 const MOTION_POSSIBLE_BIT: i64 = 16;
@@ -195,7 +196,7 @@ pub(super) fn open(evidence: impl Into<String>) -> TestResult {
 }
 
 /// Returns the result of a test that needs the robot program, if the robot program does not run.
-pub(super) fn no_program() -> TestResult {
+pub(super) fn no_program_result() -> TestResult {
     open(NO_PROGRAM_MESSAGE)
 }
 
@@ -234,7 +235,7 @@ pub(super) fn command(
 }
 
 /// A client in a newly opened epoch.
-pub(super) struct InEpoch {
+pub(super) struct ClientInEpoch {
     pub(super) client: RawClient,
     pub(super) epoch: i64,
     /// The newest data that were received in this epoch.
@@ -242,10 +243,10 @@ pub(super) struct InEpoch {
 }
 
 /// Connects and opens an epoch two above the controller's epoch; `None` if the controller does not report it in time.
-pub(super) fn open_new_epoch(cell: &Cell) -> Option<InEpoch> {
+pub(super) fn open_new_epoch(cell: &Cell) -> Option<ClientInEpoch> {
     let (mut client, received) = RawClient::connect_with_retries(cell)?;
     let epoch = received.state_value("Ep")? + 2;
     client.ask(OP_RESET, i32::try_from(epoch).ok()?).ok()?;
     let received = client.listen(EPOCH_TIMEOUT, |_| false);
-    (received.state_value("Ep") == Some(epoch)).then_some(InEpoch { client, epoch, received })
+    (received.state_value("Ep") == Some(epoch)).then_some(ClientInEpoch { client, epoch, received })
 }

@@ -7,8 +7,8 @@
 use super::super::live;
 use super::table::Finding;
 use super::trial::{
-    InEpoch, NO_PROGRAM_MESSAGE, NO_STATE_MESSAGE, OP_ABORT, OP_RESET, RawClient, STATE_TIMEOUT, TestResult,
-    attribute, command, connect, is_stopped, make_finding, no_program, open, open_new_epoch, pose, program_runs,
+    ClientInEpoch, NO_PROGRAM_MESSAGE, NO_STATE_MESSAGE, OP_ABORT, OP_RESET, RawClient, STATE_TIMEOUT, TestResult,
+    attribute, command, connect, is_stopped, make_finding, no_program_result, open, open_new_epoch, pose, program_runs,
     set_base, shown,
 };
 use panelprep_base::geometry::KukaPose;
@@ -22,17 +22,17 @@ use std::time::{Duration, Instant};
 pub(super) type Attempt = fn(&Cell) -> TestResult;
 
 /// Returns the test for a row of the installation page; `None` if only a person can observe the result.
-pub(super) fn for_row(number: u32) -> Option<Attempt> {
+pub(super) fn find_test_for_row(number: u32) -> Option<Attempt> {
     match number {
-        1 => Some(a_frame_comes_in_any_order),
-        2 => Some(no_old_command_is_left),
-        3 => Some(a_command_is_read_whole),
+        1 => Some(check_attribute_order),
+        2 => Some(check_no_old_command_remains),
+        3 => Some(check_command_is_read_completely),
         5 => Some(check_names_read),
-        6 => Some(what_is_no_document_does_nothing),
+        6 => Some(check_invalid_bytes_have_no_effect),
         7 => Some(check_second_client_refused),
-        15 => Some(time_is_in_ms),
-        18 => Some(large_numbers_are_decimal),
-        27 => Some(a_line_without_frames_is_refused),
+        15 => Some(check_time_unit),
+        18 => Some(check_large_numbers_are_decimal),
+        27 => Some(check_line_without_frames_is_refused),
         33 => Some(check_epoch_range),
         35 => Some(check_vanished_client),
         39 => Some(check_decimals),
@@ -54,7 +54,7 @@ fn check_base_echo(cell: &Cell, x_mm: f64, most_mm: f64) -> TestResult {
         Err(error) => return make_finding(false, error.to_string()),
     };
     if !single.state().motion_possible {
-        return no_program();
+        return no_program_result();
     }
     let base = KukaPose { x_mm, ..KukaPose::default() };
     match single.set(Command::SetBase(base), cell) {
@@ -73,15 +73,15 @@ fn check_decimals(cell: &Cell) -> TestResult {
 
 /// Checks that the six attributes of a frame may be in any order: they are sent in reverse order, and each must be
 /// assigned to its own coordinate.
-fn a_frame_comes_in_any_order(cell: &Cell) -> TestResult {
+fn check_attribute_order(cell: &Cell) -> TestResult {
     const SENT: &str = "<P C=\"6.0\" B=\"5.0\" A=\"4.0\" Z=\"3.0\" Y=\"2.0\" X=\"1.0\"></P>";
     const EXPECTED: [f64; 6] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
     const MAX_DIFFERENCE: f64 = 0.001;
-    let Some(InEpoch { mut client, epoch, received }) = open_new_epoch(cell) else {
+    let Some(ClientInEpoch { mut client, epoch, received }) = open_new_epoch(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
     };
     if !program_runs(&received) {
-        return no_program();
+        return no_program_result();
     }
     let head = format!("<Cmd Id=\"1\" Ep=\"{epoch}\" Op=\"3\" N1=\"0\" N2=\"0\" R1=\"0.0\" R2=\"0.0\">");
     if client.send_on_command(format!("{head}{SENT}</Cmd>").as_bytes()).is_err() {
@@ -101,7 +101,7 @@ fn a_frame_comes_in_any_order(cell: &Cell) -> TestResult {
 /// Checks that no old command remains after the link was cut. Thirty commands are sent at once and the link is cut, so
 /// that some of them stay unread. They belong to the epoch that is opened next: an old command would be read with the
 /// next command, and would be refused or executed instead of it.
-fn no_old_command_is_left(cell: &Cell) -> TestResult {
+fn check_no_old_command_remains(cell: &Cell) -> TestResult {
     const COMMANDS: i32 = 30;
     let Some((mut first, received)) = RawClient::connect_with_retries(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
@@ -112,12 +112,12 @@ fn no_old_command_is_left(cell: &Cell) -> TestResult {
         return make_finding(false, "the command channel closed".to_owned());
     }
     drop(first);
-    let Some(InEpoch { mut client, epoch: opened, received }) = open_new_epoch(cell) else {
+    let Some(ClientInEpoch { mut client, epoch: opened, received }) = open_new_epoch(cell) else {
         return make_finding(false, "no epoch was opened after the link was cut".to_owned());
     };
     // A command that is queued but not executed would end the epoch.
     if !program_runs(&received) {
-        return no_program();
+        return no_program_result();
     }
     let before = received.ack_value("Rx");
     if client.send_on_command(set_base(1, opened, "100.0").as_bytes()).is_err() {
@@ -138,11 +138,11 @@ fn no_old_command_is_left(cell: &Cell) -> TestResult {
 
 /// Checks that a command is read completely: the program executes a command only if all its elements have the same
 /// counter.
-fn a_command_is_read_whole(cell: &Cell) -> TestResult {
+fn check_command_is_read_completely(cell: &Cell) -> TestResult {
     check_base_echo(cell, 1.0, 0.000_01)
 }
 
-fn time_is_in_ms(cell: &Cell) -> TestResult {
+fn check_time_unit(cell: &Cell) -> TestResult {
     const WATCH_TIME: Duration = Duration::from_secs(5);
     /// Maximum difference between the two clocks, ms; a state message is due every 100 ms.
     const MAX_DIFFERENCE_MS: i64 = 500;
@@ -171,14 +171,14 @@ fn time_is_in_ms(cell: &Cell) -> TestResult {
     make_finding((to - from - passed_ms).abs() <= MAX_DIFFERENCE_MS, evidence)
 }
 
-fn large_numbers_are_decimal(cell: &Cell) -> TestResult {
+fn check_large_numbers_are_decimal(cell: &Cell) -> TestResult {
     const SENT: &str = "2000000.0";
     const EXPECTED: &str = "2000000.000000";
-    let Some(InEpoch { mut client, epoch, received }) = open_new_epoch(cell) else {
+    let Some(ClientInEpoch { mut client, epoch, received }) = open_new_epoch(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
     };
     if !program_runs(&received) {
-        return no_program();
+        return no_program_result();
     }
     if client.send_on_command(set_base(1, epoch, SENT).as_bytes()).is_err() {
         return make_finding(false, "the command channel closed".to_owned());
@@ -190,15 +190,15 @@ fn large_numbers_are_decimal(cell: &Cell) -> TestResult {
 
 /// Checks that a linear motion without base and tool is refused. It would end at the arm's present pose, at 1 mm/s, so
 /// a controller that executes it moves nothing.
-fn a_line_without_frames_is_refused(cell: &Cell) -> TestResult {
+fn check_line_without_frames_is_refused(cell: &Cell) -> TestResult {
     const NO_FRAMES: i64 = 6;
     const SPEED_M_S: &str = "0.001";
-    let Some(InEpoch { mut client, epoch, received }) = open_new_epoch(cell) else {
+    let Some(ClientInEpoch { mut client, epoch, received }) = open_new_epoch(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
     };
     let tip = received.state.as_deref().and_then(|state| pose(state, "Tcp"));
     let (true, Some(tip)) = (program_runs(&received), tip) else {
-        return no_program();
+        return no_program_result();
     };
     if client.send_on_command(command(1, epoch, 2, SPEED_M_S, tip).as_bytes()).is_err() {
         return make_finding(false, "the command channel closed".to_owned());
@@ -245,13 +245,13 @@ enum ByteEffect {
 
 /// Checks that bytes that are not a document have no effect. Each channel is tested separately, because the effect on
 /// one channel says nothing about the other.
-fn what_is_no_document_does_nothing(cell: &Cell) -> TestResult {
+fn check_invalid_bytes_have_no_effect(cell: &Cell) -> TestResult {
     let mut all = Vec::new();
     for (name, bytes) in
         [("a prolog", &b"<?xml version=\"1.0\"?>"[..]), ("a byte order mark", b"\xEF\xBB\xBF"), ("NUL", b"\0")]
     {
         for (channel, effect) in
-            [("state", effect_on_state(cell, bytes)), ("command", effect_on_command(cell, bytes))]
+            [("state", observe_effect_on_state(cell, bytes)), ("command", observe_effect_on_command(cell, bytes))]
         {
             all.push(match effect {
                 ByteEffect::Closed => format!("{name} closes the {channel} channel"),
@@ -268,8 +268,8 @@ fn what_is_no_document_does_nothing(cell: &Cell) -> TestResult {
 
 /// Returns the effect of these bytes on the state channel: the controller must reply to subsequent requests, or close
 /// the channel.
-fn effect_on_state(cell: &Cell, bytes: &[u8]) -> ByteEffect {
-    let Some(InEpoch { mut client, epoch, .. }) = open_new_epoch(cell) else {
+fn observe_effect_on_state(cell: &Cell, bytes: &[u8]) -> ByteEffect {
+    let Some(ClientInEpoch { mut client, epoch, .. }) = open_new_epoch(cell) else {
         return ByteEffect::NotTried(Finding::Wrong, NO_STATE_MESSAGE);
     };
     let is_sent = client.send_on_state(bytes).is_ok();
@@ -277,7 +277,7 @@ fn effect_on_state(cell: &Cell, bytes: &[u8]) -> ByteEffect {
     let after = client.listen(STATE_TIMEOUT, |_| false);
     if after.is_state_closed || !is_sent {
         drop(client);
-        return effect_of_closing(cell, epoch);
+        return observe_effect_of_closing(cell, epoch);
     }
     let (found, done) = (after.state_value("Ep"), after.state_value("Done"));
     if after.has_answered_after(asked) && (found, done) == (Some(epoch), Some(0)) {
@@ -291,9 +291,9 @@ fn effect_on_state(cell: &Cell, bytes: &[u8]) -> ByteEffect {
 
 /// Returns the effect of these bytes on the command channel: the controller must execute the subsequent command, or
 /// close the channel.
-fn effect_on_command(cell: &Cell, bytes: &[u8]) -> ByteEffect {
+fn observe_effect_on_command(cell: &Cell, bytes: &[u8]) -> ByteEffect {
     const BASE_X_MM: f64 = 7.0;
-    let Some(InEpoch { mut client, epoch, received }) = open_new_epoch(cell) else {
+    let Some(ClientInEpoch { mut client, epoch, received }) = open_new_epoch(cell) else {
         return ByteEffect::NotTried(Finding::Wrong, NO_STATE_MESSAGE);
     };
     if !program_runs(&received) {
@@ -304,7 +304,7 @@ fn effect_on_command(cell: &Cell, bytes: &[u8]) -> ByteEffect {
     let after = client.listen(STATE_TIMEOUT, |_| false);
     if after.is_command_closed || !is_sent {
         drop(client);
-        return effect_of_closing(cell, epoch);
+        return observe_effect_of_closing(cell, epoch);
     }
     let found = (after.state_value("Ep"), after.ack_value("Rx"), after.ack_value("Err"));
     let base_x =
@@ -320,16 +320,17 @@ fn effect_on_command(cell: &Cell, bytes: &[u8]) -> ByteEffect {
 
 /// Returns the effect after a channel was closed: for the next client, the epoch must be the same and no command
 /// executed.
-fn effect_of_closing(cell: &Cell, epoch: i64) -> ByteEffect {
+fn observe_effect_of_closing(cell: &Cell, epoch: i64) -> ByteEffect {
     let Some((_, received)) = RawClient::connect_with_retries(cell) else {
-        return ByteEffect::Other(format!("it was closed, and then {NO_STATE_MESSAGE}"));
+        return ByteEffect::Other(format!("the connection was closed; after that, {NO_STATE_MESSAGE}"));
     };
     let (found, done) = (received.state_value("Ep"), received.state_value("Done"));
     if (found, done) == (Some(epoch), Some(0)) {
         return ByteEffect::Closed;
     }
     let (found, done) = (shown(found), shown(done));
-    ByteEffect::Other(format!("it was closed, then epoch {found} (expected {epoch}), Done {done} (expected 0)"))
+    ByteEffect::Other(format!("the connection was closed; after that, epoch {found} (expected {epoch}), Done {done} \
+        (expected 0)"))
 }
 
 /// The reaction of the controller to a second client of a channel.
@@ -379,7 +380,7 @@ impl SecondClient {
 /// A controller that obeys would change the epoch, or count the command.
 fn check_second_client_refused(cell: &Cell) -> TestResult {
     const WATCH_TIME: Duration = Duration::from_secs(6);
-    let Some(InEpoch { client: mut first, epoch, .. }) = open_new_epoch(cell) else {
+    let Some(ClientInEpoch { client: mut first, epoch, .. }) = open_new_epoch(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
     };
     let request = format!("<Req Id=\"1\" Ep=\"0\" Op=\"{OP_RESET}\" N1=\"{}\"></Req>", epoch + 2);
@@ -414,7 +415,7 @@ fn check_second_client_refused(cell: &Cell) -> TestResult {
 /// Checks the range of epoch numbers: the controller must reply to both requests with the maximum number, keep its
 /// epoch, and stop only after the abort.
 fn check_epoch_range(cell: &Cell) -> TestResult {
-    let Some(InEpoch { mut client, epoch, .. }) = open_new_epoch(cell) else {
+    let Some(ClientInEpoch { mut client, epoch, .. }) = open_new_epoch(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
     };
     let mut all = Vec::new();
@@ -455,7 +456,8 @@ fn check_vanished_client(cell: &Cell) -> TestResult {
         vanished += connected;
         if connected < CLIENTS_IN_GROUP {
             return open(format!(
-                "only {connected} of {CLIENTS_IN_GROUP} clients could connect within {} s, after {vanished} clients that vanished",
+                "only {connected} of {CLIENTS_IN_GROUP} clients could connect within {} s, after {vanished} clients \
+                    had disappeared",
                 GROUP_TIMEOUT.as_secs()
             ));
         }
@@ -463,7 +465,7 @@ fn check_vanished_client(cell: &Cell) -> TestResult {
         if RawClient::connect_with_retries(cell).is_none() {
             return make_finding(
                 false,
-                format!("after {vanished} clients that vanished at once: {NO_STATE_MESSAGE}"),
+                format!("after {vanished} clients had disappeared: {NO_STATE_MESSAGE}"),
             );
         }
         slowest = slowest.max(begun.elapsed());

@@ -29,14 +29,14 @@ use std::path::{Path, PathBuf};
 
 /// Deviation of the drawing's triangles from the surface above which a warning is printed, mm: a tenth of the smallest
 /// deviation of the panel that a scan can measure.
-const FACETS_WARNING_MM: f64 = 0.01;
+const FACET_DEVIATION_WARNING_MM: f64 = 0.01;
 /// Deviation of the drawing's triangles from the surface above which the result is for review, mm: the contact error
 /// after a good localization.
-const MAX_FACETS_MM: f64 = 0.15;
+const MAX_FACET_DEVIATION_MM: f64 = 0.15;
 /// Maximum distance of a corner of the region from the surface of the drawing, along the camera's ray, mm.
 const MAX_REGION_DISTANCE_MM: f64 = 1.0;
 /// Fraction of the surface outside of the picture above which the result is for review.
-const MAX_OUTSIDE_SHARE: f64 = 0.001;
+const MAX_OUTSIDE_FRACTION: f64 = 0.001;
 
 /// A drawing with its views: the scan and the pictures that the cameras would capture.
 pub struct ViewedDrawing {
@@ -135,7 +135,7 @@ impl ViewedDrawing {
         let message = || {
             // A triangle that is partly outside is counted as outside or inside as a whole, so the fraction alone does
             // not show whether the picture cuts the panel off.
-            let found = match outside > MAX_OUTSIDE_SHARE {
+            let found = match outside > MAX_OUTSIDE_FRACTION {
                 true => format!(
                     "{} % of the drawing's surface lies outside of the 3D camera's picture",
                     fixed_decimals(100.0 * outside, 1)
@@ -147,16 +147,16 @@ impl ViewedDrawing {
             )
         };
         let coarse = || {
-            let [found, limit] = distinguishable_texts(self.facet_error_mm, MAX_FACETS_MM, 3);
+            let [found, limit] = distinguishable_texts(self.facet_error_mm, MAX_FACET_DEVIATION_MM, 3);
             format!(
                 "on curved surfaces, the drawing's triangles deviate from the surface by about {found} mm (limit {limit} mm), and the \
                  measured deviation of the panel would contain this error; export the drawing with a deviation of 0.01 mm, unless the panel \
                  has an edge of less than 31° there"
             )
         };
-        let is_cut = outside > MAX_OUTSIDE_SHARE || self.reaches_rim;
+        let is_cut = outside > MAX_OUTSIDE_FRACTION || self.reaches_rim;
         let cut = is_cut.then(|| Reason::new("drawing_outside", message()));
-        let coarse = (self.facet_error_mm > MAX_FACETS_MM).then(|| Reason::new("drawing_coarse", coarse()));
+        let coarse = (self.facet_error_mm > MAX_FACET_DEVIATION_MM).then(|| Reason::new("drawing_coarse", coarse()));
         cut.into_iter().chain(coarse).collect()
     }
 
@@ -189,9 +189,9 @@ impl ViewedDrawing {
 
     /// Returns the warnings for the operator.
     pub fn warnings(&self) -> Option<String> {
-        (self.facet_error_mm > FACETS_WARNING_MM).then(|| {
+        (self.facet_error_mm > FACET_DEVIATION_WARNING_MM).then(|| {
             format!(
-                "on curved surfaces, the drawing's triangles deviate from the surface by about {} mm (better: {FACETS_WARNING_MM} mm or \
+                "on curved surfaces, the drawing's triangles deviate from the surface by about {} mm (better: {FACET_DEVIATION_WARNING_MM} mm or \
                  less); export the drawing with a smaller deviation",
                 fixed_decimals(self.facet_error_mm, 3)
             )

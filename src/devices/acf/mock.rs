@@ -20,9 +20,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Speed of the actuator, mm/s.
-const SPEED_MM_S: f64 = 250.0;
+const ACTUATOR_SPEED_MM_S: f64 = 250.0;
 /// Amplitude of the sensor's noise, N.
-const NOISE_N: f64 = 0.2;
+const SENSOR_NOISE_N: f64 = 0.2;
 /// Contact stiffness, N/mm: the force for each millimetre by which the panel pushes the tool beyond its retracted
 /// position, or pushes a stuck tool.
 const STIFFNESS_N_PER_MM: f64 = 40.0;
@@ -130,7 +130,7 @@ impl MockAcf {
         let total_n = actuator_n + weight_n;
         let is_stuck = self.fault == Some(ToolFault::Stuck);
         if !is_stuck {
-            let most_mm = SPEED_MM_S * passed_s;
+            let most_mm = ACTUATOR_SPEED_MM_S * passed_s;
             let goal_mm = if total_n > 0.0 { touches_at_mm.min(self.tool.stroke_mm) } else { 0.0 };
             let step_mm = (goal_mm - self.position_mm).clamp(-most_mm, most_mm);
             // The panel pushes the actuator back as fast as the arm approaches.
@@ -204,7 +204,7 @@ impl MockAcf {
 /// Returns the sensor's noise at this time; the noise is reproducible.
 fn noise_n(time_ms: u64) -> f64 {
     let mixed = time_ms.wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(17).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    NOISE_N * ((mixed >> 40) as f64 / f64::from(1_u32 << 23) - 1.0)
+    SENSOR_NOISE_N * ((mixed >> 40) as f64 / f64::from(1_u32 << 23) - 1.0)
 }
 
 /// An injected fault, and the waypoint in contact at which it begins.

@@ -16,7 +16,7 @@ const MIN_SATURATED_LEVEL: u8 = 254;
 /// Brightest channel below which a pixel is dark, grey levels.
 const MAX_DARK_LEVEL: u8 = 10;
 /// The steepest pixels.
-const STEEPEST_SHARE: f64 = 0.001;
+const STEEPEST_FRACTION: f64 = 0.001;
 
 /// The role of a camera in the cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,7 +48,7 @@ pub enum CameraError {
         reason: String,
     },
     /// The camera responds, but delivers no picture in time.
-    #[error("no shot from the {which} within {waited_ms} ms")]
+    #[error("no picture from the {which} within {waited_ms} ms: check its power and cable")]
     Timeout {
         /// The camera.
         which: CameraRole,
@@ -56,7 +56,7 @@ pub enum CameraError {
         waited_ms: u64,
     },
     /// All captures of the recording were replayed.
-    #[error("{} contains no further {what}: all {played} were used", folder.display())]
+    #[error("{} contains no further {what}: all {played} were replayed; name another recording", folder.display())]
     RecordingExhausted {
         /// The recording.
         folder: PathBuf,
@@ -84,7 +84,7 @@ pub enum CameraError {
         reason: String,
     },
     /// A picture of a clip was requested, but the clip was not begun or has ended.
-    #[error("the {which} is not recording a clip, so it has no picture of a clip")]
+    #[error("no clip was started with the {which}, so there is no picture of a clip")]
     NoClip {
         /// The camera.
         which: CameraRole,
@@ -336,7 +336,7 @@ impl PictureQuality {
             picture.rgb.iter().filter(|rgb| is_one(rgb)).count() as f64 / pixels
         };
         PictureQuality {
-            sharpness_gray_per_px: quantile(&mut slopes, 1.0 - STEEPEST_SHARE).unwrap_or(0.0),
+            sharpness_gray_per_px: quantile(&mut slopes, 1.0 - STEEPEST_FRACTION).unwrap_or(0.0),
             saturated_share: share(&|rgb| rgb.iter().any(|level| *level >= MIN_SATURATED_LEVEL)),
             dark_share: share(&|rgb| rgb.iter().all(|level| *level < MAX_DARK_LEVEL)),
             mean_gray: gray.gray.iter().map(|level| f64::from(*level)).sum::<f64>() / pixels,

@@ -1,6 +1,6 @@
 //! GigE Vision cameras as flange cameras: a real camera, and the simulated camera over the loopback interface.
 
-use super::simulated::FORMAT;
+use super::simulated::SENSOR_FORMAT;
 use super::{CameraError, CameraRole, Conditions, FlangeCamera, FlangePicture, SimulatedFlangeCamera};
 use crate::gige::{
     self, ExposureMode, Frame, GigeCamera, GigeError, LinkMonitor, LoopbackCamera, LoopbackError, PixelFormat,
@@ -84,7 +84,7 @@ impl FlangeCamera for GigeFlangeCamera {
 }
 
 /// The serial number of the simulated flange camera.
-const SERIAL: &str = "SIMULATED";
+const SIMULATED_SERIAL: &str = "SIMULATED";
 
 /// The simulated flange camera; its pictures are sent over GigE Vision through the loopback interface.
 pub struct LoopbackFlangeCamera {
@@ -118,13 +118,13 @@ impl LoopbackFlangeCamera {
         };
         let not_there =
             |reason: LoopbackError| CameraError::Missing { which: CameraRole::Flange, reason: reason.to_string() };
-        let loopback = LoopbackCamera::start(SERIAL, size_px, FORMAT, Box::new(fill)).map_err(not_there)?;
+        let loopback = LoopbackCamera::start(SIMULATED_SERIAL, size_px, SENSOR_FORMAT, Box::new(fill)).map_err(not_there)?;
         let settings = Settings {
             selector: gige::CameraSelector::Address(gige::LOOPBACK_ADDRESS.to_owned()),
-            serial: Some(SERIAL.to_owned()),
+            serial: Some(SIMULATED_SERIAL.to_owned()),
             user_set: "Default".to_owned(),
             size_px,
-            format: FORMAT,
+            format: SENSOR_FORMAT,
             exposure_us: None,
             gain_db: None,
             exposure_mode: ExposureMode::Triggered,
@@ -147,12 +147,13 @@ impl FlangeCamera for LoopbackFlangeCamera {
     /// rendered bytes.
     fn capture(&mut self) -> Result<FlangePicture, CameraError> {
         let seen = self.simulated.capture()?;
-        let raw = mosaic(&seen.picture, FORMAT);
+        let raw = mosaic(&seen.picture, SENSOR_FORMAT);
         self.sensor.lock().unwrap_or_else(PoisonError::into_inner).clone_from(&raw);
         let frame = self.camera.picture().map_err(camera_error)?;
         if frame.pixels != raw {
             let differing = frame.pixels.iter().zip(&raw).filter(|(came, went)| came != went).count();
-            let reason = format!("{differing} of {} bytes differ from what was sent", raw.len());
+            let reason = format!("{differing} of {} received bytes differ from the bytes that were \
+                sent", raw.len());
             return Err(CameraError::Unusable { which: CameraRole::Flange, reason });
         }
         Ok(FlangePicture { picture: to_color(&frame)?, ..seen })

@@ -267,13 +267,13 @@ mod tests {
             assert_eq!((shot.cloud.color_at(5), shot.time_s), ([gray; 3], time_s));
         }
         let out = scanner.capture_3d().expect_err("two were recorded").to_string();
-        assert!(out.ends_with("contains no further 3D shot: all 2 were used"), "{out}");
+        assert!(out.ends_with("contains no further 3D shot: all 2 were replayed; name another recording"), "{out}");
         for (gray, time_s) in [(22, -0.5), (21, 0.25)] {
             let taken = scanner.capture_2d().expect("recorded");
             assert_eq!((taken.picture.rgb[0], taken.time_s), ([gray; 3], time_s));
         }
         let out = scanner.capture_2d().expect_err("two were recorded").to_string();
-        assert!(out.ends_with("contains no further picture in its clip.csv: all 2 were used"), "{out}");
+        assert!(out.ends_with("contains no further picture in its clip.csv: all 2 were replayed; name another recording"), "{out}");
     }
 
     #[test]

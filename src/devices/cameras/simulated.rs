@@ -16,7 +16,7 @@ use panelprep_base::geometry::{Base, Camera, ColorPicture, Flange, OrganizedClou
 use panelprep_sim::{BoardCell, BoardShot, ScannerDistortion};
 
 /// The pixel format of the simulated sensor, which defines its colour filters.
-pub(super) const FORMAT: PixelFormat = PixelFormat::BayerRG8;
+pub(super) const SENSOR_FORMAT: PixelFormat = PixelFormat::BayerRG8;
 
 /// The robot arm in a simulated world.
 #[derive(Clone)]
@@ -275,7 +275,7 @@ impl FlangeCamera for BayerFlangeCamera {
     fn capture(&mut self) -> Result<FlangePicture, CameraError> {
         let seen = self.simulated.capture()?;
         let size_px = [seen.picture.width, seen.picture.height];
-        let colored = demosaic(&mosaic(&seen.picture, FORMAT), size_px, FORMAT);
+        let colored = demosaic(&mosaic(&seen.picture, SENSOR_FORMAT), size_px, SENSOR_FORMAT);
         Ok(FlangePicture { picture: colored.unwrap_or_else(|| seen.picture.clone()), ..seen })
     }
 

@@ -28,8 +28,8 @@ impl Delivery {
         match self {
             Delivery::Complete => "complete",
             Delivery::MissingPackets => "packets are missing",
-            Delivery::TimedOut => "a part of the frame did not arrive in time",
-            Delivery::SizeMismatch => "the frame is larger than announced",
+            Delivery::TimedOut => "some packets of the frame did not arrive in time",
+            Delivery::SizeMismatch => "the frame is larger than its header states",
             Delivery::Broken => "the packets do not form a picture",
         }
     }
@@ -113,7 +113,7 @@ pub enum FrameRefusal {
     },
     /// The timestamp of the frame is not later than that of the last accepted frame.
     #[error(
-        "frame {id} was exposed at {found_ns} ns of the camera's clock, not after the last frame, {last_ns} ns"
+        "frame {id} has the timestamp {found_ns} ns, not later than that of the last frame, {last_ns} ns"
     )]
     NotNewer {
         /// Its number.
@@ -124,7 +124,7 @@ pub enum FrameRefusal {
         last_ns: u64,
     },
     /// The number of the frame is not the next one.
-    #[error("frame {id} does not follow frame {last}")]
+    #[error("frame {id} was received after frame {last}: it does not have the next frame number")]
     OutOfSequence {
         /// Its number.
         id: u64,
@@ -333,8 +333,8 @@ mod tests {
                 "0x01080001, expected 4×2 and Bayer",
             ),
             (good, vec![1; 7], "has 7 bytes, but its size needs 8"),
-            (FrameMetadata { camera_time_ns: 7_000, ..good }, pixels(8), "not after the last frame, 7000 ns"),
-            (FrameMetadata { id: 10, ..good }, pixels(8), "frame 10 does not follow frame 7"),
+            (FrameMetadata { camera_time_ns: 7_000, ..good }, pixels(8), "not later than that of the last frame, 7000 ns"),
+            (FrameMetadata { id: 10, ..good }, pixels(8), "frame 10 was received after frame 7"),
             (good, pixels(7), "has exactly the same pixels as the last frame"),
         ];
         for (facts, bytes, says) in cases {

@@ -10,7 +10,7 @@ use super::error::{GigeError, round_to_ms};
 use super::format::PixelFormat;
 use super::network::{describe_subnets, local_subnets, rmem_max, search, socket_buffer_bytes, unreachable_reason};
 use super::settings::{CameraSelector, ExposureMode, SettingStep, Settings, plan};
-use super::single_picture::{self, MAX_ATTEMPTS, Statistics, StillError, TriggeredCamera};
+use super::single_picture::{self, MAX_ATTEMPTS, Statistics, SinglePictureError, TriggeredCamera};
 use super::streaming::{Streaming, gone_error};
 use aravis::glib::object::Cast;
 use aravis::prelude::*;
@@ -110,16 +110,16 @@ impl ConnectedCamera {
     }
 
     /// Captures a single picture, whose exposure begins after this call.
-    pub fn take_still(&mut self) -> Result<Frame, GigeError> {
+    pub fn capture_single_picture(&mut self) -> Result<Frame, GigeError> {
         let taken = single_picture::capture(&mut self.sensor, &mut self.acceptance, &mut self.statistics);
         let camera_c = if taken.is_ok() { self.sensor.temperature_c() } else { None };
         taken.map(|(facts, pixels)| Frame { facts, pixels, camera_c }).map_err(|none| match none {
-            StillError::Gone(gone) => gone,
-            StillError::Timeout => {
+            SinglePictureError::Gone(gone) => gone,
+            SinglePictureError::Timeout => {
                 GigeError::Timeout { waited_ms: round_to_ms(MAX_ATTEMPTS * self.settings.picture_timeout()) }
             }
-            StillError::Refused(last) => GigeError::Refused { tries: MAX_ATTEMPTS, last },
-            StillError::Frozen(last) => GigeError::Frozen { last },
+            SinglePictureError::Refused(last) => GigeError::Refused { tries: MAX_ATTEMPTS, last },
+            SinglePictureError::Frozen(last) => GigeError::Frozen { last },
         })
     }
 

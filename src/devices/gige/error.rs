@@ -101,13 +101,13 @@ pub enum GigeError {
         why: String,
     },
     /// The camera delivers no picture in time.
-    #[error("no picture from the camera within {waited_ms} ms")]
+    #[error("no picture from the camera within {waited_ms} ms: check its power and cable")]
     Timeout {
         /// Waiting time, ms.
         waited_ms: u64,
     },
     /// None of the received frames can be used.
-    #[error("no usable picture was received in {tries} tries; last: {last}")]
+    #[error("no usable picture was received in {tries} attempts; last: {last}; check the network to the camera")]
     Refused {
         /// Number of attempts.
         tries: u32,
@@ -115,7 +115,8 @@ pub enum GigeError {
         last: FrameRefusal,
     },
     /// The camera repeats pictures of an earlier scene.
-    #[error("the camera delivers old pictures: {last}; the second try had the same result")]
+    #[error("the camera delivered an old picture in two attempts: {last}; restart the camera, and check its clock \
+        (PTP)")]
     Frozen {
         /// The reason why the last frame was refused.
         last: FrameRefusal,

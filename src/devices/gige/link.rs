@@ -101,7 +101,7 @@ impl GigeCamera {
     /// If the camera is unavailable or delivers no usable picture.
     pub fn picture(&mut self) -> Result<Frame, GigeError> {
         self.check_ready()?;
-        let lost = || GigeError::Lost { why: "the camera's thread has ended".to_owned() };
+        let lost = || GigeError::Lost { why: "the camera's thread has ended: restart the service".to_owned() };
         let (reply, answer) = mpsc::channel();
         let asked = Instant::now();
         self.asks.as_ref().ok_or_else(lost)?.send(CameraRequest::Picture { asked, reply }).map_err(|_| lost())?;
@@ -249,7 +249,7 @@ impl Link {
             return Err(away);
         };
         let picture = match self.settings.exposure_mode {
-            ExposureMode::Triggered => connected.take_still(),
+            ExposureMode::Triggered => connected.capture_single_picture(),
             ExposureMode::FreeRunning { .. } => connected.next(),
         };
         self.publish();

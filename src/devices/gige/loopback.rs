@@ -23,10 +23,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 pub const LOOPBACK_ADDRESS: &str = "127.0.0.1";
 
 /// The UDP port of GigE Vision's control protocol (GVCP).
-const PORT: u16 = 3956;
+const GVCP_PORT: u16 = 3956;
 
 /// The GenICam XML of the simulated camera: its features and their registers.
-const DESCRIPTION: &str = include_str!("test_camera.xml");
+const GENICAM_XML: &str = include_str!("test_camera.xml");
 
 /// The register address of a feature that the GenICam XML adds to the features of Aravis's fake camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,7 +67,7 @@ pub type FillPixels = Box<dyn Fn(u64, &mut [u8]) + Send + Sync>;
 pub enum LoopbackError {
     /// The UDP port is in use.
     #[error(
-        "no GigE Vision camera can be simulated at {LOOPBACK_ADDRESS}: UDP port {PORT} is taken, by another simulation or a camera tool"
+        "no GigE Vision camera can be simulated at {LOOPBACK_ADDRESS}: UDP port {GVCP_PORT} is taken, by another simulation or a camera tool"
     )]
     Taken,
     /// The picture is larger than the fake camera's sensor.
@@ -117,7 +117,7 @@ impl LoopbackCamera {
         format: PixelFormat,
         fill: FillPixels,
     ) -> Result<Self, LoopbackError> {
-        Self::start_with_description(DESCRIPTION, serial, size_px, format, fill)
+        Self::start_with_description(GENICAM_XML, serial, size_px, format, fill)
     }
 
     /// Starts a camera that accepts `format` but sends another format, whose code is `sent` (up to two bytes per
@@ -135,7 +135,7 @@ impl LoopbackCamera {
     ) -> Result<Self, LoopbackError> {
         let value = |code: u32| format!("<Value>{code}</Value>");
         let depth = "((FORMAT &gt;&gt; 16) &amp; 0xFF) / 8";
-        let description = DESCRIPTION.replace(&value(format.code()), &value(sent)).replace(depth, "1");
+        let description = GENICAM_XML.replace(&value(format.code()), &value(sent)).replace(depth, "1");
         Self::start_with_description(&description, serial, size_px, format, fill)
     }
 
@@ -150,9 +150,9 @@ impl LoopbackCamera {
         if size_px.iter().any(|px| !(1..=sensor_px).contains(px)) {
             return Err(LoopbackError::TooLarge { sensor_px, size_px });
         }
-        let lock = TcpListener::bind((LOOPBACK_ADDRESS, PORT)).map_err(|_| LoopbackError::Taken)?;
+        let lock = TcpListener::bind((LOOPBACK_ADDRESS, GVCP_PORT)).map_err(|_| LoopbackError::Taken)?;
         // This test detects a fake camera of another program that does not use the lock.
-        UdpSocket::bind((LOOPBACK_ADDRESS, PORT)).map_err(|_| LoopbackError::Taken)?;
+        UdpSocket::bind((LOOPBACK_ADDRESS, GVCP_PORT)).map_err(|_| LoopbackError::Taken)?;
         // Aravis reads the GenICam XML from a file when it starts.
         let no_file = |error: std::io::Error| LoopbackError::NoDescription(error.to_string());
         let mut file = tempfile::Builder::new().suffix(".xml").tempfile().map_err(no_file)?;

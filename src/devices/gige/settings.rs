@@ -126,7 +126,7 @@ pub enum PlanError {
 }
 
 /// Maximum exposure time as a fraction of the frame period; the camera needs the rest between two pictures.
-const MAX_EXPOSED_SHARE: f64 = 0.9;
+const MAX_EXPOSURE_FRACTION: f64 = 0.9;
 
 /// Returns the settings in the order in which they are made; `has` returns whether the camera has a node.
 ///
@@ -161,7 +161,7 @@ pub fn plan(settings: &Settings, has: &dyn Fn(&str) -> bool) -> Result<Vec<Setti
         has("AcquisitionFrameRateEnable").then_some(SettingStep::Switch("AcquisitionFrameRateEnable", true));
     let rate = match settings.exposure_mode {
         ExposureMode::Triggered => {
-            let limit = |exposure_us| MAX_EXPOSED_SHARE * 1e6 / exposure_us;
+            let limit = |exposure_us| MAX_EXPOSURE_FRACTION * 1e6 / exposure_us;
             let node = RATES.into_iter().find(|node| has(node));
             settings.exposure_us.and_then(|exposure_us| Some(SettingStep::Limit(node?, limit(exposure_us))))
         }

@@ -103,7 +103,7 @@ pub trait TriggeredCamera {
 
 /// The reason why no single picture was captured.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum StillError<G> {
+pub enum SinglePictureError<G> {
     /// The connection to the camera is lost.
     Gone(G),
     /// In the last attempt, no frame arrived in time.
@@ -122,12 +122,12 @@ pub fn capture<S: TriggeredCamera>(
     shutter: &mut S,
     acceptance: &mut Acceptance,
     statistics: &mut Statistics,
-) -> Result<(FrameMetadata, Vec<u8>), StillError<S::Gone>> {
-    let mut last: Option<StillError<S::Gone>> = None;
+) -> Result<(FrameMetadata, Vec<u8>), SinglePictureError<S::Gone>> {
+    let mut last: Option<SinglePictureError<S::Gone>> = None;
     for attempt in 0..MAX_ATTEMPTS {
         statistics.retries += u64::from(attempt > 0);
-        shutter.trigger().map_err(StillError::Gone)?;
-        let failed = match shutter.wait().map_err(StillError::Gone)? {
+        shutter.trigger().map_err(SinglePictureError::Gone)?;
+        let failed = match shutter.wait().map_err(SinglePictureError::Gone)? {
             Some((facts, pixels)) => match acceptance.judge(&facts, &pixels) {
                 Ok(()) => {
                     statistics.accepted += 1;
@@ -135,26 +135,26 @@ pub fn capture<S: TriggeredCamera>(
                 }
                 Err(refused) => {
                     statistics.refused += 1;
-                    StillError::Refused(refused)
+                    SinglePictureError::Refused(refused)
                 }
             },
             None => {
                 statistics.timeouts += 1;
-                StillError::Timeout
+                SinglePictureError::Timeout
             }
         };
-        shutter.renew().map_err(StillError::Gone)?;
+        shutter.renew().map_err(SinglePictureError::Gone)?;
         acceptance.new_stream();
         last = match (failed, last) {
-            (StillError::Refused(now), Some(StillError::Refused(before)))
+            (SinglePictureError::Refused(now), Some(SinglePictureError::Refused(before)))
                 if now.is_old_scene() && before.is_old_scene() =>
             {
-                return Err(StillError::Frozen(now));
+                return Err(SinglePictureError::Frozen(now));
             }
             (failed, _) => Some(failed),
         };
     }
-    Err(last.unwrap_or(StillError::Timeout))
+    Err(last.unwrap_or(SinglePictureError::Timeout))
 }
 
 #[cfg(test)]
@@ -167,7 +167,7 @@ mod tests {
 
     /// The simulated result of one exposure.
     #[derive(Debug, Clone, Copy, PartialEq)]
-    enum Fate {
+    enum ExposureResult {
         Good,
         Torn,
         Late,
@@ -178,18 +178,18 @@ mod tests {
     }
 
     /// A camera whose result for each exposure is scripted; the pixels contain the number of the exposure.
-    struct Scripted {
-        fates: VecDeque<Fate>,
+    struct ScriptedCamera {
+        fates: VecDeque<ExposureResult>,
         exposures: u64,
         id: u64,
         coming: VecDeque<(FrameMetadata, Vec<u8>)>,
         renewed: u32,
     }
 
-    impl Scripted {
-        fn new(fates: &[Fate]) -> Self {
+    impl ScriptedCamera {
+        fn new(fates: &[ExposureResult]) -> Self {
             let (fates, coming) = (fates.iter().copied().collect(), VecDeque::new());
-            Scripted { fates, exposures: 0, id: 0, coming, renewed: 0 }
+            ScriptedCamera { fates, exposures: 0, id: 0, coming, renewed: 0 }
         }
 
         fn frame(&mut self, delivery: Delivery, shows: u64) -> (FrameMetadata, Vec<u8>) {
@@ -200,7 +200,7 @@ mod tests {
         }
     }
 
-    impl TriggeredCamera for Scripted {
+    impl TriggeredCamera for ScriptedCamera {
         type Gone = ();
 
         fn trigger(&mut self) -> Result<(), ()> {
@@ -208,27 +208,27 @@ mod tests {
             self.exposures += 1;
             let shows = self.exposures;
             match self.fates.front() {
-                Some(Fate::Gone) => return Err(()),
-                Some(Fate::Good) | None => {
+                Some(ExposureResult::Gone) => return Err(()),
+                Some(ExposureResult::Good) | None => {
                     let frame = self.frame(Delivery::Complete, shows);
                     self.coming.push_back(frame);
                 }
-                Some(Fate::Torn) => {
+                Some(ExposureResult::Torn) => {
                     let frame = self.frame(Delivery::MissingPackets, shows);
                     self.coming.push_back(frame);
                 }
-                Some(Fate::Old) => {
+                Some(ExposureResult::Old) => {
                     let frame = self.frame(Delivery::Complete, 1);
                     self.coming.push_back(frame);
                 }
-                Some(Fate::Late | Fate::Nothing) => {}
+                Some(ExposureResult::Late | ExposureResult::Nothing) => {}
             }
             Ok(())
         }
 
         fn wait(&mut self) -> Result<Option<(FrameMetadata, Vec<u8>)>, ()> {
             let fate = self.fates.pop_front();
-            if fate == Some(Fate::Late) {
+            if fate == Some(ExposureResult::Late) {
                 let shows = self.exposures;
                 let frame = self.frame(Delivery::Complete, shows);
                 self.coming.push_back(frame);
@@ -250,21 +250,21 @@ mod tests {
         Acceptance::new(FrameRequirements { size_px, format, gaps: GapPolicy::Refused, may_repeat: false })
     }
 
-    fn take_of(fates: &[Fate]) -> (Result<u8, StillError<()>>, Statistics) {
-        let (mut camera, mut statistics) = (Scripted::new(fates), Statistics::default());
+    fn take_of(fates: &[ExposureResult]) -> (Result<u8, SinglePictureError<()>>, Statistics) {
+        let (mut camera, mut statistics) = (ScriptedCamera::new(fates), Statistics::default());
         let taken = capture(&mut camera, &mut acceptance(), &mut statistics);
         (taken.map(|(_, pixels)| pixels[0] / 16), statistics)
     }
 
     #[test]
-    fn a_still_is_attempted_three_times() {
-        use Fate::{Gone, Good, Late, Nothing, Torn};
+    fn a_single_picture_is_attempted_three_times() {
+        use ExposureResult::{Gone, Good, Late, Nothing, Torn};
         assert_eq!(take_of(&[Good]).0, Ok(1));
         let (taken, statistics) = take_of(&[Torn, Nothing, Good]);
         assert_eq!((taken, statistics.retries, statistics.refused, statistics.timeouts), (Ok(3), 2, 1, 1));
-        assert_eq!(take_of(&[Nothing, Torn, Nothing, Good]).0, Err(StillError::Timeout));
-        assert!(matches!(take_of(&[Torn; 4]).0, Err(StillError::Refused(FrameRefusal::Incomplete { .. }))));
-        assert_eq!(take_of(&[Torn, Gone]).0, Err(StillError::Gone(())));
+        assert_eq!(take_of(&[Nothing, Torn, Nothing, Good]).0, Err(SinglePictureError::Timeout));
+        assert!(matches!(take_of(&[Torn; 4]).0, Err(SinglePictureError::Refused(FrameRefusal::Incomplete { .. }))));
+        assert_eq!(take_of(&[Torn, Gone]).0, Err(SinglePictureError::Gone(())));
         // The frame of the first exposure arrives while the program waits for the second one, and is not mistaken for
         // it.
         assert_eq!(take_of(&[Late, Good]).0, Ok(2));
@@ -274,21 +274,21 @@ mod tests {
     /// attempt is made.
     #[test]
     fn a_frozen_camera_is_reported_at_its_second_old_frame() {
-        let mut camera = Scripted::new(&[Fate::Good]);
+        let mut camera = ScriptedCamera::new(&[ExposureResult::Good]);
         let (mut acceptance, mut statistics) = (acceptance(), Statistics::default());
         capture(&mut camera, &mut acceptance, &mut statistics).expect("good");
-        camera.fates = VecDeque::from([Fate::Old, Fate::Old, Fate::Good]);
+        camera.fates = VecDeque::from([ExposureResult::Old, ExposureResult::Old, ExposureResult::Good]);
         let frozen = capture(&mut camera, &mut acceptance, &mut statistics).expect_err("frozen");
-        assert!(matches!(frozen, StillError::Frozen(FrameRefusal::NotNewer { .. })), "{frozen:?}");
+        assert!(matches!(frozen, SinglePictureError::Frozen(FrameRefusal::NotNewer { .. })), "{frozen:?}");
         assert_eq!((statistics.accepted, statistics.refused), (1, 2));
     }
 
     proptest! {
         /// In every case a single picture shows its own exposure, and at most three triggers are sent.
         #[test]
-        fn a_still_shows_its_own_exposure(fates in prop::collection::vec(prop::sample::select(vec![
-            Fate::Good, Fate::Torn, Fate::Late, Fate::Nothing]), 1..40)) {
-            let (mut camera, mut acceptance, mut statistics) = (Scripted::new(&fates), acceptance(), Statistics::default());
+        fn a_single_picture_shows_its_own_exposure(fates in prop::collection::vec(prop::sample::select(vec![
+            ExposureResult::Good, ExposureResult::Torn, ExposureResult::Late, ExposureResult::Nothing]), 1..40)) {
+            let (mut camera, mut acceptance, mut statistics) = (ScriptedCamera::new(&fates), acceptance(), Statistics::default());
             for _ in 0..fates.len() {
                 let before = camera.exposures;
                 let taken = capture(&mut camera, &mut acceptance, &mut statistics);

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 /// Only one fake camera can use the port at a time.
 static PORT: Mutex<()> = Mutex::new(());
 
-pub(crate) fn alone() -> MutexGuard<'static, ()> {
+pub(crate) fn lock_port() -> MutexGuard<'static, ()> {
     PORT.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -53,7 +53,7 @@ fn settings(size_px: [usize; 2], format: PixelFormat) -> Settings {
 /// second, at which the exposure is at most 40 ms.
 #[test]
 fn each_feature_of_a_camera_is_set() {
-    let _alone = alone();
+    let _alone = lock_port();
     let size_px = [64, 48];
     let raw = vec![vec![7; 64 * 48]];
     let loopback = loopback(size_px, PixelFormat::BayerRG8, numbered(raw));
@@ -126,8 +126,8 @@ fn exposure_of(frame: &Frame, pictures: &[Vec<u8>]) -> u64 {
 
 /// Each picture of the simulated cell, in colour and in monochrome, is received exactly as it was sent.
 #[test]
-fn stills_are_received_byte_for_byte() {
-    let _alone = alone();
+fn single_pictures_are_received_byte_for_byte() {
+    let _alone = lock_port();
     let pictures = flange_pictures();
     let size_px = [pictures[0].width, pictures[0].height];
     for format in [PixelFormat::BayerRG8, PixelFormat::BayerGB8, PixelFormat::Mono8] {
@@ -153,7 +153,7 @@ fn stills_are_received_byte_for_byte() {
 /// The frame numbers of Aravis's fake camera start at 65401: after 134 frames they wrap to 1.
 #[test]
 fn frame_numbers_begin_again_and_no_frame_is_lost() {
-    let _alone = alone();
+    let _alone = lock_port();
     let (size_px, format) = ([64, 48], PixelFormat::Mono8);
     let raw = vec![(0..64 * 48).map(|pixel| (pixel % 251) as u8).collect::<Vec<u8>>()];
     let _loopback = loopback(size_px, format, numbered(raw.clone()));
@@ -179,7 +179,7 @@ fn frame_numbers_begin_again_and_no_frame_is_lost() {
 /// and the missing pictures in between are counted.
 #[test]
 fn full_pictures_keep_their_integrity() {
-    let _alone = alone();
+    let _alone = lock_port();
     let format = PixelFormat::BayerRG8;
     let full = [2048, 1536];
     // If the operating system's socket buffers have no room for a full picture, a smaller picture is used.

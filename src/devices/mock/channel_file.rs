@@ -266,12 +266,12 @@ pub enum EkiFault {
     #[error("2048: server time limit reached")]
     TimeLimit,
     /// The robot program could not read a value that it needs, and closed the channel.
-    #[error("the program closed the channel: {0}")]
+    #[error("the robot program closed the EKI channel: {0}; start the program again")]
     Unread(EkiError),
     /// The robot program read values of different documents in one row, and closed the channel.
     #[error(
-        "the program closed the channel: an element was missing, so the memories of the tags contain values of \
-         different messages"
+        "the robot program closed the EKI channel: an element was missing, so the buffers of the tags contain values \
+            of different messages; start the program again"
     )]
     Drifted,
 }

@@ -117,7 +117,7 @@ impl Controller {
         }
         let link = self.link(channel);
         let received = link.memory.receive(bytes);
-        let raised = link.memory.take_raised_signals();
+        let raised = link.memory.remove_raised_signals();
         self.note_change();
         raised.iter().for_each(|&raised| self.raise(raised, true));
         match received {

@@ -93,7 +93,7 @@ impl Memory {
     }
 
     /// Returns the flags and outputs that elements have set since the last call.
-    pub(super) fn take_raised_signals(&mut self) -> Vec<Raised> {
+    pub(super) fn remove_raised_signals(&mut self) -> Vec<Raised> {
         std::mem::take(&mut self.raised)
     }
 
@@ -293,10 +293,10 @@ mod tests {
             file.replace(leaf, &format!("{leaf} Set_Flag=\"860\" Set_Out=\"12\""))
         });
         memory.receive(b"<Req Id=\"1\"></Req>").expect("good XML");
-        assert_eq!(memory.take_raised_signals(), [Raised::Flag(854)]);
+        assert_eq!(memory.remove_raised_signals(), [Raised::Flag(854)]);
         memory.receive(b"<Req Id=\"1\" N1=\"4\"></Req><Else/>").expect("good XML");
-        assert_eq!(memory.take_raised_signals(), [Raised::Flag(860), Raised::Output(12), Raised::Flag(854)]);
-        assert_eq!(memory.take_raised_signals(), []);
+        assert_eq!(memory.remove_raised_signals(), [Raised::Flag(860), Raised::Output(12), Raised::Flag(854)]);
+        assert_eq!(memory.remove_raised_signals(), []);
     }
 
     /// An incomplete document may have up to 16384 bytes; one more byte is an error.

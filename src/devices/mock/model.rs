@@ -30,7 +30,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 pub(super) const TICK_MS: u64 = 12;
 
 /// Number of entries in the ring buffer of commands.
-pub(super) const RING: usize = 100;
+pub(super) const RING_ENTRIES: usize = 100;
 
 /// Distance of a retract along the tool's −Z axis, mm.
 const RETRACT_MM: f64 = 50.0;
@@ -150,7 +150,7 @@ impl Controller {
 
     fn tick(&mut self) {
         self.now_ms += TICK_MS;
-        self.pass_faults();
+        self.update_faults();
         if self.running.is_some() {
             return self.tick_interpreted();
         }
@@ -261,7 +261,7 @@ impl Epoch {
     }
 
     pub(super) fn free_entries(&self) -> usize {
-        RING.saturating_sub(self.ring.len())
+        RING_ENTRIES.saturating_sub(self.ring.len())
     }
 }
 

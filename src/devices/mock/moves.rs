@@ -17,7 +17,7 @@ use panelprep_base::geometry::{Base, Flange, Joints, Rigid, Tool};
 /// Maximum difference between two lengths that are treated as equal, mm.
 pub(super) const ROUNDING_MM: f64 = 1e-9;
 
-const PARTS: usize = 32;
+const ARC_STEP_COUNT: usize = 32;
 /// Minimum length of a blend, mm; a shorter blend is an exact stop.
 const MIN_BLEND_MM: f64 = 1e-6;
 
@@ -143,7 +143,7 @@ pub(super) struct Corner {
     /// Length of the whole outgoing line, mm.
     pub(super) outgoing_length_mm: f64,
     /// Arc lengths from the start of the blend, at equal steps of t.
-    arc_mm: [f64; PARTS + 1],
+    arc_mm: [f64; ARC_STEP_COUNT + 1],
 }
 
 impl Corner {
@@ -164,11 +164,11 @@ impl Corner {
             end,
             length_mm: 0.0,
             outgoing_length_mm: whole_out_mm,
-            arc_mm: [0.0; PARTS + 1],
+            arc_mm: [0.0; ARC_STEP_COUNT + 1],
         };
         let mut before = start.origin().mm.coords;
-        for part in 1..=PARTS {
-            let here = corner.origin_mm(part as f64 / PARTS as f64);
+        for part in 1..=ARC_STEP_COUNT {
+            let here = corner.origin_mm(part as f64 / ARC_STEP_COUNT as f64);
             corner.arc_mm[part] = corner.arc_mm[part - 1] + (here - before).norm();
             before = here;
         }
@@ -176,7 +176,7 @@ impl Corner {
         let chords_mm = 2.0 * blend_mm;
         // Position and rotation progress together. If the rotation does not limit the speed on the lines, it does not
         // limit it in the corner either.
-        corner.length_mm = corner.arc_mm[PARTS] * (turned_mm / chords_mm).max(1.0);
+        corner.length_mm = corner.arc_mm[ARC_STEP_COUNT] * (turned_mm / chords_mm).max(1.0);
         Some(corner)
     }
 
@@ -194,12 +194,12 @@ impl Corner {
 
     /// Returns the pose at this length of the path after the start of the blend.
     pub(super) fn pose_at(&self, gone_mm: f64) -> Pose {
-        let arc_mm = self.arc_mm[PARTS] * (gone_mm / self.length_mm).clamp(0.0, 1.0);
-        let after = self.arc_mm.iter().position(|&end_mm| end_mm >= arc_mm).unwrap_or(PARTS).max(1);
+        let arc_mm = self.arc_mm[ARC_STEP_COUNT] * (gone_mm / self.length_mm).clamp(0.0, 1.0);
+        let after = self.arc_mm.iter().position(|&end_mm| end_mm >= arc_mm).unwrap_or(ARC_STEP_COUNT).max(1);
         let [low, high] = [self.arc_mm[after - 1], self.arc_mm[after]];
         // If the direction is reversed, the two halves of the parabola coincide, and a chord may have zero length.
         let inside = if high > low { (arc_mm - low) / (high - low) } else { 1.0 };
-        let t = ((after - 1) as f64 + inside) / PARTS as f64;
+        let t = ((after - 1) as f64 + inside) / ARC_STEP_COUNT as f64;
         let turned = interpolate_pose(
             &interpolate_pose(&self.start, &self.vertex, t),
             &interpolate_pose(&self.vertex, &self.end, t),

@@ -6,7 +6,7 @@ use super::options::Rule;
 
 /// Time for which an output is kept off after its automatic switch-off, ms: if it is switched on in this time, it is
 /// switched off again.
-const FORCED_OFF_MS: u64 = 1_000;
+const FORCED_OFF_DURATION_MS: u64 = 1_000;
 
 impl Controller {
     /// Switches an output, as a person does on the teach pendant.
@@ -58,7 +58,7 @@ impl Controller {
                 if self.outputs.get(&number) == Some(&true) {
                     self.set_output(number, false);
                 }
-                if since_ms >= after_ms + FORCED_OFF_MS {
+                if since_ms >= after_ms + FORCED_OFF_DURATION_MS {
                     self.pending_off_outputs.remove(&number);
                 }
             }

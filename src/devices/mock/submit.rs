@@ -2,7 +2,7 @@
 
 use super::channel_file::EkiFault;
 use super::log::{ProgramStop, StopCause};
-use super::model::{Controller, Epoch, RING};
+use super::model::{Controller, Epoch, RING_ENTRIES};
 use super::options::{Clock, Rule};
 use super::wire::{self, Channel, Command, Refusal, Request};
 
@@ -11,10 +11,10 @@ const COMMANDS_PER_TICK: usize = 8;
 /// The period that a heartbeat grants in lock step, ms.
 const HEARTBEAT_GRANT_MS: u64 = 100;
 /// Time without a message of the client after which the epoch is stopped, ms.
-const WATCHDOG_MS: u64 = 400;
+const WATCHDOG_TIMEOUT_MS: u64 = 400;
 /// Time without a message of the client after which the program clears its channels and listens again, ms. Otherwise a
 /// client that disappeared without closing its connection would occupy the channel forever.
-const SILENCE_MS: u64 = 3_000;
+const CLIENT_SILENCE_TIMEOUT_MS: u64 = 3_000;
 /// Time that the program needs to clear, initialise and open a channel, ms.
 pub(super) const REOPEN_MS: u64 = 24;
 /// Maximum step by which one request may raise the epoch.
@@ -157,7 +157,7 @@ impl Controller {
         if moves && !self.safety.motion_possible() {
             return Err(Refusal::NoMotion);
         }
-        if self.epoch.ring.len() >= RING { Err(Refusal::RingFull) } else { Ok(()) }
+        if self.epoch.ring.len() >= RING_ENTRIES { Err(Refusal::RingFull) } else { Ok(()) }
     }
 
     fn judge_values(&self, command: &Command) -> Result<(), Refusal> {
@@ -213,11 +213,11 @@ impl Controller {
         }
         let watches = self.setup.omitted_rule != Some(Rule::Watchdog);
         let at_stake = self.is_busy() || self.has_harmful_output_on();
-        if self.epoch.open && at_stake && watches && self.now_ms - self.last_frame_ms >= WATCHDOG_MS {
+        if self.epoch.open && at_stake && watches && self.now_ms - self.last_frame_ms >= WATCHDOG_TIMEOUT_MS {
             self.stop(StopCause::Watchdog, String::new());
         }
         let silence_ms = self.now_ms - self.last_request_ms;
-        if (self.commands.connected || self.states.connected) && watches && silence_ms >= SILENCE_MS {
+        if (self.commands.connected || self.states.connected) && watches && silence_ms >= CLIENT_SILENCE_TIMEOUT_MS {
             for channel in [Channel::Command, Channel::State] {
                 self.troubles.cable_buffer[channel as usize].clear();
                 self.troubles.hung_up[channel as usize] = false;
@@ -237,7 +237,7 @@ impl Controller {
     pub(super) fn stop_without_submit(&mut self) {
         let watches = self.setup.omitted_rule != Some(Rule::Watchdog);
         let dead_ms = self.now_ms - self.submit_ran_ms;
-        if !(self.safety.has_program() && watches && dead_ms >= WATCHDOG_MS) {
+        if !(self.safety.has_program() && watches && dead_ms >= WATCHDOG_TIMEOUT_MS) {
             return;
         }
         if self.epoch.open {

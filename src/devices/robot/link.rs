@@ -21,7 +21,7 @@ const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(4);
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// The nice value of the link's thread; a negative value has priority over other threads of the computer.
-const NICE: i32 = -10;
+const LINK_NICE_VALUE: i32 = -10;
 
 /// Returns the limits of the link according to the cell file.
 pub fn link_limits(cell: &cell::Cell) -> LinkLimits {
@@ -210,15 +210,15 @@ impl RobotLink {
             match self.reports.pop() {
                 Ok(report) => return report,
                 Err(queue::NoReport { closed: true, .. }) => std::future::pending().await,
-                Err(queue::NoReport { told, .. })
-                    if self.pace == ClockMode::LockStep && self.granted != Some(told) =>
+                Err(queue::NoReport { report_count, .. })
+                    if self.pace == ClockMode::LockStep && self.granted != Some(report_count) =>
                 {
-                    self.granted = Some(told);
+                    self.granted = Some(report_count);
                     #[expect(
                         clippy::let_underscore_must_use,
                         reason = "refused only if the thread has ended, which closes the queue"
                     )]
-                    let _ = self.orders.send(LinkRequest::Grant { told });
+                    let _ = self.orders.send(LinkRequest::Grant { report_count });
                 }
                 Err(_) => {}
             }
@@ -265,7 +265,7 @@ impl Drop for RobotLink {
 /// does), the link has the priority of the program. The threads for computations have lowered their own priority, so
 /// the link still precedes them.
 fn raise_priority() {
-    if let Err(error) = rustix::process::setpriority_process(None, NICE) {
+    if let Err(error) = rustix::process::setpriority_process(None, LINK_NICE_VALUE) {
         tracing::info!("the priority of the robot link's thread cannot be raised: {error}");
     }
 }

@@ -18,7 +18,7 @@ pub(super) struct ReportQueue {
 #[derive(Debug, Default)]
 struct Inside {
     waiting: VecDeque<Report>,
-    told: u64,
+    report_count: u64,
     closed: bool,
     /// The time since which at least one report is waiting; `None` if none is waiting.
     unread_since: Option<Instant>,
@@ -28,7 +28,7 @@ struct Inside {
 #[derive(Debug)]
 pub(super) struct NoReport {
     /// Number of reports that were added so far.
-    pub told: u64,
+    pub report_count: u64,
     /// Whether the queue is closed, so that no more reports will follow.
     pub closed: bool,
 }
@@ -55,7 +55,7 @@ impl ReportQueue {
         }
         inside.waiting.push_back(report);
         inside.unread_since.get_or_insert_with(Instant::now);
-        inside.told += 1;
+        inside.report_count += 1;
         drop(inside);
         self.changed.notify_one();
     }
@@ -64,7 +64,7 @@ impl ReportQueue {
         let mut inside = self.lock();
         // The reader was active just now, so the waiting time of the next report starts here.
         inside.unread_since = (inside.waiting.len() > 1).then(Instant::now);
-        inside.waiting.pop_front().ok_or(NoReport { told: inside.told, closed: inside.closed })
+        inside.waiting.pop_front().ok_or(NoReport { report_count: inside.report_count, closed: inside.closed })
     }
 
     /// Records that the reader was active, because it sent a request: the waiting time of reports starts again.
@@ -79,7 +79,7 @@ impl ReportQueue {
     }
 
     pub(super) fn reported_count(&self) -> u64 {
-        self.lock().told
+        self.lock().report_count
     }
 
     pub(super) fn close(&self) {
@@ -110,7 +110,7 @@ pub(super) enum LinkRequest {
     Line(u32),
     /// Advances the virtual time, unless a report was added since the queue had this number of reports.
     Grant {
-        told: u64,
+        report_count: u64,
     },
 }
 

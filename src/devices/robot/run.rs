@@ -352,8 +352,8 @@ impl LinkLoop {
             // If there is no connection, the controller has already stopped by itself.
             LinkRequest::Stop => self.session.stop_now(),
             // The time must not advance while a reply is pending, or while the caller has not read a report.
-            LinkRequest::Grant { told }
-                if told == self.reports.reported_count() && !self.session.awaits_answer() =>
+            LinkRequest::Grant { report_count }
+                if report_count == self.reports.reported_count() && !self.session.awaits_answer() =>
             {
                 self.session.heartbeat(self.now());
             }
@@ -370,7 +370,7 @@ impl LinkLoop {
         while let Some(report) = self.session.poll_report() {
             match &report {
                 Report::LinkLost { why }
-                    if self.reported_loss.as_ref().is_some_and(|told| is_same_loss(told, why)) =>
+                    if self.reported_loss.as_ref().is_some_and(|earlier| is_same_loss(earlier, why)) =>
                 {
                     continue;
                 }

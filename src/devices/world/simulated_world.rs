@@ -11,7 +11,7 @@ use panelprep_sim::{CellTruth, Film, GreasySpot, SandingStrength, WET_FROM_S};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Minimum fraction of a spot's area that the disc must cover to remove the grease.
-const MIN_REMOVED_SHARE: f64 = 0.9;
+const MIN_REMOVED_FRACTION: f64 = 0.9;
 /// Maximum deviation of an axis from its park angle at which the arm is treated as parked, degrees.
 const MAX_PARK_DEVIATION_DEG: f64 = 0.1;
 
@@ -224,7 +224,7 @@ impl SimulatedWorld {
         };
         let from = |time_ms: u64| &trace[trace.partition_point(|sample| sample.time_ms < time_ms)..];
         let touched = TouchedPoints::reached_by_disc(from(since_ms), truth, disc_diameter_mm);
-        let healed = truth.spots.iter().map(|spot| touched.covered_share(spot) >= MIN_REMOVED_SHARE).collect();
+        let healed = truth.spots.iter().map(|spot| touched.covered_share(spot) >= MIN_REMOVED_FRACTION).collect();
         let new = TouchedPoints::reached_by_disc(from(sanded.until_ms.max(since_ms)), truth, disc_diameter_mm);
         sanded.until_ms = trace.last().map_or(sanded.until_ms, |last| last.time_ms + 1);
         if !new.centres().is_empty() && disc_diameter_mm > 0.0 {

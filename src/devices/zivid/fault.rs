@@ -67,7 +67,8 @@ pub enum ZividFault {
         waited: Duration,
     },
     /// The camera delivered nothing in several attempts.
-    #[error("C3 the 3D camera delivered nothing for {during} in {tries} tries: {message}")]
+    #[error("C3 the 3D camera delivered nothing for {during} in {tries} attempts: {message}; check its power, cable \
+        and temperature")]
     NoShot {
         /// The request.
         during: &'static str,
@@ -104,7 +105,7 @@ pub enum ZividFault {
         next: NextStep,
     },
     /// Some points of the scan have an infinite coordinate.
-    #[error("C4 the shot was discarded, because {0} points have an infinite coordinate")]
+    #[error("C4 the scan was discarded, because {0} points have an infinite coordinate: scan again")]
     NotFinite(usize),
     /// The scan or picture does not have the calibrated size.
     #[error(
@@ -142,7 +143,7 @@ pub enum ZividFault {
         expected: String,
     },
     /// The camera or the SDK does not accept the settings.
-    #[error("C5 {what} are not accepted: {message}")]
+    #[error("C5 {what} are not accepted: {message}; correct them with Zivid Studio")]
     Settings {
         /// Description of the settings, for messages.
         what: &'static str,
@@ -161,7 +162,7 @@ pub enum ZividFault {
         needed_percent: f64,
     },
     /// The camera delivered data that are older than the request, or repeated the previous data.
-    #[error("C9 the 3D camera delivered old data: {0}")]
+    #[error("C9 the 3D camera delivered old data: {0}; restart the camera")]
     Frozen(String),
     /// The worker ended.
     #[error("C11 the 3D camera's worker ended ({how}) during {during}; {next}")]

@@ -143,7 +143,7 @@ impl ZividScanner {
         let is_given_up = Arc::new(AtomicBool::new(false));
         let (answer, answered) = mpsc::channel();
         let order = QueuedRequest { ask, is_abandoned: is_given_up.clone(), answer };
-        let gone = || ZividFault::NoWorker("the thread that controls the worker has ended".to_owned());
+        let gone = || ZividFault::NoWorker("the worker's control thread has ended: restart the service".to_owned());
         self.orders.send(order).map_err(|_| gone())?;
         let begun = Instant::now();
         let wait_limit = if ask == CameraRequest::Check {

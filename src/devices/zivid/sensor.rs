@@ -24,7 +24,7 @@ const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Maximum number of consecutive pictures that the camera may fail to deliver; each is a gap in the clip's times. One
 /// more failure ends the clip.
-const MAX_MISSED: u32 = 2;
+const MAX_MISSED_PICTURES: u32 = 2;
 
 /// Maximum rate of a clip, pictures per second; it is above that of any camera of this type.
 const MAX_PICTURES_PER_SECOND: f64 = 1_000.0;
@@ -183,7 +183,7 @@ impl ClipQueue {
     fn receive(&mut self, taken: Result<PictureWithMetadata, Refusal>, now_ns: u64) {
         match taken {
             Ok(photo) => self.push(photo),
-            Err(refusal) if refusal.trouble == Trouble::NoShot && self.missed < MAX_MISSED => self.missed += 1,
+            Err(refusal) if refusal.trouble == Trouble::NoShot && self.missed < MAX_MISSED_PICTURES => self.missed += 1,
             Err(refusal) => (self.failed, self.is_over) = (Some(refusal), true),
         }
         if now_ns.saturating_sub(self.asked_ns) > REQUEST_TIMEOUT.as_nanos() as u64 {

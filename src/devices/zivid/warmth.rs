@@ -21,7 +21,7 @@ const FITTED_PERIOD_S: f64 = 300.0;
 const MAX_GAP_S: f64 = 120.0;
 /// Maximum slope of a warm camera, °C per minute: three times that of the air in a production hall, and a fifth of a
 /// slow warm-up.
-const MAX_RISE_C_PER_MIN: f64 = 0.1;
+const MAX_SLOPE_C_PER_MIN: f64 = 0.1;
 /// Minimum standard deviation of a temperature, °C: temperatures are reported in steps of 0.1 °C, and the error is
 /// uniformly distributed within half a step to either side.
 const MIN_ERROR_C: f64 = 0.05 / 1.732;
@@ -76,7 +76,7 @@ impl std::fmt::Display for WarmUpState {
             }
             WarmUpState::Changing { rise_c_per_min } => {
                 let verb = if *rise_c_per_min > 0.0 { "warms up" } else { "cools down" };
-                let [found, limit] = distinguishable_texts(rise_c_per_min.abs(), MAX_RISE_C_PER_MIN, 2);
+                let [found, limit] = distinguishable_texts(rise_c_per_min.abs(), MAX_SLOPE_C_PER_MIN, 2);
                 write!(
                     f,
                     "the 3D camera still {verb}, by {found} °C per minute (limit {limit} °C per minute). Take shots \
@@ -86,7 +86,7 @@ impl std::fmt::Display for WarmUpState {
             WarmUpState::Unclear { rise_c_per_min, error_c_per_min } => write!(
                 f,
                 "it is not clear whether the 3D camera is warm: its temperature changes by {rise_c_per_min:.2} ± \
-                 {error_c_per_min:.2} °C per minute (warm: {MAX_RISE_C_PER_MIN} °C per minute or less)"
+                 {error_c_per_min:.2} °C per minute (warm: {MAX_SLOPE_C_PER_MIN} °C per minute or less)"
             ),
             WarmUpState::NoReadings { followed_s } => write!(
                 f,
@@ -111,8 +111,8 @@ pub fn judge_warm_up(readings: &[TemperatureReading], now_s: f64) -> WarmUpState
         return WarmUpState::NoReadings { followed_s: 0.0 };
     };
     match rise_c_per_min.abs() {
-        most if most + error_c_per_min <= MAX_RISE_C_PER_MIN => WarmUpState::Warm { rise_c_per_min },
-        least if least - error_c_per_min > MAX_RISE_C_PER_MIN => WarmUpState::Changing { rise_c_per_min },
+        most if most + error_c_per_min <= MAX_SLOPE_C_PER_MIN => WarmUpState::Warm { rise_c_per_min },
+        least if least - error_c_per_min > MAX_SLOPE_C_PER_MIN => WarmUpState::Changing { rise_c_per_min },
         _ => WarmUpState::Unclear { rise_c_per_min, error_c_per_min },
     }
 }

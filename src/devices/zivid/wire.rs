@@ -71,7 +71,7 @@ impl FrameKind {
 #[derive(Debug, thiserror::Error)]
 pub enum WireError {
     /// The stream ended between two frames.
-    #[error("the connection has ended")]
+    #[error("the other process has closed the connection")]
     Ended,
     /// The stream ended within a frame.
     #[error("the connection ended within the {part} of a frame")]
@@ -348,7 +348,7 @@ mod tests {
     fn bytes_that_are_no_frame_are_reported() {
         let bytes = written(1, b"{}", &[&[7; 9]]);
         let told = |bytes: &[u8], size| read(bytes, &[size]).expect_err("refused").to_string();
-        assert_eq!(told(&[], 9), "the connection has ended");
+        assert_eq!(told(&[], 9), "the other process has closed the connection");
         assert_eq!(told(&bytes[..30], 9), "the connection ended within the head of a frame");
         assert_eq!(told(&bytes, 8), "a frame's payload has 9 bytes, but its head states 8 bytes");
         assert!(told(b"HTTP/1.1 200 OK and more of the same", 9).contains("[48, 54, 54, 50]"));

@@ -155,7 +155,7 @@ impl SensorWorker {
         let found = settings_hash(yaml);
         if found != hash {
             let message =
-                format!("the text of the settings has the hash {found}, but the hash {hash} was announced");
+                format!("the settings received have the hash {found}, expected {hash}: send them again");
             return Err(Refusal { trouble: Trouble::Settings, message });
         }
         let failed = |error: std::io::Error| Refusal {
@@ -173,7 +173,7 @@ impl SensorWorker {
     fn loaded_settings(&self, hash: &SettingsHash) -> Result<LoadedSettings, Refusal> {
         let unknown = || Refusal {
             trouble: Trouble::OutOfOrder,
-            message: format!("settings {hash} were not sent since the camera was opened"),
+            message: format!("the settings {hash} were not sent after the camera was opened: send them again"),
         };
         self.settings.get(hash).copied().ok_or_else(unknown)
     }

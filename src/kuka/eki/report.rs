@@ -138,10 +138,11 @@ pub enum StopCause {
     )]
     NoProgram,
     /// The robot program on the controller has stopped the epoch by itself.
-    #[error("the controller's program has stopped by itself")]
+    #[error("the robot program has stopped the epoch by itself: read its message on the pendant")]
     ByProgram,
     /// This program does not read the robot's reports any more: the part that supervises the robot has stalled.
-    #[error("the program that supervises the robot has not read the robot's reports for too long")]
+    #[error("the cell's control loop has not read the robot's reports for too long, so the epoch was ended: restart \
+        the service")]
     Unattended,
 }
 
@@ -274,7 +275,8 @@ pub enum LinkLoss {
         silence_ms: u64,
     },
     /// The end of a message was not received in time.
-    #[error("the {channel} received the start of a message, but not its end within {waited_ms} ms")]
+    #[error("the {channel} received the start of a message, but not its end within {waited_ms} ms; it is connected \
+        again automatically")]
     Unfinished {
         /// The connection.
         channel: Channel,
@@ -335,7 +337,8 @@ pub enum LinkLoss {
     )]
     AbortNotObeyed,
     /// The connection has used all request numbers of 32 bits. A new connection counts from 1 again.
-    #[error("{most} requests were sent on this connection, the limit of the request counter")]
+    #[error("{most} requests were sent on this connection, the limit of the request counter; a new connection is \
+        opened automatically")]
     RequestsExhausted {
         /// The highest request number.
         most: u32,

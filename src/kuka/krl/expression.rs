@@ -2,7 +2,7 @@
 //! declarations of items in other files. Comparisons have the lowest precedence in KRL: `A>0 AND B` means `A>(0 AND
 //! B)`.
 
-use super::lex::{RESERVED, Token};
+use super::lex::{RESERVED_WORDS, Token};
 use super::syntax::{
     Binary, Call, Declaration, DeclarationContent, Expression, Item, MAX_EXPRESSION_DEPTH, MAX_OPERATORS,
     ReturnType, Step, Unary, VariableRef,
@@ -343,9 +343,9 @@ pub(super) fn is_declaration(tokens: &[Token]) -> bool {
 }
 
 /// Returns whether a line is a declaration without the required DECL: a type and a variable, `NAME NAME`.
-pub(super) fn lacks_decl(tokens: &[Token]) -> bool {
+pub(super) fn is_declaration_without_decl(tokens: &[Token]) -> bool {
     let is_name =
-        |token: &Token| matches!(token, Token::Name(name) if RESERVED.binary_search(&name.as_str()).is_err());
+        |token: &Token| matches!(token, Token::Name(name) if RESERVED_WORDS.binary_search(&name.as_str()).is_err());
     let goes_on = |token: &Token| matches!(token, Token::Sign("=" | "[" | ","));
     tokens.len() > 1 && tokens[..2].iter().all(is_name) && tokens.get(2).is_none_or(goes_on)
 }

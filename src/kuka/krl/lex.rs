@@ -141,7 +141,7 @@ fn number(rest: &str) -> Result<(Token, usize), String> {
 }
 
 /// Keywords that are not valid as names of variables or routines.
-pub const RESERVED: [&str; 58] = [
+pub const RESERVED_WORDS: [&str; 58] = [
     "AND",
     "BRAKE",
     "B_AND",

@@ -30,7 +30,7 @@ mod types;
 
 pub use code::{Cell, Entry, LocalVariable, Location, MemoryAddress, MemorySpace, Op, Program, Shared};
 pub use compile::{Analysis, analyse};
-pub use lex::RESERVED;
+pub use lex::RESERVED_WORDS;
 pub use machine::{
     Caller, EkiAnswer, Host, Interpreter, MAX_DECLARED_INTERRUPTS, Memory, MotionRequest, StepPause,
     UndocumentedBehaviour,

@@ -2,9 +2,9 @@
 //! finds all problems of a file, and no problem causes another one.
 
 use super::expression::{
-    NotRead, ReadResult, TokenReader, is_declaration, lacks_decl, parse_declaration, parse_return_type,
+    NotRead, ReadResult, TokenReader, is_declaration, is_declaration_without_decl, parse_declaration, parse_return_type,
 };
-use super::lex::{RESERVED, Token, tokens};
+use super::lex::{RESERVED_WORDS, Token, tokens};
 use super::routines::is_ethernet_krl_6_only;
 use super::syntax::{
     Action, Data, Declaration, File, MAX_FILE_BYTES, MAX_REPORTS, Parameter, ReturnType, Routine, Statement,
@@ -244,7 +244,7 @@ impl Parser {
     fn parse_declarations(&mut self, in_data: bool) -> Vec<Declaration> {
         let mut found = Vec::new();
         loop {
-            let lacks = |line: &&SourceLine| !is_declaration(&line.tokens) && lacks_decl(&line.tokens);
+            let lacks = |line: &&SourceLine| !is_declaration(&line.tokens) && is_declaration_without_decl(&line.tokens);
             let lacking = self.lines.iter().skip(self.at).take_while(lacks).count();
             let goes_on = self.lines.get(self.at + lacking).is_some_and(|line| is_declaration(&line.tokens));
             for _ in 0..lacking * usize::from(in_data || goes_on) {
@@ -305,7 +305,7 @@ impl Parser {
 fn is_routine_name(text: &str) -> bool {
     let is_inside = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '$');
     let begins = text.starts_with(|c: char| is_inside(c) && !c.is_ascii_digit());
-    begins && text.chars().all(is_inside) && RESERVED.binary_search(&text).is_err()
+    begins && text.chars().all(is_inside) && RESERVED_WORDS.binary_search(&text).is_err()
 }
 
 /// Returns whether a line is DEF, DEFFCT, GLOBAL DEF or GLOBAL DEFFCT.

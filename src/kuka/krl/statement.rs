@@ -14,7 +14,7 @@ const UNSUPPORTED_KEYWORDS: [&str; 8] =
     ["ANIN", "ANOUT", "DIGIN", "ASYPTP", "ASYCONT", "ASYSTOP", "ASYCANCEL", "CANCEL"];
 
 /// The keywords that begin and end each kind of block.
-const BLOCKS: [(&str, &str); 8] = [
+const BLOCK_KEYWORDS: [(&str, &str); 8] = [
     ("IF", "ENDIF"),
     ("SWITCH", "ENDSWITCH"),
     ("FOR", "ENDFOR"),
@@ -35,7 +35,7 @@ const FOREIGN_KEYWORDS: [(&str, &str); 5] = [
 ];
 
 /// The motion keywords, each with the path that it selects.
-const MOTIONS: [(&str, PathKind); 14] = [
+const MOTION_KEYWORDS: [(&str, PathKind); 14] = [
     ("PTP", PathKind::Joint),
     ("LIN", PathKind::Line),
     ("CIRC", PathKind::Circle),
@@ -52,7 +52,7 @@ const MOTIONS: [(&str, PathKind); 14] = [
     ("SPL_REL", PathKind::Curve),
 ];
 
-const APPROXIMATIONS: [(&str, Approximation); 5] = [
+const APPROXIMATION_KEYWORDS: [(&str, Approximation); 5] = [
     ("C_PTP", Approximation::Ptp),
     ("C_DIS", Approximation::Distance),
     ("C_VEL", Approximation::Velocity),
@@ -89,7 +89,7 @@ impl Parser {
 
     fn statement(&mut self, line: usize, first: &str) -> Action {
         let tokens = self.next_line();
-        if let Some((_, last)) = BLOCKS.iter().find(|(word, _)| *word == first).filter(|_| !is_assignment(&tokens))
+        if let Some((_, last)) = BLOCK_KEYWORDS.iter().find(|(word, _)| *word == first).filter(|_| !is_assignment(&tokens))
         {
             if self.depth > MAX_BLOCK_DEPTH {
                 let unread =
@@ -105,7 +105,7 @@ impl Parser {
                 "WHILE" => self.parse_while(line, &tokens),
                 "REPEAT" => self.parse_repeat(line, &tokens),
                 "LOOP" => self.parse_loop(line, &tokens),
-                _ => self.spline_block(line, &tokens),
+                _ => self.parse_spline_block(line, &tokens),
             };
         }
         let mut reader = TokenReader::new(&tokens);
@@ -124,8 +124,8 @@ impl Parser {
             if self.closes_a_routine() {
                 return;
             }
-            open += usize::from(BLOCKS.iter().any(|(word, _)| *word == first));
-            if first == last || BLOCKS.iter().any(|(_, word)| *word == first) {
+            open += usize::from(BLOCK_KEYWORDS.iter().any(|(word, _)| *word == first));
+            if first == last || BLOCK_KEYWORDS.iter().any(|(_, word)| *word == first) {
                 open -= 1;
             }
             self.next_line();
@@ -237,7 +237,7 @@ impl Parser {
         Action::Loop { body }
     }
 
-    fn spline_block(&mut self, line: usize, tokens: &[Token]) -> Action {
+    fn parse_spline_block(&mut self, line: usize, tokens: &[Token]) -> Action {
         let mut with = self.head(line, tokens, Vec::new(), parse_spline_head);
         let body = self.block(&["ENDSPLINE"]);
         if let Some((line, _)) = self.peek_first_word().filter(|(_, first)| first == "ENDSPLINE") {
@@ -337,10 +337,10 @@ fn parse_simple_statement(reader: &mut TokenReader<'_>, line: usize, first: &str
 
 /// Parses a motion or a part of a spline; any other line is reported as not valid.
 fn parse_motion_or_spline(reader: &mut TokenReader<'_>, first: &str) -> ReadResult<Action> {
-    if let Some(found) = motion(reader, first).or_else(|| spline_part(reader, first)) {
+    if let Some(found) = motion(reader, first).or_else(|| parse_spline_part(reader, first)) {
         return found;
     }
-    if first == "ELSE" || BLOCKS.iter().any(|(_, last)| *last == first) {
+    if first == "ELSE" || BLOCK_KEYWORDS.iter().any(|(_, last)| *last == first) {
         return Err("the line ends or continues a block, but no such block is open".into());
     }
     if let Some((_, instead)) = FOREIGN_KEYWORDS.iter().find(|(word, _)| *word == first) {
@@ -361,7 +361,7 @@ fn parse_motion_or_spline(reader: &mut TokenReader<'_>, first: &str) -> ReadResu
 
 /// Parses the rest of a motion after its first keyword; `None` if the keyword does not begin a motion.
 fn motion(reader: &mut TokenReader<'_>, first: &str) -> Option<ReadResult<Action>> {
-    let (word, path) = MOTIONS.iter().find(|(word, _)| *word == first)?;
+    let (word, path) = MOTION_KEYWORDS.iter().find(|(word, _)| *word == first)?;
     Some(parse_motion(reader, word, *path))
 }
 
@@ -390,7 +390,7 @@ fn parse_motion(reader: &mut TokenReader<'_>, word: &'static str, path: PathKind
 
 /// Parses one option after the target of a motion; returns false if the next token is not an option.
 fn parse_motion_options(reader: &mut TokenReader<'_>, motion: &mut MotionStatement) -> ReadResult<bool> {
-    if let Some((_, approximation)) = APPROXIMATIONS.iter().find(|(word, _)| reader.accept_word(word)) {
+    if let Some((_, approximation)) = APPROXIMATION_KEYWORDS.iter().find(|(word, _)| reader.accept_word(word)) {
         motion.approximates.push(*approximation);
     } else if reader.accept_word("WITH") {
         motion.with.extend(settings(reader)?);
@@ -435,11 +435,11 @@ fn parse_spline_head(reader: &mut TokenReader<'_>) -> ReadResult<Vec<(VariableRe
 
 /// Parses a line of a spline block that is not a segment, after its first word; `None` if the word begins another
 /// statement.
-fn spline_part(reader: &mut TokenReader<'_>, first: &str) -> Option<ReadResult<Action>> {
+fn parse_spline_part(reader: &mut TokenReader<'_>, first: &str) -> Option<ReadResult<Action>> {
     match first {
         "TIME_BLOCK" => Some(parse_bounded_part(reader, "TIME_BLOCK", &["START", "PART", "END"])),
         "CONST_VEL" => Some(parse_bounded_part(reader, "CONST_VEL", &["START", "END"])),
-        "STOP" => Some(conditional_stop(reader)),
+        "STOP" => Some(parse_conditional_stop(reader)),
         _ => None,
     }
 }
@@ -460,7 +460,7 @@ fn parse_bounded_part(reader: &mut TokenReader<'_>, word: &'static str, kinds: &
 }
 
 /// Parses a conditional stop, such as `STOP WHEN PATH=50 ONSTART IF $IN[3]`.
-fn conditional_stop(reader: &mut TokenReader<'_>) -> ReadResult<Action> {
+fn parse_conditional_stop(reader: &mut TokenReader<'_>) -> ReadResult<Action> {
     reader.expect_word("WHEN")?;
     reader.expect_word("PATH")?;
     reader.sign("=")?;

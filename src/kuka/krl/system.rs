@@ -157,33 +157,33 @@ pub(super) fn find(name: &str) -> Option<usize> {
 /// A variable for which only the type is known, so that statements with it are not executed: a system variable, or a
 /// variable that every `$config.dat` declares.
 #[derive(Debug, Clone)]
-pub(super) struct NameOnlyVariable {
+pub(super) struct UnmodelledVariable {
     pub(super) type_name: &'static str,
     /// The number of dimensions; the sizes of the dimensions differ between controllers.
     pub(super) dimensions: usize,
 }
 
 /// Returns the variable with this name.
-pub(super) fn find_variable(name: &str) -> Option<&'static NameOnlyVariable> {
-    static NAME_ONLY_VARIABLES: LazyLock<BTreeMap<&'static str, NameOnlyVariable>> = LazyLock::new(|| {
+pub(super) fn find_variable(name: &str) -> Option<&'static UnmodelledVariable> {
+    static UNMODELLED_VARIABLES: LazyLock<BTreeMap<&'static str, UnmodelledVariable>> = LazyLock::new(|| {
         let mut all = BTreeMap::new();
-        for line in NAMES.lines() {
+        for line in VARIABLE_NAMES_BY_TYPE.lines() {
             let mut words = line.split(' ');
             let type_name = words.next().unwrap_or_default();
             for word in words.filter(|word| !word.is_empty()) {
                 let (name, sizes) = word.split_once('[').map_or((word, None), |(name, sizes)| (name, Some(sizes)));
                 let dimensions = sizes.map_or(0, |sizes| 1 + sizes.matches(',').count());
-                all.insert(name, NameOnlyVariable { type_name, dimensions });
+                all.insert(name, UnmodelledVariable { type_name, dimensions });
             }
         }
         all
     });
-    NAME_ONLY_VARIABLES.get(name)
+    UNMODELLED_VARIABLES.get(name)
 }
 
 /// Each row has a type and its variables; `ANY` stands for an unspecified type. The system variables come first, then
 /// those of `$config.dat`.
-const NAMES: &str = "\
+const VARIABLE_NAMES_BY_TYPE: &str = "\
 BOOL $AUX_POWER $BRAKETEST_MONTIME $BRAKETEST_REQ_EX $BRAKETEST_REQ_INT $BRAKETEST_WARN $BWDSTART $CHCK_MOVENA $COLLMON_ACTIVE_COM $COLLMON_ACTIVE_PRO $COLL_ALARM $COLL_ENABLE \
 $CONF_MESS $CONSENT $DATA_INTEGRITY $DRIVES_ENABLE $EXCLU $EXT_START $IMM_STOP $IMPROVED_COLLMON $IN_HOME1 $IN_HOME2 $IN_HOME3 $IN_HOME4 $IN_HOME5 $IOSIM_OPT $IS_OFFICE_LITE $I_O_ACT $I_O_ACTCONF $KCP_CONNECT \
 $LINE_SEL_OK $LOOP_CONT $MASTERINGTEST_ACTIVE $MASTERINGTEST_REQ_EXT $MASTERINGTEST_REQ_INT $MASTERINGTEST_SWITCH_OK $MEAS_PULSE[] $MODE_AUTO $MODE_TEST $MOT_STOP $MOVE_BCO $NEAR_POSRET $OUT_NODRIVE $PAL_MODE $POWER_FAIL \

@@ -109,9 +109,9 @@ pub(super) struct NewComponent {
 }
 
 /// KUKA's pose types, from the shortest to the longest; each has the components of the previous one and further ones.
-const POSES: [&str; 4] = ["FRAME", "POS", "E3POS", "E6POS"];
+const POSE_TYPES: [&str; 4] = ["FRAME", "POS", "E3POS", "E6POS"];
 /// KUKA's types of axis positions, in the same order as the pose types.
-const AXES: [&str; 3] = ["AXIS", "E3AXIS", "E6AXIS"];
+const AXIS_TYPES: [&str; 3] = ["AXIS", "E3AXIS", "E6AXIS"];
 
 impl Types {
     /// Adds the simple types.
@@ -220,12 +220,12 @@ impl Types {
 
     /// Returns whether the first components of the type are X, Y, Z, A, B and C.
     pub(super) fn is_pose(&self, kind: Type) -> bool {
-        self.is_one_of_types(kind, &POSES)
+        self.is_one_of_types(kind, &POSE_TYPES)
     }
 
     /// Returns whether the first components of the type are A1 to A6.
     pub(super) fn is_axes(&self, kind: Type) -> bool {
-        self.is_one_of_types(kind, &AXES)
+        self.is_one_of_types(kind, &AXIS_TYPES)
     }
 
     /// Returns whether the controller converts the two types to each other: both are poses, or both are axis positions.
@@ -325,7 +325,7 @@ STRUC BASIS_SUGG_T CHAR POINT1[24],POINT2[24],CP_PARAMS[24],PTP_PARAMS[24],CONT[
 
 /// Further types of KUKA, from machine data and from programs that KUKA delivers. Only their names are known, so their
 /// components are not checked.
-const NAME_ONLY_TYPES: [&str; 39] = [
+const TYPES_KNOWN_BY_NAME_ONLY: [&str; 39] = [
     "ACC_CAR",
     "ADAP_ACC",
     "AXBOX",
@@ -368,8 +368,8 @@ const NAME_ONLY_TYPES: [&str; 39] = [
 ];
 
 /// Returns whether this is the name of a KUKA type whose components are not known here.
-pub(super) fn is_name_only_type(name: &str) -> bool {
-    NAME_ONLY_TYPES.binary_search(&name).is_ok()
+pub(super) fn is_type_known_by_name_only(name: &str) -> bool {
+    TYPES_KNOWN_BY_NAME_ONLY.binary_search(&name).is_ok()
 }
 
 /// Returns all of KUKA's types. Each check works with a copy of them.
@@ -427,7 +427,7 @@ mod tests {
         assert_eq!(components.filter(|component| component.kind == Type::Unknown).count(), 0);
         assert_eq!([types.size(types.kuka_type("E6POS")), types.size(types.kuka_type("STATE_T"))], [14, 65]);
         assert!(
-            NAME_ONLY_TYPES.is_sorted() && NAME_ONLY_TYPES.iter().all(|name| types.find(name, &[]).is_none()),
+            TYPES_KNOWN_BY_NAME_ONLY.is_sorted() && TYPES_KNOWN_BY_NAME_ONLY.iter().all(|name| types.find(name, &[]).is_none()),
             "one place for each"
         );
     }

@@ -9,8 +9,8 @@ pub(super) const ALL: [Mutation; 5] = [
     change(
         "the controller's watchdog × 4",
         SUBMIT,
-        "const WATCHDOG_MS: u64 = 400;",
-        "const WATCHDOG_MS: u64 = 1_600;",
+        "const WATCHDOG_TIMEOUT_MS: u64 = 400;",
+        "const WATCHDOG_TIMEOUT_MS: u64 = 1_600;",
     ),
     change(
         "the controller takes a command behind a gap",
@@ -27,8 +27,8 @@ pub(super) const ALL: [Mutation; 5] = [
     change(
         "the controller keeps the place of a client that is gone without a word",
         SUBMIT,
-        "const SILENCE_MS: u64 = 3_000;",
-        "const SILENCE_MS: u64 = 18_000_000;",
+        "const CLIENT_SILENCE_TIMEOUT_MS: u64 = 3_000;",
+        "const CLIENT_SILENCE_TIMEOUT_MS: u64 = 18_000_000;",
     ),
     change("a stop leaves the water on", SUBMIT, "self.switch_off_outputs(|after_ms| after_ms == 0);", "").and(
         OUTPUTS,

@@ -6,7 +6,7 @@
 
 mod pose;
 
-use self::pose::{AXIS_RANGE_DEG, CORNER, POSITION_RANGE_MM, like_radians, parse_pose_table, pose};
+use self::pose::{AXIS_RANGE_DEG, CORNER, POSITION_RANGE_MM, are_angles_in_radians, parse_pose_table, pose};
 use panelprep_base::config::{self, Problems, Section};
 use panelprep_base::geometry::{Base, Flange, Joints, Point, Rigid};
 use panelprep_vision::calib::three_points::TouchedCorner;
@@ -53,7 +53,7 @@ pub fn points(file: &str, text: &str) -> Result<Points, Problems> {
             let _ = top.section("base_from_flange");
         }
         top.finish();
-        if flange.flatten().is_some_and(|pose| like_radians(&pose)) {
+        if flange.flatten().is_some_and(|pose| are_angles_in_radians(&pose)) {
             let message = "these angles look like radians; write A, B, C in degrees";
             top.problem("base_from_flange", message);
             return None;

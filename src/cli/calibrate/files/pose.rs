@@ -114,7 +114,7 @@ pub(super) fn pose(section: &Section<'_, '_>) -> Option<KukaPose> {
 
 /// Returns whether these angles are probably in radians. This is not certain, so the caller uses the result only if the
 /// tool cannot be upright.
-pub(super) fn like_radians(pose: &KukaPose) -> bool {
+pub(super) fn are_angles_in_radians(pose: &KukaPose) -> bool {
     let angles = [pose.a_deg, pose.b_deg, pose.c_deg];
     let circle = [std::f64::consts::PI, std::f64::consts::FRAC_PI_2];
     angles.iter().all(|angle| angle.abs() < 3.15)

@@ -85,7 +85,7 @@ pub fn run(
     let first = tour.flange_pose()?.base_from_flange.to_rigid();
     take_board_picture(&mut view, &tour, session)?;
     let about_mm = distance_mm(&session.pictures(), kind, (&camera, board), args)?;
-    let mut variations = POSE_VARIATIONS.iter().map(|change| vary_pose(&first, about_mm, change));
+    let mut variations = POSE_VARIATIONS.iter().map(|change| offset_pose(&first, about_mm, change));
     while session.picture_count() < session.max_pictures(MAX_PICTURES) {
         let known = if session.board_picture_count() >= MIN_FIRST_PICTURES { Some(so_far()?) } else { None };
         if known.as_ref().is_some_and(|known| !super::report_mount(known)) {
@@ -99,7 +99,8 @@ pub fn run(
         if !is_there {
             let Some(next) = variations.next() else {
                 tell(
-                    "no further pose: the remaining poses are out of the arm's reach or refused by the motion gate",
+                    "no further pose: the remaining poses are out of the arm's reach or do not pass the motion \
+                        checks",
                 );
                 return Ok(());
             };
@@ -182,7 +183,7 @@ fn distance_mm(
 }
 
 /// Returns a flange pose that is rotated about a point at the distance `about_mm` in front of the flange, and shifted.
-fn vary_pose(
+fn offset_pose(
     base_from_flange: &Rigid<Base, Flange>,
     about_mm: f64,
     (turn_deg, shift_mm): &([f64; 3], [f64; 3]),
@@ -223,7 +224,7 @@ mod tests {
     fn the_flange_is_rotated_about_the_board() {
         let start: Rigid<Base, Flange> = Rigid::from_isometry_unchecked(Isometry3::translation(500.0, 0.0, 300.0));
         let at = |turn_deg, shift_mm| {
-            let moved = vary_pose(&start, 100.0, &(turn_deg, shift_mm));
+            let moved = offset_pose(&start, 100.0, &(turn_deg, shift_mm));
             (moved * Point::<Flange>::at(0.0, 0.0, 0.0)).mm
         };
         let near = |a: nalgebra::Point3<f64>, b: [f64; 3]| (a - nalgebra::Point3::from(b)).norm() < 1e-9;
@@ -231,7 +232,7 @@ mod tests {
         assert!(near(at([90.0, 0.0, 0.0], [0.0; 3]), [500.0, 100.0, 400.0]));
         assert!(near(at([0.0; 3], [1.0, 2.0, 3.0]), [501.0, 2.0, 303.0]));
         let board =
-            vary_pose(&start, 100.0, &([20.0, -30.0, 40.0], [0.0; 3])) * Point::<Flange>::at(0.0, 0.0, 100.0);
+            offset_pose(&start, 100.0, &([20.0, -30.0, 40.0], [0.0; 3])) * Point::<Flange>::at(0.0, 0.0, 100.0);
         assert!(near(board.mm, [500.0, 0.0, 400.0]), "the point itself stays: {board:?}");
     }
 }

@@ -242,7 +242,7 @@ pub(super) fn report_mount(outcome: &Outcome) -> bool {
     // The next pose is chosen to improve the mount from the pictures. So its expected error is compared with the error
     // of that mount, not with that of the mount from the points.
     let by_pictures_mm = number("picture_uncertainty_mm").unwrap_or(uncertainty_mm);
-    let is_worth = next_mm < MAX_REMAINING_SHARE * by_pictures_mm && by_pictures_mm > SUFFICIENT_ERROR_MM;
+    let is_worth = next_mm < MAX_REMAINING_ERROR_RATIO * by_pictures_mm && by_pictures_mm > SUFFICIENT_ERROR_MM;
     let worth = if is_worth { "next" } else { "enough poses; the most useful further pose" };
     tell(&format!("{worth}: flange {pose}, then the uncertainty is ± {next_mm:.3} mm"));
     is_worth || verdict != Verdict::Accept.keyword()
@@ -254,7 +254,7 @@ pub(super) fn suggest_next_pose(outcome: &Outcome) -> Option<KukaPose> {
 }
 
 /// Maximum ratio of the error after another pose to the present error at which the pose is useful.
-const MAX_REMAINING_SHARE: f64 = 0.95;
+const MAX_REMAINING_ERROR_RATIO: f64 = 0.95;
 
 /// Error below which no further pose is useful, mm: the pose repeatability of the arm is about 0.03 mm (data sheet of
 /// the KR 6 R700).

@@ -13,7 +13,7 @@ use crate::cli::fault::{CalibrationFault, Fault};
 use crate::cli::flange_pose::FlangePoses;
 use crate::cli::load::CellFiles;
 use crate::cli::output::{Outcome, read_answer_line, write_progress as tell};
-use crate::cli::shoot::{free_names, opening};
+use crate::cli::shoot::{find_free_names, opening};
 use crate::cli::{disk, live};
 use opening::RequestedShot;
 use panelprep_base::geometry::{Base, ColorPicture, Flange, KukaPose, Point};
@@ -71,7 +71,8 @@ pub fn tool((args, folder): (&Tcp, &Path), common: &Common) -> Result<Outcome, F
         ));
     }
     tell(
-        "Hold the tip at the same spot, in another orientation each time: six or more that differ by 30° or more.",
+        "Hold the tip at the same point, each time in another orientation: six or more orientations that differ by \
+            30° or more.",
     );
     loop {
         let number = text.matches(&format!("[[{table}]]")).count() + 1;
@@ -81,7 +82,8 @@ pub fn tool((args, folder): (&Tcp, &Path), common: &Common) -> Result<Outcome, F
                  end."
             ),
             _ => format!(
-                "Hold a mark on the tool's axis, behind the tip, at the same spot. Press Enter for pose {number} of the mark; type done to end."
+                "Hold a mark on the tool's axis, behind the tip, at the same \
+                    point. Press Enter for pose {number} of the mark; type done to end."
             ),
         });
         match read_pose_answer(&poses, table == "poses")? {
@@ -177,12 +179,12 @@ pub fn take_target_picture(
 /// the target.
 fn scanner(args: &Verify, (cell, folder): (&CellFiles, &Path), progress: &dyn Fn(&str)) -> Result<PathBuf, Fault> {
     if cell.cell.scanner().is_simulated() {
-        let file = free_names(folder, "verify_scanner", &["png"]).remove(0);
+        let file = find_free_names(folder, "verify_scanner", &["png"]).remove(0);
         let world = live::simulated_cell(&cell.scanner()?.value, args.simulation)?;
         let picture = files::write_gray_png(&world.scanner_target().picture).map_err(Fault::stage)?;
         return disk::write(&file, picture).map(|()| file);
     }
-    let file = free_names(folder, "verify_scanner", &["pcd"]).remove(0);
+    let file = find_free_names(folder, "verify_scanner", &["pcd"]).remove(0);
     let wanted = RequestedShot { shot: Shot::Scan, simulation: args.simulation };
     let mut opened = opening::scanner(cell, &wanted, progress)?;
     let shot = opened.camera.capture_3d().map_err(Fault::stage)?;
@@ -195,7 +197,7 @@ fn flange_camera(
     (cell, folder): (&CellFiles, &Path),
     progress: &dyn Fn(&str),
 ) -> Result<(PathBuf, PathBuf), Fault> {
-    let names = free_names(folder, "verify_flange_camera", &["png", "json"]);
+    let names = find_free_names(folder, "verify_flange_camera", &["png", "json"]);
     let (picture, flange) = match cell.cell.flange_camera().is_simulated() {
         true => simulated_picture(args, cell)?,
         false => {

@@ -10,7 +10,7 @@ fn picture() -> Vec<Vec<u8>> {
 }
 
 /// Returns the camera at the loopback interface as soon as the camera is connected.
-fn opened() -> GigeCamera {
+fn open_camera() -> GigeCamera {
     let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
     camera.check_ready().unwrap_or_else(|error| panic!("{error}"));
     camera
@@ -20,9 +20,9 @@ fn opened() -> GigeCamera {
 /// complete pictures are delivered.
 #[test]
 fn incomplete_pictures_are_retried_and_never_delivered() {
-    let _alone = alone();
+    let _alone = lock_port();
     let loopback = loopback(SIZE, FORMAT, numbered(picture()));
-    let mut camera = opened();
+    let mut camera = open_camera();
     loopback.lose_packets(0.03);
     let (mut whole, mut refused) = (0, 0);
     for _ in 0..12 {
@@ -66,9 +66,9 @@ fn incomplete_pictures_are_retried_and_never_delivered() {
 /// reconnection the camera delivers pictures again.
 #[test]
 fn a_lost_camera_is_reported_once_and_reconnected() {
-    let _alone = alone();
+    let _alone = lock_port();
     let first = loopback(SIZE, FORMAT, numbered(picture()));
-    let mut camera = opened();
+    let mut camera = open_camera();
     let gauge = camera.gauge();
     camera.picture().unwrap_or_else(|error| panic!("{error}"));
     drop(first);
@@ -92,9 +92,9 @@ fn a_lost_camera_is_reported_once_and_reconnected() {
 /// A camera that responds but delivers no picture is opened again, and so configured again.
 #[test]
 fn a_camera_without_a_picture_is_configured_again() {
-    let _alone = alone();
+    let _alone = lock_port();
     let loopback = loopback(SIZE, FORMAT, numbered(picture()));
-    let mut camera = opened();
+    let mut camera = open_camera();
     camera.picture().unwrap_or_else(|error| panic!("{error}"));
     loopback.lose_packets(1.0);
     let refused = camera.picture().expect_err("nothing comes");
@@ -111,9 +111,9 @@ fn a_camera_without_a_picture_is_configured_again() {
 /// The heartbeat detects the loss even if no picture is requested.
 #[test]
 fn the_loss_of_an_unused_camera_is_detected() {
-    let _alone = alone();
+    let _alone = lock_port();
     let first = loopback(SIZE, FORMAT, numbered(picture()));
-    let camera = opened();
+    let camera = open_camera();
     drop(first);
     wait_for("the loss", || matches!(camera.link_status(), LinkStatus::Away(_)));
     assert_eq!(camera.statistics().losses, 1);
@@ -121,7 +121,7 @@ fn the_loss_of_an_unused_camera_is_detected() {
 
 #[test]
 fn each_wrong_camera_is_refused_with_its_reason() {
-    let _alone = alone();
+    let _alone = lock_port();
     let says = |settings: Settings| {
         let mut camera = GigeCamera::open(settings).expect("a thread");
         camera.check_ready().expect_err("refused").to_string()
@@ -171,9 +171,9 @@ fn each_wrong_camera_is_refused_with_its_reason() {
 /// The size of the camera's pictures is changed while the camera is in use.
 #[test]
 fn a_changed_picture_size_is_refused() {
-    let _alone = alone();
+    let _alone = lock_port();
     let loopback = loopback(SIZE, FORMAT, numbered(picture()));
-    let mut camera = opened();
+    let mut camera = open_camera();
     camera.picture().unwrap_or_else(|error| panic!("{error}"));
     loopback.shrink_picture([128, 192]);
     let refused = camera.picture().expect_err("another size");
@@ -193,7 +193,7 @@ fn a_changed_picture_size_is_refused() {
 /// a wrong pixel format, not as packet loss.
 #[test]
 fn a_pixel_format_that_the_camera_changed_is_reported() {
-    let _alone = alone();
+    let _alone = lock_port();
     const BAYER_RG12: u32 = 0x0110_0011;
     let begun = Instant::now();
     let _loopback = loop {
@@ -215,7 +215,7 @@ fn a_pixel_format_that_the_camera_changed_is_reported() {
 /// program does not wait any more.
 #[test]
 fn a_camera_that_never_reports_that_it_is_ready_is_triggered() {
-    let _alone = alone();
+    let _alone = lock_port();
     let loopback = loopback(SIZE, FORMAT, numbered(picture()));
     loopback.write(Register::TriggerArmed, 0);
     let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");

@@ -5,20 +5,20 @@ use super::super::options::Mode;
 use super::super::wire::{Channel, Refusal, SET_BASE, SET_TCP};
 use super::spec::{ConnectionSide, Fault, FaultTime};
 
-const REBOOT_MS: u64 = 3_000;
+const REBOOT_DURATION_MS: u64 = 3_000;
 
 impl Controller {
     /// Injects this fault now.
     pub fn apply_fault(&mut self, fault: Fault) {
         let for_ms = self.set(fault, true);
-        let for_ms = if let Fault::Reboot { for_ms: None } = fault { Some(REBOOT_MS) } else { for_ms };
+        let for_ms = if let Fault::Reboot { for_ms: None } = fault { Some(REBOOT_DURATION_MS) } else { for_ms };
         if let Some(for_ms) = for_ms {
             self.troubles.ends.push((self.now_ms + for_ms, fault));
         }
     }
 
     /// Begins and ends faults at the start of a tick.
-    pub(in super::super) fn pass_faults(&mut self) {
+    pub(in super::super) fn update_faults(&mut self) {
         let now_ms = self.now_ms;
         let arrived = self.troubles.commands_arrived;
         let is_due = |when: FaultTime| match when {
@@ -41,7 +41,7 @@ impl Controller {
     pub(in super::super) fn count_arrived(&mut self, commands: u64) {
         self.troubles.commands_arrived += commands;
         if !self.troubles.planned.is_empty() {
-            self.pass_faults();
+            self.update_faults();
         }
     }
 
@@ -157,7 +157,7 @@ impl Controller {
             }
             Fault::Reboot { for_ms } => {
                 if begins {
-                    self.reboot(for_ms.unwrap_or(REBOOT_MS));
+                    self.reboot(for_ms.unwrap_or(REBOOT_DURATION_MS));
                 }
                 for_ms
             }

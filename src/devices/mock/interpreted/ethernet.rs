@@ -9,8 +9,8 @@ use super::super::wire::Channel;
 use super::running::ControllerValues;
 use panelprep_kuka::krl::{Builtin, Cell, EkiAnswer, UndocumentedBehaviour};
 
-/// Error numbers of EthernetKRL, in this order: channel not available; already initialised; initialisation failed;
-/// already open; unknown element; no client connected.
+/// Error numbers of EthernetKRL, in this order: channel not available; channel initialised already; interpretation of
+/// the configuration failed; channel exists already; unknown element; no client connected.
 const NOT_AVAILABLE: i32 = 9;
 const INITIALISED: i32 = 23;
 const FAILED: i32 = 6;

@@ -29,7 +29,7 @@ const IDLE_SHARE: StatementShare = StatementShare { remaining_steps: 0, done: tr
 /// The period that a heartbeat grants, ms.
 const HEARTBEAT_GRANT_MS: u64 = 100;
 /// Time from the controller's start until its programs run, ms.
-const BOOT_MS: u64 = 600;
+const BOOT_DURATION_MS: u64 = 600;
 /// Maximum time until a reply, or until a channel is opened, ms.
 const RESPONSE_TIMEOUT_MS: u64 = 10_000;
 
@@ -176,7 +176,7 @@ impl RunningPrograms {
     /// Executes one statement of the robot interpreter. Returns true if the interpreter waits.
     fn step_robot(&mut self, controller: &mut Controller) -> bool {
         self.check_interrupts(controller);
-        self.offer_trigger(controller.now_ms);
+        self.fire_due_triggers(controller.now_ms);
         let RunningPrograms { robot, memory, values, sequences, next_sequence, programs, .. } = self;
         let meaning = programs.meaning;
         let mut around = InterpreterHost { controller, values, sequences, next_sequence, meaning };
@@ -204,7 +204,7 @@ impl RunningPrograms {
         controller.safety.started = false;
     }
 
-    fn offer_trigger(&mut self, now_ms: u64) {
+    fn fire_due_triggers(&mut self, now_ms: u64) {
         if let Some((sequence, due_ms)) = self.due_triggers.front().copied()
             && now_ms >= due_ms
             && self.robot.fire_triggers(sequence)
@@ -276,7 +276,7 @@ impl Controller {
     /// the hand-written model.
     pub fn boot(&mut self) {
         if self.running.is_some() {
-            self.advance_ms(BOOT_MS);
+            self.advance_ms(BOOT_DURATION_MS);
         }
     }
 

@@ -7,7 +7,8 @@
 #include <Zivid/Version.h>
 
 #if ZIVID_CORE_VERSION_MAJOR < 2 || (ZIVID_CORE_VERSION_MAJOR == 2 && ZIVID_CORE_VERSION_MINOR < 17)
-#error "Panelprep needs the Zivid SDK 2.17.0 or newer: older ones do not tell how long a hot camera paused (throttlingTime)"
+#error "Panelprep needs the Zivid SDK 2.17.0 or newer: older versions do not report how long a hot camera \
+    paused (throttlingTime)"
 #endif
 
 #include <Zivid/Experimental/Calibration.h>
@@ -96,7 +97,7 @@ Zivid::Camera &camera_of(pz_session *session) {
 
 template <typename Kind> const Kind &settings_of(pz_session *session, uint32_t slot) {
     if (slot >= session->settings.size() || !std::holds_alternative<Kind>(session->settings[slot])) {
-        throw OutOfOrder("no such settings were read");
+        throw OutOfOrder("settings with this number were not loaded");
     }
     return std::get<Kind>(session->settings[slot]);
 }
@@ -140,7 +141,7 @@ pz_status why_not(Zivid::Application &application, const char *serial, std::stri
             return PZ_IN_USE;
         }
         if (status == Status::inaccessible) {
-            text = who + " is seen on the network, and its address cannot be reached from this computer";
+            text = who + " was detected on the network, but its address cannot be reached from this computer";
             return PZ_OUT_OF_REACH;
         }
         if (status == Status::firmwareUpdateRequired || !Zivid::Firmware::isUpToDate(camera)) {
@@ -223,7 +224,7 @@ pz_status pz_connect(pz_session *session, const char *serial, const char *file, 
         pz_message ignored; // where even looking for the reason fails, the first message stands
         guarded(nullptr, connected, &ignored, [&] { why = file == nullptr ? why_not(application, serial, text) : connected; });
         if (!text.empty()) {
-            say(message, text + ". In the SDK's words: " + message->text);
+            say(message, text + ". Message of the SDK: " + message->text);
         }
         return why;
     }
@@ -257,7 +258,7 @@ pz_status pz_scan(pz_session *session, uint32_t slot, pz_taken *taken, pz_messag
 pz_status pz_copy_scan(pz_session *session, float *xyz, uint8_t *rgb, float *snr, size_t pixels, pz_message *message) {
     return guarded(session, PZ_NO_SHOT, message, [&] {
         if (!session->frame) {
-            throw OutOfOrder("no shot was taken");
+            throw OutOfOrder("no scan was captured");
         }
         const auto cloud = session->frame->pointCloud();
         if (cloud.size() != pixels) {
@@ -289,7 +290,7 @@ pz_status pz_picture(pz_session *session, uint32_t slot, pz_taken *taken, pz_mes
 pz_status pz_copy_picture(pz_session *session, uint8_t *rgb, size_t pixels, pz_message *message) {
     return guarded(session, PZ_NO_SHOT, message, [&] {
         if (!session->picture) {
-            throw OutOfOrder("no picture was taken");
+            throw OutOfOrder("no picture was captured");
         }
         const size_t found = session->picture->width() * session->picture->height();
         if (found != pixels) {
@@ -305,7 +306,7 @@ pz_status pz_intrinsics(pz_session *session, uint32_t slot, pz_lens *lens, pz_me
     return guarded(session, PZ_NO_SHOT, message, [&] {
         auto &camera = camera_of(session);
         if (slot >= session->settings.size()) {
-            throw OutOfOrder("no such settings were read");
+            throw OutOfOrder("settings with this number were not loaded");
         }
         const auto found = std::visit(
             [&](const auto &settings) { return Zivid::Experimental::Calibration::intrinsics(camera, settings); },

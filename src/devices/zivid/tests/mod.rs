@@ -80,7 +80,7 @@ fn each_trouble_of_the_camera_has_its_message() {
         (Plan { missing: vec![2], ..Plan::default() }, "C6 no 3D data: 0.00 % of the shot's pixels"),
         (
             Plan { infinite: vec![2], ..Plan::default() },
-            "C4 the shot was discarded, because 1 points have an infinite coordinate",
+            "C4 the scan was discarded, because 1 points have an infinite coordinate",
         ),
         (
             Plan { half: vec![2], ..Plan::default() },
@@ -94,7 +94,7 @@ fn each_trouble_of_the_camera_has_its_message() {
         (Plan { gone: vec![2], ..Plan::default() }, "C2 the 3D camera was lost during a 3D shot: unplugged"),
         (
             Plan { no_shot: vec![2, 3, 4], ..Plan::default() },
-            "C3 the 3D camera delivered nothing for a 3D shot in 3 tries: no exposure",
+            "C3 the 3D camera delivered nothing for a 3D shot in 3 attempts: no exposure",
         ),
         (
             Plan { panics: vec![2], ..Plan::default() },
@@ -202,5 +202,5 @@ fn another_camera_or_other_settings_are_refused_before_a_shot() {
     let words = "C5 the settings for 3D shots: 8×6 px, but the camera's calibration is for 16×12";
     assert!(size.starts_with(words), "{size}");
     let settings = told(CameraSetup { picture_yaml: "nonsense".to_owned(), ..setup() });
-    assert_eq!(settings, "C5 the settings for pictures are not accepted: these are no settings");
+    assert_eq!(settings, "C5 the settings for pictures are not accepted: these are no settings; correct them with Zivid Studio");
 }

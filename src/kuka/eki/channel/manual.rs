@@ -131,11 +131,11 @@ const fn element(path: &'static str, attributes: &'static [(&'static str, Conten
     KnownElement { path, attributes, text: None, once: false }
 }
 
-/// The ranges of the numbers of `$FLAG` and `$OUT` according to the manual.
-const FLAG: ContentRule = ContentRule::Number(1, 1025);
+/// The ranges of the numbers of `$FLAG_NUMBER_RULE` and `$OUT` according to the manual.
+const FLAG_NUMBER_RULE: ContentRule = ContentRule::Number(1, 1025);
 const OUTPUT_NUMBER_RULE: ContentRule = ContentRule::Number(1, 4096);
 const READ_ORDER_RULE: ContentRule = ContentRule::Words(ReadOrder::VARIANTS);
-const KINDS: ContentRule = ContentRule::Words(Kind::VARIANTS);
+const VALUE_TYPE_RULE: ContentRule = ContentRule::Words(Kind::VARIANTS);
 
 const KNOWN_ELEMENTS: [KnownElement; 24] = [
     section("CONFIGURATION"),
@@ -153,7 +153,7 @@ const KNOWN_ELEMENTS: [KnownElement; 24] = [
     element_with_text("CONFIGURATION/INTERNAL/TIMEOUT", &[("Connect", ContentRule::Number(0, 65_534))]),
     element_with_text(
         "CONFIGURATION/INTERNAL/ALIVE",
-        &[("Set_Flag", FLAG), ("Set_Out", OUTPUT_NUMBER_RULE), ("Ping", ContentRule::Number(1, 65_534))],
+        &[("Set_Flag", FLAG_NUMBER_RULE), ("Set_Out", OUTPUT_NUMBER_RULE), ("Ping", ContentRule::Number(1, 65_534))],
     ),
     text("CONFIGURATION/INTERNAL/IP", ContentRule::Free),
     text("CONFIGURATION/INTERNAL/PORT", ContentRule::Number(1, 65_534)),
@@ -171,8 +171,8 @@ const KNOWN_ELEMENTS: [KnownElement; 24] = [
         "RECEIVE/XML/ELEMENT",
         &[
             ("Tag", ContentRule::Free),
-            ("Type", KINDS),
-            ("Set_Flag", FLAG),
+            ("Type", VALUE_TYPE_RULE),
+            ("Set_Flag", FLAG_NUMBER_RULE),
             ("Set_Out", OUTPUT_NUMBER_RULE),
             ("Mode", READ_ORDER_RULE),
         ],
@@ -183,7 +183,7 @@ const KNOWN_ELEMENTS: [KnownElement; 24] = [
         &[
             ("Tag", ContentRule::Free),
             ("Type", ContentRule::Words(&["BYTE", "STREAM"])),
-            ("Set_Flag", FLAG),
+            ("Set_Flag", FLAG_NUMBER_RULE),
             ("Set_Out", OUTPUT_NUMBER_RULE),
             ("Size", ContentRule::Number(1, 3600)),
             ("EOS", ContentRule::Codes),
@@ -191,7 +191,7 @@ const KNOWN_ELEMENTS: [KnownElement; 24] = [
     ),
     section("SEND"),
     section("SEND/XML"),
-    element("SEND/XML/ELEMENT", &[("Tag", ContentRule::Free), ("Type", KINDS)]),
+    element("SEND/XML/ELEMENT", &[("Tag", ContentRule::Free), ("Type", VALUE_TYPE_RULE)]),
     section(""),
 ];
 

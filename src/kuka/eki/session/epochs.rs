@@ -17,7 +17,7 @@ const SILENCE_TIMEOUT: Duration = Duration::from_secs(1);
 const MESSAGE_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// Number of consecutive epochs without an acknowledged command after which the connections are opened again.
-const MAX_UNACKNOWLEDGED: u32 = 2;
+const MAX_UNACKNOWLEDGED_EPOCHS: u32 = 2;
 
 /// Maximum number of steps by which the controller is raised to a new epoch: the controller's channel buffers at most
 /// this number of requests.
@@ -210,7 +210,7 @@ impl Session {
             }
             // After a disturbance, half a message may remain in the controller's memory and swallow all messages that
             // follow.
-            if self.unacknowledged >= MAX_UNACKNOWLEDGED {
+            if self.unacknowledged >= MAX_UNACKNOWLEDGED_EPOCHS {
                 return self.disconnected(LinkLoss::NotAcknowledged { epochs: self.unacknowledged });
             }
         }

@@ -25,7 +25,7 @@ const MAX_UNRECEIVED_BYTES: usize = 8 * 1024;
 /// underestimated.
 const MIN_ROTATION_SPEED_DEG_S: f64 = 90.0;
 /// Maximum delay of a point beyond twice its planned duration (`faults.md` R5).
-const MAX_LATENESS: Duration = Duration::from_millis(500);
+const MAX_POINT_DELAY: Duration = Duration::from_millis(500);
 
 /// The limits of a link to the controller (`design.md`, "Limits").
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -468,7 +468,7 @@ impl CommandFlow {
         let last = next.path?.last;
         // A point that waits for earlier points is not late: its time begins when the previous point is reached.
         let waited = now.since(next.sent_at.max(self.progressed_at));
-        if waited <= 2 * next.motion + MAX_LATENESS || self.late.replace(last) == Some(last) {
+        if waited <= 2 * next.motion + MAX_POINT_DELAY || self.late.replace(last) == Some(last) {
             return None;
         }
         Some(LatePoint { id: next.id, contact: next.contact || self.touches, waited })

@@ -4,13 +4,13 @@
 //! declared after it.
 
 use crate::krl::code::{Cell, Location, Op, Program};
-use crate::krl::lex::RESERVED;
+use crate::krl::lex::RESERVED_WORDS;
 use crate::krl::syntax::{
     Data, Declaration, DeclarationContent, File, Item, MAX_ARRAY_VALUES, MAX_MEMORY_VALUES, MAX_PROGRAM_STEPS,
     MAX_REPORTS,
 };
 use crate::krl::system::Kss;
-use crate::krl::types::{NewComponent, Scope, Type, Types, is_name_only_type, kuka_types};
+use crate::krl::types::{NewComponent, Scope, Type, Types, is_type_known_by_name_only, kuka_types};
 use panelprep_base::config::Problem;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -189,7 +189,7 @@ impl Compiler<'_> {
             let length = name.len();
             self.problem(name, format!("the name has {length} characters (limit {MAX_NAME_LENGTH})"));
         }
-        if RESERVED.binary_search(&name).is_ok() {
+        if RESERVED_WORDS.binary_search(&name).is_ok() {
             self.problem(name, "the name is a reserved word of KRL; choose another name");
         }
     }
@@ -205,7 +205,7 @@ impl Compiler<'_> {
         if let Some(kind) = self.types.find(name, &self.type_scopes()) {
             return kind;
         }
-        if is_name_only_type(name) {
+        if is_type_known_by_name_only(name) {
             return Type::Unknown;
         }
         self.warn_once(

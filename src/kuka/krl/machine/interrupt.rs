@@ -86,7 +86,7 @@ impl Interpreter {
                     Ok(()) => {}
                     Err(message) => break Err(message),
                 },
-                None => break Err("a condition without end".into()),
+                None => break Err("internal error of the KRL interpreter: a condition has no end".into()),
             }
         };
         self.condition_base = None;

@@ -148,7 +148,7 @@ fn shots_are_transferred_unchanged() {
     let bits = |cloud: &OrganizedCloud<Camera>| panelprep_cell::files::write_pcd(cloud);
     assert_eq!(bits(&shot.cloud), bits(&cloud()));
     assert_eq!(scanner.conditions(), CONDITIONS);
-    refused(scanner.capture_2d(), "no shot from the scanner within 900 ms");
+    refused(scanner.capture_2d(), "no picture from the scanner within 900 ms");
 
     let taken = BorrowedFlangeCamera::new(bench.socket()).capture().expect("a picture");
     assert_eq!((taken.picture.width, taken.picture.rgb[5], taken.time_s), (3, [5, 10, 15], 1.0));

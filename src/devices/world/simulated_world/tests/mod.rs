@@ -15,7 +15,7 @@ use panelprep_kuka::eki::{
     ClockMode, Command, CommandId, LinkLimits, MoveJ, MoveLin, Report, SetAccSpeed, SetTcp, Signal as Out, TcpKind,
 };
 use panelprep_sim::{Scene, WET_FROM_S};
-use reach::{ARM, standing, tool};
+use reach::{ARM, tool, tool_pose_above};
 use std::time::Duration;
 
 const DISC_MM: f64 = 30.0;
@@ -130,7 +130,7 @@ impl Bench {
             let aside =
                 middle + panelprep_base::geometry::Vector::new(nalgebra::Vector3::new(0.0, across_mm, up_mm));
             let on = aside + truth.normal(aside) * -truth.distance_mm(aside);
-            standing(&truth, on, height_mm)
+            tool_pose_above(&truth, on, height_mm)
         };
         let rows = [-18.0, -6.0, 6.0, 18.0].map(|up_mm| {
             let row = (-4..=4).map(move |step| (f64::from(step) * 5.0, up_mm));
@@ -241,7 +241,7 @@ fn a_flange_picture_shows_the_view_from_the_executed_pose() {
 #[test]
 fn a_flange_picture_over_gige_is_the_one_without() {
     use crate::cameras::{BayerFlangeCamera, LoopbackFlangeCamera};
-    let _alone = crate::gige::tests::alone();
+    let _alone = crate::gige::tests::lock_port();
     let mut bench = Bench::new();
     let aim = bench.sim.displaced_corner_pose(&bench.sim.corner_views()[0]);
     bench.move_j(ARM.nearest(&aim, &bench.cell.park_pose().expect("named")).expect("in reach"));

@@ -80,7 +80,7 @@ fn the_park_pose_is_out_of_view() {
 
 /// Returns the pose of the tool at this height above a point of the true surface; its X axis points along the panel's
 /// −Y axis.
-pub(super) fn standing(truth: &CellTruth, point: Point<Panel>, height_mm: f64) -> Rigid<Panel, Tool> {
+pub(super) fn tool_pose_above(truth: &CellTruth, point: Point<Panel>, height_mm: f64) -> Rigid<Panel, Tool> {
     let normal = truth.normal(point);
     let z = -normal.mm;
     let x = (-Vector3::y() + z * z.y).normalize();
@@ -175,7 +175,7 @@ fn the_arm_reaches_every_pose_of_ten_seeds() {
             let mut near = None;
             for point in &inside {
                 let reach = |height_mm: f64, near: &Joints| {
-                    let pose = place * standing(&truth, *point, height_mm) * tool().inverse();
+                    let pose = place * tool_pose_above(&truth, *point, height_mm) * tool().inverse();
                     ARM.nearest(&pose, near).unwrap_or_else(|why| panic!("seed {seed}, {point:?}: {why}"))
                 };
                 let on = reach(0.0, &near.unwrap_or(park()));
@@ -185,13 +185,13 @@ fn the_arm_reaches_every_pose_of_ten_seeds() {
                 near = Some(on);
             }
             for point in inside.iter().step_by(37) {
-                let above = truth.base_from_panel * standing(&truth, *point, 40.0) * tool().inverse();
+                let above = truth.base_from_panel * tool_pose_above(&truth, *point, 40.0) * tool().inverse();
                 margins.way(&truth, &above);
             }
             // The arm moves between any two of these positions without a full rotation of the wrist.
             let ends: Vec<[f64; 6]> = inside
                 .iter()
-                .map(|point| place * standing(&truth, *point, 0.0) * tool().inverse())
+                .map(|point| place * tool_pose_above(&truth, *point, 0.0) * tool().inverse())
                 .map(|pose| angles_deg(&ARM.nearest(&pose, &near.unwrap_or(park())).expect("reached before")))
                 .collect();
             for axis in 0..6 {
