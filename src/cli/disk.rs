@@ -83,7 +83,7 @@ pub fn write_new(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> {
         _ => Fault::file_fault(file, error),
     });
     made?.write_all(bytes.as_ref()).map_err(|error| {
-        #[expect(clippy::let_underscore_must_use, reason = "best effort: the error that counts is the first one")]
+        #[expect(clippy::let_underscore_must_use, reason = "best effort: only the first error is reported")]
         let _ = fs::remove_file(file);
         Fault::file_fault(file, error)
     })
@@ -104,7 +104,7 @@ fn write_and_rename(file: &Path, bytes: &[u8], flush: impl Fn(&File) -> std::io:
         fs::rename(&beside, file)
     };
     write().map_err(|error| {
-        #[expect(clippy::let_underscore_must_use, reason = "best effort: the error that counts is the first one")]
+        #[expect(clippy::let_underscore_must_use, reason = "best effort: only the first error is reported")]
         let _ = fs::remove_file(&beside);
         named(error)
     })

@@ -132,7 +132,7 @@ pub enum Fault {
     /// An account of the operator's page has a problem.
     #[error("account {name}: {problem}")]
     Account {
-        /// Its name.
+        /// The name of the account.
         name: String,
         /// The problem.
         problem: String,

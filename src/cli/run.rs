@@ -130,7 +130,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     // The page's connections to the store are closed before the store's own connection, because the last connection
     // removes the write-ahead log of the database.
     drop((socket, page, push, plant, line, fronts, person));
-    #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
+    #[expect(clippy::let_underscore_must_use, reason = "the panic of the page thread was already reported")]
     let _ = pages.join();
     let ended = ended.state;
     tracing::info!("the service ends in state {}", ended.at.keyword());

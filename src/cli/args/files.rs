@@ -318,7 +318,7 @@ pub struct NewCell {
     /// For a real cell: the minimum corner of the box in which the TCP must stay, mm: "x,y,z" in the robot's base.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub box_min_mm: Option<String>,
-    /// Its greatest corner.
+    /// Maximum corner of this box, mm: "x,y,z" in the robot's base.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub box_max_mm: Option<String>,
 }
@@ -347,7 +347,7 @@ pub struct NewRecipe {
     /// Minimum corner of the box in which the panel is searched, mm: "x,y,z" in the robot's base.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub box_min_mm: Option<String>,
-    /// Its greatest corner.
+    /// Maximum corner of this box, mm: "x,y,z" in the robot's base.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub box_max_mm: Option<String>,
     /// Diameter of the contact area of the sanding disc, mm.

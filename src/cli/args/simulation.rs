@@ -14,7 +14,7 @@ pub enum SceneName {
     Good,
     /// The correct panel without grease.
     Clean,
-    /// The fixture alone.
+    /// The fixture without a panel.
     NoPanel,
     /// Another panel.
     WrongPanel,

@@ -213,7 +213,7 @@ pub struct History {
     /// The task; without a task, the command searches for cycles.
     #[command(subcommand)]
     pub what: Option<HistoryTask>,
-    /// What is searched.
+    /// The conditions of the search.
     #[command(flatten)]
     pub search: SearchArguments,
     /// Maximum number of cycles: of a search, the cycles that are listed; of a trend, a heat map and alarms, the newest

@@ -185,7 +185,7 @@ impl From<BoardArgs> for NamedBoard {
     }
 }
 
-/// Which camera.
+/// A camera of the cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum CameraName {
     /// The fixed 3D camera.
@@ -279,7 +279,7 @@ pub struct Intrinsics {
 pub enum MountName {
     /// The camera is fixed in the cell.
     EyeToHand,
-    /// On the flange.
+    /// The camera is mounted on the flange.
     EyeInHand,
 }
 
@@ -428,7 +428,7 @@ pub struct Removal {
     /// Diameter of the orbit, mm; 0 for a disc that does not orbit.
     #[arg(long, value_name = "MM", value_parser = parse_in_range::<0, 50>)]
     pub orbit_mm: f64,
-    /// Orbits a minute.
+    /// Orbits of the disc per minute.
     #[arg(long, value_name = "N", value_parser = parse_in_range::<0, 100_000>)]
     pub orbit_rev_min: f64,
     /// The file to write.

@@ -37,7 +37,7 @@ pub struct BoardImage {
     pub name: String,
     /// SHA-256 of the file.
     pub hash: String,
-    /// In grey.
+    /// The grey levels of the picture.
     pub gray: GrayPicture,
     cloud: Option<OrganizedCloud<Camera>>,
 }

@@ -30,7 +30,7 @@ pub(in crate::cli) enum Status {
 pub(in crate::cli) struct Check {
     /// The name of the checked item.
     pub name: String,
-    /// Its status.
+    /// The result of the check.
     pub status: Status,
     /// What the check has found, as a text.
     pub found: String,

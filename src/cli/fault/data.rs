@@ -120,7 +120,7 @@ pub enum TeachingFault {
         table: &'static str,
         /// The panel.
         panel: String,
-        /// Its taught version.
+        /// The taught version of the panel.
         version: String,
     },
     /// A taught corner picture in the store cannot be used for measurements.

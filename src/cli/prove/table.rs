@@ -18,7 +18,7 @@ pub(super) struct Assumption {
     pub(super) otherwise: String,
 }
 
-/// The result.
+/// The result of a test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
 #[strum(serialize_all = "lowercase")]
 pub(super) enum Finding {

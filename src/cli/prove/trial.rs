@@ -126,7 +126,8 @@ impl RawClient {
         while begun.elapsed() < timeout && !is_enough(&received) && !received.is_state_closed {
             if beat.is_none_or(|at| at.elapsed() >= HEARTBEAT_INTERVAL) {
                 beat = Some(Instant::now());
-                #[expect(clippy::let_underscore_must_use, reason = "a closed channel is reported by the next read")]
+                #[expect(clippy::let_underscore_must_use, reason = "an error is reported by the next read, because \
+                    the channel is then closed")]
                 let _ = self.ask(OP_HEARTBEAT, 0);
             }
             received.state = self.state.read("St").or(received.state);

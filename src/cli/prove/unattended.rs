@@ -237,7 +237,7 @@ enum ByteEffect {
     Closed,
     /// The bytes were skipped: the documents after them were processed.
     Skipped,
-    /// Anything else.
+    /// Any other effect, described in words.
     Other(String),
     /// The test could not be run.
     NotTried(Finding, &'static str),

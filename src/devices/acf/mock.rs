@@ -119,7 +119,7 @@ impl MockAcf {
         (self.is_logged_in, self.received, self.scheduled) = (false, Vec::new(), Vec::new());
     }
 
-    /// Time passes.
+    /// Advances the time of the mock.
     pub fn advance(&mut self, around: ToolSurroundings) {
         let ToolSurroundings { time_ms, contact_extension_mm: touches_at_mm, downwards } = around;
         let passed_s = time_ms.saturating_sub(self.time_ms.unwrap_or(time_ms)) as f64 / 1_000.0;

@@ -11,7 +11,7 @@ use std::time::Duration;
 pub enum ToolReport {
     /// A measurement of the tool (force, position, contact, errors), with its age.
     Reading {
-        /// Its report.
+        /// The measured values.
         reading: ToolReading,
         /// Age of the measurement, ms.
         age_ms: u32,

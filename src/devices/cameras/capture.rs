@@ -15,7 +15,7 @@ use std::path::PathBuf;
 const MIN_SATURATED_LEVEL: u8 = 254;
 /// Brightest channel below which a pixel is dark, grey levels.
 const MAX_DARK_LEVEL: u8 = 10;
-/// The steepest pixels.
+/// Fraction of the pixels, those with the largest gradients, that defines the sharpness.
 const STEEPEST_FRACTION: f64 = 0.001;
 
 /// The role of a camera in the cell.
@@ -39,7 +39,7 @@ impl std::fmt::Display for CameraRole {
 /// The reason why a camera delivers no picture or scan.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
-    /// No camera answers.
+    /// The camera does not respond.
     #[error("the {which} is not available: {reason}")]
     Missing {
         /// The camera.
@@ -132,7 +132,7 @@ pub enum FileError {
     /// The point cloud in the file is not valid.
     #[error(transparent)]
     Cloud(#[from] CloudFileError),
-    /// A picture.
+    /// The picture in the file is not valid.
     #[error(transparent)]
     Picture(#[from] PictureError),
     /// The flange pose in the file is not valid.

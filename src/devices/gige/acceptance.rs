@@ -41,7 +41,7 @@ pub struct FrameMetadata {
     /// The result of receiving the frame. If the frame is not complete, only its number is valid, and only if its first
     /// packet has arrived. Otherwise the number is that of an earlier frame, or 0.
     pub delivery: Delivery,
-    /// Its number.
+    /// The number of the frame.
     pub id: u64,
     /// Time of the exposure on the camera's clock, ns.
     pub camera_time_ns: u64,
@@ -79,9 +79,9 @@ pub enum FrameRefusal {
     /// The frame is incomplete.
     #[error("frame {id} is incomplete: {}", delivery.describe())]
     Incomplete {
-        /// Its number.
+        /// The number of the frame.
         id: u64,
-        /// How it arrived.
+        /// The result of receiving the frame.
         delivery: Delivery,
     },
     /// The frame has another size or pixel format.
@@ -90,7 +90,7 @@ pub enum FrameRefusal {
         expected_px[0], expected_px[1], expected.name()
     )]
     WrongForm {
-        /// Its number.
+        /// The number of the frame.
         id: u64,
         /// Width and height of the frame, px.
         found_px: [usize; 2],
@@ -104,7 +104,7 @@ pub enum FrameRefusal {
     /// The number of the frame's bytes does not match its size and format.
     #[error("frame {id} has {found} bytes, but its size needs {expected} bytes")]
     WrongLength {
-        /// Its number.
+        /// The number of the frame.
         id: u64,
         /// Number of bytes in the frame.
         found: usize,
@@ -116,7 +116,7 @@ pub enum FrameRefusal {
         "frame {id} has the timestamp {found_ns} ns, not later than that of the last frame, {last_ns} ns"
     )]
     NotNewer {
-        /// Its number.
+        /// The number of the frame.
         id: u64,
         /// Timestamp of the frame on the camera's clock, ns.
         found_ns: u64,
@@ -126,7 +126,7 @@ pub enum FrameRefusal {
     /// The number of the frame is not the next one.
     #[error("frame {id} was received after frame {last}: it does not have the next frame number")]
     OutOfSequence {
-        /// Its number.
+        /// The number of the frame.
         id: u64,
         /// Number of the last frame.
         last: u64,
@@ -134,7 +134,7 @@ pub enum FrameRefusal {
     /// The pixels of the frame are equal to those of the last frame.
     #[error("frame {id} has exactly the same pixels as the last frame")]
     Repeated {
-        /// Its number.
+        /// The number of the frame.
         id: u64,
     },
 }

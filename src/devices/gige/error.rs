@@ -7,7 +7,7 @@ use super::settings::PlanError;
 /// An error of a GigE Vision camera.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GigeError {
-    /// No camera answers.
+    /// No camera responds to the search.
     #[error("{wanted} was not found: {found}")]
     NotFound {
         /// Description of the camera that was searched.

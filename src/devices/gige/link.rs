@@ -215,7 +215,7 @@ impl Link {
                     let is_lost = picture.is_err();
                     #[expect(
                         clippy::let_underscore_must_use,
-                        reason = "the caller may no longer wait for the answer"
+                        reason = "sending fails only if the caller no longer waits for the reply"
                     )]
                     let _ = reply.send(picture);
                     if is_lost {

@@ -71,7 +71,7 @@ impl LineOutputs {
     pub fn set(&self, bits: u32) {
         // The handle holds only a weak reference, so it does not keep the link alive.
         let Some(orders) = self.0.upgrade() else { return };
-        #[expect(clippy::let_underscore_must_use, reason = "if the link has ended, there is no receiver")]
+        #[expect(clippy::let_underscore_must_use, reason = "sending fails only if the link has already ended")]
         let _ = orders.send(LinkRequest::Line(bits));
     }
 }
@@ -216,7 +216,7 @@ impl RobotLink {
                     self.granted = Some(report_count);
                     #[expect(
                         clippy::let_underscore_must_use,
-                        reason = "refused only if the thread has ended, which closes the queue"
+                        reason = "sending fails only if the thread has ended, which also closes the queue"
                     )]
                     let _ = self.orders.send(LinkRequest::Grant { report_count });
                 }

@@ -37,7 +37,7 @@ pub trait WorkerPeer: Send {
     fn kill(&mut self);
     /// Returns how the worker ended; `None` if it does not end within this time.
     fn wait_ended(&mut self, within: Duration) -> Option<String>;
-    /// Its process.
+    /// Returns the process ID of the worker, if it is a process.
     fn id(&self) -> Option<u32>;
 }
 
@@ -69,7 +69,7 @@ struct WorkerProcess {
 impl WorkerPeer for WorkerProcess {
     fn kill(&mut self) {
         let Some(child) = &mut self.child else { return };
-        #[expect(clippy::let_underscore_must_use, reason = "it fails only if the process has already ended")]
+        #[expect(clippy::let_underscore_must_use, reason = "killing fails only if the process has already ended")]
         let _ = child.kill();
         if self.wait_ended(KILL_TIMEOUT).is_some() {
             return;

@@ -36,7 +36,7 @@ pub struct SettingsSlot(pub u32);
 /// The metadata of an exposure.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExposureMetadata {
-    /// Its size.
+    /// The size of the picture.
     pub size: Size,
     /// Time at which the exposure ended, ns of the monotonic clock.
     pub exposed_ns: u64,

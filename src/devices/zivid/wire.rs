@@ -41,7 +41,7 @@ pub const VERSION: u16 = 2;
 pub enum FrameKind {
     /// The first message of the worker, sent when it starts.
     Hello,
-    /// From the daemon.
+    /// A request of the daemon.
     Request,
     /// A reply of the worker; there is one for each request.
     Reply,
@@ -152,7 +152,7 @@ pub enum WireError {
 /// A part of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FramePart {
-    /// Its first bytes.
+    /// The first bytes of the frame.
     Opening,
     /// The head, which is JSON.
     Head,
@@ -219,7 +219,7 @@ fn check_length(part: FramePart, found: u64, most: usize) -> Result<(), WireErro
 pub struct OpenedFrame {
     /// The sequence number; a reply has the number of its request.
     pub sequence: u32,
-    /// Its head, JSON.
+    /// The head of the frame, JSON.
     pub head: Vec<u8>,
     payload_bytes: u64,
     sum: Hasher,

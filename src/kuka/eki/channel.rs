@@ -34,7 +34,7 @@ pub struct Memory {
     pub bytes: u32,
 }
 
-/// One tag.
+/// A tag that is received or sent.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Element {
     /// The tag's path without a leading slash, for example `Cmd/@Id`.
@@ -65,7 +65,7 @@ pub struct ChannelFile {
     pub environment: Environment,
     /// The transport protocol of the channel.
     pub protocol: Protocol,
-    /// The memories.
+    /// The receive buffers of the channel.
     pub memory: Memory,
     /// Maximum time for which the controller tries to connect, or waits for a connection, ms.
     pub connect_timeout_ms: Option<u32>,

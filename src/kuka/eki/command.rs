@@ -131,7 +131,7 @@ impl MappedInputs {
 /// A request to the controller on the state channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Request {
-    /// The state, now.
+    /// Requests the current state.
     State,
     /// Reports that the client is alive, and up to which command it has sent commands.
     Heartbeat {
@@ -171,9 +171,9 @@ pub enum CommandError {
         field: Keyword,
         /// The value that the caller gave.
         found: f64,
-        /// Smallest allowed.
+        /// Minimum valid value.
         low: f64,
-        /// Largest allowed.
+        /// Maximum valid value.
         high: f64,
     },
     /// Inputs are read-only.

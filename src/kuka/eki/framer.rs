@@ -25,55 +25,55 @@ pub enum FrameError {
     /// There is a text or an invalid byte between two documents.
     #[error("byte {at}: found {byte:#04x} between two documents; only '<' is valid there")]
     Stray {
-        /// The position.
+        /// Position of the error in the stream, bytes from 0.
         at: u64,
-        /// The byte.
+        /// The byte that is not valid here.
         byte: u8,
     },
     /// A control character or a byte that is not ASCII.
     #[error("byte {at}: {byte:#04x} is not a printable ASCII character")]
     Byte {
-        /// The position.
+        /// Position of the error in the stream, bytes from 0.
         at: u64,
-        /// The byte.
+        /// The byte that is not valid here.
         byte: u8,
     },
     /// A document type, a comment or CDATA.
     #[error("byte {at}: a document type, comment or CDATA, which no controller sends")]
     Declaration {
-        /// The position.
+        /// Position of the error in the stream, bytes from 0.
         at: u64,
     },
     /// A processing instruction other than a prolog before a document.
     #[error("byte {at}: a processing instruction, which no controller sends")]
     Instruction {
-        /// The position.
+        /// Position of the error in the stream, bytes from 0.
         at: u64,
     },
     /// An entity, or an ampersand without an entity.
     #[error("byte {at}: an entity, which no controller sends")]
     Entity {
-        /// The position.
+        /// Position of the error in the stream, bytes from 0.
         at: u64,
     },
     /// An invalid tag.
     #[error("byte {at}: {byte:#04x} is not valid in a tag")]
     Tag {
-        /// The position.
+        /// Position of the error in the stream, bytes from 0.
         at: u64,
-        /// The byte.
+        /// The byte that is not valid here.
         byte: u8,
     },
     /// An end tag without a start tag.
     #[error("byte {at}: an end tag without its start tag")]
     Unopened {
-        /// The position.
+        /// Position of the error in the stream, bytes from 0.
         at: u64,
     },
     /// Nested too deep.
     #[error("byte {at}: nested deeper than {limit} tags")]
     TooDeep {
-        /// The position.
+        /// Position of the error in the stream, bytes from 0.
         at: u64,
         /// The maximum nesting depth.
         limit: usize,
@@ -81,7 +81,7 @@ pub enum FrameError {
     /// A document that is longer than any valid message.
     #[error("byte {at}: a document of more than {limit} bytes")]
     TooLong {
-        /// The position.
+        /// Position of the error in the stream, bytes from 0.
         at: u64,
         /// The maximum length of a document, bytes.
         limit: usize,

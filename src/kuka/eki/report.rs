@@ -58,7 +58,7 @@ pub enum Report {
     },
     /// A path has been executed to its end.
     PathDone {
-        /// Its last command.
+        /// The last command of the path.
         last: CommandId,
     },
     /// The controller refused a command; the epoch is being ended.
@@ -228,7 +228,7 @@ pub enum SequenceError {
          connected"
     )]
     Epoch {
-        /// Its epoch.
+        /// The epoch of the controller.
         found: Epoch,
         /// The epoch that this program has opened.
         ours: Epoch,
@@ -245,7 +245,7 @@ pub enum LinkLoss {
          controller's program is running, and that the port is the same as in the channel's file"
     )]
     Refused {
-        /// The connection.
+        /// The channel of the connection.
         channel: Channel,
         /// Host and port.
         address: String,
@@ -256,7 +256,7 @@ pub enum LinkLoss {
          connected, the subnet is the controller's, and the port is open in its firewall"
     )]
     NoAnswer {
-        /// The connection.
+        /// The channel of the connection.
         channel: Channel,
         /// Host and port.
         address: String,
@@ -269,7 +269,7 @@ pub enum LinkLoss {
          controller is running, and that no other client is connected"
     )]
     Silent {
-        /// The connection.
+        /// The channel of the connection.
         channel: Channel,
         /// Time without a message, ms.
         silence_ms: u64,
@@ -278,7 +278,7 @@ pub enum LinkLoss {
     #[error("the {channel} received the start of a message, but not its end within {waited_ms} ms; it is connected \
         again automatically")]
     Unfinished {
-        /// The connection.
+        /// The channel of the connection.
         channel: Channel,
         /// Time since the start of the message, ms.
         waited_ms: u64,
@@ -289,7 +289,7 @@ pub enum LinkLoss {
          controller's epoch never decreases, and never increases by more than {step}"
     )]
     EpochJump {
-        /// The connection.
+        /// The channel of the connection.
         channel: Channel,
         /// The reported epoch.
         found: Epoch,
@@ -304,7 +304,7 @@ pub enum LinkLoss {
          controller, set CELL_EP to 0, and perform a cold start"
     )]
     EpochTooHigh {
-        /// Its epoch.
+        /// The epoch of the controller.
         found: Epoch,
         /// The maximum epoch that is accepted.
         most: u32,
@@ -350,33 +350,33 @@ pub enum LinkLoss {
          files are of another version (`panelprep check`)"
     )]
     Occupied {
-        /// The connection.
+        /// The channel of the connection.
         channel: Channel,
     },
     /// The two ports are exchanged: the connection leads to the other channel.
     #[error("the {channel} received messages of the other channel: command_port and state_port are exchanged")]
     PortsExchanged {
-        /// The connection.
+        /// The channel of the connection.
         channel: Channel,
     },
     /// The controller closed the channel.
     #[error("the controller closed the {channel}")]
     Closed {
-        /// The connection.
+        /// The channel of the connection.
         channel: Channel,
     },
     /// The operating system reports an error.
     #[error("the {channel} failed: {problem}")]
     System {
-        /// The connection.
+        /// The channel of the connection.
         channel: Channel,
-        /// The system's error.
+        /// The error of the operating system.
         problem: String,
     },
     /// The received bytes do not form XML documents.
     #[error("the {channel} received data that no controller sends: {error}")]
     Frame {
-        /// The connection.
+        /// The channel of the connection.
         channel: Channel,
         /// The error in the bytes, with its position.
         error: FrameError,
@@ -384,7 +384,7 @@ pub enum LinkLoss {
     /// A received document is not a valid message.
     #[error("the {channel} received an invalid message: {error}")]
     Message {
-        /// The connection.
+        /// The channel of the connection.
         channel: Channel,
         /// The reason why the message is invalid.
         error: DecodeError,

@@ -207,46 +207,46 @@ pub enum DecodeError {
     /// The document has an element that the channel's file does not define.
     #[error("the element {element} is not defined in the channel's file")]
     UnknownElement {
-        /// Its path.
+        /// Path of the element or attribute.
         element: String,
     },
     /// An element appears twice.
     #[error("the element {element} appears twice")]
     RepeatedElement {
-        /// Its path.
+        /// Path of the element or attribute.
         element: String,
     },
     /// The document has an attribute that the channel's file does not define.
     #[error("{field} is not defined in the channel's file")]
     Unknown {
-        /// Its path.
+        /// Path of the element or attribute.
         field: String,
     },
     /// An attribute appears twice.
     #[error("{field} appears twice")]
     Repeated {
-        /// Its path.
+        /// Path of the element or attribute.
         #[serde(deserialize_with = "intern_keyword")]
         field: Keyword,
     },
     /// A required attribute is missing.
     #[error("{field} is missing")]
     Missing {
-        /// Its path.
+        /// Path of the element or attribute.
         #[serde(deserialize_with = "intern_keyword")]
         field: Keyword,
     },
     /// The attribute is empty, because its value was never set on the controller.
     #[error("{field} is empty: it was not set on the controller")]
     Empty {
-        /// Its path.
+        /// Path of the element or attribute.
         #[serde(deserialize_with = "intern_keyword")]
         field: Keyword,
     },
     /// The value is not a number in the format of EthernetKRL.
     #[error("{field} is \"{found}\", which is not a {needed}")]
     NotANumber {
-        /// Its path.
+        /// Path of the element or attribute.
         #[serde(deserialize_with = "intern_keyword")]
         field: Keyword,
         /// The text found.
@@ -258,14 +258,14 @@ pub enum DecodeError {
     /// The number is outside of the range that a controller can report.
     #[error("{field} is {found}; the limits are {low} to {high}")]
     OutOfRange {
-        /// Its path.
+        /// Path of the element or attribute.
         #[serde(deserialize_with = "intern_keyword")]
         field: Keyword,
         /// The number found.
         found: f64,
-        /// Smallest allowed.
+        /// Minimum valid value.
         low: f64,
-        /// Largest allowed.
+        /// Maximum valid value.
         high: f64,
     },
 }

@@ -16,7 +16,7 @@ pub enum Mode {
     T1,
     /// T2: manual mode with full speed.
     T2,
-    /// AUT: by itself.
+    /// AUT: automatic mode, started on the controller.
     #[strum(serialize = "AUT")]
     Automatic,
     /// EXT: automatic mode, started by an external signal.
@@ -57,7 +57,7 @@ pub struct State {
     pub emergency_stop: bool,
     /// Whether the guard is closed.
     pub guard_closed: bool,
-    /// The arm moves.
+    /// Whether the arm moves.
     pub moving: bool,
     /// Whether a motion could start.
     pub motion_possible: bool,

@@ -43,7 +43,7 @@ pub struct MemoryAddress {
     pub offset: u32,
 }
 
-/// A memory.
+/// A memory space.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MemorySpace {
     /// The memory of the data lists, which all interpreters share.
@@ -171,7 +171,7 @@ pub struct Location {
 pub struct Entry {
     /// In upper case.
     pub name: String,
-    /// Its first step.
+    /// Index of the first step of the routine.
     pub start: u32,
     /// The number of cells of the routine's parameters.
     pub parameter_cells: u32,
@@ -199,7 +199,7 @@ pub struct LocalVariable {
 pub struct Shared {
     /// In upper case.
     pub name: String,
-    /// Its first cell.
+    /// Index of the first cell of the variable.
     pub offset: u32,
     /// The number of cells of the variable.
     pub cells: u32,

@@ -284,7 +284,7 @@ pub(super) enum TriggerPlace {
 /// A motion statement of the program.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct MotionStatement {
-    /// Its first word.
+    /// The first keyword of the motion.
     pub(super) word: &'static str,
     pub(super) path: PathKind,
     /// The auxiliary point through which a circle passes.

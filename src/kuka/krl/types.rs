@@ -38,7 +38,7 @@ pub enum Type {
 pub struct Component {
     /// In upper case.
     pub name: String,
-    /// Its type.
+    /// The type of the component.
     pub kind: Type,
     /// The size of each dimension, if the component is an array.
     pub dimensions: Vec<usize>,

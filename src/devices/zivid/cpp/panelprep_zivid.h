@@ -1,10 +1,11 @@
 /* The C interface between Panelprep's camera worker and the Zivid SDK, which is C++.
  *
- * One camera at a time, one thread at a time. No exception leaves; every call gives a pz_status and, where that is not
- * PZ_OK, a message. Memory belongs to the caller. Lengths are mm, times ms, temperatures degrees Celsius, NaN where
- * the camera does not tell. A missing point is NaN. Colours are sRGB.
+ * Only one camera and one thread at a time are permitted. No function throws an exception: every call returns a
+ * pz_status and, if the status is not PZ_OK, a message. All memory belongs to the caller. Lengths are in mm, times in
+ * ms, temperatures in degrees Celsius; NaN if the camera does not report the value. A missing point is NaN. Colours are
+ * sRGB.
  *
- * src/devices/zivid/library.rs declares the same. Whoever changes either counts PZ_INTERFACE up in both.
+ * src/devices/zivid/library.rs declares the same interface. Increase PZ_INTERFACE in both files after each change.
  */
 #ifndef PANELPREP_ZIVID_H
 #define PANELPREP_ZIVID_H
@@ -23,71 +24,71 @@ extern "C" {
 typedef int32_t pz_status;
 enum {
     PZ_OK = 0,
-    PZ_NOT_FOUND = 1,     /* no such camera */
-    PZ_GONE = 2,          /* it was open and is no longer connected */
-    PZ_NO_SHOT = 3,       /* it gave no shot; the next one may be good */
-    PZ_SETTINGS = 4,      /* the settings are not ones that the SDK takes */
-    PZ_OUT_OF_ORDER = 5,  /* the call needs another one before */
-    PZ_FIRMWARE = 6,      /* it is there, and its firmware is not the SDK's */
-    PZ_IN_USE = 7,        /* it is there, and connected elsewhere */
-    PZ_OUT_OF_REACH = 8   /* it is seen, and its address cannot be reached: another subnet */
+    PZ_NOT_FOUND = 1,     /* the camera was not found */
+    PZ_GONE = 2,          /* the connection to the open camera was lost */
+    PZ_NO_SHOT = 3,       /* the camera delivered no data; another attempt may succeed */
+    PZ_SETTINGS = 4,      /* the SDK does not accept the settings */
+    PZ_OUT_OF_ORDER = 5,  /* another call is required first */
+    PZ_FIRMWARE = 6,      /* the camera was found, but its firmware does not match the SDK */
+    PZ_IN_USE = 7,        /* the camera was found, but is connected to another program or computer */
+    PZ_OUT_OF_REACH = 8   /* the camera was detected, but its address is in another subnet */
 };
 
 typedef struct { char text[PZ_MESSAGE_BYTES]; } pz_message;
 typedef struct { char serial[PZ_NAME_BYTES]; char model[PZ_NAME_BYTES]; } pz_identity;
 typedef struct { uint64_t width; uint64_t height; } pz_size;
 
-/* How a shot was taken. */
+/* The metadata of a scan or picture. */
 typedef struct {
     pz_size size;
-    uint64_t exposed_ns;  /* when the acquisition was over, on CLOCK_MONOTONIC */
-    double throttled_ms;  /* how long the camera paused because it is hot */
-    double lens_c;        /* temperature of the lens at this shot */
+    uint64_t exposed_ns;  /* end of the exposure on CLOCK_MONOTONIC */
+    double throttled_ms;  /* pause because the camera was too hot */
+    double lens_c;        /* temperature of the lens at the exposure */
 } pz_taken;
 
 typedef struct { double dmd_c, general_c, led_c, lens_c, pcb_c; } pz_temperatures;
 
-/* fx, fy, cx, cy in px; k1, k2, p1, p2, k3. */
+/* The lens model: fx, fy, cx, cy in px, and the distortion coefficients k1, k2, p1, p2, k3. */
 typedef struct { double matrix_px[4]; double distortion[5]; } pz_lens;
 
-/* What the camera finds of the light around it, in the SDK's words: noFlicker, grid50hz, grid60hz, otherFlicker,
- * unknownFlicker; and how often it flickers a second, where the SDK says so. */
+/* The flicker of the ambient light as the SDK classifies it (noFlicker, grid50hz, grid60hz, otherFlicker,
+ * unknownFlicker), and its frequency, if the SDK reports one. */
 typedef struct { char classification[PZ_NAME_BYTES]; char frequency[PZ_NAME_BYTES]; } pz_flicker;
 
-/* Everything that is open: the SDK, the camera, settings, the last shot. */
+/* A session: the SDK, the open camera, the loaded settings, and the last scan or picture. */
 typedef struct pz_session pz_session;
 
-/* PZ_INTERFACE of this library; asked before anything else. */
+/* Returns PZ_INTERFACE of this library; called before any other function. */
 uint32_t pz_interface(void);
 
-/* Starts the SDK; gives its version. Null where that fails, with the message. */
+/* Starts the SDK and returns its version in `sdk`. Returns null and a message if the SDK cannot be started. */
 pz_session *pz_begin(char sdk[PZ_NAME_BYTES], pz_message *message);
 void pz_end(pz_session *session);
 
-/* Opens a camera: by serial number, from a file, or, where both are null, the only one found. One that this session has
- * open is disconnected first; one that another program has is PZ_IN_USE. */
+/* Opens a camera: by its serial number, from a file, or, if both are null, the only camera that is found. A camera that
+ * this session has open is disconnected first. A camera that another program has open is PZ_IN_USE. */
 pz_status pz_connect(pz_session *session, const char *serial, const char *file, pz_identity *identity,
                      pz_message *message);
 
-/* Reads settings from a YAML file for a 3D shot with colour, or for a picture; `slot` names them from then on. */
+/* Loads settings from a YAML file, for a 3D scan with colour or for a picture; `slot` identifies them in other calls. */
 pz_status pz_settings_scan(pz_session *session, const char *file, uint32_t *slot, pz_size *size, pz_message *message);
 pz_status pz_settings_picture(pz_session *session, const char *file, uint32_t *slot, pz_size *size,
                               pz_message *message);
 
-/* Takes a 3D shot with colour; returns when the acquisition is over. The data are copied by the next call, which may wait
- * for the computation. */
+/* Captures a 3D scan with colour; returns at the end of the exposure. The next function copies the data, and may have to
+ * wait for the computation. */
 pz_status pz_scan(pz_session *session, uint32_t slot, pz_taken *taken, pz_message *message);
-/* Copies the last shot row by row: x, y, z, then red, green, blue, then the signal to noise ratio. `pixels` is what the
- * caller has room for; another size is PZ_OUT_OF_ORDER. */
+/* Copies the last scan row by row: x, y, z; red, green, blue; and the signal to noise ratio. `pixels` is the number of
+ * pixels for which the caller has memory; if the scan has another number, the status is PZ_OUT_OF_ORDER. */
 pz_status pz_copy_scan(pz_session *session, float *xyz, uint8_t *rgb, float *snr, size_t pixels, pz_message *message);
 
-/* Takes a picture, and copies it. */
+/* Captures a picture, and copies the last picture. */
 pz_status pz_picture(pz_session *session, uint32_t slot, pz_taken *taken, pz_message *message);
 pz_status pz_copy_picture(pz_session *session, uint8_t *rgb, size_t pixels, pz_message *message);
 
 pz_status pz_intrinsics(pz_session *session, uint32_t slot, pz_lens *lens, pz_message *message);
 pz_status pz_state(pz_session *session, pz_temperatures *temperatures, pz_message *message);
-/* Looks at the light as it is now; exposes for that. */
+/* Measures the flicker of the ambient light, which needs an exposure. */
 pz_status pz_light(pz_session *session, pz_flicker *flicker, pz_message *message);
 
 #ifdef __cplusplus

@@ -7,10 +7,10 @@ use std::sync::OnceLock;
 
 /// The settings for 3D scans: the shipped sample.
 pub const SCAN: &str = include_str!("../../../../config/zivid/scan.yml");
-/// Those of pictures.
+/// The settings for pictures: the shipped sample.
 pub const PICTURE: &str = include_str!("../../../../config/zivid/film.yml");
 
-/// The library, built.
+/// Builds the camera library once and returns its path.
 pub fn library() -> &'static Path {
     static BUILT: OnceLock<PathBuf> = OnceLock::new();
     BUILT.get_or_init(|| {

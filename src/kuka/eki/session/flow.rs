@@ -66,7 +66,7 @@ impl Default for LinkLimits {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum QueueError {
-    /// No controller.
+    /// No controller is connected.
     #[error("there is no connection to the controller")]
     NotConnected,
     /// A new epoch was requested while the robot moves.
@@ -101,10 +101,10 @@ pub enum QueueError {
     /// A path without points.
     #[error("the path has no points")]
     EmptyPath,
-    /// Too many commands.
+    /// The epoch would have too many commands.
     #[error("the epoch would have more than {most} commands; open a new epoch")]
     IdsExhausted {
-        /// The last id.
+        /// Maximum number of commands in an epoch.
         most: u32,
     },
     /// The robot correction needs the axis angles at a point that cannot be reached with any axis angles.
@@ -148,7 +148,7 @@ struct PathPoint {
     tool: CommandId,
 }
 
-/// One open epoch.
+/// The flow of commands in an open epoch.
 #[derive(Debug)]
 pub(super) struct CommandFlow {
     epoch: Epoch,

@@ -46,7 +46,7 @@ pub enum ClockMode {
 /// The phase of the session.
 #[derive(Debug)]
 enum Phase {
-    /// No connection.
+    /// The controller is not connected.
     Offline,
     /// Connected; the state was requested. `abort` is set if an abort was commanded before the first reply.
     Greeting { abort: Option<PendingAbort> },
@@ -54,7 +54,7 @@ enum Phase {
     Idle,
     /// The session has requested an epoch and waits for the controller; `request` is the number of the request.
     Opening { epoch: Epoch, request: u32 },
-    /// Commands flow.
+    /// An epoch is open; commands can be queued.
     Open(Box<CommandFlow>),
     /// An abort was sent; the session waits for standstill.
     Stopping(PendingAbort),

@@ -208,7 +208,7 @@ impl Interpreter {
 pub(super) struct Frame {
     pub(super) routine: u32,
     pub(super) return_to: usize,
-    /// Its first cell.
+    /// Index of the first cell of the frame.
     pub(super) base: usize,
     /// The height of the stack when the routine was called.
     pub(super) height: usize,

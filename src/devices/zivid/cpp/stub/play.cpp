@@ -1,23 +1,24 @@
-// Plays a camera where there is no SDK: a small scene that is the same each time, and faults at chosen shots.
+// Simulates a camera without the SDK: a small scene that is always the same, and faults at chosen exposures.
 //
-// The camera is described by a file of lines: that of a file camera, or the one that PANELPREP_ZIVID_STUB names, which is the
-// camera found on the network. Without a line the default holds.
+// A text file describes the camera: a file camera, or the file that PANELPREP_ZIVID_STUB names, which is the camera found
+// on the network. Each line is optional; these are the lines with their defaults or with examples:
 //
 //     serial STUB0001
 //     model Zivid Two M70
 //     width 1944
 //     height 1200
-//     lens 35.5                  °C at the first shot of this process
-//     warms 0.25                 °C more at each shot after it
-//     light grid50hz 100         how the light flickers, and how often a second; noFlicker without this line
-//     feed /tmp/scene.sock       its pictures come from whoever listens at that socket, see `fed` below
-//     status busy                the camera found on the network cannot be opened: busy, inaccessible, firmwareUpdateRequired
-//     fault 3 hang               at the third shot or picture of this process, of: hang, crash, throw, gone, missing,
+//     lens 35.5                  °C at the first exposure of this process
+//     warms 0.25                 °C more at each further exposure
+//     light grid50hz 100         kind of flicker, and its frequency in Hz; noFlicker without this line
+//     feed /tmp/scene.sock       the pictures come from the process that listens on this socket, see `fed` below
+//     status busy                the camera on the network cannot be opened: busy, inaccessible, firmwareUpdateRequired
+//     fault 3 hang               fault at the third exposure of this process: hang, crash, throw, gone, missing,
 //                                infinite, frozen, half, throttled
 //
-// The scene, for pixel (u, v) of a picture of width w: f = 1785 w / 1944, z = 700 + 25 sin(6 u / w) + 15 v / w mm and up to
-// 0.05 mm of noise that differs from shot to shot (a file camera's never does), x = (u + 0.5 - w / 2) z / f, y likewise.
-// The outermost twentieth of the columns on the left is missing, as by the projector's shadow.
+// The scene, for pixel (u, v) of a picture of width w: f = 1785 w / 1944, z = 700 + 25 sin(6 u / w) + 15 v / w mm, plus up
+// to 0.05 mm of noise that differs between exposures (for a file camera it is always the same),
+// x = (u + 0.5 - w / 2) z / f, and y in the same way. The first twentieth of the columns on the left has no points, as in
+// the projector's shadow.
 
 #include <Zivid/Experimental/Calibration.h>
 #include <Zivid/Experimental/SettingsInfo.h>
