@@ -459,8 +459,11 @@ impl Interrupts {
     /// Sets the handle by which each signal stops the robot immediately, even while the loop waits for its disk. Only
     /// the first handle that is set is used.
     pub fn set_stop_line(&self, line: StopLine) {
-        #[expect(clippy::let_underscore_must_use, reason = "the stop line is set only once, because a program \
-            controls one robot")]
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "the stop line is set only once, because a program \
+            controls one robot"
+        )]
         let _ = self.stop_line.set(line);
     }
 

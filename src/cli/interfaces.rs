@@ -237,8 +237,9 @@ impl SetupSource for FolderSource {
             cycle_files::judge_health(&self.files).map(|judged| judged.reasons).unwrap_or_else(unreadable);
         let ending = cycle_files::expiring_verifications(&self.files).unwrap_or_default();
         let store = self.files.store_folder();
-        let room =
-            free_mb(store).ok().and_then(|free_mb| doctor::check_low_disk_space(&store.display().to_string(), free_mb));
+        let room = free_mb(store)
+            .ok()
+            .and_then(|free_mb| doctor::check_low_disk_space(&store.display().to_string(), free_mb));
         let RecordTransfers { office, push } = &self.record_transfers;
         let now_unix_ms = now_unix_s() * 1_000;
         let office = self.files.cell.office().map(|it| office.reasons(it.alarm_delay_min, now_unix_ms));

@@ -138,8 +138,11 @@ pub fn start_log(usual: LevelFilter) {
     // Any network input can cause messages of these libraries, so they are not logged by default.
     let is_of_network = |target: &str| ["opcua", "async_nats"].iter().any(|name| target.starts_with(name));
     let is_told = move |of: &tracing::Metadata<'_>| level >= LevelFilter::DEBUG || !is_of_network(of.target());
-    #[expect(clippy::let_underscore_must_use, reason = "the logger is set once per process; a second call has no \
-        effect")]
+    #[expect(
+        clippy::let_underscore_must_use,
+        reason = "the logger is set once per process; a second call has no \
+        effect"
+    )]
     let _ = match std::env::var_os("JOURNAL_STREAM") {
         Some(_) => tracing::subscriber::set_global_default(log.without_time().finish().with(filter_fn(is_told))),
         None => tracing::subscriber::set_global_default(log.finish().with(filter_fn(is_told))),

@@ -127,7 +127,8 @@ impl<'r> ProofRun<'r> {
     /// these tests only.
     fn run_tests(&mut self, tell: &dyn Fn(&str)) -> Result<(), Fault> {
         let mut answers = std::io::stdin().lock().lines().map_while(Result::ok);
-        let is_tried = |place: &usize| unattended::find_test_for_row(self.proofs[*place].assumption.number).is_some();
+        let is_tried =
+            |place: &usize| unattended::find_test_for_row(self.proofs[*place].assumption.number).is_some();
         let (tried, asked): (Vec<usize>, Vec<usize>) = (0..self.proofs.len()).partition(is_tried);
         for place in tried.into_iter().chain(asked) {
             let assumption = self.proofs[place].assumption.clone();
@@ -269,10 +270,9 @@ fn parse_observation(line: &str) -> (Finding, String) {
 fn judgement(proofs: &[Proof], basis: PageBasis) -> Judgement {
     let of_basis = match basis {
         PageBasis::Real => None,
-        PageBasis::Mock => Some((
-            "mock_controller",
-            "a mock controller responded: its tests are not valid for a real controller",
-        )),
+        PageBasis::Mock => {
+            Some(("mock_controller", "a mock controller responded: its tests are not valid for a real controller"))
+        }
         PageBasis::Unknown | PageBasis::Unconfirmed => {
             Some(("no_controller", "no controller responded at the end of the tests: their results are not valid"))
         }

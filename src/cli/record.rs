@@ -49,7 +49,8 @@ pub fn run(args: &RecordCommand, common: &Common) -> Result<Outcome, Fault> {
 /// # Errors
 /// If the key cannot be read or created.
 pub fn key(files: &CellFiles) -> Result<CellKey, Fault> {
-    let credential = std::env::var_os("CREDENTIALS_DIRECTORY").map(|folder| PathBuf::from(folder).join(KEY_CREDENTIAL_NAME));
+    let credential =
+        std::env::var_os("CREDENTIALS_DIRECTORY").map(|folder| PathBuf::from(folder).join(KEY_CREDENTIAL_NAME));
     let place = match (files.cell.record_key(), credential.filter(|file| file.exists())) {
         (Some(file), _) => KeyLocation::File(file.to_owned()),
         (None, Some(file)) => KeyLocation::Provided(file),
@@ -160,7 +161,11 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
     let pem = keys.iter().map(PublicKey::to_pem).collect::<Result<String, _>>().map_err(Fault::stage)?;
     disk::write(&args.out.join(PUBLIC_KEY_FILE_NAME), pem)?;
     written.extend(write_head(&store, &key, &args.out.join(HEAD_FILE_NAME))?.1);
-    outcome.add_line(format!("public key {}: {}", key.public_key().hex(), args.out.join(PUBLIC_KEY_FILE_NAME).display()));
+    outcome.add_line(format!(
+        "public key {}: {}",
+        key.public_key().hex(),
+        args.out.join(PUBLIC_KEY_FILE_NAME).display()
+    ));
     outcome.add_value("files", json!(written));
     outcome.add_value("public_key", json!(key.public_key().hex()));
     Ok(outcome)

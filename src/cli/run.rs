@@ -188,8 +188,10 @@ fn write_pages(
         // The records are signed before the pages are written, because the pages contain the signatures.
         sign(&again);
         if let Err(fault) = report::make_missing_pages(&again, &log_page) {
-            tracing::warn!("missing pages of earlier cycles could not be written: {fault}; write a page with \
-                `panelprep page N`");
+            tracing::warn!(
+                "missing pages of earlier cycles could not be written: {fault}; write a page with \
+                `panelprep page N`"
+            );
         }
         prune(&again);
         for EndedCycle { id: cycle, recording } in ended {
@@ -240,8 +242,10 @@ fn prune(files: &CellFiles) {
                 bytes / 1_000_000
             );
         }
-        Err(error) => tracing::warn!("old clips and scans could not be removed: {error}; this is repeated after the \
-            next cycle"),
+        Err(error) => tracing::warn!(
+            "old clips and scans could not be removed: {error}; this is repeated after the \
+            next cycle"
+        ),
     }
 }
 

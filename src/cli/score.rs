@@ -181,7 +181,8 @@ impl Score {
         if let Some(after) = self.after_tool_fault {
             let value = after.map_or(
                 "no sanding path reached the waypoint of the injected fault: choose a smaller waypoint \
-                    number".to_owned(),
+                    number"
+                    .to_owned(),
                 AfterToolFault::describe_reaction,
             );
             lines.push(("reaction to the injected tool fault".to_owned(), value));

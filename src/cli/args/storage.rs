@@ -259,7 +259,7 @@ pub struct SearchArguments {
 
 /// The verdict of a cycle, or how it ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-#[expect(missing_docs, reason = "these are the words of the verdicts")]
+#[expect(missing_docs, reason = "the names are the words of the verdicts")]
 pub enum EndName {
     Pass,
     Fail,

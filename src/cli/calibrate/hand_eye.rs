@@ -286,8 +286,10 @@ fn report_result<A: Arrangement>(
             board.square_mm()
         ));
     }
-    outcome.add_line(format!("if the worst picture, {left_out}, is excluded, the result changes by {left_out_mm:.3} \
-        mm"));
+    outcome.add_line(format!(
+        "if the worst picture, {left_out}, is excluded, the result changes by {left_out_mm:.3} \
+        mm"
+    ));
     for residual in &found.residuals {
         let mark = if residual.used { "" } else { "  does not fit" };
         outcome.add_line(format!(

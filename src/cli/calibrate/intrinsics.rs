@@ -73,8 +73,13 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
     let mut judgement = gate::intrinsics(&found);
     // A lens that does not pass the check of the file format is not written.
     if let Err(problems) = Intrinsics::check(&args.out.display().to_string(), &text) {
-        let mut reasons = vec![Reason::new("not_a_lens", format!("these values are not a valid lens calibration: \
-            {problems}; calibrate the lens again"))];
+        let mut reasons = vec![Reason::new(
+            "not_a_lens",
+            format!(
+                "these values are not a valid lens calibration: \
+            {problems}; calibrate the lens again"
+            ),
+        )];
         reasons.append(&mut judgement.reasons);
         judgement = Judgement::new(reasons, vec![]);
     }
@@ -383,8 +388,13 @@ pub fn run_from_scan(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
     };
     let text = intrinsics.to_toml();
     if let Err(problems) = Intrinsics::check(&args.out.display().to_string(), &text) {
-        reject.push(Reason::new("not_a_lens", format!("these values are not a valid lens calibration: {problems}; \
-            calibrate the lens again")));
+        reject.push(Reason::new(
+            "not_a_lens",
+            format!(
+                "these values are not a valid lens calibration: {problems}; \
+            calibrate the lens again"
+            ),
+        ));
     }
     let judgement = Judgement::new(reject, review);
     let mut outcome = Outcome::from_judgement(&judgement);

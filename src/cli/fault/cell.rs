@@ -224,8 +224,10 @@ pub enum CalibrationFault {
         file: String,
     },
     /// The axis angles that the controller reports are not finite numbers.
-    #[error("the controller reports axis angles that are not numbers, so the flange pose is not known: restart the \
-        controller")]
+    #[error(
+        "the controller reports axis angles that are not numbers, so the flange pose is not known: restart the \
+        controller"
+    )]
     NoAxes,
     /// No poses were given for a tool or touch calibration.
     #[error(

@@ -62,8 +62,10 @@ impl PageBasis {
             PageBasis::Mock => "Rehearsal with a mock controller: not valid for a real controller",
             PageBasis::Unconfirmed => "Not finished: the results are not valid yet",
             PageBasis::Unknown => "No controller responded at the end: the results are not valid",
-            PageBasis::OtherPrograms => "The controller's programs changed during the tests: the results are not \
-                valid",
+            PageBasis::OtherPrograms => {
+                "The controller's programs changed during the tests: the results are not \
+                valid"
+            }
         }
     }
 }
@@ -106,7 +108,10 @@ impl ProofPage<'_> {
                     stage again."
             ),
         };
-        format!("Stage {letter} cannot be signed: {} tests have failed or are open.{remedy}", self.failed_or_open_count())
+        format!(
+            "Stage {letter} cannot be signed: {} tests have failed or are open.{remedy}",
+            self.failed_or_open_count()
+        )
     }
 
     fn count(&self, finding: Finding) -> usize {

@@ -126,8 +126,11 @@ impl RawClient {
         while begun.elapsed() < timeout && !is_enough(&received) && !received.is_state_closed {
             if beat.is_none_or(|at| at.elapsed() >= HEARTBEAT_INTERVAL) {
                 beat = Some(Instant::now());
-                #[expect(clippy::let_underscore_must_use, reason = "an error is reported by the next read, because \
-                    the channel is then closed")]
+                #[expect(
+                    clippy::let_underscore_must_use,
+                    reason = "an error is reported by the next read, because \
+                    the channel is then closed"
+                )]
                 let _ = self.ask(OP_HEARTBEAT, 0);
             }
             received.state = self.state.read("St").or(received.state);
@@ -172,8 +175,7 @@ pub(super) fn pose<'t>(document: &'t str, element: &str) -> Option<[&'t str; 6]>
 pub(super) type TestResult = Result<(Finding, String), Fault>;
 
 /// The evidence of a test in which the controller did not respond.
-pub(super) const NO_STATE_MESSAGE: &str =
-    "no state message was received within 10 s: check that the submit interpreter is running and that no other \
+pub(super) const NO_STATE_MESSAGE: &str = "no state message was received within 10 s: check that the submit interpreter is running and that no other \
         client is connected";
 
 /// The evidence of a test that needs the robot program, if the robot program does not run.

@@ -8,8 +8,8 @@ use super::super::live;
 use super::table::Finding;
 use super::trial::{
     ClientInEpoch, NO_PROGRAM_MESSAGE, NO_STATE_MESSAGE, OP_ABORT, OP_RESET, RawClient, STATE_TIMEOUT, TestResult,
-    attribute, command, connect, is_stopped, make_finding, no_program_result, open, open_new_epoch, pose, program_runs,
-    set_base, shown,
+    attribute, command, connect, is_stopped, make_finding, no_program_result, open, open_new_epoch, pose,
+    program_runs, set_base, shown,
 };
 use panelprep_base::geometry::KukaPose;
 use panelprep_cell::cell::Cell;
@@ -329,8 +329,10 @@ fn observe_effect_of_closing(cell: &Cell, epoch: i64) -> ByteEffect {
         return ByteEffect::Closed;
     }
     let (found, done) = (shown(found), shown(done));
-    ByteEffect::Other(format!("the connection was closed; after that, epoch {found} (expected {epoch}), Done {done} \
-        (expected 0)"))
+    ByteEffect::Other(format!(
+        "the connection was closed; after that, epoch {found} (expected {epoch}), Done {done} \
+        (expected 0)"
+    ))
 }
 
 /// The reaction of the controller to a second client of a channel.
@@ -463,10 +465,7 @@ fn check_vanished_client(cell: &Cell) -> TestResult {
         }
         let begun = Instant::now();
         if RawClient::connect_with_retries(cell).is_none() {
-            return make_finding(
-                false,
-                format!("after {vanished} clients had disappeared: {NO_STATE_MESSAGE}"),
-            );
+            return make_finding(false, format!("after {vanished} clients had disappeared: {NO_STATE_MESSAGE}"));
         }
         slowest = slowest.max(begun.elapsed());
     }

@@ -156,7 +156,8 @@ impl ViewedDrawing {
         };
         let is_cut = outside > MAX_OUTSIDE_FRACTION || self.reaches_rim;
         let cut = is_cut.then(|| Reason::new("drawing_outside", message()));
-        let coarse = (self.facet_error_mm > MAX_FACET_DEVIATION_MM).then(|| Reason::new("drawing_coarse", coarse()));
+        let coarse =
+            (self.facet_error_mm > MAX_FACET_DEVIATION_MM).then(|| Reason::new("drawing_coarse", coarse()));
         cut.into_iter().chain(coarse).collect()
     }
 

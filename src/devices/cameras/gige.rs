@@ -118,7 +118,8 @@ impl LoopbackFlangeCamera {
         };
         let not_there =
             |reason: LoopbackError| CameraError::Missing { which: CameraRole::Flange, reason: reason.to_string() };
-        let loopback = LoopbackCamera::start(SIMULATED_SERIAL, size_px, SENSOR_FORMAT, Box::new(fill)).map_err(not_there)?;
+        let loopback =
+            LoopbackCamera::start(SIMULATED_SERIAL, size_px, SENSOR_FORMAT, Box::new(fill)).map_err(not_there)?;
         let settings = Settings {
             selector: gige::CameraSelector::Address(gige::LOOPBACK_ADDRESS.to_owned()),
             serial: Some(SIMULATED_SERIAL.to_owned()),
@@ -152,8 +153,11 @@ impl FlangeCamera for LoopbackFlangeCamera {
         let frame = self.camera.picture().map_err(camera_error)?;
         if frame.pixels != raw {
             let differing = frame.pixels.iter().zip(&raw).filter(|(came, went)| came != went).count();
-            let reason = format!("{differing} of {} received bytes differ from the bytes that were \
-                sent", raw.len());
+            let reason = format!(
+                "{differing} of {} received bytes differ from the bytes that were \
+                sent",
+                raw.len()
+            );
             return Err(CameraError::Unusable { which: CameraRole::Flange, reason });
         }
         Ok(FlangePicture { picture: to_color(&frame)?, ..seen })

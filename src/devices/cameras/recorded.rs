@@ -273,7 +273,12 @@ mod tests {
             assert_eq!((taken.picture.rgb[0], taken.time_s), ([gray; 3], time_s));
         }
         let out = scanner.capture_2d().expect_err("two were recorded").to_string();
-        assert!(out.ends_with("contains no further picture in its clip.csv: all 2 were replayed; name another recording"), "{out}");
+        assert!(
+            out.ends_with(
+                "contains no further picture in its clip.csv: all 2 were replayed; name another recording"
+            ),
+            "{out}"
+        );
     }
 
     #[test]

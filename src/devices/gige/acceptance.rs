@@ -112,9 +112,7 @@ pub enum FrameRefusal {
         expected: usize,
     },
     /// The timestamp of the frame is not later than that of the last accepted frame.
-    #[error(
-        "frame {id} has the timestamp {found_ns} ns, not later than that of the last frame, {last_ns} ns"
-    )]
+    #[error("frame {id} has the timestamp {found_ns} ns, not later than that of the last frame, {last_ns} ns")]
     NotNewer {
         /// The number of the frame.
         id: u64,
@@ -333,7 +331,11 @@ mod tests {
                 "0x01080001, expected 4×2 and Bayer",
             ),
             (good, vec![1; 7], "has 7 bytes, but its size needs 8"),
-            (FrameMetadata { camera_time_ns: 7_000, ..good }, pixels(8), "not later than that of the last frame, 7000 ns"),
+            (
+                FrameMetadata { camera_time_ns: 7_000, ..good },
+                pixels(8),
+                "not later than that of the last frame, 7000 ns",
+            ),
             (FrameMetadata { id: 10, ..good }, pixels(8), "frame 10 was received after frame 7"),
             (good, pixels(7), "has exactly the same pixels as the last frame"),
         ];

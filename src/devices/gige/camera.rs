@@ -10,7 +10,7 @@ use super::error::{GigeError, round_to_ms};
 use super::format::PixelFormat;
 use super::network::{describe_subnets, local_subnets, rmem_max, search, socket_buffer_bytes, unreachable_reason};
 use super::settings::{CameraSelector, ExposureMode, SettingStep, Settings, plan};
-use super::single_picture::{self, MAX_ATTEMPTS, Statistics, SinglePictureError, TriggeredCamera};
+use super::single_picture::{self, MAX_ATTEMPTS, SinglePictureError, Statistics, TriggeredCamera};
 use super::streaming::{Streaming, gone_error};
 use aravis::glib::object::Cast;
 use aravis::prelude::*;

@@ -115,8 +115,10 @@ pub enum GigeError {
         last: FrameRefusal,
     },
     /// The camera repeats pictures of an earlier scene.
-    #[error("the camera delivered an old picture in two attempts: {last}; restart the camera, and check its clock \
-        (PTP)")]
+    #[error(
+        "the camera delivered an old picture in two attempts: {last}; restart the camera, and check its clock \
+        (PTP)"
+    )]
     Frozen {
         /// The reason why the last frame was refused.
         last: FrameRefusal,

@@ -48,7 +48,7 @@ pub use network::{
 pub use settings::{
     CameraSelector, ExposureMode, MissingNode, PACKET_BYTES, PlanError, SettingStep, Settings, plan,
 };
-pub use single_picture::{MAX_ATTEMPTS, Statistics, SinglePictureError, TriggeredCamera, capture};
+pub use single_picture::{MAX_ATTEMPTS, SinglePictureError, Statistics, TriggeredCamera, capture};
 
 #[cfg(all(test, feature = "gige"))]
 pub(super) mod tests;

@@ -95,8 +95,11 @@ impl Shared {
 
     fn disconnect_client(&mut self, channel: Channel) {
         if let Some(stream) = self.stream(channel).take() {
-            #[expect(clippy::let_underscore_must_use, reason = "an error means that the client has already \
-            disconnected")]
+            #[expect(
+                clippy::let_underscore_must_use,
+                reason = "an error means that the client has already \
+            disconnected"
+            )]
             let _ = stream.shutdown(Shutdown::Both);
         }
         self.slow_inputs[channel as usize].clear();

@@ -217,7 +217,8 @@ impl Controller {
             self.stop(StopCause::Watchdog, String::new());
         }
         let silence_ms = self.now_ms - self.last_request_ms;
-        if (self.commands.connected || self.states.connected) && watches && silence_ms >= CLIENT_SILENCE_TIMEOUT_MS {
+        if (self.commands.connected || self.states.connected) && watches && silence_ms >= CLIENT_SILENCE_TIMEOUT_MS
+        {
             for channel in [Channel::Command, Channel::State] {
                 self.troubles.cable_buffer[channel as usize].clear();
                 self.troubles.hung_up[channel as usize] = false;

@@ -260,7 +260,7 @@ impl LinkLoop {
                 biased;
                 order = self.orders.recv() => {
                     let Some(order) = order else {
-                        #[expect(clippy::let_underscore_must_use, reason = "refused only where nothing was sent")]
+                        #[expect(clippy::let_underscore_must_use, reason = "an abort fails only without a connection")]
                         let _ = self.session.abort();
                         return Err(NoSenders);
                     };

@@ -67,8 +67,10 @@ pub enum ZividFault {
         waited: Duration,
     },
     /// The camera delivered nothing in several attempts.
-    #[error("C3 the 3D camera delivered nothing for {during} in {tries} attempts: {message}; check its power, cable \
-        and temperature")]
+    #[error(
+        "C3 the 3D camera delivered nothing for {during} in {tries} attempts: {message}; check its power, cable \
+        and temperature"
+    )]
     NoShot {
         /// The request.
         during: &'static str,

@@ -183,7 +183,9 @@ impl ClipQueue {
     fn receive(&mut self, taken: Result<PictureWithMetadata, Refusal>, now_ns: u64) {
         match taken {
             Ok(photo) => self.push(photo),
-            Err(refusal) if refusal.trouble == Trouble::NoShot && self.missed < MAX_MISSED_PICTURES => self.missed += 1,
+            Err(refusal) if refusal.trouble == Trouble::NoShot && self.missed < MAX_MISSED_PICTURES => {
+                self.missed += 1
+            }
             Err(refusal) => (self.failed, self.is_over) = (Some(refusal), true),
         }
         if now_ns.saturating_sub(self.asked_ns) > REQUEST_TIMEOUT.as_nanos() as u64 {

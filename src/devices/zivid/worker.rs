@@ -48,8 +48,11 @@ struct LoadedSettings {
 /// If a request cannot be read, or a reply cannot be written; then the connection cannot be used any more.
 pub fn serve(mut daemon: UnixStream, sensor: Box<dyn Sensor>) -> Result<(), WorkerError> {
     send_hello(&mut daemon, Ok(sensor.sdk_version()))?;
-    #[expect(clippy::let_underscore_must_use, reason = "the buffer size is only a hint: without it, sending a scan \
-        takes a few milliseconds longer")]
+    #[expect(
+        clippy::let_underscore_must_use,
+        reason = "the buffer size is only a hint: without it, sending a scan \
+        takes a few milliseconds longer"
+    )]
     let _ = rustix::net::sockopt::set_socket_send_buffer_size(&daemon, SOCKET_BYTES);
     let camera = Arc::new(Mutex::new(Camera::new(sensor)));
     let mut worker = SensorWorker { camera, settings: HashMap::new(), clip: None };
@@ -155,8 +158,7 @@ impl SensorWorker {
     fn read(&mut self, usage: Use, yaml: &str, hash: SettingsHash) -> Result<Size, Refusal> {
         let found = settings_hash(yaml);
         if found != hash {
-            let message =
-                format!("the settings received have the hash {found}, expected {hash}: send them again");
+            let message = format!("the settings received have the hash {found}, expected {hash}: send them again");
             return Err(Refusal { trouble: Trouble::Settings, message });
         }
         let failed = |error: std::io::Error| Refusal {

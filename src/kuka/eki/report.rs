@@ -141,8 +141,10 @@ pub enum StopCause {
     #[error("the robot program has stopped the epoch by itself: read its message on the pendant")]
     ByProgram,
     /// This program does not read the robot's reports any more: the part that supervises the robot has stalled.
-    #[error("the cell's control loop has not read the robot's reports for too long, so the epoch was ended: restart \
-        the service")]
+    #[error(
+        "the cell's control loop has not read the robot's reports for too long, so the epoch was ended: restart \
+        the service"
+    )]
     Unattended,
 }
 
@@ -275,8 +277,10 @@ pub enum LinkLoss {
         silence_ms: u64,
     },
     /// The end of a message was not received in time.
-    #[error("the {channel} received the start of a message, but not its end within {waited_ms} ms; it is connected \
-        again automatically")]
+    #[error(
+        "the {channel} received the start of a message, but not its end within {waited_ms} ms; it is connected \
+        again automatically"
+    )]
     Unfinished {
         /// The channel of the connection.
         channel: Channel,
@@ -337,8 +341,10 @@ pub enum LinkLoss {
     )]
     AbortNotObeyed,
     /// The connection has used all request numbers of 32 bits. A new connection counts from 1 again.
-    #[error("{most} requests were sent on this connection, the limit of the request counter; a new connection is \
-        opened automatically")]
+    #[error(
+        "{most} requests were sent on this connection, the limit of the request counter; a new connection is \
+        opened automatically"
+    )]
     RequestsExhausted {
         /// The highest request number.
         most: u32,

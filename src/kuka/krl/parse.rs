@@ -2,7 +2,8 @@
 //! finds all problems of a file, and no problem causes another one.
 
 use super::expression::{
-    NotRead, ReadResult, TokenReader, is_declaration, is_declaration_without_decl, parse_declaration, parse_return_type,
+    NotRead, ReadResult, TokenReader, is_declaration, is_declaration_without_decl, parse_declaration,
+    parse_return_type,
 };
 use super::lex::{RESERVED_WORDS, Token, tokens};
 use super::routines::is_ethernet_krl_6_only;
@@ -244,7 +245,8 @@ impl Parser {
     fn parse_declarations(&mut self, in_data: bool) -> Vec<Declaration> {
         let mut found = Vec::new();
         loop {
-            let lacks = |line: &&SourceLine| !is_declaration(&line.tokens) && is_declaration_without_decl(&line.tokens);
+            let lacks =
+                |line: &&SourceLine| !is_declaration(&line.tokens) && is_declaration_without_decl(&line.tokens);
             let lacking = self.lines.iter().skip(self.at).take_while(lacks).count();
             let goes_on = self.lines.get(self.at + lacking).is_some_and(|line| is_declaration(&line.tokens));
             for _ in 0..lacking * usize::from(in_data || goes_on) {

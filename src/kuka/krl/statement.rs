@@ -89,7 +89,8 @@ impl Parser {
 
     fn statement(&mut self, line: usize, first: &str) -> Action {
         let tokens = self.next_line();
-        if let Some((_, last)) = BLOCK_KEYWORDS.iter().find(|(word, _)| *word == first).filter(|_| !is_assignment(&tokens))
+        if let Some((_, last)) =
+            BLOCK_KEYWORDS.iter().find(|(word, _)| *word == first).filter(|_| !is_assignment(&tokens))
         {
             if self.depth > MAX_BLOCK_DEPTH {
                 let unread =

@@ -427,7 +427,8 @@ mod tests {
         assert_eq!(components.filter(|component| component.kind == Type::Unknown).count(), 0);
         assert_eq!([types.size(types.kuka_type("E6POS")), types.size(types.kuka_type("STATE_T"))], [14, 65]);
         assert!(
-            TYPES_KNOWN_BY_NAME_ONLY.is_sorted() && TYPES_KNOWN_BY_NAME_ONLY.iter().all(|name| types.find(name, &[]).is_none()),
+            TYPES_KNOWN_BY_NAME_ONLY.is_sorted()
+                && TYPES_KNOWN_BY_NAME_ONLY.iter().all(|name| types.find(name, &[]).is_none()),
             "one place for each"
         );
     }

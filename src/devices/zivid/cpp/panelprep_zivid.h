@@ -70,13 +70,13 @@ void pz_end(pz_session *session);
 pz_status pz_connect(pz_session *session, const char *serial, const char *file, pz_identity *identity,
                      pz_message *message);
 
-/* Loads settings from a YAML file, for a 3D scan with colour or for a picture; `slot` identifies them in other calls. */
+/* Loads settings from a YAML file, for a 3D scan with colour or for a picture; `slot` identifies them afterwards. */
 pz_status pz_settings_scan(pz_session *session, const char *file, uint32_t *slot, pz_size *size, pz_message *message);
 pz_status pz_settings_picture(pz_session *session, const char *file, uint32_t *slot, pz_size *size,
                               pz_message *message);
 
-/* Captures a 3D scan with colour; returns at the end of the exposure. The next function copies the data, and may have to
- * wait for the computation. */
+/* Captures a 3D scan with colour; returns at the end of the exposure. The next function copies the data, and may have
+ * to wait for the computation. */
 pz_status pz_scan(pz_session *session, uint32_t slot, pz_taken *taken, pz_message *message);
 /* Copies the last scan row by row: x, y, z; red, green, blue; and the signal to noise ratio. `pixels` is the number of
  * pixels for which the caller has memory; if the scan has another number, the status is PZ_OUT_OF_ORDER. */

@@ -92,7 +92,10 @@ fn settings_that_the_sdk_refuses_are_reported_in_its_words() {
         ZividScanner::start(setup, launch).expect("a thread").wait_ready(TIMEOUT).expect_err("refused").to_string()
     };
     let swapped = reported(&|setup| setup.scan_yaml = PICTURE.to_owned());
-    assert_eq!(swapped, "C5 the settings for 3D shots are not accepted: this is no Settings file; correct them with Zivid Studio");
+    assert_eq!(
+        swapped,
+        "C5 the settings for 3D shots are not accepted: this is no Settings file; correct them with Zivid Studio"
+    );
     let empty =
         reported(&|setup| setup.picture_yaml = "__version__: {}\nSettings2D:\n  Acquisitions: []\n".to_owned());
     assert!(empty.starts_with("C5 the settings for pictures are not accepted"), "{empty}");

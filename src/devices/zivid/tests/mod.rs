@@ -202,5 +202,8 @@ fn another_camera_or_other_settings_are_refused_before_a_shot() {
     let words = "C5 the settings for 3D shots: 8×6 px, but the camera's calibration is for 16×12";
     assert!(size.starts_with(words), "{size}");
     let settings = told(CameraSetup { picture_yaml: "nonsense".to_owned(), ..setup() });
-    assert_eq!(settings, "C5 the settings for pictures are not accepted: these are no settings; correct them with Zivid Studio");
+    assert_eq!(
+        settings,
+        "C5 the settings for pictures are not accepted: these are no settings; correct them with Zivid Studio"
+    );
 }

@@ -153,7 +153,11 @@ const KNOWN_ELEMENTS: [KnownElement; 24] = [
     element_with_text("CONFIGURATION/INTERNAL/TIMEOUT", &[("Connect", ContentRule::Number(0, 65_534))]),
     element_with_text(
         "CONFIGURATION/INTERNAL/ALIVE",
-        &[("Set_Flag", FLAG_NUMBER_RULE), ("Set_Out", OUTPUT_NUMBER_RULE), ("Ping", ContentRule::Number(1, 65_534))],
+        &[
+            ("Set_Flag", FLAG_NUMBER_RULE),
+            ("Set_Out", OUTPUT_NUMBER_RULE),
+            ("Ping", ContentRule::Number(1, 65_534)),
+        ],
     ),
     text("CONFIGURATION/INTERNAL/IP", ContentRule::Free),
     text("CONFIGURATION/INTERNAL/PORT", ContentRule::Number(1, 65_534)),

@@ -1,7 +1,7 @@
 // Simulates a camera without the SDK: a small scene that is always the same, and faults at chosen exposures.
 //
-// A text file describes the camera: a file camera, or the file that PANELPREP_ZIVID_STUB names, which is the camera found
-// on the network. Each line is optional; these are the lines with their defaults or with examples:
+// A text file describes the camera: a file camera, or the file that PANELPREP_ZIVID_STUB names, which is the camera
+// found on the network. Each line is optional; these are the lines with their defaults or with examples:
 //
 //     serial STUB0001
 //     model Zivid Two M70
@@ -15,10 +15,10 @@
 //     fault 3 hang               fault at the third exposure of this process: hang, crash, throw, gone, missing,
 //                                infinite, frozen, half, throttled
 //
-// The scene, for pixel (u, v) of a picture of width w: f = 1785 w / 1944, z = 700 + 25 sin(6 u / w) + 15 v / w mm, plus up
-// to 0.05 mm of noise that differs between exposures (for a file camera it is always the same),
-// x = (u + 0.5 - w / 2) z / f, and y in the same way. The first twentieth of the columns on the left has no points, as in
-// the projector's shadow.
+// The scene, for pixel (u, v) of a picture of width w: f = 1785 w / 1944, z = 700 + 25 sin(6 u / w) + 15 v / w mm,
+// plus up to 0.05 mm of noise that differs between exposures (for a file camera it is always the same), x = (u + 0.5 -
+// w / 2) z / f, and y in the same way. The first twentieth of the columns on the left has no points, as in the
+// projector's shadow.
 
 #include <Zivid/Experimental/Calibration.h>
 #include <Zivid/Experimental/SettingsInfo.h>
