@@ -461,8 +461,7 @@ impl Interrupts {
     pub fn set_stop_line(&self, line: StopLine) {
         #[expect(
             clippy::let_underscore_must_use,
-            reason = "the stop line is set only once, because a program \
-            controls one robot"
+            reason = "the stop line is set only once, because a program controls one robot"
         )]
         let _ = self.stop_line.set(line);
     }

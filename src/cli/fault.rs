@@ -108,8 +108,8 @@ pub enum Fault {
     },
     /// No service listens on the socket.
     #[error(
-        "{}: no service answers; start `panelprep run` with the same --cell and --store (or `systemctl start panelprep`), \
-         then try again", socket.display()
+        "{}: no service answers; start `panelprep run` with the same --cell and --store (or `systemctl start \
+         panelprep`), then try again", socket.display()
     )]
     NoService {
         /// The socket.

@@ -370,7 +370,7 @@ fn trend_columns(trend: &Trend) -> Vec<String> {
             format_value(usual.sigma)
         ),
         None => format!("no hints: there are fewer than {} \
-            values", panelprep_store::history::western_electric::MIN_VALUES),
+                         values", panelprep_store::history::western_electric::MIN_VALUES),
     });
     words.extend((trend.without > 0).then(|| format!("{} more cycles do not have this value", trend.without)));
     words

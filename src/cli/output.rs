@@ -140,8 +140,7 @@ pub fn start_log(usual: LevelFilter) {
     let is_told = move |of: &tracing::Metadata<'_>| level >= LevelFilter::DEBUG || !is_of_network(of.target());
     #[expect(
         clippy::let_underscore_must_use,
-        reason = "the logger is set once per process; a second call has no \
-        effect"
+        reason = "the logger is set once per process; a second call has no effect"
     )]
     let _ = match std::env::var_os("JOURNAL_STREAM") {
         Some(_) => tracing::subscriber::set_global_default(log.without_time().finish().with(filter_fn(is_told))),

@@ -50,7 +50,7 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     if begin.kind == ControllerKind::Mock {
         tell(
             "a MOCK controller responded: this is a rehearsal, which is not valid for a real controller; do not sign \
-                its page",
+             its page",
         );
     }
     tell(&format!("stage {}, {} rows; {}", stage.letter(), run.proofs.len(), stage.conditions()));
@@ -211,8 +211,9 @@ fn describe_end(page: &ProofPage<'_>, file: &str) -> String {
     let stage = page.stage.letter();
     match page.basis() {
         PageBasis::Real if page.is_signable() => format!(
-            "page: {file}; print it, sign it, and keep it with the cell's file; then store the signature with `panelprep robot \
-             prove --stage {stage} --sign --out {file} --by NAME` and set signed_stage = \"{stage}\" in [robot]"
+            "page: {file}; print it, sign it, and keep it with the cell's file; then store the signature with \
+             `panelprep robot prove --stage {stage} --sign --out {file} --by NAME` and set signed_stage = \"{stage}\" \
+             in [robot]"
         ),
         PageBasis::Real => format!("page: {file}. {}", page.describe_unproven()),
         PageBasis::Mock => format!("page: {file}; from a rehearsal on a mock controller, nothing to sign"),
@@ -220,9 +221,8 @@ fn describe_end(page: &ProofPage<'_>, file: &str) -> String {
             format!("page: {file}; no controller responded at the end: do not sign the page; run the command again")
         }
         PageBasis::OtherPrograms => format!(
-            "page: {file}; the controller's programs changed during the tests: do not sign the \
-                page; accept the programs \
-             (`panelprep doctor --kuka DIR --accept`), then run the command again"
+            "page: {file}; the controller's programs changed during the tests: do not sign the page; accept the \
+             programs (`panelprep doctor --kuka DIR --accept`), then run the command again"
         ),
     }
 }

@@ -189,8 +189,7 @@ fn write_pages(
         sign(&again);
         if let Err(fault) = report::make_missing_pages(&again, &log_page) {
             tracing::warn!(
-                "missing pages of earlier cycles could not be written: {fault}; write a page with \
-                `panelprep page N`"
+                "missing pages of earlier cycles could not be written: {fault}; write a page with `panelprep page N`"
             );
         }
         prune(&again);
@@ -243,8 +242,7 @@ fn prune(files: &CellFiles) {
             );
         }
         Err(error) => tracing::warn!(
-            "old clips and scans could not be removed: {error}; this is repeated after the \
-            next cycle"
+            "old clips and scans could not be removed: {error}; this is repeated after the next cycle"
         ),
     }
 }

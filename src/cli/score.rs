@@ -180,8 +180,7 @@ impl Score {
         }
         if let Some(after) = self.after_tool_fault {
             let value = after.map_or(
-                "no sanding path reached the waypoint of the injected fault: choose a smaller waypoint \
-                    number"
+                "no sanding path reached the waypoint of the injected fault: choose a smaller waypoint number"
                     .to_owned(),
                 AfterToolFault::describe_reaction,
             );

@@ -129,8 +129,8 @@ pub fn back_up(args: &Backup, common: &Common) -> Result<Outcome, Fault> {
     ));
     if let Some(links) = written.manifest.links {
         outcome.add_line(format!(
-            "the store: {links} links of its hash chain verified; the backup contains neither pages, which are made again from \
-             the store, nor recordings"
+            "the store: {links} links of its hash chain verified; the backup contains neither pages, which are made \
+             again from the store, nor recordings"
         ));
     }
     if let Some(configuration) = &configuration {
@@ -202,8 +202,7 @@ fn format_count(count: usize, word: &str) -> String {
 /// Returns a text that states whether parts may have been sanded between the backup and the restore.
 fn describe_time_since_backup(since: &SinceBackup) -> String {
     let abraded = if since.is_nothing_abraded {
-        "nothing was sanded since the backup: the last cycle in the replaced store is the one that --last-cycle \
-            states"
+        "nothing was sanded since the backup: the last cycle in the replaced store is the one that --last-cycle states"
     } else {
         "parts may have been sanded since the backup: each part needs a statement at its first start \
          (`--lost-passes NUMBER`, or `--another-part` for a part without a serial number)"

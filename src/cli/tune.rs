@@ -92,8 +92,8 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
         let (threshold, score) =
             best_threshold(settings, [&reference, &last], truth, &region).map_err(Fault::stage)?;
         outcome.add_line(format!(
-            "compared with the labels, method \"thesis\" is best with threshold = {threshold}: intersection over union {:.3}, \
-             precision {:.3}, recall {:.3}",
+            "compared with the labels, method \"thesis\" is best with threshold = {threshold}: intersection over union \
+             {:.3}, precision {:.3}, recall {:.3}",
             score.iou, score.precision, score.recall
         ));
         outcome.add_value("best_threshold", json!({"threshold": threshold, "iou": score.iou}));
@@ -137,8 +137,8 @@ fn film_outcome(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
         found.detection_limit_mm2, demands.min_break_mm2
     ));
     outcome.add_line(format!(
-        "pixels that appeared dry and then wet again were dry for up to {:.1} s; a break must persist for \
-            {persist_s} s",
+        "pixels that appeared dry and then wet again were dry for up to {:.1} s; a break must persist for {persist_s} \
+         s",
         found.flash_s
     ));
     let unseen: Vec<String> = found.unseen_if_sanded.iter().map(ToString::to_string).collect();

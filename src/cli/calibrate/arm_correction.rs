@@ -198,8 +198,9 @@ pub fn place_tips_by_axes(
             return Err(Fault::file_fault(
                 file,
                 format!(
-                    "p{number}_mm is {off} mm from the tip of the cell's tool at p{number}_axes_deg (limit {allowed} mm). \
-                     Select the cell's own tool on the pendant, and write position and axis angles of the same touch"
+                    "p{number}_mm is {off} mm from the tip of the cell's tool at p{number}_axes_deg (limit {allowed} \
+                     mm). Select the cell's own tool on the pendant, and write position and axis angles of the same \
+                     touch"
                 ),
             ));
         }

@@ -269,9 +269,8 @@ fn report_result<A: Arrangement>(
     outcome.add_line(format!("uncertainty ± {:.3} mm at the panel (95 %); {lens}", found.uncertainty_mm));
     if found.correlated_pose_count > 1.0 {
         outcome.add_line(format!(
-            "the arm's errors are correlated in neighbouring poses: {:.1} poses count as \
-                one; calibrate the arm (`panelprep calibrate \
-             robot`), or take poses over the whole working volume",
+            "the arm's errors are correlated in neighbouring poses: {:.1} poses count as one; calibrate the arm \
+             (`panelprep calibrate robot`), or take poses over the whole working volume",
             found.correlated_pose_count
         ));
     }
@@ -287,8 +286,7 @@ fn report_result<A: Arrangement>(
         ));
     }
     outcome.add_line(format!(
-        "if the worst picture, {left_out}, is excluded, the result changes by {left_out_mm:.3} \
-        mm"
+        "if the worst picture, {left_out}, is excluded, the result changes by {left_out_mm:.3} mm"
     ));
     for residual in &found.residuals {
         let mark = if residual.used { "" } else { "  does not fit" };

@@ -75,10 +75,7 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
     if let Err(problems) = Intrinsics::check(&args.out.display().to_string(), &text) {
         let mut reasons = vec![Reason::new(
             "not_a_lens",
-            format!(
-                "these values are not a valid lens calibration: \
-            {problems}; calibrate the lens again"
-            ),
+            format!("these values are not a valid lens calibration: {problems}; calibrate the lens again"),
         )];
         reasons.append(&mut judgement.reasons);
         judgement = Judgement::new(reasons, vec![]);
@@ -203,8 +200,8 @@ fn undetermined_lens_outcome(
         outcome.add_value("height_px", json!(first.gray.height));
     }
     report_images(&mut outcome, all, detected, &[]);
-    let next = "the board sharp and whole, over most of the picture, facing the camera; then four more, each tilted by 30° \
-                to another side";
+    let next = "the board sharp and whole, over most of the picture, facing the camera; then four more, each tilted by \
+                30° to another side";
     outcome.add_value("next_picture", json!(next));
     outcome.add_line(format!("next: {next}"));
     outcome.add_line(format!("{}: not written", args.out.display()));
@@ -373,8 +370,8 @@ pub fn run_from_scan(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
         review.push(Reason::new(
             "flat",
             format!(
-                "the depths of the scan differ by {found} % of the distance, at least {wanted} % are needed: a flat scan in another frame \
-                 would give a wrong lens; scan a cell with objects at several distances"
+                "the depths of the scan differ by {found} % of the distance, at least {wanted} % are needed: a flat \
+                 scan in another frame would give a wrong lens; scan a cell with objects at several distances"
             ),
         ));
     }
@@ -390,10 +387,7 @@ pub fn run_from_scan(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
     if let Err(problems) = Intrinsics::check(&args.out.display().to_string(), &text) {
         reject.push(Reason::new(
             "not_a_lens",
-            format!(
-                "these values are not a valid lens calibration: {problems}; \
-            calibrate the lens again"
-            ),
+            format!("these values are not a valid lens calibration: {problems}; calibrate the lens again"),
         ));
     }
     let judgement = Judgement::new(reject, review);

@@ -306,8 +306,8 @@ fn report_advice(
             json!({"median": median_mm, "worst": worst_mm, "at_mm": [x, y, z], "places": places}),
         );
         outcome.add_line(format!(
-            "error of the tip with the correction: at most {median_mm:.2} mm (95 %, median of {places} positions in the working \
-             volume); at the worst position {worst_mm:.2} mm, at ({x:.0}, {y:.0}, {z:.0}) mm"
+            "error of the tip with the correction: at most {median_mm:.2} mm (95 %, median of {places} positions in \
+             the working volume); at the worst position {worst_mm:.2} mm, at ({x:.0}, {y:.0}, {z:.0}) mm"
         ));
     }
     let candidates = candidates(cell, found, data, (cameras, board));
@@ -336,8 +336,9 @@ fn describe_advice(found: &RobotFound, next: Option<&NextPose>) -> String {
         format!("axes [{}]°, ", all.join(", "))
     });
     format!(
-        "next pose, for {}: {axes}flange X {x_mm:.1} Y {y_mm:.1} Z {z_mm:.1} A {a_deg:.1} B {b_deg:.1} C {c_deg:.1}; the uncertainty \
-         of the least known parameter, {}, falls by {}; a further pose reduces the tip's stated error by up to {}",
+        "next pose, for {}: {axes}flange X {x_mm:.1} Y {y_mm:.1} Z {z_mm:.1} A {a_deg:.1} B {b_deg:.1} C {c_deg:.1}; \
+         the uncertainty of the least known parameter, {}, falls by {}; a further pose reduces the tip's stated error \
+         by up to {}",
         describe_board(found, next.rig),
         next.weakest_parameter,
         less(next.weakest_share),

@@ -119,9 +119,8 @@ fn report_result(outcome: &mut Outcome, found: &ScannerErrors, all: &[ScanRead])
     let plain = fixed_decimals(found.left_out_uncorrected_mm, 3);
     outcome.add_line(match found.left_out_corrected_mm {
         Some(corrected_mm) => format!(
-            "systematic error of all scans: up to {} mm at 700 mm, which is subtracted from new scans; held-out \
-                scans \
-                deviate from a plane by {plain} mm rms without this correction, by {} mm rms with this correction",
+            "systematic error of all scans: up to {} mm at 700 mm, which is subtracted from new scans; held-out scans \
+             deviate from a plane by {plain} mm rms without this correction, by {} mm rms with this correction",
             fixed_decimals(found.max_field_mm, 2),
             fixed_decimals(corrected_mm, 3)
         ),

@@ -139,8 +139,8 @@ fn check_uncertainty(found: &ForceCalibration, tool: Option<&CompliantTool>) -> 
     check.with_max(allowed_n, LimitSource::cell("tool.band_n")).or_review("force_uncertain", || {
         let [found, allowed] = distinguishable_texts(known_n, allowed_n, 1);
         format!(
-            "the force has an uncertainty of {found} N (limit {allowed} N); take more readings, at attitudes \
-                 that differ more"
+            "the force has an uncertainty of {found} N (limit {allowed} N); take more readings, at attitudes that \
+             differ more"
         )
     })
 }

@@ -49,7 +49,7 @@ impl BoardCheck {
     /// located.
     fn no_points_reason(&self) -> Option<Reason> {
         let message = "too few 3D points on the board, so the scan does not verify how panels are located: light the \
-            board uniformly, clean the board, or move the board nearer, then scan again";
+                       board uniformly, clean the board, or move the board nearer, then scan again";
         (self.has_cloud && self.pose_from_points.is_none()).then(|| Reason::new("no_points", message))
     }
 }
@@ -167,8 +167,8 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
         outcome.add_value("points_error_mm", json!(points_mm));
         outcome.add_value("points_farther_mm", json!(farther_mm));
         outcome.add_line(format!(
-            "by the 3D camera's points, the board is {farther_mm:+.3} mm farther away than by its picture; if this difference is large, \
-             run `panelprep calibrate scanner` and measure the board's squares"
+            "by the 3D camera's points, the board is {farther_mm:+.3} mm farther away than by its picture; if this \
+             difference is large, run `panelprep calibrate scanner` and measure the board's squares"
         ));
     }
     Ok(outcome)

@@ -305,9 +305,9 @@ pub(super) fn proofs(cell: &Cell) -> Check {
                 name,
                 format!("{why}; permitted: {permitted}"),
                 format!(
-                    "test stage {next} \
-                        with `panelprep robot prove --stage {next} --out FILE --by NAME`, sign its page, store the \
-                     signature with --sign, then set signed_stage = \"{next}\" in [robot]; a mock controller needs none"
+                    "test stage {next} with `panelprep robot prove --stage {next} --out FILE --by NAME`, sign its \
+                     page, store the signature with --sign, then set signed_stage = \"{next}\" in [robot]; a mock \
+                     controller needs none"
                 ),
             )
         }

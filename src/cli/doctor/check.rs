@@ -150,8 +150,8 @@ fn judge_graphics_processor(devices: Option<&str>, has_uvm_node: bool) -> Check 
     let characters = devices.split("Block devices:").next().unwrap_or_default();
     let names: Vec<&str> = characters.lines().filter_map(|line| line.split_whitespace().nth(1)).collect();
     let has = |wanted: &str| names.contains(&wanted);
-    let uvm = "put a line `nvidia-uvm` into /etc/modules-load.d/panelprep.conf and run `modprobe nvidia-uvm`: the service has no \
-               permission to load this module";
+    let uvm = "put a line `nvidia-uvm` into /etc/modules-load.d/panelprep.conf and run `modprobe nvidia-uvm`: the \
+               service has no permission to load this module";
     match (has("nvidia") || has("nvidia-frontend"), has("nvidia-uvm"), has("drm")) {
         (true, true, _) if has_uvm_node => Check::passed(name, "NVIDIA, with nvidia-uvm"),
         (true, true, _) => Check::failed(

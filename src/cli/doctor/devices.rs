@@ -153,8 +153,7 @@ fn robot(cell: &Cell, sum: Option<i32>) -> (Check, Option<i32>) {
                 let check = Check::failed(
                     "robot",
                     format!(
-                        "{place}: a MOCK controller responds, which is no evidence about a real \
-                            controller; mode {}",
+                        "{place}: a MOCK controller responds, which is no evidence about a real controller; mode {}",
                         state.mode.name()
                     ),
                     "expected in a rehearsal; for the real cell, connect the real controller and run `panelprep doctor` again",
@@ -213,8 +212,7 @@ fn advice(error: &SingleError) -> &'static str {
              sends), or does another program listen on these ports?"
         }
         _ => {
-            "the program that answers is not this cell's controller program: compare its EthernetKRL files with \
-              --kuka"
+            "the program that answers is not this cell's controller program: compare its EthernetKRL files with --kuka"
         }
     }
 }

@@ -48,14 +48,14 @@ pub enum DeviceFault {
     NoWorldForTool,
     /// The flange camera needs a driver that this program does not contain.
     #[error(
-        "[flange_camera] kind = \"gige\": this program was built without the cargo feature gige; use a program with this \
-         feature, or set kind = \"simulated\" or \"recorded\""
+        "[flange_camera] kind = \"gige\": this program was built without the cargo feature gige; use a program with \
+         this feature, or set kind = \"simulated\" or \"recorded\""
     )]
     BuiltWithoutGige,
     /// A plant connection needs code that this program does not contain.
     #[error(
-        "{what}: this program was built without the cargo feature plant; use the program of the package, or build it with \
-         `cargo build --release --features plant`"
+        "{what}: this program was built without the cargo feature plant; use the program of the package, or build it \
+         with `cargo build --release --features plant`"
     )]
     BuiltWithoutPlant {
         /// The command, or the tables of the cell file.
@@ -63,8 +63,8 @@ pub enum DeviceFault {
     },
     /// A camera has no settings for a scan or picture.
     #[error(
-        "[scanner] {key} is missing; kind = \"zivid\" needs this key to take a shot: name the settings file that Zivid Studio saved \
-         (settings for 3D shots with colour, settings_2d for pictures)"
+        "[scanner] {key} is missing; kind = \"zivid\" needs this key to take a shot: name the settings file that Zivid \
+         Studio saved (settings for 3D shots with colour, settings_2d for pictures)"
     )]
     NoCameraSettings {
         /// The key.
@@ -78,8 +78,9 @@ pub enum DeviceFault {
     CamerasChanged,
     /// The picture size of the scanner's calibration cannot be simulated.
     #[error(
-        "the scanner's calibration is for {}×{} px, which the simulated scanner does not deliver; the nearest size is {}×{} \
-         px: render the cell's files with `panelprep render`", found_px[0], found_px[1], nearest_px[0], nearest_px[1]
+        "the scanner's calibration is for {}×{} px, which the simulated scanner does not deliver; the nearest size is \
+         {}×{} px: render the cell's files with `panelprep \
+         render`", found_px[0], found_px[1], nearest_px[0], nearest_px[1]
     )]
     NoSuchSimulatedSize {
         /// Width and height in the calibration, px.
@@ -92,10 +93,9 @@ pub enum DeviceFault {
     Unsigned(#[from] Unsigned),
     /// A stage of the acceptance tests was requested before the previous stage is signed.
     #[error(
-        "stage {} can be tested only after stage {before} is \
-            signed: sign the page of stage {before}, store the signature with \
-         `panelprep robot prove --stage {before} --sign --out FILE --by NAME`, then set signed_stage = \"{before}\" in [robot] of \
-         the cell's file", stage.letter(), before = before.letter()
+        "stage {} can be tested only after stage {before} is signed: sign the page of stage {before}, store the \
+         signature with `panelprep robot prove --stage {before} --sign --out FILE --by NAME`, then set signed_stage = \
+         \"{before}\" in [robot] of the cell's file", stage.letter(), before = before.letter()
     )]
     ProvenTooEarly {
         /// The stage that was requested.
@@ -106,9 +106,8 @@ pub enum DeviceFault {
     /// The controller executes other programs than the accepted ones, so acceptance tests on it would not be valid for
     /// the accepted programs.
     #[error(
-        "the tests are for programs with the checksum \
-            {reported}, but [robot] programs_sum is {}: accept the programs first with \
-         `panelprep doctor --kuka DIR --accept`, and add the line that it prints to the cell's file",
+        "the tests are for programs with the checksum {reported}, but [robot] programs_sum is {}: accept the programs \
+         first with `panelprep doctor --kuka DIR --accept`, and add the line that it prints to the cell's file",
         .accepted.map_or("missing".to_owned(), |sum| sum.to_string())
     )]
     ProofsOfOtherPrograms {
@@ -119,8 +118,7 @@ pub enum DeviceFault {
     },
     /// The operating mode is not that of the requested stage.
     #[error(
-        "stage {} is tested in {}, but the controller reports \
-            {mode}: turn the mode switch, then run the command again",
+        "stage {} is tested in {}, but the controller reports {mode}: turn the mode switch, then run the command again",
         stage.letter(), if *stage == ProofStage::A { "T1" } else { "AUT or EXT" }
     )]
     ProvenInOtherMode {
@@ -131,15 +129,15 @@ pub enum DeviceFault {
     },
     /// No controller responds, so no acceptance test can be run.
     #[error(
-        "no controller responds, so no test can be run: connect the controller, and stop the service during the \
-            tests, because a controller serves one client; `panelprep doctor` reports what is missing"
+        "no controller responds, so no test can be run: connect the controller, and stop the service during the tests, \
+         because a controller serves one client; `panelprep doctor` reports what is missing"
     )]
     NoControllerToProve,
     /// The page to be signed is not the newest page of its stage on which every test has passed.
     #[error(
         "{} is not the newest page of stage {} on which every test has passed: a page that was changed, has an open \
-            test or is of a mock controller cannot be signed. Test the stage again \
-            with `panelprep robot prove --stage {} --out FILE --by NAME`",
+         test or is of a mock controller cannot be signed. Test the stage again with `panelprep robot prove --stage {} \
+         --out FILE --by NAME`",
         page.display(), stage.letter(), stage.letter()
     )]
     PageNotProven {
@@ -153,8 +151,8 @@ pub enum DeviceFault {
     FoamInTheAir,
     /// The acceptance tests need a real controller, but the robot is a mock robot.
     #[error(
-        "[robot] kind is \"mock\", which has no controller to test; set kind = \"eki\" and host in the cell's file (to try \
-         the command, run panelprep mock-robot and set host = \"127.0.0.1\")"
+        "[robot] kind is \"mock\", which has no controller to test; set kind = \"eki\" and host in the cell's file (to \
+         try the command, run panelprep mock-robot and set host = \"127.0.0.1\")"
     )]
     NothingToProve,
 }
@@ -216,8 +214,8 @@ pub enum CalibrationFault {
     },
     /// The TCP of the tool was measured, but not its axis.
     #[error(
-        "{file}: the tool's axis was not measured (axis_measured is not true); a tilted pad grinds an edge into the panel: \
-         run `panelprep calibrate tcp` with [[axis]], or with [[plate]] and [[flat]]"
+        "{file}: the tool's axis was not measured (axis_measured is not true); a tilted pad grinds an edge into the \
+         panel: run `panelprep calibrate tcp` with [[axis]], or with [[plate]] and [[flat]]"
     )]
     NoAxis {
         /// The tool's file.
@@ -226,7 +224,7 @@ pub enum CalibrationFault {
     /// The axis angles that the controller reports are not finite numbers.
     #[error(
         "the controller reports axis angles that are not numbers, so the flange pose is not known: restart the \
-        controller"
+         controller"
     )]
     NoAxes,
     /// No poses were given for a tool or touch calibration.

@@ -9,8 +9,8 @@ use std::path::PathBuf;
 pub enum TeachingFault {
     /// No scan was given for teaching.
     #[error(
-        "no scan for teaching: name a scan with --scan FILE, take a scan now with --live DIR, or name the panel's drawing with \
-         --nominal FILE"
+        "no scan for teaching: name a scan with --scan FILE, take a scan now with --live DIR, or name the panel's \
+         drawing with --nominal FILE"
     )]
     NoScan,
     /// Standard input is closed, so no person can answer.
@@ -34,15 +34,17 @@ pub enum TeachingFault {
     Corners(Vec<String>),
     /// No corner picture was given, although the cell measures corners in each cycle.
     #[error(
-        "no corner picture was given, but a cycle of this cell measures taught corners before each contact: name one or, better, \
-         two pictures, each with --corner FILE --flange POSE.json (a cell without [calibration] flange_camera needs none)"
+        "no corner picture was given, but a cycle of this cell measures taught corners before each contact: name one \
+         or, better, two pictures, each with --corner FILE --flange POSE.json (a cell without [calibration] \
+         flange_camera needs none)"
     )]
     NoCorner,
     /// No corner view was given for a panel that is taught from its drawing, although the cell measures corners in each
     /// cycle.
     #[error(
-        "no corner view was given, but a cycle of this cell measures taught corners before each contact: name the flange's pose of \
-         one or, better, two views, each with --flange POSE.json; the pictures are computed from the drawing"
+        "no corner view was given, but a cycle of this cell measures taught corners before each contact: name the \
+         flange's pose of one or, better, two views, each with --flange POSE.json; the pictures are computed from the \
+         drawing"
     )]
     NoCornerView,
     /// A drawing was given, but the recipe does not state its pose.
@@ -65,8 +67,8 @@ pub enum TeachingFault {
     },
     /// The 3D camera does not see a corner of the region on the drawing.
     #[error(
-        "[nominal] region_mm: the 3D camera sees no point of the drawing at corner {number}; choose four corners on the visible surface, in mm \
-         of the drawing's frame"
+        "[nominal] region_mm: the 3D camera sees no point of the drawing at corner {number}; choose four corners on \
+         the visible surface, in mm of the drawing's frame"
     )]
     RegionOffDrawing {
         /// The number of the corner, from 1.
@@ -74,8 +76,8 @@ pub enum TeachingFault {
     },
     /// A corner of the region is not on the surface of the drawing.
     #[error(
-        "[nominal] region_mm: corner {number} is {} mm in front of or behind the drawing's surface (limit {} mm); state the \
-         coordinates of a point on the surface",
+        "[nominal] region_mm: corner {number} is {} mm in front of or behind the drawing's surface (limit {} mm); \
+         state the coordinates of a point on the surface",
         distinguishable_texts(*away_mm, *limit_mm, 1)[0], distinguishable_texts(*away_mm, *limit_mm, 1)[1]
     )]
     RegionBesideDrawing {
@@ -211,8 +213,8 @@ pub enum ClipFault {
     },
     /// The phases of the film are not in the order that the inspection needs.
     #[error(
-        "--spray-from-s is {spray_from_s} s, --wet-from-s is {wet_from_s} s, and the film lasts {seconds} s; the spray must begin at \
-         0 s or later, the wet pictures after the spray, and both within the film"
+        "--spray-from-s is {spray_from_s} s, --wet-from-s is {wet_from_s} s, and the film lasts {seconds} s; the spray \
+         must begin at 0 s or later, the wet pictures after the spray, and both within the film"
     )]
     SprayAfterWet {
         /// The requested time.
@@ -250,8 +252,8 @@ pub enum RecordFault {
     },
     /// The cycles of the panel have no quantity with this name.
     #[error(
-        "no cycle of panel {panel} has a quantity {found}{}; valid: {}; or, in quotes, the name of a check on the page of a \
-         cycle",
+        "no cycle of panel {panel} has a quantity {found}{}; valid: {}; or, in quotes, the name of a check on the page \
+         of a cycle",
         nearest.as_ref().map_or(String::new(), |nearest| format!(": did you mean {nearest}?")), words.join(", ")
     )]
     NoSuchNumber {
@@ -285,8 +287,8 @@ pub enum RecordFault {
     CountUnknown(panelprep_store::store::UnknownPassCount),
     /// The record of a cycle is not signed.
     #[error(
-        "the record of cycle {cycle} is not signed: the cycle has not ended, or signing failed; `panelprep store verify` \
-         reports details"
+        "the record of cycle {cycle} is not signed: the cycle has not ended, or signing failed; `panelprep store \
+         verify` reports details"
     )]
     NotSigned {
         /// The cycle.

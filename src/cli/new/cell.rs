@@ -393,8 +393,8 @@ fn to_check(text: &str) -> String {
 }
 
 /// The comment that is written before each table with values of the sample.
-const CHECK_COMMENT: &str = "# TO CHECK before anything moves: numbers in this table that you did not state are from the sample, not \
-     from your cell.";
+const CHECK_COMMENT: &str = "# TO CHECK before anything moves: numbers in this table that you did not state are from \
+                             the sample, not from your cell.";
 
 /// Returns the text of the cell file.
 fn text(name: &str, answers: &Answers) -> Result<String, Fault> {

@@ -63,8 +63,7 @@ impl PageBasis {
             PageBasis::Unconfirmed => "Not finished: the results are not valid yet",
             PageBasis::Unknown => "No controller responded at the end: the results are not valid",
             PageBasis::OtherPrograms => {
-                "The controller's programs changed during the tests: the results are not \
-                valid"
+                "The controller's programs changed during the tests: the results are not valid"
             }
         }
     }
@@ -104,8 +103,8 @@ impl ProofPage<'_> {
         let remedy = match self.count(Finding::Wrong) {
             0 => String::new(),
             _ => format!(
-                " Earlier signatures of stage {letter} and of the stages after it are no longer valid: test the \
-                    stage again."
+                " Earlier signatures of stage {letter} and of the stages after it are no longer valid: test the stage \
+                 again."
             ),
         };
         format!(
@@ -158,11 +157,13 @@ impl ProofPage<'_> {
             @if self.is_signable() {
                 p.sign {
                     "Stage " (letter) " permits " (self.stage.permits()) ". Date, name, signature: \
-                     ____________________________________________________"
+                                                                          ____________________________________________________"
                 }
                 p {
-                    "Then store the signature with panelprep robot prove --stage " (letter) " --sign --out FILE --by NAME, and set \
-                     signed_stage = \"" (letter) "\" in [robot] of the cell's file. This page must not be changed before."
+                    "Then store the signature with panelprep robot prove --stage " (letter) " --sign --out FILE --by \
+                                                                                             NAME, and set \
+                                                                                             signed_stage = \
+                                                                                             \"" (letter) "\" in [robot] of the cell's file. This page must not be changed before."
                 }
             } @else if self.basis() == PageBasis::Real {
                 p.sign { (self.describe_unproven()) }
@@ -195,8 +196,8 @@ impl ProofPage<'_> {
                     }
                     p {
                         (self.count(Finding::Proven)) " proven, " (self.count(Finding::Wrong)) " wrong, "
-                        (self.count(Finding::Open)) " open. While any assumption is wrong or open, keep the robot in T1, the \
-                         sanding tool without power and the panel out of reach."
+                        (self.count(Finding::Open)) " open. While any assumption is wrong or open, keep the robot in \
+                                                     T1, the sanding tool without power and the panel out of reach."
                     }
                     h2 { "Stage " (self.stage.letter()) ": " (self.stage.conditions()) }
                     (self.rows())
@@ -235,8 +236,8 @@ pub(super) fn sign(args: &Prove, files: &CellFiles) -> Result<Outcome, Fault> {
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
     let letter = stage.letter();
     outcome.add_line(format!(
-        "the signature of stage {letter} by {} is stored, for programs with the checksum {reported}; now set signed_stage = \
-         \"{letter}\" in [robot] of the cell's file",
+        "the signature of stage {letter} by {} is stored, for programs with the checksum {reported}; now set \
+         signed_stage = \"{letter}\" in [robot] of the cell's file",
         args.by
     ));
     outcome.add_value("stage", json!(letter));

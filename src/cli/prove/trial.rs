@@ -128,8 +128,7 @@ impl RawClient {
                 beat = Some(Instant::now());
                 #[expect(
                     clippy::let_underscore_must_use,
-                    reason = "an error is reported by the next read, because \
-                    the channel is then closed"
+                    reason = "an error is reported by the next read, because the channel is then closed"
                 )]
                 let _ = self.ask(OP_HEARTBEAT, 0);
             }
@@ -175,8 +174,8 @@ pub(super) fn pose<'t>(document: &'t str, element: &str) -> Option<[&'t str; 6]>
 pub(super) type TestResult = Result<(Finding, String), Fault>;
 
 /// The evidence of a test in which the controller did not respond.
-pub(super) const NO_STATE_MESSAGE: &str = "no state message was received within 10 s: check that the submit interpreter is running and that no other \
-        client is connected";
+pub(super) const NO_STATE_MESSAGE: &str = "no state message was received within 10 s: check that the submit \
+                                           interpreter is running and that no other client is connected";
 
 /// The evidence of a test that needs the robot program, if the robot program does not run.
 pub(super) const NO_PROGRAM_MESSAGE: &str =
@@ -232,8 +231,8 @@ pub(super) fn command(
     [x, y, z, a, b, c]: [&str; 6],
 ) -> String {
     format!(
-        "<Cmd Id=\"{id}\" Ep=\"{epoch}\" Op=\"{operation}\" N1=\"0\" N2=\"0\" R1=\"0.0\" R2=\"{speed_m_s}\"><P X=\"{x}\" Y=\"{y}\" \
-         Z=\"{z}\" A=\"{a}\" B=\"{b}\" C=\"{c}\"></P></Cmd>"
+        "<Cmd Id=\"{id}\" Ep=\"{epoch}\" Op=\"{operation}\" N1=\"0\" N2=\"0\" R1=\"0.0\" R2=\"{speed_m_s}\"><P \
+         X=\"{x}\" Y=\"{y}\" Z=\"{z}\" A=\"{a}\" B=\"{b}\" C=\"{c}\"></P></Cmd>"
     )
 }
 

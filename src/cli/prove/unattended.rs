@@ -160,8 +160,8 @@ fn check_time_unit(cell: &Cell) -> TestResult {
     let passed_ms = i64::try_from(passed.as_millis()).unwrap_or(i64::MAX);
     let states = last.state_value("Seq").zip(first.state_value("Seq")).map_or(0, |(last, first)| last - first);
     let evidence = format!(
-        "T counted {} in {passed_ms} ms of this computer (largest difference {MAX_DIFFERENCE_MS}), over {states} states (at least \
-         {MIN_STATES})",
+        "T counted {} in {passed_ms} ms of this computer (largest difference {MAX_DIFFERENCE_MS}), over {states} \
+         states (at least {MIN_STATES})",
         to - from
     );
     // If the link ended early, the times of the two state messages are too close for a comparison.
@@ -330,8 +330,7 @@ fn observe_effect_of_closing(cell: &Cell, epoch: i64) -> ByteEffect {
     }
     let (found, done) = (shown(found), shown(done));
     ByteEffect::Other(format!(
-        "the connection was closed; after that, epoch {found} (expected {epoch}), Done {done} \
-        (expected 0)"
+        "the connection was closed; after that, epoch {found} (expected {epoch}), Done {done} (expected 0)"
     ))
 }
 
@@ -399,9 +398,9 @@ fn check_second_client_refused(cell: &Cell) -> TestResult {
     let (found, rx) = (after.state_value("Ep"), after.ack_value("Rx"));
     let [on_state, on_command]: [&str; 2] = second.map(Into::into);
     let evidence = format!(
-        "a second client {on_state} on the state channel, where it requested epoch {}, and {on_command} on the command channel, \
-         where it sent a base; then the first client: Re {} (more than {asked} was expected), epoch {} (expected {epoch}), Rx {} \
-         (expected 0)",
+        "a second client {on_state} on the state channel, where it requested epoch {}, and {on_command} on the command \
+         channel, where it sent a base; then the first client: Re {} (more than {asked} was expected), epoch {} \
+         (expected {epoch}), Rx {} (expected 0)",
         epoch + 2,
         shown(after.state_value("Re")),
         shown(found),
@@ -459,7 +458,7 @@ fn check_vanished_client(cell: &Cell) -> TestResult {
         if connected < CLIENTS_IN_GROUP {
             return open(format!(
                 "only {connected} of {CLIENTS_IN_GROUP} clients could connect within {} s, after {vanished} clients \
-                    had disappeared",
+                 had disappeared",
                 GROUP_TIMEOUT.as_secs()
             ));
         }
@@ -472,8 +471,8 @@ fn check_vanished_client(cell: &Cell) -> TestResult {
     make_finding(
         true,
         format!(
-            "{vanished} clients connected and disconnected immediately; after each {CLIENTS_IN_GROUP} of them the next client was \
-             served within {:.1} s",
+            "{vanished} clients connected and disconnected immediately; after each {CLIENTS_IN_GROUP} of them the next \
+             client was served within {:.1} s",
             slowest.as_secs_f64()
         ),
     )

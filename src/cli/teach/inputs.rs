@@ -149,9 +149,9 @@ impl ViewedDrawing {
         let coarse = || {
             let [found, limit] = distinguishable_texts(self.facet_error_mm, MAX_FACET_DEVIATION_MM, 3);
             format!(
-                "on curved surfaces, the drawing's triangles deviate from the surface by about {found} mm (limit {limit} mm), and the \
-                 measured deviation of the panel would contain this error; export the drawing with a deviation of 0.01 mm, unless the panel \
-                 has an edge of less than 31° there"
+                "on curved surfaces, the drawing's triangles deviate from the surface by about {found} mm (limit \
+                 {limit} mm), and the measured deviation of the panel would contain this error; export the drawing \
+                 with a deviation of 0.01 mm, unless the panel has an edge of less than 31° there"
             )
         };
         let is_cut = outside > MAX_OUTSIDE_FRACTION || self.reaches_rim;
@@ -192,8 +192,8 @@ impl ViewedDrawing {
     pub fn warnings(&self) -> Option<String> {
         (self.facet_error_mm > FACET_DEVIATION_WARNING_MM).then(|| {
             format!(
-                "on curved surfaces, the drawing's triangles deviate from the surface by about {} mm (better: {FACET_DEVIATION_WARNING_MM} mm or \
-                 less); export the drawing with a smaller deviation",
+                "on curved surfaces, the drawing's triangles deviate from the surface by about {} mm (better: \
+                 {FACET_DEVIATION_WARNING_MM} mm or less); export the drawing with a smaller deviation",
                 fixed_decimals(self.facet_error_mm, 3)
             )
         })

@@ -225,8 +225,9 @@ pub struct PlannedToolFaultError {
 
 impl PlannedToolFault {
     /// The syntax of a fault specification, for help texts.
-    pub const HELP: &'static str = "NAME[=VALUE]@N, N being a waypoint in contact from 1 on: link-cut, silent, late=MS, garbage, \
-                                    other-id, errors=BITS, force=N, no-contact, stuck; for example silent@40 or force=-12@3";
+    pub const HELP: &'static str = "NAME[=VALUE]@N, N being a waypoint in contact from 1 on: link-cut, silent, \
+                                    late=MS, garbage, other-id, errors=BITS, force=N, no-contact, stuck; for example \
+                                    silent@40 or force=-12@3";
 }
 
 impl FromStr for PlannedToolFault {

@@ -153,11 +153,8 @@ impl FlangeCamera for LoopbackFlangeCamera {
         let frame = self.camera.picture().map_err(camera_error)?;
         if frame.pixels != raw {
             let differing = frame.pixels.iter().zip(&raw).filter(|(came, went)| came != went).count();
-            let reason = format!(
-                "{differing} of {} received bytes differ from the bytes that were \
-                sent",
-                raw.len()
-            );
+            let reason =
+                format!("{differing} of {} received bytes differ from the bytes that were sent", raw.len());
             return Err(CameraError::Unusable { which: CameraRole::Flange, reason });
         }
         Ok(FlangePicture { picture: to_color(&frame)?, ..seen })

@@ -116,8 +116,7 @@ pub enum GigeError {
     },
     /// The camera repeats pictures of an earlier scene.
     #[error(
-        "the camera delivered an old picture in two attempts: {last}; restart the camera, and check its clock \
-        (PTP)"
+        "the camera delivered an old picture in two attempts: {last}; restart the camera, and check its clock (PTP)"
     )]
     Frozen {
         /// The reason why the last frame was refused.

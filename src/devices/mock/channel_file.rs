@@ -271,7 +271,7 @@ pub enum EkiFault {
     /// The robot program read values of different documents in one row, and closed the channel.
     #[error(
         "the robot program closed the EKI channel: an element was missing, so the buffers of the tags contain values \
-            of different messages; start the program again"
+         of different messages; start the program again"
     )]
     Drifted,
 }

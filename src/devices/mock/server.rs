@@ -97,8 +97,7 @@ impl Shared {
         if let Some(stream) = self.stream(channel).take() {
             #[expect(
                 clippy::let_underscore_must_use,
-                reason = "an error means that the client has already \
-            disconnected"
+                reason = "an error means that the client has already disconnected"
             )]
             let _ = stream.shutdown(Shutdown::Both);
         }

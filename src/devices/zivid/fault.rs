@@ -27,8 +27,8 @@ pub enum ZividFault {
     OutOfReach(String),
     /// The firmware of the camera does not match the SDK.
     #[error(
-        "C5 the 3D camera needs other firmware: {0}; update it with Zivid Studio or ZividFirmwareUpdater, then verify its \
-         calibration"
+        "C5 the 3D camera needs other firmware: {0}; update it with Zivid Studio or ZividFirmwareUpdater, then verify \
+         its calibration"
     )]
     Firmware(String),
     /// The worker's program or the camera library is missing.
@@ -68,8 +68,8 @@ pub enum ZividFault {
     },
     /// The camera delivered nothing in several attempts.
     #[error(
-        "C3 the 3D camera delivered nothing for {during} in {tries} attempts: {message}; check its power, cable \
-        and temperature"
+        "C3 the 3D camera delivered nothing for {during} in {tries} attempts: {message}; check its power, cable and \
+         temperature"
     )]
     NoShot {
         /// The request.

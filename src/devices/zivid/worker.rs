@@ -50,8 +50,7 @@ pub fn serve(mut daemon: UnixStream, sensor: Box<dyn Sensor>) -> Result<(), Work
     send_hello(&mut daemon, Ok(sensor.sdk_version()))?;
     #[expect(
         clippy::let_underscore_must_use,
-        reason = "the buffer size is only a hint: without it, sending a scan \
-        takes a few milliseconds longer"
+        reason = "the buffer size is only a hint: without it, sending a scan takes a few milliseconds longer"
     )]
     let _ = rustix::net::sockopt::set_socket_send_buffer_size(&daemon, SOCKET_BYTES);
     let camera = Arc::new(Mutex::new(Camera::new(sensor)));

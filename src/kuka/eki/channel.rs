@@ -259,8 +259,8 @@ mod tests {
             ),
             (
                 file("", "<ELEMENT Tag=\"A/@B\" Type=\"AXIS\"/>"),
-                "line 4: RECEIVE/XML/ELEMENT[A/@B]/@Type: is \"AXIS\"; valid: one of STRING, REAL, INT, BOOL, FRAME; send \
-                 axes as six REAL attributes or in a FRAME",
+                "line 4: RECEIVE/XML/ELEMENT[A/@B]/@Type: is \"AXIS\"; valid: one of STRING, REAL, INT, BOOL, FRAME; \
+                 send axes as six REAL attributes or in a FRAME",
             ),
             (
                 file("", "<ELEMENT Type=\"INT\"/>"),

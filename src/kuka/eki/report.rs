@@ -142,8 +142,8 @@ pub enum StopCause {
     ByProgram,
     /// This program does not read the robot's reports any more: the part that supervises the robot has stalled.
     #[error(
-        "the cell's control loop has not read the robot's reports for too long, so the epoch was ended: restart \
-        the service"
+        "the cell's control loop has not read the robot's reports for too long, so the epoch was ended: restart the \
+         service"
     )]
     Unattended,
 }
@@ -278,8 +278,8 @@ pub enum LinkLoss {
     },
     /// The end of a message was not received in time.
     #[error(
-        "the {channel} received the start of a message, but not its end within {waited_ms} ms; it is connected \
-        again automatically"
+        "the {channel} received the start of a message, but not its end within {waited_ms} ms; it is connected again \
+         automatically"
     )]
     Unfinished {
         /// The channel of the connection.
@@ -342,8 +342,8 @@ pub enum LinkLoss {
     AbortNotObeyed,
     /// The connection has used all request numbers of 32 bits. A new connection counts from 1 again.
     #[error(
-        "{most} requests were sent on this connection, the limit of the request counter; a new connection is \
-        opened automatically"
+        "{most} requests were sent on this connection, the limit of the request counter; a new connection is opened \
+         automatically"
     )]
     RequestsExhausted {
         /// The highest request number.

@@ -43,8 +43,8 @@ fn parse_matrix(rows: &[toml::Spanned<DeValue<'_>>]) -> Result<KukaPose, String>
     let off = (rotation.transpose() * rotation - nalgebra::Matrix3::identity()).abs().max();
     let last = matrix.row(3).into_owned() - nalgebra::RowVector4::new(0.0, 0.0, 0.0, 1.0);
     if last.abs().max() > 1e-9 {
-        let message = "the last row of the matrix is not 0, 0, 0, 1; write the matrix row by row, with the translation in \
-                       its last column";
+        let message = "the last row of the matrix is not 0, 0, 0, 1; write the matrix row by row, with the translation \
+                       in its last column";
         return Err(message.to_owned());
     }
     if off > MAX_ROTATION_DEVIATION {

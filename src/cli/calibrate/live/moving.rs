@@ -74,8 +74,8 @@ pub fn run(
     single.check_proofs(&cell.cell).map_err(Fault::stage)?;
     let mut single = single.with_mounted(cell.flange_devices()?);
     tell(&format!(
-        "The arm will move by itself, at {AXIS_SPEED_PERCENT} % of its axes' speed, to up to {} poses around its present \
-         pose. Make sure that the path is clear, and keep a hand on the enabling switch or the emergency stop.",
+        "The arm will move by itself, at {AXIS_SPEED_PERCENT} % of its axes' speed, to up to {} poses around its \
+         present pose. Make sure that the path is clear, and keep a hand on the enabling switch or the emergency stop.",
         session.max_pictures(MAX_PICTURES)
     ));
     if session.ask_for_picture()? == OperatorChoice::Done {
@@ -99,8 +99,7 @@ pub fn run(
         if !is_there {
             let Some(next) = variations.next() else {
                 tell(
-                    "no further pose: the remaining poses are out of the arm's reach or do not pass the motion \
-                        checks",
+                    "no further pose: the remaining poses are out of the arm's reach or do not pass the motion checks",
                 );
                 return Ok(());
             };

@@ -71,19 +71,18 @@ pub fn tool((args, folder): (&Tcp, &Path), common: &Common) -> Result<Outcome, F
         ));
     }
     tell(
-        "Hold the tip at the same point, each time in another orientation: six or more orientations that differ by \
-            30° or more.",
+        "Hold the tip at the same point, each time in another orientation: six or more orientations that differ by 30° \
+         or more.",
     );
     loop {
         let number = text.matches(&format!("[[{table}]]")).count() + 1;
         tell(&match table {
             "poses" => format!(
-                "Press Enter for pose {number} of the tip; type axis to continue with the tool's axis, or done to \
-                 end."
+                "Press Enter for pose {number} of the tip; type axis to continue with the tool's axis, or done to end."
             ),
             _ => format!(
-                "Hold a mark on the tool's axis, behind the tip, at the same \
-                    point. Press Enter for pose {number} of the mark; type done to end."
+                "Hold a mark on the tool's axis, behind the tip, at the same point. Press Enter for pose {number} of \
+                 the mark; type done to end."
             ),
         });
         match read_pose_answer(&poses, table == "poses")? {

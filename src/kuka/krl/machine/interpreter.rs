@@ -188,11 +188,11 @@ impl Interpreter {
 
     pub(super) fn pop_text<'a>(&mut self, program: &'a Program) -> Result<&'a str, StepError> {
         let index = self.pop_text_index()?;
-        program.texts.get(index).map(String::as_str).ok_or_else(|| {
-            "internal error of the KRL interpreter: a text is \
-        missing"
-                .into()
-        })
+        program
+            .texts
+            .get(index)
+            .map(String::as_str)
+            .ok_or_else(|| "internal error of the KRL interpreter: a text is missing".into())
     }
 
     /// Pops a text from the stack, as its index in the list of the program's texts.
