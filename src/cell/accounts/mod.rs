@@ -1,9 +1,9 @@
-//! People at the operator's page: their accounts and names, their roles with the permissions of each, and the audit
-//! trail with its limit; `password` has their passwords, and the pause after wrong ones.
+//! Accounts of the people who use the operator's page: names, roles, the permissions of each role, and the audit trail
+//! with its rate limit. Passwords, and the pause after wrong passwords, are in `password`.
 //!
-//! Plain data and decisions. The store keeps accounts (`store::people`), the page uses the decisions (`daemon::web`).
-//! Stop and abort need no account: authentication must not hinder an emergency action (IEC 62443-4-2, CR 1.1 with its
-//! note on essential functions).
+//! This module contains only plain data and decisions. The store saves the accounts (`store::people`), and the page
+//! applies the decisions (`daemon::web`). Stop and abort need no account: authentication must not hinder an emergency
+//! action (IEC 62443-4-2, CR 1.1 with its note on essential functions).
 
 mod password;
 
@@ -16,28 +16,28 @@ use panelprep_base::number_text::printable;
 use serde::{Deserialize, Serialize};
 use strum::VariantArray;
 
-/// A person who may log in. The newest statement about an account is the valid one.
+/// The account of a person who may log in. The newest entry for an account is the valid one.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Account {
     /// The name to log in with.
     pub name: String,
-    /// The person's printed name, as a signature shows it.
+    /// The person's name as printed beside a signature.
     pub printed_name: String,
     /// Role of the account, which determines what the person may do.
     pub role: Role,
     /// The password's hash, a PHC string of argon2id.
     pub password_hash: String,
-    /// Whether the person may log in at all.
+    /// Whether the person may log in; a disabled account is kept.
     pub is_enabled: bool,
 }
 
 impl Account {
-    /// Returns a complete account with valid names and an allowed password. Without a new password the former
-    /// account's password stays; `salt` is used only for a new password.
+    /// Returns a complete account after checking its names and its password. Without a new password, the previous
+    /// password is kept; `salt` is used only for a new password.
     ///
     /// # Errors
-    /// If a name or the password is not allowed; the text states the problem.
+    /// If a name or the password is invalid; the error states the problem.
     pub fn create_validated(
         (name, printed_name): (&str, &str),
         (role, is_enabled): (Role, bool),
@@ -57,8 +57,8 @@ impl Account {
         Ok(Account { name, printed_name, role, password_hash, is_enabled })
     }
 
-    /// Returns the account as a line of the audit trail. The password is not shown; the beginning of its salt shows
-    /// that it is a new one.
+    /// Returns the account as text for the audit trail. The text contains no password, but the beginning of its salt: a
+    /// different salt shows that the password was changed.
     pub fn summary(&self) -> String {
         let Account { printed_name, role, password_hash, is_enabled, .. } = self;
         let enabled = if *is_enabled { "enabled" } else { "disabled" };
@@ -67,10 +67,11 @@ impl Account {
     }
 }
 
-/// The action of the audit trail for a changed recipe: a person approved the text that the entry contains.
+/// The action in the audit trail when a person approves a changed recipe; the entry contains the recipe's text.
 pub const RECIPE_CHANGE: &str = "change recipe";
 
-/// A line of the audit trail: who did what, when and from which address. Refused attempts are recorded too.
+/// An entry of the audit trail: the person, the action, the time and the client's address. Refused attempts are
+/// recorded too.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AuditEntry {
@@ -78,24 +79,24 @@ pub struct AuditEntry {
     pub unix_ms: i64,
     /// The account's name; `None` for a person who was not logged in.
     pub who: Option<String>,
-    /// The person's role at that time.
+    /// The person's role at the time of the action.
     pub role: Option<Role>,
-    /// The origin of the request: an IP address, or `terminal`.
+    /// The client that sent the request: an IP address, or `terminal`.
     pub from: String,
     /// The action that was done or attempted, such as `log in` or `change account`.
     pub what: String,
-    /// The object of the action.
+    /// The object of the action, such as the name of the changed account.
     pub subject: Option<String>,
     /// The value before.
     pub before: Option<String>,
     /// The value after.
     pub after: Option<String>,
-    /// The reason why it was refused; `None` if it was done.
+    /// The reason why the action was refused; `None` if it was performed.
     pub refused: Option<String>,
 }
 
 impl AuditEntry {
-    /// Returns a line about a completed action, without an object; the store sets its time.
+    /// Returns an entry for a completed action without an object; the store sets the time.
     pub fn for_completed_action(who: Option<String>, role: Option<Role>, from: String, what: &str) -> Self {
         AuditEntry {
             unix_ms: 0,
@@ -111,10 +112,10 @@ impl AuditEntry {
     }
 }
 
-/// The longest name, in characters.
+/// Maximum length of an account name, characters.
 const MAX_CHARACTERS: usize = 40;
 
-/// The longest printed name, in characters.
+/// Maximum length of a printed name, characters.
 pub const MAX_PRINTED_CHARACTERS: usize = 80;
 
 /// The reason why a text is not a valid account name.
@@ -125,14 +126,14 @@ pub const MAX_PRINTED_CHARACTERS: usize = 80;
     found.escape_debug()
 )]
 pub struct NameError {
-    /// The name as it was given.
+    /// The invalid name.
     pub found: String,
 }
 
-/// Checks a name and returns it unchanged.
+/// Checks an account name and returns it unchanged.
 ///
 /// # Errors
-/// If it contains characters that are not allowed, or is empty or too long.
+/// If the name is empty or too long, or contains invalid characters.
 pub fn checked_name(name: &str) -> Result<&str, NameError> {
     let is_plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || matches!(c, '.' | '-' | '_');
     let begins = name.starts_with(|c: char| c.is_ascii_lowercase());
@@ -142,7 +143,7 @@ pub fn checked_name(name: &str) -> Result<&str, NameError> {
     Err(NameError { found: name.chars().take(2 * MAX_CHARACTERS).collect() })
 }
 
-/// What a person may do at the cell.
+/// The role of an account, which determines its permissions.
 #[derive(
     Debug,
     Clone,
@@ -160,13 +161,13 @@ pub fn checked_name(name: &str) -> Result<&str, NameError> {
 #[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
 pub enum Role {
-    /// A screen on the wall: it only shows the pages, and its session does not end by itself.
+    /// A wall display: it only shows the pages, and its session never expires.
     Display,
-    /// May read everything and change nothing.
+    /// May read everything, but change nothing.
     Viewer,
     /// May run cycles.
     Operator,
-    /// Judges results and signs records.
+    /// Accepts results and signs records.
     Inspector,
     /// The process engineer: runs cycles and changes recipes.
     Engineer,
@@ -177,21 +178,21 @@ pub enum Role {
 /// An action that a role may permit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, strum::VariantArray)]
 pub enum Permission {
-    /// To see states, records and trends.
+    /// View states, records and trends.
     View,
-    /// To start, hold, continue, clear and reset, and to state that a new disc is mounted.
+    /// Start, hold, resume, clear and reset the cycle, and confirm that a new disc is mounted.
     Operate,
-    /// To accept a result that waits for a person.
+    /// Accept a result that needs the decision of a person.
     Accept,
     /// To acknowledge alarms.
     Acknowledge,
-    /// To sign a record.
+    /// Sign a record.
     Sign,
-    /// To change and approve recipes.
+    /// Change and approve recipes.
     Configure,
-    /// To read the audit trail.
+    /// Read the audit trail.
     Audit,
-    /// To add and change accounts.
+    /// Add and change accounts.
     ManagePeople,
 }
 
@@ -211,7 +212,7 @@ impl Role {
         use Permission::{Accept, Acknowledge, Audit, Configure, ManagePeople, Operate, Sign, View};
         match self {
             Role::Display | Role::Viewer => matches!(permission, View),
-            // To accept a deviation is not the task of the person who runs the parts.
+            // The operator runs the cell and must not accept deviations.
             Role::Operator => matches!(permission, View | Operate | Acknowledge),
             Role::Inspector => matches!(permission, View | Accept | Acknowledge | Sign | Audit),
             Role::Engineer => matches!(permission, View | Operate | Accept | Acknowledge | Configure | Audit),
@@ -233,17 +234,17 @@ impl Choice for Role {
 
 const MINUTE_MS: u64 = 60_000;
 
-/// Maximum numbers of lines of the audit trail in a minute.
+/// Maximum number of entries that are written to the audit trail within one minute.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MaxLinesPerMinute {
-    /// Maximum number of lines about completed actions.
+    /// Maximum number of entries for completed actions.
     pub done: u32,
-    /// Maximum number of lines about refused actions.
+    /// Maximum number of entries for refused actions.
     pub refused: u32,
 }
 
-/// Counts the lines that were written and that were left out in this minute. Times are ms of any clock that does not
-/// jump.
+/// Counts the audit entries that were written and those that were dropped in the current minute. All times are ms of a
+/// monotonic clock.
 #[derive(Debug, Clone, Copy)]
 pub struct LineLimit {
     limits: MaxLinesPerMinute,
@@ -254,12 +255,12 @@ pub struct LineLimit {
 }
 
 impl LineLimit {
-    /// Starts with no line in the minute that begins now.
+    /// Starts a new minute, at `now_ms`, without entries.
     pub fn new(most: MaxLinesPerMinute, now_ms: u64) -> Self {
         LineLimit { limits: most, since_ms: now_ms, done: 0, refused: 0, left_out: 0 }
     }
 
-    /// Returns whether this line is written; a line that is not written is counted.
+    /// Returns whether the next entry may be written. An entry that may not be written is counted as dropped.
     pub fn admit_line(&mut self, is_refused: bool) -> bool {
         let (count, most) =
             if is_refused { (&mut self.refused, self.limits.refused) } else { (&mut self.done, self.limits.done) };
@@ -272,22 +273,23 @@ impl LineLimit {
         is_allowed
     }
 
-    /// Returns whether the minute is over.
+    /// Returns whether the current minute has ended.
     pub fn has_minute_elapsed(&self, now_ms: u64) -> bool {
         now_ms.saturating_sub(self.since_ms) >= MINUTE_MS
     }
 
-    /// Returns the number of lines that were left out in this minute.
+    /// Returns the number of entries that were dropped in the current minute.
     pub fn left_out(&self) -> u64 {
         self.left_out
     }
 
-    /// Returns the time until the minute is over, ms.
+    /// Returns the time until the current minute ends, ms.
     pub fn rest_ms(&self, now_ms: u64) -> u64 {
         MINUTE_MS.saturating_sub(now_ms.saturating_sub(self.since_ms))
     }
 
-    /// Ends the minute if it is over: returns how many of its lines were left out, if any, and begins another minute.
+    /// If the minute has ended: starts a new one and returns how many entries were dropped; `None` if none were
+    /// dropped.
     pub fn end_elapsed_minute(&mut self, now_ms: u64) -> Option<u64> {
         if !self.has_minute_elapsed(now_ms) {
             return None;
@@ -312,8 +314,8 @@ mod tests {
         }
     }
 
-    /// Duties are separate: the person who changes accounts neither runs the cell nor signs, and the person who
-    /// signs neither runs cycles nor changes recipes.
+    /// Separation of duties: a person who manages accounts neither runs the cell nor signs; a person who signs neither
+    /// runs cycles nor changes recipes.
     #[test]
     fn duties_are_separate() {
         let all =

@@ -1,7 +1,8 @@
-//! Passwords, and the pause of an account after several wrong ones.
+//! Password hashes, and the pause (lockout) of an account after several wrong passwords.
 //!
-//! Passwords are stored as argon2id hashes, as OWASP's cheat sheet requires (19 MiB, two passes, one lane). During the
-//! pause no log-in is possible: further guesses are useless, and the person can log in later.
+//! Passwords are stored as argon2id hashes with the parameters that OWASP's cheat sheet requires (19 MiB, two passes,
+//! one lane). During the pause no password is checked, so that guessing is useless; after the pause the person can log
+//! in again.
 
 use argon2::password_hash::phc::PasswordHash;
 use argon2::password_hash::{PasswordHasher, PasswordVerifier};
@@ -9,25 +10,25 @@ use argon2::{Algorithm, Argon2, Params, Version};
 use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// The minimum length of a password (NIST SP 800-63B requires eight characters if it is the only factor; here the
-/// password is also used to sign).
+/// Minimum length of a password, characters. NIST SP 800-63B requires eight if the password is the only factor; here it
+/// is also used to sign.
 pub const MIN_CHARACTERS: usize = 10;
-/// The maximum length, so that no one can keep the computer busy with one password.
+/// Maximum length of a password, characters: hashing a very long password would keep the computer busy.
 const MAX_CHARACTERS: usize = 200;
-/// Memory of argon2id, KiB, and its number of passes.
+/// Memory of argon2id, KiB.
 const MEMORY_KIB: u32 = 19 * 1_024;
 const PASSES: u32 = 2;
 
 /// The reason why a password is not accepted.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PasswordError {
-    /// Too few characters, or far too many.
+    /// The password is too short or too long.
     #[error("the password has {found} characters; the limits are {MIN_CHARACTERS} to {MAX_CHARACTERS}")]
     Length {
-        /// Number of characters found.
+        /// Number of characters in the password.
         found: usize,
     },
-    /// An obvious password: the account's name, or one repeated character.
+    /// The password is easy to guess: the account's name, or one repeated character.
     #[error(
         "the password is the account's name, or one repeated character; choose a password that is hard to guess"
     )]
@@ -37,10 +38,10 @@ pub enum PasswordError {
     Hash(String),
 }
 
-/// Returns the hash of a new password, with this salt.
+/// Returns the argon2id hash of a new password with this salt.
 ///
 /// # Errors
-/// If the password is too short, too long or obvious.
+/// If the password is too short, too long or easy to guess, or cannot be hashed.
 pub fn hash_password(password: &str, name: &str, salt: [u8; 16]) -> Result<String, PasswordError> {
     let found = password.chars().count();
     if !(MIN_CHARACTERS..=MAX_CHARACTERS).contains(&found) {
@@ -57,7 +58,7 @@ pub fn hash_password(password: &str, name: &str, salt: [u8; 16]) -> Result<Strin
     hash.map(|hash: PasswordHash| hash.to_string()).map_err(|error| PasswordError::Hash(error.to_string()))
 }
 
-/// Returns whether this is the password. The check takes a fraction of a second, also if the hash is invalid.
+/// Returns whether the password matches the hash. The check takes a fraction of a second, even if the hash is invalid.
 pub fn is_correct_password(password: &str, hash: &str) -> bool {
     let Ok(hasher) = password_hasher() else { return false };
     let is_short = password.chars().count() <= MAX_CHARACTERS;
@@ -65,7 +66,7 @@ pub fn is_correct_password(password: &str, hash: &str) -> bool {
     match PasswordHash::new(hash) {
         Ok(hash) => hasher.verify_password(bytes, &hash).is_ok() && is_short,
         Err(_) => {
-            // The response time must not reveal which names are accounts.
+            // Hash the password even without a valid account: the response time must not reveal which accounts exist.
             let spent: Result<PasswordHash, _> = hasher.hash_password_with_salt(bytes, &[0; 16]);
             drop(spent);
             false
@@ -79,16 +80,17 @@ fn password_hasher() -> Result<Argon2<'static>, PasswordError> {
     Ok(Argon2::new(Algorithm::Argon2id, Version::V0x13, params))
 }
 
-/// Number of wrong passwords in a row after which an account pauses.
+/// Number of consecutive wrong passwords after which an account is paused.
 pub const MAX_ATTEMPTS: u32 = 5;
-/// The first pause of an account, s. The pause doubles after each further row of wrong passwords, up to an hour.
+/// Duration of an account's first pause, s. It doubles after every further `MAX_ATTEMPTS` wrong passwords, up to one
+/// hour.
 pub const PAUSE_S: f64 = 60.0;
 const MAX_PAUSE_S: f64 = 3_600.0;
-/// Names without an account are not stored: they share a fixed number of counters, selected by a hash of the name. So
-/// invented names pause like accounts, need no additional memory, and cannot end the pause of an account.
+/// Number of counters for names without an account. A hash of the name selects the counter. Therefore unknown names are
+/// paused like accounts, but need no additional memory, and cannot end the pause of an account.
 const BUCKETS: u64 = 256;
 
-/// The names with recent wrong passwords. Times are seconds of any clock that does not jump.
+/// The counters of recent wrong passwords. All times are seconds of a monotonic clock.
 #[derive(Debug, Default)]
 pub struct Lockout(BTreeMap<LockoutKey, FailedAttempts>);
 
@@ -112,25 +114,25 @@ impl LockoutKey {
 #[derive(Debug, Clone, Copy)]
 struct FailedAttempts {
     failures: u32,
-    /// End of the account's pause, s, if the last wrong password completed a row.
+    /// End of the pause, s; `None` if the last wrong password did not start a pause.
     until_s: Option<f64>,
 }
 
-/// Returns the length of an account's pause after this number of complete rows of wrong passwords, s.
+/// Returns the duration of a pause, s, after `rows` times `MAX_ATTEMPTS` wrong passwords.
 fn pause_s(rows: u32) -> f64 {
     (PAUSE_S * f64::from(2_u32.saturating_pow(rows.saturating_sub(1).min(16)))).min(MAX_PAUSE_S)
 }
 
 impl Lockout {
-    /// Returns how long this name still pauses, s; `None` if its password may be tried. `is_account` states whether
-    /// such an account exists.
+    /// Returns the remaining pause of this name, s; `None` if its password may be checked. `is_account` is whether an
+    /// account with this name exists.
     pub fn pauses_s(&self, (name, is_account): (&str, bool), now_s: f64) -> Option<f64> {
         let left_s = self.0.get(&LockoutKey::new(name, is_account))?.until_s? - now_s;
         (left_s > 0.0).then_some(left_s)
     }
 
-    /// Counts a wrong password; returns whether the name pauses from now on. During the pause nothing is counted,
-    /// and nothing ends the pause.
+    /// Counts a wrong password and returns whether a pause begins now. Wrong passwords during a pause are not counted,
+    /// and do not end it.
     pub fn record_failure(&mut self, (name, is_account): (&str, bool), now_s: f64) -> bool {
         if self.pauses_s((name, is_account), now_s).is_some() {
             return true;
@@ -143,7 +145,7 @@ impl Lockout {
         until_s.is_some()
     }
 
-    /// Forgets the wrong passwords of this name, after the right one.
+    /// Clears the wrong passwords of this name after a correct one.
     pub fn record_success(&mut self, name: &str) {
         self.0.remove(&LockoutKey::new(name, true));
     }
@@ -180,7 +182,7 @@ mod tests {
     fn five_wrong_passwords_pause_an_account_for_longer_each_time() {
         let mut lockout = Lockout::default();
         let mut now_s = 0.0;
-        // Calculated by hand: 60 s, 120 s, 240 s, …, never more than an hour.
+        // Expected pauses, calculated by hand: 60 s, 120 s, 240 s, and so on, at most one hour.
         for pause_s in [60.0, 120.0, 240.0, 480.0, 960.0, 1_920.0, 3_600.0, 3_600.0] {
             for n in 1..=5 {
                 assert_eq!(lockout.pauses_s(ANNA, now_s), None);
@@ -194,7 +196,7 @@ mod tests {
         assert!(!lockout.record_failure(ANNA, now_s), "counted from the beginning");
     }
 
-    /// An attempt that was still in progress when the pause began neither shortens nor lengthens the pause.
+    /// A password check that was still running when the pause began neither shortens nor lengthens the pause.
     #[test]
     fn a_wrong_password_during_the_pause_does_not_lift_it() {
         let mut lockout = Lockout::default();
@@ -210,8 +212,8 @@ mod tests {
         assert!(!lockout.record_failure(ANNA, 60.0), "the first of the next row");
     }
 
-    /// An account's pause grows from row to row, independent of the number of invented names that are tried meanwhile.
-    /// These names need no additional memory.
+    /// The pauses of an account become longer, no matter how many unknown names are tried in between. Unknown names
+    /// need no additional memory.
     #[test]
     fn invented_names_end_no_pause_and_need_no_memory() {
         let mut lockout = Lockout::default();

@@ -1,8 +1,9 @@
-//! `[arm]` and `[[keep_out]]`: the arm's lengths, axes and margins, and boxes that no part of the arm may enter.
+//! `[arm]` and `[[keep_out]]`: the arm's link lengths, axis limits and safety margins, and the boxes that no part of
+//! the arm may enter.
 //!
-//! Lengths and signs are those of Brandstötter, Angerer and Hofbaur (2014) for six axes with an ortho-parallel
-//! basis and a spherical wrist. Without the table the arm is a KUKA KR 6 R700-2. Any other arm states all of its
-//! numbers: a number that is left out would be that of the wrong arm.
+//! Link lengths and signs are those of Brandstötter, Angerer and Hofbaur (2014) for six axes with an ortho-parallel
+//! basis and a spherical wrist. Without the table the arm is a KUKA KR 6 R700-2. For any other arm the file must state
+//! all values: a default value would belong to another arm.
 
 use super::arm_presets::{AXIS_ACCELERATION_TIME_S, ArmAxes, ArmGeometry, PRESETS, PerAxis, Preset};
 use super::robot_correction::CorrectionNumbers;
@@ -16,11 +17,11 @@ use toml::de::DeValue;
 pub enum ArmModel {
     /// An arm with a known name.
     Named(&'static Preset),
-    /// Any other arm: every number is in the file.
+    /// Any other arm: the file states all of its values.
     Custom,
 }
 
-/// The keyword for an arm with all of its numbers in the file.
+/// The keyword of `model` for an arm whose values are all in the file.
 const CUSTOM: &str = "custom";
 
 impl Setting for ArmModel {
@@ -52,9 +53,9 @@ settings! {
         c3_mm: Option<f64>, 1.0..=5_000.0, default None;
         /// Distance from the wrist's centre to the flange, mm.
         c4_mm: Option<f64>, 0.0..=2_000.0, default None;
-        /// The angle of each axis at which the model's arm points straight up, degrees.
+        /// Angle of each axis at which the arm of the kinematic model points straight up, degrees.
         offsets_deg: Option<[f64; 6]>, -360.0..=360.0, default None;
-        /// 1 if an axis rotates in the same direction as in the model, −1 if it rotates in the opposite direction.
+        /// Direction of rotation of each axis: 1 if it is the same as in the kinematic model, −1 if it is opposite.
         signs: Option<[f64; 6]>, -1.0..=1.0, default None;
         /// Lowest angle of each axis, degrees.
         min_deg: Option<[f64; 6]>, -720.0..=720.0, default None;
@@ -62,18 +63,18 @@ settings! {
         max_deg: Option<[f64; 6]>, -720.0..=720.0, default None;
         /// Highest speed of each axis, degrees a second.
         max_speed_deg_s: Option<[f64; 6]>, 1.0..=2_000.0, default None;
-        /// Highest acceleration of each axis, degrees a second squared; without it, the value that reaches the
-        /// axis's speed in 0.3 s.
+        /// Highest acceleration of each axis, degrees a second squared. Default: the axis reaches its highest speed in
+        /// 0.3 s.
         max_acceleration_deg_s2: Option<[f64; 6]>, 1.0..=50_000.0, default None;
-        /// Minimum angle of each axis from its limits, degrees.
+        /// Minimum distance of each axis angle from its limits, degrees.
         limit_margin_deg: f64, 0.0..=45.0, default 3.0;
-        /// Minimum angle of axis 5 from the wrist singularity, degrees: there axes 4 and 6 coincide.
+        /// Minimum angle of axis 5 from the wrist singularity, at which axes 4 and 6 are parallel, degrees.
         wrist_margin_deg: f64, 0.5..=45.0, default 5.0;
-        /// Minimum angle of the elbow from the extended arm, degrees.
+        /// Minimum angle between the elbow and its extended position, degrees.
         elbow_margin_deg: f64, 0.5..=45.0, default 5.0;
         /// Minimum distance of the wrist's centre from axis 1, mm.
         overhead_margin_mm: f64, 1.0..=500.0, default 50.0;
-        /// Minimum distance of the arm's centre line from a keep-out box, mm: half the arm's thickness and a
+        /// Minimum distance of the arm's centre line from a keep-out box, mm: half the arm's thickness plus a safety
         /// margin.
         clearance_mm: f64, 0.0..=500.0, default 80.0;
         /// Minimum distance of the tool's centre line from a keep-out box, mm.
@@ -84,11 +85,11 @@ settings! {
 /// A box that no part of the arm may enter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KeepOut {
-    /// The name of the obstacle.
+    /// The name of the box, for messages.
     pub name: String,
     /// Lower corner, mm.
     pub min: Point<Base>,
-    /// Upper corner, mm; it exceeds the lower corner in every axis.
+    /// Upper corner, mm; each of its coordinates is larger than that of the lower corner.
     pub max: Point<Base>,
 }
 
@@ -113,14 +114,14 @@ impl Arm {
         &self.axes
     }
 
-    /// If the file states every number of the arm: returns the named arm with the nearest lengths, and the largest
-    /// difference, mm.
+    /// Returns the preset with the most similar link lengths and the largest difference of a length, mm; `None` if the
+    /// file names a preset.
     pub fn nearest_preset(&self) -> Option<(&'static Preset, f64)> {
         let nearest = Preset::nearest(&self.geometry);
         (self.table.model == ArmModel::Custom).then(|| (nearest, nearest.max_length_difference_mm(&self.geometry)))
     }
 
-    /// Returns the margins, as the file states them.
+    /// Returns the table `[arm]` as the file states it, which contains the margins.
     pub fn margins(&self) -> &ArmTable {
         &self.table
     }
@@ -130,7 +131,7 @@ impl Arm {
         &self.keep_out
     }
 
-    /// Returns the measured deviations of the arm from its nominal geometry, if they were measured.
+    /// Returns the arm's measured deviations from its nominal geometry; `None` if none were measured.
     pub fn correction(&self) -> Option<&CorrectionNumbers> {
         self.correction.as_ref()
     }
@@ -162,8 +163,7 @@ pub(super) fn parse_arm(section: &Section<'_, '_>, keep_out: &[Section<'_, '_>])
     Some(Arm { geometry, axes, table, keep_out, correction: None })
 }
 
-/// Returns geometry and axes of an arm with a known name. The file must not state its lengths, but may restrict its
-/// axes.
+/// Returns the geometry and the axes of a preset. The file must not state link lengths, but may narrow the axis limits.
 fn known_arm(section: &Section<'_, '_>, table: &ArmTable, preset: &Preset) -> Option<(ArmGeometry, ArmAxes)> {
     let own = preset.axes();
     let given = [
@@ -310,8 +310,8 @@ mod tests {
                      min_deg = [-170, -190, -120, -185, -120, -350]\nmax_deg = [170, 45, 156, 185, 120, 350]\n\
                      max_speed_deg_s = [200, 200, 200, 300, 300, 400]\n";
         assert_eq!(problems(other), [""; 0]);
-        // Calculated by hand: these are the lengths of a KR 10 R1420; with an upper arm of 615 mm they differ by 5
-        // mm.
+        // Expected value, calculated by hand: with the lengths of a KR 10 R1420, but an upper arm of 615 mm, the
+        // largest difference is 5 mm.
         let nearest = |text: &str| {
             let cell = Cell::check("f", text).unwrap_or_else(|problems| panic!("{problems}"));
             cell.arm().nearest_preset().map(|(preset, off_mm)| (preset.name, off_mm))

@@ -1,18 +1,17 @@
-//! An arm's lengths, offsets and axes, and the arms of KUKA that a cell's file may name: lengths, limits and speeds
-//! from public models, each with its source.
+//! The geometry and the axes of an arm, and the presets: KUKA arms that a cell's file may name. Their lengths, limits
+//! and speeds are from public models; each preset names its source.
 //!
-//! All of them have an ortho-parallel basis and a spherical wrist. Their axes rotate in the same directions and have
-//! the same zero positions: with all axes at 0°, upper arm and forearm point forward, horizontally. No public model
-//! states accelerations.
+//! All presets have an ortho-parallel basis and a spherical wrist. Their axes have the same directions of rotation and
+//! the same zero positions: with all axes at 0°, upper arm and forearm point forward, horizontally. The public models
+//! state no accelerations.
 
-/// A number for each axis, axis 1 first.
+/// A value for each axis, axis 1 first.
 pub type PerAxis = [f64; 6];
 
-/// The time in which an axis reaches its speed if the file does not state it, s. Data sheets do not state
-/// accelerations.
+/// Default time in which an axis reaches its highest speed, s. Data sheets do not state accelerations.
 pub(super) const AXIS_ACCELERATION_TIME_S: f64 = 0.3;
 
-/// The arm's geometry; lengths as Brandstötter, Angerer and Hofbaur (2014) name them.
+/// The arm's geometry. The lengths have the names of Brandstötter, Angerer and Hofbaur (2014).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmGeometry {
     /// Distance from axis 1 to axis 2, forward, mm.
@@ -29,13 +28,13 @@ pub struct ArmGeometry {
     pub c3_mm: f64,
     /// Distance from the wrist's centre to the flange, mm.
     pub c4_mm: f64,
-    /// The angle of each axis at which the model's arm points straight up, degrees.
+    /// Angle of each axis at which the arm of the kinematic model points straight up, degrees.
     pub offsets_deg: PerAxis,
-    /// Direction of rotation of each axis: 1 as in the model, −1 opposite.
+    /// Direction of rotation of each axis: 1 as in the kinematic model, −1 opposite.
     pub signs: [i8; 6],
 }
 
-/// The limits of the axes.
+/// Limits of the angle, speed and acceleration of each axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmAxes {
     /// Lowest angles, degrees.
@@ -48,12 +47,12 @@ pub struct ArmAxes {
     pub max_acceleration_deg_s2: PerAxis,
 }
 
-/// The data of an arm with a known name.
+/// A preset: an arm that a cell's file may name.
 #[derive(Debug, PartialEq)]
 pub struct Preset {
     /// The arm's keyword in the cell's file.
     pub name: &'static str,
-    /// The public model from which the numbers come: the repository on GitHub and the package.
+    /// The public model that contains these values: the GitHub repository and the package.
     pub source: &'static str,
     /// The arm's lengths, offsets and signs.
     pub geometry: ArmGeometry,
@@ -65,7 +64,7 @@ pub struct Preset {
     pub max_speed_deg_s: PerAxis,
 }
 
-/// Returns the arm's geometry from a₁ and a₂, and from c₁ to c₄, mm.
+/// Returns the geometry of an arm with the lengths a₁, a₂ and c₁ to c₄, mm.
 const fn lengths([a1_mm, a2_mm]: [f64; 2], [c1_mm, c2_mm, c3_mm, c4_mm]: [f64; 4]) -> ArmGeometry {
     let (offsets_deg, signs) = ([0.0, -90.0, 0.0, 0.0, 0.0, 0.0], [-1, 1, 1, -1, 1, -1]);
     ArmGeometry { a1_mm, a2_mm, b_mm: 0.0, c1_mm, c2_mm, c3_mm, c4_mm, offsets_deg, signs }
@@ -79,7 +78,7 @@ impl Preset {
         ArmAxes { min_deg, max_deg, max_speed_deg_s, max_acceleration_deg_s2 }
     }
 
-    /// Returns the largest difference between this arm's lengths and those of another arm, mm.
+    /// Returns the largest difference between the link lengths of this arm and of `other`, mm.
     pub fn max_length_difference_mm(&self, other: &ArmGeometry) -> f64 {
         let lengths =
             |arm: &ArmGeometry| [arm.a1_mm, arm.a2_mm, arm.b_mm, arm.c1_mm, arm.c2_mm, arm.c3_mm, arm.c4_mm];
@@ -87,7 +86,7 @@ impl Preset {
         pairs.map(|(own_mm, other_mm)| (own_mm - other_mm).abs()).fold(0.0, f64::max)
     }
 
-    /// Returns the preset with the lengths nearest to an arm's.
+    /// Returns the preset whose link lengths are most similar to those of `arm`.
     pub fn nearest(arm: &ArmGeometry) -> &'static Preset {
         let mut nearest = &PRESETS[0];
         for preset in &PRESETS[1..] {
@@ -99,7 +98,7 @@ impl Preset {
     }
 }
 
-/// Every arm with a known name; the first one is the default.
+/// All presets; the first one is the default.
 pub static PRESETS: [Preset; 21] = [
     Preset {
         name: "kr6-r700-2",

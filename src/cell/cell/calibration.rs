@@ -1,10 +1,9 @@
-//! Calibration files: intrinsics of a camera, and the mounts of cameras and tool. This module contains both reader and
-//! writer.
+//! Reads and writes calibration files: the intrinsics of a camera, and the mounts of cameras and tool.
 //!
-//! The numbers pass through TOML without loss. The file states their origin (date, serial, residuals); the code that
-//! uses them judges whether they are good enough. `[scanner_errors]` in the 3D camera's own file is the result of
-//! `panelprep calibrate scanner` from scans of a flat board. `[rough]` in the cell's file contains the poses of the
-//! cameras, measured by hand with a tape: the result of a calibration must be near them.
+//! Numbers are written to TOML and read back without rounding. The file states their origin (date, serial number,
+//! residuals); the code that uses the numbers checks whether their accuracy is sufficient. `[scanner_errors]` in the 3D
+//! camera's file is the result of `panelprep calibrate scanner`, from scans of a flat board. `[rough]` in the cell's
+//! file contains the camera poses as measured with a tape: a calibration must agree with them approximately.
 
 use super::lens::{self, LensExtent};
 use super::provenance::{BoardSize, Date, Provenance, line};
@@ -22,7 +21,7 @@ use toml::de::DeValue;
 /// Covariance of fx, fy, cx, cy (px), k1, k2, p1, p2, k3, in this order: the uncertainty of a lens.
 pub type LensCovariance = SMatrix<f64, 9, 9>;
 
-/// A lens's covariance in the form of its file: the upper triangle, row by row.
+/// The covariance of a lens as its file stores it: the rows of the upper triangle, one after another.
 struct Covariance(LensCovariance);
 
 impl Setting for Covariance {
@@ -46,12 +45,12 @@ impl Setting for Covariance {
     }
 }
 
-/// A camera's intrinsics in the form of their file, `[camera]`.
+/// The intrinsics of a camera, as stored in the table `[camera]` of their file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Intrinsics {
     /// The camera.
     pub camera: PinholeCamera,
-    /// The covariance of the intrinsics; without a covariance they count as exact.
+    /// The covariance of the intrinsics; if it is absent, the intrinsics are treated as exact.
     pub covariance: Option<LensCovariance>,
     /// Serial number of the camera that was calibrated.
     pub serial: Option<String>,
@@ -59,12 +58,12 @@ pub struct Intrinsics {
     pub date: Option<Date>,
     /// Root mean square of the reprojection residuals, px.
     pub rms_px: Option<f64>,
-    /// The model's coefficients, the reasons for those that were left out, and the part of the picture in which the
-    /// lens is known.
+    /// The coefficients of the model, the excluded coefficients with the reasons, and the part of the picture in which
+    /// the lens is calibrated.
     pub extent: LensExtent,
-    /// Program, pictures and their residuals.
+    /// The program, the pictures and the residual of each picture.
     pub provenance: Provenance,
-    /// A 3D camera's own errors, if they were measured.
+    /// The measured depth errors of a 3D camera; `None` if they were not measured.
     pub errors: Option<MeasuredScanner>,
 }
 
@@ -75,7 +74,7 @@ const COEFFICIENT: RangeInclusive<f64> = -1_000.0..=1_000.0;
 const RESIDUAL: RangeInclusive<f64> = 0.0..=100.0;
 
 impl Intrinsics {
-    /// Creates intrinsics from a camera model, without any other data.
+    /// Creates intrinsics that contain only a camera model.
     pub fn from_camera(camera: PinholeCamera) -> Self {
         Intrinsics {
             camera,
@@ -94,7 +93,7 @@ impl Intrinsics {
         lens::is_foreign_lens(text)
     }
 
-    /// Reads a lens file of another program; such a file states no covariance.
+    /// Reads a lens file of another program (OpenCV, ROS or Zivid). It contains no covariance.
     fn read_foreign(file: &str, text: &str) -> Result<Self, Problems> {
         let wrong = |message: String| {
             let list = vec![Problem { line: 1, key: String::new(), message }];
@@ -126,10 +125,11 @@ impl Intrinsics {
         Ok(Intrinsics::from_camera(camera))
     }
 
-    /// Checks the text of an intrinsics file: one of this program, or one in the format of OpenCV, ROS or Zivid.
+    /// Parses and checks an intrinsics file, in the format of this program, OpenCV, ROS or Zivid.
     ///
     /// # Errors
-    /// Every problem of the file with its line and key; also a distortion that has no inverse inside the picture.
+    /// All problems of the file, each with its line and key. A distortion that cannot be inverted inside the picture is
+    /// a problem too.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
         if Self::is_foreign_format(text) {
             return Self::read_foreign(file, text);
@@ -184,7 +184,8 @@ impl Intrinsics {
         Some(Intrinsics { camera, covariance, serial, date, rms_px, extent, provenance, errors: None })
     }
 
-    /// Returns the file that [`Intrinsics::check`] reads back to the last bit, if the numbers are in its ranges.
+    /// Returns the text of the file. [`Intrinsics::check`] reads all numbers back exactly, if they are within its
+    /// ranges.
     pub fn to_toml(&self) -> String {
         let c = &self.camera;
         let mut text = format!("[camera]\nwidth_px = {}\nheight_px = {}\n", c.width_px, c.height_px);
@@ -216,7 +217,8 @@ fn corner_without_ray(camera: &PinholeCamera) -> Option<Pixel> {
     let corners = [Pixel::at(0.0, 0.0), Pixel::at(right, 0.0), Pixel::at(right, low), Pixel::at(0.0, low)];
     let has_ray = |corner: &Pixel| {
         let ray: Option<Vector<geometry::Camera>> = camera.unproject(*corner);
-        // Beyond the fold of the distortion, the model has a second, false inverse on the other side of the axis.
+        // Beyond the radius at which the distortion folds back, the model has a second, false inverse on the other side
+        // of the optical axis.
         ray.is_some_and(|ray| {
             let (x, y) = ((corner.u - camera.cx_px) / camera.fx_px, (corner.v - camera.cy_px) / camera.fy_px);
             ray.mm.x * x + ray.mm.y * y >= 0.0
@@ -225,17 +227,17 @@ fn corner_without_ray(camera: &PinholeCamera) -> Option<Pixel> {
     corners.into_iter().find(|corner| !has_ray(corner))
 }
 
-/// A mount: its two frames and the name of the file's table.
+/// A kind of mount: the two frames that it connects, and the name of its table in the file.
 pub trait Mount {
-    /// The frame that points are mapped to.
+    /// The frame to which the mount maps points.
     type To: Frame;
-    /// The frame that points are mapped from.
+    /// The frame from which the mount maps points.
     type From: Frame;
-    /// The table of the mount's file.
+    /// The name of the mount's table in its file.
     const TABLE: &'static str;
-    /// Whether the mounted device has an axis; its file then states whether the calibration measured the axis.
+    /// Whether the mounted device has an axis. If so, the file states whether the axis was measured.
     const HAS_AXIS: bool = false;
-    /// Whether the mounted object is a board; its file then states the board's size.
+    /// Whether a board is mounted. If so, the file states the size of the board.
     const IS_BOARD: bool = false;
 }
 
@@ -259,7 +261,7 @@ impl Mount for FlangeCameraMount {
     const TABLE: &'static str = "flange_from_camera";
 }
 
-/// `[flange_from_tool]`: the pose of the sanding tool's contact, Z out of the pad.
+/// `[flange_from_tool]`: the pose of the sanding tool's contact point; Z points out of the pad.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ToolMount {}
 
@@ -270,7 +272,7 @@ impl Mount for ToolMount {
     const HAS_AXIS: bool = true;
 }
 
-/// `[base_from_board]`: the pose of a board by which calibrations are verified.
+/// `[base_from_board]`: the pose of the board with which calibrations are verified.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TargetMount {}
 
@@ -281,7 +283,7 @@ impl Mount for TargetMount {
     const IS_BOARD: bool = true;
 }
 
-/// A mounted pose in the form of its file.
+/// A mount as stored in its file: the pose and its origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MountedPose<M: Mount> {
     /// The pose.
@@ -290,17 +292,17 @@ pub struct MountedPose<M: Mount> {
     pub date: Option<Date>,
     /// Root mean square of the residuals, mm.
     pub rms_mm: Option<f64>,
-    /// 95 % uncertainty at the panel, mm.
+    /// 95 % uncertainty of the position at the panel, mm.
     pub uncertainty_mm: Option<f64>,
-    /// Tool only: whether the axis was measured, or only the point.
+    /// Tool only: whether the direction of the axis was measured, in addition to the contact point.
     pub axis_measured: Option<bool>,
-    /// Board only: the board that was used.
+    /// Board only: the size of the board.
     pub board: Option<BoardSize>,
     /// Serial number of the mounted device.
     pub serial: Option<String>,
-    /// Hash of the arm's correction with which the robot's poses were corrected; `None` if they were not corrected.
+    /// Hash of the correction of the arm that was applied to the robot's poses; `None` if the poses were not corrected.
     pub robot_correction: Option<String>,
-    /// Program, pictures and their residuals.
+    /// The program, the pictures and the residual of each picture.
     pub provenance: Provenance,
     mount: PhantomData<M>,
 }
@@ -309,7 +311,7 @@ const POSITION_RANGE_MM: RangeInclusive<f64> = -20_000.0..=20_000.0;
 const ANGLE_DEG: RangeInclusive<f64> = -360.0..=360.0;
 
 impl<M: Mount> MountedPose<M> {
-    /// Creates a mounted pose with only its pose.
+    /// Creates a mount that contains only a pose.
     pub fn from_pose(pose: KukaPose) -> Self {
         MountedPose {
             pose,
@@ -325,15 +327,15 @@ impl<M: Mount> MountedPose<M> {
         }
     }
 
-    /// Returns the pose as a rigid transform.
+    /// Returns the mount's pose as a rigid transform.
     pub fn rigid(&self) -> Rigid<M::To, M::From> {
         self.pose.to_rigid()
     }
 
-    /// Checks the text of a mount's file.
+    /// Parses and checks the file of a mount.
     ///
     /// # Errors
-    /// Every problem of the file with its line and key.
+    /// All problems of the file, each with its line and key.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
         config::parse_file(file, text, |top| {
             let mounted = Self::parse(&top.section(M::TABLE));
@@ -361,7 +363,8 @@ impl<M: Mount> MountedPose<M> {
         Some(MountedPose { board, serial, robot_correction, provenance, ..mounted })
     }
 
-    /// Returns the file that [`MountedPose::check`] reads back to the last bit, if the numbers are in its ranges.
+    /// Returns the text of the file. [`MountedPose::check`] reads all numbers back exactly, if they are within its
+    /// ranges.
     pub fn to_toml(&self) -> String {
         let p = &self.pose;
         let mut text = format!("[{}]\n", M::TABLE);
@@ -383,12 +386,12 @@ impl<M: Mount> MountedPose<M> {
     }
 }
 
-/// Rough mounts; each may be absent.
+/// `[rough]`: the camera poses, measured with a tape. Each pose may be absent.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RoughMounts {
-    /// The pose of the fixed camera.
+    /// The pose of the fixed camera in the base frame.
     pub base_from_camera: Option<Rigid<Base, Camera>>,
-    /// The pose of the flange camera on the flange.
+    /// The pose of the flange camera in the flange frame.
     pub flange_from_camera: Option<Rigid<Flange, FlangeCamera>>,
 }
 
@@ -403,7 +406,7 @@ pub(super) fn parse_rough(section: &Section<'_, '_>) -> Option<RoughMounts> {
     Some(rough)
 }
 
-/// Parses a pose; returns `Some(None)` if the table is absent.
+/// Parses a pose. The outer `None` is a problem in the file, the inner `None` means that the table is absent.
 fn parse_pose(section: &Section<'_, '_>) -> Option<Option<KukaPose>> {
     if !section.is_present() {
         return Some(None);
@@ -415,30 +418,30 @@ fn parse_pose(section: &Section<'_, '_>) -> Option<Option<KukaPose>> {
     Some(Some(KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? }))
 }
 
-/// The 3D camera's own errors in the form of its file.
+/// The depth errors of a 3D camera, as stored in the file of its intrinsics.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeasuredScanner {
-    /// White noise of a pixel at 700 mm, standard deviation, mm.
+    /// White noise of a pixel at a distance of 700 mm, standard deviation, mm.
     pub white_mm: f64,
-    /// The smooth error of one scan, standard deviation, mm.
+    /// Spatially smooth error of one scan, standard deviation, mm.
     pub smooth_mm: f64,
-    /// Side of the squares within which the smooth error is the same, mm.
+    /// Side of the squares within which the smooth error is constant, mm.
     pub correlation_mm: f64,
-    /// The ratio of measured to true distances, minus one, percent.
+    /// Scale error: the ratio of measured to true distances minus one, percent.
     pub scale_percent: f64,
-    /// Standard deviation of the scale from scan to scan beyond what the smooth error explains, percent.
+    /// Standard deviation of the scale between scans, without the part that the smooth error explains, percent.
     pub scale_deviation_percent: f64,
-    /// Number of positions of the board.
+    /// Number of board positions that were scanned.
     pub board_positions: usize,
-    /// The error that is the same in each scan, and is corrected; `None` if there is none.
+    /// The systematic depth error, which is the same in each scan and is corrected; `None` if none was found.
     pub field: Option<DepthField>,
     /// Date of the measurement.
     pub date: Option<Date>,
-    /// Program, scans and the residual of each scan from a plane, mm.
+    /// The program, the scans and the deviation of each scan from a plane, mm.
     pub provenance: Provenance,
 }
 
-/// The name of the errors' table.
+/// The name of the table with the depth errors.
 const TABLE: &str = "scanner_errors";
 const LENGTH_MM: RangeInclusive<f64> = 5.0..=2_000.0;
 const ERROR_MM: RangeInclusive<f64> = 0.001..=10.0;
@@ -447,7 +450,8 @@ const DIRECTION: RangeInclusive<f64> = -5.0..=5.0;
 const FIELD_MM: RangeInclusive<f64> = -50.0..=50.0;
 
 impl MeasuredScanner {
-    /// Reads the table, if there is one.
+    /// Parses the table `[scanner_errors]`. The outer `None` is a problem in the file, the inner `None` means that the
+    /// table is absent.
     pub(super) fn parse(top: &Section<'_, '_>) -> Option<Option<Self>> {
         let section = top.section(TABLE);
         if !section.is_present() {
@@ -477,7 +481,7 @@ impl MeasuredScanner {
         }))
     }
 
-    /// Reads the field's three keys: all of them or none.
+    /// Parses the three keys of the field of systematic errors: all of them, or none.
     fn field(section: &Section<'_, '_>) -> Option<Option<DepthField>> {
         let direction = |key| section.parse::<Option<[f64; 2]>>(key, DIRECTION, Some(None));
         let (from, to) = (direction("field_from"), direction("field_to"));
@@ -497,7 +501,7 @@ impl MeasuredScanner {
         }
     }
 
-    /// Writes the table so that [`MeasuredScanner::parse`] reads it back with identical bits.
+    /// Writes the table. [`MeasuredScanner::parse`] reads all numbers back exactly.
     pub(super) fn write(&self, text: &mut String) {
         text.push_str("\n[scanner_errors]\n");
         let numbers = [

@@ -1,34 +1,35 @@
-//! `[scanner]`, `[flange_camera]`, `[robot]`: the connected devices, and the keys of a GigE camera (`kind = "gige"`)
-//! and of a Zivid (`kind = "zivid"`).
+//! `[scanner]`, `[flange_camera]`, `[robot]`: the connected devices, and the keys for a GigE camera (`kind = "gige"`)
+//! and for a Zivid camera (`kind = "zivid"`).
 
 use super::proof_stage::{ProofStage, SignedPage, Unsigned, UnsignedCause};
 use core::net::IpAddr;
 use panelprep_base::config::{Choice, Section};
 use std::path::{Path, PathBuf};
 
-/// The source of a camera's shots; `Device` is the settings of a real one. The default is simulated.
+/// The source of a camera's pictures; `Device` contains the settings of a real camera. The default is a simulated
+/// camera.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Camera<Device> {
-    /// `kind = "simulated"`: the renderer.
+    /// `kind = "simulated"`: pictures are rendered.
     Simulated,
-    /// `kind = "recorded"`: the files of a folder are replayed in the order of their names.
+    /// `kind = "recorded"`: the files of a folder are replayed in the alphabetical order of their names.
     Recorded {
         /// The folder.
         folder: PathBuf,
     },
-    /// A real camera, of the kind that the file names.
+    /// A real camera with its settings.
     Device(Device),
 }
 
 impl<Device> Camera<Device> {
-    /// Returns whether the camera is the renderer.
+    /// Returns whether the camera's pictures are rendered.
     pub fn is_simulated(&self) -> bool {
         matches!(self, Camera::Simulated)
     }
 }
 
-/// The description of a device kind: its keyword, its required keys with advice for each, the keys that only this
-/// kind has, and the function that parses them.
+/// A kind of real camera: its keyword, its required keys with a hint for each, the keys that no other kind has, and its
+/// parser.
 pub(super) struct DeviceKind<'k, Parse> {
     pub keyword: &'static str,
     pub required_keys: &'k [(&'static str, &'static str)],
@@ -36,7 +37,8 @@ pub(super) struct DeviceKind<'k, Parse> {
     pub parse: Parse,
 }
 
-/// Reads a camera of this kind, a recorded or a simulated one; a key without effect is a problem.
+/// Parses the table of a camera: a device of this kind, a recorded or a simulated camera. A key without effect is
+/// reported as a problem.
 pub(super) fn parse_camera<Device>(
     cell_folder: &Path,
     section: &Section<'_, '_>,
@@ -73,7 +75,7 @@ pub(super) fn parse_camera<Device>(
     right.then_some(camera)
 }
 
-/// The controller with which the robot link communicates.
+/// The robot controller to which the robot link connects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RobotKind {
     /// A mock controller inside this program.
@@ -86,12 +88,12 @@ impl Choice for RobotKind {
     const KEYWORDS: &'static [(&'static str, Self)] = &[("mock", RobotKind::Mock), ("eki", RobotKind::Eki)];
 }
 
-/// The implementation of a mock controller.
+/// How the mock controller is implemented.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MockController {
-    /// Executes the controller's programs as they are delivered.
+    /// Executes the real source text of the controller's programs.
     Programs,
-    /// A handwritten model of the programs.
+    /// A handwritten model of the controller's programs.
     Model,
 }
 
@@ -100,7 +102,7 @@ impl Choice for MockController {
         &[("programs", MockController::Programs), ("model", MockController::Model)];
 }
 
-/// The robot's controller: a TCP server with one port for commands and one for its state.
+/// The robot controller: a TCP server with one port for commands and one for state messages.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Robot {
     kind: RobotKind,
@@ -110,7 +112,7 @@ pub struct Robot {
     state_port: u16,
     programs_sum: Option<i32>,
     stated_stage: Option<ProofStage>,
-    /// The newest signed page of proofs in the store; the cell's file does not contain it.
+    /// The newest signed page of the acceptance tests, from the store. The cell's file does not contain it.
     signed_page: Option<SignedPage>,
 }
 
@@ -125,7 +127,7 @@ impl Robot {
         self.controller
     }
 
-    /// Returns the name or address of the controller; for the mock, this machine.
+    /// Returns the host name or address of the controller; for the mock controller, this computer.
     pub fn host(&self) -> &str {
         &self.host
     }
@@ -141,34 +143,36 @@ impl Robot {
     }
 
     /// Returns the checksum of the controller's programs and of `cell_config.dat` with which the cell was accepted;
-    /// `None` if none was stored.
+    /// `None` if the cell's file states none.
     pub fn programs_sum(&self) -> Option<i32> {
         self.programs_sum
     }
 
-    /// Returns the last stage of the list of proofs that the cell's file states as signed.
+    /// Returns the last stage of the acceptance tests that is signed according to the cell's file.
     pub fn stated_stage(&self) -> Option<ProofStage> {
         self.stated_stage
     }
 
-    /// Returns the last stage of the list of proofs that counts as signed: the cell's file states it, and the newest
-    /// signed page in the store proves it for the accepted programs.
+    /// Returns the last stage of the acceptance tests that is treated as signed. Both are required: the cell's file
+    /// states the stage, and the newest signed page in the store confirms it for the accepted programs.
     pub fn signed_stage(&self) -> Option<ProofStage> {
         let page = self.signed_page.filter(|page| Some(page.programs_sum) == self.programs_sum)?;
         Some(self.stated_stage?.min(page.proven_stage()?))
     }
 
-    /// Adds the newest signed page of proofs in the store; `None` if the store has none.
+    /// Returns the settings with the newest signed page of the acceptance tests in the store; `None` if the store has
+    /// none.
     #[must_use]
     pub fn with_signed_page(self, signed_page: Option<SignedPage>) -> Self {
         Robot { signed_page, ..self }
     }
 
-    /// Checks that this stage of the list of proofs is signed. The mock controller inside this program needs no proof.
-    /// Each other controller counts as a real one, whatever its address is: only its state shows whether it is a mock.
+    /// Checks that this stage of the acceptance tests is signed. The mock controller inside this program needs no
+    /// tests. Any other controller is treated as a real one, even at a local address: only its state message shows
+    /// whether it is a mock controller.
     ///
     /// # Errors
-    /// If it is not signed.
+    /// If the stage is not signed; the error states the cause.
     pub fn requires_signed(&self, needed: ProofStage) -> Result<(), Unsigned> {
         let signed = self.signed_stage();
         if self.kind == RobotKind::Mock || signed >= Some(needed) {
@@ -194,20 +198,21 @@ impl Robot {
         }
     }
 
-    /// Returns whether the address is this machine's own: a rehearsal with `mock-robot`, or the end of a tunnel to a
-    /// real controller. Before anything moves, the controller's own state decides which of the two it is.
+    /// Returns whether the controller's address belongs to this computer. There may be a mock controller for a
+    /// rehearsal (`mock-robot`), or the end of a tunnel to a real controller: only the controller's state message
+    /// distinguishes the two, and it is checked before any motion.
     pub fn is_local_controller(&self) -> bool {
         is_local_host(&self.host)
     }
 }
 
-/// Returns whether a host is this computer: then the traffic does not go over a network.
+/// Returns whether a host is this computer, so that no data pass over a network.
 pub(super) fn is_local_host(host: &str) -> bool {
     host == "localhost" || host.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
 }
 
-/// Returns whether this is an IP address, or a host name as in RFC 1123; underscores are allowed, as in some
-/// networks.
+/// Returns whether the text is an IP address or a host name (RFC 1123). Underscores are accepted, because some networks
+/// use them.
 pub(super) fn is_valid_host(host: &str) -> bool {
     let is_label = |label: &str| {
         (1..=63).contains(&label.len())
@@ -215,7 +220,7 @@ pub(super) fn is_valid_host(host: &str) -> bool {
             && !label.starts_with('-')
             && !label.ends_with('-')
     };
-    // A text whose last part is a number is meant as an address.
+    // A name whose last label is a number is intended as an IP address.
     let is_number = |label: &str| label.chars().all(|c| c.is_ascii_digit());
     let is_name = || {
         host.len() <= 253 && host.split('.').all(is_label) && !host.split('.').next_back().is_some_and(is_number)
@@ -226,7 +231,7 @@ pub(super) fn is_valid_host(host: &str) -> bool {
 /// The ports that the controller's firewall opens (`eki.md` 1.3).
 const PORTS: std::ops::RangeInclusive<u16> = 54_600..=54_615;
 
-/// The checksums of programs are below 1000003.
+/// Maximum checksum of the controller's programs: it is computed modulo 1000003.
 const MAX_CHECKSUM: usize = 1_000_002;
 
 const LOCAL_HOST: &str = "127.0.0.1";
@@ -290,26 +295,27 @@ pub(super) fn parse_robot(section: &Section<'_, '_>) -> Option<Robot> {
     })
 }
 
-/// The pixel formats that a cell may name: monochrome, and the four Bayer orders of a colour sensor, one byte a pixel.
+/// The pixel formats that a cell's file may name: monochrome, and the four Bayer patterns of a colour sensor, one byte
+/// a pixel.
 pub const PIXEL_FORMATS: [&str; 5] = ["BayerRG8", "BayerGR8", "BayerGB8", "BayerBG8", "Mono8"];
 
-/// A GigE Vision camera.
+/// Settings of a GigE Vision camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Gige {
-    /// The serial number; without serial number and address, the only camera that is found is used.
+    /// The serial number. If neither serial number nor address is given, exactly one camera must be connected.
     pub serial: Option<String>,
-    /// IP address or host name, instead of the serial number: then no camera is searched for.
+    /// IP address or host name, as an alternative to the serial number; then no search for cameras is made.
     pub address: Option<String>,
-    /// The user set in the camera from which all other settings start; image size and position on the sensor are
-    /// never changed.
+    /// The user set that is loaded in the camera before the other settings. The image size and the position of the
+    /// image on the sensor are not changed.
     pub user_set: String,
     /// One of [`PIXEL_FORMATS`].
     pub pixel_format: &'static str,
     /// Exposure time, µs.
     pub exposure_us: f64,
-    /// Gain, dB; `None` for that of the user set.
+    /// Gain, dB; `None` for the gain of the user set.
     pub gain_db: Option<f64>,
-    /// Size of a packet with its headers, bytes.
+    /// Size of a packet including its headers, bytes.
     pub packet_bytes: u16,
 }
 
@@ -329,10 +335,10 @@ fn parse_gige(section: &Section<'_, '_>) -> Option<Gige> {
     let (serial, address) = (text("serial"), text("address"));
     let user_set = section.parse::<String>("user_set", (), Some("Default".to_owned()));
     let pixel_format = section.parse::<&str>("pixel_format", PIXEL_FORMATS.to_vec(), Some(PIXEL_FORMATS[0]));
-    // A missing value is reported by the code that knows the kind of camera.
+    // No problem is reported here if the value is missing: `parse_camera` knows whether the kind of camera requires it.
     let exposure_us = section.parse::<Option<f64>>("exposure_us", 1.0..=10e6, Some(None));
     let gain_db = section.parse::<Option<f64>>("gain_db", 0.0..=60.0, Some(None));
-    // From the minimum of GigE Vision to the largest usual jumbo frame.
+    // From the minimum of GigE Vision to the usual maximum of a jumbo frame.
     let packet_bytes = section.parse("packet_bytes", 576..=9_000, Some(1_400));
     let (serial, address) = (serial?, address?);
     if serial.is_some() && address.is_some() {
@@ -350,23 +356,23 @@ fn parse_gige(section: &Section<'_, '_>) -> Option<Gige> {
     })
 }
 
-/// `kind = "zivid"`: a Zivid 3D camera behind its vendor's SDK.
+/// `kind = "zivid"`: settings of a Zivid 3D camera, which is used through the vendor's SDK.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ZividCamera {
-    /// The camera's serial number; without a serial number and a file camera, the only camera that is found is used.
+    /// The camera's serial number. If neither serial number nor file camera is given, exactly one camera must be
+    /// connected.
     pub serial: Option<String>,
-    /// A file camera, `.zfc`, instead of a real one: the SDK replays raw pictures that were recorded before.
+    /// A file camera, `.zfc`, instead of a real camera: the SDK replays recorded raw pictures.
     pub file_camera: Option<PathBuf>,
-    /// The settings of 3D shots with colour, as Zivid Studio saves them; needed for such a shot.
+    /// The settings file of 3D shots with colour, as saved by Zivid Studio; required for such a shot.
     pub settings: Option<PathBuf>,
-    /// The settings of colour pictures, as Zivid Studio saves them; needed for such a picture.
+    /// The settings file of colour pictures, as saved by Zivid Studio; required for such a picture.
     pub settings_2d: Option<PathBuf>,
-    /// `libpanelprep_zivid.so`; if none is stated, it is searched for like any library.
+    /// The path of `libpanelprep_zivid.so`; `None` to search for it in the system's library path.
     pub library: Option<PathBuf>,
 }
 
-/// Returns the keys that only a Zivid has, and the function that parses them; its file paths are relative to the
-/// cell's folder.
+/// Returns the description of the kind `zivid`. File paths are relative to the folder of the cell's file.
 pub(super) fn zivid_kind(
     cell_folder: &Path,
 ) -> DeviceKind<'static, impl FnOnce(&Section<'_, '_>) -> Option<ZividCamera>> {

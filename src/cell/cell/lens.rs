@@ -1,10 +1,10 @@
-//! What a lens's file contains besides its numbers (the model, the coefficients that were left out, and the part of
-//! the picture in which the lens is known), and lenses as other programs write them, in YAML: OpenCV's FileStorage,
-//! ROS's `camera_info`, and a Zivid's intrinsics.
+//! Two parts of a lens file: the extent (the model, the excluded coefficients, and the part of the picture in which the
+//! lens is calibrated), and lens files of other programs, in YAML: OpenCV's FileStorage, ROS's `camera_info`, and
+//! Zivid's intrinsics.
 //!
-//! All three state Brown's model with k1, k2, p1, p2, k3, as the file of this program does. A lens of another model is
-//! refused, since its first numbers would be read as those of Brown's model. Zivid's file does not state the picture's
-//! size. The input is a text, the result is a lens.
+//! All three formats contain Brown's model with k1, k2, p1, p2, k3, like the file of this program. A lens with another
+//! model is refused, because its first coefficients would be taken for those of Brown's model. Zivid's file does not
+//! state the picture's size.
 
 use super::provenance::TextList;
 use panelprep_base::config::{Section, Setting};
@@ -13,12 +13,12 @@ use saphyr::{LoadableYamlNode, Scalar, Yaml};
 use std::fmt::Write;
 use toml::de::DeValue;
 
-/// The part of the picture in which a lens is calibrated to a stated error.
+/// The part of the picture in which the error of a lens is below a stated limit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SupportedArea {
-    /// The error, 95 %, px.
+    /// The limit of the error (95 %), px.
     pub error_px: f64,
-    /// The outline of the part; if it has no corners, the part is empty.
+    /// The corners of the part's outline; without corners, the lens is calibrated at no pixel.
     pub outline_px: Vec<Pixel>,
 }
 
@@ -29,14 +29,15 @@ impl SupportedArea {
     }
 }
 
-/// Model and support of a lens; all values may be absent, as in files of other programs.
+/// The model of a lens and the part of the picture in which it is calibrated. All values may be absent, as in files of
+/// other programs.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct LensExtent {
-    /// The coefficients of the lens model, such as `k1k2`.
+    /// The estimated coefficients of the lens model, such as `k1k2`.
     pub model: Option<String>,
-    /// Each coefficient that was left out, with the reason.
+    /// The excluded coefficients, each with the reason.
     pub excluded_coefficients: Vec<String>,
-    /// The part in which the lens is known; `None` for the whole picture.
+    /// The part of the picture in which the lens is calibrated; `None` for the whole picture.
     pub supported: Option<SupportedArea>,
 }
 
@@ -97,7 +98,7 @@ impl Setting for Outline {
     }
 }
 
-/// The top keys by which such a file is identified.
+/// Top-level keys that identify a lens file of another program.
 const IDENTIFYING_KEYS: [&str; 6] =
     ["CameraIntrinsics:", "camera_matrix:", "cameraMatrix:", "Camera_Matrix:", "distortion_coefficients:", "K:"];
 
@@ -107,12 +108,12 @@ pub(super) fn is_foreign_lens(text: &str) -> bool {
     lines.any(|line| IDENTIFYING_KEYS.iter().any(|key| line.starts_with(key)))
 }
 
-/// Reads the lens.
+/// Reads a lens file of another program.
 ///
 /// # Errors
-/// If something is missing or of another kind; the text states how to correct it.
+/// If a value is missing or has the wrong type; the error states how to correct the file.
 pub(super) fn read(text: &str) -> Result<PinholeCamera, String> {
-    // OpenCV begins its files with a directive that is not valid YAML, and tags its matrices.
+    // OpenCV's files begin with a directive that is not valid YAML, and have tags on their matrices.
     let plain: Vec<String> = text
         .lines()
         .map(|line| if line.starts_with('%') { String::new() } else { line.replace("!!opencv-matrix", "") })
@@ -178,7 +179,7 @@ pub(super) fn read(text: &str) -> Result<PinholeCamera, String> {
         "D",
     ];
     let coefficients = numbers(top, &names);
-    // Four coefficients of a fisheye lens are not k1, k2, p1, p2, and its file may look the same.
+    // A file with four coefficients may be that of a fisheye lens, whose coefficients are not k1, k2, p1, p2.
     if !matches!((coefficients.len(), model), (5.., _) | (4, Some(_))) {
         return Err(
             "distortion_coefficients k1, k2, p1, p2 and k3 are missing; a file with only four coefficients must also \
@@ -210,7 +211,7 @@ fn scalar(node: &Yaml<'_>) -> Option<f64> {
     match node {
         Yaml::Value(Scalar::Integer(number)) => Some(*number as f64),
         Yaml::Value(Scalar::FloatingPoint(number)) => Some(number.into_inner()),
-        // `600.` is a number in OpenCV and a text in YAML.
+        // OpenCV writes a number as `600.`, which is a string in YAML.
         Yaml::Value(Scalar::String(text)) => text.trim().parse().ok(),
         _ => None,
     }
@@ -221,8 +222,8 @@ fn number(top: &Yaml<'_>, path: &[&str]) -> Option<f64> {
     scalar(get(top, path)?)
 }
 
-/// Returns the numbers of the first of these keys: a list, or a matrix with `data`; empty if one of them is a text
-/// or missing.
+/// Returns the numbers under the first of these keys that exists: a list, or a matrix with `data`. Empty if an element
+/// is missing or is not a number.
 fn numbers(top: &Yaml<'_>, names: &[&str]) -> Vec<f64> {
     let node = names.iter().find_map(|name| get(top, &[name]));
     let data = node.and_then(|node| get(node, &["data"]).or(Some(node)));

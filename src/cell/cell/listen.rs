@@ -1,25 +1,25 @@
-//! The addresses at which this program serves others: `[page]`, the operator's page, and `[opcua]`, the OPC UA server.
-//! Each is off until its `listen` is set.
+//! The addresses on which this program accepts connections: `[page]` for the operator's page, and `[opcua]` for the OPC
+//! UA server. Each is off until its key `listen` is set.
 
 use core::net::SocketAddr;
 use panelprep_base::config::{Choice, Section};
 use std::path::{Path, PathBuf};
 
-/// The address of the page, and how long people stay logged in.
+/// The settings of the operator's page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Page {
-    /// The address and port; without it there is no page.
+    /// IP address and port on which the page is served; `None` if the page is off.
     pub listen: Option<SocketAddr>,
-    /// The files of the certificate and of its key, PEM; without them the program makes its own certificate if other
-    /// computers can reach the page.
+    /// The files of the certificate and its key, PEM. If they are not stated and other computers can reach the page,
+    /// the program creates its own certificate.
     pub certificate: Option<[PathBuf; 2]>,
-    /// The folder of the recipes that can be started.
+    /// The folder with the recipes that can be started on the page.
     pub recipes: PathBuf,
-    /// A translation table: the page's texts in further languages.
+    /// The file of a translation table, with the page's texts in further languages.
     pub translations: Option<PathBuf>,
-    /// The number of minutes without an action after which a session ends.
+    /// Time without an action after which a session ends, minutes.
     pub idle_min: usize,
-    /// The largest number of sessions of one account at one time.
+    /// Maximum number of simultaneous sessions of one account.
     pub sessions: usize,
 }
 
@@ -63,13 +63,13 @@ pub(super) fn parse_page(folder: &Path, section: &Section<'_, '_>) -> Option<Pag
     })
 }
 
-/// The permissions of a client that has not logged in.
+/// The permissions of an OPC UA client that has not logged in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
 #[strum(serialize_all = "lowercase")]
 pub enum AnonymousAccess {
-    /// Without an account nothing is allowed: every session needs one.
+    /// No permissions: every session needs an account.
     Nothing,
-    /// Without an account a session may read, and stop or abort as on the operator's page.
+    /// Permission to read, and to stop or abort as on the operator's page.
     Read,
 }
 
@@ -78,26 +78,27 @@ impl Choice for AnonymousAccess {
         &[("nothing", AnonymousAccess::Nothing), ("read", AnonymousAccess::Read)];
 }
 
-/// How the server is reached, and by which clients.
+/// The settings of the OPC UA server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OpcUa {
-    /// The address and port; without it there is no server.
+    /// IP address and port of the server; `None` if the server is off.
     pub listen: Option<SocketAddr>,
-    /// The name or address by which clients reach the server, in the addresses that it sends them.
+    /// The host name or address of the server in the endpoint URLs that it sends to clients.
     pub host: Option<String>,
     /// The permissions of a client that has not logged in.
     pub anonymous: AnonymousAccess,
-    /// Whether a connection may be neither signed nor encrypted. No one can log in through such a connection.
+    /// Whether a connection without signature and encryption is accepted. No person can log in through such a
+    /// connection.
     pub is_unencrypted_allowed: bool,
-    /// The folder of the certificates: `own`, `private`, `trusted`, `rejected`.
+    /// The folder with the certificates, in the folders `own`, `private`, `trusted` and `rejected`.
     pub certificates: PathBuf,
 }
 
-/// The name of the certificates' folder in the store.
+/// The name of the certificate folder inside the store.
 const CERTIFICATES_FOLDER: &str = "opcua";
 
 impl OpcUa {
-    /// Returns the settings with the certificates in this store, if the file names no folder for them.
+    /// Returns the settings with the certificate folder of this store, if the file does not name a folder.
     pub(super) fn with_store_certificates(self, store: &Path) -> Self {
         let certificates = if self.certificates.as_os_str().is_empty() {
             store.join(CERTIFICATES_FOLDER)
@@ -148,7 +149,7 @@ pub(super) fn parse_opcua(folder: &Path, section: &Section<'_, '_>) -> Option<Op
     Some(OpcUa { listen: address, host, anonymous, is_unencrypted_allowed, certificates })
 }
 
-/// Returns whether the text can be used in an address.
+/// Returns whether the text is a valid host in an endpoint URL.
 fn is_valid_host(text: &str) -> bool {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-');
     (1..=253).contains(&text.len()) && text.chars().all(is_plain)

@@ -1,13 +1,14 @@
-//! The cell: one TOML file for each robot cell, and the calibration files it names, checked like a recipe.
+//! The cell: one TOML file for each robot cell, and the calibration files that it names. Both are checked when they are
+//! read.
 //!
-//! It states what is connected, the arm's park pose, the names of inputs and outputs, which calibrations are valid,
-//! and the limits for every panel. File names are relative to the cell file's folder. A file may omit what a command
-//! does not need (offline work has no poses); the code that needs a missing value reports it. The caller reads the
-//! files.
+//! The file states the connected devices, the arm's park pose, the names of inputs and outputs, the valid calibrations,
+//! and the limits for every panel. File names are relative to the folder of the cell's file. A file may omit values
+//! that a command does not need (offline commands need no poses); the code that needs a missing value reports it. This
+//! module only parses text; the caller reads the files.
 //!
-//! This file joins the tables. It also contains `[limits]`, the values that are valid for every panel of the cell (a
-//! recipe may override a number if its description states this), and `store`, the folder of the stored data with the
-//! time for which clips and scans are kept in it.
+//! This file joins the tables. It also contains two of them: `[limits]`, the values for every panel of the cell (a
+//! recipe may override a value if its description states this), and `store`, the folder of the stored data and how long
+//! clips and scans are kept.
 
 mod arm;
 mod arm_presets;
@@ -56,7 +57,7 @@ use panelprep_base::number_text::list;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// `[calibration]`: the calibration files, each needed only by some commands.
+/// `[calibration]`: the names of the calibration files. Each file is needed only by some commands.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct CalibrationFiles {
     /// [`Intrinsics`] of the scanner's colour camera.
@@ -69,14 +70,14 @@ pub struct CalibrationFiles {
     pub flange_from_camera: Option<PathBuf>,
     /// The [`ToolMount`].
     pub flange_from_tool: Option<PathBuf>,
-    /// The [`RobotCorrection`], if the arm has one.
+    /// The [`RobotCorrection`] of the arm, if it was measured.
     pub robot_correction: Option<PathBuf>,
-    /// The [`RemovalCalibration`], if a recipe states how much is to be removed.
+    /// The [`RemovalCalibration`], needed if a recipe states the depth to be removed.
     pub removal: Option<PathBuf>,
 }
 
 impl CalibrationFiles {
-    /// Returns the files that are stated, each with its key.
+    /// Returns the calibration files that the cell's file names, each with its key.
     pub fn named_files(&self) -> Vec<(&'static str, &Path)> {
         let all = [
             ("scanner", &self.scanner),
@@ -137,7 +138,7 @@ pub struct Cell {
     part: PartRules,
 }
 
-/// The keys at the top of a cell's file, by which it is distinguished from other files.
+/// Top-level keys that distinguish a cell's file from other TOML files.
 pub const CELL_KEYS: [&str; 21] = [
     "store",
     "socket",
@@ -163,10 +164,11 @@ pub const CELL_KEYS: [&str; 21] = [
 ];
 
 impl Cell {
-    /// Checks the text of a cell's file; `file` is its name in messages, and relative names start at its folder.
+    /// Parses and checks a cell's file. `file` is its path: messages contain it, and relative file names start at its
+    /// folder.
     ///
     /// # Errors
-    /// Every problem of the file with its line and key.
+    /// All problems of the file, each with its line and key.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
         let folder = Path::new(file).parent().unwrap_or(Path::new(""));
         config::parse_file(file, text, |top| Self::parse(folder, top))
@@ -232,19 +234,20 @@ impl Cell {
         &self.retention
     }
 
-    /// Returns the file of the key that signs records, if the cell's file names one; else the key is a credential,
-    /// or is in the store.
+    /// Returns the file of the key that signs records. `None` if the cell's file does not name one: the key is then a
+    /// systemd credential, or a file in the store.
     pub fn record_key(&self) -> Option<&Path> {
         self.record_key.as_deref()
     }
 
-    /// Returns the service's socket, if the file names one; else it is in the store.
+    /// Returns the path of the service's socket; `None` if the cell's file does not name one: the socket is then in the
+    /// store.
     pub fn socket(&self) -> Option<&Path> {
         self.socket.as_deref()
     }
 
-    /// Returns the role of the clients that may open the socket as members of its group; without a role they may
-    /// request everything that the socket offers.
+    /// Returns the role of clients that connect to the socket as members of its Unix group. `None` if they may send
+    /// every request of the socket.
     pub fn socket_role(&self) -> Option<Role> {
         self.socket_role
     }
@@ -254,7 +257,7 @@ impl Cell {
         &self.scanner
     }
 
-    /// Returns the camera on the flange; a device is a GigE Vision camera.
+    /// Returns the camera on the flange; a real one is a GigE Vision camera.
     pub fn flange_camera(&self) -> &Camera<Gige> {
         &self.flange_camera
     }
@@ -264,18 +267,18 @@ impl Cell {
         &self.robot
     }
 
-    /// Returns the device that presses the disc onto the panel.
+    /// Returns the tool that presses the disc onto the panel.
     pub fn tool(&self) -> &Tool {
         &self.tool
     }
 
-    /// Returns the pose in which the arm is clear of the panel and of both cameras' view: a shot is made only from
-    /// there.
+    /// Returns the park pose, in which the arm does not obstruct the panel or the view of a camera. Shots are made only
+    /// in this pose.
     pub fn park_pose(&self) -> Option<Joints> {
         self.pose("park")
     }
 
-    /// Returns a named pose.
+    /// Returns the pose with this name.
     pub fn pose(&self, name: &str) -> Option<Joints> {
         self.poses.get(name).copied()
     }
@@ -285,17 +288,17 @@ impl Cell {
         &self.poses
     }
 
-    /// Returns the names of the controller's outputs and inputs.
+    /// Returns the names of the controller's digital outputs and inputs.
     pub fn inputs_outputs(&self) -> &InputsOutputs {
         &self.inputs_outputs
     }
 
-    /// Returns the calibration files.
+    /// Returns the names of the calibration files.
     pub fn calibration(&self) -> &CalibrationFiles {
         &self.calibration
     }
 
-    /// Returns the poses of the cameras, measured by hand: a three-point calibration is compared with them.
+    /// Returns the camera poses, measured with a tape; a three-point calibration is compared with them.
     pub fn rough_mounts(&self) -> &RoughMounts {
         &self.rough_mounts
     }
@@ -310,32 +313,33 @@ impl Cell {
         &self.arm
     }
 
-    /// Returns the destination of records, if one is set.
+    /// Returns the office server that receives the cell's records, if one is set.
     pub fn office(&self) -> Option<&Office> {
         self.office.as_ref()
     }
 
-    /// Returns the destination of signed records by HTTP, if one is set.
+    /// Returns the HTTP server that receives signed records, if one is set.
     pub fn push(&self) -> Option<&PushSettings> {
         self.push.as_ref()
     }
 
-    /// Returns the operator's page.
+    /// Returns the settings of the operator's page.
     pub fn page(&self) -> &Page {
         &self.page
     }
 
-    /// Returns the cell as an edge node of MQTT Sparkplug, if it is one.
+    /// Returns the settings of the MQTT Sparkplug edge node, if there are any.
     pub fn sparkplug(&self) -> Option<&SparkplugNode> {
         self.sparkplug.as_ref()
     }
 
-    /// Returns the OPC UA server.
+    /// Returns the settings of the OPC UA server.
     pub fn opcua(&self) -> &OpcUa {
         &self.opcua
     }
 
-    /// Returns the tables of the plant's systems that the file names: the office, the MQTT broker, OPC UA clients.
+    /// Returns the names of the tables that connect the cell to systems of the plant: the office server, the MQTT
+    /// broker, OPC UA clients.
     pub fn plant_tables(&self) -> Vec<&'static str> {
         let named = [
             ("[office]", self.office.is_some()),
@@ -345,23 +349,25 @@ impl Cell {
         named.into_iter().filter_map(|(table, is_named)| is_named.then_some(table)).collect()
     }
 
-    /// Returns the handshake with a line by digital signals, if there is one.
+    /// Returns the settings of the handshake with a production line by digital signals, if there are any.
     pub fn line(&self) -> Option<&Line> {
         self.line.as_ref()
     }
 
-    /// Returns how a start must name its part.
+    /// Returns the rules for the names of the part that a start request must state.
     pub fn part(&self) -> &PartRules {
         &self.part
     }
 
-    /// Returns the cell with its arm corrected by `correction`, which comes from the file that `[calibration]` names.
+    /// Returns the cell with this correction of the arm, which the caller reads from the file that `[calibration]`
+    /// names.
     #[must_use]
     pub fn with_arm_correction(self, correction: CorrectionNumbers) -> Self {
         Cell { arm: self.arm.with_correction(correction), ..self }
     }
 
-    /// Adds the newest signed page of proofs in the store: without it, no stage of the controller counts as signed.
+    /// Returns the cell with the newest signed page of the acceptance tests in the store. Without this page, no stage
+    /// is treated as signed.
     #[must_use]
     pub fn with_signed_page(self, page: Option<SignedPage>) -> Self {
         Cell { robot: self.robot.with_signed_page(page), ..self }
@@ -369,47 +375,47 @@ impl Cell {
 }
 
 settings! {
-    /// `[limits]`. The program sets the bounds of these limits: a cell may be stricter, never less strict.
+    /// `[limits]`. The ranges of these limits are fixed in the program: a cell may be stricter, never less strict.
     pub struct Limits {
-        /// Maximum duration of motion that is sent and not yet executed, s: the motion that the arm can still make
-        /// when the link fails.
+        /// Maximum duration of the motion that is sent and not yet executed, s. The arm can still make this motion when
+        /// the link fails.
         window_s: f64, 0.1..=1.0, default 1.0;
         /// Maximum number of commands that are sent and not yet executed.
         window_commands: usize, 5..=50, default 50;
-        /// Minimum number of points that are queued before a path starts.
+        /// Minimum number of points in the queue before a path starts.
         min_points: usize, 2..=50, default 5;
-        /// Time between heartbeats of the application, in both directions, ms.
+        /// Time between heartbeats of the application, in each direction, ms.
         heartbeat_ms: usize, 10..=100, default 100;
-        /// Time without a message after which PC and controller each stop if commands are queued, ms.
+        /// Time without a message after which the PC and the controller both stop if commands are queued, ms.
         watchdog_ms: usize, 40..=400, default 400;
-        /// How long a localization may be used before Verify must renew it, s.
+        /// Maximum age of a localization, s; then Verify must renew it.
         token_s: f64, 10.0..=600.0, default 600.0;
-        /// The time limit for a stop, after which it is a fault, s.
+        /// Maximum duration of a stop, s; a longer one is a fault.
         stop_deadline_s: f64, 0.5..=10.0, default 10.0;
-        /// How long the output `warning` of `[io.outputs]` is on before the first motion after a standstill, s.
+        /// Time for which the output `warning` of `[io.outputs]` is on before the first motion after a standstill, s.
         warning_s: f64, 0.5..=30.0, default 3.0;
-        /// How long a film is watched after it is fully wet, s (ASTM F22: up to a minute); a recipe may override it.
+        /// Time for which a film is observed after the panel is completely wet, s (ASTM F22: up to a minute); a recipe
+        /// may override it.
         observation_s: f64, 5.0..=600.0, default 60.0;
-        /// Area of broken film from which a grid fails, mm²; a recipe may override it.
+        /// Minimum area of broken film at which a grid fails, mm²; a recipe may override it.
         min_break_mm2: f64, 0.1..=10_000.0, default 5.0;
-        /// Error at the tool that is used while not all parts of the error budget are measured, mm; stated, not
-        /// measured.
+        /// Assumed error at the tool, mm, which is used as long as a part of the error budget is not measured.
         tool_error_mm: Option<f64>, 0.01..=20.0, default None;
-        /// Largest error of the last verification of a calibration with which a cycle may start, mm.
+        /// Maximum error in the last verification of a calibration at which a cycle may start, mm.
         verify_limit_mm: f64, 0.05..=10.0, default 0.5;
-        /// Maximum age of the last verification of a calibration with which a cycle may start, h.
+        /// Maximum age of the last verification of a calibration at which a cycle may start, h.
         verify_max_age_h: f64, 0.1..=8_760.0, default 24.0;
         /// Lower corner of the box that the tool's tip must not leave, in the base frame, mm.
         box_min_mm: Option<[f64; 3]>, -5_000.0..=5_000.0, default None;
         /// Upper corner of the box that the tool's tip must not leave, in the base frame, mm.
         box_max_mm: Option<[f64; 3]>, -5_000.0..=5_000.0, default None;
-        /// Longest distance from one waypoint to the next, mm.
+        /// Maximum distance between consecutive waypoints, mm.
         max_step_mm: f64, 1.0..=1_000.0, default 100.0;
-        /// Largest rotation of the tool from one waypoint to the next, degrees.
+        /// Maximum rotation of the tool between consecutive waypoints, degrees.
         max_turn_deg: f64, 0.1..=180.0, default 15.0;
-        /// Largest angle between the tool's axis and the direction in which it was taught, degrees.
+        /// Maximum angle between the tool's axis and its taught direction, degrees.
         max_tilt_deg: f64, 1.0..=90.0, default 45.0;
-        /// Highest speed of the tool's tip, mm/s.
+        /// Maximum speed of the tool's tip, mm/s.
         max_speed_mm_s: f64, 1.0..=2_000.0, default 250.0;
     }
 }
@@ -419,19 +425,19 @@ settings! {
 pub struct Workspace {
     /// Lower corner, mm.
     pub min: Point<Base>,
-    /// Upper corner, mm; it exceeds the lower corner in every axis.
+    /// Upper corner, mm; each of its coordinates is larger than that of the lower corner.
     pub max: Point<Base>,
 }
 
 impl Workspace {
-    /// Returns whether the box contains this point.
+    /// Returns whether the box contains the point.
     pub fn contains(&self, point: Point<Base>) -> bool {
         (0..3).all(|axis| (self.min.mm[axis]..=self.max.mm[axis]).contains(&point.mm[axis]))
     }
 }
 
 impl Limits {
-    /// Returns the box for waypoints, `box_min_mm` to `box_max_mm`; `None` if the file states none.
+    /// Returns the box from `box_min_mm` to `box_max_mm` for waypoints; `None` if the file states no box.
     pub fn workspace(&self) -> Option<Workspace> {
         let corner = |[x_mm, y_mm, z_mm]: [f64; 3]| Point::at(x_mm, y_mm, z_mm);
         Some(Workspace { min: corner(self.box_min_mm?), max: corner(self.box_max_mm?) })
@@ -464,26 +470,26 @@ fn parse_limits(section: &Section<'_, '_>) -> Option<Limits> {
     wrong.is_empty().then_some(limits)
 }
 
-/// The time for which clips and scans of a class of cycles are kept; an absent value sets no limit.
+/// How long the clips and scans of a class of cycles are kept. An absent value sets no limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct RetentionTime {
-    /// Number of days before the newest cycle's end.
+    /// Number of days before the end of the newest cycle.
     pub days: Option<usize>,
-    /// Number of newest cycles.
+    /// Number of newest cycles whose data are kept.
     pub cycles: Option<usize>,
 }
 
 /// `[store.keep]`: how long clips and scans are kept. Pages, records and taught data are kept for ever.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Retention {
-    /// The limit for cycles that passed.
+    /// Retention of cycles that passed.
     pub passed: RetentionTime,
-    /// The limit for cycles that ended otherwise.
+    /// Retention of cycles with any other result.
     pub failed: RetentionTime,
 }
 
 impl Retention {
-    /// Returns whether no file is ever removed.
+    /// Returns whether all clips and scans are kept for ever.
     pub fn is_unlimited(&self) -> bool {
         *self == Retention::default()
     }
@@ -498,7 +504,7 @@ struct StoreTable {
     pub folder: String,
     /// How long clips and scans are kept.
     pub retention: Retention,
-    /// The file of the key that signs records; `None` if the key is in the folder.
+    /// The file of the key that signs records; `None` if the key is in the folder of the store.
     pub record_key: Option<String>,
 }
 

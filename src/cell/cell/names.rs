@@ -1,6 +1,6 @@
-//! The user's names: `[poses]`, and `[io]` with the outputs that are switched off automatically and those that report
-//! the cell's state to a line (`[io.line_outputs]`); and `[line]`, the handshake with a line by these signals, which
-//! is off until the table is present.
+//! Names that the user chooses: `[poses]`; `[io]` with the controller's signals, the outputs that are switched off
+//! automatically and the outputs that report the cell's state to a production line (`[io.line_outputs]`); and `[line]`,
+//! the handshake with this line, which is off until the table is present.
 
 use panelprep_base::config::Section;
 use panelprep_base::geometry::Joints;
@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use strum::VariantArray;
 
-/// Reads `[poses]`: axis angles, since the arm moves to a named pose by `move_j`, which accepts nothing else.
+/// Parses `[poses]`. A pose consists of axis angles, because the arm moves to it by `move_j`, which needs axis angles.
 pub(super) fn parse_poses(section: &Section<'_, '_>) -> Option<BTreeMap<String, Joints>> {
     let named = section.named_sections();
     if section.is_present() && !named.iter().any(|(name, _)| name == "park") {
@@ -22,7 +22,7 @@ pub(super) fn parse_poses(section: &Section<'_, '_>) -> Option<BTreeMap<String, 
 }
 
 fn parse_joints(section: &Section<'_, '_>) -> Option<Joints> {
-    // A wide range: `requirements` and the gate state which angles this arm reaches.
+    // The range is wide: `requirements` and the checks of a motion state which angles this arm reaches.
     let axis = |key| section.parse::<f64>(key, -360.0..=360.0, None);
     let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] =
         ["a1_deg", "a2_deg", "a3_deg", "a4_deg", "a5_deg", "a6_deg"].map(axis);
@@ -37,7 +37,7 @@ fn parse_joints(section: &Section<'_, '_>) -> Option<Joints> {
     })
 }
 
-/// The outputs that the process uses, by the names they have in `[io.outputs]`.
+/// The controller's outputs that the process uses. Their names are keys of `[io.outputs]`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr, VariantArray)]
 #[strum(serialize_all = "snake_case")]
 pub enum Output {
@@ -45,7 +45,7 @@ pub enum Output {
     Light,
     /// `spray`: water.
     Spray,
-    /// `lens_shutter`: closes or purges the lens.
+    /// `lens_shutter`: protects the lens with a shutter or purge air.
     LensShutter,
     /// `extraction`: dust extraction.
     Extraction,
@@ -57,13 +57,13 @@ impl Output {
     /// All of them.
     pub const ALL: &'static [Output] = <Self as VariantArray>::VARIANTS;
 
-    /// Returns the name in the cell's file.
+    /// Returns the output's name in the cell's file.
     pub fn name(self) -> &'static str {
         self.into()
     }
 
-    /// Returns the feedback that shows whether the output had its effect; the feedback of the spray shows that the
-    /// spray is off.
+    /// Returns the feedback that confirms the effect of the output. The feedback of the spray confirms that the spray
+    /// is off.
     pub fn feedback(self) -> Feedback {
         match self {
             Output::Light => Feedback::LightOn,
@@ -75,7 +75,7 @@ impl Output {
     }
 }
 
-/// The feedbacks that the process uses, by the names they have in `[io.feedbacks]`.
+/// The controller's inputs that the process uses as feedback. Their names are keys of `[io.feedbacks]`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
 #[strum(serialize_all = "snake_case")]
 pub enum Feedback {
@@ -85,31 +85,31 @@ pub enum Feedback {
     WaterOff,
     /// `lens_shut`: no drop can reach the lens.
     LensShut,
-    /// `extraction_flow`: the extraction draws air.
+    /// `extraction_flow`: the extraction has an air flow.
     ExtractionFlow,
     /// `tool_running`: the sander rotates.
     ToolRunning,
-    /// `tool_stands`: the sander is at rest. This signal and `tool_running` are a pair of which one is always on. The
-    /// state off is then proven by a signal that is present, and a broken wire is detected.
+    /// `tool_stands`: the sander is at rest. Exactly one of the signals `tool_running` and `tool_stands` is on. A
+    /// signal that is on therefore proves that the tool is off, and a broken wire is detected.
     ToolStands,
 }
 
 impl Feedback {
-    /// Returns the name in the cell's file.
+    /// Returns the feedback's name in the cell's file.
     pub fn name(self) -> &'static str {
         self.into()
     }
 }
 
-/// The input of the selector switch at the cell, by its name in `[io.feedbacks]`: on while the switch is in the
-/// position local.
+/// Name in `[io.feedbacks]` of the input of the cell's selector switch. It is on while the switch is in the position
+/// local.
 pub const LOCAL_CONTROL: &str = "local_control";
-/// The output of the horn or lamp that warns before the first motion, by its name in `[io.outputs]`.
+/// Name in `[io.outputs]` of the horn or lamp that warns before the first motion.
 pub const WARNING: &str = "warning";
 
 /// `[io.outputs]`, `[io.off_after_s]`, `[io.feedbacks]`, `[io.mapped_inputs]`, `[io.line_outputs]` and `[io]
-/// may_stay_on`: names for the controller's digital outputs and inputs, which outputs its program switches off when an
-/// epoch ends, and which may stay on.
+/// may_stay_on`: the names of the controller's digital outputs and inputs, the outputs that the controller's program
+/// switches off when an epoch ends, and the outputs that may stay on.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct InputsOutputs {
     outputs: BTreeMap<String, u16>,
@@ -131,20 +131,21 @@ impl InputsOutputs {
         &self.feedbacks
     }
 
-    /// Returns the number n of `$IN[n]` for each input that `set_digin` may set: the controller maps each to a flag,
-    /// since `$IN[n]` itself cannot be written.
+    /// Returns the number n of `$IN[n]` for each input that `set_digin` may set. The controller maps each of these
+    /// inputs to a flag, because `$IN[n]` is read-only.
     pub fn mapped_inputs(&self) -> &BTreeMap<String, u16> {
         &self.mapped_inputs
     }
 
     /// Returns the outputs that the controller switches off automatically, each with its delay after the end of an
-    /// epoch, s; 0 for tool and water. An output without an entry does not change, for example the lens shutter.
+    /// epoch, s. The delay of tool and water is 0. An output without an entry keeps its state, such as the lens
+    /// shutter.
     pub fn off_delays_s(&self) -> &BTreeMap<String, u16> {
         &self.off_delays_s
     }
 
-    /// Returns the outputs for which the cell's file states neither when they are switched off after the end of an
-    /// epoch, nor that they may stay on. The lens shutter may always stay on.
+    /// Returns the outputs without a decision in the cell's file: it states neither a delay after which they are
+    /// switched off, nor that they may stay on. The lens shutter needs no decision.
     pub fn undecided(&self) -> Vec<&str> {
         let is_decided = |name: &str| {
             name == Output::LensShutter.name()
@@ -154,12 +155,13 @@ impl InputsOutputs {
         self.outputs.keys().map(String::as_str).filter(|name| !is_decided(name)).collect()
     }
 
-    /// Returns the number of the output that reports this signal to a line.
+    /// Returns the number of the output for this signal to the line.
     pub fn line_output(&self, signal: LineSignal) -> Option<u16> {
         self.line_outputs.get(signal.name()).copied()
     }
 
-    /// Returns the numbers of all outputs for a line, in the order of CELL_LINE; 0 if the cell has no such output.
+    /// Returns the numbers of all outputs to the line, in the order of CELL_LINE; 0 if the cell does not have the
+    /// output.
     pub fn line_outputs(&self) -> [u16; 6] {
         let mut numbers = [0; 6];
         for signal in LineSignal::VARIANTS {
@@ -168,7 +170,8 @@ impl InputsOutputs {
         numbers
     }
 
-    /// Returns the bits of the state message's `Out` for tool and water, which are switched off at once.
+    /// Returns the bits in `Out` of the state message that belong to tool and water, which are switched off without
+    /// delay.
     pub fn harmful_bits(&self) -> u32 {
         let at_once = self.off_delays_s.iter().filter(|(_, after_s)| **after_s == 0);
         let bits = at_once.filter_map(|(name, _)| bit(&self.outputs, *self.outputs.get(name)?));
@@ -185,39 +188,39 @@ impl InputsOutputs {
         self.feedbacks.get(feedback.name()).copied()
     }
 
-    /// Returns the bit of the state message's `Out` for the output with this number.
+    /// Returns the bit in `Out` of the state message for the output with this number.
     pub fn output_bit(&self, number: u16) -> Option<u32> {
         bit(&self.outputs, number)
     }
 
-    /// Returns whether "tool off" is proven by a signal that is present. Without such a signal, a broken wire looks
-    /// like a tool at rest.
+    /// Returns whether a signal that is on proves that the tool is off. Without such a signal, a broken wire cannot be
+    /// distinguished from a tool at rest.
     pub fn proves_tool_off(&self) -> bool {
         [Feedback::ToolRunning, Feedback::ToolStands].iter().all(|feedback| self.feedback(*feedback).is_some())
     }
 
-    /// Returns the bit of the state message's `In` for a feedback.
+    /// Returns the bit in `In` of the state message for a feedback.
     pub fn feedback_bit(&self, feedback: Feedback) -> Option<u32> {
         bit(&self.feedbacks, self.feedback(feedback)?)
     }
 
-    /// Returns the bit of the state message's `In` for the input with this name.
+    /// Returns the bit in `In` of the state message for the input with this name.
     pub fn input_bit(&self, name: &str) -> Option<u32> {
         bit(&self.feedbacks, *self.feedbacks.get(name)?)
     }
 
-    /// Returns each output's name, and whether it is on in the state message's `Out`.
+    /// Returns the name of each output, and whether it is on in `bits`, the `Out` of the state message.
     pub fn decode_outputs(&self, bits: u32) -> Vec<(&str, bool)> {
         signals(&self.outputs, bits)
     }
 
-    /// Returns each feedback's name, and whether it is on in the state message's `In`.
+    /// Returns the name of each feedback, and whether it is on in `bits`, the `In` of the state message.
     pub fn decode_feedbacks(&self, bits: u32) -> Vec<(&str, bool)> {
         signals(&self.feedbacks, bits)
     }
 }
 
-/// Returns a signal's bit: the state message has the signals in the order of their numbers.
+/// Returns the bit of a signal. The bits of the state message are in the order of the signals' numbers.
 fn bit(names: &BTreeMap<String, u16>, number: u16) -> Option<u32> {
     u32::try_from(names.values().filter(|other| **other < number).count()).ok()
 }
@@ -227,13 +230,14 @@ fn signals(names: &BTreeMap<String, u16>, bits: u32) -> Vec<(&str, bool)> {
     names.iter().map(|(name, number)| (name.as_str(), is_on(*number))).collect()
 }
 
-/// The state message carries the mapped inputs as the bits of one INT (`eki.md` 9).
+/// Maximum number of feedbacks: the state message carries the inputs as the bits of one INT (`eki.md` 9).
 const MAX_FEEDBACKS: usize = 31;
-/// Outputs that can do harm while the PC does not supervise them: the tool, and all outputs that let water run.
+/// Outputs that can do harm without supervision by the PC: the tool, and all outputs that let water run. They are
+/// switched off without delay.
 const IMMEDIATE_OFF_OUTPUTS: [&str; 3] = ["rinse", "spray", "tool"];
 /// Maximum delay after which an output is switched off, s.
 const MAX_OFF_DELAY_S: u16 = 600;
-/// The size of the controller's list of mapped inputs.
+/// Maximum number of mapped inputs: the size of the controller's list.
 const MAX_MAPPED: usize = 8;
 
 pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
@@ -265,7 +269,7 @@ pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
             format!("found {number}; $IN[1025] is always true and $IN[1026] is always false; state another input"),
         );
     }
-    // The inputs that prove that water or tool is off are never set by this program.
+    // This program must never set the inputs that prove that water or tool is off.
     let proves = |number: &u16| io.feedbacks.values().any(|feedback| feedback == number);
     let feigned: Vec<_> = io.mapped_inputs.iter().filter(|(_, number)| proves(number)).collect();
     for (name, number) in &feigned {
@@ -286,7 +290,8 @@ pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
     right.then_some(io)
 }
 
-/// Reads `[io.off_after_s]`: the outputs that the controller's program switches off after the end of an epoch.
+/// Parses `[io.off_after_s]`: the delay after the end of an epoch at which the controller's program switches each
+/// output off.
 fn parse_off_delays(section: &Section<'_, '_>, outputs: &BTreeMap<String, u16>) -> Option<BTreeMap<String, u16>> {
     let stated = section.parse_named_entries::<u16>(&(0..=MAX_OFF_DELAY_S));
     let mut right = true;
@@ -314,7 +319,7 @@ fn parse_off_delays(section: &Section<'_, '_>, outputs: &BTreeMap<String, u16>) 
     right.then_some(all)
 }
 
-/// Reads `may_stay_on`: the outputs that the controller's program does not switch off after the end of an epoch.
+/// Parses `may_stay_on`: the outputs that stay on after the end of an epoch.
 fn parse_staying(
     section: &Section<'_, '_>,
     stated: Option<Vec<String>>,
@@ -354,29 +359,30 @@ fn parse_numbers(section: &Section<'_, '_>) -> Option<BTreeMap<String, u16>> {
     right.then_some(named)
 }
 
-/// The signals that the line reads: outputs of the robot's controller, by their names in `[io.line_outputs]`, in
-/// the order of CELL_LINE.
+/// The signals from the cell to the production line: outputs of the robot controller. Their names are keys of
+/// `[io.line_outputs]`, in the order of CELL_LINE.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, strum::IntoStaticStr, strum::EnumString, VariantArray,
 )]
 #[strum(serialize_all = "snake_case")]
 pub enum LineSignal {
-    /// `ready`: a start request is accepted for examination.
+    /// `ready`: the cell can accept a start request.
     Ready,
-    /// `cycle_done`: the cycle is complete, and the part may be removed.
+    /// `cycle_done`: the cycle has ended, and the part may be removed.
     CycleDone,
     /// `pass`: with `cycle_done`, the verdict is pass.
     Pass,
-    /// `fail`: with `cycle_done`, the verdict is any other than pass.
+    /// `fail`: with `cycle_done`, the verdict is not pass.
     Fail,
     /// `review`: the cycle waits for a person's decision on a result.
     Review,
-    /// `fault`: a person is needed. The controller itself sets it if it receives nothing from this program.
+    /// `fault`: the cell needs a person. The controller also sets this signal if it receives no messages from this
+    /// program.
     Fault,
 }
 
 impl LineSignal {
-    /// Returns the name in the cell's file.
+    /// Returns the signal's name in the cell's file.
     pub fn name(self) -> &'static str {
         self.into()
     }
@@ -387,7 +393,7 @@ impl LineSignal {
     }
 }
 
-/// Reads `[io.line_outputs]`: an output for the line must not be one that the process switches.
+/// Parses `[io.line_outputs]`. An output to the line must not be an output that the process switches.
 fn parse_line_outputs(
     section: &Section<'_, '_>,
     numbers: BTreeMap<String, u16>,
@@ -410,19 +416,19 @@ fn parse_line_outputs(
     right.then_some(numbers)
 }
 
-/// The inputs that the line sets, by their names in `[io.feedbacks]`.
+/// Names in `[io.feedbacks]` of the inputs that the production line sets.
 pub const LINE_INPUTS: [&str; 2] = ["part_present", "start_request"];
 
-/// The data for a cycle that the line requests.
+/// The parameters of a cycle that the production line starts.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Line {
     /// The recipe's file.
     pub recipe: PathBuf,
-    /// The part's serial number, if each part has the same one.
+    /// The serial number that every part gets; `None` for no serial number.
     pub serial: Option<String>,
     /// Its work order.
     pub order: Option<String>,
-    /// The responsible person, who is named as the operator.
+    /// The responsible person, who is recorded as the operator.
     pub operator: Option<String>,
 }
 

@@ -1,14 +1,15 @@
-//! `[part]`: how a start of a cycle must name its part. Without the table a name is optional, in any form.
+//! `[part]`: the rules for the names of the part (serial number, order) that a start request states. Without the table,
+//! names are optional and may have any form.
 
 use panelprep_base::config::{Choice, Section};
 
-/// Whether a start must give a name.
+/// Whether a start request must state the name.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum NameDemand {
-    /// A start may leave the name out.
+    /// A start request may omit the name.
     #[default]
     Optional,
-    /// A start without the name is refused.
+    /// A start request without the name is refused.
     Required,
 }
 
@@ -17,12 +18,12 @@ impl Choice for NameDemand {
         &[("optional", NameDemand::Optional), ("required", NameDemand::Required)];
 }
 
-/// The rule for one of the names of a part.
+/// The rule for one name of a part.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct NameRule {
-    /// Whether a start must give the name.
+    /// Whether a start request must state the name.
     pub demand: NameDemand,
-    /// The form of the name: `#` is a digit, `?` one character, `*` any characters; `None` for any form.
+    /// The pattern of the name: `#` is a digit, `?` one character, `*` any characters; `None` accepts any name.
     pub pattern: Option<String>,
 }
 
@@ -35,7 +36,7 @@ pub struct PartRules {
     pub order: NameRule,
 }
 
-/// Why the names of a part are not accepted.
+/// The reason why the names of a part are not accepted.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PartNameError {
     /// A required name is missing.
@@ -45,10 +46,10 @@ pub enum PartNameError {
     Missing {
         /// The name.
         what: &'static str,
-        /// Its key in `[part]`.
+        /// The name's key in `[part]`.
         key: &'static str,
     },
-    /// A name does not have the required form.
+    /// A name does not match its pattern.
     #[error(
         "the {what} \"{found}\" does not have the form \"{pattern}\" of [part] {key}_pattern (# is a digit, ? one \
          character, * any characters); read it again, then start again"
@@ -56,7 +57,7 @@ pub enum PartNameError {
     Form {
         /// The name.
         what: &'static str,
-        /// Its key in `[part]`.
+        /// The name's key in `[part]`.
         key: &'static str,
         /// What was given.
         found: String,
@@ -84,18 +85,18 @@ impl NameRule {
 }
 
 impl PartRules {
-    /// Checks the names of a part, as a start gives them.
+    /// Checks the names of a part in a start request.
     ///
     /// # Errors
-    /// If a required name is missing, or a name does not have its form.
+    /// If a required name is missing, or a name does not match its pattern.
     pub fn check(&self, serial: Option<&str>, order: Option<&str>) -> Result<(), PartNameError> {
         self.serial.check(("serial number", "serial"), serial)?;
         self.order.check(("work order", "order"), order)
     }
 }
 
-/// Returns whether a name has the form of a pattern. The states are the positions in the pattern that the characters
-/// read so far can reach; so the time is linear in the length of the name.
+/// Returns whether a name matches a pattern. The states are the positions in the pattern that can be reached with the
+/// characters read so far; therefore the time is linear in the length of the name.
 fn has_form(name: &str, pattern: &str) -> bool {
     let pattern: Vec<char> = pattern.chars().collect();
     let with_skipped = |places: Vec<bool>| {

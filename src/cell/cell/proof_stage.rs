@@ -1,12 +1,12 @@
-//! The stages of the list of what must be proven on a real controller, and how far it is signed.
+//! The stages of the acceptance tests on a real robot controller, and the last stage that is signed.
 
 use panelprep_base::config::Choice;
 
-/// A stage of the list "To be proven" on the installation page of the controller. Each stage relies on what the
-/// previous stage has proven; its part of the page is signed before the next stage begins.
+/// A stage of the acceptance tests, the list "To be proven" on the controller's installation page. Each stage relies on
+/// the tests of the previous stage, which must be signed first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, strum::IntoStaticStr, strum::EnumString)]
 pub enum ProofStage {
-    /// In T1, the sanding tool without power and the panel out of reach.
+    /// In T1, with the sanding tool without power and the panel out of reach.
     A,
     /// In automatic mode, in the air.
     B,
@@ -15,15 +15,15 @@ pub enum ProofStage {
 }
 
 impl ProofStage {
-    /// All stages in their order.
+    /// All stages in the order of the tests.
     pub const ALL: [ProofStage; 3] = [ProofStage::A, ProofStage::B, ProofStage::C];
 
-    /// Its letter, as the page and the cell's file state it.
+    /// Returns the stage's letter, as on the page and in the cell's file.
     pub fn letter(self) -> &'static str {
         self.into()
     }
 
-    /// Returns the stage that must be signed before this one begins.
+    /// Returns the stage that must be signed before this stage begins.
     pub fn before(self) -> Option<ProofStage> {
         ProofStage::ALL.into_iter().rfind(|stage| *stage < self)
     }
@@ -33,12 +33,13 @@ impl ProofStage {
         ProofStage::ALL.into_iter().find(|stage| *stage > self)
     }
 
-    /// Returns the first stage that is not signed, after this last signed one; the last stage if all are signed.
+    /// Returns the first unsigned stage, if `signed` is the last signed one. If all stages are signed, returns the last
+    /// stage.
     pub fn after(signed: Option<ProofStage>) -> ProofStage {
         signed.map_or(ProofStage::A, |signed| signed.next().unwrap_or(ProofStage::C))
     }
 
-    /// Returns the conditions under which this stage is proven.
+    /// Returns the conditions under which this stage is tested.
     pub fn conditions(self) -> &'static str {
         match self {
             ProofStage::A => {
@@ -49,7 +50,7 @@ impl ProofStage {
         }
     }
 
-    /// Returns what a person is permitted to do once this stage is signed.
+    /// Returns what is permitted after this stage is signed.
     pub fn permits(self) -> &'static str {
         match self {
             ProofStage::A => "a motion in automatic mode, in the air",
@@ -64,26 +65,26 @@ impl Choice for ProofStage {
         &[("A", ProofStage::A), ("B", ProofStage::B), ("C", ProofStage::C)];
 }
 
-/// A signed page of proofs, as the store keeps it.
+/// A signed page of the acceptance tests, as it is in the store.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SignedPage {
-    /// The stage that the page proves.
+    /// The stage that the page confirms.
     pub stage: ProofStage,
-    /// The checksum that the controller's programs reported during the proofs.
+    /// The checksum that the controller reported for its programs during the tests.
     pub programs_sum: i32,
-    /// The first stage of which a later run found a row wrong; `None` if there was no such run.
+    /// The first stage with a test that failed after the page was signed; `None` if no test failed.
     pub wrong_since: Option<ProofStage>,
 }
 
 impl SignedPage {
-    /// Returns the last stage that the page still proves: a stage of which a row was found wrong later, and each stage
-    /// after it, must be proven again.
+    /// Returns the last stage that the page still confirms. A stage with a test that failed later must be tested again,
+    /// and so must all stages after it.
     pub fn proven_stage(&self) -> Option<ProofStage> {
         self.wrong_since.map_or(Some(self.stage), |wrong| wrong.before().map(|before| before.min(self.stage)))
     }
 }
 
-/// A stage that is needed is not signed.
+/// A required stage is not signed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error(
     "{}, and {} needs {}: prove stage {next} with `panelprep robot prove --stage {next} --out FILE --by NAME`, sign its page, \
@@ -91,15 +92,15 @@ impl SignedPage {
     .why, .needed.permits(), .needed.letter(), next = ProofStage::after(*.signed).letter()
 )]
 pub struct Unsigned {
-    /// The stage that is needed.
+    /// The required stage.
     pub needed: ProofStage,
-    /// The last stage that counts as signed, if one does.
+    /// The last stage that is treated as signed, if there is one.
     pub signed: Option<ProofStage>,
-    /// Why no higher stage counts as signed.
+    /// The cause.
     pub why: UnsignedCause,
 }
 
-/// Why a stage does not count as signed.
+/// The reason why a stage is not treated as signed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum UnsignedCause {
     /// The cell's file states no stage.
@@ -111,36 +112,36 @@ pub enum UnsignedCause {
     /// The store has no signed page, or cannot be read.
     #[error("[robot] signed_stage is {}, but the store has no signed page of the proofs that can be read", .0.letter())]
     NoPage(ProofStage),
-    /// The store's newest signed page proves a lower stage.
+    /// The newest signed page in the store confirms a lower stage.
     #[error(
         "[robot] signed_stage is {}, but the newest signed page in the store proves stage {}", .stated.letter(), .page.letter()
     )]
     LowerPage {
-        /// The stage of the cell's file.
+        /// The stage that the cell's file states.
         stated: ProofStage,
-        /// The stage of the page.
+        /// The stage that the page confirms.
         page: ProofStage,
     },
-    /// A row was found wrong after the newest signed page.
+    /// A test failed after the newest page was signed.
     #[error(
         "[robot] signed_stage is {}, but `panelprep robot prove` found a row of stage {} wrong after the page was signed",
         .stated.letter(), .wrong.letter()
     )]
     WrongSince {
-        /// The stage of the cell's file.
+        /// The stage that the cell's file states.
         stated: ProofStage,
-        /// The stage with the wrong row.
+        /// The stage with the failed test.
         wrong: ProofStage,
     },
-    /// The store's newest signed page was made with other programs.
+    /// The newest signed page in the store belongs to other programs of the controller.
     #[error(
         "[robot] signed_stage is {}, but the newest signed page in the store proves programs with the checksum {page}, and \
          [robot] programs_sum is {accepted}", .stated.letter()
     )]
     OtherPrograms {
-        /// The stage of the cell's file.
+        /// The stage that the cell's file states.
         stated: ProofStage,
-        /// The checksum of the proven programs.
+        /// The checksum of the tested programs.
         page: i32,
         /// The checksum of the accepted programs.
         accepted: i32,
@@ -160,7 +161,8 @@ mod tests {
         cell.robot().requires_signed(needed).err().map(|unsigned| unsigned.to_string())
     }
 
-    /// A controller without a signed page permits nothing in automatic mode; each stage permits what it proves.
+    /// A controller without a signed page permits no motion in automatic mode. Each signed stage permits the operation
+    /// that its tests cover.
     #[test]
     fn nothing_counts_as_signed_by_default() {
         let page = |stage| Some(SignedPage { stage, programs_sum: 7, wrong_since: None });
@@ -170,14 +172,14 @@ mod tests {
             ("signed_stage = 'A'", page(A), 1),
             ("signed_stage = 'B'", page(B), 2),
             ("signed_stage = 'C'", page(C), 3),
-            // The cell's file states a higher stage than the signed page proves.
+            // The cell's file states a higher stage than the signed page.
             ("signed_stage = 'C'", page(A), 1),
             ("signed_stage = 'C'", None, 0),
-            // The file states a lower stage than the page proves.
+            // The cell's file states a lower stage than the signed page.
             ("signed_stage = 'A'", page(C), 1),
-            // The programs were changed after the proofs.
+            // The programs were changed after the tests.
             ("signed_stage = 'C'", Some(SignedPage { stage: C, programs_sum: 8, wrong_since: None }), 0),
-            // A later run found a row wrong.
+            // A test failed after the page was signed.
             ("signed_stage = 'C'", wrong(A), 0),
             ("signed_stage = 'C'", wrong(B), 1),
             ("signed_stage = 'C'", wrong(C), 2),
@@ -215,7 +217,8 @@ mod tests {
         }
     }
 
-    /// The address does not show whether the controller is a real one: it may be the end of a tunnel.
+    /// A local address does not prove that the controller is a mock: it may be the end of a tunnel to a real
+    /// controller.
     #[test]
     fn a_controller_at_an_address_of_this_computer_needs_its_proofs() {
         assert_eq!(refused("", None, C), None, "a mock inside this program");

@@ -1,7 +1,7 @@
-//! The origin of a calibration's numbers: the day, the program, the pictures, and the residual of each picture.
+//! The origin of a calibration: its date, the program, the pictures, and the residual of each picture.
 //!
-//! It includes the board to which a file refers: a verification with another board, or one of another size, would find
-//! another position.
+//! It also contains the size of the board to which a file refers: a verification with a board of another size would
+//! find another position.
 
 use panelprep_base::config::{Section, Setting};
 use panelprep_base::number_text::utc_day;
@@ -14,13 +14,13 @@ use toml::de::DeValue;
 pub struct Date(String);
 
 impl Date {
-    /// Returns the date that a text states as year-month-day; `None` if it states none.
+    /// Parses a date in the form year-month-day; `None` if the text is not a date.
     pub fn parse(text: &str) -> Option<Self> {
         let day: toml::value::Datetime = text.parse().ok()?;
         (day.date.is_some() && day.time.is_none()).then(|| Date(day.to_string()))
     }
 
-    /// Returns the UTC date of a time.
+    /// Returns the UTC date of a Unix time.
     pub fn from_unix_s(unix_s: i64) -> Self {
         Date(utc_day(unix_s))
     }
@@ -45,14 +45,14 @@ impl Setting for Date {
     }
 }
 
-/// The origin of a calibration's numbers; every key may be absent.
+/// The origin of a calibration; every key may be absent.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Provenance {
-    /// The program that made the file, with its version.
+    /// The name and version of the program that wrote the file.
     pub program: Option<String>,
     /// SHA-256 of each picture or points file that was used.
     pub pictures: Vec<String>,
-    /// The residual of each picture or points file, in the same order: px for intrinsics, mm for a mount.
+    /// The residual of each picture or points file, in the order of `pictures`: px for intrinsics, mm for a mount.
     pub residuals: Vec<f64>,
 }
 
@@ -103,7 +103,7 @@ impl Setting for Numbers {
     }
 }
 
-/// The allowed residuals: a picture that was set aside may have a large residual.
+/// The valid range of a residual: the residual of an excluded picture may be large.
 const RESIDUALS: RangeInclusive<f64> = 0.0..=100_000.0;
 
 pub(super) fn line(text: &mut String, key: &str, value: Option<impl std::fmt::Display>) {
@@ -115,7 +115,7 @@ pub(super) fn line(text: &mut String, key: &str, value: Option<impl std::fmt::Di
 
 const SQUARE_MM: std::ops::RangeInclusive<f64> = 0.5..=500.0;
 
-/// The board, in the notation of the command line.
+/// A calibration board, in the notation of the command line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoardSize {
     /// The board's corners or squares, `9x6` or `charuco:8x6:15:4X4_50`.
@@ -141,7 +141,7 @@ impl BoardSize {
 mod tests {
     use super::*;
 
-    /// Expected values from `date -u -d @…`.
+    /// Expected values: the output of `date -u -d @…`.
     #[test]
     fn seconds_since_1970_are_converted_to_dates() {
         for (unix_s, expected) in [

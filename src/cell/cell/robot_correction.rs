@@ -1,28 +1,28 @@
-//! Results of two calibrations, of the arm and of the disc. This module contains both reader and writer.
+//! Reads and writes the results of two calibrations: of the arm and of the disc.
 //!
-//! `[robot_correction]`: how the arm differs from its nominal geometry, as measured by `panelprep calibrate robot`.
-//! `[removal]`: the removal of the disc, as measured on coupons by `panelprep calibrate removal`.
+//! `[robot_correction]`: the arm's deviations from its nominal geometry, measured by `panelprep calibrate robot`.
+//! `[removal]`: the material removal of the disc, measured on coupons by `panelprep calibrate removal`.
 
 use super::provenance::{Date, Provenance, line};
 use panelprep_base::config::{self, Problems, Section, Setting, settings};
 use std::fmt::Write;
 use toml::de::DeValue;
 
-/// Number of parameters of a correction by the arm's geometry.
+/// Number of parameters of a correction that changes the arm's geometry.
 pub const GEOMETRY_NUMBERS: usize = 32;
-/// Number of parameters of a smooth correction.
+/// Number of parameters of a correction that changes smoothly with the position.
 pub const SMOOTH_NUMBERS: usize = 24;
 
-/// The numbers of a correction, rotations in rad, lengths in mm; `calib::arm_errors` describes each of them.
+/// The parameters of a correction, rotations in rad, lengths in mm. `calib::arm_errors` describes each parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum CorrectionNumbers {
-    /// Errors of the arm's geometry: the axis angles are needed to apply them.
+    /// Errors of the arm's geometry; the axis angles are needed to apply the correction.
     Geometry([f64; GEOMETRY_NUMBERS]),
-    /// A rigid motion that changes smoothly with the flange's position.
+    /// A rigid displacement that changes smoothly with the position of the flange.
     Smooth {
-        /// The middle of the measured volume, mm.
+        /// Centre of the measured volume, mm.
         middle_mm: [f64; 3],
-        /// Half the size of that volume, mm.
+        /// Half of the size of the measured volume, mm.
         half_mm: [f64; 3],
         /// Its numbers.
         numbers: [f64; SMOOTH_NUMBERS],
@@ -30,7 +30,7 @@ pub enum CorrectionNumbers {
 }
 
 impl CorrectionNumbers {
-    /// Returns the file's keyword for this kind.
+    /// Returns the keyword of this kind in the file.
     pub fn kind(&self) -> &'static str {
         match self {
             CorrectionNumbers::Geometry(_) => "geometry",
@@ -46,18 +46,18 @@ impl CorrectionNumbers {
     }
 }
 
-/// A correction in the form of its file.
+/// A correction of the arm, as stored in its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotCorrection {
     /// Its numbers.
     pub numbers: CorrectionNumbers,
-    /// Error of left-out pictures without the correction, rms, mm.
+    /// Cross-validation: error of the omitted pictures without the correction, rms, mm.
     pub left_out_before_mm: f64,
-    /// Error of left-out pictures with the correction, rms, mm.
+    /// Cross-validation: error of the omitted pictures with the correction, rms, mm.
     pub left_out_after_mm: f64,
     /// Date of the calibration.
     pub date: Option<Date>,
-    /// Program, pictures and their residuals.
+    /// The program, the pictures and the residual of each picture.
     pub provenance: Provenance,
 }
 
@@ -77,10 +77,10 @@ impl Setting for Numbers {
 }
 
 impl RobotCorrection {
-    /// Checks the text of a correction's file.
+    /// Parses and checks the file of a correction.
     ///
     /// # Errors
-    /// Every problem with its line and key.
+    /// All problems of the file, each with its line and key.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
         config::parse_file(file, text, |top| {
             let correction = Self::parse(&top.section("robot_correction"));
@@ -121,7 +121,7 @@ impl RobotCorrection {
         Some(RobotCorrection { numbers, left_out_before_mm, left_out_after_mm, date, provenance })
     }
 
-    /// Returns the text of a file that [`RobotCorrection::check`] reads back with identical bits.
+    /// Returns the text of the file. [`RobotCorrection::check`] reads all numbers back exactly.
     #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
     pub fn to_toml(&self) -> String {
         let mut text = format!("[robot_correction]\nkind = {}\n", toml::Value::from(self.numbers.kind()));
@@ -140,35 +140,35 @@ impl RobotCorrection {
 }
 
 settings! {
-    /// The numbers of the removal model; `removal` describes each of them.
+    /// The parameters of the removal model, which the module `removal` explains.
     pub struct RemovalNumbers {
         /// Preston's coefficient of a new disc, mm²/N.
         preston_mm2_per_n: f64, 1e-9..=10.0, required;
-        /// Its standard deviation, percent of the coefficient.
+        /// Standard deviation of Preston's coefficient, percent of the coefficient.
         preston_deviation_percent: f64, 0.0..=100.0, required;
-        /// The decrease of ln k for each square metre that the disc sweeps, 1/m².
+        /// The decrease of ln k (wear) for each square metre that the disc sweeps, 1/m².
         wear_per_m2: f64, -100.0..=1_000.0, required;
         /// Standard deviation of the wear, 1/m².
         wear_deviation_per_m2: f64, 0.0..=1_000.0, required;
-        /// Correlation of ln k and the wear.
+        /// Correlation between ln k and the wear.
         correlation: f64, -1.0..=1.0, required;
-        /// Standard deviation of one coupon from the model, percent.
+        /// Standard deviation of a single coupon from the model, percent.
         coupon_deviation_percent: f64, 0.0..=100.0, required;
-        /// Rms prediction error of coupons that were left out and predicted from the others, percent.
+        /// Cross-validation: rms error of omitted coupons that were predicted from the others, percent.
         left_out_percent: f64, 0.0..=1_000.0, required;
         /// Number of coupons.
         coupons: usize, 3..=10_000, required;
-        /// The smallest force on a coupon, N; `None` in a file that does not state it.
+        /// Smallest force on a coupon, N; `None` if the file does not state it.
         least_force_n: Option<f64>, 0.5..=500.0, default None;
-        /// The largest force on a coupon, N.
+        /// Largest force on a coupon, N; `None` if the file does not state it.
         most_force_n: Option<f64>, 0.5..=500.0, default None;
-        /// The exponent with which the depth grows with the force; `None` if the coupons do not determine it.
+        /// Exponent of the force in the removed depth; `None` if the coupons do not determine it.
         force_power: Option<f64>, -10.0..=10.0, default None;
-        /// Its uncertainty, 95 %.
+        /// 95 % uncertainty of the exponent.
         force_power_uncertainty: Option<f64>, 0.0..=10.0, default None;
-        /// Discs that treated the coupons; 0 if their scatter is not known.
+        /// Number of discs that sanded the coupons; 0 if the scatter between discs is unknown.
         discs: usize, 0..=10_000, default 0;
-        /// Standard deviation from disc to disc, percent.
+        /// Standard deviation between discs, percent.
         disc_deviation_percent: Option<f64>, 0.0..=1_000.0, default None;
         /// The pad's modulus divided by its thickness, N/mm³.
         pad_n_mm3: f64, 1e-4..=1_000.0, required;
@@ -179,22 +179,22 @@ settings! {
     }
 }
 
-/// A removal model in the form of its file.
+/// A removal model, as stored in its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RemovalCalibration {
     /// Its numbers.
     pub numbers: RemovalNumbers,
     /// Date of the calibration.
     pub date: Option<Date>,
-    /// Program, coupons file and residuals.
+    /// The program, the coupons file and the residuals.
     pub provenance: Provenance,
 }
 
 impl RemovalCalibration {
-    /// Checks the text of a removal model's file.
+    /// Parses and checks the file of a removal model.
     ///
     /// # Errors
-    /// Every problem with its line and key.
+    /// All problems of the file, each with its line and key.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
         config::parse_file(file, text, |top| {
             let calibration = Self::parse(&top.section("removal"));
@@ -211,9 +211,9 @@ impl RemovalCalibration {
         Some(RemovalCalibration { numbers: numbers?, date: date?, provenance: provenance? })
     }
 
-    /// Returns the file that [`RemovalCalibration::check`] reads back to the last bit, from the numbers in the order of
-    /// [`RemovalNumbers`] and the numbers of coupons and discs. The numbers come from a calibration, which has not
-    /// checked their ranges.
+    /// Returns the text of a file with these parameters, in the order of [`RemovalNumbers`], and the numbers of coupons
+    /// and discs. [`RemovalCalibration::check`] reads all values back exactly, if they are within its ranges; here the
+    /// ranges are not checked.
     pub fn to_text(
         numbers: &[(&'static str, f64)],
         (coupons, discs): (usize, usize),

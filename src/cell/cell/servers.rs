@@ -1,9 +1,9 @@
-//! Servers outside of the cell that receive its records: their addresses (a scheme, a host, a port and, for some, a
-//! path), a NATS broker, `[office]` and `[push]`.
+//! Servers outside of the cell that receive its records: their addresses (scheme, host, port and, for some, a path), a
+//! NATS broker, `[office]` and `[push]`.
 //!
-//! A broker has the same keys in a cell's file and in that of the archive. `[office]`, the destination of the cell's
-//! records, is off until `broker` is set; `[push]`, signed records by HTTP to a quality system, is off until `to` is
-//! set.
+//! A broker has the same keys in the files of a cell and of the archive. `[office]`, the office server that receives
+//! the cell's records, is off until `broker` is set. `[push]`, which sends signed records by HTTP to a quality system,
+//! is off until `to` is set.
 
 use super::devices::{is_local_host, is_valid_host};
 use hyper::Uri;
@@ -11,24 +11,24 @@ use panelprep_base::config::Section;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// An address after parsing.
+/// A parsed server address.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Address {
     pub scheme: &'static str,
-    /// The name or IP address, without brackets.
+    /// The host name or IP address, without brackets.
     pub host: String,
     pub port: u16,
-    /// The path, from its first `/` and without `/` at its end; empty if there is none.
+    /// The path from its first `/`, without a final `/`; empty if there is none.
     pub path: String,
 }
 
-/// Reads an address with one of these schemes, each with its default port. A user, a query or a parent folder (`..`) is
-/// refused.
+/// Parses an address with one of these schemes, each with its default port. An address with a user, a query or a parent
+/// folder (`..`) is refused.
 fn read_address(text: &str, schemes: [(&'static str, u16); 2]) -> Option<Address> {
     let uri: Uri = text.parse().ok()?;
     let (scheme, usual) = schemes.into_iter().find(|(scheme, _)| uri.scheme_str() == Some(scheme))?;
     let authority = uri.authority()?;
-    // The library ignores anything before @, and a port that is not a number.
+    // The library ignores the text before @, and a port that is not a number.
     let port = match authority.as_str().strip_prefix(authority.host())? {
         "" => usual,
         port => port.strip_prefix(':')?.parse().ok()?,
@@ -46,7 +46,7 @@ fn read_address(text: &str, schemes: [(&'static str, u16); 2]) -> Option<Address
     })
 }
 
-/// Returns host and port as they are written in an address.
+/// Returns host and port in the form of an address, with brackets around IPv6.
 pub fn authority(host: &str, port: u16) -> String {
     if host.contains(':') { format!("[{host}]:{port}") } else { format!("{host}:{port}") }
 }
@@ -56,20 +56,20 @@ pub fn authority(host: &str, port: u16) -> String {
 pub struct Broker {
     /// The broker's address, `nats://HOST:PORT` or `tls://HOST:PORT`.
     pub address: String,
-    /// The certificate authority's file, PEM; without it the system's authorities are used.
+    /// The file of the certificate authority, PEM; `None` to use the authorities of the system.
     pub ca: Option<PathBuf>,
-    /// How the broker identifies this program.
+    /// How this program logs in at the broker.
     pub login: BrokerLogin,
 }
 
-/// How a broker identifies a client.
+/// How a client logs in at a broker.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum BrokerLogin {
-    /// The broker accepts every client.
+    /// Without a login: the broker accepts every client.
     Anybody,
-    /// With a file of credentials, as `nsc` writes it.
+    /// With a credentials file, as written by `nsc`.
     Credentials(PathBuf),
-    /// With a user's name, and a file that contains only the password.
+    /// With a user name, and a file that contains only the password.
     Password {
         /// The user.
         user: String,
@@ -78,13 +78,13 @@ pub enum BrokerLogin {
     },
 }
 
-/// The scheme without encryption; `SCHEMES` contains both schemes with their default port, which is the same.
+/// The scheme without encryption.
 const PLAIN_SCHEME: &str = "nats";
 const SCHEMES: [(&str, u16); 2] = [(PLAIN_SCHEME, 4_222), ("tls", 4_222)];
 
 impl Broker {
-    /// Reads the address under this key and the keys that belong to it. The outer `None` means that there is a
-    /// problem, the inner one that no broker is named.
+    /// Parses the address under this key and the other keys of the broker. The outer `None` is a problem in the file,
+    /// the inner `None` means that no broker is configured.
     pub fn parse(folder: &Path, section: &Section<'_, '_>, key: &'static str) -> Option<Option<Broker>> {
         let keys = [key, "ca", "credentials", "user", "password_file"];
         let [address, ca, credentials, user, password_file] =
@@ -128,31 +128,31 @@ impl Broker {
     }
 }
 
-/// The maximum length of a cell's name, in characters.
+/// Maximum length of a cell's name, characters.
 const MAX_CHARACTERS: usize = 40;
 const ALARM_DELAY_RANGE_MIN: std::ops::RangeInclusive<usize> = 1..=100_000;
 
-/// The destination of the cell's records.
+/// The office server that receives the cell's records.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Office {
-    /// The broker that receives them.
+    /// The broker that transfers the records.
     pub broker: Broker,
-    /// The name that identifies this cell at the office.
+    /// The name of this cell on the office server.
     pub cell: CellName,
-    /// A record that the office does not have after this many minutes raises an alarm.
+    /// Time until an alarm is raised if the office server does not have a record, minutes.
     pub alarm_delay_min: usize,
 }
 
-/// The name of a cell: letters, digits, `-` and `_`, so that it can also be part of a subject, a message name and
-/// an address.
+/// The name of a cell: letters, digits, `-` and `_`, so that it is also valid in a NATS subject, a message name and a
+/// URL.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CellName(String);
 
 impl CellName {
-    /// Checks a name.
+    /// Checks the name of a cell.
     ///
     /// # Errors
-    /// If the name is not valid; the text states the valid characters.
+    /// If the name is invalid; the error states the valid characters.
     pub fn new(name: &str) -> Result<Self, String> {
         let is_allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
         if !name.is_empty() && name.len() <= MAX_CHARACTERS && name.chars().all(is_allowed) {
@@ -176,12 +176,13 @@ impl fmt::Display for CellName {
     }
 }
 
-/// Reads the office. The outer `None` is a problem, the inner one means that no office is configured.
+/// Parses `[office]`. The outer `None` is a problem in the file, the inner `None` means that no office server is
+/// configured.
 pub(super) fn parse_office(folder: &Path, section: &Section<'_, '_>) -> Option<Option<Office>> {
     let broker = Broker::parse(folder, section, "broker");
     let cell = section.parse::<Option<String>>("cell", (), Some(None));
     let behind_min = section.parse::<usize>("behind_min", ALARM_DELAY_RANGE_MIN, Some(60));
-    // A wrong name is reported together with a wrong broker.
+    // Check the name even if the broker is wrong, so that both problems are reported.
     let cell = cell.and_then(|name| match name.as_deref().map(CellName::new).transpose() {
         Ok(name) => Some(name),
         Err(problem) => {
@@ -204,37 +205,37 @@ pub(super) fn parse_office(folder: &Path, section: &Section<'_, '_>) -> Option<O
     Some(Some(Office { broker, cell, alarm_delay_min: behind_min }))
 }
 
-/// The schemes of a quality system, with their default ports.
+/// The schemes of a quality system's address, each with its default port.
 const PUSH_SCHEMES: [(&str, u16); 2] = [("https", 443), ("http", 80)];
 
-/// The destination of signed records.
+/// The HTTP server that receives signed records.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PushSettings {
-    /// The folder of the server below which each file is put.
+    /// The folder on the server into which the files are written.
     pub target_folder: WebFolder,
-    /// The certificate of the authority that has signed the server's certificate, PEM, with `https://`.
+    /// The certificate of the authority that signed the server's certificate, PEM; required for `https://`.
     pub ca_certificate: Option<PathBuf>,
-    /// The file of the token that the server requires.
+    /// The file with the access token, if the server requires one.
     pub token_file: Option<PathBuf>,
-    /// A record that the server does not have after this many minutes raises an alarm.
+    /// Time until an alarm is raised if the server does not have a record, minutes.
     pub alarm_delay_min: usize,
 }
 
-/// A folder of an HTTP server.
+/// A folder on an HTTP server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct WebFolder {
     /// Whether TLS is used.
     pub is_encrypted: bool,
-    /// The server's name or address.
+    /// The server's host name or address.
     pub host: String,
     /// Its port.
     pub port: u16,
-    /// The folder's path, from `/` on and without `/` at its end.
+    /// The path of the folder, from `/` and without a final `/`.
     pub path: String,
 }
 
 impl WebFolder {
-    /// Returns host and port as they are written in an address.
+    /// Returns host and port in the form of an address, with brackets around IPv6.
     pub fn authority(&self) -> String {
         authority(&self.host, self.port)
     }
@@ -249,7 +250,7 @@ impl fmt::Display for WebFolder {
     }
 }
 
-/// Reads `[push]`. The outer `None` is a problem, the inner one means that nothing is pushed.
+/// Parses `[push]`. The outer `None` is a problem in the file, the inner `None` means that records are not pushed.
 pub(super) fn parse_push(folder: &Path, section: &Section<'_, '_>) -> Option<Option<PushSettings>> {
     if !section.is_present() {
         return Some(None);
@@ -310,8 +311,8 @@ mod tests {
     use super::super::Cell;
     use super::*;
 
-    /// A password is refused if it would go to another computer without encryption, since anyone on the network could
-    /// read it.
+    /// A password is refused if it would be sent to another computer without encryption, because it could be read on
+    /// the network.
     #[test]
     fn a_password_is_only_sent_encrypted() {
         let found = |keys: &str| {

@@ -1,16 +1,17 @@
-//! `[sparkplug]`: the cell as an edge node of MQTT Sparkplug B. It is off until the table is present.
+//! `[sparkplug]`: the settings of the cell as an edge node of MQTT Sparkplug B. The node is off until the table is
+//! present.
 
 use super::devices::{is_local_host, is_valid_host};
 use panelprep_base::config::{Choice, Section};
 use std::path::{Path, PathBuf};
 
-/// The commands that the cell accepts from the broker. A rebirth is always accepted, and a start never.
+/// The commands that the cell accepts from the broker. A rebirth command is always accepted, a start command never.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum NodeCommands {
-    /// No commands are accepted.
+    /// No commands except a rebirth are accepted.
     #[default]
     None,
-    /// Hold, stop and abort are accepted, with an operator's rights.
+    /// Hold, stop and abort are accepted, with the permissions of an operator.
     Operator,
 }
 
@@ -19,43 +20,43 @@ impl Choice for NodeCommands {
         &[("none", NodeCommands::None), ("operator", NodeCommands::Operator)];
 }
 
-/// The broker, and the names of the cell there.
+/// The settings of the edge node: the broker, and the cell's names in the Sparkplug namespace.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SparkplugNode {
-    /// The broker's name or address.
+    /// The broker's host name or address.
     pub broker: String,
     /// Its port.
     pub port: u16,
-    /// TLS towards the broker; `None` if the broker runs on this computer and none is stated.
+    /// TLS of the connection to the broker; may be `None` only if the broker runs on this computer.
     pub tls: Option<BrokerTls>,
-    /// The user's name and the file of the password.
+    /// The user name, and the file with the password.
     pub login: Option<(String, PathBuf)>,
-    /// The group of edge nodes.
+    /// The Sparkplug group to which the node belongs.
     pub group_id: String,
-    /// The cell's name in the group.
+    /// The node's name within the group.
     pub edge_node_id: String,
-    /// The host application without which nothing is published.
+    /// The primary host application: the node publishes only while this host is online.
     pub primary_host_id: Option<String>,
     /// The commands that are accepted.
     pub commands: NodeCommands,
-    /// Whether data are sent by alias; some hosts do not support aliases.
+    /// Whether metrics are sent with aliases; some host applications do not support aliases.
     pub aliases: bool,
 }
 
-/// How the broker proves its identity, and the cell its own.
+/// The certificates of the TLS connection.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BrokerTls {
-    /// The certificate of the authority that has signed the broker's certificate, PEM.
+    /// The certificate of the authority that signed the broker's certificate, PEM.
     pub ca_certificate: PathBuf,
-    /// The cell's own certificate and its key, PEM, if the broker requires one.
+    /// The cell's certificate and its key, PEM, if the broker requires a client certificate.
     pub client_certificate: Option<[PathBuf; 2]>,
 }
 
 /// Valid port numbers.
 const PORTS: std::ops::RangeInclusive<u16> = 1..=u16::MAX;
-/// The default ports of MQTT over TLS and without it.
+/// Default ports of MQTT: with TLS, and without TLS.
 const DEFAULT_PORTS: [u16; 2] = [8_883, 1_883];
-/// The longest part of a topic, in bytes; the whole topic must stay below MQTT's 65 535.
+/// Maximum length of one level of a topic, bytes; the whole topic must be shorter than MQTT's limit of 65 535.
 const MAX_BYTES: usize = 200;
 
 pub(super) fn parse_sparkplug(folder: &Path, section: &Section<'_, '_>) -> Option<Option<SparkplugNode>> {
@@ -93,7 +94,7 @@ pub(super) fn parse_sparkplug(folder: &Path, section: &Section<'_, '_>) -> Optio
     })
 }
 
-/// Reads two keys that belong together.
+/// Parses two keys that must be stated together.
 fn parse_pair(
     section: &Section<'_, '_>,
     keys: [&'static str; 2],
@@ -110,8 +111,8 @@ fn parse_pair(
     }
 }
 
-/// Reads the TLS settings. Without TLS anyone on the network could read the password and send commands: only a broker
-/// on this computer needs no TLS.
+/// Parses the TLS settings. Without TLS, the password could be read on the network and commands could be forged;
+/// therefore only a broker on this computer may be used without TLS.
 fn parse_tls(
     folder: &Path,
     section: &Section<'_, '_>,

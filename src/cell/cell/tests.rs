@@ -1,12 +1,11 @@
-//! Tests of the cell's file and of the files that it names, lenses and mounts: what is read from them, what is refused,
-//! and that a written file is read back. The messages about a wrong cell file name each mistake with its line, its key
-//! and what is allowed.
+//! Tests of the parsers for the cell's file and for the lens and mount files that it names: valid and invalid files,
+//! and files that are written and read back. A message about a wrong file names the line, the key and the valid values.
 
 use super::*;
 use panelprep_base::geometry::{KukaPose, PinholeCamera, Pixel, Point};
 use proptest::prelude::*;
 
-/// Returns the problems of a cell's text, without the file's name.
+/// Returns the problems of a cell's file, without the name of the file.
 fn cell_problems(text: &str) -> Vec<String> {
     problems(Cell::check("f", text))
 }
@@ -85,8 +84,8 @@ fn signals_are_the_bits_in_the_order_of_their_numbers() {
     assert_eq!(found, [("light", true), ("spray", false), ("tool", true)], "3 is bit 0, 5 bit 1, 9 bit 2");
 }
 
-/// Tool and all water are switched off at once, extraction and light after their default or stated delay. The shutter
-/// and the user's other outputs do not change.
+/// Tool and all water outputs are switched off without delay, extraction and light after their default or stated delay.
+/// The lens shutter and the user's other outputs keep their state.
 #[test]
 fn each_automatic_switch_off_has_its_delay() {
     let outputs = "outputs = { light = 9, tool = 3, spray = 5, rinse = 6, extraction = 4, lens_shutter = 7, horn = 8, fan = 2 }";
@@ -95,11 +94,12 @@ fn each_automatic_switch_off_has_its_delay() {
     let after: Vec<(&str, u16)> =
         cell.inputs_outputs().off_delays_s().iter().map(|(name, after_s)| (name.as_str(), *after_s)).collect();
     assert_eq!(after, [("extraction", 30), ("fan", 3), ("light", 20), ("rinse", 0), ("spray", 0), ("tool", 0)]);
-    // Numbers 2 3 4 5 6 7 8 9 are bits 0 to 7: the tool is bit 1, the spray bit 3, the rinse bit 4.
+    // Expected value, calculated by hand: the signal numbers 2 to 9 are the bits 0 to 7; the tool is bit 1, the spray
+    // bit 3, the rinse bit 4.
     assert_eq!(cell.inputs_outputs().harmful_bits(), 0b11010);
 }
 
-/// Pages and records stay for ever; the file states how long clips and scans stay.
+/// Pages and records are kept for ever; the file states how long clips and scans are kept.
 #[test]
 fn the_store_s_table_states_what_is_kept() {
     let check = |text: &str| Cell::check("a/cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
@@ -211,7 +211,8 @@ fn intrinsics_that_cannot_be_a_cameras_are_refused() {
     );
     assert_eq!(wrong("k2 = 0.12", "k2 = nan"), ["9: camera.k2: found nan, valid: a number from -1000 to 1000"]);
     assert_eq!(wrong("p1 = 0.0006\n", ""), ["1: camera.p1: is missing; this key has no default"]);
-    // Calculated by hand: k1 = −10 folds at 1 − 30 r² = 0, so at r = 0.18, and the corner lies at 0.64.
+    // Expected value, calculated by hand: with k1 = −10 the distortion folds at 1 − 30 r² = 0, so at r = 0.18; the
+    // corner of the picture is at 0.64.
     assert_eq!(
         wrong("k1 = -0.1", "k1 = -10.0"),
         [
@@ -219,7 +220,8 @@ fn intrinsics_that_cannot_be_a_cameras_are_refused() {
              of this camera"
         ]
     );
-    // Calculated by hand: k1 = −1 folds at r = 0.58; r − r³ = 0.64 is true only at r = −1.23, across the axis.
+    // Expected value, calculated by hand: with k1 = −1 the distortion folds at r = 0.58. The only solution of r − r³ =
+    // 0.64 is r = −1.23, on the other side of the axis.
     assert_eq!(wrong("k1 = -0.1", "k1 = -1.0").len(), 1, "a false inverse is none");
     let dated = |date: &str| problems(Intrinsics::check("f", &format!("{LENS}date = {date}")));
     assert_eq!(dated("2026-05-31T10:00:00"), ["13: camera.date: valid: a date, such as 2026-05-31"]);
@@ -229,8 +231,8 @@ fn intrinsics_that_cannot_be_a_cameras_are_refused() {
 
 const MOUNT: &str = "x_mm = 600\ny_mm = 0\nz_mm = 900\na_deg = 90\nb_deg = 0\nc_deg = 180\n";
 
-/// Calculated by hand: Rx(180) turns the camera's z to −z; A about Z does not change this. A point 500 mm in front
-/// of the lens is at z = 400.
+/// Expected value, calculated by hand: Rx(180) maps the camera's z to −z, and the rotation A about Z does not change
+/// this. A point 500 mm in front of the lens is at z = 400.
 #[test]
 fn a_mount_maps_its_own_frames() {
     let text = format!("[base_from_camera]\n{MOUNT}rms_mm = 0.1\n");
@@ -282,7 +284,7 @@ fn date() -> impl Strategy<Value = Option<Date>> {
 }
 
 proptest! {
-    /// A written calibration is read back with identical bits.
+    /// All numbers of a written calibration are read back exactly.
     #[test]
     fn written_intrinsics_are_read_back(
         (width_px, height_px) in (16..4000usize, 16..4000usize),
@@ -333,7 +335,7 @@ proptest! {
     }
 }
 
-/// One mistake does not hide the next.
+/// All problems of a file are reported, not only the first.
 #[test]
 fn the_signals_mistakes_are_reported_together() {
     let told = cell_problems("[io.outputs]\ntool = 3\nlight = 3\n[io.feedbacks]\na = 5\nb = 5");

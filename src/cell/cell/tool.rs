@@ -1,5 +1,5 @@
-//! `[tool]`: whether the sanding tool presses with a spring or with its own force control, and the settings that a
-//! compliant tool needs.
+//! `[tool]`: the kind of the sanding tool, which presses with a spring or with its own force control, and the settings
+//! of a force-controlled (compliant) tool.
 
 use super::devices::is_valid_host;
 use panelprep_base::config::{Choice, Section};
@@ -9,7 +9,7 @@ use panelprep_base::number_text::distinguishable_texts;
 /// The tool that presses the disc onto the panel.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Tool {
-    /// `kind = "spring"`: a pad on a tool that is fixed to the flange; it receives no commands.
+    /// `kind = "spring"`: a pad on a spring, fixed to the flange; it receives no commands.
     #[default]
     Spring,
     /// A tool with its own force control.
@@ -17,7 +17,7 @@ pub enum Tool {
 }
 
 impl Tool {
-    /// Returns the compliant tool, if it is one.
+    /// Returns the settings of a compliant tool; `None` for a spring.
     pub fn compliant(&self) -> Option<&CompliantTool> {
         match self {
             Tool::Spring => None,
@@ -29,35 +29,36 @@ impl Tool {
 /// A compliant tool.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CompliantTool {
-    /// The tool's address; `None` for the simulated tool, which is inside the program.
+    /// The tool's network address; `None` for the simulated tool.
     pub address: Option<ToolAddress>,
     /// The log-in word.
     pub login: String,
     /// Its number.
     pub id: u16,
-    /// Its stroke, mm; the tool centre point is calibrated at half the stroke.
+    /// Length of the actuator's stroke, mm; the tool centre point is calibrated at half the stroke.
     pub stroke_mm: f64,
-    /// The actuator's strongest pull, N, negative: the pull holds the tool back in the air.
+    /// Maximum pulling force of the actuator, N, as a negative number. The pull holds the pad back when it is in the
+    /// air.
     pub min_force_n: f64,
-    /// The actuator's strongest push, N.
+    /// Maximum pushing force of the actuator, N.
     pub max_force_n: f64,
     /// The mass that the actuator carries, kg.
     pub payload_kg: f64,
-    /// The reading of the tool's sensor without force, N.
+    /// The force that the tool's sensor measures without load, N.
     pub zero_n: f64,
-    /// Time from one command to the next, ms.
+    /// Period of the commands to the tool, ms.
     pub period_ms: u16,
-    /// The time limit for a reply, ms.
+    /// Maximum time until the tool replies, ms.
     pub reply_ms: u16,
     /// Maximum deviation of the force from its set-point, N.
     pub band_n: f64,
     /// Maximum time for which the deviation may be larger than `band_n`, ms.
     pub band_ms: u16,
-    /// Maximum time for which the tool may press without contact, ms.
+    /// Maximum time without contact while the tool presses, ms.
     pub contact_ms: u16,
 }
 
-/// The address of a tool.
+/// The network address of a tool and its login.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ToolAddress {
     /// Name or address.
@@ -78,7 +79,7 @@ impl Choice for ToolKind {
         &[("spring", ToolKind::Spring), ("simulated", ToolKind::Simulated), ("acf", ToolKind::Acf)];
 }
 
-/// Keys of every compliant tool; `ACF_KEYS` are the additional keys of a tool that is connected over the network.
+/// Keys of every compliant tool. `ACF_KEYS` are the additional keys of a tool that is connected over the network.
 const COMPLIANT_KEYS: [&str; 10] = [
     "stroke_mm",
     "min_force_n",
@@ -92,7 +93,7 @@ const COMPLIANT_KEYS: [&str; 10] = [
     "contact_ms",
 ];
 const ACF_KEYS: [&str; 4] = ["host", "tcp_port", "login", "id"];
-/// The keys that a tool on the network must state: their values are known from no other source.
+/// Keys that the file must state for a tool on the network, because their values have no default.
 const REQUIRED: [(&str, &str); 5] = [
     ("host", "kind = \"acf\" needs the address of its controller"),
     ("stroke_mm", "kind = \"acf\" needs its stroke, in mm, from its data sheet"),
@@ -107,7 +108,7 @@ pub(super) fn parse_tool(section: &Section<'_, '_>) -> Option<Tool> {
     let port = section.parse("tcp_port", 1..=65_535, Some(7_070_u16));
     let login = section.parse::<String>("login", (), Some("ferba".to_owned()));
     let id = section.parse("id", 0..=65_535, Some(1_040_u16));
-    // The defaults are those of the simulated tool; for a real tool the values must be stated.
+    // The defaults belong to the simulated tool; for a real tool these keys are required.
     let stroke_mm = section.parse("stroke_mm", 2.0..=200.0, Some(30.0));
     let min_force_n = section.parse("min_force_n", -1_000.0..=-1.0, Some(-60.0));
     let max_force_n = section.parse("max_force_n", 1.0..=1_000.0, Some(100.0));
@@ -156,7 +157,8 @@ pub(super) fn parse_tool(section: &Section<'_, '_>) -> Option<Tool> {
     Some(Tool::Compliant(tool))
 }
 
-/// Returns whether every key has an effect, none is missing, and address and login are valid.
+/// Returns whether all required keys are present, every key has an effect, and address and login are valid. Each
+/// problem is reported.
 fn check_keys(section: &Section<'_, '_>, kind: ToolKind, (host, login): (Option<&str>, &str)) -> bool {
     let mut right = true;
     let mut wrong = |key: &str, message: String| {
@@ -210,7 +212,8 @@ mod tests {
         assert_eq!(acf.address, Some(ToolAddress { host: "172.31.1.150".to_owned(), port: 7_070 }));
         assert_eq!((acf.login.as_str(), acf.id, acf.stroke_mm, acf.payload_kg), ("ferba", 1_040, 35.5, 2.1));
         assert_eq!(tool("[tool]\nkind = 'simulated'").compliant().map(|tool| tool.address.clone()), Some(None));
-        // After a lost link or a force outside of its band, time remains for the retract.
+        // The limits must be short enough: after a lost link or a force outside of its band, time is needed for the
+        // retract.
         assert!(acf.reply_ms <= 150 && acf.band_ms <= 200 && acf.contact_ms <= 250);
     }
 

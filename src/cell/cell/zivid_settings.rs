@@ -1,18 +1,17 @@
-//! A Zivid camera's settings, YAML files as Zivid Studio saves them: the values that this program must check before
-//! the SDK reads them.
+//! Settings files of a Zivid camera, in YAML, as saved by Zivid Studio: the values that this program checks before the
+//! SDK loads the file.
 //!
-//! 3D shots are taken with a file with `Settings`, pictures of the film with a file with `Settings2D`. A film is lit
-//! by the cell's own lamp: the camera's projector would appear on the water as a moving glare, and it heats the
-//! camera. So Brightness must be 0 in every acquisition of a film's settings, and must be stated: the SDK's own
-//! default switches the projector on. A lamp on alternating current flickers with half of the mains' period; an
-//! exposure of a multiple of this time gets the same light each time. All other values are checked by the SDK. The
-//! input is a text, the result is its values.
+//! A settings file for 3D shots contains `Settings`; one for pictures of the film contains `Settings2D`. The cell's own
+//! lamp lights the film: the camera's projector would cause a moving glare on the water and heat the camera. Therefore
+//! Brightness must be 0 in every acquisition of a film, and must be stated, because the SDK's default switches the
+//! projector on. A lamp on alternating current flickers with half of the mains period; if the exposure is a multiple of
+//! this time, all pictures have the same brightness. The SDK checks all other values.
 
 use panelprep_base::config::{Problem, Problems};
 use saphyr::{LoadableYamlNode, MarkedYaml, Scalar, YamlData};
 use strum::{IntoStaticStr, VariantArray};
 
-/// Frequency of the mains.
+/// Frequency of the mains supply.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr, VariantArray)]
 pub enum MainsFrequency {
     /// Europe, most of Asia and Africa.
@@ -27,12 +26,12 @@ impl MainsFrequency {
     /// Both frequencies.
     pub const ALL: &'static [MainsFrequency] = <Self as VariantArray>::VARIANTS;
 
-    /// Returns the name for people.
+    /// Returns the frequency as text for people.
     pub fn name(self) -> &'static str {
         self.into()
     }
 
-    /// Returns the time from one brightest instant of a lamp to the next, µs: half of the mains' period.
+    /// Returns the period of a lamp's flicker, µs: half of the mains period.
     pub fn flicker_period_us(self) -> f64 {
         match self {
             MainsFrequency::Hz50 => 1e6 / 100.0,
@@ -40,14 +39,14 @@ impl MainsFrequency {
         }
     }
 
-    /// Returns whether an exposure lasts a multiple of the flicker period, to within a hundredth of the period.
+    /// Returns whether an exposure is a multiple of the flicker period. The tolerance is 1 % of the period.
     pub fn is_flicker_multiple(self, exposure_us: f64) -> bool {
         let periods = exposure_us / self.flicker_period_us();
         periods.round() >= 1.0 && (periods - periods.round()).abs() <= 0.01
     }
 }
 
-/// The purpose of settings.
+/// The use for which a settings file is intended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ZividUse {
     /// 3D shots with colour.
@@ -67,42 +66,42 @@ const SCAN: &str = "Settings";
 const FILM: &str = "Settings2D";
 
 impl ZividSettings {
-    /// Reads settings of either kind; `file` is the file's name in messages.
+    /// Parses a settings file of either use. `file` is its name in messages.
     ///
     /// # Errors
-    /// If the text is not YAML, is of neither kind, or has problems: each problem with line and key.
+    /// If the text is not YAML or not a settings file, or contains invalid values. Each problem has its line and key.
     pub fn read(file: &str, text: &str) -> Result<Self, Problems> {
         let mut list = Vec::new();
         let found = read(text, None, &mut list);
         found.filter(|_| list.is_empty()).ok_or(Problems { file: file.to_owned(), list })
     }
 
-    /// Reads settings for this use only.
+    /// Parses a settings file that must be intended for this use.
     ///
     /// # Errors
-    /// As [`ZividSettings::read`], and if they are for the other use.
+    /// The errors of [`ZividSettings::read`], or if the file is intended for the other use.
     pub fn check(file: &str, text: &str, usage: ZividUse) -> Result<Self, Problems> {
         let mut list = Vec::new();
         let found = read(text, Some(usage), &mut list);
         found.filter(|_| list.is_empty()).ok_or(Problems { file: file.to_owned(), list })
     }
 
-    /// Returns the purpose of the settings.
+    /// Returns the use for which the file is intended.
     pub fn usage(&self) -> ZividUse {
         self.usage
     }
 
-    /// Returns the exposure of each acquisition with a stated exposure, µs.
+    /// Returns the exposures of all acquisitions, µs; empty if one of them is not stated.
     pub fn exposures_us(&self) -> &[f64] {
         &self.exposures_us
     }
 
-    /// Returns the sum of all exposures of a shot, µs; `None` if one is not stated.
+    /// Returns the total exposure of a shot, µs; `None` if the exposure of one acquisition is not stated.
     pub fn exposure_us(&self) -> Option<f64> {
         (!self.exposures_us.is_empty()).then(|| self.exposures_us.iter().sum())
     }
 
-    /// Returns the mains frequencies at which a lamp gives each exposure the same light.
+    /// Returns the mains frequencies at which all exposures are a multiple of the flicker period.
     pub fn matching_mains(&self) -> Vec<MainsFrequency> {
         let fits = |mains: &MainsFrequency| {
             self.exposures_us.iter().all(|exposure_us| mains.is_flicker_multiple(*exposure_us))
@@ -110,7 +109,7 @@ impl ZividSettings {
         MainsFrequency::ALL.iter().copied().filter(|mains| !self.exposures_us.is_empty() && fits(mains)).collect()
     }
 
-    /// Describes the settings, one sentence for each property.
+    /// Returns a description of the settings, one line for each property.
     pub fn summary(&self) -> Vec<String> {
         let usage = match self.usage {
             ZividUse::Scan => "Zivid settings for 3D shots with colour",
@@ -131,7 +130,7 @@ impl ZividSettings {
     }
 }
 
-/// A YAML node, and its path as text.
+/// A YAML node, with its path as the key in messages.
 struct Node<'y> {
     yaml: &'y MarkedYaml<'y>,
     key: String,
@@ -212,7 +211,7 @@ fn read(text: &str, usage: Option<ZividUse>, problems: &mut Vec<Problem>) -> Opt
     Some(ZividSettings { usage: found, exposures_us })
 }
 
-/// Returns the exposures; none at all if one is not stated.
+/// Returns the exposures of all acquisitions; empty if one of them is not stated.
 fn stated_exposures(settings: &Node<'_>, usage: ZividUse, problems: &mut Vec<Problem>) -> Vec<f64> {
     let needed = "a shot consists of one or more acquisitions";
     let Some(all) = settings.get("Acquisitions") else {
@@ -252,7 +251,7 @@ fn stated_exposures(settings: &Node<'_>, usage: ZividUse, problems: &mut Vec<Pro
     exposures_us.unwrap_or_default()
 }
 
-/// Returns what is wrong with the projector's light in an acquisition of a film.
+/// Returns the problem of an acquisition of a film in which the projector may be on.
 fn projector_problem(acquisition: &Node<'_>) -> Option<Problem> {
     const WHY: &str = "the cell's own lamp lights the film: the light of the camera's projector would cause glare on \
                        the water and heat the camera";
@@ -289,13 +288,14 @@ mod tests {
             assert_eq!(settings.matching_mains(), [MainsFrequency::Hz50]);
         }
         assert!(film.summary()[2].contains("mains of 50 Hz"), "{:?}", film.summary());
-        // The comment in the sample states this exposure for the other mains frequency.
+        // The sample's own comment recommends this exposure for the other mains frequency.
         let film_60 = FILM_FILE.replace("20000", "16667");
         let film_60 = ZividSettings::read("film.yml", &film_60).unwrap_or_else(|p| panic!("{p}"));
         assert_eq!(film_60.matching_mains(), [MainsFrequency::Hz60]);
     }
 
-    /// Calculated by hand: 8 ms are 0.8 periods of 10 ms and 0.96 of 8.33 ms; 50 ms are 5 and 6 periods.
+    /// Expected values, calculated by hand: 8 ms are 0.8 periods of 10 ms and 0.96 periods of 8.33 ms; 50 ms are 5 and
+    /// 6 periods.
     #[test]
     fn an_exposure_fits_mains_if_it_is_a_multiple_of_the_flicker_period() {
         let fits =
@@ -318,7 +318,7 @@ mod tests {
         assert!(unsaid.contains("Acquisition.Brightness: is missing; it must be 0"), "{unsaid}");
         let word = problem_text(&FILM_FILE.replace("Brightness: 0", "Brightness: off"), ZividUse::Film);
         assert!(word.contains("Brightness: it must be the number 0"), "{word}");
-        // A 3D shot needs the projector.
+        // The projector may be on in a 3D shot, which needs it.
         assert!(SCAN_FILE.contains("Brightness: 1.8"));
     }
 

@@ -1,9 +1,8 @@
-//! Finds contradictions between the controller's files and the cell's file, and between the controller's files. Each is
-//! reported with the file, the line and the key at which a person corrects it; unchanged files of a correct cell have
-//! none.
+//! Compares the controller's files with the cell's file and with each other. Each contradiction is reported with the
+//! file, the line and the key that must be corrected. Unchanged files of a correct cell have no contradictions.
 //!
-//! At the end, the calls in the controller's programs are compared with the routines that exist: with the cell's own
-//! subroutines, and with the calls in KUKA's program of the submit interpreter.
+//! The last part compares the calls in the controller's programs with the routines that exist: the cell's own
+//! subroutines, and the calls in KUKA's program of the submit interpreter.
 
 use super::data::DataComparison;
 use super::data_list::{DataList, Number, declarations};
@@ -14,7 +13,7 @@ use panelprep_kuka::eki::{CELLCMD, CELLSTAT, ChannelFile, Element};
 use panelprep_kuka::krl::{StatedCall, StatedRoutine, parse};
 use std::collections::BTreeSet;
 
-/// Texts of the controller's files, as they are on the controller. A file that is `None` is not compared.
+/// The texts of the files on the controller. A file that is `None` is not compared.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ControllerFiles<'a> {
     /// `cell_config.dat`.
@@ -29,12 +28,12 @@ pub struct ControllerFiles<'a> {
     pub user: Option<&'a str>,
     /// `sps.sub`.
     pub submit: Option<&'a str>,
-    /// The addresses of the controller, if the cell's file has its name and the name was resolved.
+    /// The IP addresses of the controller, if the cell's file states a host name and this name was resolved.
     pub host_addresses: &'a [[u8; 4]],
 }
 
 impl<'a> ControllerFiles<'a> {
-    /// Selects the controller's files among these files, each given by its name and its text.
+    /// Selects the controller's files from a list of file names and texts.
     pub fn among(files: &[(&str, &'a str)]) -> Self {
         let text = |name: &str| files.iter().find(|(file, _)| is_named(file, name)).map(|(_, text)| *text);
         ControllerFiles {
@@ -54,11 +53,11 @@ impl<'a> ControllerFiles<'a> {
 pub struct Comparison {
     /// The contradictions.
     pub differences: Vec<Difference>,
-    /// Values that could not be compared, with the reason.
+    /// Values that could not be compared, each with the reason.
     pub not_compared: Vec<String>,
 }
 
-/// Returns the contradictions among the controller's programs, which need no cell.
+/// Returns the contradictions between the controller's programs; the cell's file is not needed.
 pub fn among_programs(files: &ControllerFiles<'_>) -> Vec<Difference> {
     let mut found = Differences::default();
     let config = files.config.map(|text| DataList::parse(CONFIG, text));
@@ -69,7 +68,7 @@ pub fn among_programs(files: &ControllerFiles<'_>) -> Vec<Difference> {
     found.0
 }
 
-/// Returns all contradictions of these files with each other or with the cell's file.
+/// Returns the contradictions between the controller's files, and between these files and the cell's file.
 pub fn compare(files: &ControllerFiles<'_>, cell: &Cell) -> Comparison {
     let mut found = Differences::default();
     let mut not_compared = Vec::new();
@@ -103,7 +102,7 @@ pub fn compare(files: &ControllerFiles<'_>, cell: &Cell) -> Comparison {
 }
 
 impl Differences {
-    /// Compares the calls in the controller's programs with the routines that they call.
+    /// Compares the calls in the controller's programs with the routines that exist.
     fn calls(&mut self, files: &ControllerFiles<'_>, config: Option<&DataList>) {
         if let Some(text) = files.user {
             subroutines(text, config, self);
@@ -113,7 +112,8 @@ impl Differences {
         }
     }
 
-    /// Parses a channel's file and this program's own version of it; a file that cannot be read is noted.
+    /// Parses the file of a channel, and the file of the same channel in this release. A file that cannot be parsed is
+    /// reported as a difference.
     fn channel(&mut self, file: &'static str, text: &str, ours: &str) -> Option<(ChannelFile, ChannelFile)> {
         match (ChannelFile::parse(text), ChannelFile::parse(ours)) {
             (Ok(theirs), Ok(ours)) => Some((theirs, ours)),
@@ -124,8 +124,8 @@ impl Differences {
         }
     }
 
-    /// Compares the content and the transfer settings of the channel; address, port and flags are specific to the
-    /// cell.
+    /// Compares the elements and the transfer settings of a channel. The address, the port and the flags are specific
+    /// to the cell.
     fn settings(&mut self, file: &'static str, theirs: &ChannelFile, ours: &ChannelFile) {
         self.elements(file, "RECEIVE", (&theirs.received, &ours.received));
         self.elements(file, "SEND", (&theirs.sent, &ours.sent));
@@ -171,7 +171,7 @@ impl Differences {
         }
     }
 
-    /// Compares the elements of one direction, in their order.
+    /// Compares the XML elements of one direction, in their order.
     fn elements(&mut self, file: &'static str, section: &str, (theirs, ours): (&[Element], &[Element])) {
         let what = |element: &Element| {
             let flags = (element.set_out, element.set_flag.is_some());
@@ -236,7 +236,8 @@ impl Differences {
         }
     }
 
-    /// Compares the address on which the controller listens with the cell's host; returns why it was not compared.
+    /// Compares the address on which the controller listens with the host in the cell's file. Returns the reason if the
+    /// comparison is not possible.
     fn address(
         &mut self,
         (file, text): (&'static str, &str),
@@ -294,7 +295,8 @@ impl Differences {
         self.note(file, find_line(text, "<PORT>"), "CONFIGURATION/INTERNAL/PORT", message);
     }
 
-    /// Compares the numbers in the INTERRUPT DECL lines, in which KRL accepts no names, with those of the data list.
+    /// Compares the numbers in INTERRUPT DECL with those of the data list: KRL accepts no variable names in these
+    /// lines.
     fn interrupts(&mut self, text: &str, config: &DataList) {
         for (number, variable, name) in
             [(20, "$FLAG", "CELL_F_HALT"), (21, "$FLAG", "CELL_F_STOP"), (22, "$TIMER_FLAG", "CELL_T_SUBMIT")]
@@ -332,13 +334,13 @@ fn find_line(text: &str, what: &str) -> usize {
     text.lines().position(|line| line.contains(what)).map_or(1, |index| index + 1)
 }
 
-/// Parses the four numbers of an IPv4 address; `None` if the text is a name.
+/// Parses an IPv4 address; `None` if the text is a host name.
 fn parse_ipv4(text: &str) -> Option<[u8; 4]> {
     let numbers = text.trim().split('.').map(|number| number.parse().ok()).collect::<Option<Vec<u8>>>()?;
     numbers.try_into().ok()
 }
 
-/// Returns the addresses of a host name as text; an empty text if the host is an address.
+/// Returns the resolved IP addresses of a host name, in parentheses; empty if the host is an IP address.
 fn resolved(host: &str, addresses: &[[u8; 4]]) -> String {
     if parse_ipv4(host).is_some() {
         return String::new();
@@ -347,16 +349,16 @@ fn resolved(host: &str, addresses: &[[u8; 4]]) -> String {
     format!(" ({})", each.join(", "))
 }
 
-/// The routine by which `cell_motion.src` calls a subroutine.
+/// The routine that `cell_motion.src` calls to execute a subroutine.
 const DISPATCHER: &str = "CELL_USER_CALL";
-/// The name of the value that states the number of subroutines.
+/// The variable with the number of subroutines.
 const COUNT: &str = "CELL_USER_N";
-/// The name of the value that states the checksum of the subroutines' text.
+/// The variable with the checksum of the subroutines' text.
 const REVISION: &str = "CELL_USER_REVISION";
 /// Maximum number of cases that one message lists.
 const MAX_LISTED: usize = 8;
 
-/// Compares the cell's own subroutines with their number and with the sum of their text in the data list.
+/// Compares the cell's own subroutines with the number of subroutines and the checksum of their text in the data list.
 pub(super) fn subroutines(text: &str, config: Option<&DataList>, found: &mut Differences) {
     match parse(USER, text).stated_routine(DISPATCHER) {
         None => {
@@ -399,7 +401,7 @@ fn dispatcher(routine: &StatedRoutine, found: &mut Differences) {
     }
 }
 
-/// Compares the cases with the number of subroutines: each index below it needs its own case.
+/// Compares the CASE branches with the number of subroutines: every index below this number needs its own CASE.
 fn cases(routine: &StatedRoutine, count: Number, found: &mut Differences) {
     let Some(counted) = count.as_integer().filter(|count| (0..=1_000).contains(count)) else { return };
     let stated: BTreeSet<i32> = routine.cases.iter().map(|case| case.value).collect();
@@ -432,7 +434,7 @@ fn cases(routine: &StatedRoutine, count: Number, found: &mut Differences) {
     }
 }
 
-/// Notes each additional call: both routines must be called exactly once, in the main routine.
+/// Reports additional calls: CELL_INIT and CELL_CYCLE must each be called exactly once, in the main routine.
 fn further_calls(main: &[StatedCall], others: &[StatedCall], found: &mut Differences) {
     for (name, effect) in [
         ("CELL_INIT", "each call ends the epoch and closes the channels"),
@@ -448,7 +450,8 @@ fn further_calls(main: &[StatedCall], others: &[StatedCall], found: &mut Differe
     }
 }
 
-/// Checks that the program of the submit interpreter calls CELL_INIT once before its loop, and CELL_CYCLE in its loop.
+/// Checks that the program of the submit interpreter calls CELL_INIT once before its loop, and CELL_CYCLE inside the
+/// loop.
 pub(super) fn submit(text: &str, found: &mut Differences) {
     let file = parse(SUBMIT, text);
     let calls = file.main_calls();

@@ -1,5 +1,5 @@
-//! Compares the data list that a cell engineer edits with the cell's file: signals, outputs that a stop switches
-//! off, flags, timers, axes, space and speeds.
+//! Compares the data list that a cell engineer edits (`cell_config.dat`) with the cell's file: signals, outputs that
+//! are switched off at a stop, flags, timers, axes, workspace and speeds.
 
 use super::data_list::{DataList, Number, stated_key};
 use super::names::{
@@ -8,38 +8,39 @@ use super::names::{
 use crate::cell::{Cell, Output};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Highest number of an input or output that the cell's file accepts.
+/// Highest valid number of an input or output.
 const MAX_SIGNAL: i32 = 4096;
-/// Highest number of a flag.
+/// Highest valid number of a flag.
 const MAX_FLAG: i32 = 1024;
-/// Highest number of a timer.
+/// Highest valid number of a timer.
 const MAX_TIMER: i32 = 64;
-/// Maximum length of a list that is sent as the bits of one INT.
+/// Maximum length of a list of signals that is sent as the bits of one INT.
 const MAX_BITS: i32 = 31;
 /// Maximum length of the list of mapped inputs.
 const MAX_MAPPED: i32 = 8;
-/// Number of outputs that report to a line.
+/// Number of outputs to a production line.
 const LINE_OUTPUTS: i32 = 6;
-/// Maximum ratio of the controller's highest speed and longest step to those of the cell.
+/// Maximum ratio between the controller's limits of speed and step length and the limits of the cell's file.
 const MAX_RATIO_TO_CELL: f64 = 1.25;
-/// Maximum distance by which the controller's box may extend beyond the cell's box, mm.
+/// Maximum distance by which the controller's workspace may extend beyond the cell's workspace, mm.
 const BOX_TOLERANCE_MM: f64 = 50.0;
 /// The highest checksum.
 const MAX_SUM: i32 = 1_000_002;
-/// Allowed rounding error of a 32-bit REAL.
+/// Relative rounding tolerance of a 32-bit REAL.
 const REAL_ROUNDING: f64 = 1e-3;
 
-/// The names of the flags in the data list.
+/// Names of the flags in the data list.
 const FLAGS: [&str; 6] =
     ["CELL_F_CMD_ALIVE", "CELL_F_CMD_CAME", "CELL_F_STOP", "CELL_F_STAT_ALIVE", "CELL_F_STAT_CAME", "CELL_F_HALT"];
-/// The names of the timers, which have consecutive numbers.
+/// Names of the timers; their numbers must be consecutive.
 const TIMERS: [&str; 7] =
     ["CELL_T_HEARD", "CELL_T_SUBMIT", "CELL_T_ACK", "CELL_T_STATE", "CELL_T_SILENT", "CELL_T_OFF", "CELL_T_STILL"];
 
-/// The data list and the cell's file, with which it is compared.
+/// Compares a data list with the cell's file.
 pub(super) struct DataComparison<'a> {
     pub config: &'a DataList,
-    /// Names that the list neither declares nor gives a value; they are noted already.
+    /// Names without declaration and value in the data list. They are already reported, so that their values are not
+    /// reported again.
     pub missing: BTreeSet<String>,
     pub cell: &'a Cell,
     pub found: &'a mut Differences,
@@ -76,14 +77,14 @@ impl DataComparison<'_> {
         self.found.note(CONFIG, line, key, message);
     }
 
-    /// Notes that a value is not stated, unless the whole name is missing, which is noted already.
+    /// Reports a missing value, unless the whole name is missing and already reported.
     fn lacks(&mut self, line: usize, name: &str, key: impl Into<String>, message: impl Into<String>) {
         if !self.missing.contains(name) {
             self.note(line, key, message);
         }
     }
 
-    /// Returns a single number; if it is missing, this is noted.
+    /// Returns the number with this name. A missing number is reported.
     fn single_number(&mut self, name: &str) -> Option<Number> {
         let found = self.config.get(name);
         if found.is_none() {
@@ -92,7 +93,7 @@ impl DataComparison<'_> {
         found
     }
 
-    /// Reads a single whole number within these limits.
+    /// Returns the integer with this name. A value outside of the range is reported.
     fn integer_in_range(&mut self, name: &str, low: i32, high: i32) -> Option<i32> {
         let number = self.single_number(name)?;
         let whole = number.as_integer().filter(|whole| (low..=high).contains(whole));
@@ -106,8 +107,8 @@ impl DataComparison<'_> {
         whole
     }
 
-    /// Returns the values of a counted list, each with its line. Values that are missing, are outside of `numbers`, or
-    /// lie beyond the count are noted.
+    /// Returns the values of an array whose number of elements is in the variable `count`, each with its line. Missing
+    /// values, values outside of the range `numbers`, and values beyond the count are reported.
     fn list(&mut self, array: &str, count: &str, most: i32, numbers: (i32, i32)) -> Vec<(i32, usize)> {
         let Some(places) = self.integer_in_range(count, 0, most) else { return Vec::new() };
         let stated = self.config.array(array);
@@ -146,12 +147,13 @@ impl DataComparison<'_> {
         all
     }
 
-    /// Returns the names of the cell's file by their number.
+    /// Returns the names of signals in the cell's file, by signal number.
     fn names(named: &BTreeMap<String, u16>) -> BTreeMap<i32, &str> {
         named.iter().map(|(name, number)| (i32::from(*number), name.as_str())).collect()
     }
 
-    /// Compares a list that is sent as bits with the cell's numbers in ascending order.
+    /// Compares an array of signals with those of the cell's file. The array must be in ascending order, because the
+    /// signals are sent as bits in this order.
     fn bits(&mut self, array: &str, count: &str, table: &str, named: &BTreeMap<String, u16>) -> Vec<(i32, usize)> {
         let found = self.list(array, count, MAX_BITS, (1, MAX_SIGNAL));
         let names = Self::names(named);
@@ -194,7 +196,7 @@ impl DataComparison<'_> {
         self.bits("CELL_IN", "CELL_IN_N", "[io.feedbacks]", cell.inputs_outputs().feedbacks());
     }
 
-    /// Returns the outputs that the end of an epoch switches off: output, line, and delay, ms.
+    /// Returns the outputs that are switched off at the end of an epoch: number, line, and delay, ms.
     fn automatic_off_outputs(&mut self) -> Vec<(i32, usize, Option<Number>)> {
         let off = self.list("CELL_OFF", "CELL_OFF_N", MAX_BITS, (1, MAX_SIGNAL));
         let times = self.config.array("CELL_OFF_MS");
@@ -215,7 +217,8 @@ impl DataComparison<'_> {
             .collect()
     }
 
-    /// Checks that each output that must be switched off is switched off within its time, and that no other output is.
+    /// Checks that every output that must be switched off is switched off within its time, and that no other output is
+    /// switched off.
     fn check_off_outputs(&mut self, outputs: &[(i32, usize)], off: &[(i32, usize, Option<Number>)]) {
         let io = self.cell.inputs_outputs();
         let names = Self::names(io.outputs());
@@ -301,7 +304,7 @@ impl DataComparison<'_> {
         }
     }
 
-    /// Checks the outputs that report to a line, in their order.
+    /// Checks the outputs to the production line, in their order.
     fn line(&mut self, outputs: &[(i32, usize)]) {
         let Some(count) = self.integer_in_range("CELL_LINE_N", LINE_OUTPUTS, LINE_OUTPUTS) else { return };
         let expected = self.cell.inputs_outputs().line_outputs();
@@ -397,7 +400,7 @@ impl DataComparison<'_> {
         }
     }
 
-    /// Compares the axes with those of the cell's file.
+    /// Compares the axis limits with those in the cell's file.
     fn axes(&mut self) {
         let axes = *self.cell.arm().axes();
         for (array, expected) in [("CELL_AXIS_MIN", axes.min_deg), ("CELL_AXIS_MAX", axes.max_deg)] {
@@ -412,7 +415,7 @@ impl DataComparison<'_> {
         }
     }
 
-    /// Checks an element of an array of REAL; `wrong` returns what is wrong with its value.
+    /// Checks one element of an array of REAL. `wrong` returns the problem of a value, if there is one.
     fn array_number(&mut self, array: &str, index: i32, wrong: impl FnOnce(f64) -> Option<String>) {
         let key = format!("{array}[{index}]");
         match self.config.element(array, index) {
@@ -476,7 +479,7 @@ impl DataComparison<'_> {
         }
     }
 
-    /// Compares the box and the longest step of a line.
+    /// Compares the workspace and the maximum step length of linear motions.
     fn space(&mut self) {
         let limits = self.cell.limits();
         for (array, stated, outwards) in

@@ -1,5 +1,5 @@
-//! Reads a data list as numbers by name and index, and compares its declarations with those of this program's own
-//! file: an engineer changes the numbers, never the names, types and visibility, which the controller's programs need.
+//! Reads a KRL data list, and compares its declarations with those of this release. A cell engineer may change the
+//! numbers, but not the names, types and visibility, because the controller's programs need them.
 
 use super::names::{CONFIG, Differences};
 use panelprep_base::config::Problem;
@@ -11,7 +11,7 @@ pub fn highest_acceleration_m_s2(config: &str) -> Option<f64> {
     DataList::parse(CONFIG, config).get("CELL_ACC_MAX").map(|number| number.value)
 }
 
-/// A number, and the line on which it is stated.
+/// A number in the data list, and its line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Number {
     pub value: f64,
@@ -19,36 +19,36 @@ pub(super) struct Number {
 }
 
 impl Number {
-    /// Returns the number as an integer, if it is whole and fits in 32 bits.
+    /// Returns the number as an integer; `None` if it has a fraction or does not fit in 32 bits.
     pub fn as_integer(self) -> Option<i32> {
         let whole = self.value as i32;
         (f64::from(whole) == self.value).then_some(whole)
     }
 }
 
-/// Returns the name of a variable or of an element of an array, as a message names it.
+/// Returns the name of a variable, or of an element of an array, for messages.
 pub(super) fn stated_key(name: &str, index: Option<i32>) -> String {
     index.map_or(name.to_owned(), |index| format!("{name}[{index}]"))
 }
 
-/// The numbers of one data list.
+/// The contents of a data list.
 #[derive(Debug, Default)]
 pub(super) struct DataList {
     numbers: BTreeMap<(String, Option<i32>), Number>,
-    /// Values that are no plain numbers: name, index, line.
+    /// Values that are not plain numbers: name, index, line.
     unread: Vec<UnreadValue>,
-    /// Values that are stated twice: name, index, line of the second statement.
+    /// Values that are assigned twice: name, index, line of the second assignment.
     duplicates: Vec<StatedValue>,
     /// The variables that the list declares.
     pub declared: Vec<DeclaredVariable>,
     /// The line of DEFDAT, and whether the list is PUBLIC; `None` if the text is not a data list.
     pub list: Option<(usize, bool)>,
-    /// The problems that the reader of KRL found.
+    /// The problems that the KRL parser found.
     pub problems: Vec<Problem>,
 }
 
 impl DataList {
-    /// Reads the text of a data list.
+    /// Parses the text of a data list.
     pub fn parse(name: &str, text: &str) -> Self {
         let file = parse(name, text);
         let mut list = DataList {
@@ -67,7 +67,7 @@ impl DataList {
         list
     }
 
-    /// Returns a single number.
+    /// Returns the number that is assigned to this variable.
     pub fn get(&self, name: &str) -> Option<Number> {
         self.numbers.get(&(name.to_owned(), None)).copied()
     }
@@ -77,37 +77,37 @@ impl DataList {
         self.numbers.get(&(name.to_owned(), Some(index))).copied()
     }
 
-    /// Returns all stated elements of an array, by their indices.
+    /// Returns all assigned elements of an array, by index.
     pub fn array(&self, name: &str) -> BTreeMap<i32, Number> {
         let of_name = self.numbers.iter().filter(|((of, _), _)| of == name);
         of_name.filter_map(|((_, index), number)| Some(((*index)?, *number))).collect()
     }
 
-    /// Returns the line of the first value of this name, single or in an array.
+    /// Returns the first line in which this variable, or an element of this array, gets a value.
     pub fn first_line_of(&self, name: &str) -> Option<usize> {
         let of_name = self.numbers.iter().filter(|((of, _), _)| of == name);
         of_name.map(|(_, number)| number.line).min()
     }
 
-    /// Returns the values that are not plain numbers, each with its key and line. Another number that is stated for the
-    /// same name must not be used instead: the controller uses the last value.
+    /// Returns the values that are not plain numbers, each with its key and line. An earlier number of the same
+    /// variable must not be used instead, because the controller uses the last value.
     pub fn unread(&self) -> Vec<(String, usize)> {
         self.unread.iter().map(|value| (stated_key(&value.name, value.index), value.line)).collect()
     }
 
-    /// Returns the values that are stated a second time.
+    /// Returns the values that are assigned a second time.
     pub fn duplicates(&self) -> &[StatedValue] {
         &self.duplicates
     }
 }
 
-/// This program's own file.
+/// The data list of this release.
 const SHIPPED: &str = include_str!("../../../config/kuka/cell_config.dat");
 /// Maximum number of names that one message lists.
 const MAX_LISTED: usize = 8;
 
-/// Notes each declaration that differs, and returns the names that the list neither declares nor gives a value: they
-/// have one message together.
+/// Reports every declaration that differs from this release. Returns the names without declaration and value; one
+/// message reports all of them.
 pub(super) fn declarations(config: &DataList, found: &mut Differences) -> BTreeSet<String> {
     if let Some((line, false)) = config.list {
         let message = "is not PUBLIC: the other programs would not find its variables, and the controller would refuse \
@@ -141,7 +141,7 @@ pub(super) fn declarations(config: &DataList, found: &mut Differences) -> BTreeS
     missing.into_iter().map(|expected| expected.name.clone()).collect()
 }
 
-/// Notes the missing names once: a file without several of them is of an earlier release.
+/// Reports all missing names in one message: if several names are missing, the file belongs to an earlier release.
 fn note_missing(missing: &[&DeclaredVariable], found: &mut Differences) {
     match missing {
         [] => {}

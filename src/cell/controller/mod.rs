@@ -1,11 +1,12 @@
 //! Compares the controller's files with each other and with the cell's file, as pure functions of their texts.
 //!
-//! A cell is described three times: in the cell's file on the PC, in `cell_config.dat` and in the two EthernetKRL
-//! files on the controller. `compare` finds every contradiction between them and among the controller's programs,
-//! `data` those of the data list with the cell's file. `data_list` reads the numbers and declarations of a data list,
-//! and `sum` computes the checksum with which the controller's programs identify themselves. `names` has the names of
-//! the controller's files, the numbers with which the PC plans, and the type of a contradiction. Nothing here
-//! communicates with a controller: which programs it executes is another question, which its checksum answers.
+//! A cell is described in three places: in the cell's file on the PC, and on the controller in `cell_config.dat` and in
+//! the two EthernetKRL files. `compare` finds the contradictions between these files and between the controller's
+//! programs, and `data` those between the data list and the cell's file. `data_list` parses the numbers and
+//! declarations of a data list. `sum` computes the checksum that identifies the controller's programs. `names` contains
+//! the names of the controller's files, the numbers with which the PC plans motions, and the type of a contradiction.
+//! This module does not connect to a controller: which programs the controller executes is shown by the checksum that
+//! it reports.
 
 mod compare;
 mod data;

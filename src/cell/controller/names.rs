@@ -1,5 +1,5 @@
-//! The names of the controller's files, the numbers with which the PC plans, and the type of a contradiction between two
-//! files.
+//! The names of the controller's files, the numbers with which the PC plans motions, and the type of a contradiction
+//! between two files.
 
 use panelprep_base::config::Problem;
 
@@ -15,27 +15,26 @@ pub const STATES: &str = "CELLSTAT.xml";
 pub const MOTION: &str = "cell_motion.src";
 /// Name of the program with the cell's own subroutines.
 pub const USER: &str = "cell_user.src";
-/// Name of KUKA's own program of the submit interpreter, which calls the cycle of `cell_submit.src`.
+/// Name of KUKA's program for the submit interpreter; it calls the routines of `cell_submit.src`.
 pub const SUBMIT: &str = "sps.sub";
-/// Names of the release's files whose texts are in the sum, in the order of the sum. `CONFIG` is in the sum by its
-/// values, and `USER` by the value CELL_USER_REVISION, which states the sum of its text.
+/// Names of the files of the release whose texts are part of the checksum, in this order. Of `CONFIG`, only the values
+/// are part of it; `USER` contributes through the value CELL_USER_REVISION, the checksum of its text.
 pub const PROGRAMS: [&str; 6] =
     [DATA, "cell_judge.src", "cell_link.src", MOTION, "cell_submit.src", "cell_tell.src"];
 
-/// Returns whether a file, given with or without its folder, has this name. Upper and lower case are the same, as on
-/// the controller.
+/// Returns whether a path ends with this file name. Upper and lower case are equal, as on the controller.
 pub fn is_named(file: &str, name: &str) -> bool {
     file.rsplit(['/', '\\']).next().unwrap_or(file).eq_ignore_ascii_case(name)
 }
 
-/// At a stop in contact the controller's program lifts the tool off by this distance, mm: CELL_RETRACT_MM.
+/// Distance by which the controller's program lifts the tool off the panel at a stop in contact, mm: CELL_RETRACT_MM.
 pub const RETRACT_MM: f64 = 50.0;
-/// The speed of this retract, mm/s: CELL_RETRACT_VEL. In a cell whose own limit is lower, the retract may be slower.
+/// Speed of the retract, mm/s: CELL_RETRACT_VEL. It may be lower in a cell with a lower speed limit.
 pub const RETRACT_MM_S: f64 = 200.0;
-/// The lowest acceleration of this retract, m/s²: CELL_RETRACT_ACC. The worst case of Abort in the safety concept is
-/// calculated with it: the arm needs 0.2 / 2 = 0.1 s to reach 0.2 m/s, and the same time to stop again.
+/// Lowest acceleration of the retract, m/s²: CELL_RETRACT_ACC. The safety concept calculates the worst case of Abort
+/// with this value: the arm needs 0.2 / 2 = 0.1 s to reach 0.2 m/s, and the same time to stop.
 pub const RETRACT_M_S2: f64 = 2.0;
-/// The acceleration of each motion in the air, m/s²: CELL_ACC_MAX must allow it.
+/// Acceleration of all motions in the air, m/s². CELL_ACC_MAX must not be lower.
 pub const AIR_ACCELERATION_M_S2: f64 = 1.0;
 
 /// A contradiction between two files.
@@ -43,11 +42,11 @@ pub const AIR_ACCELERATION_M_S2: f64 = 1.0;
 pub struct Difference {
     /// The name of the controller's file, without its folder.
     pub file: &'static str,
-    /// Line and key, the value that was found, the expected value, and what to do.
+    /// The line, the key, the value found, the expected value, and how to correct it.
     pub problem: Problem,
 }
 
-/// The differences found so far.
+/// The differences that were found so far.
 #[derive(Default)]
 pub(super) struct Differences(pub(super) Vec<Difference>);
 

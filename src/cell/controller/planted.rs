@@ -1,11 +1,12 @@
-//! Planted mistakes: each is one edit of a shipped file or of the example cell. `check` and `doctor --kuka` must both
-//! name each of them.
+//! Test data: deliberate errors. Each is one edit of a file of the release or of the example cell, and must be reported
+//! by both `check` and `doctor --kuka`.
 
 use super::names::{COMMANDS, CONFIG, DATA, MOTION, STATES, SUBMIT, USER};
 
-/// The example cell, with a controller.
+/// The file of the example cell, which has a real controller.
 pub const CELL: &str = include_str!("../../../config/cell-example.toml");
-/// The controller's files as they ship, and KUKA's program of the submit interpreter with the two calls.
+/// The controller's files of the release, and KUKA's program of the submit interpreter with the calls of CELL_INIT and
+/// CELL_CYCLE.
 pub const FILES: [(&str, &str); 10] = [
     (CONFIG, include_str!("../../../config/kuka/cell_config.dat")),
     (DATA, include_str!("../../../config/kuka/cell_data.dat")),
@@ -18,17 +19,17 @@ pub const FILES: [(&str, &str); 10] = [
     (USER, include_str!("../../../config/kuka/cell_user.src")),
     (SUBMIT, include_str!("../../../fixtures/krl/sps.sub")),
 ];
-/// The state channel's file as it ships.
+/// The file of the state channel in the release.
 pub const STATE_FILE: &str = include_str!("../../../config/kuka/CELLSTAT.xml");
 
-/// Returns all texts, by name; the cell's file is "cell".
+/// Returns all texts by file name; the cell's file has the name "cell".
 pub fn texts() -> Vec<(&'static str, String)> {
     let mut all: Vec<_> = FILES.iter().map(|(name, text)| (*name, (*text).to_owned())).collect();
     all.extend([(STATES, STATE_FILE.to_owned()), ("cell", CELL.to_owned())]);
     all
 }
 
-/// Returns all texts with one edit of one file.
+/// Returns all texts, with one edit in one file.
 pub fn edited(file: &str, from: &str, to: &str) -> Vec<(&'static str, String)> {
     let mut all = texts();
     let text = &mut all.iter_mut().find(|(name, _)| *name == file).expect("a file").1;
@@ -37,9 +38,9 @@ pub fn edited(file: &str, from: &str, to: &str) -> Vec<(&'static str, String)> {
     all
 }
 
-/// File, the shipped text, the text that replaces it, and the expected part of the message.
+/// Each error: file, original text, replacement, and a part of the expected message.
 pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
-    // Outputs: numbers, order, counts.
+    // Outputs: numbers, order, count.
     (CONFIG, "CELL_OUT[1]=17", "CELL_OUT[1]=1", "CELL_OUT[1]: is 1, which is not in [io.outputs], but"),
     (CONFIG, "CELL_OUT[5]=21", "CELL_OUT[5]=22", "CELL_OUT[5]: is 22, which is not in [io.outputs], but"),
     (CONFIG, "CELL_OUT[2]=18", "CELL_OUT[2]=21", "CELL_OUT[2]: is 21 (tool)"),
@@ -58,7 +59,7 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
         "spray = 18\nfan = 23\n",
         "CELL_OUT_N: is 5, but the number of entries in [io.outputs] of the cell's file is 6",
     ),
-    // Outputs that a stop switches off.
+    // Outputs that are switched off at a stop.
     (CONFIG, "CELL_OFF[4]=21", "CELL_OFF[4]=22", "NO STOP SWITCHES TOOL OFF"),
     (CONFIG, "CELL_OFF[2]=18", "CELL_OFF[2]=19", "NO STOP SWITCHES SPRAY OFF"),
     (CONFIG, "CELL_OFF_N=4", "CELL_OFF_N=3", "NO STOP SWITCHES TOOL OFF"),
@@ -179,7 +180,7 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
     (STATES, "      <ELEMENT Tag=\"St/@Ov\" Type=\"INT\"/>\n", "", "SEND ELEMENT: position 13 is St/J/@A1 (REAL)"),
     (COMMANDS, "<ENVIRONMENT>Submit</ENVIRONMENT>", "<ENVIRONMENT>Program</ENVIRONMENT>", "ENVIRONMENT: "),
     (COMMANDS, "Limit=\"512\"", "Limit=\"16\"", "CONFIGURATION/INTERNAL/BUFFERING: found 16 entries in"),
-    // Axes, space and speeds.
+    // Axes, workspace and speeds.
     (
         CONFIG,
         "CELL_AXIS_MAX[3]=156.0",
@@ -191,7 +192,7 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
     (CONFIG, "CELL_VEL_MAX=0.25", "CELL_VEL_MAX=0.1", "CELL_VEL_MAX: is 0.1 m/s"),
     (CONFIG, "CELL_BOX_MAX[1]=760.0", "CELL_BOX_MAX[1]=1760.0", "CELL_BOX_MAX[1]: is 1760 mm"),
     (CONFIG, "CELL_STEP_MM=110.0", "CELL_STEP_MM=1000.0", "CELL_STEP_MM: is 1000 mm"),
-    // Values with which the PC plans, and values that it sends.
+    // Values with which the PC plans motions, and values that it sends.
     (CONFIG, "CELL_RETRACT_MM=50.0", "CELL_RETRACT_MM=200.0", "CELL_RETRACT_MM: is 200, the limits are 50 to 50"),
     (CONFIG, "CELL_RETRACT_MM=50.0", "CELL_RETRACT_MM=10.0", "CELL_RETRACT_MM: is 10, the limits are 50 to 50"),
     (
@@ -262,7 +263,7 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
         "host = \"localhost\"",
         "[robot] host of the cell's file is localhost (127.0.0.1",
     ),
-    // The cell's own outputs that no stop switches off.
+    // Additional outputs of the cell that are not switched off at a stop.
     ("cell", "spray = 18\n", "spray = 18\npump = 22\n", "NO STOP SWITCHES PUMP OFF"),
     ("cell", "spray = 18\n", "spray = 18\ntool_2 = 22\n", "NO STOP SWITCHES TOOL_2 OFF"),
     // The program of the submit interpreter.
@@ -284,7 +285,7 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
         "CELL_CYCLE: is called a second time",
     ),
     (SUBMIT, "  $OUT[40]=FALSE\n", "  CELL_INIT( )\n", "CELL_INIT: is called outside of the main routine"),
-    // A value that is not a number, after one that is.
+    // A variable is assigned a number first and then an expression.
     (CONFIG, "CELL_OUT[3]=19", "CELL_OUT[3]=19\nCELL_OUT[3]=CELL_OUT_N", "CELL_OUT[3]: is not a plain number"),
     (
         CONFIG,
@@ -294,8 +295,8 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
     ),
 ];
 
-/// Returns the mistakes that are not reported: `said` returns all messages about texts with one edit, and none of these
-/// messages contains the expected words.
+/// Returns the errors that are not reported. `said` returns all messages about texts with one edit; an error is
+/// reported if one of these messages contains the expected words.
 pub fn missed(said: impl Fn(&[(&'static str, String)]) -> Vec<String>) -> Vec<String> {
     let mut missed = Vec::new();
     for (file, from, to, words) in MISTAKES {

@@ -1,25 +1,25 @@
-//! Computes the checksum with which the controller's programs identify themselves: over the text of the programs, then
-//! over every value in use.
+//! Computes the checksum that identifies the controller's programs. It is computed from the text of the programs and
+//! then from every value in use.
 //!
-//! `CELL_CHECKSUM` of `cell_tell.src` computes the same sum on the controller. There, the sum of the programs' text is
-//! a constant. Therefore an edit of a program at the pendant does not change the sum that the controller reports; it
-//! changes the sum that is computed here from the edited files. The sum reveals a mix-up of files. It does not protect
-//! against intentional manipulation: this is the task of the controller's own checksums of its project and of its
-//! safety configuration.
+//! `CELL_CHECKSUM` of `cell_tell.src` computes the same checksum on the controller. There, the part that belongs to the
+//! text is a constant. Therefore an edit of a program on the pendant does not change the checksum that the controller
+//! reports, but it changes the checksum that is computed here from the edited files. The checksum reveals a mix-up of
+//! files. It does not protect against intentional manipulation; that is the task of the controller's own checksums of
+//! its project and of its safety configuration.
 
 use super::data_list::DataList;
 use super::names::{CONFIG, DATA, PROGRAMS, USER, is_named};
 
-/// The modulus of the sum, as in the controller's programs.
+/// The modulus of the checksum, as in the controller's programs.
 const MODULUS: i64 = 1_000_003;
 
-/// The reason why the sum cannot be computed.
+/// The reason why the checksum cannot be computed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SumError {
-    /// A file is missing among the given files.
+    /// A required file was not given.
     #[error("the file {0} is missing, which is part of the programs' checksum")]
     Missing(&'static str),
-    /// A value is not stated, or is not a number of the required kind.
+    /// A value is missing, or is not a number of the required type.
     #[error("{file}: {name} is missing or not a number, but this value is part of the programs' checksum")]
     Value {
         /// The file.
@@ -27,7 +27,7 @@ pub enum SumError {
         /// The value's name.
         name: String,
     },
-    /// The constant in the data list is not the sum of the programs' texts.
+    /// The constant in `cell_data.dat` differs from the checksum of the programs' texts.
     #[error(
         "{DATA}:{line}: CELL_PROGRAM_SUM is {stated}, but the checksum of the programs' texts is {computed}: a program \
          was edited, or is of another release"
@@ -35,26 +35,26 @@ pub enum SumError {
     Edited {
         /// Its line.
         line: usize,
-        /// The sum that the file states.
+        /// The checksum that the file states.
         stated: i64,
-        /// The sum that was computed from the texts.
+        /// The checksum of the texts.
         computed: i64,
     },
-    /// The value in the cell engineer's data list is not the sum of the text of the cell's own subroutines.
+    /// CELL_USER_REVISION in `cell_config.dat` differs from the checksum of the cell's own subroutines.
     #[error(
         "{CONFIG}:{line}: CELL_USER_REVISION is {stated}, and the text of {USER} has the sum {computed}; write {computed}"
     )]
     UserEdited {
         /// Its line.
         line: usize,
-        /// The sum that the file states.
+        /// The checksum that the file states.
         stated: i64,
-        /// The sum that was computed from the text.
+        /// The checksum of the text.
         computed: i64,
     },
 }
 
-/// Single numbers that are added to the sum, in this order, before the lists.
+/// Single integers in the checksum, in this order. They come before the arrays.
 const FLAGS_AND_TIMERS: [&str; 13] = [
     "CELL_F_CMD_ALIVE",
     "CELL_F_CMD_CAME",
@@ -70,7 +70,8 @@ const FLAGS_AND_TIMERS: [&str; 13] = [
     "CELL_T_OFF",
     "CELL_T_STILL",
 ];
-/// Lists: their count, and the arrays that are added to the sum element by element.
+/// Arrays of variable length in the checksum: the variable with their count, and the arrays, whose elements are added
+/// in turn.
 const LISTS: [(&str, &[&str]); 5] = [
     ("CELL_OUT_N", &["CELL_OUT"]),
     ("CELL_OFF_N", &["CELL_OFF", "CELL_OFF_MS"]),
@@ -78,20 +79,20 @@ const LISTS: [(&str, &[&str]); 5] = [
     ("CELL_LINE_N", &["CELL_LINE"]),
     ("CELL_VIN_N", &["CELL_VIN", "CELL_VIN_FLAG"]),
 ];
-/// Arrays of REAL with a fixed length; the two arrays of a pair are added element by element.
+/// Arrays of REAL with a fixed length; the elements of the two arrays in a pair are added in turn.
 const REAL_ARRAYS: [(i32, [&str; 2]); 2] =
     [(6, ["CELL_AXIS_MIN", "CELL_AXIS_MAX"]), (3, ["CELL_BOX_MIN", "CELL_BOX_MAX"])];
-/// Single numbers of type REAL that are added to the sum.
+/// Single numbers of type REAL in the checksum.
 const LIMITS: [&str; 6] =
     ["CELL_STEP_MM", "CELL_VEL_MAX", "CELL_ACC_MAX", "CELL_RETRACT_MM", "CELL_RETRACT_VEL", "CELL_RETRACT_ACC"];
-/// Numbers of the cell's own subroutines; the second is the sum of their text.
+/// Values for the cell's own subroutines: their number, and the checksum of their text.
 const SUBROUTINE_VALUES: [&str; 2] = ["CELL_USER_N", "CELL_USER_REVISION"];
 
-/// Computes the sum that a controller with these files reports as `St/@Sum`. Each file is given by its name without
-/// folder, in upper or lower case.
+/// Computes the checksum that a controller with these files reports as `St/@Sum`. File names are without folder, in
+/// upper or lower case.
 ///
 /// # Errors
-/// If a file or value is missing, or if a program differs from the one for which the release computed its sum.
+/// If a file or a value is missing, or if a stated checksum differs from that of the text.
 pub fn program_sum(files: &[(&str, &str)]) -> Result<i32, SumError> {
     let find = |name: &'static str| {
         let named = files.iter().find(|(file, _)| is_named(file, name));
@@ -115,9 +116,9 @@ pub fn program_sum(files: &[(&str, &str)]) -> Result<i32, SumError> {
     }
 }
 
-/// Computes the sum: previous sum times 31 plus the byte, over all lines except the headers and the line that
-/// states the sum. Line ends and headers do not count, because KSS writes its own line ends and increments the
-/// revision in a header.
+/// Computes the checksum of texts: for each byte, the previous checksum times 31 plus the byte. Line ends, headers and
+/// the line that states the checksum are skipped, because KSS writes its own line ends and increments the revision in a
+/// header.
 fn checksum_of_texts(texts: &[&str]) -> i64 {
     let counts = |line: &&str| !line.contains("CELL_PROGRAM_SUM=") && !line.starts_with('&');
     texts
@@ -176,14 +177,13 @@ impl ChecksumMixer {
         self.0 = mixed - (mixed / MODULUS) * MODULUS;
     }
 
-    /// Adds a REAL, rounded to the nearest thousandth, as KRL does when it assigns a 32-bit REAL to an INT.
+    /// Adds a REAL in thousandths, rounded to the nearest integer, as KRL does when it assigns a 32-bit REAL to an INT.
     fn add_real(&mut self, value: f64) {
         self.add_integer((value as f32 * 1_000.0).round() as i32);
     }
 }
 
-/// Returns the names of all values in the sum, for the test that compares them with the programs and their
-/// interpreter.
+/// Returns the names of all values in the checksum; a test compares them with the controller's programs.
 #[cfg(test)]
 pub(super) fn mixed_names() -> std::collections::BTreeSet<&'static str> {
     let lists = LISTS.iter().flat_map(|(count, arrays)| std::iter::once(*count).chain(arrays.iter().copied()));

@@ -1,5 +1,5 @@
-//! Tests of the comparison of the controller's files with the cell's file, and of their checksum. The commands `check`
-//! and `doctor` are tested with the same planted mistakes.
+//! Tests of the comparison between the controller's files and the cell's file, and of the checksum. The commands
+//! `check` and `doctor` are tested with the same deliberate errors.
 
 use super::planted::{FILES, MISTAKES, edited, missed, texts};
 use super::sum::mixed_names;
@@ -22,7 +22,7 @@ fn words(difference: Difference) -> String {
     format!("{file}:{}: {}: {}", problem.line, problem.key, problem.message)
 }
 
-/// Edits one more text.
+/// Replaces a text in one of the files.
 fn edit(texts: &mut [(&'static str, String)], file: &str, from: &str, to: &str) {
     let text = &mut texts.iter_mut().find(|(name, _)| *name == file).expect("a file").1;
     assert_eq!(text.matches(from).count(), 1, "{file}: {from}");
@@ -40,8 +40,8 @@ fn each_planted_mistake_is_named() {
     assert!(missed.is_empty(), "{} of {}:\n{}", missed.len(), MISTAKES.len(), missed.join("\n"));
 }
 
-/// The data list of the release that had neither the box nor the longest step: one message states that the file is of
-/// an earlier release.
+/// The data list of an earlier release has neither the workspace nor the maximum step length. One message reports this,
+/// instead of one message for each missing value.
 #[test]
 fn a_file_of_an_earlier_release_gives_one_message() {
     let is_later = |line: &&str| ["CELL_BOX_M", "CELL_STEP_MM"].iter().any(|name| line.contains(name));
@@ -55,7 +55,8 @@ fn a_file_of_an_earlier_release_gives_one_message() {
     assert!(one.contains("of an earlier release: CELL_BOX_MIN, CELL_BOX_MAX, CELL_STEP_MM are missing"), "{one}");
 }
 
-/// An output that both files name and no stop switches off: each is an error until the cell's file decides.
+/// An output that both files name and that is not switched off at a stop is an error, until the cell's file states
+/// whether it may stay on.
 #[test]
 fn an_additional_output_is_an_error_until_the_cells_file_decides() {
     let mut all = edited("cell", "spray = 18\n", "spray = 18\npump = 22\n");
@@ -73,8 +74,8 @@ fn an_additional_output_is_an_error_until_the_cells_file_decides() {
     assert_eq!(found(&all), []);
 }
 
-/// The address of a host that is given by its name: compared if the name was resolved, and otherwise reported as not
-/// compared.
+/// If the cell's file states a host name, its address is compared if the name was resolved; otherwise it is reported as
+/// not compared.
 #[test]
 fn a_host_name_is_resolved_or_reported_as_not_compared() {
     let all = edited("cell", "host = \"172.31.1.147\"", "host = \"krc\"");
@@ -98,7 +99,8 @@ fn a_host_name_is_resolved_or_reported_as_not_compared() {
     );
 }
 
-/// A subroutine that was added as the file describes is accepted: with its case, the number, and the sum of the text.
+/// A new subroutine is accepted if it is added as the file describes: with its CASE, the number of subroutines, and the
+/// checksum of the text.
 #[test]
 fn a_subroutine_that_was_added_in_all_places_is_accepted() {
     let mut all = edited(USER, "    CASE 0\n", "    CASE 1\n      CELL_USER_0( )\n    CASE 0\n");
@@ -109,7 +111,7 @@ fn a_subroutine_that_was_added_in_all_places_is_accepted() {
     assert_eq!(found(&all), []);
 }
 
-/// The example cell's file states the sum of the shipped files.
+/// The file of the example cell states the checksum of the release's files.
 #[test]
 fn the_example_cell_states_the_true_sum() {
     let sum = sum(&named(&texts())).expect("the shipped files");
@@ -117,7 +119,7 @@ fn the_example_cell_states_the_true_sum() {
     assert_eq!(stated.split_whitespace().next(), Some(sum.to_string().as_str()));
 }
 
-/// The difference names the line of the edit.
+/// The message names the line of the edit.
 #[test]
 fn a_difference_names_its_line() {
     let all = found(&edited(CONFIG, "CELL_OFF_MS[4]=0", "CELL_OFF_MS[4]=1000"));
@@ -126,7 +128,7 @@ fn a_difference_names_its_line() {
     assert_eq!((one.file, one.problem.line, one.problem.key.as_str()), (CONFIG, line, "CELL_OFF_MS"));
 }
 
-/// A flag that was changed in the XML file and in the data list, as the installation page allows, is accepted.
+/// A flag that is changed in both the XML file and the data list is accepted, as the installation page describes.
 #[test]
 fn a_flag_that_was_changed_in_both_files_is_accepted() {
     let mut all = edited(CONFIG, "CELL_F_CMD_ALIVE=850", "CELL_F_CMD_ALIVE=860");
@@ -151,7 +153,7 @@ fn the_sum_follows_each_value_and_refuses_an_edited_program() {
         let other = sum(&named(&edited(CONFIG, from, to))).expect("a sum");
         assert_ne!(other, untouched, "{from} → {to}");
     }
-    // KSS writes its own line ends, and increments the revision.
+    // The checksum must not depend on line ends and the revision, which KSS changes.
     let ends: Vec<_> = named(&texts())
         .into_iter()
         .map(|(name, text)| (name, text.replace('\n', "\r\n").replace("&REL 1\r", "&REL 12\r")))
@@ -165,7 +167,7 @@ fn the_sum_follows_each_value_and_refuses_an_edited_program() {
     assert_eq!(sum(&lacks), Err(SumError::Missing("cell_link.src")));
 }
 
-/// Every value of the data list is part of the sum.
+/// Changing any value of the data list changes the checksum.
 #[test]
 fn every_value_of_the_data_list_is_in_the_sum() {
     let stated = panelprep_kuka::krl::parse(CONFIG, FILES[0].1).stated_values();

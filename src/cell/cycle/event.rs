@@ -1,13 +1,13 @@
 //! The inputs and outputs of the cycle's state table.
 //!
-//! Inputs are events: requests of a person and reports of the cell, each one line of the journal. Outputs are the
-//! effects of a step: the loop performs them in order, and performs nothing else. Some actions set a switch; the
-//! cell's file assigns its outputs and feedbacks to the switches.
+//! Inputs are events: requests of a person and reports of the cell. Each event is one line of the journal. Outputs are
+//! effects, which the control loop performs in order. Some actions set a switch, which the cell's file assigns to
+//! outputs and feedbacks of the controller.
 
 use panelprep_base::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 
-/// An output and its commanded state.
+/// A switch of the cell and its commanded state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "the names are self-explanatory")]
@@ -19,168 +19,169 @@ pub enum Switch {
     WaterOff,
     LightOn,
     LightOff,
-    /// The lens shutters are open: cameras can see.
+    /// The lens shutters are open, so that the cameras can capture pictures.
     LensClear,
-    /// The lens guard is shut or purged: no drop reaches a lens.
+    /// The lenses are protected by a shutter or purge air: no drop can reach them.
     LensGuard,
-    /// The extraction is on and proven by its flow.
+    /// The extraction is on, confirmed by its flow.
     ExtractionOn,
     ExtractionOff,
 }
 
-/// Number of one effect. A report contains the number of the effect that it answers; numbers are never used again.
+/// The number of an effect. A report contains the number of the effect to which it belongs. Numbers are never reused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Id(pub u64);
 
-/// Every input that can cause a transition in the state table.
+/// An event: every input that can cause a transition.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Event {
-    /// A request of a person, or of systemd on behalf of a person.
+    /// A request of a person, or of systemd (SIGTERM).
     Asked(Request),
-    /// The cell reports its condition.
+    /// A report of the cell about its condition.
     #[serde(rename = "told")]
     Reported(Report),
 }
 
-/// The requests of a person. A request that does not fit the state is refused with a reason.
+/// The requests of a person. A request that is not valid in the present state is refused with a reason.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Request {
-    /// Stopped or Complete → Idle: self-test, everything is switched off, no motion.
+    /// Stopped or Complete → Idle: all outputs are switched off, and a self-test without motion is performed.
     Reset,
-    /// Idle → a cycle on the dry panel that now lies in the fixture.
+    /// Idle → a cycle on the dry panel in the fixture.
     Start {
-        /// Maximum number of abrasions in this cycle.
+        /// Maximum number of sanding passes in this cycle.
         max_passes: u8,
-        /// Maximum number of moves of the corner loop.
+        /// Maximum number of motions to corner poses in the corner loop.
         max_moves: u8,
-        /// After an abrasion the panel is dried, and a new dry picture is the reference of the next film.
+        /// Whether the panel is dried after each sanding pass, so that a new dry picture is the reference of the next
+        /// film.
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         dries: bool,
     },
-    /// Idle → the planned path over all grids in the air: no water, no tool, no contact.
+    /// Idle → an air-run: the arm moves along a path over all grids in the air, without water, tool and contact.
     AirRun {
-        /// Maximum number of moves of the corner loop.
+        /// Maximum number of motions to corner poses in the corner loop.
         max_moves: u8,
     },
-    /// Leave the work in progress; ends in Held.
+    /// Interrupts the work; ends in Held.
     Hold,
-    /// Held → continue, through Verify.
+    /// Held → resume the cycle, through Verify.
     Unhold {
-        /// A person confirms that the panel is dry; the panel is then located again.
+        /// Whether a person confirms that the panel is dry; if so, the panel is located again.
         dried: bool,
     },
-    /// Held for review → continue: a person accepts the result as good.
+    /// Held for review → resume the cycle: a person accepts the result.
     Accept,
-    /// End the cycle; ends in Stopped. SIGTERM.
+    /// Ends the cycle; ends in Stopped. Also caused by SIGTERM.
     Stop,
-    /// End everything at once; ends in Aborted. A second SIGTERM.
+    /// Ends everything immediately; ends in Aborted. Also caused by a second SIGTERM.
     Abort,
-    /// Aborted → Stopped: a person at the cell confirms that the cause is removed and the pad is off the panel.
+    /// Aborted → Stopped: a person at the cell confirms that the cause is removed and that the pad does not touch the
+    /// panel.
     Clear,
 }
 
 impl Request {
-    /// Returns whether the request is a decision of a person that is based on the state shown. Such a decision is valid
-    /// only for this step.
+    /// Returns whether the request is a person's decision about the state that is displayed. Such a request is valid
+    /// only for the step at which this state was displayed.
     pub fn is_operator_decision(self) -> bool {
         matches!(self, Request::Unhold { .. } | Request::Accept | Request::Clear)
     }
 }
 
-/// The reports of the cell. The answer to an action comes once; the other reports come when they happen.
+/// The reports of the cell. Each action is answered by exactly one report; all other reports may come at any time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Report {
-    /// The program starts. All earlier activity is over.
+    /// The program has started; all earlier work has ended.
     Boot,
-    /// An action was performed, or could not be performed.
+    /// An action was performed, or has failed.
     Answered {
-        /// Id of the action.
+        /// The id of the action.
         id: Id,
-        /// Result of the action.
+        /// The result of the action.
         answer: Answer,
     },
     /// Time is up.
     Deadline {
-        /// The id of the effect that armed the deadline.
+        /// The id of the effect that started the deadline.
         id: Id,
-        /// The deadline that passed.
+        /// The kind of deadline.
         which: Deadline,
     },
-    /// This number of waypoints of a move is executed.
+    /// The number of executed waypoints of a motion has changed.
     Progress {
         /// Id of the motion.
         id: Id,
         /// Number of executed waypoints.
         done: u32,
     },
-    /// The robot's condition changed.
+    /// The robot's condition has changed.
     Robot(Robot),
-    /// Whether the controller's override is the one planned for contact; reported at each change, and again after a
-    /// lost link.
+    /// Whether the controller's override has the value for which contact is planned. Reported at each change, and again
+    /// after the link was lost.
     FullOverride(bool),
-    /// Something went wrong that is not the answer to an action.
+    /// A fault that is not the answer to an action.
     Trouble(Trouble),
-    /// The program starts with a store whose content differs from what the program wrote.
+    /// The program has started, and the store does not contain what the program last wrote.
     StoreChanged,
-    /// The program starts with a store that was restored from a backup.
+    /// The program has started with a store that was restored from a backup.
     StoreRestored,
-    /// The link has ended the epoch without a command of the table: after a refusal, a wrong count, silence, or a
-    /// stop by the controller's program. The abort frame has been sent and is not yet answered.
+    /// The link has ended the epoch on its own: after a refused command, a wrong count, a timeout, or a stop by the
+    /// controller's program. The abort frame was sent, but its reply has not been received yet.
     EpochOver {
-        /// The reason why it ended; `None` if the robot's condition states it.
+        /// The reason; `None` if the robot's condition contains the reason.
         trouble: Option<Trouble>,
     },
-    /// The state that this switch had reached is no longer proven: the output or feedback that proved it has
-    /// changed (R21).
+    /// The state of this switch is no longer confirmed, because its output or its feedback has changed (R21).
     Contrary(Switch),
-    /// The feedbacks prove that tool and water are off.
+    /// The feedbacks confirm that tool and water are off.
     OutputsOff,
 }
 
-/// The result of an action; [`crate::cycle::Action`] states the possible answers of each. Any may fail.
+/// The result of an action. [`crate::cycle::Action`] states which results each action may have; every action may fail.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Answer {
-    /// Done and proven by its feedback, if there is one.
+    /// The action was performed; its feedback, if there is one, confirms this.
     Done,
-    /// The controller accepted this epoch.
+    /// The controller has opened this epoch.
     Epoch(u32),
-    /// The robot is at standstill; this number of waypoints of the move was executed.
+    /// The robot is at standstill.
     #[serde(rename = "stands")]
     Standstill {
-        /// Number of executed waypoints.
+        /// Number of executed waypoints of the motion.
         done: u32,
     },
-    /// A gate's grade of a localization, a corner or a plan.
+    /// The grade of a localization, a corner picture or a plan, from its acceptance check.
     Graded(Grade),
-    /// The corner is seen, and another view is needed: of the next corner, or because this one was not at its expected
-    /// position. The next corner pose is ready.
+    /// Another corner picture is needed: of the next corner, or because this corner was not at its expected position.
+    /// The next corner pose is ready.
     #[serde(alias = "displaced")]
     LookOn,
-    /// The result of the film; it may be invalid if the film was not watched to its end.
+    /// The result of the film. It may be invalid, for example if the observation was interrupted.
     Filmed(Film),
-    /// A path over the grids that must still be abraded.
+    /// A path over the grids that must still be sanded.
     Planned {
-        /// First eight bytes of the path's hash.
+        /// First eight bytes of the hash of the path.
         plan: u64,
-        /// Number of the path's waypoints; 0 if nothing is left to do.
+        /// Number of waypoints of the path; 0 if no grid must be sanded.
         waypoints: u32,
     },
     /// A planned path that a person must check before it is used.
     PlannedForReview {
-        /// First eight bytes of the path's hash.
+        /// First eight bytes of the hash of the path.
         plan: u64,
         /// Its waypoints.
         waypoints: u32,
     },
-    /// The action could not be performed.
+    /// The action has failed.
     Failed(Trouble),
 }
 
-/// Grade that a gate gives.
+/// The grade that an acceptance check gives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Grade {
@@ -192,7 +193,7 @@ pub enum Grade {
     Reject,
 }
 
-/// The result of the water film.
+/// The result of the water-break test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Film {
@@ -200,84 +201,84 @@ pub enum Film {
     Whole,
     /// At least one grid failed.
     Broken,
-    /// The film gives no result.
+    /// The test has no valid result.
     Invalid,
 }
 
-/// The kinds of deadlines. Arming a deadline replaces an armed one of the same kind; the answer to an action disarms
+/// The kinds of deadlines. A new deadline replaces an active one of the same kind; the answer to an action cancels
 /// `Answer`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Deadline {
-    /// The time limit of this action.
+    /// The time limit for the answer to an action.
     Answer,
     /// A stop, `stop_deadline_s`.
     Stop,
     /// The rinse.
     Rinse,
-    /// The time of the spray that wets the panel.
+    /// The duration of the spray that wets the panel.
     Spray,
-    /// The time from water off until the cell is drained.
+    /// The time until the water has drained after it was switched off.
     Drain,
-    /// The time from light on until the light is steady.
+    /// The time until the light is stable after it was switched on.
     Settle,
-    /// The localization's validity, `token_s`.
+    /// The maximum age of a localization, `token_s`.
     Token,
 }
 
-/// The robot's condition as its link reports it.
+/// The robot's condition, as reported by the robot link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, strum::IntoStaticStr)]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
 pub enum Robot {
-    /// No state has been received yet.
+    /// No state message has been received yet.
     Unknown,
-    /// Connected, handshake good, automatic, drives on, no stop.
+    /// Connected, handshake accepted, automatic mode, drives on, no stop.
     Ready,
     /// No connection.
     LinkLost,
-    /// The controller has another boot id or program than before.
+    /// The controller has a new boot id, or executes another program than before.
     Restarted,
     /// Emergency stop.
     EmergencyStop,
     /// Guard open.
     GuardOpen,
-    /// Drives off, or motion not possible.
+    /// The drives are off, or motion is not possible.
     DrivesOff,
     /// T1 or T2.
     NotAutomatic,
-    /// The controller's programs differ from those with which the cell was accepted.
+    /// The checksum of the controller's programs is not the one with which the cell was accepted.
     OtherPrograms,
 }
 
 impl Robot {
-    /// Returns the keyword that users' scripts rely on.
+    /// Returns the keyword of the condition, on which users' scripts rely.
     pub fn keyword(self) -> &'static str {
         self.into()
     }
 }
 
-/// Faults during a cycle (rows of the fault model in parentheses).
+/// Faults during a cycle, with the rows of the fault model in parentheses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Trouble {
-    /// A camera gave no picture (C2–C4, C9).
+    /// A camera delivered no picture (C2–C4, C9).
     Camera,
-    /// The camera's pictures are unusable (C6–C8, P10).
+    /// The pictures of a camera cannot be used (C6–C8, P10).
     Picture,
-    /// A computation could not be made.
+    /// A computation failed.
     Computing,
-    /// A feedback does not have its expected value: tool, extraction, water, lens, light (R21).
+    /// A feedback does not have its expected state: tool, extraction, water, lens or light (R21).
     Feedback,
-    /// The link, force, contact or stroke of the compliant tool is not as expected.
+    /// The link, force, contact or stroke of the compliant tool is outside of its limits.
     Force,
-    /// The robot ran out of waypoints (R6).
+    /// The robot's queue of waypoints became empty during the motion (R6).
     Starved,
     /// The robot is far behind its plan (R5).
     Slow,
-    /// The gate refused a path although the planner keeps the gate's limits (P13–P15).
+    /// The checks of a motion refused a path, although the planner must observe the same limits (P13–P15).
     Gate,
-    /// The robot refused a command (R20).
+    /// The controller refused a command (R20).
     Refused,
     /// The robot stopped before the end of its path (R3).
     Short,
@@ -285,166 +286,168 @@ pub enum Trouble {
     Sequence,
     /// The received data do not match the protocol (R7–R11).
     Protocol,
-    /// The override differs from the one for which contact is planned.
+    /// The override is not the one for which contact is planned.
     Override,
     /// The arm is not at its commanded position (R18).
     Deviation,
-    /// The store cannot write (S1, S2).
+    /// The store cannot be written (S1, S2).
     Store,
-    /// The store's disk is full; records that are required for a retract and a hold still have room (S1).
+    /// The disk of the store is full. There is still reserved space for the records of a retract and a hold (S1).
     DiskFull,
-    /// No answer by the deadline.
+    /// An action was not answered before its deadline.
     Late,
-    /// The type of the answer does not match the action.
+    /// The type of an answer does not match its action.
     Unexpected,
 }
 
 impl Trouble {
-    /// Returns whether the work may continue after a person has checked the cause; all other troubles end in Aborted.
+    /// Returns whether the cycle may be resumed after a person has checked the cause. All other faults end in Aborted.
     pub fn allows_continuation(self) -> bool {
         use Trouble::{Camera, Computing, DiskFull, Feedback, Force, Override, Picture, Slow, Starved};
         matches!(self, Camera | Picture | Computing | DiskFull | Feedback | Force | Override | Starved | Slow)
     }
 }
 
-/// One effect to perform. The event that caused it is written to the journal first.
+/// An effect that the control loop must perform. The event that caused the effect is written to the journal first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Effect {
-    /// Perform the action and report its answer under this id. An action that is no longer [`State::due`](super::State)
-    /// is abandoned: a computation or a capture may be dropped; switching commands are already performed, and their
-    /// order is kept.
+    /// Perform the action and report its answer with this id. If the action is no longer [`State::due`](super::State),
+    /// a computation or a capture may be cancelled; switching commands are always performed, in their order.
     Do {
-        /// The id that the answer must contain.
+        /// The id for the answer.
         id: Id,
         /// The action.
         act: Action,
     },
-    /// Report [`Report::Deadline`](super::Report) with this id after the time that is configured for this deadline.
+    /// Start a deadline: report [`Report::Deadline`](super::Report) with this id after the configured time.
     Arm {
-        /// The id that the report contains.
+        /// The id for the report.
         id: Id,
-        /// The deadline to arm.
+        /// The kind of deadline.
         deadline: Deadline,
     },
-    /// Commit this motion to the store; comes before the [`Effect::Do`] that it permits.
+    /// Commit this motion to the store before the [`Effect::Do`] that starts it.
     OpenIntent(Motion),
-    /// Commit how a motion ended: the robot is at standstill.
+    /// Commit the outcome of a motion to the store, after the robot has reached standstill.
     CloseIntent {
         /// The motion.
         motion: Motion,
-        /// Outcome of the motion.
+        /// The outcome of the motion.
         outcome: Outcome,
-        /// Waypoints executed, as reported by the robot.
+        /// Number of executed waypoints, as reported by the robot.
         done: u32,
     },
-    /// Commit the cycle's result.
+    /// Commit the cycle's result to the store.
     Conclude {
         /// The verdict.
         verdict: Verdict,
     },
-    /// Report to the requester that the request is refused, and why.
+    /// Report to the client that its request is refused, with the reason.
     Refuse {
         /// The request.
         request: Request,
-        /// The reason of the refusal.
+        /// The reason for the refusal.
         refusal: Refusal,
     },
 }
 
-/// An operation that needs time and is answered. At most one is in progress.
+/// An operation that takes time and has an answer. At most one action is in progress.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Action {
-    /// Ask the robot whether it is at standstill; nothing else. Answered by `Standstill`.
+    /// Query whether the robot is at standstill, without any command. Answered by `Standstill`.
     #[serde(rename = "stand")]
     CheckStandstill,
     /// Test cameras, disk, handshake, checksums. Answered by `Done`.
     SelfTest,
-    /// Open an epoch with a number above `above` and above the controller's number. No motion. Answered by `Epoch`.
+    /// Open an epoch whose number is higher than `above` and than the controller's own number. No motion. Answered by
+    /// `Epoch`.
     OpenEpoch {
-        /// The last epoch that this table knows.
+        /// The last epoch that the state table knows.
         above: u32,
     },
-    /// The abort frame: switch tool and water off, brake, discard the queued commands, retract if in contact. Answered
-    /// by `Standstill` when the robot is at standstill, and tool and water are proven off.
+    /// Send the abort frame: switch tool and water off, brake, discard the queued commands, and retract if the tool is
+    /// in contact. Answered by `Standstill` when the robot is at standstill and tool and water are confirmed to be off.
     EndEpoch {
-        /// The epoch that ends.
+        /// The epoch to end.
         epoch: u32,
     },
-    /// Set base and tool, echoed within 0.001 mm and degrees. Answered by `Done`.
+    /// Set the base and tool frames. The controller must echo them within 0.001 mm and 0.001°. Answered by `Done`.
     SetFrames(Frames),
-    /// Switch an output and wait for its feedback. Answered by `Done`.
+    /// Set a switch and wait for its feedback. Answered by `Done`.
     Switch(Switch),
-    /// Check the whole path by its gate, then stream it within the window. Answered by `Progress`, then by
+    /// Check the whole path, then stream it within the limits of the window. Reported by `Progress`, answered by
     /// `Standstill`.
     Move(Motion),
-    /// Take a 3D shot and locate the panel in it. Answered by `Graded`.
+    /// Capture a 3D shot and locate the panel in it. Answered by `Graded`.
     Locate,
-    /// Take the corner picture from this view and compute the correction. Answered by `Graded` or `LookOn`.
+    /// Capture a corner picture at this corner pose and compute the correction of the panel's pose. Answered by
+    /// `Graded` or `LookOn`.
     Refine {
         /// The number of the corner pose, from 0.
         view: u8,
     },
-    /// Take the corner picture from this view, wet or dry, and verify the panel's pose. Answered by `Graded` or
-    /// `LookOn`; accept renews the localization.
+    /// Capture a corner picture of the wet or dry panel at this corner pose and verify the panel's pose. Answered by
+    /// `Graded` or `LookOn`; the grade accept renews the localization.
     Verify {
         /// The number of the corner pose, from 0.
         view: u8,
     },
-    /// Take the picture of the dry panel. Answered by `Done`.
+    /// Capture the reference picture of the dry panel. Answered by `Done`.
     DryPicture,
-    /// Watch the film and judge it. Answered by `Filmed`.
+    /// Observe the film and evaluate it. Answered by `Filmed`.
     Film,
-    /// Grade the result of the last contact path, from the poses that the robot reported. Answered by `Graded`.
+    /// Grade the result of the last contact path, from the poses that the robot reported during the path. Answered by
+    /// `Graded`.
     Assess,
-    /// Plan a path over the grids that this pass must still abrade. Answered by `Planned`, `PlannedForReview`, or
+    /// Plan a path over the grids that must still be sanded in this pass. Answered by `Planned`, `PlannedForReview`, or
     /// `Graded` with reject.
     Plan {
-        /// The number of the pass, from 1; 0 is an air-run, over all grids.
+        /// The number of the sanding pass, from 1; 0 for an air-run over all grids.
         pass: u8,
     },
 }
 
-/// A path and the epoch it belongs to.
+/// A path, and the epoch in which it is executed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Motion {
-    /// The epoch; after its end, no command of the path is sent.
+    /// The epoch; after its end, no command of this path is sent.
     pub epoch: u32,
     /// The path.
     pub path: Path,
-    /// The plan of a contact path, or of this path in the air; 0 for other paths.
+    /// The number of the plan, for a contact path and its air-run; 0 for other paths.
     pub plan: u64,
-    /// Number of waypoints of the path; 1 for other paths: they have one target, and intermediate points are not
-    /// counted.
+    /// Number of waypoints of the path; 1 for paths without a plan, which have one target and whose intermediate points
+    /// are not counted.
     pub waypoints: u32,
 }
 
 impl Motion {
-    /// Returns the plan's number in the form for people and records.
+    /// Returns the number of the plan as text, for people and records.
     pub fn plan_keyword(&self) -> String {
         format!("{:016x}", self.plan)
     }
 }
 
-/// The destination of a path.
+/// The kinds of paths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Path {
     /// To the park pose, as a motion of the axes.
     Park,
-    /// To a corner pose of the flange camera, in air.
+    /// To a corner pose of the flange camera, in the air.
     Corner {
-        /// Index of the corner view, from 0.
+        /// The number of the corner pose, from 0.
         view: u8,
     },
-    /// To the air point before the first contact.
+    /// To the approach point in the air, before the first contact.
     Approach,
-    /// Landing, abrasion and leaving, with the tool running; ends in air.
+    /// Landing, sanding and lifting off, with the tool running; ends in the air.
     Contact,
-    /// The contact path lifted off the panel, with the tool off.
+    /// The contact path at a distance from the panel, with the tool off.
     Air,
-    /// From the air point after the last contact to a pose clear of the panel.
+    /// From the end of the contact path, in the air, to a pose away from the panel.
     Retract,
 }
 
@@ -452,9 +455,9 @@ pub enum Path {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Frames {
-    /// The robot's base and the flange camera.
+    /// The robot's base frame, and the flange camera as the tool.
     Camera,
-    /// The panel as located and the sanding pad.
+    /// The frame of the located panel, and the sanding pad as the tool.
     Pad,
 }
 
@@ -471,12 +474,13 @@ pub enum Outcome {
     Stopped,
     /// An abort ended the motion.
     Aborted,
-    /// The outcome was unknown until the robot was asked; then a person cleared it.
+    /// The outcome was unknown, for example after a restart; the robot's state was queried, and a person cleared the
+    /// cell.
     Cleared,
 }
 
 impl Outcome {
-    /// Returns the word for the page.
+    /// Returns the keyword of the outcome for the page.
     pub fn keyword(self) -> &'static str {
         self.into()
     }
@@ -490,10 +494,11 @@ pub enum Refusal {
     NotNow,
     /// The robot is not ready.
     Robot(Robot),
-    /// Held for review: accept it, or confirm that the panel is dry and locate again.
+    /// The cycle is held for review: a person must accept the result, or confirm that the panel is dry so that it is
+    /// located again.
     Review,
-    /// Held until the panel is dried: confirm that it is dry.
+    /// The cycle is held until the panel is dry: a person must confirm that it is dry.
     Undried,
-    /// A reset failed with this trouble.
+    /// The last reset failed with this fault.
     Failed(Trouble),
 }

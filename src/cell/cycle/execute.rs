@@ -1,4 +1,4 @@
-//! The aim of each state, and the transition that the answer to an action causes.
+//! The goal of each state, and the transition after the answer to an action.
 
 use super::interlocks::{
     CLEARING, COMPLETING, LEAVE_NEEDS, LEAVING_MOTION, LEAVING_TOOL, RESETTING, Row, Rule, STARTING, UNHOLDING,
@@ -12,7 +12,7 @@ use super::{
 use panelprep_base::verdict::Verdict;
 
 impl TransitionStep {
-    /// Returns the aim of the present state.
+    /// Returns the goal of the present state.
     pub fn current_goal(&self) -> Goal {
         let state = &self.state;
         match state.at {
@@ -25,13 +25,13 @@ impl TransitionStep {
             }
             At::Completing { verdict } => Goal::Reach(&COMPLETING, At::Complete { verdict }),
             At::Stopping { .. } => Goal::Reach(self.needs_on_leave(), At::Stopped),
-            // No needs: an abort waits for nothing.
+            // An abort has no conditions, so that it never waits.
             At::Aborting { .. } => Goal::Now(Action::EndEpoch { epoch: state.epoch }),
             At::Clearing { .. } => Goal::Reach(&CLEARING, At::Stopped),
             At::Execute(phase) => match (phase, state.facts.water) {
                 (Phase::Wet, Water::Spraying { .. }) | (Phase::Rinse, Water::Rinsing { .. }) => Goal::Rest,
-                // If the rinse has its own valve, its last water would prove the spray, although the spray valve
-                // may not open.
+                // The rinse may have its own valve. Then the water of the rinse would be taken as proof of the spray,
+                // although the spray valve may not have opened.
                 (Phase::Wet, Water::Rinsing { .. }) => Goal::Do(Action::Switch(Switch::WaterOff)),
                 (Phase::Wet, _) => Goal::Do(Action::Switch(Switch::Spray)),
                 (Phase::Rinse, _) => Goal::Do(Action::Switch(Switch::Rinse)),
@@ -50,38 +50,39 @@ impl TransitionStep {
         }
     }
 
-    /// Returns the needs that a hold or a stop must satisfy now. Water may be commanded to run while the arm moves,
-    /// contrary to what was proven.
+    /// Returns the conditions that a hold or a stop must satisfy now. The water is switched off in any case, because it
+    /// may run during a motion, contrary to the interlocks.
     fn needs_on_leave(&self) -> &'static [Row] {
         let is_moving = self.state.intent.is_some() && self.state.facts.epoch != Epoch::Closed;
         match (is_moving, self.state.facts.epoch, self.state.facts.tool) {
-            // The end of the epoch brakes the arm and switches tool and water off in the controller itself, faster than
-            // one command after the other.
+            // The end of the epoch makes the controller brake the arm and switch tool and water off, which is faster
+            // than single commands.
             (true, ..) => &LEAVING_MOTION,
             (false, Epoch::Closed, Tool::Unknown) => &LEAVING_TOOL,
             _ => &LEAVE_NEEDS,
         }
     }
 
-    /// Adopts the facts from an action's answer, and chooses the next state.
+    /// Updates the facts after the answer to an action, and determines the next state.
     pub fn on_answer(&mut self, act: Action, answer: Answer) {
         use Answer as R;
         match (act, answer) {
             (Action::EndEpoch { .. }, R::Standstill { done }) => self.epoch_ended(done),
-            // Must precede the general match arm for trouble, which would abort again and again.
+            // This arm must precede the general arm for a fault, which would start the abort again and again.
             (Action::EndEpoch { .. }, _) if matches!(self.state.at, At::Aborting { .. }) => self.abort_failed(),
             (_, R::Failed(trouble)) => self.leave_for_trouble(trouble),
             (Action::CheckStandstill, R::Standstill { done }) => {
                 self.close_intent(Outcome::Cleared, done);
-                // Only Clear and Reset request this: a person has looked at the cell, and no pad is left on the panel.
+                // Only Clear and Reset query the robot: a person has checked the cell, and the pad does not touch the
+                // panel.
                 (self.facts().standing, self.facts().touching) = (true, false);
             }
             (Action::SelfTest, R::Done) => self.facts().tested = true,
-            // Only a larger number is a new epoch. With an equal one, commands of the ended epoch could be executed
-            // late.
+            // A new epoch needs a higher number. With the same number, delayed commands of the ended epoch could be
+            // executed.
             (Action::OpenEpoch { above }, R::Epoch(epoch)) if epoch > above => {
                 self.state.epoch = epoch;
-                // A new epoch has neither base nor tool.
+                // A new epoch starts without base and tool frames.
                 (self.facts().epoch, self.facts().frames) = (Epoch::Open, None);
             }
             (Action::SetFrames(frames), R::Done) => self.facts().frames = Some(frames),
@@ -102,7 +103,7 @@ impl TransitionStep {
                 (self.state.job.plan, self.state.job.waypoints) = (plan, waypoints);
                 let verify = if self.rules.is_active(Rule::VerifyFirst) { Phase::Verify } else { Phase::Abrade };
                 self.state.at = match (waypoints, self.is_air()) {
-                    // An air-run is to show the path; without a path it has shown nothing.
+                    // The purpose of an air-run is to show the path. Without a path, it is rejected.
                     (0, true) => At::Completing { verdict: Verdict::Reject },
                     (0, false) => At::Execute(Phase::Rinse),
                     _ => At::Execute(verify),
@@ -139,14 +140,14 @@ impl TransitionStep {
         }
     }
 
-    /// Sets the water as proven off: from now on the water drains.
+    /// Marks the water as off: it drains from now on.
     fn mark_water_off(&mut self) {
         self.facts().water_may_run = false;
-        // A shut valve does not dry the panel: the tool starts only after the water has run off.
+        // The panel is still wet after the valve has closed: the tool may start only after the water has drained.
         self.facts().water = Water::Draining { until: self.arm(Deadline::Drain) };
     }
 
-    /// Returns whether no corner pose follows this one.
+    /// Returns whether this corner pose is the last one.
     fn is_last_corner(&self, view: u8) -> bool {
         view >= self.state.job.max_moves && self.rules.is_active(Rule::MoveLimit)
     }
@@ -155,11 +156,11 @@ impl TransitionStep {
         self.state.job.air && self.rules.is_active(Rule::AirRun)
     }
 
-    /// Handles the robot's standstill at the end of a move, or before it.
+    /// Handles the robot's standstill at the end of a motion, or before its end.
     fn on_standstill(&mut self, motion: Motion, done: u32) {
         if done != motion.waypoints && self.rules.is_active(Rule::WholePath) {
-            // Standstill alone is not a completion: a path that ended early leaves places unsanded, which would count
-            // as treated.
+            // Standstill does not prove that the path is complete. If it ended early, areas without sanding would be
+            // recorded as sanded.
             return self.leave_for_trouble(Trouble::Short);
         }
         self.close_intent(Outcome::Done, done);
@@ -179,23 +180,23 @@ impl TransitionStep {
         }
     }
 
-    /// Handles the answer to the abort frame: the robot is at standstill, tool and water are off, nothing of the epoch
-    /// is left.
+    /// Handles the answer to the abort frame: the robot is at standstill, tool and water are off, and no command of the
+    /// epoch remains.
     fn epoch_ended(&mut self, done: u32) {
-        // Reported progress is never reduced by a later answer.
+        // The reported number of executed waypoints must never decrease.
         let done = self.state.intent.map_or(done, |intent| done.max(intent.done));
         let (outcome, aborted) = match self.state.at {
             At::Holding(_) => (Outcome::Held, None),
             At::Aborting { cause } => (Outcome::Aborted, Some(cause)),
             _ => (Outcome::Stopped, None),
         };
-        // Evaluated before the facts change: only water that may have run needs a new time to drain.
+        // Evaluate this before the facts change: a new drain time is needed only if the water may have run.
         let ran = !self.facts().water_off();
         let facts = self.facts();
         facts.end_epoch(Epoch::Closed);
         (facts.tool, facts.tool_may_run) = (Tool::Off, false);
-        // With the drives off there is no retract: a person jogs the arm until the pad is off the panel, and Clear
-        // confirms it.
+        // If the drives are off, the controller cannot retract the tool: a person jogs the arm away from the panel and
+        // confirms this with Clear.
         facts.touching &= facts.robot != Robot::Ready;
         if ran {
             self.mark_water_off();
@@ -206,24 +207,24 @@ impl TransitionStep {
         }
     }
 
-    /// Handles an abort frame that was not answered, or could not be sent: only the controller itself can still stop.
-    /// What is not proven stays unknown, and is reported.
+    /// Handles an abort frame that could not be sent or was not answered: only the controller itself can still stop the
+    /// arm. Facts that are not confirmed stay unknown and are reported.
     fn abort_failed(&mut self) {
         if let At::Aborting { cause } = self.state.at {
             self.aborted(cause);
         }
     }
 
-    /// Continues after a grade: with the next phase, with a hold for a person, or with the end of the cycle.
+    /// Determines the state after a grade: the next phase, a hold for review, or the end of the cycle.
     fn on_grade(&mut self, grade: Grade, next: Phase) {
         self.on_grade_in_phase(grade, (next, next));
     }
 
-    /// Continues after a grade, if the phase in which the cycle is held is not the next one.
+    /// As `on_grade`, but a hold for review resumes in the phase `held` instead of the phase `next`.
     fn on_grade_in_phase(&mut self, grade: Grade, (next, held): (Phase, Phase)) {
         self.state.at = match grade {
             Grade::Review if self.rules.is_active(Rule::ReviewHolds) => {
-                // A review may last arbitrarily long.
+                // The localization may become too old during a review.
                 self.facts().token = None;
                 At::Holding(Hold { why: Why::Review, resume: held })
             }
@@ -232,8 +233,8 @@ impl TransitionStep {
         };
     }
 
-    /// Returns the phase after a contact path: its grading first, and only then the phase that would follow without
-    /// grading.
+    /// Returns the phase after a contact path: the assessment of its result. Only if a test disables this rule, returns
+    /// `otherwise`.
     fn phase_after_contact(&self, left: bool, otherwise: Phase) -> Phase {
         if self.rules.is_active(Rule::AssessFirst) { Phase::Assess { left } } else { otherwise }
     }
@@ -251,8 +252,7 @@ impl TransitionStep {
         if grade == Grade::Accept {
             self.facts().token = Some(self.arm(Deadline::Token));
         }
-        // After the first water no place looks dry any more, so the picture with which the film is compared comes
-        // first.
+        // The reference picture of the dry panel must be captured before the first water.
         let dry = if self.rules.is_active(Rule::DryPicture) { Phase::Dry } else { self.state.job.after_dry };
         self.on_grade(grade, if self.is_air() { Phase::Plan } else { dry });
     }
@@ -271,7 +271,7 @@ impl TransitionStep {
         }
     }
 
-    /// Continues after the dust is washed off: with the film, or with the drying for the film's new dry picture.
+    /// Determines the state after the rinse: the film, or a hold in which the panel is dried for a new dry picture.
     pub fn after_rinse(&mut self) {
         if self.state.job.dries && self.rules.is_active(Rule::DryAfterAbrasion) {
             self.hold(Why::Drying, Phase::Wet);
@@ -295,7 +295,8 @@ impl TransitionStep {
         };
     }
 
-    /// Handles a localization that is too old: contact ends; in other phases Verify renews it when it is needed.
+    /// Handles a localization that has become too old. Contact ends; in all other phases, Verify renews the
+    /// localization when it is needed.
     pub fn on_token_expired(&mut self) {
         self.facts().token = None;
         let in_contact = self.state.intent.is_some_and(|intent| intent.motion.path == Path::Contact);
@@ -306,22 +307,23 @@ impl TransitionStep {
         }
     }
 
-    /// Leaves the work in progress; no part of that work is continued.
+    /// Interrupts the work in progress; the interrupted action is not resumed.
     pub fn hold(&mut self, why: Why, phase: Phase) {
         self.state.due = None;
         self.state.job.verified = 0;
         self.facts().token = None;
         let in_contact = self.state.intent.is_some_and(|intent| intent.motion.path == Path::Contact);
         let resume = match phase {
-            // A part of the path was sanded: it is graded by what was executed, and only the rest is planned again.
+            // A part of the path was sanded. The result is graded for the executed part, and only the rest is planned
+            // again.
             Phase::Abrade if in_contact => self.phase_after_contact(true, Phase::Plan),
-            // During a hold a person may have moved the panel, and a refinement starts from the scan.
+            // A person may move the panel during a hold, and a refinement needs a localization of the panel first.
             Phase::Locate | Phase::Refine { .. } => Phase::Locate,
             Phase::Dry => Phase::Dry,
-            // A film that was interrupted has dried or run off in places; it is judged only as a whole, so it is
-            // sprayed anew.
+            // An interrupted film has partly dried or drained. A film can be evaluated only as a whole, so it is
+            // sprayed again.
             Phase::Wet | Phase::Inspect => Phase::Wet,
-            // The path was planned at a pose that the next Verify may correct.
+            // The path was planned for a pose of the panel that the next Verify may correct.
             Phase::Plan | Phase::Verify | Phase::Abrade => Phase::Plan,
             Phase::Retract | Phase::Rinse if self.is_air() => Phase::Plan,
             Phase::Retract => self.phase_after_contact(false, Phase::Rinse),
@@ -330,18 +332,18 @@ impl TransitionStep {
         self.state.at = At::Holding(Hold { why, resume });
     }
 
-    /// Continues through Verify or, with a dried panel, through a new localization.
+    /// Resumes the cycle through Verify or, if the panel was dried, through a new localization.
     pub fn start_unhold(&mut self, hold: Hold, dried: bool) {
         let undried = hold.why == Why::NotVerified && !self.rules.is_active(Rule::DriedFirst);
         if hold.is_for_contact() && self.rules.is_active(Rule::ContactStays) {
             self.refuse(Request::Unhold { dried }, Refusal::Review);
-        // A dried panel can be scanned again; a wet one reflects the pattern away, so that points are missing.
+        // Only a dry panel can be scanned: a wet one reflects the projected pattern away, and points are missing.
         } else if dried || undried {
             match hold.resume {
                 Phase::Wet | Phase::Plan | Phase::Rinse | Phase::Assess { .. } => {
                     self.state.job.after_dry = hold.resume;
                 }
-                // A path that was not accepted is planned again.
+                // If a review interrupted Verify, the path is planned again.
                 Phase::Verify => self.state.job.after_dry = Phase::Plan,
                 _ => {}
             }

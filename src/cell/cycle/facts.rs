@@ -1,36 +1,36 @@
-//! The facts about the cell: only what the cell has reported. A fact that is being changed is unknown.
+//! The facts about the cell: only what the cell has reported. A fact is unknown while a change of it is in progress.
 //!
-//! The facts agree with the robot link: an epoch that the link has ended is not open here, whatever the cycle was
-//! doing. If it is not certain that an epoch has ended, it is ended before another one is opened.
+//! The facts agree with the robot link: if the link has ended an epoch, the epoch is not open here, in any state of the
+//! cycle. If it is uncertain whether an epoch has ended, it is ended before the next one is opened.
 
 use super::{Action, Frames, Id, Path, Robot, Switch};
 use serde::{Deserialize, Serialize};
 
-/// The facts that interlocks need. A report makes a fact known, and a request for a change makes it unknown.
+/// The facts that the interlocks need. A report makes a fact known; a command that changes it makes the fact unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Facts {
     /// The robot's condition.
     pub robot: Robot,
-    /// Whether the controller's override is the one for which contact is planned.
+    /// Whether the controller's override has the value for which contact is planned.
     #[serde(default)]
     pub full_override: bool,
-    /// The robot has reported standstill since the last Reset or Clear.
+    /// Whether the robot has reported standstill since the last Reset or Clear.
     pub standing: bool,
     /// Whether the self-test has passed since the last Reset.
     pub tested: bool,
     /// Whether the controller accepts commands of [`State::epoch`](super::State).
     pub epoch: Epoch,
-    /// Base and tool as the controller echoed them in this epoch.
+    /// Base and tool frames, as echoed by the controller in this epoch.
     pub frames: Option<Frames>,
-    /// The path at whose end the arm is.
+    /// The path at whose end the arm is; `None` if the arm is elsewhere.
     pub arm: Option<Path>,
-    /// Whether the pad may be touching the panel.
+    /// Whether the pad may be in contact with the panel.
     pub touching: bool,
-    /// The tool, or for `water_may_run` the water, was switched on and is not proven off, neither by its feedback
-    /// nor by a person who cleared the cell. This stays after a lost link and after the end of the program.
+    /// Whether the tool may run: it was switched on, and neither its feedback nor a person who cleared the cell has
+    /// confirmed that it is off. This fact is kept after a lost link and after a restart of the program.
     #[serde(default)]
     pub tool_may_run: bool,
-    /// Whether the water may run; like `tool_may_run`.
+    /// Whether the water may run, with the same rules as `tool_may_run`.
     #[serde(default)]
     pub water_may_run: bool,
     /// The sanding tool.
@@ -43,7 +43,7 @@ pub struct Facts {
     pub lens: Lens,
     /// Dust extraction.
     pub extraction: Extraction,
-    /// The localization may be used until this deadline.
+    /// The deadline until which the localization is valid; `None` without a valid localization.
     pub token: Option<Id>,
 }
 
@@ -53,7 +53,7 @@ pub struct Facts {
 #[expect(missing_docs, reason = "the names are self-explanatory")]
 pub enum Epoch {
     Closed,
-    /// Opening or ending is requested and not answered.
+    /// The opening or the end of the epoch was requested, but not answered yet.
     Changing,
     Open,
 }
@@ -113,7 +113,7 @@ pub enum Extraction {
 }
 
 impl Facts {
-    /// The facts that a program knows when it starts.
+    /// The facts at the start of the program: nothing is known.
     pub const UNKNOWN: Facts = Facts {
         robot: Robot::Unknown,
         full_override: false,
@@ -133,12 +133,12 @@ impl Facts {
         token: None,
     };
 
-    /// Returns whether neither rinse nor spray runs.
+    /// Returns whether both rinse and spray are off.
     pub fn water_off(&self) -> bool {
         matches!(self.water, Water::Draining { .. } | Water::Drained)
     }
 
-    /// Returns the switches whose effect is proven by these facts.
+    /// Returns the switches whose state is confirmed by these facts.
     pub fn proven_switches(&self) -> impl Iterator<Item = Switch> + use<> {
         let tool = match self.tool {
             Tool::Unknown => None,
@@ -169,16 +169,17 @@ impl Facts {
         [tool, extraction, water, lens, light].into_iter().flatten()
     }
 
-    /// Marks the facts that an action changes as unknown until the action is answered.
+    /// Marks the facts that an action changes as unknown, until the action is answered.
     pub(super) fn mark_unknown(&mut self, act: Action) {
         match act {
             Action::Move(motion) => {
-                // Between two poses the arm is at no place that an interlock knows, so that no scan or water can begin.
+                // During a motion, the arm is not at a pose that an interlock requires, so that no scan and no water
+                // can begin.
                 self.arm = None;
                 self.touching |= motion.path == Path::Contact;
             }
             Action::OpenEpoch { .. } => self.epoch = Epoch::Changing,
-            // The outputs of the epoch are switched off before the action is answered.
+            // The controller switches off the outputs of the epoch before it answers.
             Action::EndEpoch { .. } => self.end_epoch(Epoch::Changing),
             Action::SetFrames(_) => self.frames = None,
             Action::Switch(switch) => match switch {
@@ -194,14 +195,14 @@ impl Facts {
         }
     }
 
-    /// Ends the epoch: the controller, with its own timers, switches off the outputs that were on. The next epoch
-    /// has neither base nor tool.
+    /// Ends the epoch: the controller switches the outputs off with its own timers. The next epoch starts without base
+    /// and tool frames.
     pub(super) fn end_epoch(&mut self, epoch: Epoch) {
         (self.epoch, self.frames) = (epoch, None);
         if self.tool != Tool::Off {
             self.tool = Tool::Unknown;
         }
-        // An output that was proven off stays off: the end of an epoch switches nothing on.
+        // An output that is confirmed to be off stays off, because the end of an epoch switches nothing on.
         if !self.water_off() {
             self.water = Water::Unknown;
         }
@@ -213,30 +214,29 @@ impl Facts {
         }
     }
 
-    /// Marks the state that this switch had proven as unknown; it is proven again before it is needed. A tool or
-    /// water that was off may now run.
+    /// Marks the state of this switch as unknown; it must be confirmed again before an action needs it. A tool or water
+    /// that was off may run now.
     pub(super) fn invalidate_switch(&mut self, switch: Switch) {
-        // A contradiction is treated like a command without an answer: the switch is in either state until it is proven
-        // again.
+        // A contradictory feedback is treated like a command without an answer: the switch may be on or off until its
+        // state is confirmed again.
         self.mark_unknown(Action::Switch(switch));
         self.tool_may_run |= switch == Switch::ToolOff;
         self.water_may_run |= switch == Switch::WaterOff;
     }
 
-    /// Returns the facts that stay valid after a loss of the robot's link and after the end of the program.
+    /// Returns the facts that stay valid after a lost link and after a restart of the program.
     pub(super) fn facts_after_loss(&self) -> Facts {
-        // Only facts that restrict the cell stay valid after the link is lost; facts that permit an action are proven
-        // again.
+        // Only facts that restrict the cell stay valid; facts that permit an action must be confirmed again.
         let Facts { touching, tool_may_run, water_may_run, .. } = *self;
         Facts { touching, tool_may_run, water_may_run, ..Facts::UNKNOWN }
     }
 
-    /// Discards facts when the robot is not ready: a person may move the arm and switch the outputs, and the
-    /// localization is void.
+    /// Discards facts when the robot is no longer ready: a person may move the arm and switch outputs, and the
+    /// localization is no longer valid.
     pub(super) fn forget(&mut self) {
         let lost = matches!(self.robot, Robot::Unknown | Robot::LinkLost | Robot::Restarted);
-        // Without a link the controller has ended the epoch by its own watchdog. With an open guard it is still
-        // connected, and the epoch must be ended by command.
+        // If the link is lost, the controller's watchdog has ended the epoch. If the guard is open, the link still
+        // exists, and the epoch must be ended by a command.
         let epoch = if lost { Epoch::Closed } else { self.epoch };
         let full_override = self.full_override && !lost;
         *self = Facts { robot: self.robot, full_override, epoch, ..self.facts_after_loss() };

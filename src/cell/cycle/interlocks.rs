@@ -1,116 +1,118 @@
-//! The rules of the table by name, so that a test can disable each one and see that the random walks then fail; and the
-//! interlocks: the needs of each action, in the order in which they are satisfied, and the actions that satisfy them.
+//! The rules of the state table, and the interlocks. Each rule has a name, so that a test can disable it and check that
+//! the random walks then fail. The interlocks are the conditions of each action, in the order in which they are
+//! established, and the actions that establish them.
 
 use super::{Action, Epoch, Extraction, Facts, Frames, Lens, Light, Motion, Path, State, Switch, Tool, Water};
 
-/// The rules of the table. In the code, each rule is named at the place where it is applied.
+/// The rules of the state table. The code names each rule where it applies the rule.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(test, derive(strum::EnumIter))] // a new rule is taken out in turn, too
 pub(super) enum Rule {
-    // Interlocks: rows of `interlocks::action_needs`.
-    /// No shot of the scanner while the arm is in view.
+    // Rules of the interlocks, used in `interlocks::action_needs`.
+    /// The scanner captures only while the arm is out of its view.
     ArmOutOfView,
-    /// A corner picture is taken from its corner pose.
+    /// A corner picture is captured only at its corner pose.
     AtView,
-    /// Light off for 3D and corner pictures.
+    /// The light is off for 3D shots and corner pictures.
     LightOff,
-    /// Light on and steady for pictures of the film.
+    /// The light is on and stable for pictures of the film.
     LightSettled,
-    /// No picture through a guarded lens.
+    /// Pictures are captured only with open lens shutters.
     LensClear,
-    /// No water while the lens is not guarded.
+    /// Water is switched on only while the lenses are protected.
     LensGuarded,
-    /// No water unless the arm is parked.
+    /// Water is switched on only while the arm is parked.
     ParkedForWater,
-    /// Water off for motion and film.
+    /// The water is off during motions and during the observation of the film.
     WaterOff,
-    /// Tool off for every motion but contact, and for water.
+    /// The tool is off during all motions except contact, and while water runs.
     ToolOff,
-    /// No start of the tool until the water has been off for the drain time.
+    /// The tool starts only after the water has been off for the drain time.
     Drained,
-    /// No tool without extraction that reports flow.
+    /// The tool starts only while the extraction reports flow.
     Extraction,
-    /// The tool starts at the approach point, in air, and contact begins there.
+    /// The tool starts at the approach point in the air, where the contact path begins.
     StartsInAir,
-    /// No contact before the tool is proven to run.
+    /// Contact begins only after the feedback has confirmed that the tool runs.
     ToolRunning,
-    /// No tool and no contact with another override than the one for which contact is planned.
+    /// The tool runs and contact takes place only at the override for which contact is planned.
     FullOverride,
-    /// No approach and no contact without a valid localization.
+    /// Approach and contact need a valid localization.
     Token,
-    /// No straight motion before the controller has echoed base and tool in this epoch.
+    /// Linear motions need base and tool frames that the controller has echoed in this epoch.
     Frames,
-    /// No command outside an open epoch.
+    /// Commands are sent only in an open epoch.
     Epoch,
-    /// A motion ends when the robot reports standstill; no state is at rest before that.
+    /// A motion ends only when the robot reports standstill; no state is at rest before.
     StandsFirst,
-    /// Everything is switched off in Idle and Complete.
+    /// All outputs are off in Idle and Complete.
     AllOff,
-    /// No Idle without a self-test.
+    /// Idle is reached only after a self-test.
     SelfTest,
-    // The reports that the table accepts as true: `step`.
-    /// An answer counts only for the action whose id it contains.
+    // Rules about the reports that the table accepts, used in `step`.
+    /// An answer is accepted only for the action whose id it contains.
     AnswersMatch,
-    /// A fact that is being changed is unknown.
+    /// A fact is unknown while a change of it is in progress.
     AskedIsUnknown,
-    /// A request that leads to motion is refused while the robot is not ready.
+    /// A request that leads to a motion is refused while the robot is not ready.
     RobotReady,
-    /// If the robot becomes not ready, the work ends.
+    /// The work ends when the robot is no longer ready.
     ConditionAborts,
-    /// If an output or feedback contradicts the state that it proved, this proof is void.
+    /// The state of a switch becomes unknown if its output or feedback contradicts it.
     ContraryDoubts,
-    /// A robot that is not ready voids the localization, and the knowledge of arm and outputs.
+    /// When the robot is no longer ready, the localization and the facts about arm and outputs become invalid.
     LossForgets,
     /// A motion is committed to the store before it begins.
     IntentFirst,
     /// Waypoints are executed in order.
     Sequence,
-    /// A motion is finished only when its last waypoint is executed.
+    /// A motion is complete only when its last waypoint is executed.
     WholePath,
-    /// An action that is not answered in time is a fault.
+    /// A missing answer to an action is a fault after the time limit.
     AnswerDeadline,
-    /// A stop that lasts too long is a fault.
+    /// A stop that exceeds its time limit is a fault.
     StopDeadline,
-    /// Trouble ends the work.
+    /// A fault ends the work.
     TroubleLeaves,
-    /// An abort is sent to the robot.
+    /// An abort sends the abort frame to the robot.
     AbortIsSent,
-    /// An epoch that the link has ended counts as not open.
+    /// An epoch that the link has ended is treated as not open.
     LinkEndsEpoch,
-    /// A program that starts is at rest.
+    /// After a start of the program, the state is at rest.
     BootRests,
-    // The order of the phases: `execute`.
+    // Rules about the order of the phases, used in `execute`.
     /// A rejected result ends the cycle without contact.
     RejectEnds,
-    /// A doubtful result is held for a person.
+    /// The cycle is held for a person if a result needs review.
     ReviewHolds,
-    /// A film without a result ends the cycle.
+    /// A film without a valid result ends the cycle.
     InvalidEnds,
-    /// An air-run makes no contact, and needs no water film to determine its path.
+    /// An air-run makes no contact, and plans its path without a film.
     AirRun,
-    /// A dry picture is taken before the first water.
+    /// A picture of the dry panel is captured before the first water.
     DryPicture,
-    /// If the recipe's reference is a dry picture, a new one of the dried panel is taken after each abrasion.
+    /// If the recipe compares with a dry picture, a new one is captured after each sanding pass, when the panel is dry
+    /// again.
     DryAfterAbrasion,
-    /// Verify immediately before each contact.
+    /// The pose of the panel is verified immediately before each contact.
     VerifyFirst,
-    /// After a contact path, nothing else is done before the result is graded.
+    /// After a contact path, its result is graded before anything else is done.
     AssessFirst,
-    /// A new localization does not replace a person's review of a contact path's result.
+    /// If a person must review the result of a contact path, a new localization does not replace the review.
     ContactStays,
-    /// Contact ends when the localization is too old.
+    /// Contact ends when the localization becomes too old.
     TokenInContact,
-    /// A hold ends through Verify.
+    /// A held cycle is resumed only through Verify.
     UnholdVerifies,
-    /// After a spray, no 3D shot before a person confirms that the panel is dry.
+    /// After the panel was sprayed, a 3D shot needs a person's confirmation that the panel is dry.
     DriedFirst,
-    /// The limit for moves of the corner loop.
+    /// The number of motions in the corner loop is limited.
     MoveLimit,
-    /// The limit for abrasions.
+    /// The number of sanding passes is limited.
     PassLimit,
 }
 
-/// The active rules: all of them, except in tests.
+/// The active rules: all rules, except in tests.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rules {
     without: Option<Rule>,
@@ -125,14 +127,14 @@ impl Rules {
         self.without != Some(rule)
     }
 
-    /// Returns all rules except this one.
+    /// Returns all rules except `rule`.
     #[cfg(test)]
     pub fn without(rule: Rule) -> Self {
         Rules { without: Some(rule) }
     }
 }
 
-/// A condition that must be satisfied.
+/// A condition of an action or a state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Need {
     Standing,
@@ -155,10 +157,10 @@ pub(super) enum Need {
     FullOverride,
 }
 
-/// A need, with the rule that requires it.
+/// A condition, with the rule that requires it.
 pub(super) type Row = (Rule, Need);
 
-/// Returns the needs of an action. This is the whole list of the cell's interlocks.
+/// Returns the conditions of an action. This is the complete list of the cell's interlocks.
 pub(super) fn action_needs(act: Action) -> Vec<Row> {
     use Need as N;
     use Rule as R;
@@ -179,12 +181,13 @@ pub(super) fn action_needs(act: Action) -> Vec<Row> {
         | Action::EndEpoch { .. }
         | Action::Plan { .. }
         | Action::Assess => vec![],
-        // Water in the air and the film's light disturb the projected pattern, and an arm in view hides the panel.
+        // Spray in the air and the light for the film disturb the projected pattern, and an arm in the view hides the
+        // panel.
         Action::Locate => vec![dry_air, parked, dark, clear],
         Action::DryPicture => vec![dry_air, parked, lit, clear],
         Action::Film => vec![dry_air, parked, lit, clear],
-        // The corner pose is last: light and lens are proven while the arm is still away, and nothing changes after it
-        // arrives.
+        // The corner pose is the last condition: light and lens are checked before the arm arrives, and nothing is
+        // switched afterwards.
         Action::Refine { view } | Action::Verify { view } => vec![dark, clear, corner(view)],
         Action::Switch(Switch::Rinse | Switch::Spray) => {
             vec![epoch, (R::ParkedForWater, N::At(Path::Park)), tool_off, (R::LensGuarded, N::LensGuarded)]
@@ -194,24 +197,25 @@ pub(super) fn action_needs(act: Action) -> Vec<Row> {
         Action::Move(Motion { path, .. }) => match path {
             Path::Park => vec![epoch, dry_air, tool_off],
             Path::Corner { .. } => vec![epoch, dry_air, tool_off, camera],
-            // The localization is needed already here: the approach point follows from it and is close to the panel.
+            // A localization is needed already for the approach: the approach point is computed from it and is close to
+            // the panel.
             Path::Approach => vec![epoch, drained, tool_off, token, pad],
             Path::Contact => {
-                // Last in the list: the tool starts at the approach point, in air, when everything else is proven. A
-                // disc that starts on the panel digs in.
+                // This condition is the last one: the tool starts at the approach point, in the air, after all other
+                // conditions are satisfied. A disc that starts on the panel would damage it.
                 let running = (R::ToolRunning, N::ToolRunning);
                 vec![full_override, epoch, drained, extraction, token, at_approach, pad, running]
             }
             Path::Air => vec![epoch, dry_air, tool_off, token, at_approach, pad],
-            // No localization is needed: the tool must be able to leave the panel along its axis after the localization
-            // became too old.
+            // A retract needs no localization: the tool must be able to leave the panel along its axis even if the
+            // localization is too old.
             Path::Retract => vec![epoch, dry_air, tool_off, pad],
         },
     }
 }
 
-/// Returns the needs of an action that are not satisfied, each as text; empty if the action may begin. It is used for
-/// actions that a person requests one at a time: the interlocks of a cycle apply to them as well.
+/// Returns the conditions of an action that are not satisfied, as texts; empty if the action may begin. It is used for
+/// actions that a person requests one at a time: the same interlocks apply as in a cycle.
 pub fn open_interlocks(act: Action, facts: &Facts) -> Vec<&'static str> {
     action_needs(act)
         .into_iter()
@@ -220,23 +224,24 @@ pub fn open_interlocks(act: Action, facts: &Facts) -> Vec<&'static str> {
         .collect()
 }
 
-/// The needs that Stopping and Holding satisfy while a motion is in progress: its end comes first and switches off tool
-/// and water.
+/// Conditions of Stopping and Holding during a motion: the end of the epoch stops the motion and switches tool and
+/// water off.
 pub(super) const LEAVING_MOTION: [Row; 1] = [(Rule::StandsFirst, Need::EpochEnded)];
 
-/// The needs that Stopping and Holding satisfy if the tool is commanded to run and no epoch is open. The end of an open
-/// epoch would switch the tool off.
+/// Conditions of Stopping and Holding if the tool was switched on and no epoch is open. In an open epoch, the end of
+/// the epoch would switch the tool off.
 pub(super) const LEAVING_TOOL: [Row; 3] =
     [(Rule::ToolOff, Need::ToolOff), (Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
 
-/// The needs that Stopping and Holding satisfy otherwise. Water is shut while the epoch still accepts commands.
+/// Conditions of Stopping and Holding in all other cases. The water is switched off first, while the epoch still
+/// accepts commands.
 pub(super) const LEAVE_NEEDS: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
 
-/// The needs that Clearing satisfies.
+/// Conditions at the end of Clearing.
 pub(super) const CLEARING: [Row; 3] =
     [(Rule::StandsFirst, Need::Standing), (Rule::ToolOff, Need::ToolOff), (Rule::WaterOff, Need::WaterOff)];
 
-/// The needs that Resetting satisfies.
+/// Conditions at the end of Resetting.
 pub(super) const RESETTING: [Row; 6] = [
     (Rule::StandsFirst, Need::Standing),
     (Rule::ToolOff, Need::ToolOff),
@@ -246,18 +251,18 @@ pub(super) const RESETTING: [Row; 6] = [
     (Rule::SelfTest, Need::Tested),
 ];
 
-/// The needs that Starting satisfies.
+/// Conditions at the end of Starting.
 pub(super) const STARTING: [Row; 3] =
     [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff), (Rule::ArmOutOfView, Need::At(Path::Park))];
 
-/// The needs that Unholding satisfies.
+/// Conditions at the end of Unholding.
 pub(super) const UNHOLDING: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff)];
 
-/// The needs that Unholding satisfies if the panel had been located.
+/// Conditions at the end of Unholding if the panel was located before the hold.
 pub(super) const UNHOLDING_LOCATED: [Row; 3] =
     [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff), (Rule::UnholdVerifies, Need::Token)];
 
-/// The needs that Completing satisfies.
+/// Conditions at the end of Completing.
 pub(super) const COMPLETING: [Row; 5] = [
     (Rule::WaterOff, Need::WaterOff),
     (Rule::ToolOff, Need::ToolOff),
@@ -267,7 +272,7 @@ pub(super) const COMPLETING: [Row; 5] = [
 ];
 
 impl Need {
-    /// Returns the need as the end of a sentence that begins with "needs".
+    /// Returns the condition as text, for a sentence that begins with "needs".
     fn describe_need(self) -> &'static str {
         match self {
             Need::Standing => "a robot at rest",
@@ -295,7 +300,7 @@ impl Need {
         }
     }
 
-    /// Returns whether the need is satisfied.
+    /// Returns whether the condition is satisfied.
     pub fn is_satisfied(self, facts: &Facts) -> bool {
         match self {
             Need::Standing => facts.standing,
@@ -319,12 +324,12 @@ impl Need {
         }
     }
 
-    /// Returns the action that satisfies the need; `None` if only time or a person can satisfy it.
+    /// Returns the action that satisfies the condition; `None` if only time or a person can satisfy it.
     pub fn satisfying_action(self, state: &State) -> Option<Action> {
         Some(match self {
             Need::Standing => Action::CheckStandstill,
             Need::Tested => Action::SelfTest,
-            // It is not certain whether an epoch is open, so it is ended first.
+            // It is unknown whether an epoch is open, so it is ended first.
             Need::Epoch if state.facts.epoch == Epoch::Changing => Action::EndEpoch { epoch: state.epoch },
             Need::Epoch => Action::OpenEpoch { above: state.epoch },
             Need::EpochEnded => Action::EndEpoch { epoch: state.epoch },
@@ -342,14 +347,15 @@ impl Need {
             Need::ExtractionOff => Action::Switch(Switch::ExtractionOff),
             Need::ExtractionFlowing => Action::Switch(Switch::ExtractionOn),
             Need::Token => Action::Verify { view: state.job.verified },
-            // Only a person at the pendant can change the override; `Turn::perform_next_action` holds the cycle until then.
+            // Only a person at the pendant can change the override; `Turn::perform_next_action` holds the cycle
+            // meanwhile.
             Need::FullOverride => return None,
         })
     }
 }
 
 impl State {
-    /// Returns the motion along this path in the open epoch.
+    /// Returns a motion along this path in the present epoch.
     pub(super) fn motion(&self, path: Path) -> Motion {
         let (plan, waypoints) =
             if matches!(path, Path::Contact | Path::Air) { (self.job.plan, self.job.waypoints) } else { (0, 1) };

@@ -4,32 +4,32 @@ use super::{Action, Facts, Id, Motion, Robot, Trouble};
 use panelprep_base::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 
-/// All data that the table stores between events.
+/// All data that the state table keeps between events.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct State {
     /// The PackML state, with the phase inside Execute.
     pub at: At,
-    /// The cycle that is running, or ran last.
+    /// The cycle in progress, or the last cycle.
     pub job: Job,
-    /// Facts that the cell reported.
+    /// The facts that the cell has reported.
     pub facts: Facts,
-    /// The one action in progress.
+    /// The action in progress, if there is one.
     pub due: Option<Due>,
-    /// The motion that has begun and for which the robot has not yet reported standstill.
+    /// The motion that was started and for which the robot has not reported standstill yet.
     pub intent: Option<Intent>,
-    /// The last epoch that was opened.
+    /// The number of the last epoch that was opened.
     pub epoch: u32,
     /// The last id that was assigned.
     pub last_id: Id,
-    /// Number of reports that did not match any expected report.
+    /// Number of dropped reports, which belonged to no effect in progress.
     pub dropped: u64,
-    /// Number of changes of `at`. A person's decision is based on the state shown at one step.
+    /// Number of changes of `at`. A person's decision refers to the state that was displayed at one step.
     #[serde(default)]
     pub step: u64,
 }
 
 impl State {
-    /// The state before the first event of a new store.
+    /// The state of a new store, before its first event.
     pub const INITIAL: State = State {
         at: At::Stopped,
         job: Job {
@@ -59,9 +59,9 @@ impl State {
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "lowercase")]
 pub enum At {
-    /// At rest; a Reset leads out.
+    /// At rest; Reset leads to Idle.
     Stopped,
-    /// Everything off and tested, without motion.
+    /// All outputs are switched off, and a self-test is performed, without motion.
     Resetting,
     /// Ready for the request Start.
     Idle,
@@ -69,57 +69,57 @@ pub enum At {
     Starting,
     /// The cycle.
     Execute(Phase),
-    /// On the way to Held: water off, epoch ended.
+    /// On the way to Held: the water is switched off and the epoch is ended.
     Holding(Hold),
     /// At rest inside a cycle.
     Held(Hold),
-    /// On the way back from Held: the panel's pose is verified.
+    /// On the way from Held back to Execute.
     Unholding {
         /// The phase in which the cycle continues.
         resume: Phase,
         /// Whether the panel's pose must be verified first.
         verify: bool,
     },
-    /// The arm parks and everything is switched off.
+    /// The arm moves to its park pose, and all outputs are switched off.
     Completing {
         /// The cycle's verdict.
         verdict: Verdict,
     },
-    /// The cycle is over.
+    /// The cycle has ended.
     Complete {
         /// Its verdict.
         verdict: Verdict,
     },
-    /// On the way to Stopped: water off, epoch ended.
+    /// On the way to Stopped: the water is switched off and the epoch is ended.
     Stopping {
-        /// The deadline of the whole stop.
+        /// The deadline for the complete stop.
         until: Id,
     },
-    /// On the way to Aborted, whatever the answer to the abort frame is. The frame is sent at once; it also shuts the
-    /// water.
+    /// On the way to Aborted, no matter how the abort frame is answered. The frame is sent immediately; it also
+    /// switches the water off.
     Aborting {
-        /// Cause of the abort.
+        /// The cause of the abort.
         cause: Cause,
     },
-    /// At rest after a fault; only Clear leads out.
+    /// At rest after an abort; only Clear leads to Stopped.
     Aborted {
-        /// Cause of the abort.
+        /// The cause of the abort.
         cause: Cause,
     },
-    /// A person cleared the cause: the robot is asked whether it is at standstill, tool and water are proven off.
+    /// A person has removed the cause: the robot's standstill is queried, and tool and water are confirmed to be off.
     Clearing {
-        /// Cause of the abort that is being cleared.
+        /// The cause of the abort.
         cause: Cause,
     },
 }
 
 impl At {
-    /// Returns the PackML name that users' scripts rely on.
+    /// Returns the PackML name of the state, on which users' scripts rely.
     pub fn keyword(self) -> &'static str {
         self.into()
     }
 
-    /// Returns whether nothing is in progress, so that the process may end.
+    /// Returns whether no work is in progress, so that the process may end.
     pub fn is_at_rest(self) -> bool {
         matches!(self, At::Stopped | At::Idle | At::Held(_) | At::Complete { .. } | At::Aborted { .. })
     }
@@ -130,43 +130,43 @@ impl At {
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "lowercase")]
 pub enum Phase {
-    /// A 3D shot of the dry panel, from which its pose is determined.
+    /// A 3D shot of the dry panel is captured, and the panel's pose is determined.
     Locate,
     /// The corner loop.
     Refine {
-        /// Number of motions made.
+        /// Number of motions to corner poses so far.
         moves: u8,
     },
-    /// The picture of the dry panel.
+    /// The reference picture of the dry panel is captured.
     Dry,
     /// The spray.
     Wet,
-    /// The film is watched.
+    /// The film is observed and evaluated.
     Inspect,
-    /// Planning of a path over the failed grids.
+    /// A path over the failed grids is planned.
     Plan,
-    /// A picture of the corner immediately before contact.
+    /// A corner picture is captured immediately before contact, to verify the panel's pose.
     Verify,
-    /// Approach, tool on, contact, leaving.
+    /// Approach, tool on, contact path.
     Abrade,
-    /// Tool off in air, clear of the panel.
+    /// Tool off in the air, then a motion away from the panel.
     Retract,
-    /// The result of the contact path is graded. Nothing is done to the panel before.
+    /// The result of the contact path is graded, before anything else is done to the panel.
     Assess {
-        /// The path was cut short, so that the rest must still be planned.
+        /// Whether the path was interrupted, so that the rest must still be planned.
         left: bool,
     },
-    /// The dust is washed off.
+    /// The dust is rinsed off.
     Rinse,
 }
 
 impl Phase {
-    /// Returns the name that users' scripts rely on.
+    /// Returns the name of the phase, on which users' scripts rely.
     pub fn keyword(self) -> &'static str {
         self.into()
     }
 
-    /// Returns the phase in which the cycle continues after a person has accepted the result of this phase.
+    /// Returns the phase that follows when a person accepts the result of this phase.
     pub(super) fn phase_after_accept(self) -> Phase {
         match self {
             Phase::Assess { left: true } => Phase::Plan,
@@ -176,18 +176,18 @@ impl Phase {
     }
 }
 
-/// A hold and how it ends.
+/// The reason of a hold, and where the cycle is resumed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Hold {
     /// Reason of the hold.
     pub why: Why,
-    /// The phase in which the cycle continues; a path that was left is planned again.
+    /// The phase in which the cycle is resumed; an interrupted path is planned again.
     pub resume: Phase,
 }
 
 impl Hold {
-    /// Returns whether the result of a contact path waits for a person. No new measurement of the panel replaces this
-    /// result.
+    /// Returns whether a person must review the result of a contact path. A new localization does not replace this
+    /// review.
     pub fn is_for_contact(self) -> bool {
         matches!(self, Hold { why: Why::Review, resume: Phase::Assess { .. } })
     }
@@ -199,15 +199,16 @@ impl Hold {
 pub enum Why {
     /// A person requested it.
     Asked,
-    /// A result waits for a person.
+    /// A person must review a result.
     Review,
-    /// Verify failed: dry the panel and confirm it, or try again.
+    /// Verify failed: a person must dry the panel and confirm that it is dry, or try again.
     NotVerified,
-    /// The localization became too old in contact.
+    /// The localization became too old during contact.
     TokenOver,
-    /// The dust is washed off: dry the panel and confirm it, so that a new dry picture is taken.
+    /// After the rinse: a person must dry the panel and confirm that it is dry, so that a new dry picture can be
+    /// captured.
     Drying,
-    /// Something went wrong that a person can correct.
+    /// A fault that a person can correct.
     Trouble(Trouble),
 }
 
@@ -221,22 +222,22 @@ pub enum Cause {
     Robot(Robot),
     /// A fault during the cycle.
     Trouble(Trouble),
-    /// A stop lasted too long.
+    /// A stop exceeded its time limit.
     StopTimedOut,
-    /// The program ended while a motion was open.
+    /// The program ended during a motion.
     Interrupted,
-    /// The content of the store differs from what the program wrote there.
+    /// The store does not contain what the program last wrote.
     StoreChanged,
-    /// The store was restored from a backup: it does not contain the actions of the cell since the backup.
+    /// The store was restored from a backup: the cell's actions after the backup are missing.
     StoreRestored,
-    /// The program ended while tool or water was on.
+    /// The program ended while the tool or the water was on.
     OutputsOn,
 }
 
 impl Cause {
-    /// Returns the cause of an abort in progress after the robot has changed to this condition. An emergency stop
-    /// outranks every cause except a changed or restored store. Another condition outranks a trouble, which may be
-    /// its consequence: a command is refused because the drives are off.
+    /// Returns the cause of the abort after the robot has changed to this condition. An emergency stop replaces every
+    /// cause except a changed or restored store. Any other condition replaces a fault, which may be its consequence:
+    /// for example, a command is refused because the drives are off.
     pub(super) fn merged_with_robot(self, robot: Robot) -> Cause {
         let by_robot = Cause::Robot(robot);
         match (self, robot) {
@@ -248,32 +249,31 @@ impl Cause {
     }
 }
 
-/// One cycle's limits and counts.
+/// The limits and counters of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Job {
-    /// Whether the cycle has begun and is not concluded.
+    /// Whether the cycle has begun and has no verdict yet.
     pub running: bool,
     /// Whether the cycle is an air-run, which does not touch the panel.
     #[serde(default)]
     pub air: bool,
-    /// Whether, after an abrasion, a person dries the panel, so that a new dry picture is the reference of the next
+    /// Whether a person dries the panel after each sanding pass, so that a new dry picture is the reference of the next
     /// film.
     #[serde(default)]
     pub dries: bool,
-    /// Maximum number of abrasions.
+    /// Maximum number of sanding passes.
     pub max_passes: u8,
-    /// Maximum number of moves of the corner loop.
+    /// Maximum number of motions to corner poses in the corner loop.
     pub max_moves: u8,
-    /// Number of planned abrasions.
+    /// Number of sanding passes so far, including the planned one.
     pub pass: u8,
-    /// The phase after the dry picture: Wet, or after a new localization the phase that was interrupted: Plan or
-    /// Rinse.
+    /// The phase after the dry picture: Wet or, after a new localization, the phase that was interrupted.
     pub after_dry: Phase,
     /// The number of the last plan.
     pub plan: u64,
     /// Its waypoints.
     pub waypoints: u32,
-    /// Number of corners that the Verify in progress has seen at their expected positions.
+    /// Number of corners that the present Verify has found at their expected positions.
     #[serde(default)]
     pub verified: u8,
 }
@@ -281,7 +281,7 @@ pub struct Job {
 /// An action in progress.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Due {
-    /// The id that its answer must contain.
+    /// The id for the answer.
     pub id: Id,
     /// The action.
     pub act: Action,
@@ -290,10 +290,10 @@ pub struct Due {
 /// An open motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Intent {
-    /// The id of the motion's action.
+    /// The id of the action that started the motion.
     pub id: Id,
     /// The motion.
     pub motion: Motion,
-    /// Waypoints executed, as far as reported.
+    /// Number of executed waypoints that the robot has reported.
     pub done: u32,
 }

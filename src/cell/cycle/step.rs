@@ -1,5 +1,6 @@
-//! One step of the table: how an event changes the state; the state after a restart of the program; and the recovery
-//! at program start, which folds the journal of the last process into a state, however that process ended.
+//! One step of the state table: how an event changes the state. Also the state after a restart of the program, and the
+//! recovery at its start, which computes the state from the journal of the last process, no matter how that process
+//! ended.
 
 use super::interlocks::{Rule, Rules};
 use super::turn::TransitionStep;
@@ -9,8 +10,7 @@ use super::{
 };
 use panelprep_base::verdict::Verdict;
 
-/// Returns the next state and the effects to perform now, in order. All effects are performed before the next
-/// event.
+/// Returns the next state, and the effects to perform in this order before the next event.
 pub fn step(state: State, event: Event) -> (State, Vec<Effect>) {
     step_with(Rules::ALL, state, event)
 }
@@ -22,8 +22,8 @@ pub(super) fn step_with(rules: Rules, state: State, event: Event) -> (State, Vec
         Event::Reported(report) => turn.on_report(report),
     }
     turn.perform_next_action();
-    // A person decides on the state that was shown: the number keeps a click on an old page from acting on a newer
-    // state.
+    // A person's decision refers to the state that was displayed. The step number prevents that a click on an outdated
+    // page is applied to a newer state.
     if turn.state.at != state.at {
         turn.state.step += 1;
     }
@@ -36,10 +36,10 @@ impl TransitionStep {
         let robot = self.state.facts.robot;
         let ready = robot == Robot::Ready || !self.rules.is_active(Rule::RobotReady);
         match (self.state.at, request) {
-            // A request that may lead to motion needs a robot that is ready.
+            // A request that may lead to a motion is accepted only if the robot is ready.
             (At::Stopped | At::Complete { .. }, Q::Reset) if ready => {
-                // What was true before the last cycle is not evidence for the next one: standstill and self-test are
-                // proven again.
+                // The standstill and the self-test of the last cycle do not prove the present state, so both are
+                // repeated.
                 (self.state.facts.standing, self.state.facts.tested) = (false, false);
                 self.state.at = At::Resetting;
             }
@@ -52,13 +52,12 @@ impl TransitionStep {
                 self.state.at = At::Starting;
             }
             (At::Held(hold), Q::Unhold { dried }) if ready => self.start_unhold(hold, dried),
-            // A person looked at the result and is at the panel: no Verify before the next phase.
+            // The person has checked the result at the panel: the next phase needs no Verify.
             (At::Held(Hold { why: Why::Review, resume }), Q::Accept) if ready => {
                 self.state.at = At::Unholding { resume: resume.phase_after_accept(), verify: false };
             }
             (At::Aborted { cause }, Q::Clear) if ready => {
-                // Between the abort and this request a person may have jogged the arm; standstill must be reported
-                // anew.
+                // A person may have jogged the arm since the abort, so the robot must report its standstill again.
                 self.state.facts.standing = false;
                 self.state.at = At::Clearing { cause };
             }
@@ -72,8 +71,8 @@ impl TransitionStep {
                 self.refuse(request, Refusal::Robot(robot));
             }
             (At::Execute(phase) | At::Unholding { resume: phase, .. }, Q::Hold) => self.hold(Why::Asked, phase),
-            // These states already lead to rest. An abort stays possible in Stopping and Clearing, since it is sent at
-            // once.
+            // These states already lead to rest. An abort is still possible in Stopping and Clearing, because it takes
+            // effect immediately.
             (At::Stopped | At::Stopping { .. } | At::Clearing { .. }, Q::Stop)
             | (At::Aborting { .. } | At::Aborted { .. }, Q::Stop | Q::Abort) => {
                 self.refuse(request, Refusal::NotNow);
@@ -107,8 +106,8 @@ impl TransitionStep {
             Report::StoreRestored => self.on_store_changed(Cause::StoreRestored),
             Report::EpochOver { trouble } => self.on_epoch_over(trouble),
             Report::OutputsOff => {
-                // That tool or water may run stays set after a lost link, and only evidence clears it: here the
-                // feedbacks of both.
+                // After a lost link, the tool and the water may still run, until evidence shows that they are off. Here
+                // both feedbacks show it.
                 (self.state.facts.tool_may_run, self.state.facts.water_may_run) = (false, false);
             }
             Report::Progress { id, done } => self.on_progress(id, done),
@@ -123,15 +122,15 @@ impl TransitionStep {
                     return self.discard_report();
                 };
                 self.state.due = None;
-                // A late answer is dropped afterwards, since its id is not due any more: the work must not continue by
-                // it.
+                // If the answer arrives later, it is dropped, because its id is no longer that of the action in
+                // progress.
                 self.on_answer(due.act, Answer::Failed(Trouble::Late));
             }
             Report::Deadline { id, which } => self.elapsed(id, which),
         }
     }
 
-    /// Handles the end of a deadline, if the table still waits for it.
+    /// Handles the end of a deadline, if the deadline is still active.
     fn elapsed(&mut self, id: Id, which: Deadline) {
         let facts = &mut self.state.facts;
         match (which, self.state.at) {
@@ -151,7 +150,7 @@ impl TransitionStep {
         }
     }
 
-    /// Handles a change of the robot's condition; a robot that is not ready ends the work.
+    /// Handles a change of the robot's condition. If the robot is no longer ready, the work ends.
     fn condition(&mut self, robot: Robot) {
         self.state.facts.robot = robot;
         if robot == Robot::Ready {
@@ -160,18 +159,18 @@ impl TransitionStep {
         if self.rules.is_active(Rule::LossForgets) {
             self.state.facts.forget();
         }
-        // No controller answers in these two conditions; in all others the controller still answers an abort.
+        // In these two conditions no controller can answer. In all others, the controller still answers an abort.
         let gone = matches!(robot, Robot::LinkLost | Robot::Restarted);
         match self.state.at {
             At::Stopped | At::Aborted { .. } => {}
-            // Nothing moves in these states, so there is nothing to abort; but Start needs a new Reset, which tests
-            // again. An emergency stop is different: a person pressed it for a reason, and must clear it.
+            // The arm does not move in these states, so no abort is needed; but Start needs a new Reset with its
+            // self-test. Only an emergency stop, which a person has pressed for a reason, must be cleared.
             At::Idle | At::Complete { .. } if robot != Robot::EmergencyStop => self.state.at = At::Stopped,
-            // The hold continues: nothing moves, and a person may open the guard to dry the panel or to correct the
-            // trouble.
+            // The cycle stays held: the arm does not move, and a person may open the guard to dry the panel or to
+            // correct a fault.
             At::Held(_) if !matches!(robot, Robot::EmergencyStop | Robot::Restarted) => {}
-            // If the robot is gone, nothing can answer the abort frame. The motion's intent stays open until the robot
-            // has been asked.
+            // Without a controller, the abort frame is never answered. The motion stays open until the robot's
+            // standstill has been queried.
             At::Aborting { cause } => {
                 let cause = cause.merged_with_robot(robot);
                 self.state.at = At::Aborting { cause };
@@ -189,8 +188,8 @@ impl TransitionStep {
         let Some(due) = self.state.due.filter(|due| due.id == id) else { return self.discard_report() };
         match (&mut self.state.intent, due.act) {
             (Some(intent), Action::Move(motion)) => {
-                // A count that goes back or beyond the path belongs to another motion, or a message was changed on its
-                // way.
+                // If the count decreases or exceeds the path, it belongs to another motion, or the message was
+                // corrupted.
                 let in_order = intent.done <= done && done <= motion.waypoints;
                 intent.done = done;
                 if !in_order && self.rules.is_active(Rule::Sequence) {
@@ -201,25 +200,25 @@ impl TransitionStep {
         }
     }
 
-    /// Handles trouble that is not the answer of an action: it matters only while something is in progress.
+    /// Handles a fault that is not the answer to an action. It is relevant only while work is in progress.
     fn on_unexpected_trouble(&mut self, trouble: Trouble) {
         match self.state.at {
             at if at.is_at_rest() => self.discard_report(),
             At::Aborting { .. } => self.discard_report(),
-            // These states bring the cell to rest by themselves. A hold on top of that would only delay it.
+            // These states already lead to rest; a hold would only delay them.
             At::Resetting | At::Clearing { .. } | At::Completing { .. } | At::Stopping { .. } | At::Holding(_)
                 if trouble.allows_continuation() =>
             {
                 self.discard_report();
             }
-            // A robot that is late but responds does harm only while the pad touches the panel.
+            // A robot that is behind its plan can do harm only while the pad is in contact with the panel.
             _ if trouble == Trouble::Slow && !self.state.facts.touching => self.discard_report(),
             _ => self.leave_for_trouble(trouble),
         }
     }
 
-    /// Handles an epoch that the link has ended without a command of the table. Whatever the cycle is doing, there
-    /// is no open epoch any more, and the work in this epoch ends.
+    /// Handles an epoch that the link has ended on its own. In every state the epoch is no longer open, and the work in
+    /// this epoch ends.
     fn on_epoch_over(&mut self, trouble: Option<Trouble>) {
         if self.rules.is_active(Rule::LinkEndsEpoch) {
             self.state.facts.end_epoch(Epoch::Changing);
@@ -229,13 +228,13 @@ impl TransitionStep {
         match self.state.at {
             at if at.is_at_rest() => {}
             At::Aborting { .. } => {}
-            // The state is already bringing about the end of the epoch.
+            // The state is already ending the epoch.
             At::Stopping { .. } | At::Holding(_) if ends && trouble.allows_continuation() => {}
             _ => self.leave_for_trouble(trouble),
         }
     }
 
-    /// Leaves the work in progress as this trouble requires.
+    /// Ends the work in progress by a hold or an abort, depending on the fault.
     pub fn leave_for_trouble(&mut self, trouble: Trouble) {
         if !self.rules.is_active(Rule::TroubleLeaves) {
             return;
@@ -244,24 +243,24 @@ impl TransitionStep {
         match self.state.at {
             At::Resetting => {
                 self.state.at = At::Stopped;
-                // Nothing has moved yet: the operator gets the reason and may request Reset again, without an abort to
-                // clear.
+                // The arm has not moved yet: the operator is shown the reason and may request Reset again, without a
+                // Clear.
                 self.refuse(Request::Reset, Refusal::Failed(trouble));
             }
             At::Clearing { cause } => self.aborted(cause),
             At::Execute(phase) | At::Unholding { resume: phase, .. } if trouble.allows_continuation() => {
                 self.hold(Why::Trouble(trouble), phase);
             }
-            // The panel was not located yet, so the cycle can only continue from its first phase.
+            // The panel is not located yet, so the cycle must be resumed from its first phase.
             At::Starting if trouble.allows_continuation() => self.hold(Why::Trouble(trouble), Phase::Locate),
             _ => self.abort(Cause::Trouble(trouble)),
         }
     }
 
-    /// Aborts at once: the abort frame is sent, whatever was in progress.
+    /// Aborts: the abort frame is sent immediately, during any action.
     pub fn abort(&mut self, cause: Cause) {
-        // The answer of the action in progress must not continue the work, and after an abort the panel may have been
-        // pushed.
+        // A late answer must not continue the work, and the localization is no longer valid, because the panel may have
+        // been moved.
         (self.state.due, self.state.facts.token) = (None, None);
         self.state.at = At::Aborting { cause };
         if !self.rules.is_active(Rule::AbortIsSent) {
@@ -269,8 +268,8 @@ impl TransitionStep {
         }
     }
 
-    /// Ends an abort, whether or not the controller confirmed it. The cycle is concluded here: the robot's reports
-    /// until standstill belong to the cycle.
+    /// Ends an abort, whether or not the controller has confirmed the abort frame. The cycle is concluded only now,
+    /// because the robot's reports until standstill belong to the cycle.
     pub fn aborted(&mut self, cause: Cause) {
         self.conclude(Verdict::Aborted);
         self.state.due = None;
@@ -278,26 +277,27 @@ impl TransitionStep {
     }
 
     fn stop(&mut self) {
-        // A stop does not accept a result that waits for review: the verdict stays review.
+        // A stop does not accept a result that needs review: the verdict is review.
         let review = matches!(self.state.at, At::Held(Hold { why: Why::Review, .. }));
         self.conclude(if review { Verdict::Review } else { Verdict::Aborted });
         self.state.due = None;
-        // The cell is at rest already, with water shut and epoch ended; a robot that is not ready accepts no command.
-        // Reset checks again.
+        // The cell is already at rest, with the water off and the epoch ended. The robot is not ready and accepts no
+        // command; Reset checks everything again.
         if matches!(self.state.at, At::Held(_)) && self.state.facts.robot != Robot::Ready {
             self.state.at = At::Stopped;
             return;
         }
-        // A stop waits for standstill and for water off. If a valve hangs, the deadline turns it into an abort.
+        // A stop waits for standstill and until the water is off. If a valve does not close, the deadline causes an
+        // abort.
         let until = self.arm(Deadline::Stop);
         self.state.at = At::Stopping { until };
     }
 
-    /// Handles a store that was changed or restored, reported at a start before anything moves: a person must check it
-    /// first. The contents of the state may be wrong.
+    /// Handles a changed or restored store, which is reported at the start, before any motion. A person must check the
+    /// store first, because the state may be wrong.
     fn on_store_changed(&mut self, cause: Cause) {
         match self.state.at {
-            // Nothing moves here, and there may be no robot yet to which an abort could be sent.
+            // The arm does not move, and no robot may be connected yet to which an abort could be sent.
             At::Stopped | At::Aborted { .. } => self.aborted(cause),
             _ => self.abort(cause),
         }
@@ -311,34 +311,33 @@ impl TransitionStep {
     }
 }
 
-/// Returns the state after a restart: no motion continues. An open motion, tool or water that was on, or an abort that
-/// was not cleared leads to Aborted; everything else leads to Stopped.
+/// Returns the state after a restart of the program. No motion is resumed. The state is Aborted after an open motion,
+/// after tool or water that was on, and after an abort that was not cleared; otherwise it is Stopped.
 fn state_after_restart(before: State) -> State {
     let at = match (before.intent, before.at) {
-        // A restart is not an acknowledgement: what a person has not cleared stays to be cleared.
+        // A restart does not acknowledge an abort: a person must still clear it.
         (_, At::Aborting { cause, .. } | At::Aborted { cause } | At::Clearing { cause }) => At::Aborted { cause },
-        // The arm was in motion, perhaps in contact, when the process ended, and nothing has reported its standstill.
+        // The process ended during a motion, possibly in contact, and no standstill was reported.
         (Some(_), _) => At::Aborted { cause: Cause::Interrupted },
         (None, _) if before.facts.tool_may_run || before.facts.water_may_run => {
             At::Aborted { cause: Cause::OutputsOn }
         }
         (None, _) => At::Stopped,
     };
-    // The outputs were not watched while no process ran; only facts that restrict the cell stay valid.
+    // The outputs were not monitored while no process ran, so only facts that restrict the cell stay valid.
     let facts = before.facts.facts_after_loss();
     State { at, facts, due: None, job: Job { running: false, ..before.job }, ..before }
 }
 
-/// Returns the state to which a journal leads: the steps of the table are computed, but their effects are not
-/// performed.
+/// Computes the state from the events of a journal, without performing their effects.
 pub fn fold_journal(journal: impl IntoIterator<Item = Event>) -> State {
     journal.into_iter().fold(State::INITIAL, |state, event| step(state, event).0)
 }
 
-/// Returns the state in which a program starts with this journal in its store: Aborted, or Stopped.
+/// Returns the state at the start of a program whose store contains this journal: Aborted or Stopped.
 ///
-/// It is the same as one step of [`Report::Boot`], which the loop journals before anything else, so that a journal of
-/// many starts folds as one.
+/// The result is the same as that of the event [`Report::Boot`], which the control loop writes to the journal first.
+/// Therefore a journal with several starts gives the same state.
 pub fn recover(journal: impl IntoIterator<Item = Event>) -> State {
     step(fold_journal(journal), Event::Reported(Report::Boot)).0
 }

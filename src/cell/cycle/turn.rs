@@ -1,4 +1,4 @@
-//! A step during its computation: the state, the effects so far, and the next action towards an aim.
+//! A transition while it is computed: the state, the effects so far, and the next action towards the goal of the state.
 
 use super::interlocks::{Row, Rule, Rules, action_needs};
 use super::{
@@ -6,19 +6,19 @@ use super::{
 };
 use panelprep_base::verdict::Verdict;
 
-/// The aim of a state.
+/// The goal of a state.
 pub(super) enum Goal {
-    /// To do nothing, or only to wait for time to pass.
+    /// Do nothing, or wait.
     Rest,
-    /// To perform this action, once its needs are satisfied.
+    /// Perform this action as soon as its conditions are satisfied.
     Do(Action),
-    /// To perform this action at once.
+    /// Perform this action immediately.
     Now(Action),
-    /// To enter the next state, once these needs are satisfied.
+    /// Enter the next state as soon as these conditions are satisfied.
     Reach(&'static [Row], At),
 }
 
-/// A step in progress.
+/// A transition while it is computed.
 pub(super) struct TransitionStep {
     pub rules: Rules,
     pub state: State,
@@ -26,17 +26,17 @@ pub(super) struct TransitionStep {
 }
 
 impl TransitionStep {
-    /// Concludes the cycle with its result; the cycle's localization is void.
+    /// Concludes the cycle with its verdict. The localization is no longer valid.
     pub fn conclude(&mut self, verdict: Verdict) {
         self.state.facts.token = None;
         if self.state.job.running {
-            // A cycle has exactly one verdict: later transitions of the same cycle conclude nothing.
+            // A cycle has exactly one verdict: later transitions do not conclude it again.
             self.state.job.running = false;
             self.effects.push(Effect::Conclude { verdict });
         }
     }
 
-    /// Closes an open motion: the robot is at standstill.
+    /// Closes an open motion after the robot has reached standstill.
     pub fn close_intent(&mut self, outcome: Outcome, done: u32) {
         if let Some(Intent { motion, .. }) = self.state.intent.take() {
             self.effects.push(Effect::CloseIntent { motion, outcome, done });
@@ -56,16 +56,16 @@ impl TransitionStep {
         self.state.last_id
     }
 
-    /// Arms a deadline that does not belong to an action.
+    /// Starts a deadline that does not belong to an action.
     pub fn arm(&mut self, deadline: Deadline) -> Id {
         let id = self.next_id();
         self.effects.push(Effect::Arm { id, deadline });
         id
     }
 
-    /// Performs the next action, unless one is in progress.
+    /// Starts the next action, unless one is in progress.
     pub fn perform_next_action(&mut self) {
-        // One action at a time: an interlock that is proven now could otherwise be undone by an action in parallel.
+        // Only one action at a time: a parallel action could violate an interlock that was satisfied before.
         while self.state.due.is_none() {
             if self.lacks_override() {
                 self.leave_for_trouble(Trouble::Override);
@@ -83,20 +83,20 @@ impl TransitionStep {
         }
     }
 
-    /// Returns whether the cycle touches the panel, or is about to, with another override than the one for which
-    /// contact is planned. Neither time nor an action can correct this: a person must.
+    /// Returns whether the tool is in contact, or contact is the next action, at an override other than the one for
+    /// which contact is planned. Only a person can correct this.
     pub fn lacks_override(&self) -> bool {
         let touches = self.state.at == At::Execute(Phase::Abrade) && !self.is_air();
         touches && !self.state.facts.full_override && self.rules.is_active(Rule::FullOverride)
     }
 
-    /// Performs the first action that the given action still needs, or the given action itself if all its needs are
-    /// satisfied. If it only has to wait for time to pass, nothing is performed yet.
+    /// Starts the first action that is needed for the given action, or the given action itself if all its conditions
+    /// are satisfied. Starts nothing if the condition only needs time.
     fn perform_required_action(&mut self, mut act: Action) {
         loop {
             match self.first_unmet_need(&action_needs(act)) {
-                // An action that satisfies a need has needs itself (the tool starts only with extraction and drained
-                // water), so the search continues until an action may begin.
+                // An action that satisfies a condition has conditions itself: the tool starts only with extraction and
+                // after the water has drained. Therefore the search continues until an action may begin.
                 Some(Some(before)) => act = before,
                 Some(None) => return,
                 None => return self.perform(act),
@@ -104,8 +104,8 @@ impl TransitionStep {
         }
     }
 
-    /// Returns the action that satisfies the first need that is not satisfied; `Some(None)` if only time or a person
-    /// can satisfy it, `None` if all needs are satisfied.
+    /// Returns the action that satisfies the first open condition; `Some(None)` if only time or a person can satisfy
+    /// it, `None` if all conditions are satisfied.
     fn first_unmet_need(&self, rows: &[Row]) -> Option<Option<Action>> {
         let missing = |(rule, need): &&Row| self.rules.is_active(*rule) && !need.is_satisfied(&self.state.facts);
         rows.iter().find(missing).map(|(_, need)| need.satisfying_action(&self.state))
@@ -113,20 +113,20 @@ impl TransitionStep {
 
     fn perform(&mut self, act: Action) {
         let id = self.next_id();
-        // From here on the output may have either state; if the answer never comes, no interlock may rely on the old
-        // one.
+        // From now on the output may be on or off. If the action is never answered, no interlock may rely on the
+        // previous state.
         if self.rules.is_active(Rule::AskedIsUnknown) {
             self.state.facts.mark_unknown(act);
         }
         if let Action::Move(motion) = act {
             self.state.intent = Some(Intent { id, motion, done: 0 });
-            // The intent is committed before the motion is sent: after a power cut, a contact that took place must be
-            // in the store.
+            // The motion is committed to the store before it is sent: after a power failure, the store must show every
+            // contact that has taken place.
             if self.rules.is_active(Rule::IntentFirst) {
                 self.effects.push(Effect::OpenIntent(motion));
             }
         }
-        // Armed before the action is performed, so that an action that never returns is still detected as late.
+        // The deadline starts before the action, so that an action without an answer is always detected.
         self.effects.push(Effect::Arm { id, deadline: Deadline::Answer });
         self.effects.push(Effect::Do { id, act });
         self.state.due = Some(Due { id, act });
@@ -139,7 +139,7 @@ impl TransitionStep {
         }
     }
 
-    /// Returns the facts of the cell, so that they can be changed.
+    /// Returns the facts of the cell for modification.
     pub fn facts(&mut self) -> &mut Facts {
         &mut self.state.facts
     }

@@ -1,7 +1,7 @@
-//! `clip.csv`: when each picture of a clip was taken.
+//! `clip.csv`: the capture time of each picture of a clip.
 //!
-//! Header `file,time_s,phase`, or `file,time_s` if every picture shows the wet panel. A clip is evidence: its times
-//! are those of the camera, so they must increase, and its files are in the clip's own folder.
+//! The header is `file,time_s,phase`, or `file,time_s` if every picture shows the wet panel. A clip is evidence.
+//! Therefore the times are those of the camera and must increase, and all files are in the clip's folder.
 
 use panelprep_base::phase::Phase;
 use std::collections::HashMap;
@@ -9,21 +9,21 @@ use std::collections::HashMap;
 /// One picture of a clip.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClipEntry {
-    /// Name of the picture in the clip's folder.
+    /// File name of the picture in the clip's folder.
     pub file: String,
-    /// Time at which the picture was taken, s, counted from any start.
+    /// Capture time, s, from any zero.
     pub time_s: f64,
-    /// Phase that the picture shows.
+    /// The phase in which the picture was captured.
     pub phase: Phase,
 }
 
-/// The pictures of a clip, in the order of their times; at least one is wet.
+/// The pictures of a clip, in the order of their capture times. At least one picture is in the phase wet.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Clip {
     shots: Vec<ClipEntry>,
 }
 
-/// Why a `clip.csv` was refused.
+/// The reason why a `clip.csv` was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ClipError {
     /// The header is not valid.
@@ -51,13 +51,13 @@ pub enum ClipError {
     },
 }
 
-/// Problems of one line of a `clip.csv`.
+/// The problem of a line of a `clip.csv`.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LineProblem {
-    /// A text that does not have the form of a line.
+    /// The line is not valid CSV.
     #[error("{0}")]
     Syntax(String),
-    /// A picture outside of the clip's folder.
+    /// A file outside of the clip's folder.
     #[error("the file is '{0}'; valid: a name in the clip's folder, without / \\ or ..")]
     File(String),
     /// A picture is listed twice.
@@ -65,36 +65,36 @@ pub enum LineProblem {
     Duplicate {
         /// Its name.
         file: String,
-        /// The line of its first entry.
+        /// The line in which the picture is listed first.
         first: u64,
     },
-    /// A time that is not a number.
+    /// The time is not a number.
     #[error("time_s is '{0}'; valid: a finite number of seconds")]
     Time(String),
-    /// A time that does not increase.
+    /// The time is not later than that of the previous picture.
     #[error("time_s is {0}, which is not later than {1}, the time of the previous picture")]
     NotLater(String, String),
-    /// A text that is not a phase.
+    /// The phase is unknown.
     #[error("the phase is '{0}'; valid: dry, spray or wet")]
     Phase(String),
 }
 
 impl Clip {
-    /// Checks the entries of a clip that is about to be written.
+    /// Creates a clip from its entries after checking them.
     ///
     /// # Errors
-    /// As [`read_clip`]; lines are those that [`Clip::to_csv`] would write.
+    /// The errors of [`read_clip`], with the line numbers of the file that [`Clip::to_csv`] would return.
     pub fn new(shots: Vec<ClipEntry>) -> Result<Self, ClipError> {
         let lines = 2..;
         check_lines(lines.zip(shots).collect())
     }
 
-    /// Returns the pictures in the order of their times.
+    /// Returns the pictures in the order of their capture times.
     pub fn entries(&self) -> &[ClipEntry] {
         &self.shots
     }
 
-    /// Writes the clip as `clip.csv`; reading it returns an equal clip.
+    /// Returns the text of `clip.csv`; [`read_clip`] reads an equal clip from it.
     pub fn to_csv(&self) -> String {
         let mut text = "file,time_s,phase\n".to_owned();
         for ClipEntry { file, time_s, phase } in &self.shots {
@@ -104,10 +104,11 @@ impl Clip {
     }
 }
 
-/// Reads a `clip.csv`.
+/// Parses and checks a `clip.csv`.
 ///
 /// # Errors
-/// If header, names, times or phases are not as allowed, or no picture is wet. The first problem is reported.
+/// If the header, a file name, a time or a phase is invalid, or no picture is in the phase wet. Only the first problem
+/// is reported.
 pub fn read_clip(bytes: &[u8]) -> Result<Clip, ClipError> {
     let mut reader = csv::ReaderBuilder::new().has_headers(false).trim(csv::Trim::All).from_reader(bytes);
     let mut records = reader.records();
@@ -176,7 +177,7 @@ fn check_lines(lines: Vec<(u64, ClipEntry)>) -> Result<Clip, ClipError> {
     Ok(Clip { shots })
 }
 
-/// Checks that a name stays in its folder on every system, and that writing and reading do not change it.
+/// Returns whether the name is a plain file name on every system, and stays unchanged when it is written and read.
 fn is_plain_name(file: &str) -> bool {
     let is_separator = |c: char| matches!(c, '/' | '\\' | ':') || c.is_control();
     !(file.is_empty() || file == "." || file.contains("..") || file.contains(is_separator) || file.trim() != file)

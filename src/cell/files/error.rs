@@ -1,9 +1,9 @@
-//! Reasons why bytes are not an organised cloud or not a mesh; and the detection, by their first bytes, of files of
-//! other kinds that are given as a scan, which states what they are and what to do.
+//! The reasons why a file is not an organised cloud or not a mesh. A file of another kind that was given as a scan is
+//! recognised by its first bytes; the error states the kind and what to do.
 
 use panelprep_base::geometry::{CloudError, PinholeCamera};
 
-/// The reason why a PCD or PLY file was refused: the position, what was found, what is allowed.
+/// The reason why a PCD or PLY file was refused: the position, the value found, and the valid values.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CloudFileError {
     /// The file has neither a PCD nor a PLY header.
@@ -12,12 +12,12 @@ pub enum CloudFileError {
          bytes)"
     )]
     NotACloud {
-        /// The text with which the header's last line begins.
+        /// The beginning of the header's last line.
         end: &'static str,
         /// Bytes searched.
         searched: usize,
     },
-    /// A file of another kind, as its first bytes show.
+    /// A file of another kind, recognised by its first bytes.
     #[error("the file is {kind}: {remedy}")]
     OtherKind {
         /// Kind of the file.
@@ -25,7 +25,7 @@ pub enum CloudFileError {
         /// Remedy.
         remedy: &'static str,
     },
-    /// A header line that cannot be read.
+    /// An invalid header line.
     #[error("header line {line}, '{found}': {problem}")]
     Header {
         /// Line, from 1.
@@ -38,38 +38,38 @@ pub enum CloudFileError {
     /// A required field is missing or has another type.
     #[error("field {name}: found {found}; valid: {allowed}")]
     Field {
-        /// The field's name in the file's format.
+        /// Name of the field in the file's header.
         name: &'static str,
-        /// The type in the file.
+        /// The field found in the header, with its type.
         found: String,
-        /// Fields and types that are read.
+        /// The supported fields and types.
         allowed: &'static str,
     },
-    /// The file contains an unorganised list of points instead of one point for each pixel.
+    /// The file contains a list of points without the pixel of each point.
     #[error(transparent)]
     Organized(#[from] CloudError),
-    /// The number of points does not agree with the size of the picture.
+    /// The number of points differs from width times height.
     #[error(
         "the header states {points} points for a picture of {width}×{height}; export an ordered cloud, one point for \
          each pixel"
     )]
     Count {
-        /// Number of points counted.
+        /// The number of points that the header states.
         points: u64,
         /// Columns.
         width: u64,
         /// Rows.
         height: u64,
     },
-    /// More data than any camera delivers.
+    /// More data than any camera can deliver.
     #[error(
         "the header states {points} points of {point_bytes} bytes (limits {limit_point_bytes} bytes per point, \
          {limit_bytes} bytes in total); export the cloud with positions and colours only"
     )]
     TooLarge {
-        /// Number of points counted.
+        /// The number of points that the header states.
         points: u64,
-        /// Bytes of one point; for a text file, of its numbers.
+        /// Size of a point, bytes; in a text file, the size of its numbers.
         point_bytes: u64,
         /// Largest data section.
         limit_bytes: u64,
@@ -79,30 +79,30 @@ pub enum CloudFileError {
     /// The file ends before the last point.
     #[error("the file is truncated: {needed} bytes of points from byte {start} on were expected, found {found}")]
     Truncated {
-        /// The byte where the data begin.
+        /// Offset of the first point, bytes.
         start: usize,
-        /// Bytes that the header requires.
+        /// Size of all points according to the header, bytes.
         needed: usize,
-        /// Number of bytes in the file.
+        /// Size of the points in the file, bytes.
         found: usize,
     },
     /// The text ends before the last point.
     #[error("the file is truncated: {needed} points were expected, found {found}")]
     TooFewLines {
-        /// Points that the header requires.
+        /// Number of points according to the header.
         needed: usize,
         /// Number of points in the file.
         found: usize,
     },
-    /// Additional data follow the last point.
+    /// The file contains data after the last point.
     #[error("{found} bytes follow the last point, from byte {start} on: header and data disagree")]
     Trailing {
-        /// First byte after the points.
+        /// Offset of the first byte after the points.
         start: usize,
-        /// Number of surplus bytes.
+        /// Number of bytes after the points.
         found: usize,
     },
-    /// A point that cannot be read.
+    /// An invalid point in a text file.
     #[error("line {line}: {problem}")]
     Point {
         /// Line, from 1.
@@ -110,31 +110,31 @@ pub enum CloudFileError {
         /// The problem in the point.
         problem: String,
     },
-    /// Compressed data that cannot be unpacked.
+    /// The compressed data cannot be decompressed.
     #[error("the compressed data from byte {start} on cannot be unpacked: {problem}")]
     Compressed {
-        /// The byte where the compressed data begin.
+        /// Offset of the compressed data, bytes.
         start: usize,
         /// The problem in the data.
         problem: String,
     },
-    /// A list of points that does not state the width of its picture.
+    /// A list of points without the width of the picture.
     #[error(
         "neither the file nor a calibration states the width and height of the cloud's picture: write the lines \
          'comment width W' and 'comment height H' into the file's header, or name a cell whose [calibration] has this \
          scanner"
     )]
     NoSize,
-    /// The cloud is not from the calibrated camera.
+    /// The size of the cloud is not that of the calibrated camera.
     #[error("the cloud is {width}×{height} px, but the camera's calibration is for {width_px}×{height_px} px")]
     Size {
         /// Columns found.
         width: usize,
         /// Rows found.
         height: usize,
-        /// Columns of the calibrated camera.
+        /// Width of the calibrated camera's pictures, px.
         width_px: usize,
-        /// Rows of the calibrated camera.
+        /// Height of the calibrated camera's pictures, px.
         height_px: usize,
     },
     /// Numbers in metres.
@@ -145,7 +145,7 @@ pub enum CloudFileError {
         /// Farthest depth.
         to: String,
     },
-    /// The coordinates are in another unit.
+    /// The unit of the coordinates is neither mm nor m.
     #[error(
         "the depths of the points are from {from} to {to}, but a 3D camera measures from 150 to 5000 mm: the unit is \
          probably cm, inch or µm; export the cloud in mm"
@@ -156,7 +156,7 @@ pub enum CloudFileError {
         /// Farthest depth.
         to: String,
     },
-    /// Points behind the camera.
+    /// Most points are behind the camera.
     #[error(
         "most points are behind the camera (z from {from} to {to} mm): the cloud has OpenGL's axes (y up, z \
          backwards), or is in another frame; export it in the camera's own frame, with z pointing forwards"
@@ -167,7 +167,7 @@ pub enum CloudFileError {
         /// Largest z.
         to: String,
     },
-    /// The points are in another order than the pixels.
+    /// The order of the points differs from that of the pixels.
     #[error(
         "the points are in another order than this camera's pixels, {order}: export the cloud as the camera took \
          it, row by row from the top left"
@@ -176,31 +176,31 @@ pub enum CloudFileError {
         /// The exchanged order.
         order: &'static str,
     },
-    /// The points are those of another lens.
+    /// The points belong to another lens.
     #[error(
         "half of the points are {off_px} px or more from the pixels that the calibration predicts: they are on the \
          rays of another lens ({own}; the calibration states {stated}). Name the calibration of the camera that took \
          this scan, or compute it from the scan: panelprep calibrate intrinsics --from-scan"
     )]
     OtherLens {
-        /// Deviation of the points from the rays of their pixels, px.
+        /// Median distance between the pixels and the projections of their points, px.
         off_px: String,
-        /// The parameters of the lens on whose rays the points lie.
+        /// The parameters of the lens to which the points belong.
         own: String,
         /// The parameters of the calibrated lens.
         stated: String,
     },
-    /// The points are not in a camera's frame.
+    /// The points are not in the camera's frame.
     #[error(
         "half of the points are {off_px} px or more from the rays of their pixels, and no lens explains the deviation: \
          the cloud is in another frame (such as the robot's base), or was smoothed or moved. Export the unmodified \
          cloud in the camera's own frame"
     )]
     OtherFrame {
-        /// Deviation of the points from the rays of their pixels, px.
+        /// Median distance between the pixels and the projections of their points, px.
         off_px: String,
     },
-    /// Points that do not lie on the rays of their pixels, although the others do.
+    /// Some points do not lie on the rays of their pixels, although most points do.
     #[error(
         "{points} points are not on the rays of their pixels, but all others are; the first of these points has the \
          pixel ({column}, {row}): the file was changed after the scan. Export or copy the file again"
@@ -208,14 +208,14 @@ pub enum CloudFileError {
     OffRays {
         /// Number of points.
         points: usize,
-        /// Column of the first such point.
+        /// Column of the first of these points.
         column: usize,
-        /// Row of the first such point.
+        /// Row of the first of these points.
         row: usize,
     },
 }
 
-/// Refuses a cloud that is not from the calibrated camera, by the size in its header.
+/// Checks that the size in the header is that of the calibrated camera.
 pub(super) fn check_cloud_size((width, height): (u64, u64), camera: &PinholeCamera) -> Result<(), CloudFileError> {
     let (width, height) = (width as usize, height as usize);
     match (width, height) == (camera.width_px, camera.height_px) {
@@ -226,49 +226,50 @@ pub(super) fn check_cloud_size((width, height): (u64, u64), camera: &PinholeCame
     }
 }
 
-/// Largest number of triangles, five times that of a finely meshed panel; the memory stays below one gigabyte.
+/// Maximum number of triangles of a mesh: five times that of a finely meshed panel; the memory stays below one
+/// gigabyte.
 pub const MAX_TRIANGLES: usize = 5_000_000;
 
-/// Remedy for a file of a CAD system, the same for all its kinds.
+/// What to do with a file of any CAD system.
 const CONVERT: &str = "convert it to STL with the CAD system, or with FreeCAD (open it, select the panel's body, File → Export, \
                        STL mesh), with a deviation of 0.01 mm or less";
 
-/// The reason why a drawing's file was refused: the position, what was found, what to do.
+/// The reason why the mesh of a drawing was refused: the position, the value found, and what to do.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MeshFileError {
-    /// None of the forms that are read.
+    /// The file has none of the supported formats.
     #[error("the file is not an STL, PLY or OBJ file; {CONVERT}")]
     NoMesh,
-    /// A file of a CAD system, whose surfaces are not triangles.
+    /// A file of a CAD system, whose surfaces are not triangulated.
     #[error("the file is {kind}, whose surfaces are formulas, not triangles: {CONVERT}")]
     Surfaces {
-        /// Kind of the surfaces.
+        /// The kind of the file.
         kind: &'static str,
     },
-    /// A binary STL file whose size is not what its header states.
+    /// The size of a binary STL file differs from its header.
     #[error(
         "the header of this binary STL file states {triangles} triangles, which need {needed} bytes, but the file has \
          {found} bytes: the file is damaged or incomplete; export it again"
     )]
     StlSize {
-        /// Number of triangles stated.
+        /// Number of triangles according to the header.
         triangles: u64,
-        /// Number of bytes that this number of triangles needs.
+        /// Size of the file according to the header, bytes.
         needed: u64,
-        /// Number of bytes in the file.
+        /// Size of the file, bytes.
         found: u64,
     },
-    /// A triangle, vertex or face of a binary file.
+    /// An invalid triangle, vertex or face in a binary file.
     #[error("{what} {number}: {problem}")]
     Record {
-        /// Kind of the record.
+        /// Kind of the record: triangle, vertex or face.
         what: &'static str,
         /// Number of the record, from 1.
         number: usize,
         /// The problem.
         problem: String,
     },
-    /// A line of a text.
+    /// An invalid line in a text file.
     #[error("line {line}: {problem}")]
     Line {
         /// Line, from 1.
@@ -276,31 +277,31 @@ pub enum MeshFileError {
         /// The problem.
         problem: String,
     },
-    /// The text ends inside an object.
+    /// The text ends within an object.
     #[error("the file ends at line {line} before '{expected}': it is truncated; export it again")]
     Ends {
-        /// The last line, from 1.
+        /// Number of the last line, from 1.
         line: usize,
         /// The expected content.
         expected: &'static str,
     },
-    /// Data after the last face.
+    /// The file contains data after the last face.
     #[error("{found} bytes follow the last face: header and data disagree; export the file again")]
     Trailing {
-        /// Number of surplus bytes.
+        /// Number of bytes after the last face.
         found: usize,
     },
-    /// A face that is divided into triangles in several ways that differ.
+    /// A face whose division into triangles is ambiguous.
     #[error(
         "line {line}: the face of {corners} corners is not planar and convex; export the mesh with triangles only"
     )]
     NotConvex {
-        /// Line, or number of the face in a binary file, from 1.
+        /// Number of the line, or of the face in a binary file, from 1.
         line: usize,
         /// Its corners.
         corners: usize,
     },
-    /// Two statements of the unit that differ.
+    /// The file states two different units.
     #[error("the file states two units, {first} and {second}; correct its comments")]
     TwoUnits {
         /// The first unit.
@@ -308,12 +309,12 @@ pub enum MeshFileError {
         /// The second unit.
         second: &'static str,
     },
-    /// A statement of a unit that is not read.
+    /// The file states a unit that is not supported.
     #[error(
         "the file states the unit {found} (valid: mm, in, m); export it in millimetres, or correct its comment"
     )]
     UnknownUnit {
-        /// The words of the file.
+        /// The statement of the unit in the file.
         found: String,
     },
     /// A mesh without triangles.
@@ -336,10 +337,10 @@ pub enum MeshFileError {
 const ORDERED: &str =
     "export it as PCD, ordered (organised): one point for each pixel, in mm, in the camera's frame";
 
-/// Checks whether the text consists of rows of at least three numbers: a list of points without a picture.
+/// Returns whether the text consists of rows of at least three numbers: a list of points without pixels.
 fn is_number_table(head: &str) -> bool {
     let mut lines = head.lines().map(str::trim).filter(|line| !line.is_empty());
-    // A line of column names may come first.
+    // The first line may contain column names.
     let is_row = |line: &str| {
         let numbers: Vec<&str> = line.split([',', ';', ' ', '\t']).filter(|word| !word.is_empty()).collect();
         numbers.len() >= 3 && numbers.iter().all(|word| word.parse::<f64>().is_ok())
@@ -347,7 +348,7 @@ fn is_number_table(head: &str) -> bool {
     lines.next().is_some() && lines.next().is_some_and(is_row) && lines.next().is_some_and(is_row)
 }
 
-/// Refuses a file that is known to be of another kind.
+/// Refuses a file of a known other kind, with the kind and what to do.
 pub(super) fn check_kind(bytes: &[u8]) -> Result<(), CloudFileError> {
     let other = |kind, remedy| Err(CloudFileError::OtherKind { kind, remedy });
     let head = &bytes[..bytes.len().min(1_024)];
@@ -356,7 +357,7 @@ pub(super) fn check_kind(bytes: &[u8]) -> Result<(), CloudFileError> {
                       in mm, in the camera's frame";
         return other("an HDF5 file, as Zivid's .zdf files are", remedy);
     }
-    // A binary STL has a header of 80 bytes and then the count of its triangles of 50 bytes.
+    // A binary STL file has a header of 80 bytes, the number of triangles, and 50 bytes for each triangle.
     let triangles = bytes.get(80..84).and_then(|count| count.try_into().ok()).map(u32::from_le_bytes);
     if triangles.is_some_and(|count| count > 0 && bytes.len() as u64 == 84 + 50 * u64::from(count)) {
         return other(

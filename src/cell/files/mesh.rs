@@ -1,14 +1,14 @@
-//! Meshes of drawings: STL (binary and text), PLY and OBJ, distinguished by their content.
+//! Reads meshes of drawings: STL (binary and text), PLY and OBJ. The format is recognised by the content.
 //!
-//! The readers are our own. `mesh-loader` (0.1.13) does not compare the count of a binary STL file with its length, so
-//! that a truncated file is read as a smaller part. A STEP file is recognised and refused: `truck-stepio` (0.3.0), the
-//! only maintained reader, reads neither the unit, nor names and places of the parts in an assembly, nor offset
-//! surfaces.
+//! The parsers are our own. `mesh-loader` (0.1.13) does not compare the number of triangles in a binary STL file with
+//! the file's size, so that it reads a truncated file as a smaller part. A STEP file is recognised and refused:
+//! `truck-stepio` (0.3.0), the only maintained reader, reads neither the unit, nor the names and poses of the parts in
+//! an assembly, nor offset surfaces.
 //!
-//! STL (3D Systems, "StereoLithography Interface Specification", 1989): its normals are not used, since they follow
-//! from the vertices. It has no unit of its own; a comment may state one.
+//! STL (3D Systems, "StereoLithography Interface Specification", 1989): normals are ignored, because they follow from
+//! the vertices. The format has no unit, but a comment may state one.
 //!
-//! OBJ (Wavefront): vertices and plane faces. Textures, normals, materials and groups are not used; an object (`o`) is
+//! OBJ (Wavefront): vertices and planar faces. Textures, normals, materials and groups are ignored; an object (`o`) is
 //! a part. Free-form curves and surfaces are refused, because a part of the panel would be missing without them.
 
 pub use super::error::MeshFileError;
@@ -18,10 +18,10 @@ use super::ply::{read_ply_mesh, triangulate};
 use panelprep_base::geometry::{LengthUnit, TriangleMesh};
 use std::collections::HashMap;
 
-/// Reads the mesh of a drawing. Its numbers are those of the file; its unit is what the file states, if it states one.
+/// Reads the mesh of a drawing. Its coordinates are those of the file; its unit is stated by the file, if at all.
 ///
 /// # Errors
-/// If the bytes are not a mesh, are not complete, contain text instead of numbers, or have no triangle.
+/// If the file is not a mesh, is truncated, contains invalid numbers, or has no triangle.
 pub fn read_mesh(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
     let head = String::from_utf8_lossy(&bytes[..bytes.len().min(512)]);
     let head = head.trim_start_matches('\u{feff}').trim_start();
@@ -51,7 +51,8 @@ const HEADER_BYTES: usize = 80;
 const START_BYTES: usize = HEADER_BYTES + 4;
 const TRIANGLE_BYTES: usize = 50;
 
-/// Triangles of which each states its three corners: the same numbers are the same vertex of an object.
+/// Builds a mesh from triangles that state the coordinates of their corners: equal coordinates within an object are one
+/// vertex.
 #[derive(Default)]
 struct CornerTriangles {
     mesh: TriangleMesh,
@@ -61,12 +62,12 @@ struct CornerTriangles {
 impl CornerTriangles {
     fn begin_object(&mut self, name: &str) {
         self.mesh.begin_object(name);
-        // The same place in another object is another vertex: objects that touch stay apart.
+        // Equal coordinates in another object are a different vertex, so that objects in contact stay separate.
         self.known.clear();
     }
 
     fn vertex(&mut self, corner: [f64; 3]) -> u32 {
-        // Zero has two signs.
+        // Adding 0.0 makes −0.0 and 0.0 equal.
         let key = corner.map(|number| (number + 0.0).to_bits());
         let vertices = &mut self.mesh.vertices;
         *self.known.entry(key).or_insert_with(|| {
@@ -81,19 +82,20 @@ impl CornerTriangles {
     }
 }
 
-/// Returns the count of triangles that a binary file's header states.
+/// Returns the number of triangles in the header of a binary STL file.
 fn stated_triangle_count(bytes: &[u8]) -> Option<u64> {
     let count: [u8; 4] = bytes.get(HEADER_BYTES..START_BYTES)?.try_into().ok()?;
     Some(u64::from(u32::from_le_bytes(count)))
 }
 
-/// Returns whether the size is exactly that of a binary STL file; its first word may be "solid", too.
+/// Returns whether the size is exactly that of a binary STL file. The first word does not decide, because it may be
+/// "solid" in a binary file, too.
 fn is_binary_stl(bytes: &[u8]) -> bool {
     stated_triangle_count(bytes)
         .is_some_and(|count| bytes.len() as u64 == START_BYTES as u64 + TRIANGLE_BYTES as u64 * count)
 }
 
-/// Refuses bytes that can only be a binary STL file of the wrong length, because they are not text of any kind.
+/// Refuses a binary STL file with a wrong size: all other supported formats are text, or begin with text.
 fn check_stl_size(bytes: &[u8]) -> Result<(), MeshFileError> {
     let Some(triangles) = stated_triangle_count(bytes).filter(|&count| count <= MAX_TRIANGLES as u64) else {
         return Ok(());
@@ -103,7 +105,7 @@ fn check_stl_size(bytes: &[u8]) -> Result<(), MeshFileError> {
     if is_text { Ok(()) } else { Err(MeshFileError::StlSize { triangles, needed, found: bytes.len() as u64 }) }
 }
 
-/// Reads a file for which [`is_binary_stl`] holds.
+/// Reads a binary STL file, whose size [`is_binary_stl`] has checked.
 fn read_binary_stl(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
     let records = bytes[START_BYTES..].chunks_exact(TRIANGLE_BYTES);
     if records.len() > MAX_TRIANGLES {
@@ -128,14 +130,14 @@ fn read_binary_stl(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
     Ok(corners.mesh)
 }
 
-/// Returns whether the bytes begin as a text STL file.
+/// Returns whether the file begins like an STL text file.
 fn is_stl_text(bytes: &[u8]) -> bool {
     let head = &bytes[..bytes.len().min(1_024)];
     let first = head.trim_ascii_start();
     first.len() >= 5 && first[..5].eq_ignore_ascii_case(b"solid") && !head.contains(&0)
 }
 
-/// Reads a text file.
+/// Reads an STL text file.
 fn read_text_stl(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
     let mut corners = CornerTriangles::default();
     let mut facet: Vec<[f64; 3]> = Vec::with_capacity(3);
@@ -177,13 +179,13 @@ fn read_text_stl(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
     if is_in_solid { Err(MeshFileError::Ends { line: count, expected: "endsolid" }) } else { Ok(corners.mesh) }
 }
 
-/// Reads the three numbers that follow.
+/// Parses three finite numbers.
 fn point<'a>(mut words: impl Iterator<Item = &'a str>) -> Option<[f64; 3]> {
     let mut number = || words.next()?.parse::<f64>().ok().filter(|number| number.is_finite());
     Some([number()?, number()?, number()?])
 }
 
-/// Joins the units that two comments state.
+/// Merges the units of two comments; different units are an error.
 fn merge_units(
     known: Option<LengthUnit>,
     further: Option<LengthUnit>,
@@ -196,7 +198,7 @@ fn merge_units(
     }
 }
 
-/// Returns triangles as a binary STL file whose header states the unit; without normals, which readers compute.
+/// Returns the mesh as a binary STL file with the unit in its header. The normals are zero; readers compute them.
 pub fn write_stl(mesh: &TriangleMesh) -> Vec<u8> {
     let mut bytes = match mesh.unit {
         Some(unit) => format!("unit: {}", unit.abbreviation()).into_bytes(),
@@ -215,11 +217,11 @@ pub fn write_stl(mesh: &TriangleMesh) -> Vec<u8> {
     bytes
 }
 
-/// Statements without effect on the shape of a mesh.
+/// OBJ statements that do not change the shape of a mesh.
 const IGNORED_STATEMENTS: [&str; 12] =
     ["vt", "vn", "vp", "s", "g", "mg", "usemtl", "mtllib", "usemap", "maplib", "l", "p"];
 
-/// Returns whether the bytes begin as an OBJ file: comments, and then one of its statements.
+/// Returns whether the file begins like an OBJ file: comments, and then an OBJ statement.
 fn is_obj_text(bytes: &[u8]) -> bool {
     let mut lines = bytes[..bytes.len().min(65_536)].split(|&byte| byte == b'\n').map(<[u8]>::trim_ascii);
     let first = lines.find(|line| !line.is_empty() && !line.starts_with(b"#"));
@@ -278,7 +280,8 @@ fn read_obj(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
     Ok(mesh)
 }
 
-/// Reads the vertex of a corner such as `7`, `7/1`, `7//3` or `-1`, which counts backwards.
+/// Parses the vertex index of a face corner, such as `7`, `7/1`, `7//3` or `-1`. A negative index counts backwards from
+/// the last vertex.
 fn vertex(word: &str, count: usize) -> Result<u32, String> {
     let number = word.split('/').next().and_then(|number| number.parse::<i64>().ok());
     let index = number.and_then(|number| match number {
@@ -295,7 +298,7 @@ mod tests {
     use super::*;
     use panelprep_base::geometry::LengthUnit;
 
-    /// The two triangles of a rectangle of 2 × 1.
+    /// A rectangle of 2 × 1 as two triangles.
     const TEXT: &str = "solid skin made by hand, unit: mm\n\
         facet normal 0 0 1\n outer loop\n  vertex 0 0 0\n  vertex 2 0 0\n  vertex 2 1 0\n endloop\nendfacet\n\
         facet normal 0 0 1\n outer loop\n  vertex 0 0 0\n  vertex 2 1 0\n  vertex 0 1 -0\n endloop\nendfacet\nendsolid skin\n";
@@ -309,8 +312,8 @@ mod tests {
         mesh.triangles.iter().map(|&[a, b, c]| (at(b) - at(a)).cross(&(at(c) - at(a))).norm() / 2.0).sum()
     }
 
-    /// The same rectangle in every form: four vertices, two triangles, an area of 2, and the unit that a comment
-    /// states.
+    /// All formats give the same mesh of this rectangle: four vertices, two triangles, an area of 2, and the unit of
+    /// the comment.
     #[test]
     fn every_form_gives_the_same_mesh() {
         let text = read_mesh(TEXT.as_bytes()).expect("text STL");
@@ -341,7 +344,7 @@ mod tests {
         bytes
     }
 
-    /// Two solids that share two vertices stay two objects with vertices of their own.
+    /// Two solids with two common points stay two objects, each with its own vertices.
     #[test]
     fn solids_stay_apart() {
         let mesh =

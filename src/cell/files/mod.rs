@@ -1,11 +1,11 @@
-//! Files as bytes: 3D shots, meshes, pictures, clips and poses, read strictly and written.
+//! Parsers and writers of file contents: 3D shots, meshes, pictures, clips and poses.
 //!
-//! Bytes in, bytes out: nothing here accesses a disk. Unreadable data are refused with the line or byte, what was
-//! found there and what is allowed. Nothing is repaired. Sizes are checked from a file's first bytes, so that a small
-//! file never needs much memory.
+//! All functions work on bytes and do not access a disk. Invalid data are refused with the line or byte, the value
+//! found and the valid values; nothing is repaired. Sizes are checked in the first bytes of a file, so that a small
+//! file cannot cause a large allocation.
 //!
-//! This file reads a 3D shot from a PCD or PLY file, and has the SHA-256 by which contents are identified, with bytes
-//! as hexadecimal digits.
+//! This file reads a 3D shot from a PCD or PLY file, and contains the SHA-256 hash that identifies contents, and
+//! hexadecimal digits.
 
 mod clip;
 mod error;
@@ -37,10 +37,10 @@ use pcd::read_any_pcd;
 use ply::read_any_ply;
 use sha2::{Digest, Sha256};
 
-/// Reads a PCD or PLY file, distinguished by its first line, of the camera with this calibration.
+/// Reads a PCD or PLY file from the camera with this calibration. The format is recognised by the first line.
 ///
 /// # Errors
-/// If the bytes are not an organised cloud with colours, its size is not the camera's, or points do not lie on the
+/// If the file is not an organised cloud with colours, its size is not that of the camera, or points do not lie on the
 /// rays of their pixels.
 pub fn read_cloud(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     check_kind(bytes)?;
@@ -50,11 +50,10 @@ pub fn read_cloud(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud
     Ok(cloud)
 }
 
-/// Reads an organised cloud of any camera, by the size that it states; `size_px` is the size of a PLY file that does
-/// not state its own.
+/// Reads an organised cloud of any size. `size_px` is the size of a PLY file that does not state its size.
 ///
 /// # Errors
-/// If the bytes are not an organised cloud with colours, or its width is not stated.
+/// If the file is not an organised cloud with colours, or its size is not known.
 pub fn read_any_cloud(
     bytes: &[u8],
     size_px: Option<(usize, usize)>,
@@ -66,18 +65,18 @@ pub fn read_any_cloud(
 
 const DIGITS: &[u8; 16] = b"0123456789abcdef";
 
-/// Calculates the SHA-256 of the bytes as 64 lower-case hexadecimal digits.
+/// Returns the SHA-256 hash of the bytes as 64 lower-case hexadecimal digits.
 pub fn content_hash(bytes: &[u8]) -> String {
     hex(&Sha256::digest(bytes))
 }
 
-/// Writes bytes as lower-case hexadecimal digits, two for each byte.
+/// Returns the bytes as lower-case hexadecimal digits, two for each byte.
 pub fn hex(bytes: &[u8]) -> String {
     let digit = |value: u8| char::from(DIGITS[usize::from(value)]);
     bytes.iter().flat_map(|byte| [digit(byte >> 4), digit(byte & 15)]).collect()
 }
 
-/// Returns the bytes of lower-case hexadecimal digits; `None` if the text is not such a number.
+/// Parses lower-case hexadecimal digits, two for each byte; `None` if the text contains other characters.
 pub fn parse_hex(text: &str) -> Option<Vec<u8>> {
     if !is_hex(text, text.len()) || !text.len().is_multiple_of(2) {
         return None;
@@ -85,8 +84,8 @@ pub fn parse_hex(text: &str) -> Option<Vec<u8>> {
     (0..text.len()).step_by(2).map(|at| u8::from_str_radix(text.get(at..at + 2)?, 16).ok()).collect()
 }
 
-/// Returns whether a text is exactly this number of lower-case hexadecimal digits: such a name cannot lead out of a
-/// folder.
+/// Returns whether a text consists of exactly this number of lower-case hexadecimal digits. Such a file name cannot
+/// lead out of its folder.
 pub fn is_hex(text: &str, digits: usize) -> bool {
     text.len() == digits && text.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
 }
@@ -111,7 +110,7 @@ mod tests {
         }
     }
 
-    /// The example of FIPS 180-2, appendix B.1.
+    /// Expected value: the example of FIPS 180-2, appendix B.1.
     #[test]
     fn the_example_of_the_standard_is_reproduced() {
         let expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";

@@ -1,42 +1,41 @@
-//! Organised PCD, the native form of a 3D shot.
+//! Organised PCD files, the main format of a 3D shot.
 //!
-//! WIDTH × HEIGHT points in the camera's frame, mm, row by row: `x y z` of TYPE F SIZE 4 and one of `rgb`, `rgba`,
-//! a packed 0xAARRGGBB of SIZE 4 and TYPE U or F (a float with those bits). Other fields and VIEWPOINT are not
-//! used. `ascii`, `binary` and `binary_compressed` are read, `binary` is written.
+//! WIDTH × HEIGHT points in the camera's frame, mm, row by row: `x y z` of TYPE F SIZE 4 and either `rgb` or `rgba`, a
+//! packed 0xAARRGGBB of SIZE 4 and TYPE U or F (a float with the same bits). Other fields and VIEWPOINT are ignored.
+//! `ascii`, `binary` and `binary_compressed` files are read; `binary` files are written.
 //!
-//! `pcd-rs` reads header, text and LZF. It trusts the header (it allocates the stated size and indexes by it), and
-//! trusts POINTS more than WIDTH × HEIGHT. Therefore all sizes are checked here before it receives the data. Zeros
-//! after the last point are allowed, because PCL fills its files up to a memory page. Its writer panics when
-//! dropped before its end; the twelve lines of a binary header are written here.
+//! The crate `pcd-rs` parses the header, text and LZF. It does not check the header: it allocates the stated size, and
+//! uses POINTS even if POINTS differs from WIDTH × HEIGHT. Therefore all sizes are checked here first. Zeros after the
+//! last point are accepted, because PCL fills its files up to a memory page. The writer of `pcd-rs` panics if it is
+//! dropped too early, so the twelve lines of a binary header are written here.
 
 use super::error::{CloudFileError, check_cloud_size};
 use panelprep_base::geometry::{Camera, CloudError, OrganizedCloud, PinholeCamera};
 use pcd_rs::{DataKind, FieldDef, PcdDeserialize, PcdMeta, Reader, Schema, ValueKind};
 use std::io::{BufRead, Error as IoError, ErrorKind};
 
-/// The end of the header is searched within this length; real headers have 200 bytes.
+/// Maximum length of a header, bytes; real headers have 200 bytes.
 const MAX_HEADER_BYTES: usize = 1 << 16;
-/// Largest data section: seven times that of this project's camera, three times that of a camera with five million
-/// points.
+/// Maximum size of the points, bytes: seven times that of this project's camera, three times that of a camera with five
+/// million pixels.
 const MAX_DATA_BYTES: u64 = 1 << 28;
-/// Largest point: x, y, z and colour need 16 bytes, with a normal, curvature and padding 48.
+/// Maximum size of a point, bytes: x, y, z and colour need 16 bytes; with a normal, curvature and padding 48.
 const MAX_POINT_BYTES: u64 = 64;
-/// LZF expands 3 bytes to 264 bytes at most.
+/// Maximum compression ratio of LZF, which expands 3 bytes to at most 264 bytes.
 const MAX_LZF_RATIO: usize = 88;
 
-/// Reads an organised cloud of the camera with this calibration.
+/// Reads an organised cloud from the camera with this calibration.
 ///
 /// # Errors
-/// If the bytes are not an organised PCD file with colours, complete to its last point, or its size is not the
-/// camera's.
+/// If the file is not a complete, organised PCD file with colours, or its size is not that of the camera.
 pub fn read_pcd(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     read(bytes, Some(camera))
 }
 
-/// Reads an organised cloud of any camera; the size is the one that the file states.
+/// Reads an organised cloud of any size; the header states the size.
 ///
 /// # Errors
-/// As [`read_pcd`], whatever its size.
+/// The errors of [`read_pcd`], except that any size is accepted.
 pub(super) fn read_any_pcd(bytes: &[u8]) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     read(bytes, None)
 }
@@ -58,7 +57,7 @@ fn read(bytes: &[u8], camera: Option<&PinholeCamera>) -> Result<OrganizedCloud<C
 
     let reader = Reader::<ColoredPoint, _>::from_reader(bytes)
         .map_err(|error| CloudFileError::Compressed { start: data_start, problem: error.to_string() })?;
-    // A text has at least two bytes for each number, so the allocated memory stays in proportion to the file.
+    // In a text file, each number needs at least two bytes, so the allocation is proportional to the size of the file.
     let mut points_mm = Vec::with_capacity(points.min(bytes.len()));
     let mut colors = Vec::with_capacity(points.min(bytes.len()));
     let first_line = 1 + header.iter().filter(|&&byte| byte == b'\n').count();
@@ -73,12 +72,12 @@ fn read(bytes: &[u8], camera: Option<&PinholeCamera>) -> Result<OrganizedCloud<C
     Ok(OrganizedCloud::new(meta.width as usize, meta.height as usize, points_mm, colors)?)
 }
 
-/// Returns the cloud as a binary PCD file, as PCL writes it; NaN if a point is missing.
+/// Returns the cloud as a binary PCD file like those of PCL; missing points are NaN.
 pub fn write_pcd(cloud: &OrganizedCloud<Camera>) -> Vec<u8> {
     write_pcd_from(cloud, "")
 }
 
-/// Returns the file of [`write_pcd`] with a comment that states the cloud's origin, in one line.
+/// Returns the cloud as in [`write_pcd`], with one comment line that states the origin of the cloud.
 pub fn write_pcd_from(cloud: &OrganizedCloud<Camera>, origin: &str) -> Vec<u8> {
     let (width, height) = (cloud.width(), cloud.height());
     let one_line: String = origin.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
@@ -100,7 +99,7 @@ pub fn write_pcd_from(cloud: &OrganizedCloud<Camera>, origin: &str) -> Vec<u8> {
     bytes
 }
 
-/// Returns the lines up to and including `DATA …`.
+/// Returns the header, up to and including the line `DATA …`.
 fn header(bytes: &[u8]) -> Result<&[u8], CloudFileError> {
     let searched = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
     let mut end = 0;
@@ -114,7 +113,7 @@ fn header(bytes: &[u8]) -> Result<&[u8], CloudFileError> {
     Err(CloudFileError::NotACloud { end: "DATA …", searched: searched.len() })
 }
 
-/// Converts an error of `pcd-rs`, which names a key at most, into an error that names the line.
+/// Converts an error of `pcd-rs`, which names at most a key, into an error with the line of the header.
 fn header_error(header: &[u8], error: &pcd_rs::Error) -> CloudFileError {
     let problem = match error {
         pcd_rs::Error::ParseError { desc, .. } => desc.clone(),
@@ -142,7 +141,7 @@ fn header_error(header: &[u8], error: &pcd_rs::Error) -> CloudFileError {
     CloudFileError::Header { line: index + 1, found, problem }
 }
 
-/// Returns the number of points and the bytes of each point, after checking that the header is consistent.
+/// Checks that the header is consistent, and returns the number of points and the size of a point in bytes.
 fn checked_size(meta: &PcdMeta) -> Result<(usize, usize), CloudFileError> {
     let (width, height, points) = (meta.width, meta.height, meta.num_points);
     if width < 2 || height < 2 {
@@ -166,7 +165,7 @@ fn checked_size(meta: &PcdMeta) -> Result<(usize, usize), CloudFileError> {
     }
 }
 
-/// Returns TYPE as written in a header.
+/// Returns the letter of TYPE in a header.
 fn type_letter(kind: ValueKind) -> char {
     match kind {
         ValueKind::F32 | ValueKind::F64 => 'F',
@@ -217,7 +216,7 @@ fn check_length(bytes: &[u8], start: usize, needed: usize) -> Result<(), CloudFi
     }
 }
 
-/// Checks the two lengths that precede the packed data: packed and unpacked.
+/// Checks the two sizes at the beginning of compressed data: compressed and decompressed.
 fn check_compressed(bytes: &[u8], start: usize, unpacked_needed: usize) -> Result<(), CloudFileError> {
     let data = &bytes[start..];
     let Some((&[p0, p1, p2, p3, u0, u1, u2, u3], _)) = data.split_first_chunk() else {
@@ -239,7 +238,7 @@ fn check_compressed(bytes: &[u8], start: usize, unpacked_needed: usize) -> Resul
 fn check_text_end(data: &[u8], data_start: usize, points: usize) -> Result<(), CloudFileError> {
     let used: usize = data.split_inclusive(|&byte| byte == b'\n').take(points).map(<[u8]>::len).sum();
     if !data[..used].ends_with(b"\n") {
-        // The last number may have lost its last digits.
+        // The last digits of the last number may be missing.
         return Err(CloudFileError::TooFewLines { needed: points, found: points - 1 });
     }
     match data[used..].iter().all(|byte| byte.is_ascii_whitespace() || *byte == 0) {
@@ -262,14 +261,14 @@ fn point_error(error: &pcd_rs::Error, first_line: usize, index: usize, points: u
     CloudFileError::Point { line: first_line + index, problem }
 }
 
-/// One point of a file with checked fields.
+/// A point of a file whose fields were checked.
 struct ColoredPoint {
     mm: [f32; 3],
     rgb: [u8; 3],
 }
 
 impl ColoredPoint {
-    /// Picks the fields that are read; `bits` returns the four bytes at a position in the record.
+    /// Parses position and colour from a record; `bits` returns the four bytes of a field.
     fn parse_fields(
         fields: &Schema,
         place_after: impl Fn(usize, &FieldDef) -> usize,
@@ -296,7 +295,7 @@ impl ColoredPoint {
 }
 
 impl PcdDeserialize for ColoredPoint {
-    // The fields were checked already, by name.
+    // No check by `pcd-rs` is needed: the fields were checked by name.
     fn is_dynamic() -> bool {
         true
     }
@@ -308,7 +307,7 @@ impl PcdDeserialize for ColoredPoint {
     fn read_chunk<R: BufRead>(reader: &mut R, fields: &Schema) -> pcd_rs::Result<Self> {
         let after = |place: usize, field: &FieldDef| place + field.kind.byte_size() * field.count as usize;
         let record_bytes = fields.iter().fold(0, after);
-        // The reader reads from memory: its buffer is all the remaining data.
+        // The data are in memory, so the buffer contains all remaining bytes.
         let record = reader.fill_buf()?.get(..record_bytes).ok_or(IoError::from(ErrorKind::UnexpectedEof))?;
         let point = Self::parse_fields(fields, after, |place, _, _| {
             let bytes = record[place..].first_chunk().ok_or(IoError::from(ErrorKind::UnexpectedEof))?;
@@ -333,12 +332,12 @@ impl PcdDeserialize for ColoredPoint {
     }
 }
 
-/// Returns the four bytes of a written number.
+/// Parses a number of a text file and returns its four bytes.
 fn number_bits(word: &str, kind: ValueKind, name: &str) -> pcd_rs::Result<u32> {
     let number = match kind {
         ValueKind::U32 => word.parse::<u32>().ok(),
-        // In a text file, a colour that was packed as a float with alpha 255 is written as nan, and a whole number
-        // other than 0 is never a packed float.
+        // A colour with alpha 255 that is packed as a float is written as nan in a text file. A whole number other than
+        // 0 is never a packed float.
         _ if is_color(name) && word != "0" && word.bytes().all(|byte| byte.is_ascii_digit()) => None,
         _ => word.parse::<f32>().ok().filter(|number| !(is_color(name) && number.is_nan())).map(f32::to_bits),
     };

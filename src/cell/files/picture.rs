@@ -1,20 +1,24 @@
-//! Pictures from and to bytes: PNG, JPEG and TIFF read, PNG and JPEG written.
+//! Decodes and encodes pictures: PNG, JPEG and TIFF are read, PNG and JPEG are written.
 //!
-//! Allowed formats for each picture:
+//! The valid formats depend on the use of the picture:
 //!
-//! | The picture | Read | Why |
+//! | Use of the picture | Valid formats | Reason |
 //! |---|---|---|
-//! | shows the position of something: a corner of the panel, a board or a point for a camera's mount, a verification | PNG | every part of a PNG has a checksum, so damage is found; in JPEG and TIFF a changed byte gives other pixels and no error, and JPEG also moves edges |
-//! | a clip of the wet panel, live from a recorded scanner or as files | PNG, JPEG, TIFF | a verdict on a place needs many pictures that agree, and no pose comes from them |
-//! | a board for a lens (`calibrate intrinsics`) | PNG, JPEG, TIFF | the residual of each picture is compared with those of all the others |
+//! | A position is measured: a corner of the panel, a board or a point for a camera's mount, a verification | PNG | All
+//! parts of a PNG file have checksums, so damage is detected. In JPEG and TIFF, a changed byte gives other pixels
+//! without an error, and JPEG also shifts edges. |
+//! | A clip of the wet panel, live from a recorded scanner or as files | PNG, JPEG, TIFF | The result for a place needs
+//! many pictures that agree, and no pose is measured. |
+//! | A board for the calibration of a lens (`calibrate intrinsics`) | PNG, JPEG, TIFF | The residual of each picture is
+//! compared with those of all other pictures. |
 //!
-//! [`read_measured`] enforces the first row. 8 bits per channel are read, grey or RGB; grey becomes colour by
-//! repeating it, colour becomes grey by BT.601 ([`ColorPicture::to_gray`]). An alpha channel is allowed if it hides
-//! nothing. 16 bits per channel are refused: only the camera knows how to scale them. A picture's own rotation tag
-//! (EXIF) is not used, since a calibration applies to the pixels as they were taken.
+//! [`read_measured`] enforces the first row. Pictures must have 8 bits per channel, grey or RGB. Grey is converted to
+//! colour by copying the channel, colour to grey by BT.601 ([`ColorPicture::to_gray`]). An alpha channel must be
+//! opaque. 16 bits per channel are refused, because only the camera knows the scale. The rotation tag (EXIF) is
+//! ignored, because a calibration refers to the pixels as captured.
 //!
-//! Size and kind of the pixels are in a picture's first bytes and are checked there, before memory is allocated for
-//! pixels: a small file may unpack to a thousand times its length.
+//! The size and the pixel format are checked in the first bytes of the file, before memory is allocated: a small file
+//! may decompress to a thousand times its size.
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageFormat, ImageReader, Limits};
@@ -23,32 +27,31 @@ use panelprep_base::geometry::{ColorPicture, GrayPicture, PinholeCamera};
 use std::io::Cursor;
 
 const JPEG_QUALITY: u8 = 95;
-/// The largest picture that is unpacked if no calibration states its size: more pixels than any camera of such a cell
-/// has.
+/// Maximum number of pixels if no calibration states the size: more than any camera of a cell has.
 const MAX_PIXELS: u64 = 32 << 20;
-/// Memory limit for a decoder in addition to the pixels that it returns.
+/// Maximum memory of a decoder in addition to the pixels, bytes.
 const MAX_DECODER_BYTES: u64 = 128 << 20;
 
-/// The reason why bytes are not a picture, or why a picture cannot be written.
+/// The reason why a picture cannot be decoded or encoded.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PictureError {
-    /// The file is of another kind.
+    /// The file is not a picture in a supported format.
     #[error("the file is not a readable picture: {found}; valid: PNG, JPEG and TIFF")]
     Format {
-        /// The kind of file that the first bytes indicate.
+        /// The kind of the file, recognised by its first bytes.
         found: String,
     },
-    /// A picture that is truncated or damaged.
+    /// The file is truncated or damaged.
     #[error("the {format} picture of {bytes} bytes is damaged or truncated: {problem}")]
     Damaged {
-        /// PNG, JPEG or TIFF.
+        /// The format: PNG, JPEG or TIFF.
         format: &'static str,
         /// Bytes given.
         bytes: usize,
         /// The problem that the decoder reports.
         problem: String,
     },
-    /// Damage in the file would not be detected, and a measurement depends on the picture.
+    /// A position is measured in the picture, but the format has no checksum, so damage would not be detected.
     #[error(
         "positions are measured in this picture, but its format is {format}: a {format} file has no checksum, so \
          damaged pixels would shift the measurement unnoticed. Take the picture again, and save it as PNG in the \
@@ -58,7 +61,7 @@ pub enum PictureError {
         /// JPEG or TIFF.
         format: &'static str,
     },
-    /// The picture has more pixels than this program unpacks.
+    /// The picture has too many pixels.
     #[error("the picture is {width}×{height}, {pixels} pixels (limit {allowed} pixels)")]
     TooLarge {
         /// Columns.
@@ -67,28 +70,28 @@ pub enum PictureError {
         height: u32,
         /// Number of pixels.
         pixels: u64,
-        /// Largest allowed number of pixels.
+        /// Maximum number of pixels.
         allowed: u64,
     },
-    /// Channels that cannot be used without a conversion.
+    /// The pixel format is not supported.
     #[error("the picture's pixels are {found}; valid: 8 bits per channel, grey or RGB, opaque")]
     Pixels {
-        /// The format of the picture's channels.
+        /// The pixel format of the picture.
         found: String,
     },
-    /// The picture is not from the calibrated camera.
+    /// The size of the picture is not that of the calibrated camera.
     #[error("the picture is {width}×{height} px, but the camera's calibration is for {width_px}×{height_px} px")]
     Size {
         /// Columns found.
         width: usize,
         /// Rows found.
         height: usize,
-        /// Columns of the calibrated camera.
+        /// Width of the calibrated camera's pictures, px.
         width_px: usize,
-        /// Rows of the calibrated camera.
+        /// Height of the calibrated camera's pictures, px.
         height_px: usize,
     },
-    /// Width, height and number of pixels are not consistent.
+    /// The number of pixels is not width times height, or the picture is too large for its format.
     #[error("a {format} picture of {width}×{height} cannot be written from {pixels} pixels: {problem}")]
     Unwritable {
         /// PNG or JPEG.
@@ -104,42 +107,42 @@ pub enum PictureError {
     },
 }
 
-/// Reads a colour picture of any size; a grey one becomes grey colours.
+/// Decodes a colour picture of any size; a grey picture is converted to colour.
 ///
 /// # Errors
-/// If the bytes are not a complete PNG, JPEG or TIFF with 8 bits per channel, or it is larger than any camera's.
+/// If the file is not a complete PNG, JPEG or TIFF picture with 8 bits per channel, or has too many pixels.
 pub fn read_color(bytes: &[u8]) -> Result<ColorPicture, PictureError> {
     Ok(color(decode(PictureKind::detect(bytes)?, bytes, None)?))
 }
 
-/// Reads a grey picture of any size; a colour picture is converted as [`ColorPicture::to_gray`] does.
+/// Decodes a grey picture of any size; a colour picture is converted by [`ColorPicture::to_gray`].
 ///
 /// # Errors
-/// As [`read_color`].
+/// The errors of [`read_color`].
 pub fn read_gray(bytes: &[u8]) -> Result<GrayPicture, PictureError> {
     Ok(to_gray(decode(PictureKind::detect(bytes)?, bytes, None)?))
 }
 
-/// Reads a colour picture of the camera with this calibration.
+/// Decodes a colour picture from the camera with this calibration.
 ///
 /// # Errors
-/// As [`read_color`], and if its size is not the camera's.
+/// The errors of [`read_color`], or if the size is not that of the camera.
 pub fn read_color_of(bytes: &[u8], camera: &PinholeCamera) -> Result<ColorPicture, PictureError> {
     Ok(color(decode(PictureKind::detect(bytes)?, bytes, Some(camera))?))
 }
 
-/// Reads a picture for a measurement, taken by the camera with this calibration.
+/// Decodes a picture in which a position is measured, from the camera with this calibration.
 ///
 /// # Errors
-/// As [`read_color_of`], and if it is not a PNG.
+/// The errors of [`read_color_of`], or if the format is not PNG.
 pub fn read_measured(bytes: &[u8], camera: &PinholeCamera) -> Result<ColorPicture, PictureError> {
     Ok(color(decode(PictureKind::detect(bytes)?.with_checksum()?, bytes, Some(camera))?))
 }
 
-/// Reads a picture for a measurement as [`read_measured`] does, and converts it to grey as [`read_gray`] does.
+/// Decodes a picture as [`read_measured`] does, and converts it to grey as [`read_gray`] does.
 ///
 /// # Errors
-/// As [`read_measured`].
+/// The errors of [`read_measured`].
 pub fn read_measured_gray(bytes: &[u8], camera: &PinholeCamera) -> Result<GrayPicture, PictureError> {
     Ok(to_gray(decode(PictureKind::detect(bytes)?.with_checksum()?, bytes, Some(camera))?))
 }
@@ -160,26 +163,26 @@ fn to_gray(picture: DynamicImage) -> GrayPicture {
     }
 }
 
-/// Returns a colour picture as PNG, compressed for speed.
+/// Encodes a colour picture as PNG, with fast compression.
 ///
 /// # Errors
-/// If the picture is empty or its pixels are not `width`·`height`.
+/// If the picture is empty, or the number of its pixels is not width times height.
 pub fn write_color_png(picture: &ColorPicture) -> Result<Vec<u8>, PictureError> {
     encode_png(picture.width, picture.height, picture.rgb.as_flattened(), ExtendedColorType::Rgb8)
 }
 
-/// Writes a grey picture as PNG, compressed for speed.
+/// Encodes a grey picture as PNG, with fast compression.
 ///
 /// # Errors
-/// As [`write_color_png`].
+/// The errors of [`write_color_png`].
 pub fn write_gray_png(picture: &GrayPicture) -> Result<Vec<u8>, PictureError> {
     encode_png(picture.width, picture.height, &picture.gray, ExtendedColorType::L8)
 }
 
-/// Writes a colour picture as JPEG of quality 95.
+/// Encodes a colour picture as JPEG with quality 95.
 ///
 /// # Errors
-/// As [`write_color_png`], and above 65535 px, JPEG's largest side.
+/// The errors of [`write_color_png`], or if a side is longer than 65535 px, the limit of JPEG.
 pub fn write_color_jpeg(picture: &ColorPicture) -> Result<Vec<u8>, PictureError> {
     let (width, height, pixels) = (picture.width, picture.height, picture.rgb.len());
     check_pixel_count(width, height, pixels, "JPEG")?;
@@ -189,13 +192,13 @@ pub fn write_color_jpeg(picture: &ColorPicture) -> Result<Vec<u8>, PictureError>
     };
     let mut file = Vec::new();
     let mut encoder = Encoder::new(&mut file, JPEG_QUALITY);
-    // Colour at full resolution, because the film is judged by its colour, too.
+    // The colours are stored at full resolution, because the evaluation of the film uses them.
     encoder.set_sampling_factor(SamplingFactor::F_1_1);
     let written = encoder.encode(picture.rgb.as_flattened(), columns, rows, ColorType::Rgb);
     written.map(|()| file).map_err(|error| unwritable(error.to_string()))
 }
 
-/// One of the formats that are read.
+/// A supported picture format.
 #[derive(Clone, Copy)]
 struct PictureKind {
     format: ImageFormat,
@@ -257,8 +260,8 @@ fn decode(kind: PictureKind, bytes: &[u8], camera: Option<&PinholeCamera>) -> Re
     }
 }
 
-/// Refuses a picture that is not from the calibrated camera; without a camera, refuses a size that no camera
-/// delivers.
+/// Checks that the size is that of the calibrated camera or, without a calibration, that the number of pixels is below
+/// the limit.
 fn check_size((width, height): (u32, u32), camera: Option<&PinholeCamera>) -> Result<(), PictureError> {
     let found = (width as usize, height as usize);
     match camera {
@@ -275,8 +278,8 @@ fn check_size((width, height): (u32, u32), camera: Option<&PinholeCamera>) -> Re
     }
 }
 
-/// Returns whether a JPEG file has its end marker. The decoder fills missing data with grey and reports nothing. So the
-/// end is searched here: an end marker after the start of the last scan (one before it belongs to the thumbnail).
+/// Returns whether a JPEG file has its end marker after the start of the last scan (an earlier end marker belongs to
+/// the thumbnail). The decoder does not check this: it fills missing data with grey.
 fn has_jpeg_end(bytes: &[u8]) -> bool {
     let last = |marker: [u8; 2]| bytes.windows(2).rposition(|pair| pair == marker);
     matches!((last([0xff, 0xda]), last([0xff, 0xd9])), (Some(scan), Some(end)) if end > scan)
@@ -307,7 +310,7 @@ fn encode_png(
     written.map(|()| file).map_err(|error| unwritable(error.to_string()))
 }
 
-/// Checks that the pixels fill the picture: otherwise the encoders would panic or write an unreadable picture.
+/// Checks that the number of pixels is width times height. Otherwise the encoders would panic or write an invalid file.
 fn check_pixel_count(width: usize, height: usize, pixels: usize, format: &'static str) -> Result<(), PictureError> {
     match pixels != 0 && width.checked_mul(height) == Some(pixels) {
         true => Ok(()),

@@ -1,8 +1,8 @@
-//! Organised PLY: all points of the picture row by row, missing ones as NaN or (0, 0, 0).
+//! Organised PLY files: all points of the picture row by row; a missing point is NaN or (0, 0, 0).
 //!
-//! `format ascii` or `binary_little_endian`; the first element is `vertex` with float or double `x y z` (mm,
-//! camera's frame) and uchar `red green blue`; other properties and later elements are not used. PLY has no width
-//! and height: `comment width W` and `comment height H` state them, otherwise the camera's calibration does.
+//! `format ascii` or `binary_little_endian`. The first element is `vertex` with float or double `x y z` (mm, in the
+//! camera's frame) and uchar `red green blue`; other properties and further elements are ignored. PLY has no width and
+//! height: they are stated by `comment width W` and `comment height H`, or else by the camera's calibration.
 
 mod header;
 mod mesh;
@@ -13,20 +13,18 @@ use super::error::{CloudFileError, check_cloud_size};
 use header::{Header, NAMES, NumberType, PropertyOffset, PropertyOffsets};
 use panelprep_base::geometry::{Camera, CloudError, OrganizedCloud, PinholeCamera};
 
-/// Reads an organised cloud; `camera` states its size if the file does not.
+/// Reads an organised cloud; the size is that of `camera` if the file does not state its size.
 ///
 /// # Errors
-/// If the bytes are not an organised PLY file with colours, complete to its last point, or its size is not the
-/// camera's.
+/// If the file is not a complete, organised PLY file with colours, or its size is not that of the camera.
 pub fn read_ply(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     read(bytes, Some((camera.width_px, camera.height_px)), Some(camera))
 }
 
-/// Reads an organised cloud of any camera; `size_px` is the picture's width and height if the file does not state
-/// them.
+/// Reads an organised cloud of any size; the size is `size_px` if the file does not state its size.
 ///
 /// # Errors
-/// As [`read_ply`], for any size, and if the size is not stated at all.
+/// The errors of [`read_ply`], except that any size is accepted; or if the size is not stated at all.
 pub(super) fn read_any_ply(
     bytes: &[u8],
     size_px: Option<(usize, usize)>,
@@ -60,7 +58,7 @@ fn read(
     Ok(OrganizedCloud::new(width as usize, height as usize, points_mm, colors)?)
 }
 
-/// Returns the cloud as a binary PLY file with its size in comments; NaN if a point is missing.
+/// Returns the cloud as a binary PLY file with its size in comments; missing points are NaN.
 pub fn write_ply(cloud: &OrganizedCloud<Camera>) -> Vec<u8> {
     let (width, height) = (cloud.width(), cloud.height());
     let mut bytes = format!(
@@ -122,7 +120,7 @@ fn read_text(
     let (mut points_mm, mut colors) = (Vec::new(), Vec::new());
     let mut used = 0;
     for line in data.split_inclusive(|&byte| byte == b'\n').take(points) {
-        // If the last line has no line end, its last digits may be missing.
+        // Without a line end, the last digits of the last line may be missing.
         if !line.ends_with(b"\n") {
             break;
         }
@@ -211,7 +209,8 @@ mod tests {
         assert!(back.valid_points().eq(cloud.valid_points()) && back.picture() == cloud.picture());
     }
 
-    /// By hand: one vertex is double x y z, then a float that is skipped, then the colour: 31 bytes.
+    /// Expected size of a vertex, calculated by hand: double x y z, a float that is skipped, and the colour are 31
+    /// bytes.
     #[test]
     fn binary_with_doubles_and_more_elements() {
         let mut file =

@@ -1,42 +1,42 @@
-//! Reads and writes poses as JSON: a bare `{x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}`, or an object that contains a
-//! pose under its name, as the commands print it.
+//! Reads and writes poses as JSON: either a pose `{x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}`, or an object that contains
+//! a pose under a key, like the output of the commands.
 //!
-//! JSON has no NaN, and the parser refuses numbers too large for a double, so every pose read is finite.
+//! JSON has no NaN, and the parser refuses numbers that are too large for a double; therefore every pose is finite.
 
 use crate::panel::TaughtSource;
 use panelprep_base::geometry::{Joints, KukaPose};
 use serde::Deserialize;
 
-/// The reason why a text is not a pose.
+/// The reason why a file contains no valid pose.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PoseError {
-    /// The text contains no pose.
+    /// The file contains no pose.
     #[error("{problem}; valid: {{x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}}, or an object with such a pose as {key}")]
     Text {
-        /// The key that may contain a pose.
+        /// The key under which a pose is expected.
         key: &'static str,
-        /// The problem that the parser reports, with its line.
+        /// The problem that the JSON parser reports, with the line.
         problem: String,
     },
-    /// The file is the output of a command that found no pose.
+    /// The file is the output of a command that has found no pose.
     #[error("{key} is null: the command that printed this file found no pose; run it again until it finds one")]
     NotFound {
         /// The key.
         key: &'static str,
     },
-    /// The panel's frame is the drawing's, and the file was printed for another frame.
+    /// The panel is taught from its drawing, but the pose in the file does not refer to the drawing's frame.
     #[error(
         "the panel is taught from its drawing, and this file does not state the same pose as base_from_panel and \
          base_from_drawing: an earlier version printed it, or it is of a panel that was taught by a scan; locate the panel again"
     )]
     NotOfDrawing,
-    /// The panel's frame is not a drawing's, and the file was printed for such a frame.
+    /// The pose in the file refers to a drawing's frame, but the panel is not taught from a drawing.
     #[error(
         "this file states base_from_drawing, and the recipe has no [nominal]: it is of a panel that was taught from its \
          drawing; locate the panel with this recipe"
     )]
     OfDrawing,
-    /// The file is the output of a command that states that its pose must not be used.
+    /// The file is the output of a command with the verdict `reject`, so that its pose must not be used.
     #[error(
         "the verdict in this file is 'reject'; its {key} must not be used: correct what its reasons name, and run the command again"
     )]
@@ -46,11 +46,12 @@ pub enum PoseError {
     },
 }
 
-/// Reads the panel's pose, base from panel: a pose, or the output of `locate` or `refine`. A panel that is taught from
-/// its drawing has another frame: `taught_by` states the source of the recipe's panel, `None` if no recipe is given.
+/// Reads the pose of the panel (base from panel): either a pose, or the output of `locate` or `refine`. `taught_by` is
+/// how the recipe's panel was taught, because a panel that is taught from its drawing has a different frame; `None` if
+/// no recipe is given.
 ///
 /// # Errors
-/// If there is no complete pose, or it was printed with the verdict `reject` or for another frame.
+/// If the file contains no complete pose, has the verdict `reject`, or refers to another frame.
 pub fn read_located(bytes: &[u8], taught_by: Option<TaughtSource>) -> Result<KukaPose, PoseError> {
     let key = "base_from_panel";
     let Some(LocatedFile { base_from_panel, base_from_drawing, verdict, .. }) = parse_if_present(bytes, key)?
@@ -66,19 +67,19 @@ pub fn read_located(bytes: &[u8], taught_by: Option<TaughtSource>) -> Result<Kuk
     }
 }
 
-/// Reads the uncertainty of the panel's pose that [`read_located`] reads, 95 %, mm; `None` if the file does not state it.
+/// Reads the uncertainty (95 %, mm) of the pose that [`read_located`] reads; `None` if the file does not state it.
 ///
 /// # Errors
-/// If the text is not that of a pose.
+/// If the file contains no pose.
 pub fn read_located_mm(bytes: &[u8]) -> Result<Option<f64>, PoseError> {
     let printed: Option<LocatedFile> = parse_if_present(bytes, "base_from_panel")?;
     Ok(printed.and_then(|printed| printed.uncertainty_mm))
 }
 
-/// Reads the flange's pose, base from flange: a pose, or an object with the key `base_from_flange`.
+/// Reads the pose of the flange (base from flange): either a pose, or an object with the key `base_from_flange`.
 ///
 /// # Errors
-/// If there is no complete pose.
+/// If the file contains no complete pose.
 pub fn read_flange(bytes: &[u8]) -> Result<KukaPose, PoseError> {
     let key = "base_from_flange";
     let printed: Option<FlangeFile> = parse_if_present(bytes, key)?;
@@ -86,26 +87,26 @@ pub fn read_flange(bytes: &[u8]) -> Result<KukaPose, PoseError> {
         .map_or_else(|| parse_bare_pose(bytes, key), |printed| check_verdict(printed.base_from_flange, None, key))
 }
 
-/// The flange's pose reported by the controller, and the axes if the file has them.
+/// The flange pose as reported by the controller, with the axis angles if the file contains them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReportedFlange {
     /// The pose.
     pub base_from_flange: KukaPose,
-    /// The field `axes_deg`, A1 to A6.
+    /// The axis angles `axes_deg`, A1 to A6.
     pub joints: Option<Joints>,
 }
 
-/// Reads a pose as [`read_flange`] does, with `axes_deg` beside `base_from_flange`; `axes_deg` may be absent.
+/// Reads a pose as [`read_flange`] does, and the optional key `axes_deg` beside `base_from_flange`.
 ///
 /// # Errors
-/// As [`read_flange`].
+/// The errors of [`read_flange`].
 pub fn read_reported_flange(bytes: &[u8]) -> Result<ReportedFlange, PoseError> {
     let printed: Option<FlangeFile> = parse_if_present(bytes, "base_from_flange")?;
     let joints = printed.and_then(|printed| printed.axes_deg).map(Joints::from);
     Ok(ReportedFlange { base_from_flange: read_flange(bytes)?, joints })
 }
 
-/// Writes the flange in the form that [`read_reported_flange`] reads, with a newline at the end.
+/// Returns the flange pose as JSON for [`read_reported_flange`], with a newline at the end.
 pub fn write_reported_flange(flange: &ReportedFlange) -> String {
     match flange.joints {
         None => write_pose(&flange.base_from_flange),
@@ -116,7 +117,7 @@ pub fn write_reported_flange(flange: &ReportedFlange) -> String {
     }
 }
 
-/// Writes the pose as JSON, with a newline at the end.
+/// Returns the pose as JSON, with a newline at the end.
 pub fn write_pose(pose: &KukaPose) -> String {
     serde_json::json!(pose).to_string() + "\n"
 }
@@ -135,8 +136,8 @@ struct FlangeFile {
     axes_deg: Option<[f64; 6]>,
 }
 
-/// Returns the object that contains the key, `None` if the key is absent. The text is read twice, so that errors keep
-/// their line.
+/// Parses the object if it contains the key; `None` if the key is absent. The original text is parsed a second time, so
+/// that errors state the correct line.
 fn parse_if_present<'b, T: Deserialize<'b>>(bytes: &'b [u8], key: &'static str) -> Result<Option<T>, PoseError> {
     let text = |error: serde_json::Error| PoseError::Text { key, problem: error.to_string() };
     let value: serde_json::Value = serde_json::from_slice(bytes).map_err(text)?;
@@ -212,8 +213,8 @@ mod tests {
         }
     }
 
-    /// The frame of a drawn panel is the drawing's; a pose that was printed for another frame would move the tool to
-    /// another place.
+    /// A panel that is taught from its drawing has the drawing's frame. With a pose that refers to another frame, the
+    /// tool would move to a wrong place.
     #[test]
     fn a_pose_of_another_frame_is_refused() {
         let of = |more: &str| format!(r#"{{"verdict": "accept", "base_from_panel": {BARE}{more}}}"#);

@@ -1,9 +1,10 @@
 //! Checks whether the points of a cloud lie on the rays of their pixels.
 //!
-//! A 3D camera measures each point on the ray of its pixel. If half of the points project elsewhere by the camera's own
-//! model, cloud and lens do not belong together: another camera's lens, another frame or unit, rows upside down. The
-//! error names the lens or order that fits. If most points do fit, a point that does not was changed after the shot: by
-//! a disk, a cable or a program. Distances along the ray are not checked, except for their unit.
+//! A 3D camera measures each point on the ray of its pixel. If half of the points do not project to their pixels with
+//! the camera's calibration, then cloud and calibration do not belong together: another camera, another frame or unit,
+//! or reversed rows. The error names the lens or the order that fits. If most points project to their pixels, then the
+//! other points were corrupted after the capture, by a disk, a cable or a program. The distances along the rays are not
+//! checked, except for their unit.
 
 use super::error::CloudFileError;
 use panelprep_base::geometry::{
@@ -12,31 +13,31 @@ use panelprep_base::geometry::{
 };
 use rayon::prelude::*;
 
-/// A lens fits if half of the points project within this distance of their pixels, px in a picture of [`REFERENCE_WIDTH_PX`]
-/// columns: manufacturers' figures are approximations.
+/// Maximum median distance between the pixels and the projections of their points at which a lens fits, px in a picture
+/// of [`REFERENCE_WIDTH_PX`] columns. The limit is wide because the manufacturers' parameters are approximations.
 const MAX_MEDIAN_ERROR_PX: f64 = 2.0;
 const REFERENCE_WIDTH_PX: f64 = 1_944.0;
-/// Lower bound of this limit for small pictures, px: a scan may be reduced with a different centre of its pixels.
+/// Lower bound of this limit in small pictures, px: the pixel centres of a downsampled scan may be defined differently.
 const MIN_ERROR_LIMIT_PX: f64 = 1.0;
-/// A point that projects farther away than this was not measured at its pixel, px. The value is ten times
-/// [`MAX_MEDIAN_ERROR_PX`], to allow filters that smooth a scan.
+/// Maximum distance between a pixel and the projection of its point, px. The value is ten times
+/// [`MAX_MEDIAN_ERROR_PX`], so that smoothed scans are accepted.
 const MAX_PROJECTION_ERROR_PX: f64 = 20.0;
-/// Fewer points show nothing about lens, frame or unit.
+/// Minimum number of points at which lens, frame and unit are checked.
 const MIN_POINTS: usize = 60;
-/// A 3D camera measures nothing nearer than this, mm: such numbers are metres.
+/// Minimum depth that a 3D camera measures, mm; smaller values are metres.
 const MIN_DISTANCE_MM: f64 = 20.0;
-/// A 3D camera measures parts between these distances, mm: other numbers are in another unit.
+/// Range of the depths that a 3D camera measures, mm; other values have another unit.
 const MEASURING_RANGE_MM: std::ops::Range<f64> = 150.0..5_000.0;
-/// If a lens fits a cloud, the residual is below this, px.
+/// Maximum residual at which an estimated lens fits a cloud, px.
 const MAX_FIT_RESIDUAL_PX: f64 = 0.5;
 
 type RaySample = Vec<(Pixel, Point<Camera>)>;
 
-/// Refuses a cloud with points that are not in mm in a camera's frame: in metres, behind the camera, or, if no lens
-/// projects them to their pixels, in another frame. Without the camera's calibration nothing more can be checked.
+/// Checks without a calibration that the points are in mm in the frame of a camera: not in metres, not behind the
+/// camera, and on the rays of any lens.
 ///
 /// # Errors
-/// The kind of cloud that was found instead.
+/// If the points have another unit or another frame; the error states which.
 pub fn check_frame(cloud: &OrganizedCloud<Camera>) -> Result<(), CloudFileError> {
     let sample = sample_points(cloud);
     if sample.len() < MIN_POINTS {
@@ -76,8 +77,8 @@ fn unit_and_side(sample: &RaySample) -> Result<(), CloudFileError> {
     Ok(())
 }
 
-/// Returns the error for a cloud whose points do not lie on this camera's rays; it names the change with which they
-/// would.
+/// Returns the error for a cloud whose points do not lie on the rays of this camera. The error names the change after
+/// which they would.
 fn lens_mismatch_error(
     cloud: &OrganizedCloud<Camera>,
     sample: &RaySample,
@@ -116,11 +117,10 @@ fn lens_mismatch_error(
     }
 }
 
-/// Refuses a cloud that this camera cannot have taken: of another lens, frame, unit or order. It checks a sample,
-/// and needs a millisecond or two.
+/// Checks on a sample of points that the cloud can be from this camera. The check takes one or two milliseconds.
 ///
 /// # Errors
-/// The kind of cloud that was found instead.
+/// If the points belong to another lens, frame, unit or order; the error states which.
 pub fn check_lens(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Result<(), CloudFileError> {
     let sample = sample_points(cloud);
     if sample.len() < MIN_POINTS {
@@ -134,15 +134,15 @@ pub fn check_lens(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Res
     Ok(())
 }
 
-/// Checks the lens as [`check_lens`] does, and refuses a cloud in which single points do not lie on the rays of
-/// their pixels.
+/// Checks the lens as [`check_lens`] does, and in addition every point.
 ///
 /// # Errors
-/// Returns the form of the cloud if it is not the camera's, or the first point that is not on its ray.
+/// The errors of [`check_lens`], or if a point does not lie on the ray of its pixel; the error states the first such
+/// point.
 pub fn check_rays(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Result<(), CloudFileError> {
     check_lens(cloud, camera)?;
     let own = |index: usize| Pixel::at((index % cloud.width()) as f64, (index / cloud.width()) as f64);
-    // Distance of a point's projection from its pixel, px.
+    // Distance between a pixel and the projection of its point, px.
     let off_px = |index: usize| {
         let seen = cloud.point_at(index)?;
         let (own, seen) = (own(index), camera.project(seen));
@@ -182,7 +182,7 @@ mod tests {
         k3: 0.0,
     };
 
-    /// Returns a plane at 700 mm with the rays of a camera that has its centre elsewhere, and one changed point.
+    /// Returns a plane at 700 mm, seen by a camera whose image centre is shifted, with one changed point.
     fn cloud(shift_px: f64, changed: Option<(usize, [f32; 3])>) -> OrganizedCloud<Camera> {
         let point = |index: usize| {
             let (u, v) = ((index % 100) as f64 + shift_px, (index / 100) as f64);
@@ -195,8 +195,8 @@ mod tests {
         OrganizedCloud::new(100, 80, points, vec![[0; 3]; 8_000]).expect("counts agree")
     }
 
-    /// Calculated by hand: a point that is moved by 700 mm · 19/90 = 147.8 mm in x is seen 19 px to the right; 163.3 mm
-    /// are 21 px.
+    /// Expected values, calculated by hand: a point that is moved by 700 mm · 19/90 = 147.8 mm in x is projected 19 px
+    /// to the right; 163.3 mm are 21 px.
     #[test]
     fn a_point_of_another_pixel_is_refused_with_its_place() {
         let [x, y, z] = [(10.0 - 50.0) / 90.0 * 700.0, (30.0 - 40.0) / 90.0 * 700.0, 700.0_f32];
@@ -210,7 +210,8 @@ mod tests {
         assert_eq!(changed([4.0 * x, 4.0 * y, 4.0 * z]), Ok(()), "another distance on the same ray");
     }
 
-    /// By hand: 5 px away from their pixels, the points are those of a lens with its centre at 55 px.
+    /// Expected value, calculated by hand: points that are projected 5 px away from their pixels belong to a lens with
+    /// its centre at 55 px.
     #[test]
     fn a_cloud_of_another_lens_is_refused_and_its_lens_is_stated() {
         let other = check_rays(&cloud(-5.0, None), &CAMERA).expect_err("another lens").to_string();
@@ -222,7 +223,7 @@ mod tests {
         assert!(check_frame(&cloud(-5.0, None)).is_ok(), "without a calibration any lens will do");
     }
 
-    /// The same points in other frames, units and orders; each error is named.
+    /// The same points in other frames, units and orders are refused, each with its cause.
     #[test]
     fn other_frames_units_and_orders_are_named() {
         let step = |index: usize| if (index / 10).is_multiple_of(2) { 1.0 } else { 1.3 };

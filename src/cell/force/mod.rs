@@ -1,9 +1,9 @@
-//! The compliant tool without sockets: its telegrams, its session, its set-points, and the expected values of its
-//! readings.
+//! The compliant tool without sockets: telegrams, session, set-points, and the comparison of the measured values with
+//! their expected values.
 //!
-//! A compliant tool presses the disc onto the panel with a force of its own, at any distance of the arm within its
-//! stroke. The arm's tool centre point is calibrated at half the stroke. The arm moves along the plan as with any
-//! other tool; no force is controlled through the arm.
+//! A compliant tool presses the disc onto the panel with its own force control, at any extension within its stroke. The
+//! arm's tool centre point is calibrated at half the stroke. The arm moves along the plan as with any other tool; the
+//! arm does not control the force.
 //!
 //! ```text
 //! tool fully back            half the stroke               fully out
@@ -11,10 +11,10 @@
 //!             └─ middle two thirds: in contact the tool is here ─┘
 //! ```
 //!
-//! Forces are contact forces, N, positive if the disc presses onto the panel, unless they are stated to be the
-//! actuator's; `watch` has the formula between them. Read in this order: `telegram` · `session` · `press` (the
-//! set-points of the tool, the force at each waypoint, and the gate before the motion) · `watch` (the weight, and
-//! readings against expected values). Payload and zero are calibrated in `calib::force`.
+//! Forces are contact forces, N, positive if the disc presses onto the panel, unless they are named actuator forces;
+//! `watch` contains the formula between both. Read the modules in this order: `telegram` · `session` · `press`
+//! (set-points, the force at each waypoint, and the check before a contact motion) · `watch` (the weight, and the
+//! comparison with expected values). Payload and zero are calibrated in `calib::force`.
 
 mod press;
 mod session;

@@ -1,23 +1,22 @@
-//! How the tool presses along a path: its set-point with the ramp from one set-point to the next, the gate before a
-//! contact motion (whether the tool's stroke accommodates all errors of the path), and the force for each part of a
-//! path.
+//! How the tool presses along a path: the set-point with its ramp, the force on each part of a path, and the check
+//! before a contact motion that the tool's stroke is sufficient for all errors of the path.
 //!
-//! The tool centre point is calibrated at half the stroke s. On the panel the tool is then extended by
+//! The tool centre point is calibrated at half the stroke s. On the panel, the tool is extended by
 //!
 //! ```text
 //! s/2 − press_in ± e,     e = e_tool + e_surface + e_chord                                        (1)
 //! ```
 //!
 //! with e_tool the error at the tool, 95 %, e_surface the distance of the fitted surface from the scan, 95 %, and
-//! e_chord the largest distance of a straight line between two waypoints from the surface. All of (1) must be within
-//! the middle two thirds of the stroke. The errors are added linearly, not as a root sum of squares: a systematic error
-//! would not average out along a path.
+//! e_chord the largest distance of a straight line between two waypoints from the surface. The whole range (1) must lie
+//! within the middle two thirds of the stroke. The errors are added linearly, not as a root sum of squares, because a
+//! systematic error does not average out along a path.
 //!
-//! Waypoints are those of the plan, the first one in air. The robot reports how many of the others it has reached, and
-//! is then on the leg from that waypoint to the next. Through the air and over a hole the tool is held back. On the way
-//! down and up, with one end of the leg on the panel, it presses with the landing force. It also does so on the last
-//! leg before it leaves, so that the force is reduced when the disc lifts off. Between these legs, it presses with the
-//! recipe's force.
+//! Waypoints are those of the plan; the first one is in the air. The robot reports how many of the others it has
+//! reached; it is then on the leg from the last reached waypoint to the next one. On legs in the air and over a hole,
+//! the tool is held back. On the legs down and up, with one end on the panel, it presses with the landing force. It
+//! also presses with the landing force on the last leg on the panel, so that the force is already reduced when the disc
+//! lifts off. On all other legs, it presses with the recipe's force.
 
 use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
 use panelprep_base::verdict::{Check, LimitSource, Severity};
@@ -25,20 +24,20 @@ use panelprep_kuka::eki::Time;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// A set-point: forces of the actuator, already compensated for gravity.
+/// A set-point: actuator forces that are already compensated for gravity.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ForceSetPoint {
-    /// The actuator's force in contact, N; negative holds the tool back.
+    /// Actuator force in contact, N; a negative force holds the tool back.
     pub force_n: f64,
-    /// Its force without contact, N.
+    /// Actuator force without contact, N.
     pub no_contact_n: f64,
-    /// Duration of the ramp from the previous set-point to this one, s.
+    /// Duration of the ramp from the previous set-point, s.
     pub ramp_s: f64,
 }
 
 impl ForceSetPoint {
-    /// Returns a set-point that holds the tool back at once with this force of the actuator, N.
+    /// Returns a set-point that immediately holds the tool back with this actuator force, N.
     pub fn retracted(force_n: f64) -> Self {
         ForceSetPoint { force_n, no_contact_n: force_n, ramp_s: 0.0 }
     }
@@ -53,14 +52,15 @@ pub struct SetPointRamp {
 }
 
 impl SetPointRamp {
-    /// Returns a ramp that is already at this set-point.
+    /// Returns a ramp that has already reached this set-point.
     pub fn constant(press: ForceSetPoint) -> Self {
         SetPointRamp { from_n: press.force_n, to: press, since: Time::default() }
     }
 
-    /// Starts a ramp to this set-point now.
+    /// Starts a ramp to this set-point at the time `now`.
     pub fn start_towards(&mut self, press: ForceSetPoint, now: Time) {
-        // From the present force, also in the middle of another ramp: a jump of the force marks the panel.
+        // The ramp starts from the present force, even within another ramp, because a jump of the force would mark the
+        // panel.
         *self = SetPointRamp { from_n: self.force_n(now), to: press, since: now };
     }
 
@@ -69,7 +69,7 @@ impl SetPointRamp {
         self.to
     }
 
-    /// Returns the actuator's force at this time, N.
+    /// Returns the actuator force at this time, N.
     pub fn force_n(&self, now: Time) -> f64 {
         let SetPointRamp { from_n, to, since } = self;
         let passed_s = now.since(*since).as_secs_f64();
@@ -77,35 +77,33 @@ impl SetPointRamp {
         from_n + (to.force_n - from_n) * share
     }
 
-    /// Returns the range of the force during the last `delay` before now, lower value first, N: a tool follows with
-    /// some delay.
+    /// Returns the smallest and the largest force within the last `delay`, N, because the tool follows its set-point
+    /// with a delay.
     pub fn force_range_n(&self, now: Time, delay: Duration) -> [f64; 2] {
         let before = Time::from_start(now.since_start().saturating_sub(delay));
-        // The ramp is a straight line. Before its start the force is its starting value.
+        // The ramp is linear, so both extremes are at the ends of the interval. Before the ramp, the force is constant.
         let (before_n, now_n) = (self.force_n(before), self.force_n(now));
         let before_n = if before < self.since { self.from_n } else { before_n };
         [before_n.min(now_n), before_n.max(now_n)]
     }
 }
 
-/// Fraction of the stroke, centred on its middle, that may be used in contact.
+/// Fraction of the stroke, around its middle, that may be used in contact.
 pub const MIDDLE_SHARE: f64 = 2.0 / 3.0;
 
 /// The check's name.
 pub const TOOL_STROKE: &str = "compliant tool, from the middle of its stroke at most";
 
-/// Returns the part of the stroke that may be used in contact, mm from fully back.
+/// Returns the range of the stroke that may be used in contact, mm from fully back.
 pub fn middle_mm(stroke_mm: f64) -> [f64; 2] {
     let half = MIDDLE_SHARE / 2.0;
     [(0.5 - half) * stroke_mm, (0.5 + half) * stroke_mm]
 }
 
-/// Checks whether the stroke accommodates the errors along the path, (1), all in mm; an error that is not stated is
-/// refused.
+/// Checks that the errors along the path fit into the stroke, (1), all in mm. A missing error fails the check.
 pub fn check_stroke(stroke_mm: f64, press_in_mm: f64, errors_mm: [Option<f64>; 3]) -> Check {
     let allowed_mm = MIDDLE_SHARE / 2.0 * stroke_mm;
-    // A linear sum, not a root sum of squares: the errors of tool, surface and lines may all lie in the same direction
-    // along a whole path.
+    // Errors are added linearly: the errors of tool, surface and lines may have the same direction along a whole path.
     let sum_mm = errors_mm.into_iter().try_fold(press_in_mm.abs(), |sum_mm, error_mm| Some(sum_mm + error_mm?));
     let check = Check::new(TOOL_STROKE, "mm", sum_mm).with_max(allowed_mm, LimitSource::cell("tool.stroke_mm"));
     let is_within = sum_mm.is_some() && check.is_met();
@@ -124,19 +122,19 @@ pub fn check_stroke(stroke_mm: f64, press_in_mm: f64, errors_mm: [Option<f64>; 3
     })
 }
 
-/// The tool's task on a part of the path.
+/// How the tool presses on a leg of the path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ForcePhase {
     /// The tool is held back.
     HeldBack,
-    /// The tool lands or leaves, with the landing force.
+    /// The tool lands on the panel or leaves it, with the landing force.
     Landing,
     /// The tool presses with the recipe's force.
     Pressing,
 }
 
-/// Returns the tool's task on the leg that begins at this waypoint; `contact` states for each waypoint whether it is
+/// Returns how the tool presses on the leg that begins at the waypoint `reached`. `contact` is whether each waypoint is
 /// on the panel.
 pub fn force_phase(contact: &[bool], reached: usize) -> ForcePhase {
     let on = |index: usize| contact.get(index).copied().unwrap_or(false);
@@ -153,8 +151,8 @@ mod tests {
     use panelprep_base::verdict::{Judgement, Verdict};
     use proptest::prelude::*;
 
-    /// Calculated by hand: from 5 to 20 N in 0.3 s is 10 N after 0.1 s; a new set-point of 0 N then applies at
-    /// once.
+    /// Expected values, calculated by hand: a ramp from 5 to 20 N in 0.3 s has 10 N after 0.1 s. A new set-point of 0 N
+    /// without a ramp applies immediately.
     #[test]
     fn a_ramp_is_a_straight_line_from_where_it_is() {
         let at = |ms| Time::from_ms(ms);
@@ -172,8 +170,8 @@ mod tests {
         assert_eq!(ramp.force_range_n(at(1_150), delay).map(f64::round), [-30.0, 10.0]);
     }
 
-    /// Calculated by hand: 30 mm of stroke allow 10 mm about the middle: 5 to 25 mm. 8 + 1 + 0.5 + 0.4 is 9.9; with
-    /// 0.6 the sum is 10.1.
+    /// Expected values, calculated by hand: a stroke of 30 mm permits 10 mm on both sides of its middle, so 5 to 25 mm.
+    /// The errors 8 + 1 + 0.5 + 0.4 are 9.9 mm; with 0.6 instead of 0.4 they are 10.1 mm.
     #[test]
     fn errors_and_press_in_must_stay_in_the_middle() {
         assert_eq!(middle_mm(30.0).map(|mm| (mm * 1e9).round() / 1e9), [5.0, 25.0]);
@@ -184,9 +182,9 @@ mod tests {
         assert!(unknown.reason().is_some_and(|reason| reason.message.contains("tool_error_mm")));
     }
 
-    /// Calculated by hand, for waypoints in air, low, four on the panel, low, in air: the tool is held back to the low
-    /// point, lands on the way down and presses on two legs. It has the landing force on the last leg on the panel and
-    /// on the way up, and is held back again.
+    /// Expected values, calculated by hand, for eight waypoints: in air, low, four on the panel, low, in air. The tool
+    /// is held back down to the low waypoint, lands on the way down, and presses on two legs. It has the landing force
+    /// on the last leg on the panel and on the way up, and is then held back again.
     #[test]
     fn forces_follow_the_path() {
         let contact = [false, false, true, true, true, true, false, false];
@@ -197,7 +195,7 @@ mod tests {
     }
 
     proptest! {
-        /// The recipe's force never applies if either end of the leg, or the next leg's end, is off the panel.
+        /// The recipe's force is never used if either end of the leg, or the end of the next leg, is off the panel.
         #[test]
         fn nothing_presses_beside_the_panel(contact in prop::collection::vec(any::<bool>(), 0..20), at in 0_usize..25) {
             let on = |index: usize| contact.get(index) == Some(&true);

@@ -1,10 +1,9 @@
-//! The session with the tool: log-in, then one command a period, each answered before its deadline. No sockets, no
-//! clock.
+//! The session with the tool: log-in, then one command in each period, each with a reply before its deadline. This
+//! module has no sockets and no clock.
 //!
-//! The owner of the connection supplies the received bytes and the time, and sends the bytes that it is given. The
-//! first deviation ends the session with its [`LinkLossCause`]; a new connection begins with the tool held back. Nothing is
-//! ever skipped or guessed: a wrong byte ends the session, since the bytes that follow could be the answer to
-//! another command.
+//! The owner of the connection passes received bytes and the time, and sends the bytes that are returned. The first
+//! deviation ends the session with a [`LinkLossCause`]; in a new connection, the tool is first held back. No byte is
+//! ever skipped: a wrong byte ends the session, because the bytes after it could be the reply to another command.
 
 use super::press::{ForceSetPoint, SetPointRamp};
 use super::telegram::{
@@ -14,7 +13,7 @@ use panelprep_kuka::eki::Time;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// Timeout for the echo of the log-in.
+/// Maximum time until the tool echoes the log-in.
 const LOGIN_TIMEOUT: Duration = Duration::from_millis(1_000);
 
 /// The settings of a session.
@@ -26,17 +25,17 @@ pub struct SessionLimits {
     pub id: u16,
     /// Interval between commands.
     pub period: Duration,
-    /// Timeout for a reply.
+    /// Maximum time until a reply.
     pub reply_within: Duration,
-    /// The tool's set-point until another is commanded.
+    /// The set-point of the tool until another one is set.
     pub rest_set_point: ForceSetPoint,
 }
 
-/// The reason why the link to the tool is lost.
+/// The reason why the link to the tool was lost.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum LinkLossCause {
-    /// No tool accepts the connection.
+    /// The connection could not be established.
     #[error("the connection failed: {problem}")]
     Unreachable {
         /// The system's error.
@@ -48,13 +47,13 @@ pub enum LinkLossCause {
     /// The tool refused the log-in.
     #[error("the tool replied to the log-in text with \"{found}\"; compare [tool] login with the tool's settings")]
     NotLoggedIn {
-        /// Answer of the tool.
+        /// The tool's reply to the log-in.
         found: String,
     },
-    /// The tool did not answer in time.
+    /// The tool did not reply in time.
     #[error("the tool has not replied for {ms} ms")]
     Silent {
-        /// Duration of the silence, ms.
+        /// Time without a reply, ms.
         ms: u64,
     },
     /// The tool's reply is not valid.
@@ -66,10 +65,10 @@ pub enum LinkLossCause {
     /// Another tool answered.
     #[error("{problem}; compare [tool] id with the tool's settings")]
     OtherId {
-        /// The problem: the number in the reply is another one.
+        /// The problem, with the expected and the received id.
         problem: String,
     },
-    /// It sent data without a request.
+    /// The tool sent data without a request.
     #[error("the tool sent data without a request")]
     Unasked,
 }
@@ -77,13 +76,13 @@ pub enum LinkLossCause {
 /// The state of a session.
 #[derive(Debug, Clone, PartialEq)]
 pub enum State {
-    /// There is no connection yet.
+    /// No connection yet.
     Offline,
     /// The log-in was sent at this time.
     LoggingIn(Time),
-    /// No request is open; the next command is due at this time.
+    /// No reply is pending; the next command is due at this time.
     Ready(Time),
-    /// A command was sent at this time.
+    /// A command was sent at this time, and its reply is pending.
     Asked(Time),
     /// The session has ended.
     Lost(LinkLossCause),
@@ -106,16 +105,15 @@ impl Session {
         Session { limits, state: State::Offline, ramp, buffer: Vec::new(), last_reading: None }
     }
 
-    /// Starts on an established connection: returns the log-in to be sent. The tool is held back until another
-    /// set-point is commanded.
+    /// Starts the session on a new connection, and returns the log-in to send. The tool is held back until another
+    /// set-point is set.
     pub fn connected(&mut self, now: Time) -> Vec<u8> {
-        // Nothing of the former connection is kept, above all not its set-point: the tool may be over another place by
-        // now.
+        // Discard the previous session, including its set-point: the tool may be at another place now.
         *self = Session { state: State::LoggingIn(now), ..Session::new(self.limits.clone()) };
         telegram::login(&self.limits.login)
     }
 
-    /// Sets the tool's set-point from now on.
+    /// Sets the set-point of the tool from `now` on.
     pub fn set_point_now(&mut self, press: ForceSetPoint, now: Time) {
         self.ramp.start_towards(press, now);
     }
@@ -125,17 +123,17 @@ impl Session {
         &self.state
     }
 
-    /// Returns whether replies arrive.
+    /// Returns whether the session is logged in and receives replies.
     pub fn is_receiving(&self) -> bool {
         matches!(self.state, State::Ready(_) | State::Asked(_)) && self.last_reading.is_some()
     }
 
-    /// Returns the last reading, and when it arrived.
+    /// Returns the last measured values and the time at which they were received.
     pub fn last_reading(&self) -> Option<(Time, ToolReading)> {
         self.last_reading
     }
 
-    /// Returns the time by which [`tick`](Self::tick) must be called next; `None` without a connection.
+    /// Returns the time at which [`tick`](Self::tick) must be called next; `None` without a connection.
     pub fn next_tick(&self) -> Option<Time> {
         match self.state {
             State::LoggingIn(since) => Some(since + LOGIN_TIMEOUT),
@@ -145,7 +143,7 @@ impl Session {
         }
     }
 
-    /// Processes the elapsed time and returns the bytes to send now. A missed deadline ends the session.
+    /// Advances the session to the time `now`, and returns the bytes to send. A missed deadline ends the session.
     pub fn tick(&mut self, now: Time) -> Option<Vec<u8>> {
         match self.state {
             State::Ready(due) if now >= due => {
@@ -166,7 +164,7 @@ impl Session {
 
     fn command(&self, now: Time) -> Command {
         let ForceSetPoint { no_contact_n, .. } = self.ramp.target();
-        // The force is already compensated for gravity, and the ramp is computed here: the tool must do neither again.
+        // The tool must neither compensate for gravity nor ramp the force, because both are already computed here.
         Command {
             id: self.limits.id,
             force_n: self.ramp.force_n(now),
@@ -176,13 +174,13 @@ impl Session {
         }
     }
 
-    /// Processes bytes that were received.
+    /// Processes received bytes.
     pub fn received(&mut self, bytes: &[u8], now: Time) {
         for byte in bytes {
             match self.state {
                 State::Offline | State::Lost(_) => return,
-                // Request and reply alternate. An extra reply would answer the next request, and every reading would be
-                // one period old.
+                // Requests and replies alternate. An additional reply would be taken for the reply to the next request,
+                // and all measured values would be one period old.
                 State::Ready(_) => return self.end_session(LinkLossCause::Unasked),
                 State::LoggingIn(_) => self.process_login_byte(*byte, now),
                 State::Asked(since) => self.process_reply_byte(*byte, since, now),
@@ -205,7 +203,7 @@ impl Session {
     fn process_reply_byte(&mut self, byte: u8, since: Time, now: Time) {
         if byte != TERMINATOR {
             self.buffer.push(byte);
-            // Without a limit a tool that sends noise without an end would fill the memory.
+            // A limit is needed, because a tool that sends endless noise would fill the memory.
             if self.buffer.len() > MAX_REPLY_BYTES {
                 let problem = TelegramError::TooLong { bytes: self.buffer.len() }.to_string();
                 self.end_session(LinkLossCause::Garbage { problem });
@@ -215,7 +213,8 @@ impl Session {
         let buffer = std::mem::take(&mut self.buffer);
         match telegram::parse_reply(&buffer, self.limits.id) {
             Ok(reading) => {
-                // With the time of arrival, not of the request: the age of a reading decides whether it may be judged.
+                // The time of arrival, not of the request, is stored: the age of a measured value decides whether it is
+                // compared.
                 self.last_reading = Some((now, reading));
                 self.state = State::Ready((since + self.limits.period).max(now));
             }
@@ -228,7 +227,7 @@ impl Session {
 
     /// Ends the session for this cause.
     pub fn end_session(&mut self, why: LinkLossCause) {
-        // The first cause stays: what follows a loss is its consequence.
+        // The first cause is kept, because later ones are its consequences.
         if !matches!(self.state, State::Lost(_)) {
             self.state = State::Lost(why);
             self.buffer.clear();
@@ -238,7 +237,7 @@ impl Session {
 
 #[cfg(test)]
 mod tests {
-    //! Tests a session, message by message.
+    //! Tests of a session, message by message.
 
     use super::*;
     use proptest::prelude::*;
@@ -269,8 +268,8 @@ mod tests {
         loss
     }
 
-    /// Calculated by hand: a command as soon as the session is logged in, the next command 10 ms after the last one;
-    /// the ramp is part of the command.
+    /// Expected values, calculated by hand: the first command is sent immediately after the log-in, the next one 10 ms
+    /// later. The force in each command follows the ramp.
     #[test]
     fn one_command_a_period_and_each_is_answered() {
         let mut session = live();
@@ -312,7 +311,7 @@ mod tests {
         assert_eq!(lost(&session), &LinkLossCause::Silent { ms: 1_000 });
     }
 
-    /// A new connection forgets the previous set-point of the tool.
+    /// A new connection does not use the previous set-point of the tool.
     #[test]
     fn a_new_connection_holds_the_tool_back() {
         let mut session = live();
@@ -324,7 +323,7 @@ mod tests {
     }
 
     proptest! {
-        /// Any bytes, in any pieces, never cause a panic, and the result does not depend on where they are cut.
+        /// No received bytes cause a panic, and the result does not depend on how the bytes are divided into reads.
         #[test]
         fn the_result_does_not_depend_on_how_the_bytes_are_split(
             bytes in prop::collection::vec(prop_oneof![Just(b'k'), Just(b' '), b'0'..=b'9', any::<u8>()], 0..150),

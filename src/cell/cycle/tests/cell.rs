@@ -1,4 +1,4 @@
-//! The true cell. It does not know the table's facts: it uses only its own outputs and its own arm.
+//! The simulated true state of the cell. It does not use the facts of the table, only its own outputs and its own arm.
 
 use super::super::interlocks::Rules;
 use super::super::step::step_with;
@@ -7,7 +7,7 @@ use super::super::*;
 /// Maximum number of waypoints that are sent and not yet executed.
 pub const WINDOW: u32 = 5;
 
-/// A move that the robot has not yet ended.
+/// A motion that the robot has not ended yet.
 #[derive(Debug, Clone, Copy)]
 pub struct Moving {
     pub id: Id,
@@ -16,18 +16,18 @@ pub struct Moving {
     pub done: u32,
 }
 
-/// The true state of the cell, and the table's state.
+/// The true state of the cell, together with the state of the table.
 pub struct Cell {
     pub rules: Rules,
     pub state: State,
     pub robot: Robot,
-    /// The override is the one planned for contact; `None` before it was reported.
+    /// Whether the override has the value for which contact is planned; `None` before the first report.
     pub full_override: Option<bool>,
     pub arm: Option<Path>,
     pub moving: Option<Moving>,
     pub epoch: u32,
     pub epoch_open: bool,
-    /// An epoch was requested and may still open.
+    /// Whether an epoch was requested and may still open.
     pub opening: bool,
     pub frames: Option<Frames>,
     pub tool_on: bool,
@@ -39,47 +39,47 @@ pub struct Cell {
     pub lens_clear: bool,
     pub extraction_on: bool,
     pub extraction_proven: bool,
-    /// The link ended the epoch for the reason in the robot's next condition.
+    /// Whether the link has ended the epoch because of the robot's next condition.
     pub condition_due: bool,
-    /// The robot was commanded to end its motion, or does so by its own watchdog.
+    /// Whether the robot ends its motion, by command or by its own watchdog.
     pub ending: bool,
     pub tested: bool,
     pub wet: bool,
     pub dry_picture: bool,
-    /// Whether the panel was touched since its dry picture was taken.
+    /// Whether the tool was in contact with the panel since the last dry picture.
     pub sanded: bool,
     /// Whether the panel's pose was verified since the last plan, film or hold.
     pub verified: bool,
-    /// Whether a person may have touched the panel since it was last measured.
+    /// Whether a person may have touched the panel since the last measurement of its pose.
     pub disturbed: bool,
-    /// The panel was found in this cycle, or a person accepted the pose that was found.
+    /// Whether the panel was located in this cycle, or a person has accepted its pose.
     pub located: bool,
     pub token: bool,
     /// Whether a result was rejected or invalid.
     pub doomed: bool,
-    /// Whether a result waits for a person.
+    /// Whether a person must review a result.
     pub reviewed: bool,
-    /// Whether the tool was on the panel and the result is not graded.
+    /// Whether the tool was in contact with the panel and the result is not graded yet.
     pub ungraded: bool,
-    /// Whether the result of a contact waits for a person.
+    /// Whether a person must review the result of a contact path.
     pub contact_reviewed: bool,
     pub film: Option<Film>,
     pub passes: u8,
-    /// Whether the cycle is an air-run, and in `flown` whether its path was executed to the end.
+    /// Whether the cycle is an air-run, and (`flown`) whether its path was completely executed.
     pub air: bool,
     pub flown: bool,
     pub concluded: bool,
     pub intent: Option<Motion>,
-    /// Actions whose answers are no longer awaited.
+    /// Actions whose answers would arrive too late.
     pub stale: Vec<(Id, Action)>,
-    /// The armed deadline of each kind.
+    /// The active deadline of each kind.
     pub timers: Vec<(Deadline, Id)>,
     pub journal: Vec<Event>,
     pub effects: Vec<Effect>,
 }
 
 impl Cell {
-    /// Creates a cell before its first event: outputs in the state in which a person left them.
+    /// Creates a cell before its first event, with its outputs as a person has left them.
     pub fn new(rules: Rules) -> Self {
         Cell {
             rules,
@@ -128,7 +128,7 @@ impl Cell {
         }
     }
 
-    /// Passes one event through the table, and performs its effects in the cell.
+    /// Applies an event to the table, and performs the effects in the simulated cell.
     pub fn feed(&mut self, event: Event) -> Result<(), String> {
         let before = self.state;
         let due = before.due;
@@ -146,7 +146,7 @@ impl Cell {
         Ok(())
     }
 
-    /// Applies an event to the true cell, before the table receives it.
+    /// Applies an event to the simulated cell, before the table receives it.
     fn happen(&mut self, event: Event) {
         let Event::Reported(report) = event else { return };
         match report {
@@ -170,7 +170,7 @@ impl Cell {
                 self.robot = robot;
                 if robot != Robot::Ready {
                     self.condition_due = false;
-                    // The person who stopped the robot may jog the arm and press every button.
+                    // A person who stopped the robot may jog the arm and operate every button.
                     (self.arm, self.token, self.verified, self.disturbed) = (None, false, false, true);
                     (self.light_on, self.light_settled) = (!self.light_on, false);
                     self.lens_clear = !self.lens_clear;
@@ -190,7 +190,7 @@ impl Cell {
             Report::Boot => {
                 (self.robot, self.full_override, self.condition_due) = (Robot::Unknown, None, false);
                 (self.arm, self.token, self.verified, self.disturbed) = (None, false, false, true);
-                // The session closes with the process, and the controller's own watchdog shuts everything.
+                // The session ends with the process, and the controller's watchdog switches everything off.
                 (self.timers, self.ending) = (Vec::new(), true);
                 (self.epoch_open, self.opening, self.frames) = (false, false, None);
                 self.switched_off();
@@ -198,7 +198,7 @@ impl Cell {
         }
     }
 
-    /// Reverses the effect of this switch.
+    /// Sets the switch to its opposite state.
     fn reverse_switch(&mut self, switch: Switch) {
         match switch {
             Switch::ToolOn => (self.tool_on, self.tool_proven) = (false, false),
@@ -288,7 +288,7 @@ impl Cell {
         self.sanded |= is_contact;
     }
 
-    /// Applies the effect of an epoch's end to the outputs; some outputs go off after an unknown time.
+    /// Switches the outputs off at the end of an epoch; some of them switch off after an unknown time.
     fn switched_off(&mut self) {
         (self.tool_on, self.tool_proven, self.extraction_proven, self.light_settled) = (false, false, false, false);
         if std::mem::take(&mut self.water_on) {
@@ -296,14 +296,14 @@ impl Cell {
         }
     }
 
-    /// Updates the ground truth after the table's decision.
+    /// Updates the true state after the decision of the table.
     fn follow(&mut self, before: State, event: Event) {
         match (event, self.state.at) {
             (Event::Asked(request @ (Request::Start { .. } | Request::AirRun { .. })), at)
                 if before.at == At::Idle && at != At::Idle =>
             {
                 (self.air, self.flown) = (matches!(request, Request::AirRun { .. }), false);
-                // A new dry panel at an unknown pose.
+                // A new dry panel is in the fixture, at an unknown pose.
                 (self.wet, self.dry_picture, self.verified, self.disturbed) = (false, false, false, true);
                 (self.doomed, self.reviewed, self.film, self.passes, self.sanded) = (false, false, None, 0, false);
                 (self.ungraded, self.contact_reviewed) = (false, false);
@@ -322,7 +322,7 @@ impl Cell {
         }
     }
 
-    /// Sends the waypoints that the window allows, for a move in an open epoch.
+    /// Sends the waypoints of a motion in an open epoch, as many as the window allows.
     pub fn pump(&mut self) -> Result<(), String> {
         let ending = self.ending;
         let (epoch, open) = (self.epoch, self.epoch_open);

@@ -1,5 +1,5 @@
-//! The next events from a healthy cell and its operator, and surprising events; and functions for writing scenarios
-//! with such a cell.
+//! Generates events: the next event of a cell without faults and its operator, and random unexpected events. Also
+//! functions for scenarios with a cell without faults.
 
 use super::super::interlocks::Rules;
 use super::super::*;
@@ -12,7 +12,7 @@ fn one_of<T: Copy>(random: &mut Pcg64, all: &[T]) -> T {
 }
 
 impl Cell {
-    /// Returns the next event if nothing goes wrong; `None` would be a dead end.
+    /// Returns the next event if there is no fault; `None` is a dead end.
     pub fn healthy(&mut self, random: &mut Pcg64) -> Option<Event> {
         if self.condition_due {
             return Some(Event::Reported(Report::Robot(Robot::GuardOpen)));
@@ -23,7 +23,7 @@ impl Cell {
         let waits = [Deadline::Rinse, Deadline::Spray, Deadline::Settle, Deadline::Drain];
         let timer = waits.iter().find_map(|wait| self.timers.iter().find(|(which, _)| which == wait));
         match timer {
-            // A drain may continue if nothing waits for it.
+            // The drain time may continue while no state waits for it.
             Some(&(which, id)) if !self.state.at.is_at_rest() || random.random_bool(0.5) => {
                 Some(Event::Reported(Report::Deadline { id, which }))
             }
@@ -34,7 +34,7 @@ impl Cell {
         }
     }
 
-    /// Returns the next event if a person clears, resets and starts, and nothing goes wrong any more.
+    /// Returns the next event if a person clears, resets and starts, and there are no further faults.
     pub fn recovering(&mut self, random: &mut Pcg64) -> Option<Event> {
         if self.robot != Robot::Ready && !self.condition_due {
             return Some(Event::Reported(Report::Robot(Robot::Ready)));
@@ -101,7 +101,7 @@ impl Cell {
         Report::Answered { id: due.id, answer }
     }
 
-    /// Returns any other possible event.
+    /// Returns a random event that may occur in any state.
     pub fn unexpected_event(&mut self, random: &mut Pcg64) -> Event {
         let due = self.state.due;
         let reported = match random.random_range(0..23) {
@@ -116,7 +116,8 @@ impl Cell {
                 let (which, id) = one_of(random, &self.timers);
                 Report::Deadline { id, which }
             }
-            // A late report from an abandoned or already answered action; often one that would fit the action in progress.
+            // A late report of an action that was cancelled or is already answered. It often matches the type of the
+            // action in progress.
             9..=13 if !self.stale.is_empty() => {
                 let recent = self.stale.len() - random.random_range(1..=self.stale.len().min(3));
                 let (id, act) = self.stale[recent];
@@ -193,7 +194,7 @@ pub const ROBOTS: [Robot; 8] = [
     Robot::OtherPrograms,
 ];
 
-/// Returns all possible answers to an action, fitting or not, except failures.
+/// Returns all possible answers to an action except failures, including answers of the wrong type.
 pub fn answers(act: Action, id: Id) -> Vec<Report> {
     let stands = |done| Answer::Standstill { done };
     let graded = [Grade::Accept, Grade::Review, Grade::Reject].map(Answer::Graded);
@@ -215,7 +216,7 @@ pub fn answers(act: Action, id: Id) -> Vec<Report> {
     answers.into_iter().map(|answer| Report::Answered { id, answer }).collect()
 }
 
-/// Returns the name of an action in the scenarios.
+/// Returns the name of an action, as the scenarios use it.
 fn word(act: Action) -> String {
     match act {
         Action::Move(motion) => match motion.path {
@@ -234,7 +235,7 @@ fn word(act: Action) -> String {
     }
 }
 
-/// A cell in a scenario, with the actions since the last check.
+/// A cell in a scenario, and its actions since the last comparison.
 pub struct Story {
     pub cell: Cell,
     pub acts: Vec<String>,
@@ -242,7 +243,7 @@ pub struct Story {
 }
 
 impl Story {
-    /// Creates a cell in Idle, with the results of its future films.
+    /// Creates a cell in Idle. `films` are the results of its next films.
     pub fn idle(films: &[Film]) -> Self {
         let films = films.iter().rev().copied().collect();
         let mut story = Story { cell: Cell::new(Rules::ALL), acts: Vec::new(), films };
@@ -282,7 +283,7 @@ impl Story {
 
     pub fn report(&mut self, report: Report) {
         self.event(Event::Reported(report));
-        // The robot's first state also reports the override.
+        // The robot's first state message also reports the override.
         if report == Report::Robot(Robot::Ready) && self.cell.full_override.is_none() {
             self.event(Event::Reported(Report::FullOverride(true)));
         }
@@ -293,7 +294,7 @@ impl Story {
         self.report(Report::Answered { id, answer });
     }
 
-    /// Reports the next good answer, or the next deadline that is awaited.
+    /// Reports the next successful answer, or the next deadline that the state waits for.
     pub fn next_healthy_report(&mut self) {
         let waits = [Deadline::Rinse, Deadline::Spray, Deadline::Settle, Deadline::Drain];
         match self.cell.state.due {
@@ -310,7 +311,7 @@ impl Story {
         }
     }
 
-    /// Continues until this action is in progress; returns the actions until then.
+    /// Runs the cell until this action is in progress, and returns the actions so far.
     pub fn until(&mut self, act: &str) -> String {
         for _ in 0..200 {
             if self.cell.state.due.is_some_and(|due| word(due.act) == act) {
@@ -321,7 +322,7 @@ impl Story {
         panic!("{act} never comes: {:?}", self.cell.state);
     }
 
-    /// Continues until nothing is in progress; returns the actions until then.
+    /// Runs the cell until no work is in progress, and returns the actions so far.
     pub fn rests(&mut self) -> String {
         for _ in 0..200 {
             if self.at().is_at_rest() {
@@ -332,7 +333,7 @@ impl Story {
         panic!("no rest: {:?}", self.cell.state);
     }
 
-    /// Creates a scenario in contact, with two of three waypoints executed.
+    /// Creates a scenario in contact, after two of three waypoints.
     pub fn in_contact() -> Self {
         let mut story = Story::started(&[Film::Broken, Film::Whole]);
         story.until("to-contact");

@@ -1,8 +1,8 @@
-//! Tests the table against a cell with its own true state.
+//! Tests the state table against a simulated cell with its own true state.
 //!
-//! `cell` is the true cell: it does what the effects state, and names every effect and every state that is forbidden
-//! (`faults.md` 3.2). `healthy` gives the next events of a healthy cell and its operator. `scenarios` and `troubles`
-//! are scenarios to read; `walks` has thousands of seeded random walks, and a search that visits every state.
+//! `cell` is the simulated cell: it performs the effects and reports every forbidden effect and every forbidden state
+//! (`faults.md` 3.2). `healthy` generates the next events of a cell without faults and its operator. `scenarios` and
+//! `troubles` are single scenarios. `walks` contains thousands of seeded random walks, and a search through all states.
 
 mod cell;
 mod healthy;

@@ -1,4 +1,4 @@
-//! Checks effects when they are performed, and states when they are entered, for forbidden situations.
+//! Checks each effect when it is performed, and each state when it is entered, for forbidden situations.
 
 use super::super::*;
 use super::cell::{Cell, Moving, WINDOW};
@@ -9,7 +9,7 @@ fn never(bad: bool, what: &str) -> Result<(), String> {
 }
 
 impl Cell {
-    /// Performs the effects in order and checks each one against the ground truth at that moment.
+    /// Performs the effects in order, and checks each effect against the true state at that moment.
     pub fn check_effects(&mut self, before: State, event: Event, effects: &[Effect]) -> Result<(), String> {
         let changed = u64::from(self.state.at != before.at);
         never(self.state.step != before.step + changed, "a step that does not count the changes of the state")?;
@@ -28,7 +28,7 @@ impl Cell {
                     never(self.state.due != Some(Due { id, act }), "an act that is not waited for")?;
                     never(event == Event::Reported(Report::Boot), "a new program acts unasked")?;
                     if let Action::Move(motion) = act {
-                        // I9: each motion that is sent was committed before.
+                        // I9: a motion is committed to the store before it is sent.
                         never(opened != Some(motion), "a motion that is not committed before")?;
                     }
                     self.perform(id, act)?;
@@ -169,7 +169,8 @@ impl Cell {
         self.pump()
     }
 
-    /// Applies a switch: an output changes when it is commanded, except that off counts as off only when it is proven.
+    /// Sets a switch. An output changes when it is commanded, but is treated as off only when its feedback has
+    /// confirmed it.
     fn switch(&mut self, switch: Switch) -> Result<(), String> {
         never(!self.epoch_open, "an output outside an epoch")?;
         let wets_or_rubs = matches!(switch, Switch::Rinse | Switch::Spray | Switch::ToolOn);
@@ -201,7 +202,7 @@ impl Cell {
         Ok(())
     }
 
-    /// Checks that the state after an event is not a forbidden one.
+    /// Checks that the state after an event is allowed.
     pub fn check_state(&mut self, before: State, event: Event) -> Result<(), String> {
         let (at, from) = (self.state.at, before.at);
         let leaves = matches!(at, At::Aborting { .. } | At::Aborted { .. } | At::Stopped | At::Held(_));

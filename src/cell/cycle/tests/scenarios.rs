@@ -1,5 +1,5 @@
-//! Scenarios of a cycle without faults, from the first picture of the panel to its verdict; and of a person who holds,
-//! stops, aborts and clears, and of how the cell continues after that.
+//! Scenarios of a cycle without faults, from the first picture of the panel to the verdict, and of an operator who
+//! holds, stops, aborts and clears, and then resumes.
 
 use super::super::*;
 use super::healthy::{REQUESTS, Story};
@@ -27,8 +27,8 @@ fn a_dirty_panel_is_abraded_once_and_passes() {
     assert_eq!(story.cell.state.job.pass, 1);
 }
 
-/// Before each contact there are pictures of both corners. If every picture only shows that another view is needed, the
-/// pose is not verified.
+/// Corner pictures of both corners are captured before each contact. If every picture only shows that another one is
+/// needed, the pose is not verified.
 #[test]
 fn both_corners_are_verified_before_contact() {
     let mut story = Story::started(&[Film::Broken, Film::Broken, Film::Whole]);
@@ -64,7 +64,7 @@ fn a_clean_panel_passes_without_contact() {
     assert!(!acts.contains("toolon") && !acts.contains("to-approach") && !acts.contains("plan"), "{acts}");
 }
 
-/// The path of a cycle to the panel, without water, tool and contact.
+/// An air-run moves along the path of a cycle without water, tool and contact.
 #[test]
 fn an_air_run_follows_the_path_in_the_air_and_passes() {
     let mut story = Story::idle(&[]);
@@ -119,7 +119,7 @@ fn a_doubtful_localization_waits_for_a_person() {
     assert_eq!(story.until("corner-0"), "epoch frames-camera to-corner-0 corner-0");
     story.rests();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
-    // The result is not accepted: the verdict stays review.
+    // If a stop is requested instead of an accept, the verdict is review.
     let mut story = Story::started(&[]);
     story.until("locate");
     story.answer(Answer::Graded(Grade::Review));
@@ -142,7 +142,7 @@ fn a_doubtful_path_waits_for_a_person_and_is_verified_before_contact() {
     assert_eq!((story.cell.state.job.plan, story.cell.state.job.waypoints), (7, 3));
     story.rests();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
-    // The panel is dried instead of accepted: it is located and planned again.
+    // If the panel is dried instead of accepting the result, the panel is located and the path is planned again.
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
     story.until("plan-1");
     story.answer(doubtful);
@@ -152,8 +152,8 @@ fn a_doubtful_path_waits_for_a_person_and_is_verified_before_contact() {
     assert!(acts.contains("locate") && acts.contains("plan-1") && acts.contains("verify"), "{acts}");
 }
 
-/// The result of the tool is graded with the tool off and clear of the panel. A reject ends the cycle there: no
-/// water, no film.
+/// The result of the contact path is graded after the retract, with the tool off. A reject ends the cycle there,
+/// without water and film.
 #[test]
 fn a_contact_that_is_rejected_ends_the_cycle() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
@@ -164,8 +164,8 @@ fn a_contact_that_is_rejected_ends_the_cycle() {
     assert_eq!(story.films, [Film::Whole], "no film after it");
 }
 
-/// If the recipe requires a new dry picture, a person dries the panel after the rinse: it is located, its dry
-/// picture is taken, and the film follows. Nothing continues before that is confirmed.
+/// If the recipe requires a new dry picture, a person dries the panel after the rinse. The cycle resumes only after the
+/// person's confirmation: the panel is located, the dry picture is captured, and the film follows.
 #[test]
 fn a_new_dry_picture_waits_for_a_dried_panel() {
     let start = Request::Start { max_passes: 2, max_moves: 3, dries: true };
@@ -185,7 +185,8 @@ fn a_new_dry_picture_waits_for_a_dried_panel() {
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 }
 
-/// Only the person decides: drying the panel and locating it again does not measure the result of the tool.
+/// Only a person can accept the result of a contact path: drying the panel and locating it again does not replace this
+/// decision.
 #[test]
 fn a_doubtful_contact_waits_for_a_person() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
@@ -203,7 +204,7 @@ fn a_doubtful_contact_waits_for_a_person() {
     let acts = story.rests();
     assert!(acts.contains("rinse") && !acts.contains("plan") && !acts.contains("assess"), "{acts}");
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
-    // The result is not accepted: the verdict stays review.
+    // If a stop is requested instead of an accept, the verdict is review.
     let mut story = Story::started(&[Film::Broken]);
     story.until("assess");
     story.answer(Answer::Graded(Grade::Review));
@@ -212,7 +213,7 @@ fn a_doubtful_contact_waits_for_a_person() {
     assert!(story.cell.effects.contains(&Effect::Conclude { verdict: Verdict::Review }));
 }
 
-/// A journal consists of lines of JSON; when it is read back, it leads to the same state.
+/// A journal of JSON lines that is read back leads to the same state.
 #[test]
 fn a_journal_folds_to_the_state_that_wrote_it() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
@@ -240,7 +241,7 @@ fn a_held_air_run_is_planned_again() {
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 }
 
-/// A person who opened the guard of a held cell may stop it: nothing is requested from a robot that is not ready.
+/// A held cycle may be stopped while its guard is open: no command is sent to a robot that is not ready.
 #[test]
 fn a_stop_of_a_held_cell_with_an_open_guard_is_immediate() {
     let mut story = Story::started(&[Film::Broken]);
@@ -252,7 +253,7 @@ fn a_stop_of_a_held_cell_with_an_open_guard_is_immediate() {
     assert_eq!((story.at(), story.acts.len()), (At::Stopped, 0));
 }
 
-/// Reported waypoints were executed and are recorded, even if a later answer does not contain them.
+/// Reported waypoints stay recorded, even if a later answer contains a smaller count.
 #[test]
 fn reported_waypoints_are_kept_at_the_end_of_the_epoch() {
     let mut story = Story::in_contact();
@@ -263,9 +264,9 @@ fn reported_waypoints_are_kept_at_the_end_of_the_epoch() {
     assert_eq!(story.cell.effects, [closed, Effect::Conclude { verdict: Verdict::Aborted }]);
 }
 
-/// The robot refuses a command because a person pressed the emergency stop: that is why the cycle was aborted. The
-/// same applies to a guard that opens and to drives that go off. An abort that a person requested stays one, unless
-/// the emergency stop is pressed.
+/// If the robot refuses a command because the emergency stop was pressed, the emergency stop is the cause of the abort.
+/// The same is true for an open guard and for drives that are off. An abort that a person requested keeps its cause,
+/// unless the emergency stop is pressed.
 #[test]
 fn an_emergency_stop_outranks_its_consequences() {
     use Robot::{DrivesOff, EmergencyStop, GuardOpen, LinkLost};
@@ -295,8 +296,8 @@ fn an_emergency_stop_outranks_its_consequences() {
     assert_eq!(first, Cause::Robot(EmergencyStop));
 }
 
-/// The end of the epoch switches the tool off before the robot reports standstill: until then no output counts as
-/// proven, so no feedback can contradict it.
+/// The end of the epoch switches the tool off before the robot reports standstill. Until then no state of an output is
+/// confirmed, so that no feedback can contradict it.
 #[test]
 fn an_ended_epoch_leaves_no_proven_output() {
     for (request, station) in
@@ -335,13 +336,13 @@ fn a_hold_in_contact_retracts_and_unhold_verifies_and_plans_the_rest_again() {
     story.asked(Request::Unhold { dried: false });
     assert_eq!(story.until("verify"), "epoch frames-camera to-corner-0 verify");
     assert_eq!(story.until("plan-1"), "assess plan-1", "what was done is graded before more is done");
-    // The controller may have switched the extraction off in the meantime.
+    // The controller may have switched the extraction off during the hold.
     assert_eq!(story.until("to-contact"), "verify extractionon frames-pad to-approach toolon to-contact");
     story.rests();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 }
 
-/// If the executed part of a path is rejected, the cycle ends at the next step, and nothing more is abraded.
+/// If the executed part of an interrupted path is rejected, the cycle ends at the next step, without further sanding.
 #[test]
 fn a_path_that_was_cut_short_and_is_rejected_is_not_planned_again() {
     for dried in [false, true] {
@@ -357,7 +358,7 @@ fn a_path_that_was_cut_short_and_is_rejected_is_not_planned_again() {
     }
 }
 
-/// A hold during the retract from the panel, and a hold during the grading: the grade is still requested.
+/// After a hold during the retract, or during the assessment, the result is still graded.
 #[test]
 fn a_hold_after_contact_does_not_lose_the_grade() {
     for station in ["to-retract", "assess"] {
@@ -382,7 +383,7 @@ fn if_verify_fails_the_panel_is_dried_and_located_again() {
     story.answer(Answer::Graded(Grade::Reject));
     story.rests();
     assert_eq!(story.at(), At::Held(Hold { why: Why::NotVerified, resume: Phase::Plan }));
-    // The guard is opened to dry the panel.
+    // A person opens the guard to dry the panel.
     story.report(Report::Robot(Robot::GuardOpen));
     story.asked(Request::Unhold { dried: true });
     let refusal = Refusal::Robot(Robot::GuardOpen);
@@ -397,7 +398,7 @@ fn if_verify_fails_the_panel_is_dried_and_located_again() {
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 }
 
-/// In this hold no result waits to be accepted, even if the robot is ready.
+/// There is no result to accept in this hold, even if the robot is ready.
 #[test]
 fn accept_is_refused_if_no_result_waits() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
@@ -439,7 +440,7 @@ fn from_aborted_only_clear_leads_out() {
     story.asked(Request::Clear);
     assert_eq!(story.rests(), "checkstandstill");
     assert_eq!(story.at(), At::Stopped);
-    // An abort during the spray: the abort frame shuts the water, without waiting for anything.
+    // An abort during the spray: the abort frame switches the water off without waiting.
     let mut story = Story::started(&[]);
     story.until("spray");
     story.asked(Request::Abort);

@@ -1,10 +1,10 @@
-//! Scenarios of trouble with the link, the robot, or the program itself, in every phase of a cycle.
+//! Scenarios with faults of the link, the robot or the program, in every phase of a cycle.
 
 use super::super::*;
 use super::healthy::Story;
 use panelprep_base::verdict::Verdict;
 
-/// A fault while the cell is cleared or reset: the link's epoch has ended, and the next attempt succeeds.
+/// After a fault during Clear or Reset, the link has ended the epoch, and the next attempt succeeds.
 #[test]
 fn clear_and_reset_succeed_after_a_fault_within_them() {
     for trouble in [Trouble::Refused, Trouble::Sequence, Trouble::Late, Trouble::Starved, Trouble::Protocol] {
@@ -20,7 +20,7 @@ fn clear_and_reset_succeed_after_a_fault_within_them() {
             assert!(matches!(story.at(), At::Aborted { .. }), "{trouble:?}");
             story.acts.clear();
             story.asked(Request::Clear);
-            // The end of the epoch proves that tool and water are off.
+            // The end of the epoch confirms that tool and water are off.
             assert_eq!(story.rests(), "checkstandstill end-epoch", "{trouble:?}");
             assert_eq!(story.at(), At::Stopped);
 
@@ -36,7 +36,7 @@ fn clear_and_reset_succeed_after_a_fault_within_them() {
     }
 }
 
-/// If the link loses the epoch of a cell at rest, the cell has none, and opens one when it starts.
+/// If the link ends the epoch while the cell is at rest, the cell opens a new epoch at the next start.
 #[test]
 fn an_epoch_that_the_link_ended_at_rest_is_not_used() {
     let mut story = Story::idle(&[]);
@@ -46,8 +46,8 @@ fn an_epoch_that_the_link_ended_at_rest_is_not_used() {
     assert_eq!(story.until("locate"), "end-epoch epoch to-park lensclear locate");
 }
 
-/// Water, or the tool in air, is on at the end of a program: the state is Aborted, and this is reported until a
-/// feedback or a person states the opposite.
+/// If water or the tool in the air is on when a program ends, the state is Aborted, until a feedback or a person
+/// confirms that both are off.
 #[test]
 fn outputs_that_were_on_outlive_the_program_and_the_link() {
     type Ends = [(&'static str, Report); 2];
@@ -76,7 +76,7 @@ fn outputs_that_were_on_outlive_the_program_and_the_link() {
             assert_eq!(proven.at(), At::Stopped);
         }
     }
-    // Without a feedback the confirmation of a person counts: Clear proves both off.
+    // Without a feedback, a person's Clear confirms that both are off.
     let mut story = Story::started(&[]);
     story.until("spray");
     story.report(Report::Boot);
@@ -87,7 +87,7 @@ fn outputs_that_were_on_outlive_the_program_and_the_link() {
     assert_eq!((story.at(), story.cell.state.facts.water_may_run), (At::Stopped, false));
 }
 
-/// The phases of a cycle, each represented by one action.
+/// All phases of a cycle, each represented by one of its actions.
 const PHASE_ACTIONS: [&str; 15] = [
     "to-park",
     "locate",
@@ -117,7 +117,7 @@ fn a_link_that_is_lost_aborts_every_phase() {
         story.answer(Answer::Failed(Trouble::Protocol));
         assert_eq!(story.at(), At::Aborted { cause: Cause::Robot(Robot::LinkLost) }, "{station}");
         assert_eq!(story.cell.state.intent.is_some(), open, "{station}: the robot has not said that it stands");
-        // The link is back: nothing moves. After the clear, the robot is asked whether it is at standstill.
+        // When the link is connected again, nothing moves. After Clear, the robot's standstill is queried.
         story.acts.clear();
         story.report(Report::Robot(Robot::Ready));
         assert_eq!((story.acts.len(), story.cell.state.facts.token), (0, None));
@@ -167,7 +167,7 @@ fn a_restart_leads_to_aborted_after_an_open_motion_and_else_to_stopped() {
         assert_eq!(recovered.at, expected, "{station}");
         assert_eq!((recovered.due, recovered.facts.arm), (None, None), "{station}");
         assert_eq!(recovered.facts.touching, station == "to-contact", "{station}");
-        // The event Boot gives the same state as `recover`, and a second start changes nothing.
+        // The event Boot leads to the same state as `recover`, and a second start changes nothing.
         story.report(Report::Boot);
         assert_eq!(story.cell.state, recovered);
         assert_eq!(recover(story.cell.journal.iter().copied()), recovered);
@@ -206,7 +206,7 @@ fn trouble_before_the_panel_is_found_is_held_and_the_panel_is_located() {
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 }
 
-/// At 50 % the cell is held before the tool starts, and continues when a person has set 100 %.
+/// At an override of 50 %, the cycle is held before the tool starts. It resumes after a person has set 100 %.
 #[test]
 fn contact_waits_for_the_override_that_it_is_planned_for() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
@@ -220,8 +220,8 @@ fn contact_waits_for_the_override_that_it_is_planned_for() {
     story.until("to-contact");
 }
 
-/// A change of the override at the pendant in contact: the path is left, its result is graded, and the cell is
-/// held.
+/// If the override is changed at the pendant during contact, the path is interrupted, the result is graded, and the
+/// cycle is held.
 #[test]
 fn a_changed_override_ends_the_contact() {
     let mut story = Story::in_contact();

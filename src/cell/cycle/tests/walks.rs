@@ -1,6 +1,6 @@
-//! Tests the table with thousands of seeded random walks, in which nine of ten steps are the next event of a healthy
-//! cell. Also searches every state that the table can reach with small bounds, and finds a sequence of events from each
-//! state to rest.
+//! Tests the state table with thousands of seeded random walks, in which nine of ten events are the next event of a
+//! cell without faults. Also searches all states that can be reached with small limits, and finds from each state a
+//! sequence of events to rest.
 
 use super::super::interlocks::{Rule, Rules};
 use super::super::*;
@@ -14,7 +14,7 @@ use strum::IntoEnumIterator;
 const WALKS: u64 = 6_000;
 const STEPS: usize = 300;
 
-/// The situations that the walks reached, with their counts.
+/// Number of times that the walks reached each situation.
 type Coverage = BTreeMap<&'static str, u64>;
 
 fn phase(at: At) -> &'static str {
@@ -60,10 +60,10 @@ fn note(coverage: &mut Coverage, cell: &Cell, before: State) {
     }
 }
 
-/// Maximum number of events from the last fault to the beginning of a cycle.
+/// Maximum number of events between the last fault and the start of a cycle.
 const MAX_RECOVERY_EVENTS: usize = 120;
 
-/// Checks that clear, reset and start succeed after the last fault, whatever happened before.
+/// Checks that Clear, Reset and Start succeed after the last fault, in any state.
 fn recovers(cell: &mut Cell, random: &mut Pcg64) -> Result<(), String> {
     let mut asked = [0; 2];
     for _ in 0..MAX_RECOVERY_EVENTS {
@@ -84,12 +84,11 @@ fn recovers(cell: &mut Cell, random: &mut Pcg64) -> Result<(), String> {
     Err(format!("no cycle begins within {MAX_RECOVERY_EVENTS} steps of the last fault"))
 }
 
-/// Performs one random walk; the error states what was wrong, with the last events.
+/// Performs a random walk. The error states the violation and the last events.
 fn walk(rules: Rules, seed: u64, coverage: &mut Coverage) -> Result<(), String> {
     let mut random = Pcg64::seed_from_u64(seed);
     let mut cell = Cell::new(rules);
-    // Ten percent on average: walks with few unexpected events reach late phases, walks with many reach every
-    // situation.
+    // 10 % on average: walks with few unexpected events reach late phases, walks with many reach unusual situations.
     let surprises = random.random_range(0.01..0.19);
     for index in 0..STEPS {
         let before = cell.state;
@@ -167,8 +166,8 @@ fn no_walk_finds_a_forbidden_state_and_the_walks_reach_every_situation() {
     assert!(rare.iter().all(|(_, count)| *count >= 100), "the walks do not reach: {rare:?}");
 }
 
-/// Proves that the walks are effective: each rule is removed in turn, and the walks must then find the situation
-/// that it prevented.
+/// Checks that the walks are effective: each rule is disabled in turn, and the walks must then find the situation that
+/// the rule prevents.
 #[test]
 fn without_any_single_rule_the_walks_find_what_it_prevents() {
     let mut missed = Vec::new();
@@ -182,8 +181,8 @@ fn without_any_single_rule_the_walks_find_what_it_prevents() {
     assert!(missed.is_empty(), "missing: {missed:?}");
 }
 
-/// Returns the state without the parts that do not influence the table's decisions: ids are only compared and counted
-/// up, causes are not distinguished, and nothing from a cycle that is over is used.
+/// Returns the state without the parts that do not influence decisions: ids are renumbered, causes are made equal, and
+/// data of an ended cycle are removed.
 fn canonical(mut state: State) -> State {
     if !state.job.running {
         state.job = State::INITIAL.job;
@@ -228,7 +227,7 @@ fn canonical(mut state: State) -> State {
     state
 }
 
-/// Returns the deadlines for which this state waits.
+/// Returns the deadlines that this state waits for.
 fn timers(state: &State) -> Vec<(Deadline, Id)> {
     let light = match state.facts.light {
         Light::Settling { until } => Some((Deadline::Settle, until)),
@@ -243,7 +242,7 @@ fn timers(state: &State) -> Vec<(Deadline, Id)> {
     light.into_iter().chain(water).collect()
 }
 
-/// Returns all possible events in this state, one of each kind that the table distinguishes.
+/// Returns all possible events in this state: one of each kind that the table distinguishes.
 fn events(state: &State) -> Vec<Event> {
     let mut reported = vec![
         Report::Boot,
@@ -274,7 +273,7 @@ fn events(state: &State) -> Vec<Event> {
     asked.map(|request| Event::Asked(*request)).chain(reported.into_iter().map(Event::Reported)).collect()
 }
 
-/// Returns the next report of a healthy cell without a request.
+/// Returns the next report of a cell without faults; no requests.
 fn next_healthy_report(state: &State) -> Option<Event> {
     let answer = state.due.map(|due| answers(due.act, due.id)[0]);
     let timer = || timers(state).first().map(|&(which, id)| Report::Deadline { id, which });

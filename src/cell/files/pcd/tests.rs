@@ -10,7 +10,7 @@ macro_rules! fixture {
 const BY_PCL: [&[u8]; 3] =
     [fixture!("shot_ascii.pcd"), fixture!("shot_binary.pcd"), fixture!("shot_binary_compressed.pcd")];
 
-/// Returns header and points of a 2×2 cloud as text, for tests with errors.
+/// Returns a PCD text file of 2 × 2 points, with this header and these points.
 fn text(fields: &str, size: &str, kind: &str, points: &[&str]) -> String {
     let lines: String = points.iter().map(|point| format!("{point}\n")).collect();
     format!(
@@ -22,7 +22,7 @@ fn good() -> String {
     text("x y z rgb", "4 4 4 4", "F F F U", &["1 2 3 66051"; 4])
 }
 
-/// Reads a cloud of the size in its own header, if the header states one.
+/// Reads a cloud with a camera of the size in its header, if the header states a size.
 fn read_pcd(bytes: &[u8]) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     let text = String::from_utf8_lossy(&bytes[..bytes.len().min(400)]).into_owned();
     let stated = |key: &str| text.lines().find_map(|line| line.strip_prefix(key)?.trim().parse().ok()).unwrap_or(2);
@@ -44,7 +44,7 @@ fn small_cloud() -> OrganizedCloud<Camera> {
     OrganizedCloud::new(3, 2, points_mm, (0..6).map(|i| [i, 200, 255 - i]).collect()).expect("counts agree")
 }
 
-/// The true values of the fixtures, from fixtures/README.md: depth 700 + u + 2v mm, colour (6u, 8v, 200), two holes.
+/// Expected values, from fixtures/README.md: depth 700 + u + 2v mm, colour (6u, 8v, 200), two missing points.
 #[test]
 fn files_of_pcl_are_read_exactly_in_all_three_encodings() {
     for bytes in BY_PCL {
@@ -61,7 +61,7 @@ fn files_of_pcl_are_read_exactly_in_all_three_encodings() {
     }
 }
 
-/// Text has eight digits, so x and y may differ in the last digit; the two binary forms are equal to the bit.
+/// A text file has eight digits, so x and y may differ in the last digit. The two binary files are exactly equal.
 #[test]
 fn the_three_encodings_hold_the_same_cloud() {
     let [ascii, binary, compressed] = BY_PCL.map(|bytes| read_pcd(bytes).expect("a PCL file"));
@@ -72,7 +72,8 @@ fn the_three_encodings_hold_the_same_cloud() {
     }
 }
 
-/// Calculated by hand: 66051 = 0x010203 is red 1, green 2, blue 3; the same bits as a float are 9.2557e-41.
+/// Expected values, calculated by hand: 66051 = 0x010203 is red 1, green 2, blue 3; as a float, the same bits are
+/// 9.2557e-41.
 #[test]
 fn colours_come_as_numbers_or_as_packed_floats() {
     let packed = format!("1 2 3 {:e}", f32::from_bits(66_051));
@@ -134,7 +135,7 @@ fn each_refusal_names_the_place_what_was_found_and_what_is_allowed() {
     }
 }
 
-/// A 3×2 cloud has 96 bytes of points after its header.
+/// A cloud of 3 × 2 points has 96 bytes after its header.
 #[test]
 fn a_truncated_file_states_how_much_is_missing() {
     let whole = write_pcd(&small_cloud());
@@ -146,7 +147,7 @@ fn a_truncated_file_states_how_much_is_missing() {
     assert!(refusal(&BY_PCL[2][..10_000]).contains("truncated: 14043 bytes"));
 }
 
-/// A header may state any size; nothing is allocated before the data are there.
+/// A header may state any size, so memory is allocated only after the size of the data was checked.
 #[test]
 fn absurd_sizes_are_refused_at_once() {
     let big = |size: u64| {
@@ -184,7 +185,8 @@ proptest! {
         }
     }
 
-    /// A file is cut, or damaged in some bytes; if it can still be read, it is a cloud of the size in its header.
+    /// Truncated and corrupted files cause no panic. If such a file can still be read, the cloud has the size in the
+    /// header.
     #[test]
     fn damaged_files_cause_no_panic_and_keep_their_size(
         which in 0_usize..4, cut in 0.0..1.2_f64, spoilt in prop::collection::vec((any::<u32>(), any::<u8>(), any::<bool>()), 0..4),
@@ -208,8 +210,8 @@ proptest! {
     }
 }
 
-/// Points that compress a thousandfold: their number and size are in the header, and memory for them is allocated
-/// only after both were checked. The data are not packed data, so unpacking them would report this.
+/// The data state a thousandfold compression. The size in the header is checked before memory is allocated: the data
+/// are not compressed at all, so decompression would cause a different error.
 #[test]
 fn sizes_are_judged_before_points_are_unpacked() {
     let file = |fields: usize, width: usize, height: usize| {
@@ -233,7 +235,7 @@ fn sizes_are_judged_before_points_are_unpacked() {
     assert!(words(&file(4, 1_944, 1_200)).contains("cannot be unpacked"));
 }
 
-/// The comment states the origin in one line, and the file reads back as without it.
+/// The comment has one line and does not change the cloud that is read back.
 #[test]
 fn a_comment_states_the_origin() {
     let file = write_pcd_from(&small_cloud(), "the drawing\nof a door");

@@ -1,9 +1,9 @@
-//! Tests of pictures: what is preserved, what is refused, and the effect of damage.
+//! Tests of pictures: valid and invalid files, and damaged ones.
 
 use super::*;
 use proptest::prelude::*;
 
-/// Returns a picture that is smooth in two directions, so that JPEG can be compared.
+/// Returns a picture with smooth gradients, so that JPEG changes it only slightly.
 fn picture(width: usize, height: usize) -> ColorPicture {
     let rgb = (0..width * height).map(|i| [(i % width * 3) as u8, (i / width * 5) as u8, 90]).collect();
     ColorPicture { width, height, rgb }
@@ -31,7 +31,7 @@ fn tiff_is_read() {
     assert_eq!(read_color(&as_file(pixels.into(), ImageFormat::Tiff)), Ok(color));
 }
 
-/// Quality 95 changes a smooth picture by a few grey values of 255.
+/// JPEG with quality 95 changes a smooth picture by a few grey values of 255.
 #[test]
 fn jpeg_keeps_a_smooth_picture_nearly() {
     let color = picture(64, 48);
@@ -40,7 +40,7 @@ fn jpeg_keeps_a_smooth_picture_nearly() {
     assert!(steps.max().expect("pixels") <= 6);
 }
 
-/// A truncated file must be refused for all three formats; the JPEG decoder itself would not report it.
+/// A truncated file must be refused in all three formats, although the JPEG decoder does not detect it.
 #[test]
 fn a_truncated_picture_is_refused_at_any_cut() {
     let color = picture(64, 48);
@@ -110,8 +110,7 @@ fn camera(width_px: usize, height_px: usize) -> PinholeCamera {
     PinholeCamera { width_px, height_px, fx_px, fy_px, cx_px, cy_px, k1, k2, p1, p2, k3 }
 }
 
-/// Each bit of a measured picture's file is changed once: either the pixels are unchanged, or no picture is
-/// returned.
+/// Each bit of a PNG file is changed once. Either the pixels are unchanged, or the file is refused.
 #[test]
 fn no_changed_bit_changes_a_measured_picture() {
     let (color, camera) = (picture(24, 16), camera(24, 16));
@@ -129,11 +128,12 @@ fn no_changed_bit_changes_a_measured_picture() {
             }
         }
     }
-    // The file's last part only marks its end, and is not checked.
+    // The last part of the file only marks the end and is not checked.
     assert!(refused > 10 * same, "{refused} refused, {same} the same");
 }
 
-/// In JPEG and TIFF a changed byte gives other pixels and no error: this is why they are not used for measurements.
+/// In JPEG and TIFF files a changed byte gives other pixels without an error. Therefore these formats are refused for
+/// measurements.
 #[test]
 fn jpeg_and_tiff_are_refused_for_measurements() {
     let (color, camera) = (picture(24, 16), camera(24, 16));
@@ -153,13 +153,13 @@ fn jpeg_and_tiff_are_refused_for_measurements() {
     }
 }
 
-/// A picture of one grey value compresses a thousandfold; its size is in its first bytes.
+/// A picture of a single grey value compresses a thousandfold. Its size must be checked in its first bytes.
 #[test]
 fn a_size_is_judged_before_pixels_are_unpacked() {
     let large = |width: u32, height: u32| {
         let mut file = write_gray_png(&GrayPicture { width: 8, height: 8, gray: vec![7; 64] }).expect("written");
-        // Width, height and the checksum of the first part. The pixels for them do not follow, so unpacking would
-        // report this.
+        // The header states a large width and height, with a valid checksum. No pixels follow, so that decoding would
+        // cause a different error.
         file[16..20].copy_from_slice(&width.to_be_bytes());
         file[20..24].copy_from_slice(&height.to_be_bytes());
         let sum = crc32fast::hash(&file[12..29]);
@@ -174,6 +174,6 @@ fn a_size_is_judged_before_pixels_are_unpacked() {
     let of_any = "the picture is 20000×20000, 400000000 pixels (limit 33554432 pixels)";
     assert_eq!(words(read_color(&file).map(drop)), of_any);
     assert_eq!(words(read_gray(&file).map(drop)), of_any);
-    // With an allowed size the same header is refused by the decoder.
+    // With a valid size, the decoder refuses the same file.
     assert!(words(read_color(&large(4_000, 4_000)).map(drop)).contains("damaged or truncated"));
 }

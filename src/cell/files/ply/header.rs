@@ -1,13 +1,14 @@
-//! Reads the header of a PLY file line by line; only the parts that are used are checked strictly.
+//! Parses the header of a PLY file. Only the parts that are used are checked.
 
 use super::super::error::CloudFileError;
 
-/// The end of the header is searched within this length; real headers have 300 bytes.
+/// Maximum length of a header, bytes; real headers have 300 bytes.
 const MAX_HEADER_BYTES: usize = 1 << 16;
-/// Largest data section and largest point, as for PCD; numbers of eight bytes need twice as much.
+/// Maximum size of all points, and of one point, bytes. A point may be larger than in a PCD file, because doubles need
+/// eight bytes.
 const MAX_DATA_BYTES: u64 = 1 << 28;
 const MAX_POINT_BYTES: u64 = 128;
-/// The properties of a vertex that are read, in the order of [`PropertyOffsets`].
+/// The vertex properties that are read, in the order of [`PropertyOffsets`].
 pub(super) const NAMES: [&str; 6] = ["x", "y", "z", "red", "green", "blue"];
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -15,7 +16,7 @@ pub(super) enum NumberType {
     Float,
     Double,
     Byte,
-    /// A whole number of another width.
+    /// Any other integer type.
     Other {
         bytes: usize,
         is_signed: bool,
@@ -46,7 +47,7 @@ impl NumberType {
         }
     }
 
-    /// Returns the value of these bytes, as many as the number has; little endian.
+    /// Returns the value of a number in little-endian bytes.
     pub(super) fn value(self, bytes: &[u8]) -> f64 {
         let mut wide = [0; 8];
         wide.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
@@ -63,7 +64,7 @@ impl NumberType {
     }
 }
 
-/// The position of one of [`NAMES`] in a vertex: its index in the text line, its byte in binary.
+/// The position of one of [`NAMES`] in a vertex: the index in a text line, and the byte offset in a binary file.
 #[derive(Clone, Copy)]
 pub(super) struct PropertyOffset {
     pub word: usize,
@@ -80,7 +81,7 @@ pub(super) struct LaterElement {
     pub properties: Vec<Vec<String>>,
 }
 
-/// A header as the file states it; its counts are checked by the code that uses them.
+/// The contents of a header. The code that uses the counts checks them.
 #[derive(Default)]
 pub(super) struct Header {
     pub is_text: bool,
@@ -89,7 +90,7 @@ pub(super) struct Header {
     pub vertices: u64,
     pub properties: Vec<(String, NumberType)>,
     pub elements: usize,
-    /// The elements after the vertices, with the words of each property's line.
+    /// The elements after the vertices, each with the words of its property lines.
     pub later: Vec<LaterElement>,
     /// The texts of all comments.
     pub comments: Vec<String>,
@@ -203,7 +204,7 @@ impl Header {
         Ok(places)
     }
 
-    /// Returns the positions of x, y and z alone, for a file without colours.
+    /// Returns the positions of x, y and z, for a file without colours.
     pub fn point_offsets(&self) -> Result<[PropertyOffset; 3], CloudFileError> {
         let is_right = |number| matches!(number, NumberType::Float | NumberType::Double);
         let place = |name| self.property_offset(name, "float or double", is_right);

@@ -1,5 +1,5 @@
-//! The mesh of a PLY file: `vertex` with float or double `x y z`, and `face` with a list of vertex indices as its
-//! only list; other properties and elements are not used. `ascii` or `binary_little_endian`.
+//! Reads the mesh of a PLY file: `vertex` with float or double `x y z`, and `face` with exactly one list, the vertex
+//! indices. Other properties and elements are ignored. `ascii` or `binary_little_endian`.
 
 use super::super::error::{MAX_TRIANGLES, MeshFileError};
 use super::header::{Header, LaterElement, NumberType};
@@ -8,14 +8,14 @@ use panelprep_base::geometry::{LengthUnit, TriangleMesh};
 
 /// Maximum number of corners of a face.
 const MAX_CORNERS: usize = 64;
-/// The smallest cosine between the normals of a face's triangles: beyond it the face is not convex.
+/// Minimum cosine of the angle between the normals of a face's triangles; below it, the face is not convex.
 const MIN_NORMAL_COSINE: f64 = 0.9;
-/// Largest distance of a corner from the face's plane, as a share of the face's size: two divisions of a face differ by
-/// no more than twice this, 0.2 mm on a face of 200 mm.
+/// Maximum distance of a corner from the plane of its face, relative to the face's size. Two triangulations of a face
+/// differ by at most twice this distance, 0.2 mm on a face of 200 mm.
 const MAX_OFF_PLANE_SHARE: f64 = 5e-4;
 
-/// Divides a face into triangles from its first corner; `None` if it has too few or too many corners, or is not planar
-/// and convex, so that another division would be another surface.
+/// Divides a face into triangles from its first corner. `None` if the number of corners is invalid, or if the face is
+/// not planar and convex, so that the triangulation would be ambiguous.
 pub(in crate::files) fn triangulate(vertices: &[[f64; 3]], corners: &[u32]) -> Option<Vec<[u32; 3]>> {
     if !(3..=MAX_CORNERS).contains(&corners.len()) {
         return None;
@@ -41,11 +41,11 @@ pub(in crate::files) fn triangulate(vertices: &[[f64; 3]], corners: &[u32]) -> O
     Some(triangles)
 }
 
-/// One property of a face.
+/// A property of a face.
 enum FaceProperty {
-    /// The list of vertices, with the kinds of its count and its items.
+    /// The list of vertex indices: the number types of its length and of its items.
     Corners(NumberType, NumberType),
-    /// A number that is not used.
+    /// A number that is ignored.
     Other(NumberType),
 }
 
@@ -154,18 +154,18 @@ fn face_properties(element: &LaterElement) -> Result<Vec<FaceProperty>, String> 
     }
 }
 
-/// The data after the header.
+/// The data after the header, as text or binary.
 enum Source<'a> {
     Text { rest: &'a [u8], line: usize },
     Binary { rest: &'a [u8] },
 }
 
-/// The values of one record, vertex or face.
+/// The remaining values of a record (a vertex or a face).
 struct Values<'a, 'b> {
     words: Option<std::str::SplitAsciiWhitespace<'a>>,
     rest: Option<&'b mut &'a [u8]>,
     what: &'static str,
-    /// The line of a text; the number of the record in a binary file, from 1.
+    /// Number of the line in a text file, or of the record in a binary file, from 1.
     number: usize,
 }
 
@@ -187,7 +187,7 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Checks that nothing follows the last record.
+    /// Checks that no data follow the last record.
     fn end(&self) -> Result<(), MeshFileError> {
         let (Source::Text { rest, .. } | Source::Binary { rest }) = self;
         match rest.iter().all(u8::is_ascii_whitespace) {
@@ -213,7 +213,7 @@ impl Values<'_, '_> {
             .ok_or_else(|| self.value_error("the file ends here: it is truncated"))
     }
 
-    /// Checks that the line has no further number.
+    /// Checks that no further number follows in the line.
     fn end(&mut self) -> Result<(), MeshFileError> {
         match self.words.as_mut().and_then(Iterator::next) {
             None => Ok(()),
