@@ -1,7 +1,7 @@
-//! OpenCV's filters and contours for our own pictures.
+//! OpenCV's filters and contours for the program's own pictures.
 //!
-//! OpenCV's matrices are views or results here and are never passed on. OpenCV only computes; pictures are read and
-//! written elsewhere. Its filters return the same bits for any number of threads.
+//! OpenCV's matrices stay inside this module. OpenCV only computes; other modules read and write the pictures. The
+//! results of its filters do not depend on the number of threads.
 
 use opencv::core::{
     BORDER_DEFAULT, CV_8UC1, CV_32S, Mat, MatTraitConst, MatTraitConstManual, Point2f, Point2i, Vector,
@@ -9,7 +9,7 @@ use opencv::core::{
 use opencv::imgproc;
 use panelprep_base::geometry::{GrayPicture, Mask, Pixel};
 
-/// Reports that OpenCV refused its input: contains the operation and OpenCV's own message.
+/// OpenCV refused its input: the operation, and OpenCV's message.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("OpenCV could not compute {operation}: {words}")]
 pub struct ImagingError {
@@ -24,11 +24,11 @@ pub fn with_operation<T>(operation: &'static str, result: opencv::Result<T>) -> 
     result.map_err(|error| ImagingError { operation, words: error.message })
 }
 
-/// Smooths noise and keeps edges (thesis Fig. 3.18). Neighbours within `diameter_px` are averaged, weighted by
-/// their distance and by their similarity, `sigma_gray`.
+/// Reduces noise and keeps edges (thesis Fig. 3.18). Pixels within `diameter_px` are averaged with weights that depend
+/// on their distance and, with the standard deviation `sigma_gray`, on the difference of their grey values.
 ///
 /// # Errors
-/// If OpenCV refuses the picture, for example an empty one.
+/// If OpenCV refuses the picture, for example because it is empty.
 pub fn bilateral_filter(
     picture: &GrayPicture,
     diameter_px: usize,
@@ -47,10 +47,10 @@ pub fn bilateral_filter(
     Ok(GrayPicture { width: picture.width, height: picture.height, gray })
 }
 
-/// Returns the outer contours of a mask, every pixel of each, largest area first.
+/// Returns all pixels of each outer contour of a mask, the contour with the largest area first.
 ///
 /// # Errors
-/// If OpenCV refuses the mask, for example an empty one.
+/// If OpenCV refuses the mask, for example because it is empty.
 pub fn outer_contours(mask: &Mask) -> Result<Vec<Vec<Pixel>>, ImagingError> {
     const OPERATION: &str = "contours";
     let bytes = mask.to_gray().gray;
@@ -68,11 +68,11 @@ pub fn outer_contours(mask: &Mask) -> Result<Vec<Vec<Pixel>>, ImagingError> {
     Ok(contours.into_iter().map(|(_, pixels)| pixels).collect())
 }
 
-/// Returns the connected components of a mask, each as its pixels row by row. If `by_corners` is set, pixels that touch
-/// only at a corner belong to one component.
+/// Returns the pixels of each connected component of a mask, row by row. With `by_corners`, pixels with a common corner
+/// are connected as well.
 ///
 /// # Errors
-/// If OpenCV refuses the mask, for example an empty one.
+/// If OpenCV refuses the mask, for example because it is empty.
 pub fn connected_components(mask: &Mask, by_corners: bool) -> Result<Vec<Vec<usize>>, ImagingError> {
     const OPERATION: &str = "connected pieces";
     let bytes = mask.to_gray().gray;
@@ -91,10 +91,10 @@ pub fn connected_components(mask: &Mask, by_corners: bool) -> Result<Vec<Vec<usi
     Ok(pieces)
 }
 
-/// Returns the corners of the smallest rectangle around these pixels, which may be rotated (thesis Fig. 3.20).
+/// Returns the corners of the smallest rectangle around these pixels, in any orientation (thesis Fig. 3.20).
 ///
 /// # Errors
-/// If OpenCV refuses the pixels, for example if there are none.
+/// If OpenCV refuses the pixels, for example because there are none.
 pub fn min_area_box(pixels: &[Pixel]) -> Result<[Pixel; 4], ImagingError> {
     const OPERATION: &str = "the smallest box";
     let points: Vector<Point2f> = pixels.iter().map(|p| Point2f::new(p.u as f32, p.v as f32)).collect();
@@ -127,7 +127,7 @@ mod tests {
         mask
     }
 
-    /// By hand: a block of 5 × 3 pixels has a border of 2·(5 + 3) − 4 = 12 pixels.
+    /// Expected value, calculated by hand: the contour of a block of 5 × 3 pixels has 2·(5 + 3) − 4 = 12 pixels.
     #[test]
     fn a_block_has_its_border_as_contour() {
         let contours = outer_contours(&block(20, 10, 4..9, 2..5)).expect("a picture");

@@ -1,6 +1,4 @@
-//! The data that describe a cell and its work: cell, recipe, panel, cycle, record and the files that hold them.
-//!
-//! Each paragraph of `pub mod` lines is a layer; a module may name only modules of earlier paragraphs.
+//! The data types of a cell and its work: cell, recipe, panel, cycle, record, and their files.
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 // Every result is handled, or an `expect` attribute next to it states why it is ignored.
 #![cfg_attr(not(test), deny(clippy::let_underscore_must_use))]

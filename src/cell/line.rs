@@ -1,11 +1,11 @@
-//! The handshake with a production line by digital signals, for lines without OPC UA: the conditions for a start
-//! request, and the signals to the line.
+//! The handshake with a production line by digital signals, for lines without OPC UA: when the line requests a start,
+//! and the signals to the line.
 //!
-//! The line sets two inputs of the robot's controller, `part_present` and `start_request`, and reads its outputs
-//! `ready`, `cycle_done`, `pass`, `fail`, `review` and `fault`. `line_signals` defines which of them are on in each
-//! state of the cell; [`Handshake`] decides when the line makes a request: by a rising edge that is preceded by an
-//! observed low state, never by a level. The line requests a start and, once the part is removed, a reset. Persons
-//! make the same requests, and the same gates check them. Pure: the signals go over the robot's link (`daemon/line`).
+//! The line sets two inputs of the robot controller, `part_present` and `start_request`, and reads the outputs `ready`,
+//! `cycle_done`, `pass`, `fail`, `review` and `fault`. `line_signals` defines which outputs are on in each state of the
+//! cell. [`Handshake`] decides when the line makes a request: at a rising edge after an observed low level, never at a
+//! high level alone. The line requests a start and, after the part was removed, a reset. The same checks apply as to
+//! the requests of a person. All functions are pure; `daemon/line` exchanges the signals over the robot link.
 
 use crate::cell::LineSignal;
 use panelprep_base::verdict::Verdict;
@@ -13,40 +13,41 @@ use panelprep_base::verdict::Verdict;
 /// The inputs that the line sets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LineInputs {
-    /// Whether a part lies in the cell.
+    /// Whether a part is in the fixture.
     pub part_present: bool,
-    /// The line requests a cycle.
+    /// Whether the line requests a cycle.
     pub start_request: bool,
 }
 
-/// The state of the cell, for the line.
+/// The part of the cell's state that the signals to the line depend on.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CellStatus {
     /// The PackML name of the cell's state.
     pub state: String,
-    /// Whether the cell waits for a person's decision on a result.
+    /// Whether a person must decide about a result.
     pub is_review: bool,
-    /// The verdict of the cell's last cycle.
+    /// The verdict of the last cycle.
     pub verdict: Option<Verdict>,
 }
 
-/// The signals that are on, as bits.
+/// A set of signals to the line, as bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LineSignals(pub u32);
 
 impl LineSignals {
-    /// Creates the state from these signals.
+    /// Creates the set in which exactly these signals are on.
     pub fn from_signals(signals: &[LineSignal]) -> Self {
         LineSignals(signals.iter().fold(0, |bits, signal| bits | signal.bit()))
     }
 
-    /// Returns whether this signal is on.
+    /// Returns whether the signal is on.
     pub fn is_on(self, signal: LineSignal) -> bool {
         self.0 & signal.bit() != 0
     }
 }
 
-/// Returns the signals to the line. If the loop does not answer, only the fault signal is on: a person is needed.
+/// Returns the signals to the line. If the cell's control loop does not reply, only `fault` is on, because a person is
+/// needed.
 pub fn line_signals(cell: Option<&CellStatus>) -> LineSignals {
     use LineSignal::{CycleDone, Fail, Fault, Pass, Ready, Review};
     let Some(cell) = cell else { return LineSignals::from_signals(&[Fault]) };
@@ -54,58 +55,59 @@ pub fn line_signals(cell: Option<&CellStatus>) -> LineSignals {
         ("idle", _) => LineSignals::from_signals(&[Ready]),
         ("complete", Some(Verdict::Pass)) => LineSignals::from_signals(&[CycleDone, Pass]),
         ("complete", Some(_)) => LineSignals::from_signals(&[CycleDone, Fail]),
-        // A line must not continue after a cycle without a verdict.
+        // Without a verdict the line must not continue.
         ("complete", None) => LineSignals::from_signals(&[Fault]),
         ("held", _) if cell.is_review => LineSignals::from_signals(&[Review]),
         ("starting" | "execute" | "completing" | "resetting" | "unholding" | "holding" | "stopping", _) => {
             LineSignals(0)
         }
-        // Stopped, held because of a problem, or aborted: a person must act.
+        // Stopped, held because of a fault, or aborted: a person is needed.
         _ => LineSignals::from_signals(&[Fault]),
     }
 }
 
-/// This many consecutive observations must be equal before they count: a bouncing contact makes no request.
+/// Number of equal consecutive observations at which an observation becomes valid, so that a bouncing contact makes no
+/// request.
 const MIN_EQUAL_OBSERVATIONS: u8 = 2;
 
-/// A request to the cell for the line.
+/// A request of the line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LineRequest {
-    /// Requests a cycle, with the recipe and the part of the cell's file.
+    /// A cycle with the recipe and the part that the cell's file states.
     Start,
-    /// Requests a reset: the part was removed after a cycle.
+    /// A reset after the part was removed.
     Reset,
 }
 
-/// One observation of the line and the cell.
+/// The line and the cell at one moment.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LineObservation {
-    /// The line's inputs; `None` if nothing is received from the controller.
+    /// The inputs that the line sets; `None` if no state message is received from the controller.
     pub inputs: Option<LineInputs>,
-    /// The state of the cell; `None` if its loop does not answer.
+    /// The state of the cell; `None` if the control loop does not reply.
     pub cell: Option<CellStatus>,
 }
 
-/// The observations of the line so far.
+/// The state of the handshake.
 ///
-/// A start is requested after two events in this order, without an interruption of the link. First the cell is idle
-/// and the request low; then the request becomes high while the part is present and the cell is still idle. A request
-/// that was high when the program began, when the link came back, or when the cell became idle has no effect until it
-/// has been low.
+/// A start is requested if two events follow each other without an interruption of the link: first, the cell is idle
+/// and the request is low; then the request becomes high while the part is present and the cell is still idle. A
+/// request that was already high when the program started, when the link was restored, or when the cell became idle has
+/// no effect until it has been low.
 #[derive(Debug, Clone, Default)]
 pub struct Handshake {
-    /// Whether the request was low while the cell was idle.
+    /// Whether the request was low since the cell became idle.
     is_armed: bool,
-    /// Whether the part was seen in the cell after its cycle.
+    /// Whether the part was present after its cycle.
     saw_part: bool,
-    /// The last request, if it was refused and the line or a person has not reacted yet.
+    /// The last request, if it was refused and `fault` is still signalled for it.
     refused: Option<LineRequest>,
-    /// The last observation, and the number of equal consecutive ones.
+    /// The last observation, and how many times in succession it was made.
     steady: Option<(LineObservation, u8)>,
 }
 
 impl Handshake {
-    /// Evaluates one observation and returns the request that is to be made.
+    /// Evaluates an observation, and returns the request that the line makes with it.
     pub fn evaluate(&mut self, look: LineObservation) -> Option<LineRequest> {
         let count = match &self.steady {
             Some((before, count)) if *before == look => count.saturating_add(1),
@@ -113,11 +115,11 @@ impl Handshake {
         };
         self.steady = Some((look.clone(), count));
         let (Some(inputs), Some(cell)) = (look.inputs, look.cell) else {
-            // After a break of the link it is not known what happened meanwhile.
+            // Edges and removed parts cannot be observed while the link is interrupted.
             (self.is_armed, self.saw_part) = (false, false);
             return None;
         };
-        // The cell's own state does not bounce: observations in another state become invalid at once.
+        // The cell's state does not bounce, so a change of it is valid immediately.
         self.is_armed &= cell.state == "idle";
         self.saw_part &= cell.state == "complete";
         match cell.state.as_str() {
@@ -128,14 +130,14 @@ impl Handshake {
         }
     }
 
-    /// Records that this request was refused. The line receives a fault: after a start until its request is low,
-    /// after a reset until a person has reset the cell. The reason for the latter: the part is gone, and no further
-    /// request comes.
+    /// Records that a request was refused. The line receives `fault`: after a refused start until its request is low,
+    /// after a refused reset until a person has reset the cell, because the part was already removed and no further
+    /// request follows.
     pub fn refused(&mut self, request: LineRequest) {
         self.refused = Some(request);
     }
 
-    /// Returns the signals that the line receives now.
+    /// Returns the present signals to the line.
     pub fn output_signals(&mut self, look: &LineObservation) -> LineSignals {
         let is_over = match self.refused {
             Some(LineRequest::Start) => look.inputs.is_some_and(|inputs| !inputs.start_request),
@@ -154,8 +156,7 @@ impl Handshake {
             self.is_armed = true;
             return None;
         }
-        // One edge makes one request, whether it is accepted or not: without a part nothing begins, not even when
-        // one comes later.
+        // Each edge makes at most one request. Without a part it has no effect, even if a part arrives later.
         let was_armed = std::mem::take(&mut self.is_armed);
         (was_armed && inputs.part_present).then_some(LineRequest::Start)
     }
@@ -175,7 +176,8 @@ impl Handshake {
 
 #[cfg(test)]
 mod tests {
-    //! The handshake without a controller: edges, levels, interruptions of the link, and the signals to the line.
+    //! Tests of the handshake without a controller: edges, levels, interruptions of the link, and the signals to the
+    //! line.
 
     use super::*;
     use crate::cell::LineSignal;
@@ -205,7 +207,7 @@ mod tests {
         LineObservation { inputs: Some(LineInputs { part_present, start_request }), cell: Some(cell) }
     }
 
-    /// Returns the requests that follow if each of these observations is made three times in a row.
+    /// Makes each observation three times in succession, and returns the requests.
     fn asked(handshake: &mut Handshake, looks: &[LineObservation]) -> Vec<LineRequest> {
         looks
             .iter()
@@ -234,8 +236,8 @@ mod tests {
         }
     }
 
-    /// High when the program begins, when the cell becomes idle, and when the link comes back: none of these makes a
-    /// request.
+    /// A request that is already high when the program starts, when the cell becomes idle, or when the link is restored
+    /// has no effect.
     #[test]
     fn a_level_makes_no_request() {
         let high = look("idle", true, true);
@@ -272,8 +274,8 @@ mod tests {
         assert_eq!(asked(&mut handshake, &[look("idle", true, true)]), [LineRequest::Start]);
     }
 
-    /// Before the cell is reset for the next cycle, the part must have been seen after the cycle, and the request must
-    /// be low.
+    /// A reset is requested only if the part was present after the cycle and was then removed, and the start request is
+    /// low.
     #[test]
     fn a_reset_needs_a_part_that_was_removed() {
         let mut handshake = Handshake::default();
@@ -288,8 +290,8 @@ mod tests {
         }
     }
 
-    /// A refused start is signalled as a fault until the line withdraws its request, a refused reset until a person has
-    /// reset the cell.
+    /// `fault` is on after a refused start until the line withdraws its request, and after a refused reset until a
+    /// person has reset the cell.
     #[test]
     fn a_refusal_is_reported() {
         let mut handshake = Handshake::default();
@@ -316,8 +318,8 @@ mod tests {
         assert_eq!(handshake.output_signals(&low), LineSignals::from_signals(&[LineSignal::Ready]));
     }
 
-    /// Every state with every verdict: at most one of ready, cycle done, review and fault is on. Pass and fail are on
-    /// only together with cycle done, and pass with no other verdict than pass.
+    /// For every state with every verdict: at most one of `ready`, `cycle_done`, `review` and `fault` is on. `pass` and
+    /// `fail` are on only together with `cycle_done`, and `pass` only with the verdict pass.
     #[test]
     fn at_most_one_state_signal_is_on() {
         use LineSignal::{CycleDone, Fail, Fault, Pass, Ready, Review};
@@ -344,9 +346,9 @@ mod tests {
     }
 
     proptest! {
-        /// For any observations: before each start, the request was low in the same idle state without an interruption of
-        /// the link; a part is present, and each start has an edge of its own. Before each reset, a part was seen and then
-        /// removed, in the same complete state after a cycle.
+        /// For random observations: before each start, the request was low in the same idle state without an
+        /// interruption of the link, a part is present, and each start has its own edge. Before each reset, a part was
+        /// present and then removed in the same complete state.
         #[test]
         fn each_request_has_its_preconditions(
             walk in proptest::collection::vec((0..3_usize, any::<bool>(), any::<bool>(), 0..12_u8, 1..4_usize), 1..80),

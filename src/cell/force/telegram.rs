@@ -1,5 +1,5 @@
-//! Telegrams of the FerRobotics ACF over TCP: text in ASCII, fields separated by blanks, each ended by the letter
-//! k.
+//! Telegrams of the FerRobotics ACF over TCP: ASCII text with fields separated by spaces; each telegram ends with the
+//! letter k.
 //!
 //! ```text
 //! log-in   WORDk                                    echoed as it is
@@ -7,25 +7,25 @@
 //! reply    id force position contact errork         whole number, N, mm, 0 or 1, eight bits as a number
 //! ```
 //!
-//! `force` of a command is the actuator's force once there is contact, `f_zero` its force before contact, `t_ramp`
-//! the time from one to the other when contact begins. The tool answers each command once and sends nothing
-//! unrequested. Facts from the public driver `sam-xl/ferrobotics_acf` (its log-in word is `ferba`, its id 1040, its
-//! port 7070); the order of the bits is that of its table. A reply in any other form is refused as a whole.
+//! In a command, `force` is the actuator force in contact, `f_zero` the actuator force before contact, and `t_ramp` the
+//! duration of the change from `f_zero` to `force` when contact begins. The tool replies to each command once and sends
+//! nothing without a request. The format is that of the public driver `sam-xl/ferrobotics_acf` (log-in word `ferba`, id
+//! 1040, port 7070), with the order of the error bits in its table. A reply in any other format is refused completely.
 //!
-//! Pure functions: bytes in, values out, and the other way round.
+//! All functions are pure: they convert bytes to values and values to bytes.
 
 use serde::{Deserialize, Serialize};
 
 /// The byte that ends each telegram.
 pub const TERMINATOR: u8 = b'k';
 
-/// The longest log-in word with its terminator, bytes.
+/// Maximum length of the log-in word with its terminator, bytes.
 pub const MAX_LOGIN_ECHO_BYTES: usize = 64;
 
-/// The longest reply, bytes. The longest that the format needs is about 40.
+/// Maximum length of a reply, bytes; the format needs about 40.
 pub const MAX_REPLY_BYTES: usize = 96;
 
-/// Maxima of a reply's numbers: no compliant tool has this force, N, or this stroke, mm.
+/// Maximum force, N, and position, mm, in a reply: no compliant tool has larger ones.
 const MAX_FORCE_N: f64 = 2_000.0;
 const MAX_POSITION_MM: f64 = 500.0;
 
@@ -41,13 +41,13 @@ pub fn login(word: &str) -> Vec<u8> {
 pub struct Command {
     /// The tool's number.
     pub id: u16,
-    /// The actuator's force in contact, N.
+    /// Actuator force in contact, N.
     pub force_n: f64,
-    /// The actuator's force before contact, N.
+    /// Actuator force before contact, N.
     pub free_force_n: f64,
     /// Duration of the ramp from the force before contact to the force in contact, when contact begins, s.
     pub ramp_s: f64,
-    /// The mass for which the tool itself compensates, kg.
+    /// The mass whose weight the tool itself compensates, kg.
     pub payload_kg: f64,
 }
 
@@ -55,32 +55,32 @@ impl Command {
     /// Returns the telegram.
     pub fn bytes(&self) -> Vec<u8> {
         let Command { id, force_n, free_force_n: no_contact_n, ramp_s, payload_kg } = self;
-        // Removes a negative sign of zero, which would be written as a different text.
+        // Adding 0.0 removes the sign of −0.0, which would be written as "-0.00".
         let (force_n, no_contact_n) = (force_n + 0.0, no_contact_n + 0.0);
         format!("{id} {force_n:.2} {no_contact_n:.2} {ramp_s:.3} {payload_kg:.3} 0k").into_bytes()
     }
 }
 
-/// The tool's report of its own state.
+/// The values that the tool reports in a reply.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ToolReading {
-    /// The force that the tool measures, N: that of the actuator, without the weight of its payload.
+    /// The measured force, N: the actuator force without the weight of the payload.
     pub force_n: f64,
     /// The tool's extension, mm: 0 is fully back.
     pub position_mm: f64,
-    /// Whether it reports contact.
+    /// Whether the tool reports contact.
     pub contact: bool,
-    /// The errors that it reports.
+    /// The error bits that the tool reports.
     pub errors: ErrorBits,
 }
 
-/// The eight error bits.
+/// The eight bits of the tool's error byte, in the order of the driver's table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct ErrorBits(pub u8);
 
-/// The meaning of each bit, from the lowest.
+/// The meaning of each error bit, from the lowest bit to the highest.
 const MEANINGS: [&str; 8] = [
     "its valve has an error",
     "its sensor has an error",
@@ -93,31 +93,31 @@ const MEANINGS: [&str; 8] = [
 ];
 
 impl ErrorBits {
-    /// Returns whether no error is set.
+    /// Returns whether no error bit is set.
     pub fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// Returns the errors as text.
+    /// Returns the meanings of the error bits that are set, as text.
     pub fn describe(self) -> String {
         let set = |(bit, meaning): (usize, &&'static str)| (self.0 >> bit & 1 == 1).then_some(*meaning);
         MEANINGS.iter().enumerate().filter_map(set).collect::<Vec<_>>().join(", ")
     }
 }
 
-/// The reason why bytes are not a valid reply.
+/// The reason why a reply is not valid.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TelegramError {
-    /// The reply has more bytes than any valid reply.
+    /// The reply is longer than any valid reply.
     #[error("the reply has {bytes} bytes without an end, at most {MAX_REPLY_BYTES} are valid")]
     TooLong {
         /// Number of bytes received.
         bytes: usize,
     },
-    /// Bytes that are not printable ASCII.
+    /// The reply contains bytes that are not printable ASCII.
     #[error("the reply contains bytes that are not text")]
     NotText,
-    /// The reply has another number of fields.
+    /// The number of fields is not five.
     #[error("the reply has {found} fields instead of five: id, force, position, contact, error")]
     Fields {
         /// Number of fields received.
@@ -131,20 +131,20 @@ pub enum TelegramError {
         /// The text found.
         found: String,
     },
-    /// The reply of another tool.
+    /// The reply comes from another tool.
     #[error("tool id {found} replied, but the request was for id {expected}")]
     OtherId {
-        /// The number of the tool that answered.
+        /// The id of the tool that replied.
         found: u32,
-        /// Number of the requested tool.
+        /// The id of the tool to which the command was sent.
         expected: u16,
     },
 }
 
-/// Reads a reply, without its terminator, of the tool with this number.
+/// Parses a reply without its terminator, from the tool with the id `expected`.
 ///
 /// # Errors
-/// If it is not exactly a reply of that tool.
+/// If the format is invalid, or another tool has replied.
 pub fn parse_reply(bytes: &[u8], expected: u16) -> Result<ToolReading, TelegramError> {
     if bytes.len() > MAX_REPLY_BYTES {
         return Err(TelegramError::TooLong { bytes: bytes.len() });
@@ -155,7 +155,7 @@ pub fn parse_reply(bytes: &[u8], expected: u16) -> Result<ToolReading, TelegramE
         return Err(TelegramError::Fields { found: fields.len() });
     };
     let found: u32 = id.parse().map_err(|_| field_error("id", id))?;
-    // Checked before the numbers: the reading of another tool is well-formed and still says nothing about this one.
+    // The id is checked first: the reply of another tool may be well-formed, but its values belong to that tool.
     if found != u32::from(expected) {
         return Err(TelegramError::OtherId { found, expected });
     }
@@ -177,7 +177,7 @@ fn is_text_byte(byte: u8) -> bool {
 
 fn number(field: &'static str, text: &str, allowed: std::ops::RangeInclusive<f64>) -> Result<f64, TelegramError> {
     let value: f64 = text.parse().map_err(|_| field_error(field, text))?;
-    // Also refuses a value that is not a number.
+    // The comparison also refuses NaN.
     if allowed.contains(&value) { Ok(value) } else { Err(field_error(field, text)) }
 }
 
@@ -192,7 +192,7 @@ mod tests {
 
     const COMMAND: Command = Command { id: 1040, force_n: 20.0, free_force_n: -5.0, ramp_s: 0.25, payload_kg: 1.3 };
 
-    /// Calculated by hand from the driver's format.
+    /// Expected telegrams, written by hand in the format of the driver.
     #[test]
     fn telegrams_are_those_of_the_driver() {
         assert_eq!(login("ferba"), b"ferbak");
@@ -228,7 +228,7 @@ mod tests {
     }
 
     proptest! {
-        /// The parser never panics, and the numbers that it returns are within bounds.
+        /// The parser does not panic for any bytes, and the values that it returns are within their limits.
         #[test]
         fn any_bytes_are_a_reply_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..120)) {
             if let Ok(reading) = parse_reply(&bytes, 1040) {
@@ -236,8 +236,8 @@ mod tests {
             }
         }
 
-        /// One byte of a reply is changed: the reply is refused, or it is still one of the same tool, with finite
-        /// numbers.
+        /// If one byte of a reply is changed, either the reply is refused, or it is still a reply of the same tool with
+        /// finite values.
         #[test]
         fn a_changed_byte_gives_no_reply_of_another_tool(at in 0_usize..19, to in any::<u8>()) {
             let mut bytes = b"1040 19.7 17.25 1 0".to_vec();
@@ -248,7 +248,7 @@ mod tests {
             }
         }
 
-        /// A tool that splits the text at blanks reads back the written values, to two decimals.
+        /// Splitting a command at its spaces gives the written values, rounded to two decimals.
         #[test]
         fn a_command_is_read_back(force_n in -500.0..500.0_f64, ramp_s in 0.0..10.0_f64) {
             let text = String::from_utf8(Command { force_n, ramp_s, ..COMMAND }.bytes()).expect("text");

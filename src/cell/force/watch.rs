@@ -1,13 +1,14 @@
-//! Compares the readings with their expected values while the arm is on a contact path, and computes the effect of the
-//! weight of the parts on the tool.
+//! Compares the tool's measured values with their expected values while the arm is on a contact path. Also computes the
+//! effect of the weight of the parts on the tool.
 //!
-//! Each deviation counts from the reading that first shows it, and is reported once it has lasted longer than the limit
-//! of the cell's file; a tool that does not retract has its own limit, `RETRACT_TIMEOUT`. Deviations are: a force out
-//! of its band around the set-point; no contact although the tool presses; a position outside of the middle two thirds
-//! of the stroke; a tool that does not retract. Error bits and a lost link count at once. While the set-point ramps,
-//! the band also includes the set-point's values of the last moment, because the tool may follow with a delay.
+//! A deviation begins with the first measured value that shows it, and is reported after it has lasted longer than the
+//! limit in the cell's file; for a tool that does not retract the limit is `RETRACT_TIMEOUT`. The deviations are: a
+//! force outside of its band around the set-point; no contact while the tool presses; a position outside of the middle
+//! two thirds of the stroke; a tool that does not retract. Error bits and a lost link are reported immediately. During
+//! a ramp of the set-point, the band also contains the set-points of the last moments, because the tool may follow with
+//! a delay.
 //!
-//! The weight of the parts on the tool acts as a function of the tool's orientation:
+//! The effect of the weight depends on the orientation of the tool:
 //!
 //! ```text
 //! F_contact = F_actuator + m g (a · d)                                                       (1)
@@ -15,10 +16,10 @@
 //! F_actuator = F_reading − zero                                                              (3)
 //! ```
 //!
-//! `a` is the direction in which the tool presses, its own +Z, and `d` the direction of gravity, −Z of the robot's
-//! base, both of length 1: the base must be level. If the tool points down (`a · d` = 1), the weight adds to the force;
-//! if it points up, the weight reduces the force. The payload that is sent to the tool is 0 kg, so that nothing is
-//! compensated twice.
+//! `a` is the direction in which the tool presses, its +Z axis, and `d` the direction of gravity, −Z of the robot's
+//! base, both with length 1; therefore the base must be level. If the tool points down (`a · d` = 1), the weight adds
+//! to the force; if it points up, the weight reduces the force. The payload that is sent to the tool is 0 kg, so that
+//! the weight is not compensated twice.
 
 use super::press::{ForcePhase, middle_mm};
 use super::telegram::ToolReading;
@@ -30,9 +31,9 @@ use panelprep_base::verdict::Reason;
 use panelprep_kuka::eki::Time;
 use std::time::Duration;
 
-/// Largest extension of a retracted tool, as a fraction of its stroke.
+/// Maximum extension of a retracted tool, as a fraction of its stroke.
 const MAX_RETRACTED_SHARE: f64 = 1.0 / 6.0;
-/// Time limit for a tool to retract: enough for the longest stroke of the slowest tool.
+/// Maximum time until the tool is retracted: sufficient for the longest stroke of the slowest tool.
 const RETRACT_TIMEOUT: Duration = Duration::from_millis(600);
 
 /// The limits from the cell's file.
@@ -40,24 +41,24 @@ const RETRACT_TIMEOUT: Duration = Duration::from_millis(600);
 pub struct WatchLimits {
     /// The tool's stroke, mm.
     pub stroke_mm: f64,
-    /// Largest allowed difference between the force and its set-point, N.
+    /// Maximum difference between the force and its set-point, N.
     pub band_n: f64,
-    /// How long the force may be outside this band, or the position outside its range.
+    /// Maximum time for which the force may be outside of this band, or the position outside of its range.
     pub band_within: Duration,
-    /// How long the tool may press without contact.
+    /// Maximum time for which the tool may press without contact.
     pub contact_within: Duration,
 }
 
-/// The expected values for a reading.
+/// The expected values at one moment of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExpectedForce {
     /// The tool's task.
     pub force_phase: ForcePhase,
-    /// The range of contact forces that contains the set-point, lower value first, N.
+    /// Smallest and largest set-point of the contact force within the tool's delay, N.
     pub force_range_n: [f64; 2],
 }
 
-/// The deviations so far, and since when.
+/// The start time of each deviation that is in progress.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ForceWatch {
     force_phase: Option<(ForcePhase, Time)>,
@@ -67,8 +68,8 @@ pub struct ForceWatch {
 }
 
 impl ForceWatch {
-    /// Evaluates a reading and its contact force, N, received at this time. Returns the reason if the path must
-    /// end.
+    /// Evaluates measured values and their contact force, N, which were received at the time `now`. Returns the reason
+    /// if the path must be interrupted.
     pub fn evaluate(
         &mut self,
         (reading, contact_n): (&ToolReading, f64),
@@ -86,14 +87,15 @@ impl ForceWatch {
         let presses = expected.force_phase == ForcePhase::Pressing;
         let [low_n, high_n] =
             [expected.force_range_n[0] - limits.band_n, expected.force_range_n[1] + limits.band_n];
-        // Without contact there is no force to judge. The upper limit applies in every contact phase, the lower limit
+        // Without contact there is no force to compare. The upper limit applies in every contact phase, the lower limit
         // only while the tool presses.
         let out = (presses && reading.contact && contact_n < low_n)
             || (expected.force_phase != ForcePhase::HeldBack && reading.contact && contact_n > high_n);
         let [nearest_mm, farthest_mm] = middle_mm(limits.stroke_mm);
         let outside = presses && reading.contact && !(nearest_mm..=farthest_mm).contains(&reading.position_mm);
         let lasts = |began: &mut Option<Time>, is_so: bool, within: Duration| {
-            // One good reading ends the span: peaks of a rough surface or of the landing are not a fault of the tool.
+            // One value within the limits ends a deviation: short peaks on a rough surface or at the landing are not a
+            // fault of the tool.
             let first = is_so.then(|| began.unwrap_or(now));
             *began = first;
             first.is_some_and(|first| now.since(first) >= within)
@@ -101,7 +103,8 @@ impl ForceWatch {
         let no_contact = lasts(&mut self.no_contact_since, presses && !reading.contact, limits.contact_within);
         let out = lasts(&mut self.out_of_band_since, out, limits.band_within);
         let outside = lasts(&mut self.out_of_stroke_since, outside, limits.band_within);
-        // Checked before the force: a pad in the air also has a wrong force, but the missing panel is the cause.
+        // Contact is checked before the force: without contact the force is wrong as well, but the missing panel is the
+        // cause.
         if no_contact {
             let ms = limits.contact_within.as_millis();
             let words = format!(
@@ -126,12 +129,13 @@ impl ForceWatch {
             return Some(Reason::new("tool_stroke", words));
         }
         let is_held = expected.force_phase == ForcePhase::HeldBack && now.since(since) >= RETRACT_TIMEOUT;
-        // In the air, after enough time to retract, the tool must be back and touch nothing; its force is not checked.
+        // In the air, after the time limit for the retract, the tool must be retracted without contact; its force is
+        // not compared.
         if is_held { not_ready_reason(reading, limits.stroke_mm) } else { None }
     }
 }
 
-/// Returns why a path may not begin with this reading of a tool that is held back; `None` if it may.
+/// Returns the reason why a path must not begin with these values of a tool that is held back; `None` if it may begin.
 pub fn not_ready_reason(reading: &ToolReading, stroke_mm: f64) -> Option<Reason> {
     if !reading.errors.is_empty() {
         return Some(error_reason(reading));
@@ -178,28 +182,28 @@ fn not_retracted_reason(reading: &ToolReading, stroke_mm: f64) -> Option<Reason>
     (reading.position_mm > allowed_mm).then(|| Reason::new("tool_stuck", words()))
 }
 
-/// The load on the actuator, and its sensor's reading without force.
+/// The mass on the actuator and the zero of the force sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorLoad {
     /// Mass on the actuator: the sander with its disc, kg.
     pub payload_kg: f64,
-    /// The sensor's reading when the actuator has no force, N.
+    /// The force that the sensor measures without an actuator force, N.
     pub zero_n: f64,
 }
 
 impl SensorLoad {
-    /// Returns the part of the contact force that comes from the weight, N; `downwards` is the cosine between the
-    /// tool's +Z and gravity, −1…1.
+    /// Returns the part of the contact force that is caused by the weight, N. `downwards` is the cosine of the angle
+    /// between the tool's +Z axis and gravity, −1…1.
     pub fn presses_n(&self, downwards: f64) -> f64 {
         self.payload_kg * STANDARD_GRAVITY_M_S2 * downwards
     }
 
-    /// Returns the contact force of a reading, N: (1) with (3).
+    /// Returns the contact force for a force measured by the sensor, N: equations (1) and (3).
     pub fn contact_n(&self, reading_n: f64, downwards: f64) -> f64 {
         reading_n - self.zero_n + self.presses_n(downwards)
     }
 
-    /// Returns the actuator's force for this contact force, N: (2).
+    /// Returns the actuator force for a contact force, N: equation (2).
     pub fn actuator_n(&self, contact_n: f64, downwards: f64) -> f64 {
         contact_n - self.presses_n(downwards)
     }
@@ -211,7 +215,7 @@ impl From<&CompliantTool> for SensorLoad {
     }
 }
 
-/// Returns how far a tool points down: the cosine between its +Z and gravity.
+/// Returns the cosine of the angle between the tool's +Z axis and gravity.
 pub fn down_cosine(base_from_tool: &Rigid<Base, Tool>) -> f64 {
     -(*base_from_tool * Vector::<Tool>::new(Vector3::z())).mm.z
 }
@@ -226,8 +230,9 @@ mod tests {
         down_cosine(&KukaPose { b_deg, ..KukaPose::default() }.to_rigid())
     }
 
-    /// Calculated by hand: 2 kg weigh 19.6133 N. Down: 20 N of contact need 0.3867 N from the actuator. Up: 39.6133 N.
-    /// Horizontal: 20 N. At 60° from down, half of the weight presses: 10.19335 N.
+    /// Expected values, calculated by hand: 2 kg weigh 19.6133 N. For a contact force of 20 N, the actuator needs
+    /// 0.3867 N if the tool points down, 39.6133 N if it points up, 20 N if it is horizontal, and 10.19335 N at 60°
+    /// from down, where half of the weight acts.
     #[test]
     fn the_weight_acts_as_a_function_of_the_orientation() {
         let weight = SensorLoad { payload_kg: 2.0, zero_n: 0.0 };
@@ -237,8 +242,8 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: for a horizontal tool, a reading of 21.5 N with a zero of 1.5 N is a contact of 20 N;
-    /// pointing down it is 39.6133 N.
+    /// Expected values, calculated by hand: a measured force of 21.5 N with a zero of 1.5 N is a contact force of 20 N
+    /// for a horizontal tool, and of 39.6133 N for a tool that points down.
     #[test]
     fn a_reading_is_a_contact_force() {
         let weight = SensorLoad { payload_kg: 2.0, zero_n: 1.5 };
@@ -246,7 +251,7 @@ mod tests {
         assert!((weight.contact_n(21.5, turned(180.0)) - 39.6133).abs() < 1e-9);
     }
 
-    // The limits and readings were written by hand.
+    // Limits for the tests below.
     const LIMITS: WatchLimits = WatchLimits {
         stroke_mm: 30.0,
         band_n: 5.0,
@@ -261,7 +266,7 @@ mod tests {
         ExpectedForce { force_phase: ForcePhase::Pressing, force_range_n: [low_n, high_n] }
     }
 
-    /// Returns the first reason and its time; there is a reading each 50 ms.
+    /// Evaluates one measured value every 50 ms, and returns the time and the text of the first reason.
     fn first_reason(readings: impl Fn(u64) -> (ToolReading, f64, ExpectedForce)) -> Option<(u64, String)> {
         let mut watch = ForceWatch::default();
         (0..=2_000).step_by(50).find_map(|ms| {
@@ -275,7 +280,8 @@ mod tests {
         Some((ms, code.to_owned()))
     }
 
-    /// By hand: a band of 5 N around 20 N includes 15 and 25; 25.1 N from 500 ms on is reported at 650 ms.
+    /// Expected values, calculated by hand: a band of 5 N around 20 N contains 15 and 25 N. A force of 25.1 N from 500
+    /// ms on is reported at 650 ms.
     #[test]
     fn a_force_out_of_its_band_is_reported_once_it_lasts() {
         let force = |contact_n: f64| {
@@ -283,12 +289,12 @@ mod tests {
         };
         assert_eq!((force(25.0), force(15.0)), (None, None));
         assert_eq!((force(25.1), force(14.9)), (at(650, "force_band"), at(650, "force_band")));
-        // Short peaks are not reported, however many there are.
+        // Short peaks are not reported, even if they are repeated.
         assert_eq!(
             first_reason(|ms| (PRESSED, if ms % 200 < 150 { 30.0 } else { 20.0 }, pressing(20.0, 20.0))),
             None
         );
-        // During the ramp from 5 N, all forces in between are as expected.
+        // During the ramp from 5 N to 20 N, all forces between the two are expected.
         assert_eq!(first_reason(|_| (PRESSED, 2.0, pressing(5.0, 20.0))), None);
     }
 
@@ -303,7 +309,7 @@ mod tests {
             at(200, "no_contact"),
             "a path that never touched"
         );
-        // By hand: the middle two thirds of 30 mm are 5 to 25 mm.
+        // Expected limits, calculated by hand: the middle two thirds of 30 mm are 5 to 25 mm.
         for (position_mm, found) in
             [(5.01, None), (24.99, None), (4.9, at(650, "tool_stroke")), (25.1, at(650, "tool_stroke"))]
         {
@@ -312,14 +318,15 @@ mod tests {
         assert_eq!(first_reason(from_500(ToolReading { errors: ErrorBits(1), ..PRESSED })), at(500, "tool_errors"));
     }
 
-    /// During landing, less than the set-point or no contact is allowed; too much force is reported.
+    /// During the landing, a force below the set-point or no contact is accepted, but a force above the limit is
+    /// reported.
     #[test]
     fn landing_may_have_no_contact_yet_and_never_too_much() {
         let landing = ExpectedForce { force_phase: ForcePhase::Landing, force_range_n: [5.0, 5.0] };
         let air = ToolReading { contact: false, ..PRESSED };
         assert_eq!(first_reason(|_| (air, 0.0, landing)), None);
         assert_eq!(first_reason(|_| (PRESSED, 10.1, landing)), at(150, "force_band"));
-        // Calculated by hand: a sixth of 30 mm is 5 mm; the tool has 600 ms to reach it.
+        // Expected limit, calculated by hand: a sixth of 30 mm is 5 mm. The tool must reach it within 600 ms.
         let held = ExpectedForce { force_phase: ForcePhase::HeldBack, force_range_n: [-30.0, -30.0] };
         let out = ToolReading { position_mm: 5.1, ..air };
         assert_eq!(first_reason(|_| (out, 0.0, held)), at(600, "tool_stuck"));
@@ -339,8 +346,8 @@ mod tests {
         assert_eq!(code(ToolReading { errors: ErrorBits(128), ..back }).as_deref(), Some("tool_errors"));
     }
 
-    /// The tool is held back and has had enough time to go back: a contact then is not with the panel, whatever the
-    /// force.
+    /// If the tool reports contact after the time limit for the retract, it touches an object other than the panel.
+    /// This is reported at any force.
     #[test]
     fn contact_in_the_air_is_reported() {
         let held = ExpectedForce { force_phase: ForcePhase::HeldBack, force_range_n: [-30.0, -30.0] };

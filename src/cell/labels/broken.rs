@@ -1,27 +1,27 @@
-//! Converts breaks to pixels: determines which pixels broke by the clip's end, and when.
+//! Converts the drawn breaks to pixels: which pixels broke before the end of the clip, and when.
 //!
-//! A pixel breaks at the first moment at which its centre lies inside of an open break. The evaluated moments are the
-//! beginnings of the shapes and the times of the wet pictures: there is no observation between two pictures.
+//! A pixel breaks at the first evaluated time at which its centre lies inside an open break. The evaluated times are
+//! the start times of the shapes and the times of the wet pictures: there is no observation between two pictures.
 //!
-//! `times.png` has the time of a break as a colour. A pixel that broke has blue 255; red · 256 + green is the time in
-//! hundredths of a second since the first fully wet picture. Any other pixel is black.
+//! `times.png` encodes the time of a break as a colour. A pixel that broke has blue 255, and red · 256 + green is the
+//! time in hundredths of a second since the first fully wet picture. All other pixels are black.
 
 use super::check::ClipFrame;
 use super::statement::Break;
 use panelprep_base::geometry::{ColorPicture, Mask, Pixel, polygon};
 
-/// The pixels that broke, with their times.
+/// The time at which each pixel broke, if it broke.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BrokenPixels {
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// The time at which each pixel broke, s since the first wet picture; infinite if it did not.
+    /// The time at which each pixel broke, s since the first wet picture; infinite if the pixel did not break.
     pub since_wet_s: Vec<f64>,
 }
 
-/// Returns the pixels that broke by the clip's end. The breaks must be without [`problems`](super::problems).
+/// Returns the pixels that broke before the end of the clip. The breaks must have no [`problems`](super::problems).
 pub fn broken_pixels(breaks: &[Break], frame: &ClipFrame) -> BrokenPixels {
     let [width, height] = frame.size_px;
     let mut broken = BrokenPixels { width, height, since_wet_s: vec![f64::INFINITY; width * height] };
@@ -38,7 +38,7 @@ pub fn broken_pixels(breaks: &[Break], frame: &ClipFrame) -> BrokenPixels {
     broken
 }
 
-/// Returns the times at which a break is evaluated, s of the clip, in order.
+/// Returns the times at which a break is evaluated, in order, s of the clip.
 fn moments_s(one: &Break, frame: &ClipFrame) -> Vec<f64> {
     let begins = one.shapes.iter().map(|shape| shape.from_s);
     let mut moments_s: Vec<f64> =
@@ -48,7 +48,7 @@ fn moments_s(one: &Break, frame: &ClipFrame) -> Vec<f64> {
 }
 
 impl BrokenPixels {
-    /// Marks the pixels of a polygon as broken from this time on, unless they broke earlier.
+    /// Marks the pixels of a polygon as broken at this time, unless they broke earlier.
     fn mark_polygon(&mut self, corners: &[Pixel], since_wet_s: f64) {
         let range = |of: fn(&Pixel) -> f64, count: usize| {
             let low = corners.iter().map(of).fold(f64::INFINITY, f64::min).ceil().max(0.0) as usize;
@@ -66,13 +66,13 @@ impl BrokenPixels {
         }
     }
 
-    /// Returns the pixels that broke, as a mask.
+    /// Returns a mask of the pixels that broke.
     pub fn mask(&self) -> Mask {
         let inside = self.since_wet_s.iter().map(|time_s| time_s.is_finite()).collect();
         Mask { width: self.width, height: self.height, inside }
     }
 
-    /// Returns the times at which the pixels broke, as colours: see [`time_to_color`].
+    /// Returns a picture with the time at which each pixel broke, encoded by [`time_to_color`].
     pub fn times(&self) -> ColorPicture {
         let rgb =
             self.since_wet_s.iter().map(|&time_s| time_to_color(time_s.is_finite().then_some(time_s))).collect();
@@ -80,7 +80,7 @@ impl BrokenPixels {
     }
 }
 
-/// Converts a time to a colour.
+/// Encodes the time of a break as a colour.
 pub fn time_to_color(since_wet_s: Option<f64>) -> [u8; 3] {
     since_wet_s.map_or([0; 3], |since_wet_s| {
         let [red, green] = ((since_wet_s * 100.0).round().clamp(0.0, 65_535.0) as u16).to_be_bytes();
@@ -88,7 +88,7 @@ pub fn time_to_color(since_wet_s: Option<f64>) -> [u8; 3] {
     })
 }
 
-/// Returns the time that a colour encodes; `None` if the pixel did not break.
+/// Returns the time that a colour encodes; `None` for a pixel that did not break.
 pub fn decoded([red, green, blue]: [u8; 3]) -> Option<f64> {
     (blue == 255).then(|| f64::from(u16::from_be_bytes([red, green])) / 100.0)
 }

@@ -1,22 +1,22 @@
-//! Checks whether a person's statement about a clip is possible, and reports all problems at once, each with the break
-//! to which it belongs.
+//! Checks whether the labels of a clip are consistent. All problems are reported at once, each with the number of its
+//! break.
 
 use super::statement::{Break, Shape, Statement};
 use panelprep_base::geometry::{Pixel, polygon};
 
-/// The maximum length of a name, characters.
+/// Maximum length of the author's name, characters.
 const MAX_CHARACTERS: usize = 200;
-/// A polygon needs this many corners to have an inside.
+/// Minimum number of corners of a polygon.
 const MIN_CORNERS: usize = 3;
-/// The latest time that `times.png` can represent, s since the first wet picture.
+/// Maximum time that `times.png` can store, s since the first wet picture.
 pub const MAX_SINCE_WET_S: f64 = 655.35;
 
-/// The data of a clip to which its labels refer.
+/// The properties of a clip that its labels refer to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClipFrame {
-    /// Columns and rows of the clip's pictures.
+    /// Width and height of the clip's pictures, px.
     pub size_px: [usize; 2],
-    /// The times of the clip's wet pictures, s of the clip, in order; at least one.
+    /// The times of the wet pictures in order, s of the clip; at least one.
     pub wet_times_s: Vec<f64>,
 }
 
@@ -32,7 +32,7 @@ impl ClipFrame {
     }
 }
 
-/// A contradiction in the labels. Breaks and corners count from 1; times are s of the clip.
+/// A problem of the labels. Breaks and corners are counted from 1; times are s of the clip.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Problem {
     /// The author's name is missing.
@@ -43,30 +43,30 @@ pub enum Problem {
         "the name is not valid: {found} characters (limit {MAX_CHARACTERS}; control characters are not permitted)"
     )]
     BadAuthor {
-        /// Number of characters found.
+        /// Number of characters in the name.
         found: usize,
     },
-    /// The statement neither contains a break nor states that the clip is clean.
+    /// There is no break, and the clip is not marked as clean.
     #[error("no break is drawn: draw the breaks, or mark the clip as clean")]
     NothingSaid,
-    /// The file states a clean film and also breaks.
+    /// The clip is marked as clean, but there are breaks.
     #[error("the clip is marked as clean, but breaks are drawn ({found}): remove the mark or the breaks")]
     CleanWithBreaks {
         /// Number of breaks.
         found: usize,
     },
-    /// A break without an outline.
+    /// A break without a shape.
     #[error("break {number} has no shape: draw its outline, or remove the break")]
     NoShape {
         /// Number of the break.
         number: usize,
     },
-    /// No point can lie inside of the shape.
+    /// A shape with fewer than three corners.
     #[error("break {number}, shape from {from_s} s: found {found} corners, at least {MIN_CORNERS} are needed")]
     TooFewCorners {
         /// Number of the break.
         number: usize,
-        /// The time at which the shape begins, which identifies the shape.
+        /// Start time of the shape, by which it is identified.
         from_s: f64,
         /// Its corners.
         found: usize,
@@ -78,7 +78,7 @@ pub enum Problem {
     Outside {
         /// Number of the break.
         number: usize,
-        /// The time at which the shape begins, which identifies the shape.
+        /// Start time of the shape, by which it is identified.
         from_s: f64,
         /// Number of the corner.
         corner: usize,
@@ -86,26 +86,26 @@ pub enum Problem {
         u: f64,
         /// Row, px.
         v: f64,
-        /// Columns of the picture.
+        /// Width of the picture, px.
         width: usize,
-        /// Rows of the picture.
+        /// Height of the picture, px.
         height: usize,
     },
-    /// The outline crosses itself, so that its inside is not defined.
+    /// The outline of a shape crosses itself, so that its interior is not defined.
     #[error(
         "break {number}, shape from {from_s} s: the side after corner {first} meets the side after corner {second}; an outline must not cross itself"
     )]
     Crosses {
         /// Number of the break.
         number: usize,
-        /// The time at which the shape begins, which identifies the shape.
+        /// Start time of the shape, by which it is identified.
         from_s: f64,
-        /// The number of the corner before the first side.
+        /// Number of the corner at which the first side begins.
         first: usize,
-        /// The number of the corner before the second side.
+        /// Number of the corner at which the second side begins.
         second: usize,
     },
-    /// The break begins before there was a film that could break.
+    /// A break begins before the first wet picture.
     #[error(
         "break {number} begins at {from_s} s, before the first wet picture at {wet_from_s} s; let the break of a \
          place that never became wet begin with the first wet picture"
@@ -113,24 +113,24 @@ pub enum Problem {
     BeforeWet {
         /// Number of the break.
         number: usize,
-        /// Beginning of the break, s.
+        /// Start time of the break, s.
         from_s: f64,
-        /// Time from which the film is whole.
+        /// Time of the first wet picture, s.
         wet_from_s: f64,
     },
-    /// The time is after the last wet picture.
+    /// A time after the last wet picture.
     #[error("break {number}: {what} {time_s} s, after the clip's last wet picture at {ends_s} s")]
     AfterEnd {
         /// Number of the break.
         number: usize,
-        /// The part of the break: its beginning, a later shape or its end.
+        /// What has this time: the beginning, a later shape, or the end of the break.
         what: &'static str,
-        /// Time of this part, s.
+        /// The time, s.
         time_s: f64,
-        /// Time at which the clip ends.
+        /// Time of the last wet picture, s.
         ends_s: f64,
     },
-    /// The time is later than `times.png` can represent.
+    /// A time that is larger than `times.png` can store.
     #[error(
         "break {number}: a shape begins {since_wet_s} s after the first wet picture (limit {MAX_SINCE_WET_S} s, \
          the largest time that times.png can store)"
@@ -138,10 +138,10 @@ pub enum Problem {
     TooLate {
         /// Number of the break.
         number: usize,
-        /// The time since the first wet picture.
+        /// The time, s since the first wet picture.
         since_wet_s: f64,
     },
-    /// The shapes are not in the order of time.
+    /// The shapes of a break are not in the order of their start times.
     #[error(
         "break {number}: a shape begins at {from_s} s, but the previous shape begins at {before_s} s; each shape \
          must begin later than the previous one"
@@ -149,12 +149,12 @@ pub enum Problem {
     NotLater {
         /// Number of the break.
         number: usize,
-        /// Time at which the later shape begins.
+        /// Start time of the second shape, s.
         from_s: f64,
-        /// Time at which the shape before it begins.
+        /// Start time of the first shape, s.
         before_s: f64,
     },
-    /// The break closes before its last shape begins.
+    /// A break closes before its last shape begins.
     #[error(
         "break {number} closes again at {closes_s} s, but its last shape begins at {from_s} s; the break must \
          close later"
@@ -162,14 +162,14 @@ pub enum Problem {
     ClosesEarly {
         /// Number of the break.
         number: usize,
-        /// Closing time of the break, s.
+        /// Time at which the break closes, s.
         closes_s: f64,
-        /// Time at which the last shape of the break begins.
+        /// Start time of the last shape, s.
         from_s: f64,
     },
 }
 
-/// Returns all problems of a statement about this clip; an empty list if the statement can be stored.
+/// Returns all problems of the labels of this clip; labels without problems can be saved.
 pub fn problems(said: &Statement, frame: &ClipFrame) -> Vec<Problem> {
     let mut problems = Vec::new();
     let found = said.author.chars().count();
@@ -192,13 +192,13 @@ pub fn problems(said: &Statement, frame: &ClipFrame) -> Vec<Problem> {
     problems
 }
 
-/// Finds the problems in a break's times.
+/// Checks the times of a break.
 fn check_times(number: usize, one: &Break, frame: &ClipFrame, problems: &mut Vec<Problem>) {
     let (Some(first), Some(last)) = (one.shapes.first(), one.shapes.last()) else {
         return problems.push(Problem::NoShape { number });
     };
     let (wet_from_s, ends_s) = (frame.wet_from_s(), frame.ends_s());
-    // A comparison with a NaN time is false.
+    // These comparisons are false for NaN, so that NaN is reported as a problem.
     let is_wet = first.from_s >= wet_from_s;
     let is_later = |time_s: f64, before_s: f64| time_s > before_s;
     if !is_wet {
@@ -223,14 +223,14 @@ fn check_times(number: usize, one: &Break, frame: &ClipFrame, problems: &mut Vec
     }
 }
 
-/// Returns the first problem of an outline.
+/// Returns the first problem of a shape's outline.
 fn outline(number: usize, shape: &Shape, frame: &ClipFrame) -> Option<Problem> {
     let (from_s, [width, height]) = (shape.from_s, frame.size_px);
     let found = shape.corners_px.len();
     if found < MIN_CORNERS {
         return Some(Problem::TooFewCorners { number, from_s, found });
     }
-    // A picture extends half a pixel beyond the centres of its outer pixels.
+    // The picture extends half a pixel beyond the centres of its outer pixels.
     let is_on = |value: f64, count: usize| (-0.5..=count as f64 - 0.5).contains(&value);
     let outside = |[u, v]: &[f64; 2]| !is_on(*u, width) || !is_on(*v, height);
     if let Some(index) = shape.corners_px.iter().position(outside) {

@@ -1,25 +1,27 @@
-//! A person's statement about a clip: where and when the film broke, as polygons over time, and the mask and the times
-//! that follow from it.
+//! The labels of a clip, drawn by a person: where and when the film broke, as polygons over time; and the mask and the
+//! times that are computed from them.
 //!
-//! A break has one or more shapes, each from its own time on. A shape applies until the next one begins. Between two
-//! shapes with the same number of corners, corner i moves in a straight line and at a constant speed from its position
-//! in the first shape to its position in the second. A break that closes again still counts in the mask: the mask
-//! contains all that broke, not only what is still open.
+//! A break has one or more shapes, each with a start time. A shape is valid until the next shape starts. Between two
+//! shapes with the same number of corners, each corner moves in a straight line at constant speed from its position in
+//! the first shape to its position in the second. A break that closes again is still part of the mask: the mask
+//! contains everything that broke before the end of the clip.
 //!
-//! Corners are pixels of the clip's pictures, whole numbers at pixel centres; times are those of `clip.csv`, s.
-//! Nothing here reads a disk or a clock.
+//! Corners are pixels of the clip's pictures, with whole numbers at the pixel centres. Times are those of `clip.csv`,
+//! s. This module uses no disk and no clock.
 //!
-//! `labels.json`, version 1, is one object:
+//! `labels.json`, version 1, contains one object:
 //!
 //! | Key | Meaning |
 //! |---|---|
 //! | `version` | 1 |
-//! | `author` | the person's name |
-//! | `saved_at` | date and time of the saving, UTC |
-//! | `clip_sha256` | SHA-256 of the output of `sha256sum clip.csv FILE…` for the clip's list and its pictures in the list's order |
-//! | `size_px` | columns and rows of the pictures |
-//! | `clean` | `true`: the person has looked at the whole clip and nothing broke; then there is no break |
-//! | `breaks` | the breaks: `closes_s` is the time from which on the film is closed again, or `null`; `shapes` in the order of time, each with `from_s` and `corners_px`, a list of `[u, v]` |
+//! | `author` | the name of the person who drew the labels |
+//! | `saved_at` | date and time at which the labels were saved, UTC |
+//! | `clip_sha256` | SHA-256 of the output of `sha256sum clip.csv FILE…` for the clip's list and its pictures in the
+//! list's order |
+//! | `size_px` | width and height of the pictures |
+//! | `clean` | `true`: the person has viewed the whole clip and no film broke; then there are no breaks |
+//! | `breaks` | the breaks: `closes_s` is the time from which the film is closed again, or `null`; `shapes`, in the
+//! order of time, each with `from_s` and `corners_px`, a list of `[u, v]` |
 
 mod broken;
 mod check;
@@ -34,9 +36,9 @@ pub use statement::{Break, FormError, LabelFile, Shape, Statement, VERSION, read
 
 /// The labels' file.
 pub const LABELS: &str = "labels.json";
-/// The labels that a person has not saved yet, in the same format.
+/// The file of labels that the person has not saved yet, in the same format.
 pub const DRAFT_FILE: &str = "labels.draft.json";
-/// The file of the mask: the pixels that broke by the clip's end are white.
+/// The file of the mask, in which the pixels that broke before the end of the clip are white.
 pub const MASK: &str = "mask.png";
-/// The file of the times: see [`time_to_color`].
+/// The file of the times at which the pixels broke, encoded by [`time_to_color`].
 pub const TIMES_FILE: &str = "times.png";

@@ -1,36 +1,36 @@
-//! A person's statement about a clip, and its file `labels.json`.
+//! The labels of a clip, and their file `labels.json`.
 
 use panelprep_base::geometry::Pixel;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-/// The outline of a break, valid from a time onward.
+/// The outline of a break from a start time on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Shape {
-    /// Time from which the break has this outline, s of the clip.
+    /// Start time of this outline, s of the clip.
     pub from_s: f64,
-    /// The corners of the outline, px; the last corner is joined to the first.
+    /// The corners of the outline, px; the last corner is connected to the first.
     pub corners_px: Vec<[f64; 2]>,
 }
 
-/// One place where the film broke.
+/// A place where the film broke.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Break {
-    /// The time from which on the film is closed again, s of the clip; `None` if it is open at the clip's end.
+    /// Time from which the film is closed again, s of the clip; `None` if it is still open at the end of the clip.
     pub closes_s: Option<f64>,
-    /// The outlines of the break in the order of time; the break begins with the first outline.
+    /// The outlines in the order of time; the break begins at the start time of the first one.
     pub shapes: Vec<Shape>,
 }
 
-/// A person's statement about a clip.
+/// The labels of a clip, as a person has drawn them.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Statement {
     /// The person's name.
     pub author: String,
-    /// Whether the person has looked at the whole clip, and nothing broke.
+    /// Whether the person has viewed the whole clip and no film broke.
     pub clean: bool,
     /// The places where the film broke.
     pub breaks: Vec<Break>,
@@ -43,8 +43,8 @@ impl Break {
         has_begun && self.closes_s.is_none_or(|closes_s| time_s < closes_s)
     }
 
-    /// Returns the corners of the break at this time, px; none before the break begins. The corners are returned
-    /// whether or not the break has closed again.
+    /// Returns the corners of the break at this time, px; empty before the break begins. The time at which the break
+    /// closes is not considered.
     pub fn corners_at(&self, time_s: f64) -> Vec<Pixel> {
         let begun = self.shapes.partition_point(|shape| shape.from_s <= time_s);
         let Some(shape) = begun.checked_sub(1).and_then(|index| self.shapes.get(index)) else { return Vec::new() };
@@ -62,10 +62,10 @@ impl Break {
     }
 }
 
-/// The version of the file format that is written, and the only one that is read.
+/// The version of the file format that is written; no other version is read.
 pub const VERSION: u32 = 1;
 
-/// The content of the label file: see the [module](super).
+/// The contents of `labels.json`, which the [module](super) describes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LabelFile {
@@ -75,9 +75,9 @@ pub struct LabelFile {
     pub author: String,
     /// The time at which the file was saved, UTC.
     pub saved_at: String,
-    /// The hash of the clip.
+    /// The hash of the clip to which the labels belong.
     pub clip_sha256: String,
-    /// Columns and rows of the clip's pictures.
+    /// Width and height of the clip's pictures, px.
     pub size_px: [usize; 2],
     /// Whether no film broke.
     pub clean: bool,
@@ -85,31 +85,31 @@ pub struct LabelFile {
     pub breaks: Vec<Break>,
 }
 
-/// The reason why a file is not a label file.
+/// The reason why a label file cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum FormError {
-    /// The file has another format version.
+    /// The file has another version of the format.
     #[error("the label file has version {found}; this program reads version {VERSION}")]
     Version {
         /// The version in the file.
         found: u32,
     },
-    /// The file is not a valid JSON object.
+    /// The file is not valid JSON, or a key is missing or has a wrong type.
     #[error("the content is not a valid label file: {0}")]
     Syntax(#[from] serde_json::Error),
 }
 
 impl LabelFile {
-    /// Returns the person's statement.
+    /// Returns the labels without the data about the file.
     pub fn statement(self) -> Statement {
         Statement { author: self.author, clean: self.clean, breaks: self.breaks }
     }
 }
 
-/// Reads a `labels.json`. Whether the labels fit the clip is not checked: see [`problems`](problems).
+/// Parses a `labels.json`. Whether the labels are consistent with the clip is checked by [`problems`](problems).
 ///
 /// # Errors
-/// If the file does not contain such an object, with the line, or has another version.
+/// If the text is not a label file (the error states the line), or the version is not supported.
 pub fn read(bytes: &[u8]) -> Result<LabelFile, FormError> {
     #[derive(Deserialize)]
     struct Version {
@@ -122,7 +122,7 @@ pub fn read(bytes: &[u8]) -> Result<LabelFile, FormError> {
     }
 }
 
-/// Returns the file's text. Reading this text gives an equal file. Each shape is one line.
+/// Returns the text of the file, with one line for each shape. [`read`] parses it to an equal file.
 pub fn write(file: &LabelFile) -> String {
     let LabelFile { version, author, saved_at, clip_sha256, size_px, clean, breaks } = file;
     let shapes = |one: &Break| {

@@ -1,4 +1,4 @@
-//! Statements such as a person makes, with numbers calculated by hand.
+//! Tests of labels like those that a person draws, with expected values that were calculated by hand.
 
 use super::*;
 use panelprep_base::geometry::Pixel;
@@ -7,7 +7,7 @@ fn shape(from_s: f64, corners_px: &[[f64; 2]]) -> Shape {
     Shape { from_s, corners_px: corners_px.to_vec() }
 }
 
-/// Makes a rectangle from its upper left to its lower right corner.
+/// Returns a rectangle from its upper left and its lower right corner.
 fn rectangle(from_s: f64, [left, top]: [f64; 2], [right, bottom]: [f64; 2]) -> Shape {
     shape(from_s, &[[left, top], [right, top], [right, bottom], [left, bottom]])
 }
@@ -16,15 +16,15 @@ fn statement(breaks: Vec<Break>) -> Statement {
     Statement { author: "A. Meier".to_owned(), clean: breaks.is_empty(), breaks }
 }
 
-/// Returns a clip of 10 × 6 px; wet from 3 s to 8 s, with a picture each second.
+/// Returns a clip of 10 × 6 px that is wet from 3 s to 8 s, with one picture each second.
 fn frame() -> ClipFrame {
     ClipFrame { size_px: [10, 6], wet_times_s: (3..=8).map(f64::from).collect() }
 }
 
-/// By hand: the rectangle from (1.5, 0.5) to (4.5, 2.5) contains the centres of columns 2 to 4 and rows 1 and 2.
-/// These are six pixels, from 4 s on, which is 1 s after the first wet picture. The second shape adds column 5,
-/// which the first does not contain. With the same number of corners, its right side moves from 4.5 at 4 s to 6.5
-/// at 8 s. It passes 5 between 5 s (at 5.0, which is not inside yet) and 6 s, and 6 between 7 s (at 6.0) and 8 s.
+/// Expected values, calculated by hand: the rectangle from (1.5, 0.5) to (4.5, 2.5) contains the centres of columns 2
+/// to 4 in rows 1 and 2. These six pixels break at 4 s, 1 s after the first wet picture. The two shapes have the same
+/// number of corners, so the right side moves from 4.5 at 4 s to 6.5 at 8 s. At 5 s it is at 5.0, so that column 5 is
+/// not yet inside; it breaks at 6 s. At 7 s it is at 6.0, so that column 6 breaks at 8 s.
 #[test]
 fn pixels_break_when_a_growing_shape_reaches_them() {
     let grows = Break {
@@ -44,10 +44,10 @@ fn pixels_break_when_a_growing_shape_reaches_them() {
     assert_eq!(broken.times().rgb[0], [0; 3]);
 }
 
-/// By hand: between a rectangle and a triangle nothing moves, so the rectangle applies, with four pixels, until 6 s;
-/// the triangle's long side passes v = 0 at u = 2.5 and adds column 2 there, 3 s after the first wet picture. A break
-/// that has closed is still in the mask. The other break covers column 0 from 5 s on. If two breaks overlap, the
-/// earlier one counts, so the other break adds only rows 2 to 5.
+/// Expected values, calculated by hand: a rectangle and a triangle have different numbers of corners, so the rectangle
+/// with its four pixels is valid until 6 s. The long side of the triangle crosses v = 0 at u = 2.5; this adds column 2
+/// there, 3 s after the first wet picture. A break that has closed again stays in the mask. The other break covers
+/// column 0 from 5 s on. Where two breaks overlap, the earlier time is used, so the other break adds only rows 2 to 5.
 #[test]
 fn a_shape_applies_until_the_next_one_and_a_closed_break_stays_in_the_mask() {
     let one = Break {

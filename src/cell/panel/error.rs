@@ -1,51 +1,51 @@
-//! The reasons why a scan cannot teach a panel, as text for the person who teaches.
+//! The reasons why a panel cannot be taught with a scan, for the person who teaches it.
 
 use super::region::GridId;
 use crate::imaging::ImagingError;
 use panelprep_base::geometry::Pixel;
 
-/// The reason why a scan cannot teach a panel.
+/// The reason why a panel cannot be taught with a scan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LearnError {
-    /// Some corners of the region are not on the panel; all such corners are listed.
+    /// Corners of the region that are not on the panel.
     #[error(
         "{}; choose all four corners of the region inside the panel's outline; if points of the panel are missing, \
          state the outline in [panel] outline_px",
         list(corners)
     )]
     WrongCorners {
-        /// The corners that are not valid.
+        /// All corners that are not on the panel.
         corners: Vec<WrongCorner>,
     },
-    /// No point of the scan under the region's centre lies in the search box.
+    /// The scan has no point in the search box at the region's centre.
     #[error(
         "no panel under the region's centre, ({u:.0}, {v:.0}) px: the scan has no point in the search box there, \
          {}; check that the region's corners are on the panel, and check the box", describe_box_content(*largest)
     )]
     NothingAtPanelPosition {
-        /// The region's centre, column, px.
+        /// Column of the region's centre, px.
         u: f64,
-        /// The region's centre, row, px.
+        /// Row of the region's centre, px.
         v: f64,
-        /// Number of points in the largest piece of the scan elsewhere in the box.
+        /// Number of points in the largest connected component elsewhere in the search box.
         largest: usize,
     },
-    /// The piece of the scan under the region's centre and in the search box is too small for a panel.
+    /// The connected component at the region's centre is too small for a panel.
     #[error(
         "no panel under the region's centre, ({u:.0}, {v:.0}) px: the connected part of the scan in the search box \
          there has {found} points, at least {needed} are needed; check the box and the position of the panel"
     )]
     NoPanel {
-        /// The region's centre, column, px.
+        /// Column of the region's centre, px.
         u: f64,
-        /// The region's centre, row, px.
+        /// Row of the region's centre, px.
         v: f64,
         /// Points found.
         found: usize,
         /// Points needed.
         needed: usize,
     },
-    /// A corner of the recipe's outline is not in the picture.
+    /// A corner of the recipe's outline is outside of the picture.
     #[error(
         "outline_px in [panel]: the corner ({u:.0}, {v:.0}) px lies outside of the picture, {width}×{height} px; \
          check that it was drawn on this picture"
@@ -60,7 +60,7 @@ pub enum LearnError {
         /// Its height, px.
         height: usize,
     },
-    /// A grid has a hole at its edge, and no surface around the hole.
+    /// Points are missing at the edge of a grid, and the surface there cannot be determined from the points around.
     #[error(
         "grid {grid} has too few scan points around its edge at ({u:.0}, {v:.0}) px to determine the surface \
          there; scan again, at a steeper angle or with a longer exposure, or move the region"
@@ -76,7 +76,7 @@ pub enum LearnError {
     /// The region's corners enclose no area.
     #[error("the region's four corners enclose no area; draw the region again")]
     EmptyRegion,
-    /// No panel lies in the view of a corner picture.
+    /// The corner in a corner picture is not near the panel's outline.
     #[error(
         "the corner at ({u:.1}, {v:.1}) px of the flange picture is not near the panel's outline; check the flange \
          pose, and if the recipe has outline_px, check that it follows the panel's edge"
@@ -87,7 +87,7 @@ pub enum LearnError {
         /// Row, px.
         v: f64,
     },
-    /// OpenCV rejected the mask.
+    /// OpenCV refused the mask.
     #[error(transparent)]
     Imaging(#[from] ImagingError),
 }
@@ -97,9 +97,9 @@ pub enum LearnError {
 pub struct WrongCorner {
     /// Number of the corner, from 1.
     pub corner: usize,
-    /// Its position in the recipe.
+    /// The corner's pixel in the recipe.
     pub at: Pixel,
-    /// The size of the picture, px, if the corner lies outside the picture.
+    /// Width and height of the picture, px, if the corner is outside of it.
     pub outside_of: Option<[usize; 2]>,
 }
 
@@ -118,7 +118,7 @@ fn list(corners: &[WrongCorner]) -> String {
     corners.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }
 
-/// Describes what the search box contains outside the place at which the panel was searched.
+/// Returns as text what the search box contains elsewhere.
 fn describe_box_content(largest: usize) -> String {
     match largest {
         0 => "and no point elsewhere in it".to_owned(),

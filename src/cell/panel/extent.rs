@@ -1,8 +1,9 @@
-//! Finds which pixels of the taught scan belong to the panel, and where its outline runs.
+//! Finds the pixels of the taught scan that belong to the panel, and the panel's outline.
 //!
-//! Without an outline in the recipe, the panel is the connected component of the scan in the search box under the
-//! region's centre. With an outline, the panel is everything inside that polygon and on the panel's surface, even if
-//! many points are missing. At places that a holder or clamp touches, neither surface nor outline is used.
+//! Without an outline in the recipe, the panel is the connected component of the scan in the search box that contains
+//! the region's centre. With an outline, the panel consists of all points inside this polygon that are on the panel's
+//! surface, even if many points are missing. Places at which a holder or clamp touches the panel are used neither for
+//! the surface nor for the outline.
 
 use super::error::{LearnError, WrongCorner};
 use super::nominal_pose::nominal_pose;
@@ -13,24 +14,24 @@ use crate::recipe::Recipe;
 use nalgebra::Point2;
 use panelprep_base::geometry::{Mask, OrganizedCloud, Panel, Pixel, polygon};
 
-/// Smallest number of points of a panel.
+/// Minimum number of points of a panel.
 const MIN_PANEL_POINTS: usize = 2_000;
-/// A piece of the scan inside a person's outline that is smaller than this fraction of the largest piece consists of
+/// Minimum size of a connected component inside a drawn outline, relative to the largest one. Smaller ones consist of
 /// flying points.
 const MIN_PIECE_SHARE: f64 = 0.002;
-/// Distance between the points of a person's outline, px: the same as in a contour of pixels.
+/// Distance between the points of a drawn outline, px: the same as in a contour of pixels.
 const OUTLINE_STEP_PX: f64 = 1.0;
 
-/// The source of the outline.
+/// The source of the panel's outline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OutlineFrom {
-    /// The border of the scan's points.
+    /// The border of the points in the scan.
     Scan,
-    /// The recipe: a person drew the outline.
+    /// The recipe, in which a person has drawn the outline.
     Recipe,
 }
 
-/// The panel in the taught picture.
+/// The panel's pixels and outline in the taught picture.
 pub(super) struct PanelExtent {
     pub mask: Mask,
     pub outline_px: Vec<Pixel>,
@@ -38,20 +39,20 @@ pub(super) struct PanelExtent {
     pub held_px: Vec<[Pixel; 4]>,
 }
 
-/// The part of a scan's picture in which the panel is searched.
+/// The part of a scan in which the panel is searched.
 struct SearchArea<'a> {
     scan: &'a OrganizedCloud<Panel>,
     region: &'a Region,
-    /// For each pixel, whether its point lies in the search box and nothing holds the panel there.
+    /// Whether the point of each pixel is in the search box and the panel is not held there.
     is_usable: Vec<bool>,
     corners: [Pixel; 4],
 }
 
 impl PanelExtent {
-    /// Finds the panel's extent in a scan of its nominal place.
+    /// Finds the panel in a scan at its nominal place.
     ///
     /// # Errors
-    /// If no panel lies under the recipe's region, or a corner of the region is not on the panel.
+    /// If there is no panel at the region's centre, or a corner of the region is not on the panel.
     pub fn detect(
         scan: &OrganizedCloud<Panel>,
         region: &Region,
@@ -83,17 +84,17 @@ impl PanelExtent {
     }
 }
 
-/// Returns whether something holds the panel at this pixel of the taught picture.
+/// Returns whether a holder or clamp touches the panel at this pixel of the taught picture.
 pub(super) fn is_held_at(held_px: &[[Pixel; 4]], pixel: Pixel) -> bool {
     held_px.iter().any(|held| polygon::contains(held, pixel))
 }
 
-/// Returns the pixel of an index.
+/// Returns the pixel with this index.
 pub(super) fn pixel_at(index: usize, width: usize) -> Pixel {
     Pixel::at((index % width) as f64, (index / width) as f64)
 }
 
-/// Converts a polygon to a contour of points one pixel apart.
+/// Converts a polygon to a contour with one point for each pixel.
 fn polygon_to_contour(corners: &[Pixel]) -> Vec<Pixel> {
     let sides = corners.iter().zip(corners.iter().cycle().skip(1));
     let along = |(a, b): (&Pixel, &Pixel)| {
@@ -108,7 +109,7 @@ fn polygon_to_contour(corners: &[Pixel]) -> Vec<Pixel> {
 }
 
 impl SearchArea<'_> {
-    /// Returns the corners of the region that are outside the picture, or for which `is_on` is false.
+    /// Returns the corners of the region that are outside of the picture, or for which `is_on` is false.
     fn invalid_corners(&self, is_on: &dyn Fn(Pixel) -> bool) -> Vec<WrongCorner> {
         let (width, height) = (self.scan.width(), self.scan.height());
         let wrong = |(index, &at): (usize, &Pixel)| {
@@ -122,7 +123,7 @@ impl SearchArea<'_> {
         self.region.pixel(Point2::new(0.5, 0.5))
     }
 
-    /// Finds the piece of the scan under the region's centre; all four corners must lie on this piece.
+    /// Finds the connected component that contains the region's centre; all four corners of the region must be on it.
     fn find_piece(&self) -> Result<Mask, LearnError> {
         let outside = self.invalid_corners(&|_| true);
         let pieces = segment::find_pieces(self.scan, |index| self.is_usable[index]);
@@ -132,7 +133,7 @@ impl SearchArea<'_> {
             |piece: &&Vec<usize>| piece.iter().any(|&i| pixel_at(i, self.scan.width()).distance_px(centre) < 3.0);
         let piece = match pieces.iter().find(is_there) {
             Some(piece) if piece.len() >= MIN_PANEL_POINTS => piece,
-            // Corners outside the picture move the centre, so these corners must be corrected first.
+            // A corner outside of the picture shifts the region's centre, so it must be corrected first.
             _ if !outside.is_empty() => return Err(LearnError::WrongCorners { corners: outside }),
             Some(piece) => return Err(LearnError::NoPanel { u, v, found: piece.len(), needed: MIN_PANEL_POINTS }),
             None => {
@@ -144,15 +145,15 @@ impl SearchArea<'_> {
             }
         };
         let mask = segment::piece_to_mask(self.scan, piece);
-        // A hole consists of missing points and is not an edge of the panel, so it is filled.
+        // Missing points inside the panel are not an edge, so they are filled.
         let filled = outer_contours(&mask)?.into_iter().next().unwrap_or_default();
         let corners =
             self.invalid_corners(&|pixel| is_near_mask(&mask, pixel) || polygon::contains(&filled, pixel));
         if corners.is_empty() { Ok(mask) } else { Err(LearnError::WrongCorners { corners }) }
     }
 
-    /// Finds the part of the scan inside a person's outline, on one surface; all four corners of the region must
-    /// also lie inside.
+    /// Finds the points inside a drawn outline that are on one surface; all four corners of the region must be inside
+    /// the outline.
     fn find_in_outline(&self, drawn: &[Pixel]) -> Result<Mask, LearnError> {
         let (width, height) = (self.scan.width(), self.scan.height());
         if let Some(&Pixel { u, v }) = drawn.iter().find(|pixel| pixel.nearest_whole(width, height).is_none()) {
@@ -177,8 +178,8 @@ impl SearchArea<'_> {
     }
 }
 
-/// Returns whether a pixel or one of its neighbours is in the mask: a corner at a single missing point still counts as
-/// on the panel.
+/// Returns whether a pixel or one of its eight neighbours is in the mask, so that a corner at a single missing point is
+/// accepted.
 fn is_near_mask(mask: &Mask, pixel: Pixel) -> bool {
     let Some((column, row)) = pixel.nearest_whole(mask.width, mask.height) else { return false };
     let columns = column.saturating_sub(1)..=(column + 1).min(mask.width - 1);

@@ -1,5 +1,5 @@
-//! A flat panel for tests. It is 700 mm in front of a camera with pixels of 1 mm at this distance; the background
-//! is 160 mm behind the panel.
+//! A flat panel for tests, 700 mm in front of a camera. At this distance a pixel is 1 mm. The background is 160 mm
+//! behind the panel.
 
 use super::TaughtPanel;
 use crate::recipe::Recipe;
@@ -19,23 +19,23 @@ const CAMERA: PinholeCamera = PinholeCamera {
     p2: 0.0,
     k3: 0.0,
 };
-/// The columns and rows of the panel, then the middle of the hole.
+/// First and last column and row of the panel, px; after it, the centre of the hole, px.
 const PANEL_PX: [[usize; 2]; 2] = [[50, 250], [40, 160]];
 const HOLE_PX: [usize; 2] = [188, 98];
 
-/// The variations of the test panel.
+/// Options of the test panel.
 pub struct FlatPanelOptions {
-    /// First of twenty columns that are missing at the panel's upper edge, down to row 51.
+    /// First column of a notch of twenty columns, from the panel's upper edge to row 51.
     pub notch: Option<usize>,
     /// The side of a square hole, px.
     pub hole_px: usize,
-    /// Whether the scan has no points in the hole; otherwise it shows the background.
+    /// Whether points are missing in the hole; otherwise the scan shows the background there.
     pub is_hole_empty: bool,
-    /// Whether some points are missing here and there.
+    /// Whether single points of the scan are missing.
     pub dropouts: bool,
-    /// The recipe contains the outline.
+    /// Whether the recipe contains the outline.
     pub is_drawn: bool,
-    /// The right end of the region.
+    /// The right edge of the region, px.
     pub region_right_px: f64,
 }
 
@@ -52,8 +52,8 @@ impl Default for FlatPanelOptions {
     }
 }
 
-/// Returns the panel, taught with a region of 4 rows and 6 columns from (60, 44.5) to (240, 155) px: rows 45 to
-/// 154.
+/// Returns the panel, taught with a region of 4 rows and 6 columns of grids from (60, 44.5) to (240, 155) px, which are
+/// the rows 45 to 154 of the picture.
 pub fn taught(flat: &FlatPanelOptions) -> TaughtPanel {
     let [columns, rows] = PANEL_PX;
     let is_panel = |column: usize, row: usize| {

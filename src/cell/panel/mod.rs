@@ -1,8 +1,8 @@
-//! The taught panel: the data of a panel at its nominal pose, derived from one scan and the recipe.
+//! The taught panel: the data of a panel at its nominal pose, computed from one scan and the recipe.
 //!
-//! The panel's frame equals the robot's base at teaching (thesis 3.8), or the frame of the drawing. The scan is kept
-//! unchanged. Crop, outline, region, grids and corners are derived from it each time it is loaded, so that an improved
-//! derivation needs no new scan. This module does not determine where the panel is now: see `locate`.
+//! The panel's frame equals the robot's base at teaching (thesis 3.8), or the frame of the drawing. The scan is stored
+//! unchanged. Crop, outline, region, grids and corners are computed from it each time it is loaded, so that an improved
+//! algorithm needs no new scan. The present pose of the panel is determined by `locate`, not here.
 
 mod error;
 mod extent;

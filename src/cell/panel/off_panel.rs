@@ -1,12 +1,12 @@
 //! Finds the parts of the region that are not on the panel, because the region extends over the panel's edge or over a
-//! hole; and finds the face of the search box that cuts the panel.
+//! hole. Also finds the face of the search box that cuts the panel.
 //!
-//! Outside of the panel there is no surface to test or to sand, and the surfaces that the camera sees there lie far
-//! behind. Such a part of the region is measured on the taught scan, in mm on the extrapolated surface of the panel,
-//! and named by its grid. A few missing points inside the panel are not a hole.
+//! Outside of the panel there is no surface to test or to sand; the camera sees objects far behind the panel there.
+//! Such a part of the region is measured on the taught scan, in mm on the extrapolated surface of the panel, and
+//! reported with its grids. A few missing points inside the panel are not a hole.
 //!
-//! Beyond the face at which the box cuts the panel, the panel's surface continues. The part outside the box is neither
-//! taught nor searched. At that face the panel's border is the border of the box and not an edge of the panel.
+//! If the search box cuts the panel, the panel's surface continues beyond a face of the box. The part outside of the
+//! box is neither taught nor searched, and the border of the points at this face is not an edge of the panel.
 
 use super::extent::{self, OutlineFrom, is_held_at};
 use super::region::GridId;
@@ -18,19 +18,21 @@ use panelprep_base::geometry::{DIRECT_NEIGHBOURS, Mask, Panel, Pixel, Point, Ras
 use panelprep_base::number_text::fixed_decimals;
 use panelprep_base::verdict::Reason;
 
-/// The outline is known to a few pixels: a region that extends beyond it by at most this distance follows the edge,
-/// px.
+/// Maximum distance by which the region may extend beyond the panel's outline, px: the outline is accurate to a few
+/// pixels.
 const EDGE_TOLERANCE_PX: f64 = 2.0;
-/// A corner of the region within this distance is named together with the grid, px.
+/// Maximum distance between a corner of the region and a part off the panel at which the message names the corner in
+/// addition to the grid, px.
 const MAX_CORNER_DISTANCE_PX: f64 = 12.0;
-/// Largest number of places off the panel that are measured; they are selected evenly.
+/// Maximum number of measured pixels off the panel; they are selected uniformly.
 const MAX_MEASURED_PLACES: usize = 20_000;
-/// Only every second point of the outline is used to measure the distance to it.
+/// Step between the outline's points that are used to measure a distance from the outline.
 const OUTLINE_STEP: usize = 2;
-/// Half the width of the neighbourhood from which the surface is extrapolated, px: doubled if points are missing.
+/// Half-widths of the neighbourhood from which the surface is extrapolated, px, tried in this order until it contains
+/// enough points.
 const EXTRAPOLATION_HALF_WIDTHS_PX: [usize; 4] = [5, 10, 20, 40];
 
-/// The kind of gap over which the region extends.
+/// What the region extends over.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GapKind {
     /// The panel's edge.
@@ -39,26 +41,26 @@ pub enum GapKind {
     Hole,
 }
 
-/// A part of the region that does not lie on the panel.
+/// A part of the region that is not on the panel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OffPanel {
-    /// The kind of gap over which this part extends.
+    /// What this part extends over.
     pub gap_kind: GapKind,
-    /// The overhang, or the size of the hole, which is the side of its largest inscribed square, mm. `None` if no
-    /// surface is near enough for the measurement.
+    /// The overhang beyond the edge, or the side of the largest square inside the hole, mm. `None` if no surface is
+    /// near enough to measure it.
     pub size_mm: Option<f64>,
-    /// The place that extends farthest, or the middle of the hole, in the taught picture.
+    /// The pixel with the largest overhang, or the centre of the hole, in the taught picture.
     pub pixel: Pixel,
     /// The grid there.
     pub grid: GridId,
-    /// The region's corner near this place, from 1, if there is one.
+    /// Number of the region's corner near this pixel, from 1; `None` if no corner is near.
     pub corner: Option<usize>,
-    /// All grids that contain places of this part.
+    /// All grids that contain pixels of this part.
     pub grids: Vec<GridId>,
 }
 
 impl OffPanel {
-    /// Returns the reason for a person who teaches or checks.
+    /// Returns the reason as text, for a person who teaches or checks the panel.
     pub fn reason(&self) -> Reason {
         let OffPanel { size_mm, pixel: Pixel { u, v }, grid, .. } = self;
         let size = size_mm.map_or("an unknown number of".to_owned(), |mm| fixed_decimals(mm, 1).to_string());
@@ -88,9 +90,9 @@ impl OffPanel {
 }
 
 impl TaughtPanel {
-    /// Finds the parts of the region that are not on the panel: the place that extends farthest over the edge, and
-    /// each hole that contains a square of more than `hole_mm`. The areas in `masked_px`, quadrilaterals of the
-    /// taught picture, are left out.
+    /// Finds the parts of the region that are not on the panel: the largest overhang beyond the edge, and each hole
+    /// that contains a square with a side of more than `hole_mm`. The quadrilaterals `masked_px` of the taught picture
+    /// are excluded.
     pub fn region_off_panel(&self, hole_mm: f64, masked_px: &[[[f64; 2]; 4]]) -> Vec<OffPanel> {
         let masks: Vec<Vec<Pixel>> =
             masked_px.iter().map(|corners| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect()).collect();
@@ -105,8 +107,7 @@ impl TaughtPanel {
             if !whole.inside[index] {
                 off_edge.push(pixel);
             } else if self.outline_from == OutlineFrom::Scan || self.scan.point_at(index).is_some() {
-                // Inside a person's outline, points may be missing; a place at which the background is seen is a
-                // hole.
+                // Inside a drawn outline, missing points are not a hole; points of the background are a hole.
                 missing.inside[index] = true;
             }
         }
@@ -130,13 +131,13 @@ impl TaughtPanel {
         self.measure_off_panel(GapKind::Edge, (at, size_mm), &mut beyond.iter().map(|(_, pixel, _)| *pixel))
     }
 
-    /// Finds the holes among these pixels; each hole is measured by the largest square in it.
+    /// Finds the holes among these pixels, and measures each hole by its largest inscribed square.
     fn holes(&self, missing: &Mask) -> Vec<OffPanel> {
         let raster = RasterSize { width: missing.width, height: missing.height };
         let squares = raster.largest_squares(|index| missing.inside[index]);
         let hole = |piece: Vec<usize>| {
             let last = piece.iter().copied().max_by_key(|index| squares[*index])?;
-            // This pixel is the lower right corner of the square.
+            // The pixel is the lower right corner of the square.
             let (side_px, column, row) =
                 (squares[last] as f64, (last % raster.width) as f64, (last / raster.width) as f64);
             let half_px = (side_px - 1.0) / 2.0;
@@ -151,7 +152,7 @@ impl TaughtPanel {
         missing.connected_components().into_iter().filter_map(hole).collect()
     }
 
-    /// Finds the nearest pixel of the panel to the left of a place, or to the right if there is none on the left.
+    /// Finds the nearest pixel of the panel to the left of a pixel; if there is none, the nearest one to the right.
     fn nearest_panel_pixel(&self, at: Pixel) -> Option<Pixel> {
         let (column, row) = (at.u.round() as usize, at.v.round() as usize);
         let is_panel = |column: &usize| self.mask.contains(*column, row);
@@ -177,8 +178,8 @@ impl TaughtPanel {
         Some(OffPanel { gap_kind: beyond, size_mm, pixel: at, grid, corner: corner.map(|index| index + 1), grids })
     }
 
-    /// Returns the distance of two pixels on the panel's surface, extrapolated from its neighbourhood at a third
-    /// pixel, mm.
+    /// Returns the distance between two pixels, mm, measured on the surface that is extrapolated from the neighbourhood
+    /// of the pixel `near`.
     fn extrapolated_distance_mm(&self, [one, other]: [Pixel; 2], near: Pixel) -> Option<f64> {
         let at = near.nearest_whole(self.scan.width(), self.scan.height())?;
         let plane = EXTRAPOLATION_HALF_WIDTHS_PX
@@ -194,27 +195,27 @@ impl TaughtPanel {
     }
 }
 
-/// Smallest number of border pixels of the panel with a continuation beyond one face; fewer pixels are a holder or
-/// flying points.
+/// Minimum number of border pixels at which the panel continues beyond a face of the search box. Fewer pixels belong to
+/// a holder or to flying points.
 const MIN_BORDER_PX: usize = 12;
 
 /// A face of the search box that cuts the panel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoxCut {
-    /// The recipe's key of the face.
+    /// The face's key in the recipe.
     pub key: &'static str,
-    /// X, Y or Z: 0, 1 or 2.
+    /// The axis of the face: 0 for X, 1 for Y, 2 for Z.
     pub axis: usize,
     /// The position of the face, mm.
     pub face_mm: f64,
-    /// Number of pixels of the panel's border that continue beyond this face.
+    /// Number of pixels of the panel's border at which the surface continues beyond the face.
     pub border_px: usize,
-    /// One place of the cut.
+    /// One of these pixels.
     pub at: Pixel,
 }
 
 impl BoxCut {
-    /// Returns the reason for a person who teaches.
+    /// Returns the reason as text, for a person who teaches the panel.
     pub fn reason(&self) -> Reason {
         let BoxCut { key, axis, face_mm, border_px, at: Pixel { u, v } } = self;
         let message = format!(
@@ -226,8 +227,8 @@ impl BoxCut {
 }
 
 impl TaughtPanel {
-    /// Returns the face of the search box that cuts most of the panel's border; `None` if none does. A holder of
-    /// the panel may extend beyond the box.
+    /// Returns the face of the search box that cuts the longest part of the panel's border; `None` if no face cuts the
+    /// panel. A holder of the panel may extend beyond the box.
     pub fn box_cut(&self, locate: &recipe::Locate) -> Option<BoxCut> {
         let raster = RasterSize { width: self.scan.width(), height: self.scan.height() };
         let max_step_mm = max_step_mm(&self.scan, &self.mask.inside);
@@ -261,8 +262,8 @@ impl TaughtPanel {
     }
 }
 
-/// Returns the face beyond which a point lies: 0 to 2 for the lower faces, 3 to 5 for the upper faces. `None` if
-/// the point lies in the box.
+/// Returns the face of the search box beyond which a point is: 0 to 2 for the lower faces, 3 to 5 for the upper faces.
+/// `None` if the point is in the box.
 fn exceeded_face(locate: &recipe::Locate, point_mm: &[f64]) -> Option<usize> {
     let (low, high) = (locate.box_min_mm(), locate.box_max_mm());
     (0..3)
@@ -277,12 +278,11 @@ mod tests {
     use crate::recipe::Recipe;
     use panelprep_sim::{Cell, SEARCH_BOX_MM, Scene};
 
-    /// Returns the face that cuts the panel of a cell, and the height of the taught panel. The search box ends at
-    /// this height, mm. A holder may cover everything above the region.
+    /// Returns the face that cuts the panel of a cell, and the height of the taught panel, mm, if the search box ends
+    /// at the height `top_mm`. With `has_holder`, everything above the region is held.
     fn cut(cell: &Cell, top_mm: f64, has_holder: bool) -> (Option<BoxCut>, f64) {
         let (region, [low, [x, y, _]]) = (cell.region(), SEARCH_BOX_MM);
-        // The line through the region's upper corners, extended by half its length on each side, and 2 px above the
-        // corners.
+        // The held quadrilateral begins 2 px above the region's upper corners, and is twice as wide as the region.
         let [left, right] = [region.corners_px[0], region.corners_px[1]];
         let (across, down) = ((right.u - left.u) / 2.0, (right.v - left.v) / 2.0);
         let [left, right] = [[left.u - across, left.v - down - 2.0], [right.u + across, right.v + down - 2.0]];
@@ -304,8 +304,8 @@ mod tests {
         (panel.box_cut(recipe.locate()), highest_mm)
     }
 
-    /// The simulated cell's box contains its panel; the region ends 15 mm below the panel's upper edge. A box that
-    /// ends 7 mm below the edge cuts the panel.
+    /// The search box of the simulated cell contains the whole panel; the region ends 15 mm below the panel's upper
+    /// edge. A box that ends 7 mm below this edge cuts the panel.
     #[test]
     fn a_box_that_cuts_the_panel_is_named() {
         let cell = Cell::new(4, Scene::Good, 4);
@@ -315,7 +315,7 @@ mod tests {
         let found = cut(&cell, top_mm, false).0.expect("a cut");
         assert_eq!((found.key, found.axis, found.face_mm), ("box_max_mm", 2, top_mm));
         assert!(found.reason().message.contains("locate.box_max_mm[2]"), "{found:?}");
-        // The same place is now stated as held, so the part that continues beyond the box is the holder.
+        // If the recipe states that the panel is held there, the part beyond the box is the holder.
         assert_eq!(cut(&cell, top_mm, true).0, None);
     }
 
@@ -323,18 +323,18 @@ mod tests {
         taught(&flat).region_off_panel(12.0, &[])
     }
 
-    /// A region inside the panel, with noise and some missing points, does not extend beyond the panel.
+    /// A region inside the panel has no overhang, even with noise and some missing points.
     #[test]
     fn a_region_on_the_panel_has_no_overhang() {
         assert_eq!(found(FlatPanelOptions::default()), []);
         assert_eq!(found(FlatPanelOptions { dropouts: true, ..FlatPanelOptions::default() }), []);
-        // A panel edge that coincides with the region's edge is not an overhang: here both end at column 250.
+        // A region that ends exactly at the panel's edge, here at column 250, has no overhang.
         assert_eq!(found(FlatPanelOptions { region_right_px: 250.0, ..FlatPanelOptions::default() }), []);
     }
 
-    /// Calculated by hand: a pixel is 1 mm at 700 mm. A notch of 20 × 12 px enters the panel from above, columns 140 to
-    /// 159. The region begins in row 45, seven rows above the notch's end, row 52. The place farthest from the panel
-    /// lies in the notch's middle on the region's edge.
+    /// Expected values, calculated by hand: at 700 mm a pixel is 1 mm. The notch of 20 × 12 px enters the panel from
+    /// above at the columns 140 to 159 and ends at row 52. The region begins at row 45, seven rows above. The largest
+    /// overhang is at the centre of the notch, on the edge of the region.
     #[test]
     fn a_region_over_the_edge_is_measured_and_named() {
         let off = found(FlatPanelOptions { notch: Some(140), ..FlatPanelOptions::default() });
@@ -345,8 +345,7 @@ mod tests {
         };
         assert!((mm - 7.0).abs() < 1.0, "{mm} mm");
         assert!((140.0..160.0).contains(&at.u) && at.v == 45.0, "{at:?}");
-        // The region has 180 px in six columns: the notch lies over px 80 to 100 of the region, in the third and fourth
-        // column.
+        // The six columns of grids are 180 px wide; the notch is at 80 to 100 px, in the third and fourth column.
         assert_eq!(
             (grid.row, grids.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ")),
             (1, "r1c3 r1c4".to_owned())
@@ -360,8 +359,8 @@ mod tests {
         );
     }
 
-    /// Calculated by hand: the same notch, from column 219 on, ends one pixel before the region's corner 2. The corner
-    /// itself is on the panel.
+    /// Expected value, calculated by hand: the same notch at column 219 ends one pixel before corner 2 of the region.
+    /// The corner itself is on the panel.
     #[test]
     fn the_corner_near_an_overhang_is_named() {
         let off = found(FlatPanelOptions { notch: Some(219), ..FlatPanelOptions::default() });
@@ -374,9 +373,9 @@ mod tests {
         );
     }
 
-    /// Calculated by hand: a hole of 17 × 17 px is 17 mm wide; through it the background is seen, 160 mm behind. Its
-    /// middle is (188, 98), in the fifth column and second row. A hole of 9 mm is smaller than the limit for a hole,
-    /// and a masked hole is already known to the person.
+    /// Expected values, calculated by hand: a hole of 17 × 17 px is 17 mm wide, and its centre is (188, 98), in the
+    /// fifth column and second row of grids. The background behind it is 160 mm away. A hole of 9 mm is below the
+    /// limit, and a masked hole is not reported.
     #[test]
     fn a_hole_is_measured_and_named() {
         let off = found(FlatPanelOptions { hole_px: 17, ..FlatPanelOptions::default() });
@@ -404,7 +403,7 @@ mod tests {
         );
     }
 
-    /// Inside a person's outline, missing points are not a hole; a place at which the background is seen is a hole.
+    /// Inside a drawn outline, missing points are not a hole, but points of the background are a hole.
     #[test]
     fn missing_points_inside_a_drawn_outline_are_no_hole() {
         let drawn = |sees_through: bool| {

@@ -1,13 +1,14 @@
-//! The region of interest: a quadrilateral of the taught picture, divided into grids (thesis 4.4, Fig. 4.18).
+//! The region of interest: a quadrilateral in the taught picture, divided into grids (thesis 4.4, Fig. 4.18).
 //!
-//! A homography H maps the unit square to the four corners (0,0), (1,0), (1,1), (0,1) → corners 1 to 4, so that the
-//! grids of a plane panel have the same size despite the perspective. s runs along the columns, t along the rows.
+//! A homography H maps the corners (0,0), (1,0), (1,1), (0,1) of the unit square to the corners 1 to 4 of the region,
+//! so that all grids of a planar panel have the same size despite the perspective. The coordinate s runs along the
+//! columns, t along the rows.
 
 use crate::recipe;
 use nalgebra::{Matrix3, Point2, Vector3};
 use panelprep_base::geometry::Pixel;
 
-/// A grid's row and column, counted from the region's first corner, from 1. Written `r1c1`.
+/// A grid, by its row and column, counted from 1 at the region's first corner. Written as `r1c1`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct GridId {
     /// Row, from 1.
@@ -34,7 +35,7 @@ impl std::str::FromStr for GridId {
     }
 }
 
-/// The error for a text that names no grid.
+/// The error if a text is not the name of a grid.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("\"{found}\" is not a grid; write row and column, as in r1c1")]
 pub struct GridIdError {
@@ -54,26 +55,26 @@ pub struct Region {
 }
 
 impl Region {
-    /// Creates the region of a checked recipe; `None` only for corners that the recipe's check refuses.
+    /// Creates the region of a recipe; `None` only for corners that the recipe's check refuses.
     pub fn new(recipe: &recipe::Region) -> Option<Self> {
         let px_from_unit = unit_square_to_quad(recipe.corners_px());
         let unit_from_px = px_from_unit.try_inverse()?;
         Some(Region { rows: recipe.rows(), columns: recipe.columns(), px_from_unit, unit_from_px })
     }
 
-    /// Returns the pixel at (s, t) of the unit square.
+    /// Returns the pixel at (s, t).
     pub fn pixel(&self, unit: Point2<f64>) -> Pixel {
         let p = self.px_from_unit * Vector3::new(unit.x, unit.y, 1.0);
         Pixel::at(p.x / p.z, p.y / p.z)
     }
 
-    /// Returns the position of a pixel in the unit square; a position outside 0…1 is outside the region.
+    /// Returns the coordinates (s, t) of a pixel; coordinates outside of 0…1 are outside of the region.
     pub fn unit(&self, pixel: Pixel) -> Point2<f64> {
         let p = self.unit_from_px * Vector3::new(pixel.u, pixel.v, 1.0);
         Point2::new(p.x / p.z, p.y / p.z)
     }
 
-    /// Returns the grid that contains a pixel; `None` outside the region.
+    /// Returns the grid that contains a pixel; `None` outside of the region.
     pub fn grid_at(&self, pixel: Pixel) -> Option<GridId> {
         let unit = self.unit(pixel);
         let inside = (0.0..1.0).contains(&unit.x) && (0.0..1.0).contains(&unit.y);
@@ -83,13 +84,13 @@ impl Region {
         })
     }
 
-    /// Lists all grids, row by row.
+    /// Returns all grids, row by row.
     pub fn ids(&self) -> impl Iterator<Item = GridId> + use<> {
         let columns = self.columns;
         (1..=self.rows).flat_map(move |row| (1..=columns).map(move |column| GridId { row, column }))
     }
 
-    /// Returns the grid's part of the unit square: its lowest and its highest `[s, t]`.
+    /// Returns the lowest and the highest (s, t) of a grid.
     pub fn unit_box(&self, id: GridId) -> [Point2<f64>; 2] {
         let corner = |row: usize, column: usize| {
             Point2::new(column as f64 / self.columns as f64, row as f64 / self.rows as f64)
@@ -97,8 +98,8 @@ impl Region {
         [corner(id.row - 1, id.column - 1), corner(id.row, id.column)]
     }
 
-    /// Returns the grid's edge as a closed series of points in the unit square, with `steps` points on each of its
-    /// four sides.
+    /// Returns a grid's edge as a closed sequence of points in the unit square, with `steps` points on each of the four
+    /// sides.
     pub fn edge(&self, id: GridId, steps: usize) -> Vec<Point2<f64>> {
         let [low, high] = self.unit_box(id);
         let corners = [low, Point2::new(high.x, low.y), high, Point2::new(low.x, high.y)];
@@ -110,8 +111,8 @@ impl Region {
     }
 }
 
-// The homography from the unit square to a quadrilateral: Heckbert 1989, "Fundamentals of texture mapping and image
-// warping", section 2.2.3.
+// Returns the homography from the unit square to a quadrilateral: Heckbert 1989, "Fundamentals of texture mapping and
+// image warping", section 2.2.3.
 fn unit_square_to_quad(corners_px: [[f64; 2]; 4]) -> Matrix3<f64> {
     let [[x0, y0], [x1, y1], [x2, y2], [x3, y3]] = corners_px;
     let (dx1, dx2, sx) = (x1 - x2, x3 - x2, x0 - x1 + x2 - x3);
@@ -135,8 +136,8 @@ mod tests {
         Region::new(recipe.region()).expect("a convex region")
     }
 
-    /// Calculated by hand: 400 × 100 px in 4 columns and 2 rows; pixel (250, 60) lies in the third column, second
-    /// row.
+    /// Expected value, calculated by hand: with 400 × 100 px in 4 columns and 2 rows, pixel (250, 60) is in the third
+    /// column and second row.
     #[test]
     fn a_rectangle_divides_evenly() {
         let region = region("[[0, 0], [400, 0], [400, 100], [0, 100]]");

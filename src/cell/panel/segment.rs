@@ -1,13 +1,12 @@
-//! Divides a scan into smooth objects (connected components: the one around a seed, or the largest one), and finds
-//! which of these pieces belong to one sheet.
+//! Divides a scan into smooth connected components, and finds the components that belong to the same sheet.
 //!
-//! Two neighbouring pixels belong to one object if the step in depth between them is smaller than any smooth panel
-//! causes from one pixel to the next. No shape is assumed.
+//! Two adjacent pixels are connected if the distance between their points is smaller than the distances that a smooth,
+//! inclined panel causes. No shape is assumed.
 //!
-//! Missing points can divide a panel into pieces; objects in front of or behind the panel do not belong to it. The
-//! heights over the plane of least scatter are modelled as a polynomial of second order in the two directions of that
-//! plane: h(s, t) = a + b s + c t + d s² + e st + f t². The polynomial is fitted to the pieces that are known to belong
-//! to the sheet. A piece belongs to the sheet if its median height differs from this model by at most
+//! Missing points can divide a panel into several components; other components are objects in front of or behind the
+//! panel. The heights above the best-fit plane are modelled as a polynomial of second order in the two directions of
+//! that plane: h(s, t) = a + b s + c t + d s² + e st + f t². The polynomial is fitted to the components that are known
+//! to belong to the sheet. A component belongs to the sheet if its median height differs from this model by at most
 //! `MAX_SHEET_DISTANCE_MM`.
 
 use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
@@ -15,11 +14,11 @@ use panelprep_base::geometry::{
     DIRECT_NEIGHBOURS, Frame, Mask, OrganizedCloud, Panel, Point, RasterSize, Vector, median,
 };
 
-/// Neighbouring points belong to two objects if their distance exceeds the usual distance by this factor. The
-/// factor is larger than a steep panel causes, and far smaller than the gap between a panel and its fixture.
+/// Maximum distance between adjacent points of a connected component, relative to the median distance. A steep panel
+/// causes smaller distances; the gap between a panel and its fixture is far larger.
 const MAX_STEP_RATIO: f64 = 6.0;
 
-/// Returns the usual distance between neighbouring points, mm: the median along the rows.
+/// Returns the median distance between adjacent points in the rows, mm.
 fn usual_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> Option<f64> {
     let pair = |index: usize| {
         let beside = index + 1;
@@ -30,12 +29,12 @@ fn usual_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> Option<f
     median(&mut steps)
 }
 
-/// Returns the distance below which neighbouring points belong to one object, mm.
+/// Returns the maximum distance between adjacent points of a connected component, mm.
 pub(super) fn max_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> f64 {
     MAX_STEP_RATIO * usual_step_mm(cloud, free).unwrap_or_default()
 }
 
-/// Finds the pieces of a scan, its connected components, each as its pixel indices, largest first.
+/// Returns the pixel indices of each connected component of a scan, the largest component first.
 pub fn find_pieces<F: Frame>(cloud: &OrganizedCloud<F>, inside: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
     let raster = RasterSize { width: cloud.width(), height: cloud.height() };
     let free: Vec<bool> =
@@ -50,7 +49,7 @@ pub fn find_pieces<F: Frame>(cloud: &OrganizedCloud<F>, inside: impl Fn(usize) -
     found
 }
 
-/// Converts a piece to a mask.
+/// Converts the pixel indices of a component to a mask.
 pub fn piece_to_mask<F: Frame>(cloud: &OrganizedCloud<F>, piece: &[usize]) -> Mask {
     let mut mask = Mask::all_outside(cloud.width(), cloud.height());
     for &index in piece {
@@ -59,14 +58,14 @@ pub fn piece_to_mask<F: Frame>(cloud: &OrganizedCloud<F>, piece: &[usize]) -> Ma
     mask
 }
 
-/// A piece at a greater distance from the sheet is another object, mm. A clamp or a glued mark is thicker than this;
-/// at the ends of a gap, a real panel deviates from the model by less.
+/// Maximum distance of a component from the sheet, mm. A clamp or a glued marker is thicker; a real panel deviates less
+/// from the model at the ends of a gap.
 const MAX_SHEET_DISTANCE_MM: f64 = 4.0;
-/// Largest number of points that a fit, and the height of a piece, use.
+/// Maximum number of points for a fit, and for the median height of a component.
 const MAX_FIT_POINTS: usize = 4_000;
 const PIECE_POINTS: usize = 200;
 
-/// Returns the pixels of all pieces that lie on the same sheet as the largest piece.
+/// Returns the pixels of all components that are on the same sheet as the largest one.
 pub(super) fn pixels_on_main_sheet<'a>(
     scan: &OrganizedCloud<Panel>,
     largest: &[usize],
@@ -74,7 +73,7 @@ pub(super) fn pixels_on_main_sheet<'a>(
 ) -> Vec<usize> {
     let pieces: Vec<&Vec<usize>> = pieces.collect();
     let mut joined = largest.to_vec();
-    // Pieces near the first one enlarge the sheet, so that far pieces are found too.
+    // Near components extend the model, so that a second pass also finds distant ones.
     for _ in 0..2 {
         let Some(sheet) = QuadraticSheet::fit(scan, &joined) else { return joined };
         joined = pieces
@@ -86,30 +85,31 @@ pub(super) fn pixels_on_main_sheet<'a>(
     joined
 }
 
-/// The surface of second order through points of a panel.
+/// A surface of second order that is fitted to points of a panel.
 pub(super) struct QuadraticSheet {
     centre: Point3<f64>,
-    /// Two directions in the plane, and the plane's normal.
+    /// Two directions in the best-fit plane, and its normal.
     axes: Matrix3<f64>,
     height: Vector6<f64>,
-    /// The radius around the points, mm, by which coordinates are scaled.
+    /// The radius of the points, mm, by which the coordinates are scaled.
     scale_mm: f64,
-    /// (Σ t tᵀ / n)⁻¹ of the points' terms t.
+    /// The matrix (Σ t tᵀ / n)⁻¹, where t are the polynomial's terms at each point.
     spread: Matrix6<f64>,
     /// Distance of the points from the sheet, rms, mm.
     pub(super) rms_mm: f64,
 }
 
-/// A place is no farther from the points than their own rim if its leverage tᵀ (Σ t tᵀ / n)⁻¹ t is at most this value.
-/// The mean of the leverage over the points is 6, and at the corners of an evenly filled square it is 1 + 3 + 3 + 5 + 5
-/// + 9 = 26.
+/// Maximum leverage tᵀ (Σ t tᵀ / n)⁻¹ t at which a position is not farther away than the border of the fitted points.
+/// The mean leverage of these points is 6; at the corners of a uniformly filled square it is 1 + 3 + 3 + 5 + 5 + 9 =
+/// 26.
 const MAX_RIM_LEVERAGE: f64 = 26.0;
-/// Maximum number of steps to the intersection of a ray with the sheet, and maximum length of the last step, mm.
+/// Maximum number of iterations of the intersection between a ray and the sheet, and the tolerance of the last step,
+/// mm.
 const MAX_INTERSECTION_STEPS: usize = 20;
 const INTERSECTION_TOLERANCE_MM: f64 = 1e-6;
 
 impl QuadraticSheet {
-    /// Returns the intersection of the ray with the sheet; `None` far from the points.
+    /// Returns the intersection of a ray with the sheet; `None` if it is far from the fitted points.
     pub(super) fn intersect_ray(&self, viewer: Point<Panel>, ray: Vector<Panel>) -> Option<Point<Panel>> {
         let normal = self.axes.column(2).into_owned();
         let slope = normal.dot(&ray.mm);
@@ -127,7 +127,7 @@ impl QuadraticSheet {
         None
     }
 
-    /// Fits a sheet through the points at these pixels; `None` if there are too few or if they lie on a line.
+    /// Fits a sheet to the points at these pixels; `None` if there are too few points, or if they are collinear.
     pub(super) fn fit(scan: &OrganizedCloud<Panel>, pixels: &[usize]) -> Option<QuadraticSheet> {
         let points: Vec<Point3<f64>> =
             subsample(pixels, MAX_FIT_POINTS).filter_map(|i| scan.point_at(i)).map(|p| p.mm).collect();
@@ -176,7 +176,7 @@ impl QuadraticSheet {
     }
 }
 
-/// Returns about `wanted` of these pixels, evenly chosen.
+/// Returns about `wanted` of these pixels, at uniform intervals.
 fn subsample(pixels: &[usize], wanted: usize) -> impl Iterator<Item = usize> + '_ {
     pixels.iter().copied().step_by(pixels.len().div_ceil(wanted).max(1))
 }
@@ -186,7 +186,7 @@ mod tests {
     use super::*;
     use panelprep_base::geometry::Camera;
 
-    /// A near block of 4 × 4 pixels in front of a wall 60 mm behind: two pieces, the wall first.
+    /// A block of 4 × 4 pixels, 60 mm in front of a wall: two components, the wall first.
     #[test]
     fn a_gap_in_depth_separates_two_objects() {
         let point = |i: usize| {
@@ -201,8 +201,9 @@ mod tests {
         assert!(piece_to_mask(&cloud, &pieces[1]).contains(4, 4));
     }
 
-    /// Calculated by hand: h = 500 + x²/1000 over 0…99 × 0…49 mm without a hole of 40 × 20 mm. Seen along z through the
-    /// middle of the hole, (50, 25), the sheet is at 502.5; far outside, at (400, 25), there is no result.
+    /// Expected values, calculated by hand: the sheet h = 500 + x²/1000 over 0…99 × 0…49 mm has a hole of 40 × 20 mm. A
+    /// ray along z through the centre of the hole, (50, 25), meets the sheet at 502.5; a ray far outside, at (400, 25),
+    /// has no result.
     #[test]
     fn a_hole_is_bridged_and_far_points_have_no_intersection() {
         let point = |i: usize| {
@@ -218,12 +219,12 @@ mod tests {
         let met = along_z(50.0).expect("in the hole");
         assert!((met.mm.z - 502.5).abs() < 1e-3 && (met.mm.x - 50.0).abs() < 1e-9, "{met:?}");
         assert!(along_z(0.0).is_some() && along_z(400.0).is_none());
-        // A parabola over a tilted plane is not exactly a parabola, but nearly.
+        // The heights of a parabola above a tilted plane are only approximately a parabola.
         assert!(sheet.rms_mm < 0.01, "{}", sheet.rms_mm);
     }
 
-    /// A bent sheet in two parts, with an object 20 mm in front: the object is left out. The far part lies 8 mm above
-    /// the near part's plane (x²/1000 at x = 90 mm), but on the near part's sheet.
+    /// A bent sheet in two components, with an object 20 mm in front, which is excluded. The second component is 8 mm
+    /// above the plane of the first (x²/1000 at x = 90 mm), but on the same bent sheet.
     #[test]
     fn parts_of_a_bent_sheet_belong_together() {
         let point = |i: usize| {

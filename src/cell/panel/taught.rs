@@ -1,9 +1,9 @@
-//! The taught panel, derived from one scan at the nominal pose and from the recipe; and a taught corner: the pose of
-//! the flange camera, the pixel at which it saw the corner, and the corner's position on the panel.
+//! The taught panel, computed from one scan at the nominal pose and from the recipe. Also a taught corner: the pose of
+//! the flange camera, the pixel of the corner in its picture, and the position of the corner on the panel.
 //!
-//! Nominal camera pose and reference pixel are taught together (thesis 3.9). The corner's position on the panel is the
-//! intersection of the reference pixel's ray with the plane of the surface beside it. From this position the expected
-//! pixel follows for every camera pose, not only for the nominal one.
+//! The nominal camera pose and the reference pixel are taught together (thesis 3.9). The position of the corner on the
+//! panel is the intersection of the reference pixel's ray with the plane of the surface beside the corner. From this
+//! position, the expected pixel follows for every camera pose, not only for the nominal one.
 
 use super::error::LearnError;
 use super::extent;
@@ -18,34 +18,34 @@ use panelprep_base::geometry::{
     local_plane_where, polygon,
 };
 
-/// Half the width of the neighbourhood that determines a point on the surface, px.
+/// Half-width of the neighbourhood from which a surface point is determined, px.
 const SURFACE_HALF_WIDTH_PX: usize = 5;
 
-/// Half the widths of the neighbourhood over a hole, px, tried in this order.
+/// Half-widths of the neighbourhood at missing points, px, tried in this order.
 const HOLE_HALF_WIDTHS_PX: [usize; 3] = [80, 160, 320];
-/// If points are missing, the neighbourhood for fitting a plane is doubled up to this size, px: some 15 mm, over which
-/// a panel is nearly flat.
+/// Maximum half-width of the neighbourhood to which a plane is fitted, px: about 15 mm, over which a panel is nearly
+/// flat. The half-width is doubled up to this value if points are missing.
 const MAX_HALF_WIDTH_PX: usize = 40;
-/// Largest residual of the points about the second-order surface over a hole, rms, mm; with more, the panel has
-/// another shape.
+/// Maximum residual of the points around a hole from the surface of second order, rms, mm. With a larger residual, the
+/// panel has another shape.
 const MAX_SURFACE_RESIDUAL_MM: f64 = 0.5;
 
-/// The source of a panel's taught data.
+/// How a panel is taught.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TaughtSource {
-    /// A scan of a panel at its nominal place.
+    /// By a scan at its nominal place.
     Scan,
-    /// The panel's drawing, whose frame is the panel's frame.
+    /// From its drawing, whose frame is the panel's frame.
     Drawing,
 }
 
 impl TaughtSource {
-    /// Returns the source of the recipe's panel: its drawing if the recipe has `[nominal]`.
+    /// Returns how the recipe's panel is taught: from its drawing if the recipe has `[nominal]`.
     pub fn from_recipe(recipe: &Recipe) -> Self {
         recipe.nominal().map_or(TaughtSource::Scan, |_| TaughtSource::Drawing)
     }
 
-    /// Returns what today's panel is compared with, as part of a sentence.
+    /// Returns what the present panel is compared with, as part of a sentence.
     pub fn describe(self) -> &'static str {
         match self {
             TaughtSource::Scan => "the taught surface",
@@ -54,39 +54,39 @@ impl TaughtSource {
     }
 }
 
-/// One grid of the region on the panel's surface.
+/// A grid of the region on the panel's surface.
 #[derive(Debug, Clone)]
 pub struct Grid {
     /// Its name.
     pub id: GridId,
-    /// The grid's edge, closed, as points on the surface: curves on a curved panel.
+    /// The closed edge of the grid as points on the surface; on a curved panel the sides are curves.
     pub edge: Vec<Point<Panel>>,
-    /// The grid's four corners in the region's order, beginning with the corner nearest the region's first corner.
+    /// The grid's four corners in the order of the region's corners.
     pub corners: [Point<Panel>; 4],
 }
 
-/// The known data of a panel at its nominal pose.
+/// The data of a panel at its nominal pose.
 #[derive(Debug, Clone)]
 pub struct TaughtPanel {
-    /// The scan in the panel's frame, on the taught picture's pixel grid.
+    /// The scan in the panel's frame, with the pixels of the taught picture.
     pub scan: OrganizedCloud<Panel>,
-    /// Whether the scan was taken, or computed from the drawing.
+    /// Whether the scan was captured, or computed from the drawing.
     pub reference: TaughtSource,
-    /// The panel's frame at teaching.
+    /// The pose of the panel's frame at teaching.
     pub nominal_pose: Rigid<Base, Panel>,
-    /// The 3D camera that took the scan.
+    /// The calibration of the 3D camera that captured the scan.
     pub camera: PinholeCamera,
-    /// The pose of that camera.
+    /// The pose of the 3D camera in the panel's frame.
     pub panel_from_camera: Rigid<Panel, Camera>,
     /// The panel's pixels in the scan.
     pub mask: Mask,
-    /// The panel's outline in the taught picture, px, closed.
+    /// The closed outline of the panel in the taught picture, px.
     pub outline_px: Vec<Pixel>,
-    /// The source of that outline.
+    /// The source of the outline.
     pub outline_from: OutlineFrom,
-    /// Held places of the panel in the taught picture.
+    /// The quadrilaterals in the taught picture at which the panel is held.
     pub held_px: Vec<[Pixel; 4]>,
-    /// The outline's points on the surface.
+    /// The outline as points on the surface.
     pub outline: Vec<Point<Panel>>,
     /// The region in the taught picture.
     pub region: Region,
@@ -94,14 +94,14 @@ pub struct TaughtPanel {
     pub grids: Vec<Grid>,
 }
 
-/// Number of points on each side of a grid's edge.
+/// Number of points on each side of a grid.
 const EDGE_STEPS: usize = 8;
 
 impl TaughtPanel {
-    /// Derives the panel from its scan at the nominal place.
+    /// Computes the taught data from a scan at the nominal place.
     ///
     /// # Errors
-    /// If no panel lies under the recipe's region, or the region extends beyond it.
+    /// If there is no panel at the recipe's region, or the region extends beyond the panel.
     pub fn learn(
         scan: &OrganizedCloud<Camera>,
         camera: PinholeCamera,
@@ -144,8 +144,8 @@ impl TaughtPanel {
         Ok(Grid { id, edge, corners })
     }
 
-    /// Returns the surface point at a pixel of the taught picture, from the plane through its neighbourhood; `None` off
-    /// the panel.
+    /// Returns the surface point at a pixel of the taught picture, from a plane that is fitted to its neighbourhood;
+    /// `None` if the pixel is not on the panel.
     pub fn surface_point_at(&self, pixel: Pixel) -> Option<Point<Panel>> {
         let at = pixel.nearest_whole(self.scan.width(), self.scan.height())?;
         let viewer = self.panel_from_camera.origin();
@@ -153,7 +153,7 @@ impl TaughtPanel {
         plane.intersect_ray(viewer, self.panel_from_camera * self.camera.unproject(pixel)?)
     }
 
-    /// Returns the surface point at a pixel around which points are missing, from a neighbourhood that is as wide as
+    /// Returns the surface point at a pixel with missing points around it, from a neighbourhood that is as wide as
     /// necessary.
     fn surface_point_around(&self, pixel: Pixel) -> Option<Point<Panel>> {
         let at = pixel.nearest_whole(self.scan.width(), self.scan.height())?;
@@ -164,7 +164,7 @@ impl TaughtPanel {
         plane.intersect_ray(self.panel_from_camera.origin(), ray)
     }
 
-    /// Lists the panel's pixels with points within this half width of a pixel.
+    /// Returns the panel's pixels with points in a square around a pixel, with this half-width.
     fn panel_pixels_around(
         &self,
         (column, row): (usize, usize),
@@ -178,8 +178,8 @@ impl TaughtPanel {
             .filter(|&index| self.mask.inside[index] && self.scan.point_at(index).is_some())
     }
 
-    /// Returns the surface point over an even wider hole: on the second-order surface through the points around the
-    /// hole, no farther from these points than their own rim.
+    /// Returns the surface point within a wide hole, from a surface of second order through the points around the hole;
+    /// `None` if it is farther away than the border of these points.
     fn surface_point_over_hole(&self, pixel: Pixel) -> Option<Point<Panel>> {
         let at = pixel.nearest_whole(self.scan.width(), self.scan.height())?;
         let ray = self.panel_from_camera * self.camera.unproject(pixel)?;
@@ -191,7 +191,7 @@ impl TaughtPanel {
         })
     }
 
-    /// Returns a point of the outline on the surface.
+    /// Returns the surface point at a pixel of the outline.
     fn outline_point_at(&self, pixel: Pixel) -> Option<Point<Panel>> {
         match self.outline_from {
             OutlineFrom::Scan => self.scan.point(pixel.u as usize, pixel.v as usize),
@@ -199,35 +199,35 @@ impl TaughtPanel {
         }
     }
 
-    /// Returns the fraction of the panel inside a drawn outline that has points, 0…1; 1 if no outline was drawn.
+    /// Returns the fraction of the area inside a drawn outline that has points, 0…1; 1 without a drawn outline.
     pub fn measured_share(&self) -> f64 {
         if self.outline_from == OutlineFrom::Scan {
             return 1.0;
         }
         let held_px2: f64 = self.held_px.iter().map(|held| polygon::signed_area_px2(held).abs()).sum();
         let whole_px2 = polygon::signed_area_px2(&self.outline_px).abs();
-        // A held place may extend beyond the outline: at most half of its area counts as panel.
+        // A held place may extend beyond the outline, so only half of its area is subtracted.
         (self.mask.count() as f64 / (whole_px2 - held_px2 / 2.0).max(1.0)).min(1.0)
     }
 
-    /// Returns whether the panel is held within this distance of a pixel of the taught picture.
+    /// Returns whether the panel is held within this distance from a pixel of the taught picture.
     pub fn is_held_near(&self, pixel: Pixel, within_px: f64) -> bool {
         let near = |held: &[Pixel; 4]| polygon::distance_to_side_px(held, pixel) <= within_px;
         extent::is_held_at(&self.held_px, pixel) || self.held_px.iter().any(near)
     }
 
-    /// Fits the plane through the panel's points around a pixel, oriented towards the camera; points off the panel
-    /// are not used.
+    /// Fits a plane to the panel's points around a pixel; its normal points to the camera. Points off the panel are
+    /// excluded.
     pub(super) fn fit_plane_at(&self, at: (usize, usize), half_width_px: usize) -> Option<Plane<Panel>> {
         local_plane_where(&self.scan, at, half_width_px, self.panel_from_camera.origin(), |i| self.mask.inside[i])
     }
 
-    /// Returns the panel's points with their pixel index, row by row.
+    /// Returns the panel's points with their pixel indices, row by row.
     pub fn points(&self) -> impl Iterator<Item = (usize, Point<Panel>)> + '_ {
         self.scan.valid_points().filter(|(index, _)| self.mask.inside[*index])
     }
 
-    /// Returns the centroid of the panel's points, at which shift and rotation are judged.
+    /// Returns the centroid of the panel's points, the reference for its shift and rotation.
     pub fn centre(&self) -> Point<Panel> {
         let mut sum = nalgebra::Vector3::zeros();
         let mut count = 0usize;
@@ -239,35 +239,35 @@ impl TaughtPanel {
     }
 }
 
-/// Half the width of the neighbourhood that determines the surface beside a corner, px.
+/// Half-width of the neighbourhood from which the surface beside a corner is determined, px.
 const NEIGHBOURHOOD_HALF_WIDTH_PX: usize = 12;
-/// Largest distance between the ray and the outline, mm; the apex of a rounded corner lies a few mm outside the
+/// Maximum distance between the ray and the outline, mm: the apex of a rounded corner is a few mm outside of the
 /// outline.
 const MAX_DISTANCE_MM: f64 = 15.0;
 
-/// The data that a corner picture teaches.
+/// The data of a taught corner picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CornerTeaching {
     /// The corner's pixel in the taught picture.
     pub reference_px: Pixel,
-    /// The camera's pose, `wT_nominalCP` of the thesis.
+    /// The pose of the camera in the panel's frame, `wT_nominalCP` of the thesis.
     pub panel_from_camera: Rigid<Panel, FlangeCamera>,
 }
 
-/// A corner with its position on the panel.
+/// A taught corner, with its position on the panel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TaughtCorner {
-    /// The corner's pixel and the camera's pose in the taught picture.
+    /// The pixel of the corner and the pose of the camera in the taught picture.
     pub teaching_data: CornerTeaching,
-    /// The corner: the intersection of its two edges, on the surface.
+    /// The corner on the surface: the intersection of the two edges.
     pub point: Point<Panel>,
-    /// The surface's normal beside the corner, a direction.
+    /// The normal of the surface beside the corner, with length 1.
     pub normal: Vector<Panel>,
 }
 
 impl TaughtCorner {
-    /// Returns the fraction, 0…1, of a motion along the panel's normal that the taught view shows as a sideways
-    /// motion: the sine of the angle between the normal and the view.
+    /// Returns the fraction (0…1) of a motion along the panel's normal that is visible as a sideways motion in the
+    /// taught picture: the sine of the angle between the normal and the viewing direction.
     pub fn visible_normal_share(&self) -> f64 {
         let towards = (self.point - self.teaching_data.panel_from_camera.origin()).mm.normalize();
         towards.cross(&self.normal.mm).norm()
@@ -275,11 +275,11 @@ impl TaughtCorner {
 }
 
 impl TaughtPanel {
-    /// Finds the position of a taught corner on the panel.
+    /// Computes the position of a taught corner on the panel.
     ///
     /// # Errors
-    /// If the distance between the reference pixel's ray and the panel's outline is larger than the rounding of a
-    /// corner explains.
+    /// If the distance between the reference pixel's ray and the panel's outline is larger than a rounded corner can
+    /// cause.
     pub fn corner(&self, teaching: CornerTeaching, camera: &PinholeCamera) -> Result<TaughtCorner, LearnError> {
         let Pixel { u, v } = teaching.reference_px;
         let off = LearnError::CornerOffPanel { u, v };

@@ -1,11 +1,11 @@
-//! Writes the shapes that a person drew on the taught picture into a recipe's text. Everything else in the text,
-//! including comments, stays unchanged.
+//! Writes the shapes that a person has drawn on the taught picture into the text of a recipe. All other text, including
+//! comments, stays unchanged.
 
 use panelprep_base::config::set_value;
 use serde::{Deserialize, Serialize};
 use toml_edit::{Array, DocumentMut, Item, Table, Value};
 
-/// The shapes drawn on the taught scan's picture, px.
+/// The shapes that a person has drawn on the taught picture, px.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DrawnShapes {
@@ -15,15 +15,15 @@ pub struct DrawnShapes {
     pub rows: u32,
     /// Columns of grids.
     pub columns: u32,
-    /// Quadrilaterals that are not inspected.
+    /// Quadrilaterals that are excluded from the inspection.
     pub masked_px: Vec<[[f64; 2]; 4]>,
-    /// The panel's outline, corner by corner; empty if the scan shows the outline.
+    /// The corners of the panel's outline; empty if the outline is taken from the scan.
     pub outline_px: Vec<[f64; 2]>,
-    /// The held places of the panel: quadrilaterals.
+    /// Quadrilaterals at which the panel is held.
     pub held_px: Vec<[[f64; 2]; 4]>,
 }
 
-/// The reason why the shapes could not be written.
+/// The reason why the shapes cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum EditError {
     /// The text is not TOML.
@@ -37,7 +37,7 @@ pub enum EditError {
     },
 }
 
-/// Returns the recipe's text with the drawn shapes. Pixels are rounded to a tenth.
+/// Returns the text of the recipe with the drawn shapes. Pixels are rounded to 0.1 px.
 ///
 /// # Errors
 /// If the text is not TOML, or `region` or `inspect` is not a table.
@@ -58,7 +58,7 @@ fn polygon(corners: &[[f64; 2]]) -> Array {
     corners.iter().map(|corner| array(corner.map(number))).collect()
 }
 
-/// Sets a list if it is not empty, or if the text already has one.
+/// Sets a list, unless it is empty and the text does not contain it yet.
 fn set_list(document: &mut DocumentMut, table: &'static str, key: &str, list: Array) -> Result<(), EditError> {
     let has_one = document.get(table).and_then(|table| table.get(key)).is_some();
     if has_one || !list.is_empty() {
@@ -67,8 +67,8 @@ fn set_list(document: &mut DocumentMut, table: &'static str, key: &str, list: Ar
     Ok(())
 }
 
-/// Rewrites `panel = "name"` as `panel.name = "name"`, so that the table accepts more keys. Text before the key,
-/// including comments, stays before it.
+/// Rewrites `panel = "name"` as `panel.name = "name"`, so that more keys can be added to the table. Comments before the
+/// key stay before it.
 fn expand_panel_key(document: &mut DocumentMut, key: &'static str) {
     let Some((written, item)) = document.as_table_mut().get_key_value_mut(key) else { return };
     let Some(name) = item.as_value().filter(|value| value.is_str()).cloned() else { return };
@@ -81,7 +81,7 @@ fn expand_panel_key(document: &mut DocumentMut, key: &'static str) {
     *item = Item::Table(table);
 }
 
-/// Formats a number as a person would write it.
+/// Formats a number with as few decimals as possible.
 fn number(px: f64) -> Value {
     let tenth = (px * 10.0).round() / 10.0;
     if tenth.fract() == 0.0 { Value::from(tenth as i64) } else { Value::from(tenth) }
@@ -91,7 +91,7 @@ fn array(values: [Value; 2]) -> Value {
     Value::from(values.into_iter().collect::<Array>())
 }
 
-/// Sets a value in a table, which is created if it does not exist.
+/// Sets a value in a table; the table is created if it does not exist.
 fn put_key(
     document: &mut DocumentMut,
     table: &'static str,
@@ -143,7 +143,7 @@ mod tests {
         assert!(!with_shapes(text, &DRAWN).expect("a recipe").contains("masked"), "none were, none are");
     }
 
-    /// The short form of the panel's name becomes a table at the same place.
+    /// The short form of the panel's name is replaced by a table in the same position.
     #[test]
     fn an_outline_and_held_edges_are_written_beside_the_panels_name() {
         let text = "# the door\npanel = \"door\" # the left one\nregion = { corners_px = [[1, 2], [3, 2], [3, 4], [1, 4]], rows = 1, columns = 1 }\n";

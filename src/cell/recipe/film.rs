@@ -3,41 +3,41 @@
 use panelprep_base::config::{Choice, Section, settings};
 
 settings! {
-    /// `[process]`: the water-break test and the abrasion as a process.
+    /// `[process]`: parameters of the water-break test and of the sanding passes.
     pub struct Process {
-        /// Time for which the film is watched after it is fully wet, s; overrides the cell's value.
+        /// Time for which the film is observed after the panel is fully wet, s; overrides the cell's value.
         observation_s: Option<f64>, 5.0..=600.0, default None;
-        /// Pictures per second while the film is watched.
+        /// Pictures per second while the film is observed.
         frames_per_second: f64, 0.5..=30.0, default 5.0;
-        /// Largest number of abrasions of one grid in a cycle.
+        /// Maximum number of sanding passes on one grid in a cycle.
         max_passes_per_grid: usize, 1..=10, default 2;
-        /// Largest number of passes in which one part may be abraded, over all cycles that name its serial number;
-        /// see [`Process::effective_passes_per_part`].
+        /// Maximum number of sanding passes on one part, over all cycles with its serial number; see
+        /// [`Process::effective_passes_per_part`].
         max_passes_per_part: Option<usize>, 1..=100, default None;
-        /// Time for which the dust is washed off, s.
+        /// Time for which the dust is rinsed off, s.
         rinse_s: f64, 0.5..=120.0, default 10.0;
-        /// Time for which the panel is sprayed before the film is watched, s.
+        /// Time for which the panel is sprayed before the film is observed, s.
         spray_s: f64, 0.5..=120.0, default 5.0;
-        /// Time from the end of the water until the cell is drained for the tool, s.
+        /// Time from switching the water off until the tool may start, s.
         drain_s: f64, 0.0..=600.0, default 10.0;
-        /// Time from switching on the light until it is steady, s.
+        /// Time from switching the light on until its brightness is stable, s.
         light_settle_s: f64, 0.0..=60.0, default 1.0;
-        /// The procedure by which the panel is tested, with its edition, such as "ASTM F22-21, PS 4711 rev. C"; if
-        /// not stated, ASTM F22 without an edition.
+        /// The test procedure with its edition, such as "ASTM F22-21, PS 4711 rev. C"; if not stated, ASTM F22 without
+        /// an edition.
         procedure: Option<String>, (), default None;
-        /// The water that is sprayed, as the inspector signs it, such as "deionised, 2 µS/cm"; if not stated, the
-        /// page has a line to fill in.
+        /// The water for the spray, as printed on the page that the inspector signs, such as "deionised, 2 µS/cm"; if
+        /// not stated, the page has a line to fill in.
         water: Option<String>, (), default None;
         /// Temperature of the water, °C.
         water_temperature_c: Option<f64>, 0.0..=100.0, default None;
-        /// The lamp and its brightness at the panel.
+        /// The lamp, and its illuminance at the panel.
         lamp: Option<String>, (), default None;
     }
 }
 
 impl Process {
-    /// Returns the largest number of passes in which one part may be abraded, over all cycles that name its serial
-    /// number; if the recipe does not state it, twice `max_passes_per_grid`.
+    /// Returns the maximum number of sanding passes on one part, over all cycles with its serial number. If the recipe
+    /// does not state it, it is twice `max_passes_per_grid`.
     pub fn effective_passes_per_part(&self) -> usize {
         self.max_passes_per_part().unwrap_or(2 * self.max_passes_per_grid())
     }
@@ -55,11 +55,10 @@ pub(in crate::recipe) fn parse_process(section: &Section<'_, '_>) -> Option<Proc
 }
 
 settings! {
-    /// `[region]`: the area that is inspected and abraded, chosen in the taught scan's picture (thesis 4.4, Fig.
-    /// 4.18).
+    /// `[region]`: the area that is inspected and sanded, selected in the taught picture (thesis 4.4, Fig. 4.18).
     pub struct Region {
-        /// The four corners of the region, px; columns of grids run from the first to the second, rows from the
-        /// first to the fourth.
+        /// The four corners of the region, px. Columns of grids run from the first corner to the second, rows from the
+        /// first corner to the fourth.
         corners_px: [[f64; 2]; 4], 0.0..=20_000.0, required;
         /// Rows of grids.
         rows: usize, 1..=50, required;
@@ -86,10 +85,10 @@ fn corner_turn(corners_px: &[[f64; 2]; 4], index: usize) -> f64 {
     (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0])
 }
 
-/// The method of finding a broken film.
+/// The method that detects a broken film.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
-    /// A model of each pixel's dry and wet appearance over time.
+    /// A model of the dry and wet appearance of each pixel over time.
     Film,
     /// The thesis's pipeline (4.3): subtraction, thresholds, HSV.
     Thesis,
@@ -99,12 +98,12 @@ impl Choice for Method {
     const KEYWORDS: &'static [(&'static str, Self)] = &[("film", Method::Film), ("thesis", Method::Thesis)];
 }
 
-/// The reference with which a film on sanded places is compared.
+/// The reference for the film on sanded places.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SandedReference {
     /// The wet appearance of the same place.
     Wet,
-    /// A new dry picture, taken after a person has dried the panel and confirmed this.
+    /// A new dry picture, captured after a person has dried the panel and confirmed that it is dry.
     Dry,
 }
 
@@ -114,58 +113,60 @@ impl Choice for SandedReference {
 }
 
 settings! {
-    /// `[inspect]`: how a broken film is found (thesis 4.3, Fig. 4.9).
+    /// `[inspect]`: parameters of the detection of a broken film (thesis 4.3, Fig. 4.9).
     pub struct Inspect {
         /// The method.
         method: Method, (), default Method::Film;
-        /// The reference for a place that was sanded since the dry picture: the place's own wet appearance, or a
-        /// new dry picture. For the new picture, a person dries the panel after each abrasion.
+        /// The reference for places that were sanded after the dry picture: the wet appearance of the same place, or a
+        /// new dry picture, for which a person dries the panel after each sanding pass.
         reference: SandedReference, (), default SandedReference::Wet;
-        /// Weights of red, green and blue, used by both methods. A channel in which the film changes the panel
-        /// little adds only noise (thesis 4.2).
+        /// Weights of red, green and blue, used by both methods. A channel in which the film hardly changes the panel's
+        /// appearance adds only noise (thesis 4.2).
         channel_weights: [f64; 3], 0.0..=1.0, default [1.0, 1.0, 1.0];
-        /// Time for which a place must appear dry before it counts as broken, s. The time of the break is the first
-        /// moment at which it appeared dry.
+        /// Minimum time for which a place must appear dry to be detected as broken, s. The time of the break is the
+        /// first moment at which it appeared dry.
         persist_s: f64, 0.1..=10.0, default 1.2;
-        /// Smallest fraction of its dry brightness to which a place returns when its film has broken; it does not
-        /// return completely, because it is damp. The smallest break that is surely found is stated for this fraction.
+        /// Minimum fraction of the dry brightness that a place has after its film has broken. It is below 1, because
+        /// the place is still damp. The size of the smallest break that is reliably detected is stated for this
+        /// fraction.
         damp: f64, 0.5..=1.0, default 0.8;
-        /// Largest area of a reflection that counts as a glint, mm².
+        /// Maximum area of a reflection that is treated as a glint, mm².
         glint_mm2: f64, 0.0..=500.0, default 40.0;
-        /// Largest area within a break that counts as a bead of water, mm².
+        /// Maximum area within a break that is treated as a bead of water, mm².
         bead_mm2: f64, 0.0..=500.0, default 20.0;
-        /// Largest part of the region that is not wet in any picture, percent; with a larger part, the test is not
-        /// valid.
+        /// Maximum part of the region that is not wet in any picture, percent; with a larger part, the test is invalid.
         max_never_wet_percent: f64, 0.0..=100.0, default 20.0;
-        /// Largest change of the light since the dry picture that is compensated, percent. For brighter light, the
-        /// limit is at most the change with which a wet place looks half-way to dry; the clip determines this change.
+        /// Maximum change of the illumination since the dry picture that is compensated, percent. For an increase, the
+        /// limit is also at most the change that makes a wet place appear half dry, which is determined from the clip.
         max_light_change_percent: f64, 1.0..=45.0, default 40.0;
-        /// Largest part of the region that glints and overexposure may hide in a picture, percent.
+        /// Maximum part of the region that glints and overexposure may hide in a picture, percent.
         max_bright_percent: f64, 0.0..=50.0, default 5.0;
-        /// Largest motion of the panel in the picture while it is watched, px.
+        /// Maximum motion of the panel in the picture during the observation, px.
         max_moved_px: f64, 0.1..=20.0, default 1.0;
-        /// Places that are not inspected, such as reflections: four corners each, px in the taught scan's picture.
+        /// Areas that are excluded from the inspection, such as reflections: four corners each, px in the taught
+        /// picture.
         masked_px: Vec<[[f64; 2]; 4]>, 0.0..=20_000.0, default Vec::new();
         /// Gain α of Eq. 4.2.
         gain: f64, 0.1..=50.0, default 4.0;
         /// Bias β of Eq. 4.2.
         bias: f64, -255.0..=255.0, default 0.0;
-        /// Width of the median blur, px, odd. With 5 px or more, it is several times slower and removes small
+        /// Width of the median filter, px, odd. With 5 px or more, the filter is several times slower and removes small
         /// breaks.
         median_px: usize, 3..=31, default 3;
-        /// Number of times that the median blur is applied.
+        /// Number of times that the median filter is applied.
         median_passes: usize, 1..=5, default 2;
-        /// Smallest adjusted difference of a changed pixel: about half of the difference between dry and wet, so
-        /// that a break's edge is found at its true place. 52 is for 26 grey levels, dark composite.
+        /// Minimum adjusted difference of a changed pixel: about half of the difference between dry and wet, so that
+        /// the edge of a break is detected at its true position. 52 is for a difference of 26 grey levels on a dark
+        /// composite.
         threshold: usize, 1..=255, default 52;
-        /// Lower bounds of a dry pixel: hue 0…179, saturation and value 0…255 as OpenCV scales them. The defaults
+        /// Lower bounds of a dry pixel: hue 0…179, saturation and value 0…255, as scaled by OpenCV. The defaults
         /// exclude nothing, because with too narrow a range a broken film would pass.
         hsv_min: [usize; 3], 0..=255, default [0, 0, 0];
         /// Upper bounds of a dry pixel.
         hsv_max: [usize; 3], 0..=255, default [179, 255, 255];
-        /// Area of broken film from which a grid fails, mm²; overrides the cell's value.
+        /// Minimum area of broken film at which a grid fails, mm²; overrides the cell's value.
         min_break_mm2: Option<f64>, 0.1..=10_000.0, default None;
-        /// Number of successive pictures that must show a break before the thesis's pipeline counts it.
+        /// Number of consecutive pictures that must show a break before the thesis's method detects it.
         persist_frames: usize, 1..=100, default 2;
     }
 }

@@ -1,8 +1,7 @@
-//! The recipe: one TOML file for each kind of panel, checked and converted to a form that contains only allowed
-//! values.
+//! The recipe: one TOML file for each kind of panel, checked and converted to types that contain only valid values.
 //!
-//! Each table is declared in `film`, `path` or `place`, key by key with range, default and meaning; this file joins the
-//! tables and checks rules that concern several keys. `config/` reads the file.
+//! Each table is declared in `film`, `path` or `place`: every key with its range, default and meaning. This file joins
+//! the tables and checks rules that involve several keys. `config/` reads the file.
 
 mod edit;
 mod film;
@@ -35,15 +34,15 @@ pub struct Recipe {
     nominal: Option<DrawingPlacement>,
 }
 
-/// The keys at the top level of a recipe, by which a recipe is distinguished from other files.
+/// Top-level keys that distinguish a recipe from other TOML files.
 pub const RECIPE_KEYS: [&str; 11] =
     ["panel", "process", "locate", "corner", "region", "inspect", "surface", "path", "treat", "removal", "nominal"];
 
 impl Recipe {
-    /// Checks the text of a recipe; `file` is its name in messages.
+    /// Parses and checks a recipe; `file` is its name in messages.
     ///
     /// # Errors
-    /// Every problem of the file with its line and key.
+    /// All problems of the file, each with its line and key.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
         config::parse_file(file, text, Self::parse)
     }
@@ -76,52 +75,52 @@ impl Recipe {
         })
     }
 
-    /// Returns the panel's name, under which the store has the taught data.
+    /// Returns the panel's name, which identifies its taught data in the store.
     pub fn panel(&self) -> &str {
         self.panel.name_text()
     }
 
-    /// Returns a person's statements on the panel's outline.
+    /// Returns the drawn outline of the panel and its held places.
     pub fn outline(&self) -> &Panel {
         &self.panel
     }
 
-    /// Returns the water-break test and the abrasion as a process.
+    /// Returns the parameters of the water-break test and of the sanding passes.
     pub fn process(&self) -> &Process {
         &self.process
     }
 
-    /// Returns where the panel is searched, and the limits for acceptance.
+    /// Returns the search box for the panel, and the acceptance limits of the localization.
     pub fn locate(&self) -> &Locate {
         &self.locate
     }
 
-    /// Returns the settings for reading the corner picture.
+    /// Returns the parameters for the evaluation of a corner picture.
     pub fn corner(&self) -> &Corner {
         &self.corner
     }
 
-    /// Returns the region to inspect and abrade.
+    /// Returns the region to inspect and sand.
     pub fn region(&self) -> &Region {
         &self.region
     }
 
-    /// Returns the settings for finding a broken film.
+    /// Returns the parameters for the detection of a broken film.
     pub fn inspect(&self) -> &Inspect {
         &self.inspect
     }
 
-    /// Returns the settings for fitting the surface.
+    /// Returns the parameters of the surface fit.
     pub fn surface(&self) -> &Surface {
         &self.surface
     }
 
-    /// Returns the settings for the tool's path.
+    /// Returns the parameters of the tool's path.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Returns the places that are abraded after a grid failed.
+    /// Returns which areas are sanded after a grid has failed.
     pub fn treat(&self) -> &Treat {
         &self.treat
     }
@@ -131,13 +130,13 @@ impl Recipe {
         self.removal.as_ref()
     }
 
-    /// Returns where the panel's drawing lies, if the panel is taught from it.
+    /// Returns the pose of the panel's drawing, if the panel is taught from its drawing.
     pub fn nominal(&self) -> Option<&DrawingPlacement> {
         self.nominal.as_ref()
     }
 
-    /// Returns the force of the tool on the panel, N: for a compliant tool `[path] force_n`, for a spring the value
-    /// in `[removal]`.
+    /// Returns the force of the tool on the panel, N: `[path] force_n` for a compliant tool, the value in `[removal]`
+    /// for a spring.
     pub fn force_n(&self) -> Option<f64> {
         self.path.force_n().or_else(|| self.removal.as_ref()?.force_n())
     }

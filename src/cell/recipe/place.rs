@@ -1,18 +1,18 @@
-//! The panel and its pose: its name and the parts of its outline that a person states (`[panel]`), `[locate]` and
-//! `[corner]`, and `[nominal]`.
+//! The panel and its pose: `[panel]` with the panel's name and the drawn parts of its outline, `[locate]`, `[corner]`,
+//! and `[nominal]`.
 //!
-//! With `[nominal]` the panel is taught from its drawing. The table states where the drawing's frame lies at the
-//! panel's nominal place, by a pose or by datum points.
+//! With `[nominal]`, the panel is taught from its drawing. The table states the pose of the drawing's frame when the
+//! panel is at its nominal place, either directly or by datum points.
 
 use panelprep_base::config::{Choice, Section, Setting, settings};
 use panelprep_base::geometry::{Base, Drawing, KukaPose, Pixel, Point, Rigid, fit_rigid_motion, polygon};
 use panelprep_base::number_text::{distinguishable_texts, fixed_decimals, list};
 use toml::de::DeValue;
 
-/// The method of refining a pose from the search's result.
+/// The method that refines the pose found by the search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Registration {
-    /// Point-to-plane registration with the outline.
+    /// Point-to-plane registration that also uses the outline.
     PointToPlane,
     /// The thesis's point-to-point ICP, for comparison.
     Thesis,
@@ -24,25 +24,25 @@ impl Choice for Registration {
 }
 
 settings! {
-    /// `[locate]`: where the panel is searched for, and the limits for acceptance (thesis 3.8).
+    /// `[locate]`: the search box for the panel, and the acceptance limits (thesis 3.8).
     pub struct Locate {
-        /// The method of refining the pose. The thesis's method does not state its own error: the distance of its pose
-        /// from that of the other method counts as its error.
+        /// The method that refines the pose. The thesis's method does not state its error; its difference from the
+        /// result of the other method is used as the error.
         method: Registration, (), default Registration::PointToPlane;
         /// Lower corner of the search box in the base frame, mm.
         box_min_mm: [f64; 3], -5_000.0..=5_000.0, required;
         /// Upper corner of the search box in the base frame, mm.
         box_max_mm: [f64; 3], -5_000.0..=5_000.0, required;
-        /// Largest shift of the panel's centre from its nominal position, mm.
+        /// Maximum shift of the panel's centre from its nominal position, mm.
         max_shift_mm: f64, 0.0..=1_000.0, default 60.0;
-        /// Largest rotation in the panel's plane, degrees.
+        /// Maximum rotation in the panel's plane, degrees.
         turn_limit_deg: f64, 0.0..=180.0, default 15.0;
-        /// Largest tilt of the panel's normal, degrees.
+        /// Maximum tilt of the panel's normal, degrees.
         max_tilt_deg: f64, 0.0..=45.0, default 15.0;
-        /// Largest root mean square of the point-to-plane residuals, mm.
+        /// Maximum root mean square of the point-to-plane residuals, mm.
         max_rms_mm: f64, 0.001..=5.0, default 0.25;
-        /// Smallest fraction of taught points found in the scan, and of the panel's points in the scan found among the
-        /// taught points, 0…1; a fifth of the panel may be hidden.
+        /// Minimum fraction of the taught points that are found in the scan, and of the panel's points in the scan that
+        /// are found among the taught points, 0…1; a fifth of the panel may be hidden.
         min_overlap: f64, 0.0..=1.0, default 0.75;
     }
 }
@@ -58,7 +58,7 @@ pub(in crate::recipe) fn parse_locate(section: &Section<'_, '_>) -> Option<Locat
     Some(locate)
 }
 
-/// A corner of the panel, as the flange camera sees it at the taught pose.
+/// A corner of the panel, named by its position in the picture of the flange camera at the taught pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CornerName {
     /// The upper left corner.
@@ -80,17 +80,18 @@ impl Choice for CornerName {
     ];
 }
 
-/// The corner that each taught picture shows: one keyword for all pictures, or a list in the order of teaching.
+/// The corner in each taught corner picture: one keyword for all pictures, or a list in the order of teaching.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CornerNames(Vec<CornerName>);
 
 impl CornerNames {
-    /// Returns the corner of a taught picture, counted from 0; pictures beyond the list show the last named corner.
+    /// Returns the corner in a taught corner picture, counted from 0. If the list is too short, its last corner is
+    /// used.
     pub fn for_picture(&self, picture: usize) -> CornerName {
         self.0.get(picture).or(self.0.last()).copied().unwrap_or(CornerName::TopLeft)
     }
 
-    /// Returns all keywords as a recipe writes them, in the order of teaching.
+    /// Returns the keywords as written in a recipe, in the order of teaching.
     pub fn keywords(&self) -> Vec<&'static str> {
         let word =
             |name: &CornerName| CornerName::KEYWORDS.iter().find(|(_, known)| known == name).map(|(word, _)| *word);
@@ -117,29 +118,29 @@ impl Setting for CornerNames {
 }
 
 settings! {
-    /// `[corner]`: settings for reading the corner picture (thesis 3.9, Fig. 3.17).
+    /// `[corner]`: parameters for the evaluation of the corner picture (thesis 3.9, Fig. 3.17).
     pub struct Corner {
-        /// The corner of the panel that each taught picture shows.
+        /// The corner of the panel in each taught corner picture.
         which: CornerNames, (), default CornerName::TopLeft.into();
         /// Diameter of the bilateral filter's neighbourhood, px.
         bilateral_diameter_px: usize, 3..=31, default 9;
-        /// Largest difference between two brightnesses that are still averaged, grey levels.
+        /// Standard deviation of the bilateral filter in brightness, grey levels.
         bilateral_sigma_gray: f64, 1.0..=255.0, default 40.0;
-        /// Lowest brightness of the panel.
+        /// Minimum brightness of the panel, grey levels.
         panel_gray_min: usize, 0..=255, default 0;
-        /// Highest brightness of the panel.
+        /// Maximum brightness of the panel, grey levels.
         panel_gray_max: usize, 0..=255, default 110;
-        /// Length of edge beside the corner that is left out because of the rounding, mm.
+        /// Length of each edge that is excluded beside the corner because of its rounding, mm.
         rounding_mm: f64, 0.0..=100.0, default 8.0;
-        /// Length of each edge that is fitted, mm.
+        /// Length of each edge to which a line is fitted, mm.
         edge_mm: f64, 2.0..=200.0, default 25.0;
-        /// Largest correction in the camera's plane, mm.
+        /// Maximum correction in the camera's plane, mm.
         max_correction_mm: f64, 0.1..=50.0, default 8.0;
-        /// If a picture indicates a smaller correction than this, mm, it is the last one.
+        /// Maximum correction at which no further picture is captured, mm.
         settled_mm: f64, 0.05..=5.0, default 0.3;
-        /// Largest number of moves after the first picture.
+        /// Maximum number of motions after the first picture.
         max_moves: usize, 0..=10, default 3;
-        /// Largest distance of the corner from its position by the localization just before contact, mm.
+        /// Maximum distance between the corner and its localized position immediately before contact, mm.
         verify_mm: f64, 0.05..=5.0, default 0.2;
     }
 }
@@ -154,18 +155,16 @@ pub(in crate::recipe) fn parse_corner(section: &Section<'_, '_>) -> Option<Corne
 }
 
 settings! {
-    /// `[panel]`: the panel's name, and a person's statements on its outline. `panel = "name"` alone is the short
-    /// form.
+    /// `[panel]`: the panel's name, its drawn outline and its held places. `panel = "name"` is the short form.
     pub struct Panel {
-        /// The panel's name, under which the store has the taught data.
+        /// The panel's name, which identifies its taught data in the store.
         name: String, (), required;
-        /// The corners of the panel's outline, in order, px in the taught scan's picture: for a panel with an edge
-        /// that the scan does not show, because points are missing there or another object lies beside it. Without
-        /// them the scan's depths determine where the panel ends. Edges are still measured by colour within 3 px of
-        /// these lines.
+        /// The corners of the panel's outline in order, px in the taught picture. Needed if the scan does not show an
+        /// edge, because points are missing there or another object is beside it. Without an outline, the depths of the
+        /// scan determine the panel's edge. The edges are still measured by colour within 3 px of these lines.
         outline_px: Vec<[f64; 2]>, 0.0..=20_000.0, default Vec::new();
-        /// The places at which holders or clamps touch the panel's edge: four corners each, px in the taught scan's
-        /// picture. The area inside is neither outline nor surface when the panel is taught or located.
+        /// The places at which holders or clamps touch the panel's edge: four corners each, px in the taught picture.
+        /// These areas are used neither for the outline nor for the surface, at teaching and at localization.
         held_px: Vec<[[f64; 2]; 4]>, 0.0..=20_000.0, default Vec::new();
     }
 }
@@ -176,9 +175,9 @@ impl Panel {
     }
 }
 
-/// Largest number of corners: an outline with more corners is a curve that no person has drawn.
+/// Maximum number of corners of an outline; more corners are not drawn by hand.
 const MAX_CORNERS: usize = 200;
-/// The smallest area of a polygon that a person draws, px².
+/// Minimum area of a drawn polygon, px².
 const MIN_AREA_PX2: f64 = 16.0;
 
 pub(in crate::recipe) fn parse_panel(top: &Section<'_, '_>) -> Option<Panel> {
@@ -222,23 +221,24 @@ fn polygon_problem(corners: &[[f64; 2]]) -> Option<String> {
     })
 }
 
-/// Number of datum points.
+/// Valid number of datum points.
 const DATUM_COUNT_RANGE: std::ops::RangeInclusive<usize> = 3..=20;
-/// Smallest distance of a datum point from the line through two others, mm: nearer points determine no rotation.
+/// Minimum distance of a datum point from the line through two others, mm; with a smaller distance, no rotation can be
+/// determined.
 const MIN_SPREAD_MM: f64 = 20.0;
-/// Largest distance of a datum point from its place after the fit, mm.
+/// Maximum residual of a datum point after the fit, mm.
 const MAX_RESIDUAL_MM: f64 = 1.0;
-/// Largest number of datum points of which all orders are tried.
+/// Maximum number of datum points of which all permutations are tested.
 const MAX_PERMUTED_DATUMS: usize = 5;
-/// Limits of the coordinates, mm: an aircraft's frame has its origin far from the panel.
+/// Maximum coordinate of a datum point in the drawing, mm: the origin of an aircraft's frame is far from the panel.
 const COORDINATE_RANGE_MM: f64 = 100_000.0;
 
-/// Largest coordinate of the drawing's origin in the robot's base, mm. The base that is set in the controller is the
-/// drawing's frame; beyond 8 m the controller's single-precision numbers are no longer exact to the micrometre that the
-/// link requires of a base.
+/// Maximum coordinate of the drawing's origin in the robot's base, mm. The drawing's frame is set as the base in the
+/// controller. Beyond 8 m, the controller's single-precision numbers are less accurate than the micrometre that the
+/// link requires.
 const MAX_ORIGIN_MM: f64 = 8_000.0;
 
-/// `[nominal]`: where the drawing lies.
+/// `[nominal]`: the pose of the drawing's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DrawingPlacement {
     base_from_drawing: Rigid<Base, Drawing>,
@@ -247,25 +247,24 @@ pub struct DrawingPlacement {
 }
 
 impl DrawingPlacement {
-    /// Returns the drawing's frame in the robot's base, with the panel at its nominal place.
+    /// Returns the pose of the drawing's frame in the robot's base, with the panel at its nominal place.
     pub fn base_from_drawing(&self) -> Rigid<Base, Drawing> {
         self.base_from_drawing
     }
 
     /// Returns the four corners of the region in the drawing's frame, mm; `None` if the region is drawn on a picture.
-    /// Teaching sets `[region] corners_px` from them.
+    /// Teaching computes `[region] corners_px` from them.
     pub fn region_mm(&self) -> Option<[Point<Drawing>; 4]> {
         self.region_mm.map(|corners| corners.map(|corner| Point::new(corner.into())))
     }
 
-    /// Returns the largest distance of a datum point from its place in the drawing, mm; `None` if the recipe states the
-    /// pose.
+    /// Returns the largest residual of a datum point, mm; `None` if the recipe states the pose directly.
     pub fn residual_mm(&self) -> Option<f64> {
         self.residual_mm
     }
 }
 
-/// Parses the table; returns `Some(None)` if it is absent.
+/// Parses `[nominal]`. The outer `None` is a problem in the file, the inner `None` means that the table is absent.
 pub(in crate::recipe) fn parse_nominal(section: &Section<'_, '_>) -> Option<Option<DrawingPlacement>> {
     if !section.is_present() {
         return Some(None);
@@ -306,7 +305,7 @@ pub(in crate::recipe) fn parse_nominal(section: &Section<'_, '_>) -> Option<Opti
     }
 }
 
-/// Returns whether the drawing's origin is near enough to the robot; otherwise the problem is noted.
+/// Checks that the drawing's origin is near enough to the robot; otherwise a problem is reported.
 fn is_near(section: &Section<'_, '_>, base_from_drawing: &Rigid<Base, Drawing>) -> bool {
     let farthest_mm = base_from_drawing.origin().mm.coords.amax();
     let is_near = farthest_mm <= MAX_ORIGIN_MM;
@@ -334,8 +333,8 @@ fn parse_pose(section: &Section<'_, '_>) -> Option<KukaPose> {
     Some(KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? })
 }
 
-/// Fits the drawing's frame to datum points, and returns the largest distance of a point from its place; the problem
-/// is noted if they do not determine it.
+/// Fits the drawing's frame to the datum points. Returns the frame and the largest residual; reports a problem if the
+/// points do not determine the frame.
 fn fit_datums(
     section: &Section<'_, '_>,
     drawn: &[[f64; 3]],
@@ -408,8 +407,8 @@ fn fit_datums(
     Some((base_from_drawing, residual_mm))
 }
 
-/// Returns another order of the measured points that fits the drawing as well; `None` if there is none. All orders of
-/// up to five points are tried, and all exchanges of two of more points.
+/// Returns another order of the measured points that fits the drawing equally well; `None` if there is none. For up to
+/// five points, all permutations are tested; for more points, all exchanges of two.
 fn alternative_order(drawn: &[[f64; 3]], measured: &[[f64; 3]]) -> Option<Vec<usize>> {
     let own: Vec<usize> = (0..measured.len()).collect();
     let fits = |order: &Vec<usize>| {
@@ -427,7 +426,7 @@ fn alternative_order(drawn: &[[f64; 3]], measured: &[[f64; 3]]) -> Option<Vec<us
     orders.into_iter().find(|order| *order != own && fits(order))
 }
 
-/// Returns all orders of this number of points: the last point is inserted at each position of each order of the
+/// Returns all permutations of `count` points, by inserting the last point at each position of each permutation of the
 /// others.
 fn permutations(count: usize) -> Vec<Vec<usize>> {
     let Some(last) = count.checked_sub(1) else { return vec![vec![]] };
@@ -441,7 +440,7 @@ fn permutations(count: usize) -> Vec<Vec<usize>> {
     permutations(last).into_iter().flat_map(with_last).collect()
 }
 
-/// Returns the orders in which two points are exchanged.
+/// Returns all orders in which two points are exchanged.
 fn transpositions(own: &[usize]) -> Vec<Vec<usize>> {
     let pairs = (0..own.len()).flat_map(|one| (0..one).map(move |other| (one, other)));
     let exchanged = |(one, other)| {
@@ -452,7 +451,7 @@ fn transpositions(own: &[usize]) -> Vec<Vec<usize>> {
     pairs.map(exchanged).collect()
 }
 
-/// Returns how far the farthest point lies from the line through the two points that are farthest apart, mm.
+/// Returns the largest distance of a point from the line through the two points that are farthest apart, mm.
 fn spread_mm(points: &[[f64; 3]]) -> f64 {
     let points: Vec<nalgebra::Point3<f64>> = points.iter().map(|point| (*point).into()).collect();
     let pairs = points.iter().flat_map(|a| points.iter().map(move |b| (*a, b - a)));
