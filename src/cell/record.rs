@@ -1,9 +1,9 @@
-//! The record that a cycle leaves behind: the inputs that it ran with, the part and the requests, the findings of each
-//! phase, every motion, and how it ended.
+//! The record of a cycle: its inputs, the part and the requests, the findings of each phase, every motion, and the
+//! verdict.
 //!
-//! Plain data, which the phases produce, the store stores and the report shows. Each number is stored with the limit
-//! against which it was checked, so that no one has to look up the limit in a recipe that has changed since then. This
-//! module decides nothing, and checks no part's name: the module that accepts a name checks it.
+//! This module contains plain data: the phases produce it, the store saves it and the report displays it. Each measured
+//! number is stored with the limit at that time, because the recipe may change later. The module makes no decisions and
+//! does not check the names of a part: the module that accepts a name checks it.
 
 mod conclusion;
 mod contact;
@@ -23,29 +23,30 @@ use crate::cycle::{Path, Request};
 use panelprep_base::verdict::{Judgement, Verdict};
 use serde::{Deserialize, Serialize};
 
-/// The parts of the error at the tool, mm, 95 %.
+/// The error budget at the tool: its components, mm, 95 %.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Budget {
     /// Hand-eye calibration.
     pub hand_eye_mm: Option<f64>,
-    /// Localization of the panel.
+    /// Error of the panel's localization.
     pub locate_mm: Option<f64>,
-    /// Fit of the surface.
+    /// Error of the surface fit.
     pub fit_mm: Option<f64>,
-    /// The robot and its tool.
+    /// Error of the robot and its tool.
     pub robot_mm: Option<f64>,
-    /// `[limits] tool_error_mm` of the cell: stated by a person, and used while a part is not measured.
+    /// `[limits] tool_error_mm` of the cell, which a person has stated; used while a component is not measured.
     pub stated_mm: Option<f64>,
 }
 
 impl Budget {
-    /// Returns the root of the sum of squares, since the parts are independent; `None` if a part is not measured.
+    /// Returns the root of the sum of squares, because the components are independent; `None` if a component is not
+    /// measured.
     pub fn total_mm(&self) -> Option<f64> {
         let parts = [self.hand_eye_mm?, self.locate_mm?, self.fit_mm?, self.robot_mm?];
         Some(parts.iter().map(|part| part * part).sum::<f64>().sqrt())
     }
 
-    /// Returns the budget without parts that are not finite, which count as not measured.
+    /// Returns the budget without components that are not finite; they are treated as not measured.
     pub fn without_non_finite(self) -> Budget {
         let part = |mm: Option<f64>| mm.filter(|mm| mm.is_finite());
         Budget {
@@ -57,7 +58,7 @@ impl Budget {
         }
     }
 
-    /// Returns this budget, in which the parts that `newer` contains replace its own.
+    /// Returns this budget, updated by the components that `newer` contains.
     pub fn updated_by(self, newer: Budget) -> Budget {
         Budget {
             hand_eye_mm: newer.hand_eye_mm.or(self.hand_eye_mm),
@@ -69,46 +70,45 @@ impl Budget {
     }
 }
 
-/// Code of the reason with which a cycle ends if the areas at which the film broke may not be abraded again: the
-/// part's result is final.
+/// Code of the reason that ends a cycle if the areas with a broken film may not be sanded again: the part's result is
+/// final.
 pub const PASSES_USED: &str = "passes_used";
-/// The name of the stored text in which a start reports that the fixture holds another part than before.
+/// Name of the stored text in which a start request states that a different part is in the fixture.
 pub const ANOTHER_PART_TEXT: &str = "another_part";
-/// The name of the stored text in which a start reports that foam lies in the cell instead of a panel.
+/// Name of the stored text in which a start request states that foam is in the fixture instead of a panel.
 pub const ON_FOAM: &str = "on_foam";
 
-/// The clock with which a cycle ran.
+/// The clock of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Clock {
-    /// The wall clock, as in every real cell.
+    /// The wall clock, used in every real cell.
     Wall,
-    /// The simulated cell's own clock, which did not advance while nothing moved and ran as fast as the computer
-    /// could.
+    /// The clock of the simulated cell, which runs as fast as the computer allows and stops while nothing moves.
     Simulated {
-        /// The clock's reading, ms.
+        /// Time of the simulated clock, ms.
         at_ms: u64,
     },
 }
 
-/// The file that a cycle is recorded in.
+/// The file with the recording of a cycle.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RecordingFile {
-    /// In the store's folder for recordings, under the cycle's number.
+    /// The file in the store's folder for recordings that has the cycle's number.
     InStore,
     /// The file with this name.
     Named(String),
 }
 
-/// Everything that is stored of a cycle.
+/// All data that are stored about a cycle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CycleRecord {
     /// Its number.
     pub id: CycleId,
-    /// Time at which the cycle began, s since 1970.
+    /// Start time of the cycle, s since 1970.
     pub started_unix_s: i64,
-    /// Time at which the cycle ended, s since 1970; `None` while it runs.
+    /// End time of the cycle, s since 1970; `None` while it runs.
     pub ended_unix_s: Option<i64>,
     /// The panel.
     pub panel: String,
@@ -120,32 +120,32 @@ pub struct CycleRecord {
     pub files: Vec<KeptFile>,
     /// The program's version.
     pub program_version: String,
-    /// How the cycle ended; `None` while it runs.
+    /// Verdict of the cycle with its reasons; `None` while it runs.
     pub judgement: Option<Judgement>,
-    /// The error at the tool; `None` if the cycle ended before it was known.
+    /// The error budget at the tool; `None` if the cycle ended before it was known.
     pub budget: Option<Budget>,
-    /// Findings of the phases, in order.
+    /// The findings of all phases, in order.
     pub findings: Vec<Finding>,
-    /// Every motion, in order.
+    /// All motions, in order.
     pub motions: Vec<MotionRecord>,
-    /// The requests after the end of the previous cycle and before the start of this one, in order.
+    /// The requests between the end of the previous cycle and the start of this one, in order.
     pub asked_before: Vec<RequestRecord>,
-    /// The requests to the cell in this cycle, in order.
+    /// The requests during this cycle, in order.
     pub asked: Vec<RequestRecord>,
-    /// The clock's readings at the start of the cycle and at its conclusion, if they were stored.
+    /// The clock at the start of the cycle and at its end, if they were stored.
     pub clocks: [Option<Clock>; 2],
-    /// The file in which the cycle is recorded.
+    /// The file with the recording of the cycle, if it was recorded.
     pub recording: Option<RecordingFile>,
-    /// Lines of the journal that belong to the cycle.
+    /// Number of journal lines that belong to the cycle.
     pub events: u64,
 }
 
 impl CycleRecord {
-    /// Returns what contradicts the verdict `pass` or `accept` of this record, as text: findings, and for `pass` a
-    /// missing film. The list is empty for other verdicts.
+    /// Returns the contradictions to a verdict `pass` or `accept` of this record, as texts: findings and, for `pass`, a
+    /// missing film. Empty for any other verdict.
     pub fn verdict_contradictions(&self) -> Vec<String> {
         let Some(verdict) = self.judgement.as_ref().map(|judgement| judgement.verdict) else { return Vec::new() };
-        // The verdict of a run in the air refers only to the motions.
+        // The verdict of an air-run refers only to the motions.
         let needs_film = verdict == Verdict::Pass && !self.is_air_run();
         let no_film = conclusion::missing_film(&self.findings).filter(|_| needs_film).map(|missing| {
             format!(
@@ -157,8 +157,8 @@ impl CycleRecord {
         contradicting.into_iter().chain(no_film).collect()
     }
 
-    /// Returns whether the cycle was requested as a run in the air, or moved as one. Its verdict is then about the
-    /// motions, not about the panel.
+    /// Returns whether the cycle was requested or executed as an air-run. Its verdict refers to the motions, not to the
+    /// panel.
     pub fn is_air_run(&self) -> bool {
         let asked = |asked: &RequestRecord| {
             matches!(asked.wanted, RequestedAction::For(Request::AirRun { .. }))
@@ -167,32 +167,32 @@ impl CycleRecord {
         self.asked.iter().any(asked) || self.motions.iter().any(|kept| kept.motion.path == Path::Air)
     }
 
-    /// Returns whether the cycle found nothing, or another object than the taught panel: its verdict `reject` is then
-    /// not about the part that was named.
+    /// Returns whether the cycle found no object, or an object other than the taught panel. Its verdict `reject` does
+    /// then not refer to the part that was named.
     pub fn has_no_part(&self) -> bool {
         self.judgement.as_ref().is_some_and(|judgement| states_no_part(&judgement.reasons))
     }
 
-    /// Returns whether the cycle examined a part: it did not run in the air or on foam, and found the part. Only such a
-    /// record releases one.
+    /// Returns whether the cycle examined a part: it was no air-run, not on foam, and found the part. Only such a
+    /// record can release a part.
     pub fn has_examined_part(&self) -> bool {
         !self.is_air_run() && !self.is_on_foam() && !self.has_no_part()
     }
 
-    /// Returns whether one person alone may release the part: the cycle examined it, has the verdict `pass`, and nothing
-    /// in the record contradicts this verdict.
+    /// Returns whether one person alone may release the part: the cycle examined the part, its verdict is `pass`, and
+    /// nothing in the record contradicts the verdict.
     pub fn is_released_by_one(&self) -> bool {
         let has_passed = self.judgement.as_ref().is_some_and(|end| end.verdict == Verdict::Pass);
         has_passed && self.has_examined_part() && self.verdict_contradictions().is_empty()
     }
 
-    /// Returns whether the cycle was started with the statement that foam lies in the cell instead of a panel.
+    /// Returns whether the start request stated that foam is in the fixture instead of a panel.
     pub fn is_on_foam(&self) -> bool {
         self.files.iter().any(|file| file.name == ON_FOAM)
     }
 }
 
-/// The names of a cycle's part, as far as they are known.
+/// The names that identify the part of a cycle, and the operator; each may be unknown.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PartNames {
@@ -202,40 +202,40 @@ pub struct PartNames {
     /// The work order.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub order: Option<String>,
-    /// The name of the person who operates the cell, as stated.
+    /// The operator's name, as stated in the start request.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub operator: Option<String>,
 }
 
-/// A person's statement at a start after the store was restored from a backup: how often the part was abraded in the
-/// cycles that the restored store lacks.
+/// A person's statement in a start request, after the store was restored from a backup: the number of sanding passes on
+/// this part in the cycles that are missing in the restored store.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LostPasses {
-    /// The number of passes.
+    /// Number of sanding passes.
     pub passes: u8,
 }
 
 impl LostPasses {
-    /// Name of the stored file with this statement, among a cycle's [`files`](CycleRecord::files).
+    /// Name of the statement's file among the [`files`](CycleRecord::files) of a cycle.
     pub const FILE: &'static str = "lost_passes";
 
-    /// Reads the statement from the stored file; `None` if this program did not write the text.
+    /// Parses the statement from its file; `None` if this program did not write the text.
     pub fn read(text: &str) -> Option<LostPasses> {
         toml::from_str(text).ok()
     }
 }
 
-/// Describes a part in a sentence by its serial number, which is empty for a part without one.
+/// Returns how a sentence names a part: by its serial number, which is empty for a part without one.
 pub fn describe_part(serial: &str) -> String {
     if serial.is_empty() { "a part without a serial number".to_owned() } else { format!("the part {serial}") }
 }
 
 impl PartNames {
-    /// Name of the stored file with these names, among a cycle's [`files`](CycleRecord::files).
+    /// Name of this file among the [`files`](CycleRecord::files) of a cycle.
     pub const FILE: &'static str = "part";
 
-    /// Reads the names from the stored file; `None` if this program did not write the text.
+    /// Parses the names from their file; `None` if this program did not write the text.
     pub fn read(text: &str) -> Option<PartNames> {
         toml::from_str(text).ok()
     }
@@ -246,7 +246,7 @@ mod tests {
     use super::*;
     use panelprep_base::verdict::Reason;
 
-    /// Returns a record with only this content.
+    /// Returns a record with this verdict, these findings and these requests; all other data are empty.
     pub fn record(judgement: Judgement, findings: Vec<Finding>, asked: Vec<RequestRecord>) -> CycleRecord {
         CycleRecord {
             id: CycleId(3),
@@ -269,7 +269,7 @@ mod tests {
         }
     }
 
-    /// One person releases a part only if the record shows a part, and a film on it with the verdict pass.
+    /// One person alone may release a part only if the record shows that a part was examined and that its film passed.
     #[test]
     fn one_person_releases_only_a_part_that_passed() {
         let judged = |verdict, codes: &[&'static str]| Judgement {
@@ -292,7 +292,7 @@ mod tests {
         assert!(!running.is_released_by_one());
     }
 
-    /// Calculated by hand: 3-4-12 is a Pythagorean box with diagonal 13; 13² + 84² = 85².
+    /// Expected values, calculated by hand: a box of 3 × 4 × 12 has the diagonal 13, and 13² + 84² = 85².
     #[test]
     fn the_budget_has_a_total_only_if_every_part_is_measured() {
         let part = |mm: f64| Some(mm);

@@ -1,6 +1,4 @@
-//! What other programs and people connect to: pages, PackML, Sparkplug, broker and archive.
-//!
-//! Each paragraph of `pub mod` lines is a layer; a module may name only modules of earlier paragraphs.
+//! The interfaces to other programs and to people: pages, PackML, Sparkplug, broker and archive.
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 // Every result is handled, or an `expect` attribute next to it states why it is ignored.
 #![cfg_attr(not(test), deny(clippy::let_underscore_must_use))]

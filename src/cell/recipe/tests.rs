@@ -1,4 +1,4 @@
-//! Tests of recipes as a user writes them, and of the messages for wrong ones.
+//! Tests of recipes as users write them, and of the messages about wrong recipes.
 
 use super::*;
 use proptest::prelude::*;
@@ -34,7 +34,7 @@ fn the_smallest_recipe_states_panel_box_and_region() {
     );
 }
 
-/// The panel's table names the panel and states what a person knows about its outline.
+/// The table `[panel]` contains the panel's name, and the outline and held places that a person has drawn.
 #[test]
 fn a_panel_may_have_an_outline_and_held_edges() {
     let rest = MINIMAL.split_once('\n').map_or("", |(_, rest)| rest);
@@ -71,7 +71,7 @@ fn a_panel_may_have_an_outline_and_held_edges() {
     );
 }
 
-/// A single keyword applies to every taught picture; a list contains one keyword for each picture.
+/// A single keyword applies to all taught pictures; a list contains one keyword for each picture.
 #[test]
 fn corners_are_named_for_each_picture() {
     let which = |corner: &str| {
@@ -215,8 +215,8 @@ proptest! {
     }
 }
 
-/// Without the table whole grids are abraded. Calculated by hand: the default margin is half of the disc's 30 mm and
-/// the 2 mm of uncertainty; with a disc of 50 mm it is 27 mm.
+/// Without the table, whole grids are sanded. Expected values, calculated by hand: the default margin is half of the
+/// disc's 30 mm plus the uncertainty of 2 mm; with a disc of 50 mm it is 27 mm.
 #[test]
 fn breaks_are_widened_by_the_disc_and_their_uncertainty() {
     let recipe = |more: &str| Recipe::check("f", &format!("{MINIMAL}{more}")).unwrap_or_else(|e| panic!("{e}"));
@@ -231,7 +231,7 @@ fn breaks_are_widened_by_the_disc_and_their_uncertainty() {
     assert_eq!(widened_mm("treat = {by = 'break', margin_mm = 25, uncertainty_mm = 5}"), 25.0);
 }
 
-/// Without the table no removal is stated, and nothing changes.
+/// Without the table, no removal is required.
 #[test]
 fn the_removal_table_is_optional() {
     let recipe = |text: &str| Recipe::check("f", text).unwrap_or_else(|problems| panic!("{problems}"));
@@ -244,8 +244,8 @@ fn the_removal_table_is_optional() {
     );
 }
 
-/// A drawing's place is a pose or datum points. By hand: the drawing's x axis lies along the base's y axis, and its
-/// origin at (560, -200, 360).
+/// The pose of a drawing is stated directly or by datum points. Expected values, calculated by hand: the drawing's x
+/// axis is parallel to the base's y axis, and its origin is (560, -200, 360).
 #[test]
 fn a_drawing_has_its_place_by_a_pose_or_by_points() {
     let with = |keys: &str| format!("{MINIMAL}[nominal]\n{keys}\n");
@@ -262,7 +262,8 @@ fn a_drawing_has_its_place_by_a_pose_or_by_points() {
         assert!(placed.distance_mm(panelprep_base::geometry::Point::at(310.0, 200.0, 360.0)) < 0.3, "{placed:?}");
     }
     assert_eq!(place(pose).residual_mm(), None);
-    // Point 2 lies 0.3 mm too far: a shift by a third of it leaves 0.2 mm, and a rotation makes that smaller.
+    // Point 2 is measured 0.3 mm too far away. A shift of all three points by a third of this error leaves a residual
+    // of 0.2 mm; a rotation reduces it further.
     let residual_mm = place(points).residual_mm().expect("of points");
     assert!((0.15..=0.2).contains(&residual_mm), "{residual_mm}");
     assert!(Recipe::check("f", MINIMAL).is_ok_and(|recipe| recipe.nominal().is_none()));

@@ -1,16 +1,16 @@
-//! A cycle's verdict: the verdict with which its state table ended, compared with the findings of its phases.
+//! The verdict of a cycle: the verdict with which its state table ended, combined with the findings of its phases.
 //!
-//! The verdict is never better than the worst finding that counts, and contains the reasons of all findings that count.
-//! These count:
+//! The verdict is never better than the worst effective finding, and contains the reasons of all effective findings. A
+//! finding is effective according to these rules:
 //!
-//! - `reject` and `invalid` count always.
-//! - `review` counts until a person decides: by an accept after the finding, or by an unhold after which the cycle
-//!   measures again or continues. A fault of the cell (camera, link, feedback, tool) is stored as such a review.
-//! - `fail` counts until the panel was abraded and a later film judged it, as in a cycle that ends with `pass`. It is
-//!   the reason for the abrasion, and a reason for the verdict only if the verdict is `fail`.
+//! - `reject` and `invalid` are always effective.
+//! - `review` is effective until a person decides: by an accept after the finding, or by an unhold after which the
+//!   cycle measures again or continues. A fault of the cell (camera, link, feedback, tool) is stored as such a review.
+//! - `fail` is effective until the panel was sanded and a later film was evaluated, as in a cycle that ends with
+//!   `pass`. It is the reason for the sanding pass, and a reason for the verdict only if the verdict is `fail`.
 //!
-//! A request states the number of findings on which it was decided ([`RequestRecord::findings`]), so that the order is
-//! recorded.
+//! A request contains the number of findings at the time of the decision ([`RequestRecord::findings`]), so that the
+//! order of findings and decisions is recorded.
 
 use super::requests::{Answer, RequestRecord, RequestedAction};
 use super::{Check, CycleId, Finding, Kind, Severity};
@@ -18,21 +18,22 @@ use crate::cycle::Request;
 use panelprep_base::number_text::utc_text;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
 
-/// The effect of a finding on its cycle's verdict.
+/// The effect of a finding on the verdict of its cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Disposition<'a> {
-    /// The finding is good: accept or pass.
+    /// The finding is good: its verdict is accept or pass.
     Good,
     /// The finding counts.
     Counts,
-    /// A review on which a person decided by this request.
+    /// A review that a person has decided by this request.
     Decided(&'a RequestRecord),
-    /// A film that failed, followed by an abrasion and a later film.
+    /// A failed film that was followed by a sanding pass and another film.
     Superseded,
 }
 
 impl Disposition<'_> {
-    /// Describes for a page how a finding that is not good was resolved: the person who decided, and the time.
+    /// Returns for a page how a finding that is not good was resolved: the person and the time of the decision. `None`
+    /// if it was not resolved.
     pub fn describe(self) -> Option<String> {
         let decided = |asked: &RequestRecord| {
             let what = match asked.wanted {
@@ -51,7 +52,7 @@ impl Disposition<'_> {
     }
 }
 
-/// Returns for each finding, in order, whether it counts.
+/// Returns the effect of each finding on the verdict, in the order of the findings.
 pub fn finding_dispositions<'a>(findings: &[Finding], asked: &'a [RequestRecord]) -> Vec<Disposition<'a>> {
     (0..findings.len()).map(|index| finding_disposition(index, findings, asked)).collect()
 }
@@ -79,22 +80,22 @@ fn finding_disposition<'a>(index: usize, findings: &[Finding], asked: &'a [Reque
     }
 }
 
-/// Returns whether a person decided by this request on the finding with this index.
+/// Returns whether this request is a person's decision about the finding with this index.
 fn is_decision_on(asked: &RequestRecord, index: usize) -> bool {
     let wanted = matches!(asked.wanted, RequestedAction::For(Request::Accept | Request::Unhold { .. }));
     let is_later = asked.findings.is_some_and(|kept| u64::try_from(index).is_ok_and(|index| index < kept));
     wanted && asked.answer == Some(Answer::Done) && is_later
 }
 
-/// Returns the verdict of a cycle that its state table ended with this verdict. `because` contains the reasons for
-/// ending the cycle, if it was ended: reasons with a code that no finding has are added after the findings' reasons.
+/// Returns the verdict of a cycle whose state table ended with the verdict `ended`. `because` contains the reasons for
+/// ending the cycle; those with a code that no finding has are added after the reasons of the findings.
 pub fn conclude(ended: Verdict, findings: &[Finding], asked: &[RequestRecord], because: &[Reason]) -> Judgement {
     let counting = || {
         let all = findings.iter().zip(finding_dispositions(findings, asked));
         all.filter(|(_, disposition)| *disposition == Disposition::Counts).map(|(finding, _)| &finding.judgement)
     };
     let found = counting().map(|judgement| judgement.verdict);
-    // Of two equally bad verdicts, the first is used, so the verdict of the cycle's state table stays.
+    // Of two equally severe verdicts the first one is used, so that the verdict of the state table is kept.
     let verdict = found.fold(ended, |worst, found| if found.severity() > worst.severity() { found } else { worst });
     let mut reasons: Vec<Reason> = Vec::new();
     let of_verdict = |judgement: &&Judgement| judgement.verdict != Verdict::Fail || verdict == Verdict::Fail;
@@ -112,18 +113,18 @@ pub fn conclude(ended: Verdict, findings: &[Finding], asked: &[RequestRecord], b
     Judgement { verdict, reasons }
 }
 
-/// The code of the reason that a cycle examined no part.
+/// Code of the reason that no part was examined in the cycle.
 pub const NO_PART: &str = "no_part";
 
-/// Codes of a localization that saw another extent or outline than that of the taught panel.
+/// Codes of a localization in which the extent or the outline differs from that of the taught panel.
 const OTHER_EXTENT_CODES: [&str; 3] = ["outline_differs", "low_overlap", "seen_through"];
-/// Codes of a scan that does not show what lies in the cell.
+/// Codes of a scan that cannot show what is in the cell.
 const UNUSABLE_SCAN_CODES: [&str; 2] = ["camera_moved", "other_scan"];
 
-/// Returns whether nothing, or another object than the taught panel, lay in the cell. The last localization was then
-/// rejected, because the search box is empty, or because both the surface and the extent of the object differ from
-/// those of the taught panel, and both are rejected. An object that differs in only one of the two may be a damaged
-/// part, which is a nonconformance. A cycle with a film or an abrasion had a part.
+/// Returns whether there was no part in the cell. In this case the last localization was rejected, either because the
+/// search box is empty, or because both the surface and the extent of the object differ so much from those of the
+/// taught panel that each of them leads to a rejection. If only one of them differs, the object may be a damaged part,
+/// which is a nonconformance. A cycle with a film or a sanding pass had a part.
 fn found_no_part(findings: &[Finding]) -> bool {
     if findings.iter().any(|finding| matches!(finding.kind, Kind::Inspect | Kind::Abrade)) {
         return false;
@@ -131,7 +132,7 @@ fn found_no_part(findings: &[Finding]) -> bool {
     let located = findings.iter().rfind(|finding| finding.kind == Kind::Locate);
     located.filter(|located| located.judgement.verdict == Verdict::Reject).is_some_and(|located| {
         let has = |code: &&str| located.judgement.reasons.iter().any(|reason| reason.code == *code);
-        // The reasons of a rejection also include those that alone lead to a review.
+        // The reasons of a rejection also contain reasons that alone would lead to a review.
         let is_rejected_by = |code: &str| {
             let breaks = |check: &Check| check.severity == Severity::Reject && !check.is_met();
             located.checks.iter().any(|check| check.code.as_deref() == Some(code) && breaks(check))
@@ -141,7 +142,7 @@ fn found_no_part(findings: &[Finding]) -> bool {
     })
 }
 
-/// Returns whether the reasons of a cycle's verdict state that it examined no part.
+/// Returns whether the reasons of a cycle's verdict state that no part was examined.
 pub fn states_no_part(reasons: &[Reason]) -> bool {
     reasons.first().is_some_and(|first| first.code == NO_PART)
 }
@@ -154,8 +155,8 @@ fn no_part_reason() -> Reason {
     )
 }
 
-/// Returns why the findings do not show that the last film passed and no abrasion followed it, in words with number
-/// and limit; `None` if they show it.
+/// Returns why the findings do not prove that the last film passed and that no sanding pass followed it, as text with
+/// number and limit; `None` if they prove it.
 pub(super) fn missing_film(findings: &[Finding]) -> Option<String> {
     let Some(last) = findings.iter().rposition(|finding| finding.kind == Kind::Inspect) else {
         return Some("it has 0 films (minimum 1)".to_owned());
@@ -170,7 +171,8 @@ pub(super) fn missing_film(findings: &[Finding]) -> Option<String> {
     (verdict != Verdict::Pass).then(found)
 }
 
-/// Lists findings that contradict the verdict `pass` or `accept` of this cycle, as text; none for any other verdict.
+/// Returns the findings that contradict the verdict `pass` or `accept` of this cycle, as texts; empty for any other
+/// verdict.
 pub(super) fn contradicting_findings(
     id: CycleId,
     verdict: Verdict,

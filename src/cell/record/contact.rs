@@ -1,88 +1,87 @@
-//! The part of a contact path that may have been executed, and the grids that it may have touched.
+//! Bounds for the executed part of a contact path, and the grids that the tool may have touched.
 //!
-//! Before a waypoint in contact may be sent, its permission is stored: waypoints are permitted in blocks. So after any
-//! end (a crash, a lost link) the robot has executed at least the reported and at most the permitted waypoints.
-//! Together with the waypoint from which on the disc reaches each grid, this limits the grids that can have been
-//! touched.
+//! Waypoints in contact are permitted in blocks: before a waypoint may be sent, the permission is stored. Therefore,
+//! after any end (a crash, a lost link), the robot has executed at least the reported and at most the permitted
+//! waypoints. Together with the first waypoint of each grid, this gives the grids that the tool may have touched.
 
 use super::finding::{CycleId, Finding, Kind};
 use crate::cycle::{Id, Motion, Outcome, Path};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// A motion, stored before its first waypoint.
+/// A motion; stored before its first waypoint is sent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MotionRecord {
     /// The motion.
     pub motion: Motion,
-    /// The end of the motion; `None` while it is open.
+    /// The outcome of the motion; `None` while it is in progress.
     pub outcome: Option<Outcome>,
-    /// Number of executed waypoints that the robot reported at the motion's end; without meaning if it did not report.
+    /// Number of executed waypoints that the robot reported at the end of the motion; undefined without a report.
     pub done: u32,
-    /// For a contact path, the treated grids and the progress, as far as they were recorded.
+    /// For a contact path: its grids and its progress, if they were recorded.
     pub contact: Option<Contact>,
 }
 
-/// The data of a contact path: grids, pass and wear; stored with the motion, before its first waypoint.
+/// The grids, the sanding pass and the wear of a contact path; stored with the motion, before its first waypoint is
+/// sent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ContactPath {
-    /// The action that moves; the robot reports its progress under this id.
+    /// The id of the action that starts the motion; the robot reports its progress with this id.
     pub id: Id,
-    /// Number of the pass, from 1.
+    /// Number of the sanding pass, from 1.
     pub pass: u8,
-    /// The planned grids, each with the first waypoint of the motion in which the disc reaches it.
+    /// The planned grids, each with the first waypoint at which the disc reaches it.
     pub grids: Vec<FirstReached>,
-    /// Wear of the disc by the whole path, mm²; added before the path begins.
+    /// Wear of the disc by the whole path, mm²; counted before the path begins.
     pub wears_mm2: f64,
 }
 
-/// The first waypoint at which a grid is touched.
+/// A grid, with the first waypoint at which the disc reaches it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FirstReached {
     /// The grid.
     pub grid: String,
-    /// The number of the first waypoint on the grid, counted as [`Motion::waypoints`](crate::cycle::Motion::waypoints)
-    /// counts, from 1.
+    /// Number of this waypoint, from 1, counted like [`Motion::waypoints`](crate::cycle::Motion::waypoints).
     pub first: u32,
 }
 
-/// A contact path, the robot's reports and the permitted waypoints.
+/// A contact path, with the reported and the permitted number of waypoints.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Contact {
     /// The path.
     pub path: ContactPath,
-    /// Number of executed waypoints, as far as the robot reported.
+    /// Number of executed waypoints that the robot has reported.
     pub told: u32,
-    /// Number of waypoints that were permitted to be sent.
+    /// Number of waypoints that may be sent.
     pub permitted: u32,
 }
 
-/// Lower and upper bound of a number of waypoints.
+/// Lower and upper bound of the number of executed waypoints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bounds {
-    /// The number that was certainly executed.
+    /// Number of waypoints that were certainly executed.
     pub at_least: u32,
-    /// The largest number that can have been executed.
+    /// Number of waypoints that can have been executed at most.
     pub at_most: u32,
 }
 
-/// A grid that the tool touched or may have touched.
+/// A grid that the tool has touched, or may have touched.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TouchedGrid {
     /// The grid.
     pub grid: String,
-    /// Whether a waypoint on the grid was certainly executed.
+    /// Whether a waypoint of the grid was certainly executed.
     pub is_sure: bool,
 }
 
 impl MotionRecord {
-    /// Returns whether the robot reported how the motion ended. It did not report this if the motion is open, or if a
-    /// person cleared the motion.
+    /// Returns whether the robot reported the end of the motion. It did not if the motion is still open, or if a person
+    /// cleared it.
     pub fn is_end_reported(&self) -> bool {
         self.outcome.is_some_and(|outcome| outcome != Outcome::Cleared)
     }
 
-    /// Returns the bounds of the number of executed waypoints; `None` if nothing was stored that limits it.
+    /// Returns bounds for the number of executed waypoints; `None` if no bound was stored.
     pub fn executed_bounds(&self) -> Option<Bounds> {
         if self.is_end_reported() {
             return Some(Bounds { at_least: self.done, at_most: self.done });
@@ -91,14 +90,14 @@ impl MotionRecord {
         Some(Bounds { at_least: contact.told, at_most: contact.permitted.max(contact.told) })
     }
 
-    /// Returns the grids that were touched, or may have been; `None` if this was not stored. The list is empty for
-    /// other motions.
+    /// Returns the grids that the tool has touched, or may have touched; `None` if the grids were not stored. Empty for
+    /// motions without contact.
     pub fn touched_grids(&self) -> Option<Vec<TouchedGrid>> {
         if self.motion.path != Path::Contact {
             return Some(Vec::new());
         }
         let (contact, executed) = (self.contact.as_ref()?, self.executed_bounds()?);
-        // If the robot reported the motion's end, the tool may have been on its way to the next waypoint.
+        // Even after a reported end, the tool may already have moved towards the next waypoint.
         let begun = executed.at_most + u32::from(self.is_end_reported());
         let grids = contact.path.grids.iter().filter(|reached| reached.first <= begun);
         let touched = |reached: &FirstReached| TouchedGrid {
@@ -109,27 +108,27 @@ impl MotionRecord {
     }
 }
 
-/// The effect of the tool on a grid in a pass.
+/// How a grid was sanded in a pass.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AbradedGrid {
-    /// The grid; `None` means any grid, because the grids were not stored.
+    /// The grid; `None` for any grid, because the grids were not stored.
     pub grid: Option<String>,
     /// The pass.
     pub pass: u8,
-    /// The extent of the abrasion.
+    /// The extent to which the grid was sanded.
     pub how: AbrasionExtent,
 }
 
-/// The extent to which a grid was abraded.
+/// The extent to which a grid was sanded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AbrasionExtent {
-    /// The grid was abraded as planned.
+    /// The grid was sanded as planned.
     Whole,
-    /// The grid was abraded in part, according to the poses that the robot reported.
+    /// The grid was partly sanded, according to the poses that the robot reported.
     InPart,
-    /// The grid was touched; the touched part is not known.
+    /// The tool was on the grid; the sanded part is unknown.
     Touched,
-    /// The grid may have been touched.
+    /// The tool may have been on the grid.
     PossiblyTouched,
 }
 
@@ -140,25 +139,25 @@ impl AbrasionExtent {
     }
 }
 
-/// A certain or possible contact of the tool with a grid in an earlier cycle of the same panel.
+/// A certain or possible contact between the tool and a grid in an earlier cycle with the same part.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EarlierPass {
     /// The cycle.
     pub cycle: CycleId,
-    /// Number of the pass.
+    /// Number of the sanding pass.
     pub pass: u8,
-    /// The grid; `None` means any grid.
+    /// The grid; `None` for any grid.
     pub grid: Option<String>,
-    /// Whether the grid was certainly touched.
+    /// Whether the contact is certain.
     pub is_sure: bool,
-    /// Whether a person stated this pass at the start of the cycle: the store was restored from a backup and lacks the
-    /// cycle of the pass.
+    /// Whether a person stated this pass in a start request, because the store was restored from a backup and its cycle
+    /// is missing.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub is_stated: bool,
 }
 
-/// Returns what the tool touched, or may have touched: according to the findings, and without a finding according to
-/// the permitted waypoints of each motion.
+/// Returns the grids that were sanded, or may have been: according to the findings or, for a motion without a finding,
+/// according to its permitted waypoints.
 pub fn abraded_grids(findings: &[Finding], motions: &[MotionRecord]) -> Vec<AbradedGrid> {
     let mut all = Vec::new();
     let passes = findings.iter().filter(|finding| finding.kind == Kind::Abrade);
@@ -171,13 +170,13 @@ pub fn abraded_grids(findings: &[Finding], motions: &[MotionRecord]) -> Vec<Abra
             }));
         }
     }
-    // A finding is stored just before the end of its motion, and only if the robot reported that end.
+    // A finding is stored immediately before the end of its motion, and only if the robot reported this end.
     let mut findings = passes;
     for record in motions.iter().filter(|record| record.motion.path == Path::Contact) {
         let found = if record.is_end_reported() { findings.next() } else { None };
         let pass = record.contact.as_ref().map_or(0, |contact| contact.path.pass);
         let Some(touched) = record.touched_grids() else {
-            // An earlier version of this program recorded only the end, with its finding.
+            // An earlier version of this program did not record the grids, only the end of the motion and its finding.
             let unknown = AbradedGrid { grid: None, pass, how: AbrasionExtent::PossiblyTouched };
             all.extend((!record.is_end_reported()).then_some(unknown));
             continue;
@@ -189,15 +188,14 @@ pub fn abraded_grids(findings: &[Finding], motions: &[MotionRecord]) -> Vec<Abra
         all.extend(unreported.map(|TouchedGrid { grid, is_sure }| AbradedGrid {
             grid: Some(grid),
             pass,
-            // A grid that the finding does not name was not reached, except possibly during the motion to the next
-            // waypoint.
+            // A grid that the finding does not name was not reached, except possibly on the way to the next waypoint.
             how: if is_sure && found.is_none() { AbrasionExtent::Touched } else { AbrasionExtent::PossiblyTouched },
         }));
     }
     all
 }
 
-/// Returns the number of passes in which the tool was, or may have been, on the panel.
+/// Returns the number of passes in which the tool was, or may have been, in contact with the panel.
 pub fn touching_passes(findings: &[Finding], motions: &[MotionRecord]) -> usize {
     let passes: BTreeSet<u8> = abraded_grids(findings, motions).into_iter().map(|abraded| abraded.pass).collect();
     passes.len()
@@ -225,8 +223,8 @@ mod tests {
         touched.into_iter().map(|touched| (touched.grid, touched.is_sure)).collect()
     }
 
-    /// Calculated by hand: 4 waypoints were reported and 16 permitted, so r1c1 (2) was touched, r1c2 (10) may have
-    /// been, and r1c3 (30) was not.
+    /// Expected values, calculated by hand: 4 waypoints were reported and 16 permitted. So the tool has touched r1c1
+    /// (first waypoint 2), may have touched r1c2 (10), and has not touched r1c3 (30).
     #[test]
     fn an_unknown_end_lies_between_what_was_reported_and_what_was_permitted() {
         for outcome in [None, Some(Outcome::Cleared)] {
@@ -239,7 +237,7 @@ mod tests {
         assert_eq!((unkept.executed_bounds(), unkept.touched_grids()), (None, None));
     }
 
-    /// With 9 waypoints executed, the tool may have been on its way to waypoint 10.
+    /// After 9 executed waypoints, the tool may have moved towards waypoint 10.
     #[test]
     fn a_known_end_is_exact_but_for_the_way_to_the_next_waypoint() {
         let record = motion(Some(Outcome::Held), 9, (8, 32));

@@ -1,63 +1,64 @@
-//! Requests in a cycle's record: what was requested, by whom, and the result.
+//! The requests in a cycle's record: the requested action, its sender, and the result.
 
 use crate::cycle::Request;
 use panelprep_base::verdict::Reason;
 use serde::{Deserialize, Serialize};
 
-/// One request in a cycle's record.
+/// A request in a cycle's record.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RequestRecord {
     /// Time of the request, ms since 1970.
     pub unix_ms: i64,
     /// The requested action.
     pub wanted: RequestedAction,
-    /// The sender; `None` if it was not recorded.
+    /// The sender; `None` if the sender was not recorded.
     pub who: Option<RequestAuthor>,
-    /// The result; `None` if it was not recorded: the program ended before, or an earlier version wrote the record.
+    /// The result; `None` if it was not recorded, because the program ended earlier or an earlier version wrote the
+    /// record.
     pub answer: Option<Answer>,
-    /// The reason why the request was not carried out; if it was carried out, remarks.
+    /// The reasons why the request was not performed; for a performed request, remarks.
     pub reasons: Vec<Reason>,
-    /// Number of findings of the cycle that were stored at the time of the request: the basis of the decision. `None`
-    /// if it was not recorded.
+    /// Number of findings of the cycle at the time of the request, which were the basis of the decision. `None` if it
+    /// was not recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub findings: Option<u64>,
 }
 
-/// Actions that can be requested.
+/// The actions that can be requested.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RequestedAction {
-    /// A request on which the cycle's state table decides.
+    /// A request that the cycle's state table decides.
     For(Request),
     /// A request to record that a new disc was mounted.
     NewDisc,
-    /// A cycle with this recipe, which was refused before the state table decided.
+    /// A start of a cycle that was refused before the state table received it.
     Start {
-        /// The recipe's file as named in the request.
+        /// The recipe's file, as named in the request.
         recipe: String,
     },
-    /// A person went through a stage of the controller's proofs, or signed its page.
+    /// The acceptance tests of the controller: a person has performed a stage, or has signed its page.
     Proofs {
         /// The letter of the stage.
         stage: String,
-        /// The checksum that the controller's programs reported.
+        /// The checksum that the controller reported for its programs.
         programs_sum: i32,
         /// SHA-256 of the page.
         page_sha256: String,
-        /// The person at the controller, or the one who signed.
+        /// The person who performed the tests, or who signed the page.
         by: String,
-        /// What the page shows.
+        /// The result that the page shows.
         result: ProofsResult,
     },
 }
 
-/// What a page of the controller's proofs shows.
+/// The result of a stage of the controller's acceptance tests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ProofsResult {
-    /// A row was found wrong on a real controller: pages of this stage that were signed before do not count any more.
+    /// A test failed on a real controller; pages of this stage that were signed before are no longer valid.
     Wrong,
-    /// Each row was proven; the page can be signed.
+    /// All tests passed; the page can be signed.
     Proven,
     /// A person signed the page.
     Signed,
@@ -66,36 +67,36 @@ pub enum ProofsResult {
 /// The sender of a request.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RequestAuthor {
-    /// Interface through which the request came.
+    /// The interface through which the request was sent.
     pub front: RequestSource,
-    /// The number of the operating system's user; `None` if it is not known.
+    /// The user id in the operating system; `None` if it is unknown.
     pub uid: Option<u32>,
-    /// The user's name; `None` if the system has no name for the number.
+    /// The user's name; `None` if the operating system has no name for this id.
     pub user: Option<String>,
-    /// The address of the sender's computer; `None` if there is none or it is not known.
+    /// The address of the sender's computer; `None` if it is unknown, or there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from: Option<String>,
 }
 
-/// The path by which a request arrived.
+/// The interface through which a request was sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RequestSource {
-    /// The service's socket, as `panelprep ctl` uses it.
+    /// The service's socket, used by `panelprep ctl`.
     Socket,
     /// The operator's page.
     Page,
     /// A method of the OPC UA server.
     OpcUa,
-    /// The command that runs one cycle.
+    /// The command that runs a single cycle.
     Command,
-    /// A host application, by MQTT Sparkplug.
+    /// A host application, through MQTT Sparkplug.
     Sparkplug,
-    /// A production line, by digital signals at the robot's controller.
+    /// A production line, through digital signals of the robot controller.
     Line,
     /// SIGTERM or SIGINT.
     Signal,
-    /// The program itself, such as a reset with a failed self-test.
+    /// The program itself, for example the result of a reset whose self-test failed.
     Program,
 }
 
@@ -103,16 +104,16 @@ pub enum RequestSource {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Answer {
-    /// The request was accepted, and carried out as far as possible at once.
+    /// The request was accepted, and performed as far as this is possible immediately.
     Done,
-    /// It was refused: no part was done.
+    /// The request was refused without any action.
     Refused,
-    /// The cell could not carry out the request.
+    /// The cell could not perform the request.
     Failed,
 }
 
 impl RequestAuthor {
-    /// Returns a sender of which only this source is known.
+    /// Returns a sender of which only the interface is known.
     pub fn from_source(front: RequestSource) -> Self {
         RequestAuthor { front, uid: None, user: None, from: None }
     }

@@ -1,6 +1,6 @@
-//! Proves that the archive contains what the cells sent: no record number is missing, every content matches its hash,
-//! and every signature its key. Every statement refers to the one before it, and every file is complete. The archive
-//! also agrees with the list of each cell that supplied one.
+//! Checks that the archive contains everything that the cells have sent: no record number is missing, every content
+//! matches its hash, every signature its key, every statement refers to the previous one, and every file is complete.
+//! If a cell has supplied a list of its records, the archive must agree with this list.
 
 use super::database::{self, ArchiveError};
 use super::files::{ContentFiles, FileState};
@@ -10,45 +10,45 @@ use panelprep_store::signing::{CHAIN_START_HASH, Statement};
 use std::collections::{BTreeMap, BTreeSet};
 use tokio_postgres::{Client, Row};
 
-/// Number of records that are read at a time.
+/// Number of records that are read in one query.
 const BATCH_RECORDS: i64 = 500;
-/// The maximum number of messages for one cell; further ones are only counted.
+/// Maximum number of problems that are listed for a cell; further problems are only counted.
 const MAX_MESSAGES: usize = 200;
 
-/// A cell's list of its records.
+/// A cell, with the list of its records.
 #[derive(Debug, Clone)]
 pub struct CellList {
     /// The cell.
     pub cell: CellName,
-    /// The cell's list (`panelprep store list`).
+    /// The cell's list, the output of `panelprep store list`.
     pub entries: Vec<ListEntry>,
 }
 
-/// The result of the check of one cell.
+/// The result of the check for one cell.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct CheckedCell {
     /// The cell.
     pub cell: String,
     /// Its records.
     pub records: u64,
-    /// Number of the records' signatures that are valid.
+    /// Number of valid signatures of records.
     pub signatures: u64,
-    /// Number of files that the records name and that are complete.
+    /// Number of complete files that the records name.
     pub files: u64,
-    /// Number of files that the cell had already removed when it sent the record.
+    /// Number of files that the cell had already removed before it sent the record.
     pub missing_in_cell: u64,
-    /// Number of records that the cell's list contains with the same hash; `None` if no list of the cell was given.
+    /// Number of records that are in the cell's list with the same hash; `None` without a list.
     pub matching: Option<u64>,
-    /// The keys with which the cell's statements are signed.
+    /// The public keys of the signatures on the cell's statements.
     pub keys: Vec<String>,
     /// The problems, as texts.
     pub problems: Vec<String>,
 }
 
-/// Checks every cell in the archive, and every cell that supplied a list.
+/// Checks all cells in the archive, and all cells that supplied a list.
 ///
 /// # Errors
-/// If the database or the folder cannot be read.
+/// If the database or the folder of files cannot be read.
 pub async fn check_archive(
     settings: &ArchiveSettings,
     lists: &[CellList],
@@ -117,11 +117,10 @@ fn position(row: &Row) -> Position {
     Position { epoch: row.get(0), number: row.get::<_, i64>(1).unsigned_abs() }
 }
 
-/// The hash of a statement, and the hash of the previous statement, which the statement contains.
+/// The hash of a statement, and the hash of the previous statement that it contains.
 type Link = (String, String);
 
-/// Checks a row of the table of records: builds the message from it again, and verifies the message's hash and
-/// signature.
+/// Checks a row of the table of records: rebuilds the message, and verifies its hash and its signature.
 fn check_record(
     row: &Row,
     cell: &str,
@@ -168,7 +167,7 @@ fn check_record(
     listed
 }
 
-/// Builds the received message from a stored record and reads it again, so that its signature is verified once more.
+/// Rebuilds the received message from a stored record and parses it, so that its signature is verified again.
 fn reread_message(cell: &str, envelope: ItemEnvelope) -> Result<Option<(Statement, String)>, String> {
     let message = Message { cell: CellName::new(cell)?, envelope };
     let bytes = message.bytes().map_err(|error| error.to_string())?;
@@ -192,7 +191,7 @@ fn check_gap(before: &Position, here: &Position, found: &mut Vec<String>) {
     found.push(format!("{numbers} of epoch {}: not received", here.epoch));
 }
 
-/// Finds statements that are missing, that do not contain the hash of the one before, or that have the same number.
+/// Finds missing statements, statements without the hash of the previous one, and statements with the same number.
 fn find_chain_breaks(statements: &BTreeMap<u64, Vec<Link>>) -> Vec<String> {
     let mut found = Vec::new();
     let mut before: Option<(u64, &str)> = None;

@@ -1,4 +1,4 @@
-//! The connection to the database, the tables with their step-by-step update, and the errors of the archive.
+//! The connection to the database, the tables and their migration, and the errors of the archive.
 
 use crate::broker::BrokerError;
 use panelprep_base::trust::{self, TrustError};
@@ -11,7 +11,7 @@ use tokio_postgres::{Client, Config, NoTls};
 use tokio_postgres_rustls::MakeRustlsConnect;
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
-/// Time limit for connecting and for updating the tables.
+/// Maximum time to connect, and to create or update the tables.
 const OPEN_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Errors of the archive.
@@ -33,13 +33,13 @@ pub enum ArchiveError {
         /// PostgreSQL's message.
         problem: String,
     },
-    /// The database accepted a statement but does not answer.
+    /// The database accepted a statement but does not reply.
     #[error("the database has not responded for {seconds} s; check the database server and the network")]
     Silent {
-        /// Time without an answer, s.
+        /// Time without a reply, s.
         seconds: u64,
     },
-    /// The database's encoding cannot represent every text.
+    /// The encoding of the database cannot represent all texts.
     #[error(
         "the database has the encoding {found}, but UTF8 is required: create the database with `createdb -E UTF8 \
          -T template0`"
@@ -48,21 +48,21 @@ pub enum ArchiveError {
         /// Encoding of the database.
         found: String,
     },
-    /// The tables were written by a later version of this program.
+    /// The tables were written by a newer version of this program.
     #[error(
         "the database has tables of version {found}, this program supports versions up to {known}: use the newer \
          program"
     )]
     Newer {
-        /// Version of the tables.
+        /// Version of the tables in the database.
         found: i32,
-        /// The newest version that this program supports.
+        /// Newest version of the tables that this program supports.
         known: i32,
     },
     /// The broker.
     #[error(transparent)]
     Broker(#[from] BrokerError),
-    /// A stored file that a record names cannot be used.
+    /// A file that a record names cannot be read or written.
     #[error(transparent)]
     Kept(#[from] StoreError),
     /// A file operation failed.
@@ -83,7 +83,7 @@ pub enum ArchiveError {
 impl ArchiveError {
     pub(super) fn database(doing: &'static str) -> impl Fn(tokio_postgres::Error) -> ArchiveError {
         move |error| {
-            // The library's error contains the server's own message.
+            // The error of the library contains the server's message.
             let problem = error.as_db_error().map_or(error.to_string(), ToString::to_string);
             ArchiveError::Database { operation: doing, problem }
         }
@@ -96,22 +96,21 @@ impl ArchiveError {
         move |source| ArchiveError::File { operation: doing, path: path.to_owned(), source }
     }
 
-    /// Returns whether the error may end without intervention, such as a network failure, a server restart or a full
-    /// disk.
+    /// Returns whether the error may be temporary, such as a network failure, a restart of the server or a full disk.
     pub fn is_transient(&self) -> bool {
         !matches!(self, ArchiveError::Newer { .. } | ArchiveError::Encoding { .. } | ArchiveError::Trust(_))
     }
 }
 
-/// Describes the address of a database for people.
+/// Returns the address of a database as text for people.
 fn describe_address(DatabaseSettings { host, port, name, user, .. }: &DatabaseSettings) -> String {
     format!("{name} (user {user}) at {host}:{port}")
 }
 
-/// Runs an operation within a time limit; an operation that is not complete in time counts as failed.
+/// Runs an operation with a time limit.
 ///
 /// # Errors
-/// If the database does not answer in time, and the errors of the operation.
+/// If the database does not reply in time, or the operation fails.
 pub(super) async fn with_timeout<T>(
     limit: Duration,
     doing: impl Future<Output = Result<T, ArchiveError>>,
@@ -119,7 +118,7 @@ pub(super) async fn with_timeout<T>(
     timeout(limit, doing).await.unwrap_or(Err(ArchiveError::Silent { seconds: limit.as_secs() }))
 }
 
-/// Connects, and creates or updates the tables.
+/// Connects to the database, and creates or updates the tables.
 pub(super) async fn open(database: &DatabaseSettings) -> Result<Client, ArchiveError> {
     let opening = async {
         let mut client = connect(database).await?;
@@ -174,12 +173,12 @@ async fn connect(database: &DatabaseSettings) -> Result<Client, ArchiveError> {
     }
 }
 
-/// The newest version that this program supports.
+/// Newest version of the tables that this program supports.
 const TABLES_VERSION: i32 = 1;
 
-/// `records` contains what cells sent; `epochs` contains the number up to which each epoch is complete;
-/// `contradictions` contains messages whose name is already stored with other content. The other tables are derived
-/// from records, for pages.
+/// `records` contains the records that the cells have sent, `epochs` the number up to which each epoch is complete, and
+/// `contradictions` the messages with the name of a stored record but other content. All other tables are derived from
+/// the records, for the pages.
 const TABLES: &str = "
     CREATE TABLE records (
         cell TEXT NOT NULL,
@@ -297,7 +296,7 @@ const TABLES: &str = "
     );
 ";
 
-/// Creates the tables, or updates them. Two archives that start at the same time wait for each other.
+/// Creates or updates the tables. A lock makes two archives that start at the same time wait for each other.
 async fn update_tables(client: &mut Client) -> Result<(), ArchiveError> {
     let failed = ArchiveError::database("make its tables");
     let transaction = client.transaction().await.map_err(&failed)?;

@@ -1,5 +1,5 @@
-//! The archive's files: the name of each is its SHA-256, and a file is complete or absent, as in a store. They are in
-//! 256 folders, named by the first two digits.
+//! The files of the archive. The name of a file is its SHA-256 hash; a file is either complete or absent, as in a
+//! store. The files are in 256 folders, named by the first two digits of the hash.
 
 use super::database::ArchiveError;
 use panelprep_cell::files::is_hex;
@@ -9,7 +9,7 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// A folder of files that are named by their content.
+/// A folder of files that are named by the hash of their content.
 #[derive(Debug, Clone)]
 pub(super) struct ContentFiles(PathBuf);
 
@@ -26,8 +26,8 @@ impl ContentFiles {
         ContentFiles(folder.to_owned())
     }
 
-    /// Creates the folder, then writes and removes a file there, so that a problem is found at the start and not with
-    /// the first picture.
+    /// Creates the folder, and writes and removes a test file, so that a problem is found at the start and not with the
+    /// first picture.
     pub fn check_writable(&self) -> Result<(), ArchiveError> {
         let trial = self.0.join(".trial");
         fs::create_dir_all(&self.0).map_err(ArchiveError::file_error("make", &self.0))?;
@@ -39,8 +39,7 @@ impl ContentFiles {
         Blobs::for_folder(self.0.join(hash.get(..2).unwrap_or("")))
     }
 
-    /// Stores these bytes under their hash. A file that exists already is not written again; a damaged one is
-    /// replaced.
+    /// Writes a file with this hash and content. An existing file is not written again, unless it is damaged.
     pub fn store(&self, hash: &str, bytes: &[u8]) -> Result<(), ArchiveError> {
         let near = self.blobs_for_hash(hash);
         near.create_folder()?;
@@ -54,12 +53,12 @@ impl ContentFiles {
         Ok(())
     }
 
-    /// Returns the bytes of a file that is complete; `None` for a text that is not a hash.
+    /// Returns the content of a file; `None` if the file is missing or damaged, or the text is not a hash.
     pub fn get(&self, hash: &str) -> Option<Vec<u8>> {
         is_hex(hash, 64).then(|| self.blobs_for_hash(hash).get(hash).ok()).flatten()
     }
 
-    /// Returns whether every file that this record names is here, except the files that its cell no longer had.
+    /// Returns whether all files that a record names are complete, except the files that the cell had already removed.
     pub fn has_all_files(&self, message: &Message) -> bool {
         let Body::Signature { files, .. } = &message.envelope.body else { return true };
         files

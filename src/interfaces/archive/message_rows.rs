@@ -1,5 +1,5 @@
-//! Stores messages: all rows of a batch in one transaction. The rows that are derived from a message for the pages of
-//! the office are made by pure functions.
+//! Stores messages in the database: all rows of a batch in one transaction. Pure functions compute the rows for the
+//! office's pages from each message.
 
 use super::database::ArchiveError;
 use futures_util::future::try_join_all;
@@ -13,20 +13,20 @@ use std::collections::BTreeMap;
 use strum::IntoEnumIterator;
 use tokio_postgres::{Client, Transaction};
 
-/// The result of a batch.
+/// The result of storing a batch of messages.
 #[derive(Debug, Default)]
 pub(super) struct BatchResult {
-    /// Messages that are new.
+    /// Number of new messages.
     pub new: u64,
-    /// Messages that were already stored, with the same content.
+    /// Number of messages that were already stored with the same content.
     pub known: u64,
-    /// Descriptions of the messages whose name is already stored with other content.
+    /// Descriptions of the messages with the name of a stored record but other content.
     pub contradictions: Vec<String>,
-    /// The number up to which each epoch is complete now, for every epoch with a message in the batch.
+    /// The number up to which each epoch is now complete, for all epochs in the batch.
     pub archived: BTreeMap<(CellName, String), u64>,
 }
 
-/// Stores these messages, in the order in which they came.
+/// Stores messages in the order of their arrival.
 pub(super) async fn store_messages(client: &mut Client, messages: &[Message]) -> Result<BatchResult, ArchiveError> {
     let failed = ArchiveError::database("keep records");
     let transaction = client.transaction().await.map_err(&failed)?;
@@ -58,7 +58,7 @@ pub(super) async fn store_messages(client: &mut Client, messages: &[Message]) ->
     Ok(kept)
 }
 
-/// Inserts a message; returns whether it is new.
+/// Inserts a message, and returns whether it is new.
 async fn insert(transaction: &Transaction<'_>, (message, hash): (&Message, &str)) -> Result<bool, ArchiveError> {
     let sql = "INSERT INTO records (cell, epoch, number, kind, unix_ms, hash, content, signature, public_key)
         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9) ON CONFLICT DO NOTHING";
@@ -88,8 +88,8 @@ async fn insert(transaction: &Transaction<'_>, (message, hash): (&Message, &str)
     Ok(count == 1)
 }
 
-/// Returns a text about the contradiction if other content is stored under the name of this message; the new content is
-/// then stored as a contradiction.
+/// If a record with this name but other content is already stored: stores the new content as a contradiction, and
+/// returns a text about it.
 async fn store_contradiction(
     transaction: &Transaction<'_>,
     (message, hash): (&Message, &str),
@@ -130,7 +130,7 @@ async fn insert_files(transaction: &Transaction<'_>, message: &Message) -> Resul
     transaction.execute(sql, &values).await.map(drop).map_err(ArchiveError::database("store the files of a record"))
 }
 
-/// Writes the rows for the office's pages, which are derived from the message.
+/// Inserts the rows for the office's pages, which are computed from the message.
 async fn insert_derived_rows(
     transaction: &Transaction<'_>,
     (message, hash): (&Message, &str),
@@ -233,7 +233,7 @@ async fn signature(
     transaction.execute(sql, &values).await.map(drop).map_err(&failed)
 }
 
-/// Returns the number up to which an epoch has no gap, and writes it if it is higher than before.
+/// Returns the number up to which an epoch is complete, and stores it if it has increased.
 async fn update_archived_number(
     transaction: &Transaction<'_>,
     cell: &CellName,
@@ -258,7 +258,7 @@ async fn update_archived_number(
     Ok(archived.unsigned_abs())
 }
 
-/// Returns every epoch with the number up to which it is complete.
+/// Returns all epochs, each with the number up to which it is complete.
 pub(super) async fn epochs(client: &Client) -> Result<Vec<(CellName, String, u64)>, ArchiveError> {
     let sql = "SELECT cell, epoch, archived FROM epochs ORDER BY cell, epoch";
     let rows = client.query(sql, &[]).await.map_err(ArchiveError::database("read its epochs"))?;
@@ -273,7 +273,7 @@ fn number(number: u64) -> i64 {
     i64::try_from(number).unwrap_or(i64::MAX)
 }
 
-/// The rows of a message.
+/// The rows that are computed from a message.
 #[derive(Debug, Clone, PartialEq)]
 enum Rows {
     Cycle(CycleEnd),
@@ -281,20 +281,21 @@ enum Rows {
     Signature(SignatureRows),
 }
 
-/// Rows of a statement's signature.
+/// The rows of a signed statement.
 #[derive(Debug, Clone, PartialEq)]
 struct SignatureRows {
     pub cycle: i64,
-    /// The number of the statement among all statements of its cell.
+    /// The number of the statement within its cell.
     pub statement: u64,
     pub unix_ms: i64,
-    /// The person who signed and the meaning of the signature, as text; `None` for the cell itself.
+    /// The name of the person who signed, and the meaning of the signature; `None` if the cell signed.
     pub person: Option<(String, &'static str)>,
-    /// The numbers of the cycle, if the cell's own statement contains them and this program can read its record.
+    /// The measured quantities of the cycle; `None` if the statement does not contain them, or this program cannot read
+    /// its record.
     pub quantities: Option<Quantities>,
 }
 
-/// Measured quantities of a cycle.
+/// The measured quantities of a cycle.
 #[derive(Debug, Clone, PartialEq)]
 struct Quantities {
     pub started_unix_s: i64,
@@ -304,7 +305,7 @@ struct Quantities {
 }
 
 impl Rows {
-    /// Derives the rows from a message, whose content was already read when it arrived.
+    /// Computes the rows of a message, whose content was already parsed on arrival.
     pub fn from_message(message: &Message) -> Result<Self, String> {
         let wrong = |error: serde_json::Error| error.to_string();
         match &message.envelope.body {
@@ -332,12 +333,12 @@ fn signature_rows(statement: &Statement) -> SignatureRows {
     }
 }
 
-/// Returns the quantities of a cycle; `None` if the record is of another version of the program and cannot be read.
-/// The archive stores such a record all the same.
+/// Returns the quantities of a cycle; `None` if another version of the program wrote the record in a format that cannot
+/// be read. The archive stores such a record, too.
 fn extract_quantities(cycle: &SignedCycle) -> Option<Quantities> {
     let record = cycle.cycle_record().ok()?;
     let past = PastCycle { record, part: cycle.part.clone(), disc: None };
-    // The cell's own trends leave out these cycles as well.
+    // The trends of the cell exclude these cycles as well.
     if past.record.is_air_run() || past.record.has_no_part() {
         return None;
     }

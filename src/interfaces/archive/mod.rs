@@ -1,6 +1,6 @@
-//! The office's archive: it receives from the broker what the cells send, and stores the records in PostgreSQL and the
-//! files in a folder. It reports to each cell up to which number it has everything. Later it proves that nothing is
-//! missing, changed or contradictory.
+//! The archive on the office server. It receives from the broker what the cells send, stores the records in PostgreSQL
+//! and the files in a folder, and reports to each cell the number up to which all of its records are stored. A later
+//! check shows whether anything is missing, changed or contradictory.
 //!
 //! ```text
 //! cell ─▶ broker ─▶ `receiving`: parts put together, messages read and verified
@@ -9,9 +9,9 @@
 //!                               └─▶ only then: acknowledged to the broker, reported to the cell
 //! ```
 //!
-//! Data that arrives twice is stored once. If it arrives twice with different content, the second content is stored as
-//! a contradiction beside the first. Tables that pages read (`cycles`, `quantities`, `verifications`) are made from
-//! the records in the same transaction, and can be made again from them.
+//! Data that arrive twice are stored once. If they arrive again with other content, the second content is stored as a
+//! contradiction beside the first. The tables for the pages (`cycles`, `quantities`, `verifications`) are computed from
+//! the records in the same transaction, and can be computed again.
 
 mod checking;
 mod database;

@@ -1,13 +1,13 @@
-//! The data that the office's pages read:
+//! The queries of the office's pages:
 //!
 //! - the current state of all cells
 //! - cycles, the newest first, and single cycles with their records
 //! - the values of one quantity of a panel
-//! - the verifications in all cells, which show the cell that differs from the others
-//! - recipes by their content: the cells in which each version ran, and since when
-//! - accounts: a person with an account may read, and no account may change anything
+//! - the verifications in all cells, which show a cell that differs from the others
+//! - recipes by their content: the cells in which each version was used, and since when
+//! - accounts: a person with an account may read; no account may change data
 //!
-//! A [`Reader`] has one connection to the database, and the folder of files. Every query uses an index and ends after a
+//! A [`Reader`] has one connection to the database, and the folder of files. Every query uses an index and returns a
 //! limited number of rows, so that it is as fast with a million records as with a thousand.
 
 use super::database::{self, ArchiveError};
@@ -23,10 +23,10 @@ use tokio::sync::Mutex;
 use tokio_postgres::Client;
 use tokio_postgres::types::ToSql;
 
-/// Maximum time that a page waits for the database.
+/// Maximum time until the database replies to a query of a page.
 const QUERY_TIMEOUT: Duration = Duration::from_secs(15);
 
-/// A reader of the archive. Clones share one connection, which is replaced if it was lost.
+/// A reader of the archive. Clones share one connection, which is renewed after it was lost.
 #[derive(Clone)]
 pub struct Reader {
     settings: Arc<ArchiveSettings>,
@@ -37,13 +37,13 @@ pub struct Reader {
 type SqlValues<'v> = &'v [&'v (dyn ToSql + Sync)];
 
 impl Reader {
-    /// Creates a reader of the archive with these settings; it does not connect yet.
+    /// Creates a reader of the archive with these settings, without connecting to the database.
     pub fn new(settings: &ArchiveSettings) -> Self {
         let files = ContentFiles::in_folder(&settings.files);
         Reader { settings: Arc::new(settings.clone()), client: Arc::default(), files }
     }
 
-    /// Returns the bytes of a file that a record names; `None` if it is missing or not whole.
+    /// Returns the content of a file that a record names; `None` if the file is missing or damaged.
     pub fn file(&self, hash: &str) -> Option<Vec<u8>> {
         self.files.get(hash)
     }
@@ -63,8 +63,8 @@ impl Reader {
     async fn rows(&self, sql: &str, values: SqlValues<'_>) -> Result<Vec<tokio_postgres::Row>, ArchiveError> {
         let failed = ArchiveError::database("read the archive");
         let client = self.client().await?;
-        // The library does not prepare these queries: each preparation would need one more round trip, and the server
-        // plans them in less than a millisecond.
+        // These queries are not prepared: a preparation would need another round trip, and the server plans them in
+        // less than a millisecond.
         self.with_timeout(async { client.query(sql, values).await.map_err(failed) }).await
     }
 
@@ -74,8 +74,8 @@ impl Reader {
         self.with_timeout(async { client.execute(sql, values).await.map_err(failed) }).await
     }
 
-    /// Waits for an answer within the time limit. The connection to a database that does not answer is dropped, so
-    /// that the next page connects again.
+    /// Waits for a reply within the time limit. If the database does not reply, the connection is dropped, so that the
+    /// next query connects again.
     async fn with_timeout<T>(
         &self,
         asking: impl Future<Output = Result<T, ArchiveError>>,
@@ -88,20 +88,21 @@ impl Reader {
     }
 }
 
-/// A cell as the office sees it.
+/// The current state of a cell, as known to the office server.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CellNow {
     /// Its name.
     pub cell: String,
-    /// The time of its last report, ms since 1970 by the database's clock; `None` if it never reported.
+    /// Time of the cell's last report by the database's clock, ms since 1970; `None` if it has never reported.
     pub heard_unix_ms: Option<i64>,
-    /// The state that it reported.
+    /// The state in the last report.
     pub state: Option<CellState>,
-    /// The number of its records that the archive lacks, by its last report; `None` if it reported nothing.
+    /// Number of the cell's records that are missing in the archive, according to its last report; `None` without a
+    /// report.
     pub missing_records: Option<u64>,
-    /// The newest cycle: number, verdict and when it began, s since 1970.
+    /// The newest cycle: its number, verdict and start time, s since 1970.
     pub last: Option<(i64, String, i64)>,
-    /// The cell's cycles of the last day, by their verdicts.
+    /// Number of cycles on the last day, for each verdict.
     pub last_day_counts: Vec<VerdictCount>,
 }
 
@@ -115,10 +116,10 @@ pub struct VerdictCount {
 }
 
 impl Reader {
-    /// Returns all cells, by name, and the database's clock, ms since 1970.
+    /// Returns all cells in the order of their names, and the time of the database's clock, ms since 1970.
     ///
     /// # Errors
-    /// If the database does not answer.
+    /// If the database does not reply.
     pub async fn cells(&self) -> Result<(Vec<CellNow>, i64), ArchiveError> {
         let known =
             "SELECT known.cell, cells.heard_unix_ms, cells.state, last.cycle, last.verdict, last.started_unix_s
@@ -159,22 +160,22 @@ impl Reader {
     }
 }
 
-/// A search; an empty field does not restrict it.
+/// The filter of a search for cycles. An empty field matches all cycles.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct CycleQuery {
     /// The cell's name.
     pub cell: String,
     /// The panel's name.
     pub panel: String,
-    /// The part's serial number, in upper or lower case.
+    /// The part's serial number; upper and lower case are equal.
     pub serial: String,
     /// The verdict's word.
     pub verdict: String,
-    /// Only cycles from this time on, s since 1970.
+    /// Earliest start time, s since 1970.
     pub from_unix_s: Option<i64>,
-    /// Only cycles before this time, s since 1970.
+    /// Cycles that start before this time, s since 1970.
     pub until_unix_s: Option<i64>,
-    /// Only cycles that are older than this one, the last cycle of an earlier page: its start time, cell and number.
+    /// The last cycle of the previous page: its start time, cell and number. Only older cycles are returned.
     pub before: Option<(i64, String, i64)>,
     /// The maximum number of cycles.
     pub limit: i64,
@@ -187,9 +188,9 @@ pub struct CycleRow {
     pub cell: String,
     /// Its number there.
     pub cycle: i64,
-    /// Time at which the cycle began, s since 1970.
+    /// Start time of the cycle, s since 1970.
     pub started_unix_s: i64,
-    /// Time at which it ended, s since 1970.
+    /// End time of the cycle, s since 1970.
     pub ended_unix_s: Option<i64>,
     /// The panel.
     pub panel: String,
@@ -203,22 +204,22 @@ pub struct CycleRow {
     pub verdict: String,
     /// The verdict's reasons as JSON: code and message.
     pub reasons: String,
-    /// SHA-256 of the recipe.
+    /// SHA-256 of the recipe's text.
     pub recipe_hash: String,
     /// The program's version.
     pub program_version: String,
 }
 
-/// A signature of a cycle's record.
+/// A signed statement about a cycle.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecordSignature {
-    /// The number of the statement among all statements of its cell.
+    /// The number of the statement within its cell.
     pub statement: i64,
     /// Its SHA-256.
     pub record_hash: String,
     /// Time of the signature, ms since 1970.
     pub unix_ms: i64,
-    /// The person's printed name and what the signature means; `None` for the cell itself.
+    /// The printed name of the person who signed, and the meaning of the signature; `None` if the cell signed.
     pub person: Option<(String, String)>,
 }
 
@@ -229,7 +230,7 @@ pub struct Record {
     pub row: CycleRow,
     /// Signatures, in order.
     pub signed: Vec<RecordSignature>,
-    /// The content of the cell's own statement; `None` if it has not arrived.
+    /// The statement that the cell signed; `None` if it has not been received.
     pub statement: Option<SignedCycle>,
 }
 
@@ -253,10 +254,10 @@ fn cycle_row(row: &tokio_postgres::Row) -> CycleRow {
 }
 
 impl Reader {
-    /// Returns the cycles that match, the newest first.
+    /// Returns the cycles that match a query, the newest first.
     ///
     /// # Errors
-    /// If the database does not answer.
+    /// If the database does not reply.
     pub async fn cycles(&self, query: &CycleQuery) -> Result<Vec<CycleRow>, ArchiveError> {
         let CycleQuery { cell, panel, serial, verdict, from_unix_s, until_unix_s, before, limit } = query;
         let serial = serial.to_lowercase();
@@ -264,7 +265,7 @@ impl Reader {
         let (from_s, until_s) = (from_unix_s.unwrap_or(i64::MIN), until_unix_s.unwrap_or(i64::MAX));
         let mut values: Vec<&(dyn tokio_postgres::types::ToSql + Sync)> =
             vec![&before_s, &before_cell, &before_cycle, &from_s, &until_s, limit];
-        // The query contains only the conditions of this search, so that the server can choose the index for them.
+        // The SQL text contains only the conditions of this query, so that the server can choose a suitable index.
         let mut conditions = String::new();
         for (column, value) in [("cell", cell), ("panel", panel), ("lower(serial)", &serial), ("verdict", verdict)]
         {
@@ -281,10 +282,11 @@ impl Reader {
         Ok(self.rows(&sql, &values).await?.iter().map(cycle_row).collect())
     }
 
-    /// Returns a cycle of a cell with its signed statements; if several cycles have the same number, the newest one.
+    /// Returns a cycle of a cell with its signed statements. If several cycles have this number, the newest one is
+    /// returned.
     ///
     /// # Errors
-    /// If the database does not answer.
+    /// If the database does not reply.
     pub async fn record(&self, cell: &str, cycle: i64) -> Result<Option<Record>, ArchiveError> {
         let sql = format!(
             "SELECT {COLUMNS} FROM cycles WHERE cell = $1 AND cycle = $2 ORDER BY started_unix_s DESC LIMIT 1"
@@ -316,12 +318,13 @@ impl Reader {
         Ok(Some(Record { row, signed, statement }))
     }
 
-    /// Returns the names of all panels that have cycles, and the names of all cells.
+    /// Returns the names of all panels with cycles, and the names of all cells.
     ///
     /// # Errors
-    /// If the database does not answer.
+    /// If the database does not reply.
     pub async fn names(&self) -> Result<(Vec<String>, Vec<String>), ArchiveError> {
-        // Finds each next name through the index, so that a table of a million cycles is not read for ten names.
+        // Each next name is found through the index, so that the query does not read a table of a million cycles to
+        // find ten names.
         let panels = "WITH RECURSIVE name AS (SELECT min(panel) AS panel FROM cycles
             UNION ALL SELECT (SELECT min(panel) FROM cycles WHERE panel > name.panel) FROM name WHERE name.panel IS NOT NULL)
             SELECT panel FROM name WHERE panel IS NOT NULL LIMIT 1000";
@@ -331,7 +334,7 @@ impl Reader {
     }
 }
 
-/// Values of one cell, the oldest first.
+/// The values of one cell, the oldest first.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct CellNumbers {
     /// The cell.
@@ -353,11 +356,11 @@ fn point(at_unix_s: i64, value: f64, limit: Limit) -> TrendPoint {
 }
 
 impl Reader {
-    /// Returns the newest values of a quantity of a panel in all cells, at most `most`: grouped by cell, the oldest
+    /// Returns the newest values of a quantity of a panel in all cells, at most `most`, grouped by cell, the oldest
     /// first.
     ///
     /// # Errors
-    /// If the database does not answer.
+    /// If the database does not reply.
     pub async fn numbers(&self, panel: &str, quantity: &str, most: i64) -> Result<Vec<CellNumbers>, ArchiveError> {
         let sql = "SELECT cell, started_unix_s, value, allowed FROM quantities WHERE panel = $1 AND quantity = $2
             ORDER BY started_unix_s DESC LIMIT $3";
@@ -369,11 +372,11 @@ impl Reader {
         Ok(group_by_cell(rows.iter().rev().map(value)))
     }
 
-    /// Returns the newest verifications of a subject in all cells, at most `most` for each cell: grouped by cell, the
+    /// Returns the newest verifications of a device in all cells, at most `most` for each cell, grouped by cell, the
     /// oldest first.
     ///
     /// # Errors
-    /// If the database does not answer.
+    /// If the database does not reply.
     pub async fn verifications(&self, subject: &str, most: i64) -> Result<Vec<CellNumbers>, ArchiveError> {
         let sql = "SELECT epochs.cell, seen.at_unix_s, seen.error, seen.allowed
             FROM (SELECT DISTINCT cell FROM epochs) AS epochs
@@ -396,9 +399,9 @@ pub struct RecipeUse {
     pub recipe_hash: String,
     /// The cell.
     pub cell: String,
-    /// Time at which the first cycle with this recipe began in this cell, s since 1970.
+    /// Start time of the first cycle with this recipe in this cell, s since 1970.
     pub first_unix_s: i64,
-    /// Time at which the last cycle with this recipe began in this cell, s since 1970.
+    /// Start time of the last cycle with this recipe in this cell, s since 1970.
     pub last_unix_s: i64,
     /// Number of cycles with this recipe in this cell.
     pub cycles: i64,
@@ -407,19 +410,19 @@ pub struct RecipeUse {
 }
 
 impl Reader {
-    /// Returns the office's offer for this panel; `None` if there is none.
+    /// Returns the recipe that the office offers for this panel; `None` if there is no offer.
     ///
     /// # Errors
-    /// If the database does not answer.
+    /// If the database does not reply.
     pub async fn offer(&self, panel: &str) -> Result<Option<RecipeOffer>, ArchiveError> {
         let rows = self.rows("SELECT offer FROM offers WHERE panel = $1", &[&panel]).await?;
         Ok(rows.first().and_then(|row| RecipeOffer::read(&row.get::<_, Vec<u8>>(0)).ok()))
     }
 
-    /// Returns every version of a panel's recipe in every cell, the most recently used first.
+    /// Returns the use of every version of a panel's recipe in every cell, the most recently used version first.
     ///
     /// # Errors
-    /// If the database does not answer.
+    /// If the database does not reply.
     pub async fn recipes(&self, panel: &str) -> Result<Vec<RecipeUse>, ArchiveError> {
         let sql =
             "SELECT recipe_hash, cell, first_unix_s, last_unix_s, cycles, passed FROM recipe_uses WHERE panel = $1
@@ -440,11 +443,11 @@ impl Reader {
 /// An account.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OfficeAccount {
-    /// The name by which its owner logs in.
+    /// The name with which the person logs in.
     pub name: String,
-    /// The owner's printed name.
+    /// The person's printed name.
     pub printed_name: String,
-    /// The password's hash (`accounts::hash_password`).
+    /// The hash of the password (`accounts::hash_password`).
     pub password_hash: String,
 }
 
@@ -452,7 +455,7 @@ impl Reader {
     /// Returns the account with this name.
     ///
     /// # Errors
-    /// If the database does not answer.
+    /// If the database does not reply.
     pub async fn account(&self, name: &str) -> Result<Option<OfficeAccount>, ArchiveError> {
         let sql = "SELECT name, printed_name, password_hash FROM accounts WHERE name = $1";
         let rows = self.rows(sql, &[&name]).await?;
@@ -464,10 +467,10 @@ impl Reader {
         Ok(rows.first().map(account))
     }
 
-    /// Stores an account; an account of the same name is replaced.
+    /// Stores an account, and replaces an existing account with the same name.
     ///
     /// # Errors
-    /// If the database does not answer.
+    /// If the database does not reply.
     pub async fn store_account(&self, account: &OfficeAccount) -> Result<(), ArchiveError> {
         let sql = "INSERT INTO accounts (name, printed_name, password_hash) VALUES ($1, $2, $3)
             ON CONFLICT (name) DO UPDATE SET printed_name = EXCLUDED.printed_name, password_hash = EXCLUDED.password_hash";

@@ -1,7 +1,8 @@
-//! The archive's main loop: receives messages from the broker and stores them in the database and the folder.
+//! The main loop of the archive: receives messages from the broker, and stores them in the database and the folder of
+//! files.
 //!
-//! It detects two cells that use one name: their stores have different epochs and report these in turn. It also
-//! publishes the recipes that the office offers to its cells.
+//! It also detects two cells with the same name: their stores have different epochs, which are reported alternately.
+//! And it publishes the recipes that the office offers to the cells.
 
 use super::database::ArchiveError;
 use super::files::ContentFiles;
@@ -16,26 +17,25 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 use tokio_postgres::Client;
 
-/// Maximum number of broker messages that are received at a time.
+/// Maximum number of messages in a batch from the broker.
 const BATCH_MESSAGES: usize = 500;
-/// Maximum delay between attempts. After a failure the next attempt follows after one second, then two, four and so
-/// on up to this limit.
+/// Maximum delay before the next attempt after a failure. The delay is one second at first and doubles with each
+/// failure, up to this limit.
 const MAX_RETRY_DELAY: Duration = Duration::from_secs(30);
 
-/// Maximum number of records waiting for their files that are reported at a time.
+/// Maximum number of records in one report about records that wait for their files.
 const MAX_REPORTED: usize = 5;
-/// A failure that stays the same is reported again after this time.
+/// Time after which a continuing failure is reported again.
 const REPORT_INTERVAL: Duration = Duration::from_secs(3_600);
-/// A database that does not answer within this time counts as lost: messages without acknowledgement are delivered
-/// again.
+/// Maximum time until the database replies to a write. After it, the connection is treated as lost; messages that were
+/// not acknowledged are delivered again.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Runs the archive until `ended` completes. A failure that may end without intervention is retried, with a new
-/// connection.
+/// Runs the archive until `ended` completes. After a temporary failure, a new attempt with a new connection is made.
 ///
 /// # Errors
-/// If the database has tables of a newer program or an unsuitable encoding, or a file that the settings name cannot be
-/// used.
+/// If the tables of the database are newer than this program, its encoding is unsuitable, or a file named in the
+/// settings cannot be used.
 pub async fn run(settings: &ArchiveSettings, ended: impl Future<Output = ()>) -> Result<(), ArchiveError> {
     tokio::select! {
         failed = run_with_retries(settings) => Err(failed),
@@ -74,7 +74,7 @@ async fn run_receiver(settings: &ArchiveSettings) -> Result<std::convert::Infall
     let mut client = database::open(&settings.database).await?;
     let mut link = OfficeLink::connect(&settings.broker, settings.max_waiting_bytes()).await?;
     tracing::info!("receiving the messages of the cells through the broker {}", settings.broker.address);
-    // A cell may have missed the archived position, or the broker may have lost it.
+    // Publish all archived positions again, because a cell may have missed one, or the broker may have lost one.
     for (cell, epoch, archived) in database::with_timeout(WRITE_TIMEOUT, message_rows::epochs(&client)).await? {
         link.publish_archived(&cell, &epoch, archived).await?;
     }
@@ -103,7 +103,8 @@ async fn receive(
     }
 }
 
-/// Receives the states that cells report. A missed state is replaced by the next one after two seconds.
+/// Receives the states that the cells report. A missed state does not matter, because the next one follows after two
+/// seconds.
 async fn listen(client: &Client, mut states: StateSubscription) -> Result<std::convert::Infallible, ArchiveError> {
     let mut names = Names::default();
     loop {
@@ -115,8 +116,8 @@ async fn listen(client: &Client, mut states: StateSubscription) -> Result<std::c
 struct Receiver {
     files: ContentFiles,
     assembly: PartAssembly<Receipt>,
-    /// Records with a file that has not arrived yet. A cell is informed that the office has a record only after its
-    /// files have arrived too.
+    /// Records with files that have not been received yet. A cell is informed about a record only after all of its
+    /// files are stored.
     waiting: Vec<(Message, Vec<Receipt>)>,
 }
 
@@ -151,7 +152,8 @@ impl Receiver {
                 }
                 ChunkOwner::Message(position) => match parse_message(&whole, position) {
                     Ok(message) => {
-                        // The broker delivers a message again with new receipts, so the earlier entry is removed.
+                        // If the broker delivers a message again, its previous receipts are no longer valid, so the
+                        // previous entry is removed.
                         self.waiting.retain(|(before, _)| *before != message);
                         self.waiting.push((message, whole.receipts));
                     }
@@ -177,7 +179,7 @@ impl Receiver {
         Ok(())
     }
 
-    /// Forgets all messages that were not acknowledged: these are delivered again.
+    /// Discards all messages that were not acknowledged; the broker delivers them again.
     fn forget(&mut self) {
         for (Message { cell, envelope }, _) in self.waiting.iter().take(MAX_REPORTED) {
             let Position { epoch, number } = &envelope.position;
@@ -200,8 +202,8 @@ fn parse_message(whole: &AssembledItem<Receipt>, position: &Position) -> Result<
     }
 }
 
-/// Checks that a chunk came on the subject of the cell that it names. The broker decides which cell may send on which
-/// subject.
+/// Checks that a message chunk was received on the subject of the cell that it names. The broker restricts which cell
+/// may send on which subject.
 fn check_sender(subject: &str, chunk: Chunk) -> Result<Chunk, OfficeError> {
     match subject == subject::records(&chunk.cell) {
         true => Ok(chunk),
@@ -224,7 +226,7 @@ async fn refuse((subject, error): (&str, &OfficeError), receipts: Vec<Receipt>) 
     Ok(())
 }
 
-/// Stores the newest state of each cell, for pages. A state that cannot be read is reported and dropped.
+/// Stores the newest state of a cell, for the pages. An invalid state is logged and dropped.
 async fn store_state((client, names): (&Client, &mut Names), by: &str, bytes: &[u8]) -> Result<(), ArchiveError> {
     let (cell, state) = match CellState::read(bytes) {
         Ok(read) if by == subject::state(&read.0) => read,
@@ -248,21 +250,21 @@ async fn store_state((client, names): (&Client, &mut Names), by: &str, bytes: &[
     kept.map(drop).map_err(ArchiveError::database("store the state of a cell"))
 }
 
-/// The cells' last reports, by the cells' names.
+/// The epochs that each cell has reported, by the name of the cell.
 #[derive(Debug, Default)]
 struct Names(BTreeMap<String, ReportedEpochs>);
 
 #[derive(Debug, Default)]
 struct ReportedEpochs {
-    /// The epochs in the last report; `previous_epochs` are the different ones that were reported before.
+    /// The epochs in the last report. `previous_epochs` are the last different epochs before.
     last: Vec<String>,
     previous_epochs: Vec<String>,
     is_reported: bool,
 }
 
 impl Names {
-    /// Returns true when it is detected for the first time that two cells use this name: the reported epochs changed
-    /// and then changed back to the previous ones. A change of epochs without a change back may be a restored store.
+    /// Returns true when it is first detected that two cells use this name: the reported epochs have changed, and then
+    /// changed back to the previous ones. A change without a change back may be a restored store.
     pub fn detect_duplicate_name(&mut self, cell: &str, state: &CellState) -> bool {
         let mut epochs: Vec<String> = state.last.iter().map(|position| position.epoch.clone()).collect();
         epochs.sort();
@@ -276,10 +278,10 @@ impl Names {
     }
 }
 
-/// Stores the offer, which replaces an earlier one for its panel, and sends it to the cells.
+/// Stores an offer, which replaces the previous offer for its panel, and publishes it to the cells.
 ///
 /// # Errors
-/// If the database or the broker does not accept it.
+/// If the database or the broker does not accept the offer.
 pub async fn publish_offer(settings: &ArchiveSettings, offer: &RecipeOffer) -> Result<(), ArchiveError> {
     let client = database::open(&settings.database).await?;
     let link = OfficeLink::connect(&settings.broker, settings.max_waiting_bytes()).await?;
@@ -292,7 +294,7 @@ pub async fn publish_offer(settings: &ArchiveSettings, offer: &RecipeOffer) -> R
     Ok(())
 }
 
-/// Sends every offer to the cells once more: the broker may have lost them.
+/// Publishes all offers to the cells again, because the broker may have lost them.
 async fn republish_offers(client: &Client, link: &OfficeLink) -> Result<(), ArchiveError> {
     let rows =
         client.query("SELECT offer FROM offers", &[]).await.map_err(ArchiveError::database("read offers"))?;

@@ -1,4 +1,4 @@
-//! The connection to the broker, a cell's requests to it, and the errors of both.
+//! The connection to the broker, the requests of a cell to the broker, and the errors of both.
 
 use async_nats::jetstream::context::{GetStreamErrorKind, PublishAckFuture};
 use async_nats::jetstream::message::PublishMessage;
@@ -11,18 +11,18 @@ use panelprep_store::office::{Chunk, RecipeOffer, subject};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// Time limit for an answer; a later answer is ignored.
+/// Maximum time until a reply; a later reply is ignored.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(5);
-/// Maximum number of messages that are sent and not yet acknowledged.
+/// Maximum number of messages that were sent but not acknowledged.
 const MAX_IN_FLIGHT: usize = 1_024;
 
 /// Errors of the connection to the broker.
 #[derive(Debug, thiserror::Error)]
 pub enum BrokerError {
-    /// A file that belongs to the broker cannot be used.
+    /// A file for the broker connection (certificate, credentials or password) cannot be used.
     #[error(transparent)]
     File(#[from] TrustError),
-    /// The broker does not answer, or refuses the connection.
+    /// The broker does not reply, or refuses the connection.
     #[error("cannot connect to the broker {address}: {problem}")]
     Connect {
         /// Its address.
@@ -30,7 +30,7 @@ pub enum BrokerError {
         /// The connection's message.
         problem: String,
     },
-    /// The broker does not have the streams of this program.
+    /// The streams of this program do not exist on the broker.
     #[error("the broker {address} has no stream {stream}; start `panelprep archive run`, which creates the stream")]
     NoStream {
         /// Its address.
@@ -66,11 +66,11 @@ pub(super) struct Link {
     last_refusal: LastRefusal,
 }
 
-/// The broker's last refusal on this connection. It is received separately, because the broker does not answer a
+/// The last refusal of the broker on this connection. It arrives separately, because the broker does not reply to a
 /// refused request.
 type LastRefusal = Arc<Mutex<Option<String>>>;
 
-/// Returns a problem together with the broker's refusal.
+/// Returns a problem as text, with the broker's last refusal appended.
 fn append_refusal(problem: impl ToString, refused: &LastRefusal) -> String {
     match refused.lock().unwrap_or_else(PoisonError::into_inner).take() {
         Some(refused) => format!("{}; the broker reports: {refused}", problem.to_string()),
@@ -79,8 +79,8 @@ fn append_refusal(problem: impl ToString, refused: &LastRefusal) -> String {
 }
 
 impl Link {
-    /// Connects once. A caller that loses the connection makes a new one, so that nothing from the old one is
-    /// mistaken for an answer.
+    /// Connects once, without reconnecting. After a lost connection the caller must create a new one, so that no late
+    /// reply can be taken for a reply on the new connection.
     pub async fn connect(broker: &Broker, name: &str) -> Result<Self, BrokerError> {
         let options = ConnectOptions::new()
             .name(name)
@@ -90,8 +90,8 @@ impl Link {
             .max_reconnects(1);
         let options = match &broker.ca {
             Some(file) => {
-                // The library's error does not name the file, and the library accepts a file without a certificate.
-                // Therefore the file is checked here first.
+                // The file is checked here, because the library accepts a file without a certificate, and its error
+                // does not name the file.
                 trust::client_config(file, None)?;
                 options.add_root_certificates(file.clone())
             }
@@ -129,13 +129,13 @@ impl Link {
         }
     }
 
-    /// Returns the variable that receives the broker's refusals from now on.
+    /// Returns the variable that contains the last refusal of the broker.
     pub fn refused(&self) -> LastRefusal {
         self.last_refusal.clone()
     }
 }
 
-/// Returns the advice for an error text of the library.
+/// Returns what to do about an error of the library.
 fn advice(problem: &str, broker: &Broker) -> &'static str {
     let is_tls = broker.address.starts_with("tls://");
     let has = |words: &str| problem.contains(words);
@@ -173,8 +173,7 @@ pub struct CellLink {
     cell: CellName,
 }
 
-/// A message that was sent and is not yet acknowledged. The broker acknowledges a message when it is on the broker's
-/// disk.
+/// A message that was sent but not acknowledged. The broker acknowledges a message after it is stored on disk.
 pub struct PendingMessage {
     ack: PublishAckFuture,
     address: String,
@@ -185,7 +184,7 @@ impl PendingMessage {
     /// Waits for the broker's acknowledgement.
     ///
     /// # Errors
-    /// If the broker refuses the message, another stream accepted it, or no acknowledgement is received in time.
+    /// If the broker refuses the message, it was stored in another stream, or no acknowledgement arrives in time.
     pub async fn wait_acknowledged(self) -> Result<(), BrokerError> {
         let refused = |problem: String| BrokerError::Refused { address: self.address.clone(), problem };
         let ack = self.ack.await.map_err(|error| refused(append_refusal(error, &self.last_refusal)))?;
@@ -210,8 +209,8 @@ impl CellLink {
         Ok(CellLink { link, cell: cell.clone() })
     }
 
-    /// Returns a text that identifies the stream and the sender: the cell's name, the stream's name, and the creation
-    /// time of the stream. A new stream contains none of the messages that an earlier stream accepted.
+    /// Returns a text that identifies the sender and the stream: the names of the cell and of the stream, and the
+    /// creation time of the stream. If the text changes, the stream is new and contains none of the earlier messages.
     ///
     /// # Errors
     /// If there is no stream.
@@ -224,15 +223,15 @@ impl CellLink {
             _ => self.link.operation_error("report its streams", error),
         })?;
         let info = stream.cached_info();
-        // If this text has changed, the new stream has none of the messages that this cell sent before.
+        // If this text has changed, the new stream contains none of the messages that this cell has sent.
         Ok(format!("{} {} {}", self.cell, info.config.name, info.created.unix_timestamp_nanos()))
     }
 
-    /// Returns the number up to which the office has all records of this epoch; `None` if the office has not reported
-    /// one.
+    /// Returns the number up to which the office server has all records of this epoch; `None` if it has not reported a
+    /// number.
     ///
     /// # Errors
-    /// If the broker cannot report it.
+    /// If the broker does not reply, or the stored value is not a number.
     pub async fn archived_number(&self, epoch: &str) -> Result<Option<u64>, BrokerError> {
         let context = &self.link.context;
         let stream = context.get_stream_no_info(subject::ARCHIVED_STREAM).await;
@@ -254,10 +253,10 @@ impl CellLink {
         number.map(Some).ok_or_else(wrong)
     }
 
-    /// Returns the recipe that the office offers for this panel; `None` if it offers none.
+    /// Returns the recipe that the office offers for this panel; `None` if there is no offer.
     ///
     /// # Errors
-    /// If the broker cannot report it, or its answer is not an offer for this panel.
+    /// If the broker does not reply, or its reply is not an offer for this panel.
     pub async fn recipe_offer(&self, panel: &str) -> Result<Option<RecipeOffer>, BrokerError> {
         let stream = self.link.context.get_stream_no_info(subject::OFFER_STREAM).await;
         let failed = |problem: String| self.link.operation_error("read the offered recipes", problem);
@@ -275,11 +274,11 @@ impl CellLink {
         }
     }
 
-    /// Sends a part of a message. If the office does not have a part that was sent before, it is sent again, and
-    /// `again` counts the repetitions. The broker acknowledges the part later.
+    /// Sends a message chunk; the broker acknowledges it later. `again` is the number of earlier attempts to send this
+    /// chunk, which the office server did not receive.
     ///
     /// # Errors
-    /// If it cannot be sent.
+    /// If the chunk cannot be sent.
     pub async fn send(&self, chunk: &Chunk, again: u64) -> Result<PendingMessage, BrokerError> {
         let refused = |problem: String| BrokerError::Refused { address: self.link.address.clone(), problem };
         let bytes = chunk.bytes().map_err(|error| refused(error.to_string()))?;
@@ -289,10 +288,10 @@ impl CellLink {
         Ok(PendingMessage { ack, address: self.link.address.clone(), last_refusal: self.link.refused() })
     }
 
-    /// Publishes the cell's state to the clients that listen now; it may be lost.
+    /// Publishes the state of the cell to the present subscribers, without acknowledgement.
     ///
     /// # Errors
-    /// If it cannot be sent.
+    /// If the state cannot be sent.
     pub async fn publish_state(&self, state: Vec<u8>) -> Result<(), BrokerError> {
         let published = self.link.client.publish(subject::state(&self.cell), state.into()).await;
         published.map_err(|error| self.link.operation_error("send the cell's state", error))

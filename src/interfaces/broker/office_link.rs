@@ -1,4 +1,4 @@
-//! The archive's requests to the broker.
+//! The connection of the archive to the broker.
 
 use super::link::{BrokerError, Link};
 use async_nats::Subscriber;
@@ -10,20 +10,20 @@ use panelprep_cell::cell::{Broker, CellName};
 use panelprep_store::office::{RecipeOffer, subject};
 use std::time::{Duration, Instant};
 
-/// The name of the archive's consumer in the stream.
+/// Name of the archive's consumer in the stream.
 const CONSUMER: &str = "archive";
-/// A message that was delivered and not acknowledged for this time is delivered again.
+/// Time after which the broker delivers a message again if it was not acknowledged.
 const ACK_WAIT: Duration = Duration::from_secs(60);
-/// The oldest message without an acknowledgement is delivered again within [`ACK_WAIT`]. If it is still the oldest one
-/// after this time, the broker no longer delivers it.
+/// Maximum age of the oldest message without acknowledgement. The broker should deliver it again after [`ACK_WAIT`];
+/// after this longer time, the consumer is treated as stuck.
 const STUCK_TIMEOUT: Duration = Duration::from_secs(150);
-/// The interval of the check for a message that the broker no longer delivers.
+/// Interval of the check for a stuck consumer.
 const STUCK_CHECK_INTERVAL: Duration = Duration::from_secs(15);
-/// Maximum number of messages that are delivered and not acknowledged, including the parts of incomplete files.
+/// Maximum number of messages that are delivered but not acknowledged, including the chunks of incomplete files.
 const MAX_ACK_PENDING: i64 = 20_000;
-/// The time for which the broker recognises a repeated message; later the archive recognises it.
+/// Time within which the broker recognises a duplicate of a message; later duplicates are recognised by the archive.
 const DUPLICATE_WINDOW: Duration = Duration::from_secs(3_600);
-/// Maximum time that a batch waits for its first message.
+/// Maximum time until the first message of a batch.
 const BATCH_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// The connection of the archive to the broker.
@@ -31,13 +31,13 @@ const BATCH_TIMEOUT: Duration = Duration::from_secs(1);
 pub struct OfficeLink {
     link: Link,
     consumer: PullConsumer,
-    /// The number of the message up to which all are acknowledged, and the time since which this number has not
-    /// changed. `last_check` is the time of the last check.
+    /// The number up to which all messages are acknowledged, and the time at which this number last changed.
+    /// `last_check` is the time of the last check.
     floor: (u64, Instant),
     last_check: Instant,
 }
 
-/// Returns the archive's consumer in the stream of records.
+/// Creates the archive's consumer in the stream of records, or returns the existing one.
 async fn consumer(link: &Link) -> Result<PullConsumer, BrokerError> {
     let stream = link.context.get_stream(subject::STREAM).await;
     let stream = stream.map_err(|error| link.operation_error("find its stream", error))?;
@@ -57,13 +57,14 @@ async fn consumer(link: &Link) -> Result<PullConsumer, BrokerError> {
 pub struct Delivery {
     /// Its bytes.
     pub bytes: Vec<u8>,
-    /// The subject on which the message came; the broker decides which cell may send on it.
+    /// The subject on which the message was sent; the broker restricts which cell may send on it.
     pub subject: String,
     /// Acknowledgement handle.
     pub receipt: Receipt,
 }
 
-/// The receipt of a message: the broker keeps the message until the receipt reports the result.
+/// The receipt of a delivered message, which acknowledges or refuses the message. Until then the broker keeps the
+/// message.
 #[derive(Debug)]
 pub struct Receipt {
     message: Message,
@@ -71,18 +72,18 @@ pub struct Receipt {
 }
 
 impl Receipt {
-    /// Reports that the message is stored: the broker may delete it.
+    /// Acknowledges that the message is stored, so that the broker may delete it.
     ///
     /// # Errors
-    /// If this cannot be reported; the message is then delivered again.
+    /// If the acknowledgement cannot be sent; the message is then delivered again.
     pub async fn acknowledge(&self) -> Result<(), BrokerError> {
         self.send_ack(AckKind::Ack).await
     }
 
-    /// Reports that the message can never be stored.
+    /// Refuses a message that can never be stored, so that the broker deletes it.
     ///
     /// # Errors
-    /// If this cannot be reported; the message is then delivered again.
+    /// If the refusal cannot be sent; the message is then delivered again.
     pub async fn refuse(&self) -> Result<(), BrokerError> {
         self.send_ack(AckKind::Term).await
     }
@@ -97,7 +98,7 @@ impl Receipt {
     }
 }
 
-/// Returns the broker's message, with advice if its disk is too small.
+/// Returns the broker's message; if its disk is too small, with what to do.
 fn append_advice(problem: &str) -> String {
     match problem.contains("insufficient storage") {
         true => format!(
@@ -109,7 +110,8 @@ fn append_advice(problem: &str) -> String {
 }
 
 impl OfficeLink {
-    /// Connects, and creates or updates the streams. The stream of records holds at most `most_bytes`.
+    /// Connects to the broker, and creates or updates the streams. The maximum size of the stream of records is
+    /// `most_bytes`.
     ///
     /// # Errors
     /// If the broker cannot be reached, refuses the connection, or has no JetStream.
@@ -148,13 +150,13 @@ impl OfficeLink {
         Ok(OfficeLink { link, consumer, floor: (0, now), last_check: now })
     }
 
-    /// Creates the consumer again if the broker no longer delivers a message. After the broker was killed it may
-    /// regard messages as delivered and never deliver them again (seen with nats-server 2.9 under a thousand kills). A
-    /// new consumer receives all messages that the broker still has; the archive recognises by their names those that
-    /// it already has. Returns whether the consumer was created again: earlier receipts are then void.
+    /// Recreates the consumer if the broker no longer delivers a message, and returns whether it did so; previous
+    /// receipts are then invalid. After the broker was killed, it may treat messages as delivered and never deliver
+    /// them again (observed with nats-server 2.9 in a thousand kills). A new consumer receives all messages that the
+    /// broker still has; the archive recognises those that it has already stored by their names.
     ///
     /// # Errors
-    /// If the broker does not answer.
+    /// If the broker does not reply.
     pub async fn recreate_stuck_consumer(&mut self) -> Result<bool, BrokerError> {
         if self.last_check.elapsed() < STUCK_CHECK_INTERVAL {
             return Ok(false);
@@ -185,10 +187,10 @@ impl OfficeLink {
         Ok(true)
     }
 
-    /// Returns the next messages, at most this many; an empty list if none comes within a second.
+    /// Returns the next messages, at most `most`; empty if no message arrives within a second.
     ///
     /// # Errors
-    /// If the broker does not answer.
+    /// If the broker does not reply.
     pub async fn next(&self, most: usize) -> Result<Vec<Delivery>, BrokerError> {
         let failed = |problem: String| self.link.operation_error("deliver messages", problem);
         let batch = self.consumer.batch().max_messages(most).expires(BATCH_TIMEOUT).messages().await;
@@ -196,7 +198,7 @@ impl OfficeLink {
         let mut all = Vec::new();
         while let Some(message) = batch.next().await {
             let mut message = message.map_err(|error| failed(error.to_string()))?;
-            // A receipt may be kept for a long time, and does not need the bytes of the message.
+            // The content is moved out of the receipt, which may be kept for a long time.
             let bytes = Vec::from(std::mem::take(&mut message.message.payload));
             let subject = message.subject.to_string();
             all.push(Delivery { bytes, subject, receipt: Receipt { message, address: self.link.address.clone() } });
@@ -204,11 +206,11 @@ impl OfficeLink {
         Ok(all)
     }
 
-    /// Reports the number up to which the office has all records of a cell's epoch; waits until the broker has this
-    /// report on its disk.
+    /// Publishes the number up to which all records of a cell's epoch are archived, and waits until the broker has
+    /// stored it on disk.
     ///
     /// # Errors
-    /// If the broker does not accept it.
+    /// If the broker does not accept the message.
     pub async fn publish_archived(&self, cell: &CellName, epoch: &str, number: u64) -> Result<(), BrokerError> {
         let said =
             self.link.context.publish(subject::archived_subject(cell, epoch), number.to_string().into()).await;
@@ -218,11 +220,11 @@ impl OfficeLink {
         ack.await.map(drop).map_err(|error| failed(error.to_string()))
     }
 
-    /// Offers a recipe to all cells, in place of an earlier one for its panel; waits until the broker has it on its
-    /// disk.
+    /// Publishes an offer of a recipe to all cells, which replaces the previous offer for its panel, and waits until
+    /// the broker has stored it on disk.
     ///
     /// # Errors
-    /// If the broker does not accept it.
+    /// If the broker does not accept the message.
     pub async fn publish_offer(&self, offer: &RecipeOffer) -> Result<(), BrokerError> {
         let failed = |problem: String| self.link.operation_error("offer a recipe", problem);
         let bytes = offer.bytes().map_err(|error| failed(error.to_string()))?;
@@ -231,7 +233,7 @@ impl OfficeLink {
         ack.await.map(drop).map_err(|error| failed(error.to_string()))
     }
 
-    /// Returns a subscription to the states that all cells report from now on.
+    /// Subscribes to the states that all cells report.
     ///
     /// # Errors
     /// If the broker does not permit the subscription.
@@ -243,14 +245,14 @@ impl OfficeLink {
     }
 }
 
-/// The states that cells report.
+/// A subscription to the states that the cells report.
 pub struct StateSubscription {
     subscriber: Subscriber,
     link: Link,
 }
 
 impl StateSubscription {
-    /// Returns the next state: the subject on which it came, and its bytes.
+    /// Returns the subject and the bytes of the next state.
     ///
     /// # Errors
     /// If the connection is lost.

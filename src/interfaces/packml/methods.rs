@@ -1,9 +1,9 @@
-//! The one table of methods, with the request, the arguments and the required permission of each. A method that is not
-//! in the table cannot be called.
+//! The table of all OPC UA methods, each with its request, arguments and required permission. Methods that are not in
+//! the table cannot be called.
 
 use panelprep_cell::accounts::{Permission, Role};
 
-/// The requests of the methods. Each is one of the service's own requests, checked by the same gates.
+/// The requests of the methods. Each is a request of the service, with the same checks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::VariantArray)]
 #[expect(missing_docs, reason = "the names are the requests of the service")]
 pub enum Command {
@@ -19,7 +19,7 @@ pub enum Command {
     AcknowledgeAlarm,
 }
 
-/// The type of an argument.
+/// The data type of an argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ArgumentKind {
     /// A text.
@@ -31,7 +31,7 @@ pub enum ArgumentKind {
 }
 
 impl ArgumentKind {
-    /// Returns the name of the data type in OPC UA.
+    /// Returns the name of the OPC UA data type.
     pub fn name(self) -> &'static str {
         match self {
             ArgumentKind::String => "String",
@@ -61,14 +61,14 @@ pub struct Method {
     pub command: Command,
     /// Its arguments.
     pub arguments: &'static [Argument],
-    /// The permission that the caller needs; `None` allows every session that the server accepts.
+    /// The permission that the caller needs; `None` if every session may call the method.
     pub required_permission: Option<Permission>,
     /// Description of the method.
     pub meaning: &'static str,
 }
 
 impl Method {
-    /// Returns whether a caller with this role may call the method; `None` is a caller without an account.
+    /// Returns whether a caller with this role may call the method; `None` for a caller without an account.
     pub fn is_allowed(&self, role: Option<Role>) -> bool {
         self.required_permission.is_none_or(|permission| role.is_some_and(|role| role.has_permission(permission)))
     }
@@ -190,7 +190,7 @@ pub const METHODS: &[Method] = &[
     },
 ];
 
-/// Finds the method with this name.
+/// Returns the method with this name.
 pub fn method(name: &str) -> Option<&'static Method> {
     METHODS.iter().find(|method| method.name == name)
 }

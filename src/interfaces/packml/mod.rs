@@ -1,9 +1,9 @@
-//! The cell as a production line sees it: PackML (ISA-TR88.00.02) states and modes, the values of all nodes of an
-//! OPC UA server, and the methods with the roles that may call them.
+//! The cell for a production line: PackML states and modes (ISA-TR88.00.02), the values of all OPC UA nodes, and the
+//! methods with the roles that may call them.
 //!
-//! `snapshot` (the known data of the cell at one moment, the cycle's state as a PackML number, values)
-//! · `nodes` (the one table of nodes) · `methods` (the one table of methods). Pure: `daemon::opcua` serves this
-//! data and makes no decision either.
+//! `snapshot` (the known data of the cell at one moment, PackML numbers, values) · `nodes` (the table of all nodes) ·
+//! `methods` (the table of all methods). All functions are pure; `daemon::opcua` serves these data and makes no
+//! decisions either.
 
 mod methods;
 mod nodes;

@@ -1,5 +1,5 @@
-//! The one table of nodes: the path of each node, its kind, its unit and meaning, and the calculation of its value
-//! from the known state.
+//! The table of all OPC UA nodes: the path of each node, its data type, its unit and description, and the function that
+//! computes its value from the known state.
 
 use super::snapshot::{Kind, Snapshot, UnitMode, UnitState, Value, Verified, alarm_id};
 use panelprep_base::verdict::{Reason, Verdict};
@@ -8,11 +8,11 @@ use panelprep_store::history::Alarm;
 /// A node.
 #[derive(Debug, Clone, Copy)]
 pub struct Node {
-    /// The node's path from the cell's object on, such as `PackML/Status/StateCurrent`.
+    /// The path of the node below the cell's object, such as `PackML/Status/StateCurrent`.
     pub path: &'static str,
-    /// The type of the node's values.
+    /// The data type of the values.
     pub kind: Kind,
-    /// Unit of the values; empty if they have none.
+    /// The unit of the values; empty without a unit.
     pub unit: &'static str,
     /// Description of the node.
     pub meaning: &'static str,
@@ -50,7 +50,7 @@ fn robot(now: &Snapshot) -> Value {
     value_or_absent(now.state, |state| Value::String(state.facts.robot.keyword().to_owned()))
 }
 
-/// Returns the first reason why the unit does not work; `None` in a state in which the unit works.
+/// Returns the most important reason why the unit does not work; `None` in a state in which it works.
 fn stop_reason(now: &Snapshot) -> Option<&Reason> {
     use UnitState::{Completing, Execute, Resetting, Starting, Unholding};
     let works = matches!(unit_state(now)?, Starting | Execute | Unholding | Completing | Resetting);

@@ -1,67 +1,67 @@
-//! The known data of the cell at one moment, as plain data; the cycle's state as a PackML number, and the unit's mode;
-//! values of nodes, and their types.
+//! The known data of the cell at one moment, the PackML number of the cycle's state, the unit's mode, and the values of
+//! nodes with their types.
 //!
-//! The cycle already has PackML's names ([`At`]); the numbers are those of ISA-TR88.00.02-2015, table of states.
-//! Suspending, Suspended and Unsuspending (13, 5, 14) do not occur, because no neighbouring machine makes this cell
-//! wait.
+//! The states of the cycle already have their PackML names ([`At`]); the numbers are those in the table of states of
+//! ISA-TR88.00.02-2015. Suspending, Suspended and Unsuspending (13, 5, 14) do not occur, because this cell never waits
+//! for another machine.
 
 use panelprep_base::verdict::{Reason, Verdict};
 use panelprep_cell::cycle::{At, Robot, State};
 use panelprep_cell::record::PartNames;
 use panelprep_store::history::Alarm;
 
-/// The known data of the cell at one moment. Unknown data is absent, never a default.
+/// The known data of the cell at one moment. Unknown data are absent; they are never replaced by a default.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Snapshot {
-    /// Whether the service's loop answers now; if it does not, all other fields are its last report.
+    /// Whether the service's control loop replies; if not, all other fields are from its last reply.
     pub answers: bool,
-    /// The state, as in the cycle's state table.
+    /// The state in the cycle's state table.
     pub state: Option<State>,
-    /// Whole seconds in the present state, since this service started to observe it.
+    /// Time in the present state, in whole seconds, since this service has observed it.
     pub in_state_s: u32,
-    /// Whole seconds in the present mode, since this service started to observe it.
+    /// Time in the present mode, in whole seconds, since this service has observed it.
     pub in_mode_s: u32,
-    /// The phase inside Execute; if the cycle is held, the phase in which it continues.
+    /// The phase inside Execute; in a held cycle, the phase in which the cycle will be resumed.
     pub phase: Option<String>,
-    /// The running cycle, or the last cycle since the service started.
+    /// The number of the cycle in progress, or of the last cycle since the service started.
     pub cycle: Option<i64>,
     /// Its panel.
     pub panel: Option<String>,
-    /// Number of abrasions of the cycle so far.
+    /// Number of sanding passes in the cycle so far.
     pub pass: Option<u8>,
     /// Elapsed time of the current film, s.
     pub film_s: Option<f64>,
-    /// Observation time of a whole film, s.
+    /// Total observation time of a film, s.
     pub film_total_s: Option<f64>,
-    /// Executed waypoints of the current path.
+    /// Number of executed waypoints of the current path.
     pub waypoint: Option<u32>,
-    /// Number of all waypoints of the current path.
+    /// Total number of waypoints of the current path.
     pub waypoints: Option<u32>,
-    /// The cycle's verdict, once it has one.
+    /// The verdict of the cycle; `None` before its end.
     pub verdict: Option<Verdict>,
-    /// The reasons for the cell's state, and the last problems found.
+    /// The reasons for the cell's state, and the last problems that were found.
     pub reasons: Vec<Reason>,
     /// Keywords of the requests that the state table would accept now.
     pub possible: Vec<&'static str>,
-    /// Whether the cycle waits for a person's decision on a result.
+    /// Whether a person must decide about a result.
     pub is_review: bool,
-    /// The part in the cell.
+    /// The names of the part in the cell.
     pub part: PartNames,
-    /// The grids of the cycle's panel, in order.
+    /// The state of each grid of the panel, in order.
     pub grids: Vec<GridState>,
-    /// Verifications, if there were any: of the 3D camera, the camera on the flange, and the tool.
+    /// The last verifications, if there were any: of the 3D camera, of the flange camera, and of the tool.
     pub scanner: Option<Verified>,
     /// As `scanner`.
     pub flange_camera: Option<Verified>,
     /// As `scanner`.
     pub tool: Option<Verified>,
-    /// Whether a cycle may start with these calibrations; `None` before the first check.
+    /// Whether a cycle may start with the present calibrations; `None` before the first check.
     pub may_start: Option<bool>,
     /// The reasons why a cycle may not start, or warnings about the calibrations.
     pub calibration_reasons: Vec<String>,
-    /// Each calibration's file with its age, as text.
+    /// The file of each calibration and its age, as text.
     pub calibrations: Vec<String>,
-    /// The recipes of the folder.
+    /// The recipes in the folder `[page] recipes`.
     pub recipes: Vec<RecipeHash>,
     /// The lasting alarms, the most urgent first.
     pub alarms: Vec<Alarm>,

@@ -19,7 +19,7 @@ fn codes(judgement: &Judgement) -> Vec<&str> {
     judgement.reasons.iter().map(|reason| &*reason.code).collect()
 }
 
-/// Returns the normal sequence that leads to a pass: grease, an abrasion, a film without a break.
+/// Returns the usual findings of a cycle that ends with pass: a broken film, a sanding pass, a film without a break.
 fn passed() -> Vec<Finding> {
     let fail = finding(Kind::Inspect, Verdict::Fail, "broke");
     let good = |kind| finding(kind, Verdict::Accept, "");
@@ -32,7 +32,8 @@ fn a_film_that_failed_is_superseded_by_an_abrasion_and_a_later_film() {
     let judgement = conclude(Verdict::Pass, &all, &[], &[]);
     assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Pass, vec![]));
     assert_eq!(finding_dispositions(&all, &[])[1], Disposition::Superseded);
-    // Without the abrasion, without the later film, or with the two in reverse order, the first film counts.
+    // Without the sanding pass, without the later film, or with these two in reverse order, the first film is still
+    // effective.
     for left_out in [3, 4] {
         let mut less = passed();
         less.remove(left_out);
@@ -44,8 +45,8 @@ fn a_film_that_failed_is_superseded_by_an_abrasion_and_a_later_film() {
     assert_eq!(conclude(Verdict::Pass, &exchanged, &[], &[]).verdict, Verdict::Fail);
 }
 
-/// An empty cell, or another object, is no nonconformance of a part. A part that differs in only one respect is a
-/// nonconformance, and so is a part that was tested or touched before.
+/// An empty cell or another object is not a nonconformance of a part. A part that differs in only one respect is a
+/// nonconformance, and so is a part that was already tested or sanded in the cycle.
 #[test]
 fn a_cycle_that_found_nothing_or_another_object_examined_no_part() {
     let doubtful = |code: &str| ["points_missing", "blurred", "marks_differ"].contains(&code);
@@ -75,7 +76,7 @@ fn a_cycle_that_found_nothing_or_another_object_examined_no_part() {
         let expected: Vec<&str> = is_no_part.then_some(NO_PART).into_iter().chain(given.iter().copied()).collect();
         assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Reject, expected), "{given:?}");
     }
-    // An overlap that only leads to a review is not another extent.
+    // An overlap that only leads to a review does not prove another extent.
     let nearly = located_with(&["poor_fit", "low_overlap"], &|code| code == "low_overlap");
     assert_eq!(codes(&concluded(&[nearly])), ["poor_fit", "low_overlap"]);
     let after_film = [finding(Kind::Inspect, Verdict::Fail, "broke"), located(&["no_panel"])];
@@ -88,7 +89,7 @@ fn a_cycle_that_found_nothing_or_another_object_examined_no_part() {
     assert!(!codes(&concluded(&found_again)).contains(&NO_PART));
 }
 
-/// A part that was sanded too deeply does not pass because of a later film.
+/// A part that was sanded too deeply does not pass, even if a later film passes.
 #[test]
 fn a_rejected_abrasion_outweighs_a_film_that_passes() {
     let mut all = passed();
@@ -98,7 +99,7 @@ fn a_rejected_abrasion_outweighs_a_film_that_passes() {
     assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Reject, vec!["removal_too_deep"]));
 }
 
-/// A decision counts only if it came after the finding and was accepted.
+/// A decision is effective only if it came after the finding and was accepted.
 #[test]
 fn a_review_counts_until_a_person_decides() {
     let mut all = passed();
@@ -123,8 +124,8 @@ fn a_review_counts_until_a_person_decides() {
     assert_eq!(finding_dispositions(&all, &accept)[3], Disposition::Decided(&accept[0]));
 }
 
-/// Each reason occurs once, in the order of the findings; the reason for the cycle's end comes last, if no finding has
-/// it.
+/// Each reason occurs once, in the order of the findings. The reason for ending the cycle is the last one, unless a
+/// finding has the same reason.
 #[test]
 fn all_reasons_are_named_once_and_in_order() {
     let all = vec![
@@ -166,7 +167,7 @@ fn requests() -> impl Strategy<Value = Vec<RequestRecord>> {
     prop::collection::vec(one.prop_map(|(request, answer, findings)| asked(request, answer, findings)), 0..5)
 }
 
-/// Returns whether the conditions for a pass are satisfied: a second, independent form of the rule.
+/// Returns whether the conditions for a pass are satisfied, by a second, independent implementation of the rules.
 fn may_pass(findings: &[Finding], requests: &[RequestRecord]) -> bool {
     let is = |finding: &Finding, verdict| finding.judgement.verdict == verdict;
     let none_is_bad = findings.iter().all(|one| !is(one, Verdict::Reject) && !is(one, Verdict::Invalid));
@@ -189,8 +190,8 @@ fn may_pass(findings: &[Finding], requests: &[RequestRecord]) -> bool {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(4_000))]
 
-    /// The verdict is never better than the worst finding that counts, and has the reasons of all findings that
-    /// count. Only a cycle that satisfies the conditions for a pass can pass.
+    /// The verdict is never better than the worst effective finding, and has the reasons of all effective findings. A
+    /// cycle passes only if it satisfies the conditions for a pass.
     #[test]
     fn no_verdict_is_better_than_its_worst_finding(
         findings in findings(),
@@ -214,8 +215,8 @@ proptest! {
         prop_assert_eq!(is_pass, ended == Verdict::Pass && may_pass(&findings, &requests), "{:?}", judgement);
     }
 
-    /// A record with its concluded verdict has no contradiction; the same record with the verdict pass has none only if
-    /// pass is its concluded verdict.
+    /// A record with its computed verdict has no contradiction. With the verdict pass instead, it has no contradiction
+    /// only if the computed verdict is pass as well.
     #[test]
     fn a_pass_that_was_not_concluded_is_named(findings in findings(), requests in requests()) {
         let judgement = conclude(Verdict::Pass, &findings, &requests, &[]);
@@ -227,8 +228,8 @@ proptest! {
     }
 }
 
-/// A pass needs a film that passed after the last abrasion. A record without findings, with only good findings of
-/// other kinds, or with an abrasion after its film shows no pass. A run in the air needs no film.
+/// A pass requires a film that passed after the last sanding pass. A record without findings, with only good findings
+/// of other kinds, or with a sanding pass after its film does not show a pass. An air-run needs no film.
 #[test]
 fn a_pass_needs_a_film_that_passed() {
     let pass = Judgement { verdict: Verdict::Pass, reasons: vec![] };
