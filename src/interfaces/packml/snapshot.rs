@@ -63,17 +63,17 @@ pub struct Snapshot {
     pub calibrations: Vec<String>,
     /// The recipes in the folder `[page] recipes`.
     pub recipes: Vec<RecipeHash>,
-    /// The lasting alarms, the most urgent first.
+    /// The active alarms, the most urgent first.
     pub alarms: Vec<Alarm>,
     /// Cycles that ended.
     pub counts: CycleCounts,
-    /// The last refused call of a method.
+    /// The last refused method call, if there was one.
     pub refusal: Option<LastRefusal>,
     /// The time of this snapshot, ms since 1970.
     pub now_unix_ms: i64,
 }
 
-/// A recipe with which a cycle can be started.
+/// A recipe that can be started.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecipeHash {
     /// Its file's name.
@@ -82,45 +82,45 @@ pub struct RecipeHash {
     pub sha256: String,
 }
 
-/// A grid of the panel.
+/// A grid of the panel, with its state.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GridState {
     /// The grid's name, such as `r1c1`.
     pub id: String,
-    /// `broke`, `whole`, `abraded`, or `untested`.
+    /// The state: `broke`, `whole`, `abraded`, or `untested`.
     pub state: &'static str,
 }
 
-/// The last verification of a camera or the tool.
+/// The result of the last verification of a camera or the tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Verified {
     /// Time of the verification, s since 1970.
     pub at_unix_s: i64,
-    /// The error found, mm.
+    /// The measured error, mm.
     pub error_mm: f64,
-    /// The allowed error, mm.
+    /// The maximum error, mm.
     pub limit_mm: f64,
 }
 
-/// Counts of the ended cycles in the store, without air-runs.
+/// Numbers of the ended cycles in the store, without air-runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct CycleCounts {
-    /// Cycles with the verdict pass.
+    /// Number of cycles with the verdict pass.
     pub passed: u32,
-    /// Cycles with the verdict fail.
+    /// Number of cycles with the verdict fail.
     pub failed: u32,
-    /// Cycles with the verdict reject: the panel was not treated.
+    /// Number of cycles with the verdict reject.
     pub rejected: u32,
-    /// Cycles with the verdict invalid: the test gives no result.
+    /// Number of cycles with the verdict invalid: the test has no result.
     pub invalid: u32,
-    /// Cycles that ended by an abort or a stop.
+    /// Number of cycles that ended by an abort or a stop.
     pub aborted: u32,
-    /// Cycles with any other verdict.
+    /// Number of cycles with any other verdict.
     pub other: u32,
 }
 
 impl CycleCounts {
-    /// Returns the number of all cycles.
+    /// Returns the total number of cycles.
     pub fn processed_count(&self) -> u32 {
         let CycleCounts { passed, failed, rejected, invalid, aborted, other } = *self;
         passed + failed + rejected + invalid + aborted + other
@@ -132,25 +132,25 @@ impl CycleCounts {
     }
 }
 
-/// A call of a method that was refused.
+/// A refused method call.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LastRefusal {
     /// The method.
     pub method: &'static str,
-    /// Name of the user who called it.
+    /// Name of the user who called the method.
     pub user: String,
     /// Time of the call, ms since 1970.
     pub at_unix_ms: i64,
-    /// Reason of the refusal.
+    /// The reason for the refusal.
     pub reason: Reason,
 }
 
-/// Returns the name of an alarm: its cycle (`0` between cycles), code and time. No two alarms have the same name.
+/// Returns the unique id of an alarm: its cycle (`0` between cycles), code and time.
 pub fn alarm_id(alarm: &Alarm) -> String {
     format!("{}/{}/{}", alarm.cycle.map_or(0, |cycle| cycle.0), alarm.code, alarm.raised_unix_ms)
 }
 
-/// A state of the unit, with its number.
+/// The PackML state of the unit, with its number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr, strum::VariantArray)]
 #[expect(missing_docs, reason = "the names are PackML's")]
 pub enum UnitState {
@@ -171,7 +171,7 @@ pub enum UnitState {
 }
 
 impl UnitState {
-    /// Returns the state of the unit for this state of the cycle.
+    /// Returns the PackML state for a state of the cycle.
     pub fn from_state(at: At) -> Self {
         match at {
             At::Stopped => UnitState::Stopped,
@@ -196,13 +196,13 @@ impl UnitState {
         self as i32
     }
 
-    /// Returns the state's name, as PackML writes it.
+    /// Returns the PackML name of the state.
     pub fn name(self) -> &'static str {
         self.into()
     }
 
-    /// Returns whether the state ends by itself, as PackML's acting states do; in other states the unit waits for a
-    /// command.
+    /// Returns whether this is an acting state of PackML, which ends by itself. In all other states, the unit waits for
+    /// a command.
     pub fn is_acting_state(self) -> bool {
         use UnitState::{Aborted, Complete, Held, Idle, Stopped};
         !matches!(self, Stopped | Idle | Held | Complete | Aborted)
@@ -216,13 +216,12 @@ pub enum UnitMode {
     Production = 1,
     /// An air-run, without water, tool and contact.
     Maintenance = 2,
-    /// The robot is in T1 or T2 and is operated by hand.
+    /// The robot is in T1 or T2 and is operated manually.
     Manual = 3,
 }
 
 impl UnitMode {
-    /// Returns the mode for this state of the cycle. The robot's mode switch has priority over the purpose of the
-    /// cycle.
+    /// Returns the mode for a state of the cycle. The mode switch of the robot has priority over the kind of cycle.
     pub fn from_state(state: &State) -> Self {
         match state.facts.robot {
             Robot::NotAutomatic => UnitMode::Manual,
@@ -236,7 +235,7 @@ impl UnitMode {
         self as i32
     }
 
-    /// Returns the mode's name, as PackML writes it.
+    /// Returns the PackML name of the mode.
     pub fn name(self) -> &'static str {
         self.into()
     }
@@ -245,13 +244,13 @@ impl UnitMode {
 /// A value of a node.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Value {
-    /// The value is not known, or there is none now.
+    /// The value is unknown, or does not exist at present.
     Absent,
     /// True or false.
     Boolean(bool),
     /// A whole number.
     Int32(i32),
-    /// A whole number, 0 or greater.
+    /// An unsigned integer.
     UInt32(u32),
     /// A number.
     Double(f64),
@@ -261,11 +260,11 @@ pub enum Value {
     DateTime(i64),
     /// Texts, in order.
     Strings(Vec<String>),
-    /// Times, ms since 1970, in order.
+    /// A list of times, ms since 1970.
     DateTimes(Vec<i64>),
 }
 
-/// The type of a node's values.
+/// The data type of a node's values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
 #[expect(missing_docs, reason = "the names are those of OPC UA")]
 pub enum Kind {
@@ -282,14 +281,14 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// Returns the type's name, as the manual states it.
+    /// Returns the name of the data type, as used in the manual.
     pub fn name(self) -> &'static str {
         self.into()
     }
 }
 
 impl Value {
-    /// Returns the type of this value; `None` if there is no value.
+    /// Returns the data type of this value; `None` for an absent value.
     pub fn kind(&self) -> Option<Kind> {
         Some(match self {
             Value::Absent => return None,

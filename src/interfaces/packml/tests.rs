@@ -1,4 +1,4 @@
-//! Tests with tables over all states, nodes and methods.
+//! Tests that compare all states, nodes and methods with tables.
 
 use super::*;
 use panelprep_base::verdict::{Reason, Verdict};
@@ -9,7 +9,7 @@ use strum::VariantArray;
 
 const HOLD: Hold = Hold { why: Why::Asked, resume: Phase::Abrade };
 
-/// Every state of the cycle with its number and name in ISA-TR88.00.02, and whether the state ends by itself.
+/// All states of the cycle: number and name in ISA-TR88.00.02, and whether the state ends by itself.
 const STATES: [(At, i32, &str, bool); 14] = [
     (At::Clearing { cause: Cause::Asked }, 1, "Clearing", true),
     (At::Stopped, 2, "Stopped", false),
@@ -69,7 +69,7 @@ fn the_mode_follows_the_robot_switch_and_the_purpose_of_the_cycle() {
     }
 }
 
-/// Each value has the data type that its node states, because clients rely on it.
+/// Each value has the data type of its node, on which clients rely.
 #[test]
 fn each_value_has_the_type_of_its_node_in_every_state() {
     let full = full();
@@ -121,7 +121,7 @@ fn full() -> Snapshot {
             at_unix_ms: 5,
             reason: Reason::new("not_now", "hold is not possible"),
         }),
-        // Calculated by hand: 1.5 hours after the verification.
+        // 1.5 hours after the verification.
         now_unix_ms: 1_000_000 + 5_400_000,
         ..Snapshot::default()
     }
@@ -159,7 +159,7 @@ fn node_paths_are_unique_and_not_nested() {
     }
 }
 
-/// Each method requires the same roles as the same request on the operator's page.
+/// Each method requires the same roles as the corresponding request on the operator's page.
 #[test]
 fn each_command_has_one_method_with_its_roles() {
     let roles = |name: &str| -> Vec<&str> {

@@ -1,14 +1,14 @@
-//! A client of a page on this computer, for the tests of the pages.
+//! A client for the pages on this computer, used in tests.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
 
-/// Returns the address in a page's URL.
+/// Returns the address and port in the URL of a page.
 pub fn address(url: &str) -> &str {
     url.trim_start_matches("http://").split('/').next().expect("an address")
 }
 
-/// Sends a request to an address as this host; returns the status and the whole answer.
+/// Sends a request with this host name to an address, and returns the status and the complete response.
 pub fn ask(address: &str, host: &str, request: [&str; 3]) -> (u16, String) {
     let [method, path, body] = request;
     let mut stream = TcpStream::connect(address).expect("it listens");

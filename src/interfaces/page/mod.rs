@@ -1,12 +1,12 @@
-//! Pages that this program serves to a browser on the same computer.
+//! Pages for a browser on the same computer.
 //!
-//! [`LocalServer`] is the server. It listens only on a loopback address and identifies its pages by a key in their
-//! address that only the terminal shows. It refuses requests that name another host, so that no other page in the
-//! browser can send a request. All that a page needs is in the program; nothing is loaded from other servers. A session
-//! with a page counts how often the person saved, and records whether the person is done.
+//! The server [`LocalServer`] listens only on a loopback address. The URL of its pages contains a key that is only
+//! printed on the terminal. Requests that name another host are refused, so that no other page in the browser can send
+//! a request. All files of a page are part of the program; nothing is loaded from other servers. A session counts how
+//! many times the person has saved, and records whether the person has ended the page.
 //!
 //! - `drawing`: the region and the masked areas, drawn on the taught picture
-//! - `label`: the breaks in a clip, marked over its pictures
+//! - `label`: the breaks in a clip, drawn on its pictures
 
 pub mod drawing;
 pub mod label;
@@ -27,7 +27,7 @@ use tokio::net::TcpListener;
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::oneshot;
 
-/// The reason why a page is not served.
+/// The reason why a page cannot be served.
 #[derive(Debug, thiserror::Error)]
 pub enum LocalError {
     /// Other computers could open the page.
@@ -49,7 +49,7 @@ pub enum LocalError {
     },
 }
 
-/// A server that listens.
+/// A server that listens on a loopback address.
 pub struct LocalServer {
     runtime: Runtime,
     listener: TcpListener,
@@ -57,16 +57,16 @@ pub struct LocalServer {
     key: String,
 }
 
-/// The accepted host names: those by which a browser on this computer addresses the server.
+/// The accepted host names: the names of the server in a browser on this computer.
 struct HostFilter {
     hosts: [String; 2],
 }
 
 impl LocalServer {
-    /// Listens on a loopback address; port 0 selects a free one.
+    /// Listens on a loopback address; port 0 selects a free port.
     ///
     /// # Errors
-    /// If other computers can reach the address, or it is in use.
+    /// If other computers can reach the address, or the port is in use.
     pub fn listen(address: SocketAddr) -> Result<Self, LocalError> {
         if !address.ip().is_loopback() {
             return Err(LocalError::NotLoopback { address });
@@ -79,20 +79,20 @@ impl LocalServer {
         Ok(LocalServer { runtime, listener, address, key })
     }
 
-    /// Returns the address that a person opens in the browser.
+    /// Returns the URL that a person opens in the browser.
     pub fn url(&self) -> String {
         format!("http://{}/{}/", self.address, self.key)
     }
 
-    /// Returns the path of one of the server's pages, below the key.
+    /// Returns the path of a page, below the key.
     pub fn path(&self, page: &str) -> String {
         format!("/{}/{page}", self.key)
     }
 
-    /// Serves these pages until `done` is signalled or dropped.
+    /// Serves the pages until `done` is signalled or dropped.
     ///
     /// # Errors
-    /// If the operating system reports an error of the server.
+    /// If the server cannot be run.
     pub fn serve(self, pages: Router, done: oneshot::Receiver<()>) -> Result<(), LocalError> {
         let LocalServer { runtime, listener, address, .. } = self;
         let gate = Arc::new(HostFilter { hosts: [address.to_string(), format!("localhost:{}", address.port())] });
@@ -106,8 +106,8 @@ impl LocalServer {
     }
 }
 
-/// Passes on a request that names this computer as its host, and refuses others. Responses are not cached, and another
-/// page cannot show them in a frame.
+/// Passes on requests that name this computer as their host, and refuses all others. Responses are not cached, and
+/// cannot be displayed in a frame of another page.
 async fn filter_host(State(gate): State<Arc<HostFilter>>, request: Request<Body>, next: Next) -> Response {
     let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok());
     if !host.is_some_and(|host| gate.hosts.iter().any(|own| own == host)) {
@@ -128,11 +128,11 @@ async fn filter_host(State(gate): State<Arc<HostFilter>>, request: Request<Body>
     response
 }
 
-/// The number of saves, and the channel that signals that the person is done.
+/// The number of saves, and the channel that signals the end of the page.
 struct Session(Mutex<(u32, Option<oneshot::Sender<()>>)>);
 
 impl Session {
-    /// Creates a session in which nothing was saved yet, and the receiver that is notified when the session ends.
+    /// Creates a session without saves, and the receiver that is notified when the session ends.
     pub fn new() -> (Self, oneshot::Receiver<()>) {
         let (tell, done) = oneshot::channel();
         (Session(Mutex::new((0, Some(tell)))), done)
@@ -143,12 +143,12 @@ impl Session {
         self.lock().0 += 1;
     }
 
-    /// Returns how often the person saved.
+    /// Returns how many times the person has saved.
     pub fn save_count(&self) -> u32 {
         self.lock().0
     }
 
-    /// Signals, once, that the person is done.
+    /// Signals once that the person has ended the page.
     pub fn end(&self) -> Response {
         if let Some(tell) = self.lock().1.take() {
             #[expect(clippy::let_underscore_must_use, reason = "fails if the session has already ended")]

@@ -1,7 +1,7 @@
-//! Commands to the node: the requests in a message on its command topic, and which of them are refused.
+//! Commands to the edge node: the requests in a message on its command topic, and which requests are refused.
 //!
-//! The messages from a broker are limited: a flood of messages neither fills the audit trail nor blocks the loop, and
-//! no stop is lost in it.
+//! The number of messages from a broker is limited: a flood of messages neither fills the audit trail nor blocks the
+//! control loop, and a stop within a flood is not lost.
 
 use super::metrics::{METRICS, alias};
 use super::payload::{Metric, Payload, WireType};
@@ -11,10 +11,10 @@ use prost::Message as _;
 use std::collections::BTreeMap;
 use strum::VariantArray;
 
-/// A request that a host may make. No request begins a motion.
+/// A command that a host application may send. No command starts a motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, VariantArray)]
 pub enum NodeCommand {
-    /// Publishes all values again.
+    /// Publish all values again.
     Rebirth,
     /// Holds the cycle.
     Hold,
@@ -45,7 +45,7 @@ impl NodeCommand {
         }
     }
 
-    /// Returns the alias of the command's metric; the specification requires a rebirth to have none.
+    /// Returns the alias of the command's metric. The specification forbids an alias for a rebirth.
     pub fn alias(self) -> Option<u64> {
         match self {
             NodeCommand::Rebirth => None,
@@ -55,7 +55,7 @@ impl NodeCommand {
         }
     }
 
-    /// Returns the request to the cycle's state machine.
+    /// Returns the corresponding request to the cycle's state table; `None` for a rebirth.
     pub fn request(self) -> Option<Request> {
         match self {
             NodeCommand::Rebirth => None,
@@ -65,20 +65,20 @@ impl NodeCommand {
         }
     }
 
-    /// Returns the offered commands: all if commands to the cell are allowed, otherwise only the rebirth.
+    /// Returns the available commands: all commands if commands are permitted, otherwise only the rebirth.
     pub(super) fn offered_commands(commands_allowed: bool) -> impl Iterator<Item = NodeCommand> {
         let is_offered = move |command: &NodeCommand| commands_allowed || *command == NodeCommand::Rebirth;
         NodeCommand::VARIANTS.iter().copied().filter(is_offered)
     }
 }
 
-/// The reason why a part of a command message is refused.
+/// The reason why a command message, or a part of it, is refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CommandError {
-    /// The message is not a payload of Sparkplug B.
+    /// The message is not a Sparkplug B payload.
     #[error("the message is not a Sparkplug B payload: {problem}")]
     NotAPayload {
-        /// The error in the message.
+        /// The problem in the message.
         problem: String,
     },
     /// The message has too many metrics.
@@ -87,10 +87,10 @@ pub enum CommandError {
         /// Number of metrics in the message.
         found: usize,
     },
-    /// The message contains no request.
+    /// The message contains no metric.
     #[error("the message has no metric; write true to one of: {allowed}")]
     Empty {
-        /// The metrics that may be written.
+        /// The names of the metrics that may be written.
         allowed: String,
     },
     /// The metric does not exist, or is read-only.
@@ -98,10 +98,10 @@ pub enum CommandError {
     NotWritten {
         /// The metric's name or alias.
         found: String,
-        /// The metrics that may be written.
+        /// The names of the metrics that may be written.
         allowed: String,
     },
-    /// The cell's file does not allow the command.
+    /// The cell's file does not permit commands.
     #[error("{name} is not permitted by [sparkplug] commands in the cell's file")]
     NotPermitted {
         /// Its metric.
@@ -115,12 +115,12 @@ pub enum CommandError {
     },
 }
 
-/// Limit of metrics in one message; a host has no reason to write more at once.
+/// Maximum number of metrics in a command message; a host application needs far fewer.
 const MAX_METRICS: usize = 32;
-/// Maximum number of characters that are reported of a name in a received message.
+/// Maximum number of characters of a received name in the audit trail.
 const MAX_CHARACTERS: usize = 80;
 
-/// Returns the commands in a message on the command topic, or the reason for each refusal, in the message's order.
+/// Returns the commands in a message in their order, or for each refused one the reason.
 pub fn commands(bytes: &[u8], commands_allowed: bool) -> Vec<Result<NodeCommand, CommandError>> {
     let payload = match Payload::decode(bytes) {
         Ok(payload) => payload,
@@ -137,7 +137,7 @@ pub fn commands(bytes: &[u8], commands_allowed: bool) -> Vec<Result<NodeCommand,
 
 fn command(metric: &Metric, commands_allowed: bool) -> Result<NodeCommand, CommandError> {
     let is_meant = |command: &&NodeCommand| match (&metric.name, metric.alias) {
-        // If name and alias are given, they must agree.
+        // If both name and alias are given, they must belong to the same command.
         (Some(name), Some(alias)) => command.name() == name && command.alias() == Some(alias),
         (Some(name), None) => command.name() == name,
         (None, alias) => alias.is_some() && command.alias() == alias,
@@ -162,7 +162,7 @@ fn describe_allowed(commands_allowed: bool) -> String {
     NodeCommand::offered_commands(commands_allowed).map(NodeCommand::name).collect::<Vec<_>>().join(", ")
 }
 
-/// Describes a metric in a message for people; a long name is shortened.
+/// Returns how a message for people names a metric; a long name is truncated.
 fn describe(metric: &Metric) -> String {
     let of_alias = |number: u64| METRICS.iter().enumerate().find(|(place, _)| alias(*place) == number);
     match (&metric.name, metric.alias) {
@@ -178,13 +178,13 @@ fn describe(metric: &Metric) -> String {
     }
 }
 
-/// Minimum time between two commands of the same kind that are passed on, ms. A command that arrives earlier waits
-/// until this time is over, so that no stop is lost.
+/// Minimum interval between two commands of the same kind, ms. A command that arrives earlier is delayed, so that no
+/// stop is lost.
 const MIN_INTERVAL_MS: u64 = 1_000;
-/// Limits of the lines in the audit trail per minute, for executed and for refused commands.
+/// Maximum number of audit entries per minute, for performed and for refused commands.
 pub(super) const MAX_AUDIT_LINES: MaxLinesPerMinute = MaxLinesPerMinute { done: 60, refused: 20 };
 
-/// The time at which each command was last passed on, and whether the command waits.
+/// For each command, the time at which it was last passed on, and whether another one is delayed.
 #[derive(Debug, Clone, Default)]
 pub(super) struct CommandLimit(BTreeMap<NodeCommand, LastPassed>);
 
@@ -195,7 +195,7 @@ struct LastPassed {
 }
 
 impl CommandLimit {
-    /// Returns whether this command may be passed on now; otherwise it waits.
+    /// Returns whether this command may be passed on now; otherwise it is delayed.
     pub fn admit(&mut self, command: NodeCommand, now_ms: u64) -> bool {
         match self.0.get_mut(&command) {
             Some(passed) if now_ms.saturating_sub(passed.at_ms) < MIN_INTERVAL_MS => {
@@ -209,7 +209,7 @@ impl CommandLimit {
         }
     }
 
-    /// Returns the waiting commands whose time is over, and counts them as passed on.
+    /// Returns the delayed commands whose interval has ended, and records them as passed on.
     pub fn due_commands(&mut self, now_ms: u64) -> Vec<NodeCommand> {
         let is_due = |passed: &LastPassed| passed.waits && now_ms.saturating_sub(passed.at_ms) >= MIN_INTERVAL_MS;
         let due: Vec<_> = self.0.iter().filter(|(_, passed)| is_due(passed)).map(|(command, _)| *command).collect();
@@ -219,19 +219,19 @@ impl CommandLimit {
         due
     }
 
-    /// Returns whether this command waits.
+    /// Returns whether this command is delayed.
     pub fn is_waiting(&self, command: NodeCommand) -> bool {
         self.0.get(&command).is_some_and(|passed| passed.waits)
     }
 
-    /// Removes this command from the waiting commands.
+    /// Discards this delayed command.
     pub fn forget(&mut self, command: NodeCommand) {
         if let Some(passed) = self.0.get_mut(&command) {
             passed.waits = false;
         }
     }
 
-    /// Removes all waiting commands. The times at which commands were last passed on are kept.
+    /// Discards all delayed commands. The times at which commands were last passed on are kept.
     pub fn clear(&mut self) {
         for passed in self.0.values_mut() {
             passed.waits = false;

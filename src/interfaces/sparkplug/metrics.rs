@@ -1,72 +1,72 @@
-//! The published values of the cell, from the loop and from the store, and their metrics: each with its name, its
-//! type, its meaning and the source of its value. The alias of a metric is its position in the table, from 1, so that
-//! it stays the same as long as new metrics are added at the end.
+//! The published values of the cell, from the control loop and from the store, and the table of their metrics: name,
+//! data type, description and the source of the value. The alias of a metric is its position in the table, from 1. New
+//! metrics are added at the end, so that existing aliases do not change.
 
 use super::payload::{DataType, Value};
 use crate::packml::{UnitMode, UnitState};
 use DataType::{Double, Int64};
 use panelprep_cell::cycle::{Robot, State};
 
-/// The published values of the cell. Unknown values are `None`.
+/// The published values of the cell. An unknown value is `None`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct CellView {
-    /// The loop's present values.
+    /// The values of the control loop.
     pub now: LoopView,
-    /// The values of the store and the disk, which may be older than the loop's values.
+    /// The values of the store and its disk, which may be older than those of the control loop.
     pub kept: StoreView,
 }
 
-/// The loop's present values; all are `None` if the loop does not answer.
+/// The present values of the control loop; all are `None` if the loop does not reply.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct LoopView {
-    /// The state of the cycle's state machine.
+    /// The state of the cycle's state table.
     pub table: Option<State>,
-    /// The phase, or the phase in which a held cycle continues.
+    /// The phase; in a held cycle, the phase in which the cycle will be resumed.
     pub phase: Option<String>,
-    /// The cycle that runs, or the last cycle since the service started.
+    /// The number of the cycle in progress, or of the last cycle since the service started.
     pub cycle: Option<i64>,
     /// Its panel.
     pub panel: Option<String>,
-    /// The number of abrasions in this cycle so far.
+    /// Number of sanding passes in the cycle so far.
     pub pass: Option<u8>,
     /// Elapsed time of the current film, s.
     pub film_s: Option<f64>,
-    /// Observation time of a whole film, s.
+    /// Total observation time of a film, s.
     pub film_total_s: Option<f64>,
-    /// Number of executed waypoints of the present path.
+    /// Number of executed waypoints of the current path.
     pub waypoint: Option<u32>,
-    /// Number of all waypoints of the present path.
+    /// Total number of waypoints of the current path.
     pub waypoints: Option<u32>,
 }
 
-/// The values of the store and the disk.
+/// The values of the store and its disk.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StoreView {
-    /// The part's serial number in the newest cycle.
+    /// The serial number of the part in the newest cycle.
     pub serial: Option<String>,
     /// Its work order.
     pub work_order: Option<String>,
-    /// The grids on which the film broke in the last film of the newest cycle; `None` before its first valid film.
+    /// The grids that failed in the last film of the newest cycle; `None` before its first valid film.
     pub failed_grids: Option<Vec<String>>,
-    /// The newest cycle that has ended.
+    /// The number of the newest ended cycle.
     pub last_cycle: Option<i64>,
     /// Its verdict.
     pub last_verdict: Option<&'static str>,
     /// Alarms that last.
     pub active_alarms: Option<usize>,
-    /// The code of the alarm that was raised last.
+    /// The code of the newest alarm.
     pub newest_alarm: Option<String>,
-    /// Whole hours since the last verification of the 3D camera.
+    /// Time since the last verification of the 3D camera, in whole hours.
     pub scanner_verified_h: Option<i64>,
-    /// Whole hours since the last verification of the flange camera.
+    /// Time since the last verification of the flange camera, in whole hours.
     pub flange_camera_verified_h: Option<i64>,
-    /// Whole hours since the last verification of the tool.
+    /// Time since the last verification of the tool, in whole hours.
     pub tool_verified_h: Option<i64>,
-    /// Area that the disc in use has swept, mm².
+    /// Area that the mounted disc has swept, mm².
     pub disc_worn_mm2: Option<f64>,
     /// Free space on the store's disk, MB.
     pub free_mb: Option<u64>,
-    /// Number of cycles that have ended.
+    /// Number of ended cycles.
     pub cycles: Option<i64>,
     /// Number of ended cycles with the verdict pass.
     pub passed: Option<i64>,
@@ -74,24 +74,24 @@ pub struct StoreView {
     pub abrasions: Option<i64>,
 }
 
-/// Returns the unit's state.
+/// Returns the PackML state of the unit.
 fn unit_state(now: &LoopView) -> Option<UnitState> {
     now.table.map(|state| UnitState::from_state(state.at))
 }
 
-/// Returns the unit's mode; `None` while the robot sends no reports.
+/// Returns the PackML mode of the unit; `None` while the robot sends no reports.
 pub(super) fn unit_mode(now: &LoopView) -> Option<UnitMode> {
     let state = now.table.filter(|state| !matches!(state.facts.robot, Robot::Unknown | Robot::LinkLost))?;
     Some(UnitMode::from_state(&state))
 }
 
-/// One metric of the node.
+/// A metric of the edge node.
 pub struct MetricDefinition {
     /// Its name.
     pub name: &'static str,
     /// Its type.
     pub datatype: DataType,
-    /// The metric's meaning, in a sentence for the manual.
+    /// The description of the metric for the manual.
     pub meaning: &'static str,
     value: fn(&CellView) -> Value,
 }
@@ -105,7 +105,7 @@ const fn define_metric(
     MetricDefinition { name, datatype, meaning, value }
 }
 
-/// All metrics of the cell, except those that a host may write.
+/// All metrics of the cell, except those of the commands.
 pub const METRICS: [MetricDefinition; 29] = [
     define_metric("Properties/program", DataType::String, "the program and its version", |_| {
         Value::Text(concat!("panelprep ", env!("CARGO_PKG_VERSION")).to_owned())
@@ -224,12 +224,12 @@ fn count(number: Option<usize>) -> Option<i64> {
     number.and_then(|number| i64::try_from(number).ok())
 }
 
-/// Returns the value of each metric, in the order of the table.
+/// Returns the values of all metrics, in the order of the table.
 pub fn values(view: &CellView) -> Vec<Value> {
     METRICS.iter().map(|metric| (metric.value)(view)).collect()
 }
 
-/// Returns the alias of the metric at this position of the table.
+/// Returns the alias of the metric with this index in the table.
 pub(super) fn alias(place: usize) -> u64 {
     place as u64 + 1
 }

@@ -1,9 +1,9 @@
-//! The cell as an edge node of MQTT Sparkplug B 3.0, without sockets and clocks: the published values, and the requests
-//! in commands.
+//! The cell as an edge node of MQTT Sparkplug B 3.0, without sockets and clocks: the published values, and the
+//! commands.
 //!
-//! It is a live view: its data may be lost, and nothing in the cell waits for it. `payload` (protobuf, values, topics)
-//! · `metrics` (the table of all published values) · `command` (also the limits for a flood of commands) · `node` (the
-//! state machine, also the primary host). `daemon/sparkplug` is the connection.
+//! The node gives a live view: its data may be lost, and the cell never waits for it. `payload` (protobuf, values,
+//! topics) · `metrics` (the table of all published values) · `command` (commands, and limits for a flood of commands) ·
+//! `node` (the state machine with the primary host). `daemon/sparkplug` contains the connection.
 //!
 //! Source: Sparkplug specification, version 3.0.0, Eclipse Foundation, 2022.
 

@@ -1,12 +1,13 @@
-//! The edge node: its messages to the broker, and its handling of received messages. It converts events to actions, and
-//! uses no socket and no clock.
+//! The edge node: its messages to the broker, and how it handles received messages. It converts events to actions,
+//! without sockets and clocks.
 //!
 //! ```text
 //! Connecting ─ Connected ─ (primary host online) ─ NBIRTH ─ NDATA at each change ─ NDEATH
 //! ```
 //!
-//! The death message is registered at the broker first, as the will of the connection. It has the same number (`bdSeq`)
-//! as the births of this connection. `seq` counts births and data from 0 to 255, and then from 0 again.
+//! The death message is registered at the broker as the will of the connection, before any other message. It has the
+//! same number (`bdSeq`) as the birth messages of this connection. `seq` counts birth and data messages from 0 to 255,
+//! then again from 0.
 //!
 //! If a primary host application is configured, nothing is published while it is offline.
 
@@ -17,37 +18,37 @@ use panelprep_cell::accounts::LineLimit;
 use prost::Message as _;
 use serde::Deserialize;
 
-/// The configuration of a node.
+/// The settings of a node.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NodeSetup {
     /// Its names.
     pub ids: CellIds,
-    /// Whether the commands hold, stop and abort are accepted.
+    /// Whether the commands hold, stop and abort are permitted.
     pub commands_allowed: bool,
-    /// Whether data messages use aliases. Some hosts do not support aliases: then each message contains names and
-    /// types.
+    /// Whether data messages use aliases. Some host applications do not support aliases; each message then contains
+    /// names and data types.
     pub aliases: bool,
 }
 
-/// The present time, by the wall clock and by a monotonic clock.
+/// The present time of the wall clock and of a monotonic clock.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NodeTime {
-    /// Wall clock, ms since 1970, UTC.
+    /// Time of the wall clock, ms since 1970, UTC.
     pub unix_ms: u64,
-    /// Monotonic clock, ms since an arbitrary moment.
+    /// Time of the monotonic clock, ms since an arbitrary moment.
     pub steady_ms: u64,
 }
 
 /// An event for the node.
 #[derive(Debug, Clone, PartialEq)]
 pub enum NodeEvent<'m> {
-    /// A connection to the broker begins; from now on its will is [`EdgeNode::last_will`].
+    /// A connection to the broker begins, with [`EdgeNode::last_will`] as its will.
     Connecting,
     /// The broker has accepted all subscriptions.
     Subscribed,
-    /// The connection is lost.
+    /// The connection was lost.
     Lost,
-    /// The cell's values were read, in the order of [`METRICS`].
+    /// The values of the cell were read, in the order of [`METRICS`].
     Seen(Vec<Value>),
     /// The broker delivered a message.
     Received {
@@ -55,28 +56,28 @@ pub enum NodeEvent<'m> {
         topic: &'m str,
         /// Its bytes.
         payload: &'m [u8],
-        /// Whether the broker had retained the message: it may be old.
+        /// Whether the message was retained by the broker, so that it may be old.
         is_retained: bool,
     },
     /// The program ends.
     Leaving,
 }
 
-/// An action that the node requests.
+/// An action that the owner of the connection must perform.
 #[derive(Debug, Clone, PartialEq)]
 pub enum NodeAction {
-    /// Publish a message, not retained.
+    /// Publish this message without the retain flag.
     Publish(Message),
-    /// Request a command of the cell, with the same request and the same checks as every other interface of the cell.
+    /// Send a command to the cell. It is the same request, with the same checks, as through any other interface.
     Ask {
         /// The requested command.
         command: NodeCommand,
-        /// Whether a line of the audit trail records the result.
+        /// Whether the result is recorded in the audit trail.
         is_noted: bool,
     },
-    /// Write a line of the audit trail.
+    /// Write an entry to the audit trail.
     Note(AuditNote),
-    /// End the connection after all published messages were sent, and begin a new one.
+    /// Disconnect after all published messages are sent, and connect again.
     Disconnect,
 }
 
@@ -87,25 +88,25 @@ pub struct Message {
     pub topic: String,
     /// Its bytes.
     pub payload: Vec<u8>,
-    /// The quality of service: 0 for births and data, 1 for a death.
+    /// The quality of service: 0 for birth and data messages, 1 for a death message.
     pub qos: u8,
 }
 
-/// A line of the audit trail, without time and location.
+/// An entry of the audit trail, without time and address.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AuditNote {
     /// The attempted action.
     pub what: String,
     /// The object of the attempted action.
     pub subject: Option<String>,
-    /// The reason why the action was refused; `None` if it was done.
+    /// The reason why the action was refused; `None` if it was performed.
     pub refused: Option<String>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum NodeSession {
     Offline,
-    /// The subscriptions are accepted; nothing has been published yet.
+    /// The subscriptions were accepted; nothing has been published yet.
     Waiting,
     Born,
 }
@@ -115,21 +116,21 @@ enum NodeSession {
 pub struct EdgeNode {
     setup: NodeSetup,
     session: NodeSession,
-    /// The number of this connection, 0 to 255; `None` before the first one.
+    /// The number of the connection (`bdSeq`), 0 to 255; `None` before the first connection.
     bd_seq: Option<u8>,
-    /// The number of the next message.
+    /// The sequence number of the next message.
     seq: u8,
     host: PrimaryHost,
-    /// The values of the cell when they were last read.
+    /// The values of the cell that were last read.
     last_values: Option<Vec<Value>>,
-    /// The values last published to the broker.
+    /// The values that were last published.
     published: Vec<Value>,
     commands: CommandLimit,
     lines: LineLimit,
 }
 
 impl EdgeNode {
-    /// Creates a node that is not connected.
+    /// Creates a node without a connection.
     pub fn new(setup: NodeSetup) -> Self {
         EdgeNode {
             setup,
@@ -144,14 +145,14 @@ impl EdgeNode {
         }
     }
 
-    /// Returns the topics for the subscriptions, each with quality of service 1.
+    /// Returns the topics to subscribe to, each with quality of service 1.
     pub fn subscriptions(&self) -> Vec<String> {
         let ids = &self.setup.ids;
         [Some(ids.command_topic()), ids.state()].into_iter().flatten().collect()
     }
 
-    /// Returns the death message of this connection: its will, which the node also publishes if it ends the connection
-    /// itself.
+    /// Returns the death message of this connection. It is the will of the connection; the node also publishes it
+    /// before it disconnects.
     pub fn last_will(&self, now: NodeTime) -> Message {
         let payload = Payload {
             timestamp: Some(now.unix_ms),
@@ -161,17 +162,17 @@ impl EdgeNode {
         Message { topic: self.setup.ids.death_topic(), payload: payload.encode_to_vec(), qos: 1 }
     }
 
-    /// Returns whether a birth message was published in this connection.
+    /// Returns whether a birth message was published on this connection.
     pub fn is_born(&self) -> bool {
         self.session == NodeSession::Born
     }
 
-    /// Returns whether a rebirth is due; data are held back until then.
+    /// Returns whether a rebirth is pending; no data messages are published until then.
     pub fn waits_for_rebirth(&self) -> bool {
         self.commands.is_waiting(NodeCommand::Rebirth)
     }
 
-    /// Handles one event and returns all resulting actions.
+    /// Handles an event, and returns the resulting actions.
     pub fn step(&mut self, event: NodeEvent<'_>, now: NodeTime) -> Vec<NodeAction> {
         let mut acts = match event {
             NodeEvent::Connecting => {
@@ -185,8 +186,7 @@ impl EdgeNode {
             }
             NodeEvent::Lost => {
                 self.session = NodeSession::Offline;
-                // Waiting commands end with their connection: a command of an earlier connection must not be executed
-                // minutes later.
+                // Delayed commands are discarded with their connection: a command must not be executed minutes later.
                 self.commands.clear();
                 vec![]
             }
@@ -208,13 +208,13 @@ impl EdgeNode {
         Metric::new(&number, now.unix_ms).with_name("bdSeq", DataType::Int64)
     }
 
-    /// Returns the next message to the broker: a birth if none was published in this connection, otherwise the changed
-    /// values.
+    /// Returns the next message: a birth message if none was published on this connection, otherwise a data message
+    /// with the changed values.
     fn next_message(&mut self, now: NodeTime) -> Option<NodeAction> {
         let may_publish = self.setup.ids.primary_host_id.is_none() || self.host.is_online();
         match self.session {
             NodeSession::Waiting if may_publish => self.birth(now),
-            // No data are sent between a rebirth request and the birth.
+            // No data message is published between the request of a rebirth and the birth message.
             NodeSession::Born if !self.waits_for_rebirth() => self.data(now),
             _ => None,
         }
@@ -270,7 +270,7 @@ impl EdgeNode {
         NodeAction::Publish(Message { topic, payload: payload.encode_to_vec(), qos: 0 })
     }
 
-    /// Ends the session with a death message, and the connection.
+    /// Publishes the death message and disconnects.
     fn end_session(&mut self, now: NodeTime) -> Vec<NodeAction> {
         let was = std::mem::replace(&mut self.session, NodeSession::Offline);
         let death = (was == NodeSession::Born).then(|| NodeAction::Publish(self.last_will(now)));
@@ -334,7 +334,7 @@ impl EdgeNode {
             return self.refuse("host state", None, refused);
         };
         self.host = self.host.with_state(state);
-        // A node that has published nothing yet continues to wait at this broker, because there is only one broker.
+        // A node that has not published a birth keeps its connection, because there is only one broker.
         match self.session == NodeSession::Born && !self.host.is_online() {
             true => self.end_session(now),
             false => vec![],
@@ -356,28 +356,28 @@ impl EdgeNode {
     }
 }
 
-/// The host's own statement of its state on its STATE topic, as JSON.
+/// The message of a host application on its STATE topic, in JSON.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 pub struct HostState {
     /// Whether the host is online.
     pub online: bool,
-    /// The time that identifies the connection to which the statement refers, ms since 1970.
+    /// The time that identifies the connection of the host application, ms since 1970.
     pub timestamp: u64,
 }
 
 impl HostState {
-    /// Decodes a host's STATE message; `None` if the bytes are not one.
+    /// Parses a STATE message; `None` if the bytes are not a valid one.
     pub fn read(bytes: &[u8]) -> Option<Self> {
         serde_json::from_slice(bytes).ok()
     }
 }
 
-/// The known state of the primary host. A statement that is older than an earlier received one refers to an earlier
-/// connection of the host and changes nothing.
+/// The known state of the primary host. A STATE message that is older than a previous one belongs to an earlier
+/// connection of the host and is ignored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct PrimaryHost {
     is_online: bool,
-    /// The newest time in a statement, and the newest time in a statement that the host is online.
+    /// The newest timestamp of all STATE messages, and that of the messages in which the host is online.
     newest: Option<u64>,
     newest_online: Option<u64>,
 }
@@ -387,8 +387,7 @@ impl PrimaryHost {
         self.is_online
     }
 
-    /// Returns the state for a new connection to the broker: of earlier STATE messages, only the newest timestamps are
-    /// kept.
+    /// Returns the state at the beginning of a new connection to the broker: only the newest timestamps are kept.
     pub fn connected(self) -> Self {
         PrimaryHost { is_online: false, ..self }
     }

@@ -1,6 +1,6 @@
-//! The payload of Sparkplug B, as protobuf, with the values of metrics and their types, and the topics of one edge
-//! node. It has the fields that a node without devices, templates and data sets sends, or reads in a command. Other
-//! fields of a message are skipped when it is read.
+//! The Sparkplug B payload in protobuf, the values of metrics with their data types, and the topics of an edge node. It
+//! contains only the fields that a node without devices, templates and data sets sends, or reads in a command. All
+//! other fields of a received message are ignored.
 
 use prost::{Message, Oneof};
 
@@ -13,18 +13,18 @@ pub struct Payload {
     /// Its metrics.
     #[prost(message, repeated, tag = "2")]
     pub metrics: Vec<Metric>,
-    /// The message's sequence number, 0 to 255; a death and a command have none.
+    /// Sequence number of the message, 0 to 255; absent in a death message and in a command.
     #[prost(uint64, optional, tag = "3")]
     pub seq: Option<u64>,
 }
 
-/// One value with its name or alias.
+/// A value with the name or alias of its metric.
 #[derive(Clone, PartialEq, Message)]
 pub struct Metric {
     /// The name.
     #[prost(string, optional, tag = "1")]
     pub name: Option<String>,
-    /// The number that is used in place of the name after the birth.
+    /// The alias, which replaces the name in messages after the birth message.
     #[prost(uint64, optional, tag = "2")]
     pub alias: Option<u64>,
     /// Time at which the value was read, ms since 1970, UTC.
@@ -41,13 +41,13 @@ pub struct Metric {
     pub value: Option<WireType>,
 }
 
-/// A value as it is encoded in a message.
+/// A value in its encoded form.
 #[derive(Clone, PartialEq, Oneof)]
 pub enum WireType {
-    /// Whole numbers of up to 32 bits.
+    /// An integer of up to 32 bits.
     #[prost(uint32, tag = "10")]
     Int(u32),
-    /// Whole numbers of 64 bits; a negative number as its two's complement.
+    /// An integer of 64 bits; a negative one as its two's complement.
     #[prost(uint64, tag = "11")]
     Long(u64),
     /// Single precision.
@@ -65,7 +65,7 @@ pub enum WireType {
 }
 
 impl Metric {
-    /// Creates a metric with this value, read at this time, without name, alias and type.
+    /// Creates a metric with this value and the time at which it was read, but without name, alias and data type.
     pub(super) fn new(value: &Value, unix_ms: u64) -> Self {
         let wire = match value {
             Value::Null => None,
@@ -78,18 +78,18 @@ impl Metric {
         Metric { timestamp: Some(unix_ms), is_null, value: wire, ..Metric::default() }
     }
 
-    /// Returns the same metric with its full name and type.
+    /// Returns the metric with its full name and data type.
     pub(super) fn with_name(self, name: &str, datatype: DataType) -> Self {
         Metric { name: Some(name.to_owned()), datatype: Some(datatype.number()), ..self }
     }
 
-    /// Returns the same metric with its alias.
+    /// Returns the metric with its alias.
     pub(super) fn with_alias(self, alias: u64) -> Self {
         Metric { alias: Some(alias), ..self }
     }
 }
 
-/// The types that this node uses, by their numbers in the specification.
+/// The data types that this node uses, with their numbers in the specification.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
 pub enum DataType {
     /// A whole number.
@@ -108,16 +108,16 @@ impl DataType {
         self as u32
     }
 
-    /// Returns the type's name in the specification.
+    /// Returns the name of the data type in the specification.
     pub fn type_name(self) -> &'static str {
         self.into()
     }
 }
 
-/// The value of a metric. An unknown value is `Null`, never a substitute number.
+/// The value of a metric. An unknown value is `Null`, never a default number.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Value {
-    /// The value is not known, or there is none now.
+    /// The value is unknown, or does not exist at present.
     #[default]
     Null,
     /// A whole number.
@@ -131,33 +131,33 @@ pub enum Value {
 }
 
 impl Value {
-    /// Returns the whole number as a value; `Null` if there is none.
+    /// Returns an integer as a value; `Null` for `None`.
     pub(super) fn as_integer(number: Option<impl Into<i64>>) -> Self {
         number.map_or(Value::Null, |number| Value::Whole(number.into()))
     }
 
-    /// Returns the number as a value; `Null` if there is none or it is not finite.
+    /// Returns a number as a value; `Null` for `None`, or if the number is not finite.
     pub(super) fn as_number(number: Option<f64>) -> Self {
         number.filter(|number| number.is_finite()).map_or(Value::Null, Value::Real)
     }
 
-    /// Returns the text as a value; `Null` if there is none.
+    /// Returns a text as a value; `Null` for `None`.
     pub(super) fn text(text: Option<&str>) -> Self {
         text.map_or(Value::Null, |text| Value::Text(text.to_owned()))
     }
 }
 
-/// The first part of every topic.
+/// The first level of every topic.
 const NAMESPACE: &str = "spBv1.0";
 
-/// The names by which the cell is known at the broker.
+/// The names of the cell in the Sparkplug namespace.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CellIds {
-    /// The group of edge nodes.
+    /// The Sparkplug group to which the node belongs.
     pub group_id: String,
-    /// The name of the edge node in its group.
+    /// The name of the edge node within its group.
     pub edge_node_id: String,
-    /// The host application; nothing is published while it is offline. `None` if there is no such condition.
+    /// The primary host application: nothing is published while it is offline. `None` without a primary host.
     pub primary_host_id: Option<String>,
 }
 
@@ -166,17 +166,17 @@ impl CellIds {
         format!("{NAMESPACE}/{}/{kind}/{}", self.group_id, self.edge_node_id)
     }
 
-    /// Returns the topic of the birth.
+    /// Returns the topic of birth messages.
     pub fn birth_topic(&self) -> String {
         self.topic("NBIRTH")
     }
 
-    /// Returns the topic of changes.
+    /// Returns the topic of data messages.
     pub fn data_topic(&self) -> String {
         self.topic("NDATA")
     }
 
-    /// Returns the topic of the death.
+    /// Returns the topic of death messages.
     pub fn death_topic(&self) -> String {
         self.topic("NDEATH")
     }
@@ -186,7 +186,7 @@ impl CellIds {
         self.topic("NCMD")
     }
 
-    /// Returns the topic on which the primary host states whether it is online; `None` without a primary host.
+    /// Returns the topic of the primary host's STATE messages; `None` without a primary host.
     pub fn state(&self) -> Option<String> {
         self.primary_host_id.as_ref().map(|host| format!("{NAMESPACE}/STATE/{host}"))
     }

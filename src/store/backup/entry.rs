@@ -1,27 +1,28 @@
-//! The entries that an archive may have: a closed list of names. Any other name (an absolute one, one with `..`) is
-//! refused before anything of its entry is read. The first entry is the manifest, a list of the other entries.
+//! The entries of a backup archive. Only names of known forms are accepted: any other name (an absolute path, a path
+//! with `..`) is refused before the content of its entry is read. The first entry is the manifest, a list of all other
+//! entries.
 
 use crate::store::{BLOBS, ROW_FILES};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::path::{Component, Path};
 
-/// One entry of an archive.
+/// An entry of a backup archive.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Entry {
-    /// A file with the rows of the store: the database, or the head of its chain.
+    /// A file of the store that contains rows: the database, or the head of the chain.
     Rows(&'static str),
-    /// A file that the database rows refer to, by its SHA-256.
+    /// A file of the store to which the rows of the database refer, named by its SHA-256 hash.
     Blob(String),
     /// The cell's file.
     Cell,
-    /// A file that the cell's file names, identified by its key, such as `calibration.scanner`.
+    /// A configuration file that the cell's file names, identified by its key, such as `calibration.scanner`.
     Named(String),
-    /// A recipe in the folder of the cell's file, relative to it.
+    /// A recipe in the folder of the cell's file, as a relative path.
     Recipe(String),
 }
 
-/// The keys of a cell's file that name files of its configuration.
+/// The keys of the cell's file that name configuration files.
 pub const NAMED_KEYS: [&str; 9] = [
     "calibration.scanner",
     "calibration.flange_camera",
@@ -38,8 +39,7 @@ const STORE: &str = "store";
 const CELL: &str = "configuration/cell.toml";
 const NAMED: &str = "configuration/named";
 const RECIPES: &str = "configuration/recipes";
-/// Maximum number of names in the path of a recipe below the folder of the cell's file: its folders and the file.
-/// `MAX_NAME_BYTES` is the limit for each name.
+/// Maximum number of components in the relative path of a recipe. Each component may have up to `MAX_NAME_BYTES` bytes.
 const MAX_PATH_NAMES: usize = 4;
 const MAX_NAME_BYTES: usize = 255;
 
@@ -55,7 +55,7 @@ impl Entry {
         }
     }
 
-    /// Returns the entry with this name; `None` if the name has no known form.
+    /// Parses the name of an entry; `None` if the name has no known form.
     pub fn parse(name: &str) -> Option<Self> {
         if name == CELL {
             return Some(Entry::Cell);
@@ -81,7 +81,7 @@ impl Entry {
     }
 }
 
-/// Returns whether this is the relative path of a TOML file in the same folder or below, without `.` and `..`.
+/// Returns whether a text is the relative path of a TOML file in the same folder or below, without `.` and `..`.
 fn is_plain_relative_path(path: &str) -> bool {
     let parts: Vec<Component<'_>> = Path::new(path).components().collect();
     let text = |part: &Component<'_>| match part {
@@ -101,23 +101,23 @@ fn is_plain_relative_path(path: &str) -> bool {
 
 /// Name of the manifest's entry.
 pub const MANIFEST_NAME: &str = "manifest.json";
-/// The newest format that this program supports.
+/// Newest format of the manifest that this program supports.
 pub const MANIFEST_FORMAT: u32 = 1;
-/// Maximum size of a manifest that is read.
+/// Maximum size of a manifest, bytes.
 pub const MAX_MANIFEST_BYTES: u64 = 256 << 20;
 
-/// The content of an archive.
+/// The list of the entries of an archive.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Manifest {
     /// The archive's format.
     pub format: u32,
     /// The version of the program that wrote the archive.
     pub program: String,
-    /// Time at which the archive was made, s since 1970; only for information.
+    /// Time at which the archive was written, s since 1970; for information only.
     pub made_unix_s: i64,
-    /// Number of links of the store's chain; `None` without a store.
+    /// Number of links in the store's hash chain; `None` without a store.
     pub links: Option<u64>,
-    /// The entries that follow, in their order.
+    /// The entries after the manifest, in their order.
     pub entries: Vec<ManifestEntry>,
 }
 
@@ -133,10 +133,10 @@ pub struct ManifestEntry {
 }
 
 impl Manifest {
-    /// Returns the entries by their meaning, if all names have known forms and none occurs twice.
+    /// Parses the names of all entries.
     ///
     /// # Errors
-    /// If a name has an unknown form, occurs twice, or contradicts its hash.
+    /// If a name has no known form, occurs twice, or differs from the hash of its entry.
     pub fn parse_entries(&self) -> Result<Vec<Entry>, String> {
         let mut seen = BTreeSet::new();
         let parse = |listed: &ManifestEntry| {

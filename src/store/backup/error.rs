@@ -1,12 +1,12 @@
-//! The reason why a backup or a restore failed.
+//! The errors of backup and restore.
 
 use crate::store::StoreError;
 use std::path::{Path, PathBuf};
 
-/// The reason why a backup or a restore stopped. Nothing in the cell was changed.
+/// The reason why a backup or a restore failed. Unless stated otherwise, no file of the cell was changed.
 #[derive(Debug, thiserror::Error)]
 pub enum BackupError {
-    /// The operating system refused access to a file or folder.
+    /// An operation on a file or folder failed.
     #[error("cannot {operation} {}: {source}", path.display())]
     File {
         /// The operation that failed.
@@ -19,15 +19,15 @@ pub enum BackupError {
     /// The store reported an error.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The content of the archive is not what was written to it.
+    /// The content of the archive is damaged or was changed.
     #[error("{}: {problem}", path.display())]
     Damaged {
         /// The archive.
         path: PathBuf,
-        /// The difference that was found.
+        /// The damage or change.
         problem: String,
     },
-    /// The archive was written by a later version of this program.
+    /// The archive was written by a newer version of this program.
     #[error("{}: the backup has format {found}, this program supports formats up to {known}: restore it with the \
              newer program", path.display())]
     NewerVersion {
@@ -35,7 +35,7 @@ pub enum BackupError {
         path: PathBuf,
         /// Format of the archive.
         found: u32,
-        /// The newest format that this program supports.
+        /// Newest format that this program supports.
         known: u32,
     },
     /// The archive was made by an earlier version of this program, with other tables.
@@ -46,28 +46,28 @@ pub enum BackupError {
     EarlierVersion {
         /// The archive.
         path: PathBuf,
-        /// The version that made the archive.
+        /// The version of the program that wrote the archive.
         program: String,
-        /// Schema of the store in the archive.
+        /// Schema version of the store in the archive.
         found: i64,
-        /// The schema of this program.
+        /// Schema version of this program.
         known: i64,
     },
-    /// A file exists already at the archive's path.
+    /// A file already exists at the path of the archive.
     #[error("{} already exists and is not overwritten; name another file, or move it away", path.display())]
     AlreadyExists {
         /// The file.
         path: PathBuf,
     },
-    /// A file exists already at the path of a part of the backup.
+    /// Files that would be restored already exist.
     #[error(
         "{} {} already present, and --replace was not given: add --replace {option} to put the backup in place; \
          the replaced files are kept", list(paths), if paths.len() == 1 { "is" } else { "are" }
     )]
     NotReplaced {
-        /// The paths that exist already.
+        /// The paths of the existing files.
         paths: Vec<PathBuf>,
-        /// The value of `--replace` that permits the replacement.
+        /// The value of `--replace` that permits their replacement.
         option: &'static str,
     },
     /// The cell's file in the archive names files outside of its folder.
@@ -81,15 +81,15 @@ pub enum BackupError {
         /// The folder of the cell's file.
         folder: PathBuf,
     },
-    /// The archive does not contain the requested part.
+    /// The archive does not contain the requested store or configuration.
     #[error("{}: the backup contains no {wanted}, because it was made with --only", path.display())]
     PartMissing {
         /// The archive.
         path: PathBuf,
-        /// The missing part: "store" or "configuration".
+        /// What is missing: "store" or "configuration".
         wanted: &'static str,
     },
-    /// A file of the configuration is far larger than usual.
+    /// A configuration file is too large.
     #[error("{} has {found} bytes; the limit for a file of the configuration is {limit_bytes} bytes", path.display())]
     TooLarge {
         /// The file.
@@ -105,14 +105,14 @@ pub enum BackupError {
          in use: free some space, or name another folder", path.display()
     )]
     NoRoom {
-        /// The path that would be written.
+        /// The path of the file or folder that would be written.
         path: PathBuf,
         /// Free space, MB.
         free_mb: u64,
         /// Required space, MB.
         needed_mb: u64,
     },
-    /// The last number of a cycle is not known, and a number must not be used twice.
+    /// The number of the last cycle is unknown. It is needed, because no number may be used twice.
     #[error(
         "{} is not an unchanged later state of the store in the backup, so the number of the cell's last cycle is not \
          known; state it with --last-cycle NUMBER, from the office's page of this cell or from the last record; the last one of the backup is {own}",
@@ -121,23 +121,23 @@ pub enum BackupError {
     LastCycleUnknown {
         /// The folder of the store that would be replaced.
         path: PathBuf,
-        /// The last cycle in the backup; 0 if there is none.
+        /// Number of the last cycle in the backup; 0 if there is none.
         own: i64,
     },
-    /// The stated last cycle is below the last one of the backup.
+    /// The stated number of the last cycle is below that of the last cycle in the backup.
     #[error(
         "--last-cycle {stated} is below {own}, the last cycle of the backup; state the last number that the cell used"
     )]
     LastCycleTooLow {
         /// The stated number.
         stated: i64,
-        /// The last cycle in the backup.
+        /// Number of the last cycle in the backup.
         own: i64,
     },
-    /// A service, or another program, uses the files that would be replaced.
+    /// A service or another program uses files that would be replaced.
     #[error("{user}; stop the service first (`systemctl stop panelprep`), then restore again")]
     InUse {
-        /// Description of the program that uses it.
+        /// Which program uses the files.
         user: String,
     },
     /// A step at the end of the restore failed, and not all earlier steps could be undone.
@@ -145,7 +145,7 @@ pub enum BackupError {
     RollbackFailed {
         /// The first error.
         cause: Box<BackupError>,
-        /// The remaining changes, as text.
+        /// The steps that could not be undone, as texts.
         undone: Vec<String>,
     },
 }

@@ -1,13 +1,13 @@
-//! A backup of a cell: store, configuration and calibrations in one archive, and their restoration.
+//! Backup and restore of a cell: store, configuration and calibrations in one archive.
 //!
-//! The archive is a tar file compressed by zstd, so that other programs can open it too. Its first entry is a manifest
-//! with the size and SHA-256 of every other entry. Its last bytes are a seal, the SHA-256 of everything before. Only
-//! entries with names of a known form are restored (`entry`). They are compared with the manifest, then unpacked and
-//! verified beside their final path, before anything in the cell is changed (`restore`).
+//! The archive is a tar file compressed with zstd, which other programs can open too. Its first entry is a manifest
+//! with the size and SHA-256 of every other entry. Its last bytes are a seal, the SHA-256 of all bytes before. Only
+//! entries with names of a known form are restored (`entry`). Before any file of the cell is changed, they are compared
+//! with the manifest, unpacked beside their final path, and verified (`restore`).
 //!
-//! The seal detects damage. It is not a signature: a person who can write the archive can write another seal.
+//! The seal detects damage. It is not a signature: a person who can write the archive can also write a new seal.
 //!
-//! - `entry`: what may be in an archive, and its manifest · `write` · `read`: also the seal · `restore` · `placing`
+//! - `entry`: the valid entries, and the manifest · `write` · `read`: also the seal · `restore` · `placing`
 
 mod entry;
 mod error;

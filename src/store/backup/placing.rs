@@ -1,7 +1,7 @@
-//! Moves the unpacked files to their final path, step by step; if a step fails, the previous steps are undone.
+//! Moves the unpacked files to their final path, step by step. If a step fails, the previous steps are undone.
 //!
-//! Each step is one rename, which a file system does completely or not at all. A replaced file is exchanged with its
-//! successor and then kept under another name, so that at every moment one of the two is at the final path.
+//! Each step is a rename, which the file system performs completely or not at all. A file that is replaced is first
+//! exchanged with the new file, and then renamed. Therefore one of the two is at the final path at any time.
 
 use super::error::BackupError;
 use rustix::fs::{CWD, RenameFlags, renameat_with};
@@ -13,24 +13,24 @@ use std::path::{Path, PathBuf};
 enum Step {
     /// A folder was created.
     Folder(PathBuf),
-    /// A file or folder was made beside its final path.
+    /// A file or folder was unpacked beside its final path (staged).
     Staged(PathBuf),
-    /// The staged file or folder was moved to its final path, which was free.
+    /// The staged file or folder was moved to its final path, at which nothing existed.
     Placed { staged: PathBuf, destination: PathBuf },
     /// The staged file or folder was exchanged with the one at the final path.
     Swapped { staged: PathBuf, destination: PathBuf },
-    /// The replaced file or folder was renamed.
+    /// The replaced file or folder was renamed, so that it is kept.
     Kept { staged: PathBuf, kept: PathBuf },
 }
 
-/// The steps done so far.
+/// The steps that were performed so far.
 #[derive(Debug, Default)]
 pub(super) struct RestoreTransaction {
     steps: Vec<Step>,
 }
 
 impl RestoreTransaction {
-    /// Makes a folder and its parents, if they do not exist.
+    /// Creates a folder and its parent folders, if they do not exist.
     pub fn make_folder(&mut self, folder: &Path) -> Result<(), BackupError> {
         let is_there = |folder: &&Path| folder.as_os_str().is_empty() || folder.is_dir();
         let missing: Vec<&Path> = folder.ancestors().take_while(|folder| !is_there(folder)).collect();
@@ -41,13 +41,13 @@ impl RestoreTransaction {
         Ok(())
     }
 
-    /// Records a file or folder that was made beside its final path, so that undoing removes it.
+    /// Records a staged file or folder, so that a rollback removes it.
     pub fn record_staged(&mut self, path: &Path) {
         self.steps.push(Step::Staged(path.to_owned()));
     }
 
-    /// Moves a staged file or folder to its final path. With `may_replace`, the present file or folder is kept beside
-    /// it as `NAME.before-restore-N`; an empty folder is not kept.
+    /// Moves a staged file or folder to its final path. With `may_replace`, an existing file or folder is kept as
+    /// `NAME.before-restore-N`, unless it is an empty folder.
     pub fn move_to_final(&mut self, staged: &Path, at: &Path, may_replace: bool) -> Result<(), BackupError> {
         let rename = |from: &Path, to: &Path, flags: RenameFlags| {
             let renamed = renameat_with(CWD, from, CWD, to, flags);
@@ -71,14 +71,14 @@ impl RestoreTransaction {
         Ok(())
     }
 
-    /// Completes the restore, after which nothing can be undone. Returns the paths of the replaced files, which are
+    /// Completes the restore, which can then no longer be undone. Returns the paths of the replaced files, which are
     /// kept.
     pub fn commit(self) -> Result<Vec<PathBuf>, BackupError> {
         let mut kept_all = Vec::new();
         for step in &self.steps {
             match step {
                 Step::Kept { kept, .. } => kept_all.push(kept.clone()),
-                // The empty folder that was at the final path is removed.
+                // After the exchange, the staged path contains the empty folder that was replaced; it is removed.
                 Step::Swapped { staged, .. } => drop(fs::remove_dir(staged)),
                 Step::Placed { destination: at, .. } => flush_parent_folder(at)?,
                 Step::Folder(_) | Step::Staged(_) => {}
@@ -90,11 +90,12 @@ impl RestoreTransaction {
         Ok(kept_all)
     }
 
-    /// Undoes everything, the last step first, and returns the error, with a report of what could not be undone.
+    /// Undoes all steps, the last one first, and returns the error. If a step cannot be undone, the error states the
+    /// remaining changes.
     pub fn roll_back(self, cause: BackupError) -> BackupError {
         for (index, step) in self.steps.iter().enumerate().rev() {
             if let Err(words) = step.roll_back() {
-                // The earlier steps cannot be undone without this one.
+                // The steps before this one cannot be undone either.
                 let more = (index > 0).then(|| format!("{index} earlier steps were not undone"));
                 return BackupError::RollbackFailed {
                     cause: Box::new(cause),
@@ -131,7 +132,7 @@ fn is_empty_folder(path: &Path) -> bool {
         && fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none())
 }
 
-/// Returns a free name beside this path.
+/// Returns the path of a new file beside this path.
 fn free_name(at: &Path) -> PathBuf {
     let mut number = 1_u32;
     loop {
@@ -154,7 +155,7 @@ fn flush_parent_folder(path: &Path) -> Result<(), BackupError> {
 mod tests {
     use super::*;
 
-    /// An existing file stays at its path, and the three steps before are undone.
+    /// A file that exists at a final path is not replaced, and the three steps before are undone.
     #[test]
     fn a_failed_step_undoes_the_earlier_steps() {
         let folder = tempfile::tempdir().expect("a folder");

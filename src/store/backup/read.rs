@@ -1,8 +1,8 @@
-//! Reads an archive: first its seal, then its manifest, then entry by entry in the manifest's order.
+//! Reads a backup archive: first its seal, then its manifest, then the entries in the manifest's order.
 //!
-//! The seal is the archive's last bytes: the SHA-256 of all bytes before them, in a frame that zstd skips. It is needed
-//! because the checksum of a compressed frame does not cover each of its bits, and because an archive that was cut at
-//! the end of a frame is still readable. The seal covers every bit.
+//! The seal is at the end of the archive: the SHA-256 of all bytes before it, in a frame that zstd skips. It is needed
+//! for two reasons: the checksum of a compressed frame does not protect all of its bits, and an archive that is
+//! truncated at the end of a frame is still readable. The seal protects every bit.
 
 use super::entry::{Entry, MANIFEST_FORMAT, MANIFEST_NAME, MAX_MANIFEST_BYTES, Manifest, ManifestEntry};
 use super::error::BackupError;
@@ -13,30 +13,30 @@ use std::fs::File;
 use std::io::{Error, Read, Seek, SeekFrom, Take, Write};
 use std::path::{Path, PathBuf};
 
-/// An archive with a valid seal and a manifest that names only files of a backup.
+/// An archive with a valid seal and a valid manifest.
 #[derive(Debug)]
 pub struct Archive {
     path: PathBuf,
     file: File,
     /// Number of bytes before the seal.
     bytes: u64,
-    /// The list of the archive's content.
+    /// The list of the archive's entries.
     pub manifest: Manifest,
 }
 
 type TarArchive<'f> = tar::Archive<zstd::Decoder<'static, std::io::BufReader<Take<&'f File>>>>;
 
-/// The part of a manifest that is the same in every format.
+/// The part of a manifest that is the same in all formats.
 #[derive(Deserialize)]
 struct FormatProbe {
     format: u32,
 }
 
 impl Archive {
-    /// Opens an archive, reads it completely, and checks it against its seal.
+    /// Opens an archive, reads it completely, and verifies its seal.
     ///
     /// # Errors
-    /// If the file is not a backup, is damaged, was cut short, or was written by a newer program.
+    /// If the file is not a backup, is damaged or truncated, or was written by a newer program.
     pub fn open(path: &Path) -> Result<Self, BackupError> {
         let mut file = panelprep_base::disk::open(path).map_err(BackupError::file_error("read", path))?;
         let damaged = |problem: String| BackupError::Damaged { path: path.to_owned(), problem };
@@ -60,10 +60,10 @@ impl Archive {
         Ok(archive)
     }
 
-    /// Calls `take` with each entry and its content; the content is compared with the manifest afterwards.
+    /// Calls `take` with each entry and a reader of its content. Then the content is compared with the manifest.
     ///
     /// # Errors
-    /// If the archive is not what its manifest states, or `take` returns an error.
+    /// If the archive differs from its manifest, or `take` returns an error.
     pub fn for_each_entry<E: From<BackupError>>(
         &self,
         mut take: impl FnMut(&Entry, &mut dyn Read) -> Result<(), E>,
@@ -79,7 +79,7 @@ impl Archive {
             self.is_listed(&found, listed)?;
             let mut hashing = HashingReader { inner: found, hasher: Sha256::new() };
             take(entry, &mut hashing)?;
-            // The rest of the content, which `take` did not read, is read here for the hash.
+            // Read the part of the content that `take` has not read, because it is needed for the hash.
             std::io::copy(&mut hashing, &mut std::io::sink()).map_err(|error| self.unreadable_error(&error))?;
             let hash = hex(&hashing.hasher.finalize());
             if hash != listed.sha256 {
@@ -140,12 +140,12 @@ impl Archive {
         Ok(())
     }
 
-    /// Returns the error for an archive whose content is not what was written to it.
+    /// Returns the error for an archive that is damaged or was changed.
     pub(super) fn damaged_error(&self, problem: &str) -> BackupError {
         BackupError::Damaged { path: self.path.clone(), problem: format!("the backup is damaged: {problem}") }
     }
 
-    /// Returns the error for a store in the archive with the tables of an earlier version of this program.
+    /// Returns the error for an archive whose store has the schema of an earlier program version.
     pub(super) fn earlier_version_error(&self, found: i64, known: i64) -> BackupError {
         BackupError::EarlierVersion {
             path: self.path.clone(),
@@ -161,7 +161,7 @@ impl Archive {
     }
 }
 
-/// Hashes the bytes that are read through it.
+/// A reader that computes the hash of all bytes that are read.
 struct HashingReader<R> {
     inner: R,
     hasher: Sha256,
@@ -175,14 +175,15 @@ impl<R: Read> Read for HashingReader<R> {
     }
 }
 
-/// Magic number of a frame that zstd skips, the first of several in the format; the length of the content follows.
+/// Magic number of a skippable zstd frame, the first of several that the format defines. The length of the content
+/// follows.
 const FRAME_MAGIC: [u8; 4] = 0x184D_2A50_u32.to_le_bytes();
 const SEAL_MAGIC: &[u8; 16] = b"panelprep seal 1";
 const SEAL_PAYLOAD: u32 = 16 + 32;
 /// Length of a seal, bytes.
 const SEAL_BYTES: u64 = 8 + SEAL_PAYLOAD as u64;
 
-/// Hashes the bytes that are written through it.
+/// A writer that computes the hash of all bytes that are written.
 pub struct HashingWriter<W> {
     inner: W,
     hasher: Sha256,
@@ -217,18 +218,18 @@ fn seal_frame(hash: [u8; 32]) -> Vec<u8> {
     [&FRAME_MAGIC[..], &SEAL_PAYLOAD.to_le_bytes(), SEAL_MAGIC, &hash].concat()
 }
 
-/// The result of checking the seal.
+/// The result of verifying the seal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum SealCheck {
-    /// The file is unchanged; the number of bytes before the seal.
+    /// The file is unchanged; contains the number of bytes before the seal.
     Whole(u64),
-    /// The file has no seal: it was cut short, or is not a backup.
+    /// The file has no seal: it is truncated, or is not a backup.
     Missing,
-    /// The file's bytes were changed.
+    /// The file is damaged or was changed.
     Broken,
 }
 
-/// Reads the whole file and checks it against its seal; afterwards the read position is the beginning of the file.
+/// Reads the whole file and verifies its seal; then sets the read position to the beginning of the file.
 fn verify_seal(file: &mut File) -> Result<SealCheck, Error> {
     let length = file.metadata()?.len();
     let Some(before) = length.checked_sub(SEAL_BYTES) else { return Ok(SealCheck::Missing) };

@@ -1,4 +1,4 @@
-//! Restores an archive: all files are unpacked and verified beside their final path, then moved there.
+//! Restores a backup: all files are unpacked beside their final path and verified, and then moved to their final path.
 
 use super::entry::Entry;
 use super::error::BackupError;
@@ -15,7 +15,7 @@ use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
 use std::os::unix::net::UnixStream;
 use std::path::{Component, Path, PathBuf};
 
-/// The parts that are to be restored.
+/// Which parts of the backup are restored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RestoredParts {
     /// The store.
@@ -24,61 +24,60 @@ pub struct RestoredParts {
     pub configuration: bool,
 }
 
-/// The replacements that a person has explicitly allowed.
+/// What a person has explicitly permitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Permission {
-    /// An existing store may be replaced.
+    /// Whether an existing store may be replaced.
     pub replace_store: bool,
-    /// Existing files of a configuration may be replaced.
+    /// Whether existing configuration files may be replaced.
     pub replace_configuration: bool,
-    /// Files may be written outside of the folder of the cell's file, if that file names them.
+    /// Whether files may be written outside of the folder of the cell's file, if the cell's file names them.
     pub outside: bool,
 }
 
-/// The task of a restore.
+/// The parameters of a restore.
 #[derive(Debug, Clone, Copy)]
 pub struct Plan<'p> {
     /// The archive.
     pub archive: &'p Path,
-    /// The path of the cell's file, present or to be restored.
+    /// The path of the cell's file, which exists or is to be restored.
     pub cell: &'p Path,
-    /// The folder for the store; without it, the folder that the cell's file states.
+    /// The folder of the store; `None` for the folder that the cell's file states.
     pub store: Option<&'p Path>,
     /// The parts.
     pub parts: RestoredParts,
-    /// The replacements that are allowed.
+    /// What a person has permitted.
     pub permission: Permission,
-    /// The number of the cell's last cycle, as a person stated it. It is needed if the replaced store does not show
-    /// this number, and as evidence that the replaced store is the newest state.
+    /// The number of the cell's last cycle, as stated by a person. It is required if the replaced store does not
+    /// contain this number. It also confirms that the replaced store is the newest one.
     pub last_cycle: Option<CycleId>,
 }
 
-/// Result of a restore.
+/// The result of a restore.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RestoreReport {
-    /// The differences between the store in the archive and what was written there, as text; if there are any, nothing
-    /// was restored.
+    /// Contradictions found in the store of the archive, as texts. If there are any, nothing was restored.
     pub differences: Vec<String>,
     /// The store's folder.
     pub store: Option<PathBuf>,
-    /// What is known about the time after the backup; `None` if no store was restored.
+    /// What is known about the cycles after the backup; `None` if no store was restored.
     pub since_backup: Option<Restore>,
-    /// The files of the configuration.
+    /// The paths of the restored configuration files.
     pub configuration: Vec<PathBuf>,
-    /// The replaced files, under their new names.
+    /// The new paths of the replaced files.
     pub replaced_files: Vec<PathBuf>,
-    /// Number of links of the store's chain that were verified.
+    /// Number of verified links in the store's hash chain.
     pub links: u64,
-    /// Number of files of the store that were verified.
+    /// Number of verified files of the store.
     pub files: u64,
 }
 
-/// Restores the requested parts. No existing file is replaced without permission; after any error all files are as
+/// Restores the requested parts. No existing file is replaced without permission. After an error, all files are as
 /// before.
 ///
 /// # Errors
-/// If the archive is damaged, a file exists already, a service or another program uses the store, or the disk is full
-/// or reports an error.
+/// If the archive is damaged, a file already exists, a service or another program uses the store, or the disk is full
+/// or fails.
 pub fn restore(plan: &Plan<'_>) -> Result<RestoreReport, BackupError> {
     let archive = Archive::open(plan.archive)?;
     let not_in_it = |wanted| BackupError::PartMissing { path: plan.archive.to_owned(), wanted };
@@ -111,7 +110,7 @@ pub fn restore(plan: &Plan<'_>) -> Result<RestoreReport, BackupError> {
         if !plan.permission.replace_store {
             return Err(BackupError::NotReplaced { paths: vec![folder.to_owned()], option: "store" });
         }
-        // The lease is kept until the end, so that no program writes to the store that is replaced.
+        // The lease is kept until the end, so that no program writes to the store while it is replaced.
         lease = Some(WriteLease::acquire(folder)?);
     }
     let mut placing = RestoreTransaction::default();
@@ -126,7 +125,7 @@ pub fn restore(plan: &Plan<'_>) -> Result<RestoreReport, BackupError> {
     Ok(RestoreReport { replaced_files: kept, ..restored })
 }
 
-/// Undoes all steps, because the store in the archive is not what was written.
+/// Undoes all steps, because contradictions were found in the store of the archive.
 fn roll_back_restore(placing: RestoreTransaction, restored: RestoreReport) -> Result<RestoreReport, BackupError> {
     let told = restored.differences.join("; ");
     let cause = BackupError::Damaged { path: PathBuf::new(), problem: told };
@@ -164,16 +163,16 @@ fn unpack_and_place(
         puts.push((staged, at.clone()));
         restored.configuration.push(at.clone());
     }
-    // Which files may be replaced was decided before. If a file has appeared since then, it stays, and all steps are
-    // undone.
+    // It was checked earlier which files may be replaced. A file that has appeared since then is not replaced, and all
+    // steps are undone.
     for (staged, at) in &puts {
         placing.move_to_final(staged, at, at.symlink_metadata().is_ok())?;
     }
     Ok(restored)
 }
 
-/// Returns what is known about the time after the backup: from the replaced store, from the person, or from both. The
-/// proof that nothing was abraded is valid only if the person stated the number that the replaced store shows.
+/// Returns what is known about the cycles after the backup: from the replaced store, from the person's statement, or
+/// from both. The replaced store proves that nothing was sanded only if the person stated the number of its last cycle.
 fn since_backup(
     archive: &Archive,
     (staged, replaced): (&Path, &Path),
@@ -193,14 +192,15 @@ fn since_backup(
             Err(BackupError::LastCycleUnknown { path: replaced.to_owned(), own: own.map_or(0, |own| own.0) })
         }
         (None, Some(stated)) => {
-            // A number must not be used twice, even if it is known only from a store that proves nothing.
+            // A cycle number must not be used twice, even if it is known only from a store that fails verification.
             let found = Store::last_readable_number(replaced, staged);
             let last_cycle = found.map_or(stated, |found| above(stated, found));
             Ok(Restore { last_cycle, made_unix_s: Some(made_unix_s), is_nothing_abraded: false })
         }
         (Some(shown), None) => Ok(Restore { is_nothing_abraded: false, ..shown }),
         (Some(shown), Some(stated)) => {
-            // If the numbers differ, cycles are missing in the replaced store, or the person stated a wrong number.
+            // If the numbers differ, either the replaced store is not the newest one, or the person's statement is
+            // wrong.
             let is_confirmed = stated == shown.last_cycle;
             let last_cycle = above(stated, shown.last_cycle);
             Ok(Restore { last_cycle, is_nothing_abraded: shown.is_nothing_abraded && is_confirmed, ..shown })
@@ -208,7 +208,7 @@ fn since_backup(
     }
 }
 
-/// Returns the error for a store of an earlier version of this program: only that version can verify it.
+/// Returns the error for a store of an earlier program version, which only that version can verify.
 fn earlier_version_error(archive: &Archive, error: StoreError) -> BackupError {
     match error {
         StoreError::Older { found, known, .. } => archive.earlier_version_error(found, known),
@@ -216,7 +216,7 @@ fn earlier_version_error(archive: &Archive, error: StoreError) -> BackupError {
     }
 }
 
-/// Returns the installed cell's file, if it can be read.
+/// Returns the existing cell's file, if it can be parsed.
 fn installed_cell(file: &Path) -> Option<Cell> {
     let text = String::from_utf8(panelprep_base::disk::read(file).ok()?).ok()?;
     Cell::check(&file.display().to_string(), &text).ok()
@@ -230,7 +230,7 @@ fn checked_cell(archive: &Archive, file: &Path, bytes: &[u8]) -> Result<Cell, Ba
     })
 }
 
-/// Returns the files of the configuration by their target paths, the cell's file among them.
+/// Returns the configuration files, including the cell's file, by their final paths.
 fn configuration(archive: &Archive, cell_file: &Path) -> Result<BTreeMap<PathBuf, Vec<u8>>, BackupError> {
     let mut texts: BTreeMap<Entry, Vec<u8>> = BTreeMap::new();
     archive.for_each_entry(|entry, reader| -> Result<(), BackupError> {
@@ -265,7 +265,7 @@ fn configuration(archive: &Archive, cell_file: &Path) -> Result<BTreeMap<PathBuf
     Ok(files)
 }
 
-/// Returns the files of the configuration that a cell's file names, each with its key.
+/// Returns the configuration files that a cell's file names, each with its key.
 pub fn named_files(cell: &Cell) -> Vec<(String, PathBuf)> {
     let calibration = cell.calibration().named_files().into_iter();
     let mut files: Vec<(String, PathBuf)> =
@@ -278,8 +278,8 @@ pub fn named_files(cell: &Cell) -> Vec<(String, PathBuf)> {
     files
 }
 
-/// Returns the files that must be written. Files that exist with the same content are left out; replacing others, or
-/// writing outside of the folder, must be permitted.
+/// Returns the configuration files that must be written. Existing files with the same content are omitted. To replace
+/// other files, or to write outside of the folder, a permission is needed.
 fn files_to_write(
     files: BTreeMap<PathBuf, Vec<u8>>,
     plan: &Plan<'_>,
@@ -298,7 +298,7 @@ fn files_to_write(
     Ok(files)
 }
 
-/// Returns whether this file is in the folder or below it, judged only by its path.
+/// Returns whether the path of a file lies in the folder or below it.
 fn is_below(file: &Path, folder: &Path) -> bool {
     let rest = match (std::path::absolute(file), std::path::absolute(folder)) {
         (Ok(file), Ok(folder)) => file.strip_prefix(folder).map(Path::to_owned),
@@ -307,7 +307,7 @@ fn is_below(file: &Path, folder: &Path) -> bool {
     rest.is_ok_and(|rest| rest.components().all(|part| matches!(part, Component::Normal(_))))
 }
 
-/// Checks that no service of these cells answers on its sockets.
+/// Checks that no service replies on the sockets of these cells.
 fn check_service_stopped<'c>(cells: impl Iterator<Item = (&'c Cell, &'c Path)>) -> Result<(), BackupError> {
     for (cell, store) in cells {
         for socket in [cell.socket().map(Path::to_owned), Some(store.join("panelprep.sock"))].into_iter().flatten()
@@ -327,7 +327,7 @@ fn has_entries(folder: &Path) -> bool {
     }
 }
 
-/// Unpacks the store beside its final path and flushes it.
+/// Unpacks the store beside its final path, and flushes it to the disk.
 fn staged_store(
     archive: &Archive,
     folder: &Path,
@@ -341,8 +341,8 @@ fn staged_store(
         return Err(BackupError::NoRoom { path: parent.to_owned(), free_mb, needed_mb });
     }
     let made = tempfile::Builder::new().prefix(".panelprep-restore-").tempdir_in(parent);
-    // The temporary folder must not be removed automatically, because it is moved to its final path. If the restore
-    // fails, undoing removes it.
+    // The temporary folder must not be removed automatically, because it is moved to its final path. After a failed
+    // restore, the rollback removes it.
     let staged = made.map_err(BackupError::file_error("write in", parent))?.keep();
     placing.record_staged(&staged);
     let blobs = staged.join(BLOBS);
@@ -386,7 +386,8 @@ fn staged_file(at: &Path, bytes: &[u8], placing: &mut RestoreTransaction) -> Res
 const DEFAULT_FILE_MODE: u32 = 0o644;
 const DEFAULT_FOLDER_MODE: u32 = 0o750;
 
-/// Gives a file the owner and permissions of the replaced file; without a replaced file, the default permissions.
+/// Sets the owner and the permissions of a file to those of the replaced file; without a replaced file, sets the
+/// default permissions.
 fn copy_file_permissions(file: &Path, before: Option<&Metadata>) -> std::io::Result<()> {
     if let Some(before) = before {
         chown(file, Some(before.uid()), Some(before.gid()))?;
@@ -395,8 +396,8 @@ fn copy_file_permissions(file: &Path, before: Option<&Metadata>) -> std::io::Res
     fs::set_permissions(file, fs::Permissions::from_mode(mode))
 }
 
-/// Gives a store the owner and permissions of the replaced store, so that the service that owned the replaced store
-/// can write to this one.
+/// Sets the owner and the permissions of a store to those of the replaced store, so that the same service can write to
+/// it.
 fn copy_permissions(store: &Path, before: Option<&Metadata>) -> std::io::Result<()> {
     if let Some(before) = before {
         let blobs = store.join(BLOBS);

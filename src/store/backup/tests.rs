@@ -1,6 +1,6 @@
-//! Tests of backups of a small cell: complete, in use, with files outside of its folder, damaged (flipped bits, cut
-//! ends, missing files, a full disk), and forged by a person who knows the format (with a correct seal, but with names,
-//! links and rows that are not permitted). All damage is reported, and nothing is changed.
+//! Tests of the backup of a small cell: complete, in use, and with files outside of its folder; damaged (flipped bits,
+//! truncation, missing files, a full disk); and forged by a person who knows the format (a correct seal, but invalid
+//! names, links and rows). All damage is reported, and no file is changed.
 
 use super::entry::{Entry, MANIFEST_FORMAT, MANIFEST_NAME, Manifest, ManifestEntry};
 use super::read::HashingWriter;
@@ -22,7 +22,7 @@ const LENS: &str = "[camera]\n";
 const RECIPE: &str = "panel = \"wing\"\n";
 const BOTH: RestoredParts = RestoredParts { store: true, configuration: true };
 
-/// A cell in a separate folder, with a taught panel.
+/// A cell in its own folder, with a taught panel.
 struct SmallCell(TempDir);
 
 impl SmallCell {
@@ -84,7 +84,7 @@ fn plan<'p>(archive: &'p Path, cell: &'p Path) -> Plan<'p> {
     }
 }
 
-/// Returns every file below a folder with its content, and the folders.
+/// Returns all files below a folder with their contents, and all folders.
 fn content(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut all = BTreeMap::new();
     for entry in fs::read_dir(folder).expect("listed") {
@@ -121,7 +121,7 @@ fn a_cell_is_restored_in_another_folder() {
     }
     let store = Store::create(&cell.at("other/store")).expect("opens for writing");
     assert_eq!(store.changed(), [] as [String; 0]);
-    // No other file is left beside the archive.
+    // The backup leaves no other files beside the archive.
     let mut names: Vec<_> =
         fs::read_dir(cell.at("other")).expect("listed").map(|e| e.expect("one").file_name()).collect();
     names.sort();
@@ -170,7 +170,7 @@ fn a_store_in_use_is_not_replaced() {
         let error = told().expect_err("a service");
         assert!(error.contains("a service answers on") && error.contains("systemctl stop panelprep"), "{error}");
     }
-    // A leftover socket file without a listening service does not prevent a restore.
+    // An old socket file without a service does not prevent a restore.
     let store = Store::create(&cell.at("store")).expect("opens");
     let error = told().expect_err("a writer");
     assert!(error.contains("is writing to the store"), "{error}");
@@ -202,13 +202,13 @@ fn files_outside_of_the_cells_folder_need_permission() {
     let permission = Permission { outside: true, ..Permission::default() };
     restore(&Plan { parts: wanted, permission, ..plan(&archive, &file) }).expect("restored");
     assert!(cell.at("new/lenses/scanner.toml").is_file());
-    // Without a store in the archive, no store is restored.
+    // No store can be restored from an archive without a store.
     let refused =
         restore(&Plan { permission, ..plan(&archive, &cell.at("x/cell.toml")) }).expect_err("no store").to_string();
     assert!(refused.contains("contains no store"), "{refused}");
 }
 
-/// Returns the start of a cycle of the taught panel.
+/// Returns the start data of a cycle with the taught panel.
 fn start() -> CycleStart {
     CycleStart {
         panel: "wing".to_owned(),
@@ -220,7 +220,7 @@ fn start() -> CycleStart {
     }
 }
 
-/// Adds this number of cycles in which nothing is abraded.
+/// Adds `count` cycles without sanding passes.
 fn add_cycles(store: &Path, count: usize) {
     let mut store = Store::create(store).expect("a store");
     for _ in 0..count {
@@ -229,8 +229,8 @@ fn add_cycles(store: &Path, count: usize) {
     }
 }
 
-/// A new computer does not show which cycle numbers were used: a person states the last one, or nothing is restored. A
-/// number below the last one of the backup is refused.
+/// On a new computer, it is unknown which cycle numbers were already used: without a person's statement of the last
+/// number, nothing is restored. A number below that of the last cycle in the backup is refused.
 #[test]
 fn without_a_replaced_store_a_person_states_the_last_cycle() {
     let cell = SmallCell::new();
@@ -250,7 +250,7 @@ fn without_a_replaced_store_a_person_states_the_last_cycle() {
     assert_eq!(store.begin_cycle(&air_run).expect("begun"), CycleId(10));
     drop(store);
 
-    // An empty store on the new computer does not show them either.
+    // An empty store on the new computer does not contain the numbers either.
     fs::create_dir_all(cell.at("fresh")).expect("a folder");
     drop(Store::create(&cell.at("fresh/store")).expect("a new store"));
     let permission = Permission { replace_store: true, ..Permission::default() };
@@ -259,8 +259,8 @@ fn without_a_replaced_store_a_person_states_the_last_cycle() {
     assert!(matches!(restore(&fresh), Err(BackupError::LastCycleUnknown { own: 2, .. })));
 }
 
-/// Restores a backup of cycle 1 in place of the present store. Returns what is known about the time since the backup,
-/// and the number of the next air-run.
+/// Restores a backup that was made after cycle 1, in place of the present store. Returns what is known about the cycles
+/// after the backup, and the number of the next air-run.
 fn replaced_store(cell: &SmallCell, last_cycle: Option<i64>) -> Result<(Restore, CycleId), BackupError> {
     let (archive, file) = (cell.at("cell.tar.zst"), cell.at("cell.toml"));
     let permission = Permission { replace_store: true, ..Permission::default() };
@@ -280,11 +280,11 @@ fn replaced_store(cell: &SmallCell, last_cycle: Option<i64>) -> Result<(Restore,
     Ok((known, next))
 }
 
-/// The replaced store shows cycle 3 as the last one, and that nothing was abraded since the backup of cycle 1. This is
-/// valid only if a person states the same number: a larger number means that the replaced store is an older copy.
+/// The last cycle of the replaced store is cycle 3, and no cycle after the backup had a sanding pass. This is a proof
+/// only if a person states the same number: a larger number means that the replaced store is an older copy.
 #[test]
 fn nothing_was_abraded_only_if_a_person_states_the_same_last_cycle() {
-    // If it is proven that nothing was abraded, cycle 4 begins before the air-run.
+    // If it is proven that nothing was sanded, cycle 4 can start before the air-run.
     for (stated, is_nothing_abraded, last, next) in
         [(Some(3), true, 3, 5), (None, false, 3, 4), (Some(2), false, 3, 4), (Some(9), false, 9, 10)]
     {
@@ -297,8 +297,8 @@ fn nothing_was_abraded_only_if_a_person_states_the_same_last_cycle() {
     }
 }
 
-/// A row of the replaced store was changed: the store proves nothing, and a person states the last cycle. No number
-/// that can be read in the store is used again.
+/// A changed row makes the replaced store invalid as a proof, so a person must state the last cycle. A number that can
+/// be read in this store is not used again.
 #[test]
 fn a_changed_store_proves_nothing_and_its_numbers_are_not_used_again() {
     let cell = SmallCell::new();
@@ -313,7 +313,7 @@ fn a_changed_store_proves_nothing_and_its_numbers_are_not_used_again() {
     assert_eq!((known.is_nothing_abraded, known.last_cycle, next), (false, CycleId(3), CycleId(4)));
 }
 
-/// Every changed bit is detected, and so is every byte that is missing at the end.
+/// Every flipped bit and every truncation of the archive is detected.
 #[test]
 fn a_flipped_bit_or_a_cut_end_is_refused_and_changes_nothing() {
     let cell = SmallCell::new();
@@ -362,7 +362,7 @@ fn a_damaged_or_missing_file_of_the_store_is_named() {
     }
 }
 
-/// The disk is full at the start or becomes full during the restore: existing files stay, and incomplete files are
+/// The disk is full at the start, or becomes full during the restore. Existing files are kept, and incomplete files are
 /// removed.
 #[test]
 fn a_full_disk_changes_no_existing_file() {
@@ -390,7 +390,7 @@ fn a_full_disk_changes_no_existing_file() {
     assert!(error.contains("MB free, and the backup needs 9 MB"), "{error}");
     assert_eq!(left(), 0);
 
-    // The disk becomes full while the configuration is written; the store, on another disk, was already complete.
+    // The disk becomes full while the configuration is written; the store is on another disk and is already complete.
     let configuration = Configuration { cell: format!("{CELL}#{}\n", "x".repeat(3 << 20)), ..cell.configuration() };
     let archive = cell.at("large.tar.zst");
     write(&archive, Some(&cell.at("store")), Some(&configuration), 0).expect("written");
@@ -402,7 +402,7 @@ fn a_full_disk_changes_no_existing_file() {
     assert_eq!((left(), content(cell.0.path())), (1, before));
 }
 
-/// One entry of a forged archive.
+/// An entry of a forged archive.
 struct Forged {
     listed: ManifestEntry,
     header_name: String,
@@ -416,7 +416,7 @@ fn forged(name: &str, content: &[u8]) -> Forged {
     Forged { listed, header_name: name.to_owned(), kind: tar::EntryType::Regular, content: content.to_vec() }
 }
 
-/// Writes an archive as a person who knows the format can make it: with a correct seal, and with any names.
+/// Writes an archive as a person who knows the format could: with a correct seal and any entry names.
 fn forge(archive: &Path, manifest: &Manifest, entries: &[Forged]) {
     let sealing = HashingWriter::new(fs::File::create(archive).expect("made"));
     let mut tar = tar::Builder::new(zstd::Encoder::new(sealing, 1).expect("an encoder"));
@@ -424,7 +424,7 @@ fn forge(archive: &Path, manifest: &Manifest, entries: &[Forged]) {
     let first = forged(MANIFEST_NAME, &text);
     for entry in std::iter::once(&first).chain(entries) {
         let mut header = tar::Header::new_gnu();
-        // The name is written directly into the header, since the library refuses to write such names.
+        // The name is written directly into the header, because the library refuses such names.
         let name = &mut header.as_old_mut().name;
         name[..entry.header_name.len()].copy_from_slice(entry.header_name.as_bytes());
         header.set_entry_type(entry.kind);
@@ -441,8 +441,8 @@ fn manifest(entries: &[Forged]) -> Manifest {
     Manifest { format: MANIFEST_FORMAT, program: "0".to_owned(), made_unix_s: 0, links: None, entries }
 }
 
-/// Archives with a correct seal, made by a person who knows the format: names of paths elsewhere, links, other
-/// contents, more or fewer entries than in the manifest.
+/// Forged archives with a correct seal: paths outside of the folder, links, other contents, and more or fewer entries
+/// than in the manifest.
 #[test]
 fn a_forged_archive_is_refused_and_changes_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -487,7 +487,7 @@ fn a_forged_archive_is_refused_and_changes_nothing() {
             fs::read_dir(folder.path()).expect("listed").map(|e| e.expect("one").file_name()).collect();
         assert_eq!(names, ["forged"], "{words}");
     }
-    // Archives with more, and with fewer, entries than the manifest states; an archive of a newer format.
+    // Archives with more or fewer entries than in the manifest, and an archive with a newer format.
     let entries = named("configuration/recipes/wing.toml");
     let wanted = RestoredParts { store: false, configuration: true };
     for (manifest, words) in [
@@ -504,7 +504,7 @@ fn a_forged_archive_is_refused_and_changes_nothing() {
     restore(&Plan { parts: wanted, ..plan(&archive, &cell) }).expect("by itself it is right");
 }
 
-/// Concatenates items that cannot be cloned.
+/// Concatenates lists whose items cannot be cloned.
 trait ConcatAll {
     fn concat_all(&self) -> Vec<Forged>;
 }
@@ -515,8 +515,8 @@ impl ConcatAll for [&[Forged]; 2] {
     }
 }
 
-/// A store with changed rows in an archive with a new seal: the chain shows the change, and no file of the store is
-/// left.
+/// A store with changed rows in an archive with a new seal is refused, because its hash chain is broken. No file of the
+/// store is left.
 #[test]
 fn a_changed_store_is_neither_packed_nor_restored() {
     let cell = SmallCell::new();

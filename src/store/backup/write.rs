@@ -1,4 +1,4 @@
-//! Makes an archive: copies the rows of the store at one moment, packs them with the files that they name, and
+//! Writes a backup archive: copies the rows of the store at one moment, packs them with the files that they name, and
 //! reads the archive back.
 
 use super::entry::{Entry, MANIFEST_FORMAT, MANIFEST_NAME, Manifest, ManifestEntry};
@@ -11,44 +11,44 @@ use std::fs::{self, File};
 use std::io::{BufWriter, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 
-/// A configuration as it is packed.
+/// The configuration to pack.
 #[derive(Debug, Clone, Default)]
 pub struct Configuration {
     /// The text of the cell's file (`cell.toml`).
     pub cell: String,
     /// The existing files that the cell's file names, each with its key, such as `calibration.scanner`.
     pub named_files: Vec<(String, PathBuf)>,
-    /// The recipes in the folder of the cell's file: the name relative to the folder, and the file.
+    /// The recipes in the folder of the cell's file: relative name and path of each.
     pub recipes: Vec<(String, PathBuf)>,
 }
 
 /// The result of a backup.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BackupReport {
-    /// The differences between the store and what was written to it, as text; if there are any, no archive was made.
+    /// Contradictions found in the store, as texts. If there are any, no archive was written.
     pub differences: Vec<String>,
-    /// Contents of the archive.
+    /// The list of the archive's entries.
     pub manifest: Manifest,
     /// Its size.
     pub bytes: u64,
 }
 
-/// Maximum size of a file of the configuration. Usually such a file is a page of text; the settings file of a camera
+/// Maximum size of a configuration file, bytes. Such a file usually has a page of text; the settings file of a camera
 /// has a few pages.
 const MAX_CONFIGURATION_BYTES: u64 = 4 << 20;
-/// The default compression level of zstd: pictures are already compressed, rows and scans are not.
+/// Compression level of zstd, its default. Pictures are already compressed; rows and scans are not.
 const COMPRESSION_LEVEL: i32 = 3;
-/// Maximum number of attempts. The service may remove old clips between the copy of the rows and the copy of a
-/// file; then the backup begins again.
+/// Maximum number of attempts. A new attempt is made if the service removes an old clip between the copy of the rows
+/// and the copy of the files.
 const MAX_ATTEMPTS: usize = 3;
 
-/// The source of an entry's bytes.
+/// The source of an entry's content.
 enum EntrySource {
     Bytes(Vec<u8>),
     File(PathBuf),
 }
 
-/// The content that must be packed.
+/// The entries to pack.
 #[derive(Default)]
 struct PackContent {
     entries: Vec<ManifestEntry>,
@@ -56,9 +56,9 @@ struct PackContent {
     links: Option<u64>,
 }
 
-/// The reason why packing was not completed.
+/// The reason why the entries could not be packed.
 enum PackFailure {
-    /// A file of the store is missing, or its content was changed.
+    /// A file of the store is missing or was changed.
     Blob(String),
     Error(BackupError),
 }
@@ -69,11 +69,11 @@ impl From<BackupError> for PackFailure {
     }
 }
 
-/// Writes the archive with `store` and `configuration`; no file may exist at its path. A service may write to the store
-/// meanwhile. The archive is read back before it gets its final name.
+/// Writes an archive with `store` and `configuration`. No file may exist at the path of the archive. A service may
+/// write to the store at the same time. The archive is read back before it is renamed to its final name.
 ///
 /// # Errors
-/// If the store or a file cannot be read, or the archive cannot be written; then no file is left.
+/// If the store or a file cannot be read, or the archive cannot be written. No incomplete archive is left.
 pub fn write(
     archive: &Path,
     store: Option<&Path>,
@@ -111,7 +111,7 @@ pub fn write(
                 continue;
             }
         }
-        // The archive is read back completely before it can be used.
+        // Read the complete archive back before it can be used.
         let read = Archive::open(&part)?;
         read.for_each_entry(|_, reader| {
             let drained = std::io::copy(reader, &mut std::io::sink());
@@ -125,7 +125,7 @@ pub fn write(
     Ok(BackupReport { differences: vec![last], manifest, bytes: 0 })
 }
 
-/// Renames the archive to its final name; a file that has appeared there meanwhile is not overwritten.
+/// Renames the archive to its final name, without overwriting a file that has appeared there.
 fn rename_to_final(part: &Path, archive: &Path, folder: &Path) -> Result<(), BackupError> {
     use rustix::fs::{CWD, RenameFlags, renameat_with};
     renameat_with(CWD, part, CWD, archive, RenameFlags::NOREPLACE).map_err(|error| match error {
@@ -146,8 +146,8 @@ impl PackContent {
         self.sources.push(source);
     }
 
-    /// Adds a store; its rows are copied to the folder `rows`. Returns the differences found in the store, if there are
-    /// any.
+    /// Adds the store, and copies its rows to the folder `rows`. Returns the contradictions found in the store, if
+    /// there are any.
     fn store(&mut self, store: &Path, rows: &Path) -> Result<Option<Vec<String>>, BackupError> {
         let copied = Store::copy_rows(store, rows)?;
         if !copied.deviations.is_empty() {
@@ -203,10 +203,10 @@ fn read_small_file(file: &Path) -> Result<Vec<u8>, BackupError> {
     }
 }
 
-/// Packs all entries into this file, with a seal, and flushes it to the disk.
+/// Packs all entries into a file, adds the seal, and flushes the file to the disk.
 fn pack_archive(part: &Path, manifest: &Manifest, sources: &[EntrySource]) -> Result<(), PackFailure> {
     let failed = BackupError::file_error("write", part);
-    // Only the archive's owner may read it, since it contains everything.
+    // Only the owner may read the archive, because it contains all data of the cell.
     let mut options = fs::OpenOptions::new();
     std::os::unix::fs::OpenOptionsExt::mode(options.write(true).create_new(true), 0o600);
     let file = options.open(part).map_err(&failed)?;
@@ -230,7 +230,7 @@ fn pack_archive(part: &Path, manifest: &Manifest, sources: &[EntrySource]) -> Re
     Ok(file.sync_all().map_err(&failed)?)
 }
 
-/// Packs a file of the store, and compares it with its hash at the same time.
+/// Packs a file of the store while its hash is verified.
 fn file_entry<W: Write>(
     tar: &mut tar::Builder<W>,
     listed: &ManifestEntry,
@@ -269,7 +269,7 @@ fn append<W: Write>(
     tar.append_data(&mut header, name, content)
 }
 
-/// Hashes the bytes that are read through it, and distinguishes a read error from a write error.
+/// A reader that computes the hash of all bytes that are read, and keeps a read error apart from a write error.
 struct HashingReader<R> {
     inner: R,
     hasher: Sha256,
@@ -294,13 +294,13 @@ impl<R: Read> Read for HashingReader<R> {
     }
 }
 
-/// Which side of a copy failed.
+/// The side of a copy that failed.
 pub(super) enum CopySide {
     Read(std::io::Error),
     Written(std::io::Error),
 }
 
-/// Copies all bytes; returns their number and their SHA-256.
+/// Copies all bytes, and returns their number and their SHA-256.
 pub(super) fn copy_hashed(from: &mut dyn Read, to: &mut dyn Write) -> Result<(u64, String), CopySide> {
     let (mut hasher, mut count, mut buffer) = (Sha256::new(), 0, vec![0; 1 << 16]);
     loop {

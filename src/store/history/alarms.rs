@@ -1,8 +1,9 @@
-//! The alarms of a cycle: which were raised, when, when their cause disappeared, and who acknowledged them.
+//! The alarms of a cycle: which alarms were raised and when, when their cause disappeared, and who acknowledged them.
 //!
-//! A phase that gives a reason raises an alarm, which lasts until the same phase no longer gives that reason. Alarms
-//! for reasons of the verdict last until a person resets or clears the cell, or the next cycle begins; all others end
-//! with the cycle. The alarm of a refused request ends at once. Acknowledging changes neither alarm nor cell.
+//! A reason in a finding raises an alarm, which lasts until the same phase gives a finding without this reason. Alarms
+//! for the reasons of the verdict last until a person resets or clears the cell, or until the next cycle begins; all
+//! other alarms end with the cycle. The alarm for a refused request ends immediately. An acknowledgement changes
+//! neither the alarm nor the cell.
 
 use super::codes::{Priority, code};
 use panelprep_base::verdict::Reason;
@@ -13,62 +14,62 @@ use std::collections::BTreeSet;
 /// One alarm.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Alarm {
-    /// The alarm's cycle; `None` for an alarm between cycles.
+    /// The cycle of the alarm; `None` for an alarm between cycles.
     pub cycle: Option<CycleId>,
-    /// The code, such as `low_overlap`.
+    /// The alarm's code, such as `low_overlap`.
     pub code: String,
     /// Urgency of the alarm.
     pub priority: Priority,
-    /// The message of the last finding that gave the code.
+    /// The message of the last finding with this code.
     pub message: String,
-    /// The meaning of the code; empty if the code is not in this program's table.
+    /// The meaning of the code; empty if the table of codes does not contain the code.
     pub cause: String,
-    /// The remedy; empty if the code is not in this program's table.
+    /// What to do; empty if the table of codes does not contain the code.
     pub remedy: String,
-    /// The phase that raised the alarm; `None` for a request and for a reason that only the verdict contains.
+    /// The phase that raised the alarm; `None` for a refused request, and for a reason that only the verdict contains.
     pub phase: Option<Kind>,
-    /// Time at which the alarm was raised, ms since 1970. Findings of an earlier version of this program have the time
-    /// of the start of their cycle.
+    /// Time at which the alarm was raised, ms since 1970. For findings of an earlier program version, it is the start
+    /// of the cycle.
     pub raised_unix_ms: i64,
-    /// Time at which the cause disappeared, ms since 1970; `None` while the alarm lasts.
+    /// Time at which the cause disappeared, ms since 1970; `None` while the alarm is active.
     pub gone_unix_ms: Option<i64>,
-    /// The first acknowledgement, with the person and the time.
+    /// The first acknowledgement, if there is one.
     pub acknowledged: Option<Acknowledgement>,
 }
 
-/// Times that the cycle's record itself does not contain.
+/// Times that are not part of the cycle's record.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct AlarmTimes {
-    /// Time at which each finding was stored, ms since 1970, in their order; `None` for those of an earlier version of
-    /// this program.
+    /// Time at which each finding was stored, ms since 1970, in the order of the findings; `None` for findings of an
+    /// earlier program version.
     pub findings_unix_ms: Vec<Option<i64>>,
-    /// Time at which a person first reset or cleared the cell after the end, or the next cycle began, ms since 1970;
-    /// `None` if neither has happened yet.
+    /// Time after the end of the cycle at which a person first reset or cleared the cell, or the next cycle began, ms
+    /// since 1970; `None` if neither has happened yet.
     pub settled_unix_ms: Option<i64>,
 }
 
-/// Records that a person has seen an alarm.
+/// The acknowledgement of an alarm by a person.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Acknowledgement {
     /// Time at which the alarm was acknowledged, ms since 1970.
     pub unix_ms: i64,
-    /// The cycle to which the alarm belongs; `None` for an alarm outside of a cycle.
+    /// The cycle of the alarm; `None` for an alarm between cycles.
     pub cycle: Option<CycleId>,
     /// The alarm's code, such as `low_overlap`.
     pub code: String,
-    /// Time at which the alarm was raised, ms since 1970: the same code raised again is another alarm.
+    /// Time at which the alarm was raised, ms since 1970. If the same code is raised again, it is another alarm.
     pub raised_unix_ms: i64,
-    /// The person who acknowledged it, as named at that time.
+    /// The name of the person, as recorded at that time.
     pub who: String,
 }
 
 impl Alarm {
-    /// Returns whether the alarm lasts.
+    /// Returns whether the alarm is active.
     pub fn is_active(&self) -> bool {
         self.gone_unix_ms.is_none()
     }
 
-    /// Creates an alarm that arose between cycles, at this time, and lasts.
+    /// Creates an active alarm that was raised at this time, between cycles.
     pub fn new_between_cycles(reason: &Reason, raised_unix_ms: i64) -> Self {
         Self::new(None, reason, None, raised_unix_ms)
     }
@@ -78,7 +79,7 @@ impl Alarm {
         Alarm {
             cycle,
             code: reason.code.clone().into_owned(),
-            // A code that is not in the table gets medium priority, so that it is not overlooked.
+            // An unknown code gets medium priority, so that it is not overlooked.
             priority: known.map_or(Priority::Medium, |known| known.priority),
             message: reason.message.clone(),
             cause: known.map_or(String::new(), |known| known.cause.clone().into_owned()),
@@ -115,14 +116,14 @@ fn alarms_from_findings(record: &CycleRecord, times: &AlarmTimes) -> Vec<Alarm> 
         for alarm in all.iter_mut().filter(lasting).filter(|alarm| !given(alarm)) {
             alarm.gone_unix_ms = Some(at);
         }
-        // Each code has one alarm, with the message of its first reason.
+        // Each code has one alarm, with the message of the first reason with this code.
         let mut spoken = BTreeSet::new();
         for reason in finding.judgement.reasons.iter().filter(|reason| spoken.insert(&reason.code)) {
             let raised = all
                 .iter_mut()
                 .find(|alarm| alarm.is_active() && alarm.phase == Some(finding.kind) && alarm.code == reason.code);
             match raised {
-                // The alarm lasts, but the place in its message may have changed.
+                // The alarm stays active, but the place that its message names may have changed.
                 Some(alarm) => alarm.message.clone_from(&reason.message),
                 None => all.push(Alarm::new(Some(record.id), reason, Some(finding.kind), at)),
             }
@@ -131,7 +132,7 @@ fn alarms_from_findings(record: &CycleRecord, times: &AlarmTimes) -> Vec<Alarm> 
     all
 }
 
-/// Applies the end of the cycle: alarms for the reasons of its verdict continue, all others end.
+/// Applies the end of the cycle: alarms for the reasons of the verdict stay active, all others end.
 fn end_alarms(record: &CycleRecord, times: &AlarmTimes, all: &mut Vec<Alarm>) {
     let (Some(judgement), Some(ended_unix_s)) = (&record.judgement, record.ended_unix_s) else { return };
     let ended_unix_ms = ended_unix_s * 1_000;
@@ -142,7 +143,7 @@ fn end_alarms(record: &CycleRecord, times: &AlarmTimes, all: &mut Vec<Alarm>) {
     }
     for alarm in all.iter_mut().filter(|alarm| alarm.is_active()) {
         let lasts = judgement.reasons.iter().any(|reason| reason.code == alarm.code);
-        // The end is stored in whole seconds, and an alarm may have been raised later in the same second.
+        // The end of the cycle is stored in whole seconds, and an alarm may have been raised later in the same second.
         let gone = if lasts { times.settled_unix_ms } else { Some(ended_unix_ms) };
         alarm.gone_unix_ms = gone.map(|gone| gone.max(alarm.raised_unix_ms));
     }

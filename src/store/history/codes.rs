@@ -1,8 +1,8 @@
-//! The table of all alarm codes of the program (ISA-18.2), each with its urgency, its meaning and its remedy.
+//! The table of all alarm codes (ISA-18.2), each with its priority, its meaning and what to do.
 //!
-//! Meaning and remedy are those of the manual's page of messages; a test compares that page with the sources. The
-//! urgency of a code is defined here. None of the codes is a safety function: an immediate stop of the robot is the
-//! task of the cell's own safety circuit.
+//! Meaning and remedy are those on the manual's page of messages; a test compares that page with the sources. The
+//! priorities are defined here. None of the codes is a safety function: an immediate stop of the robot is the task of
+//! the cell's own safety circuit.
 
 use serde::Serialize;
 use std::borrow::Cow;
@@ -10,21 +10,21 @@ use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 const PAGE: &str = include_str!("../../../config/manual/messages.md");
-/// The page of messages in each language, English first, with the same rows in each.
+/// The page of messages in each language, English first. All languages have the same rows.
 const PAGES: [(&str, &str); 2] = [("en", PAGE), ("de", include_str!("../../../config/manual/messages.de.md"))];
 
-/// Urgency of a code: how soon a person must act.
+/// The priority of a code: how soon a person must act.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, strum::IntoStaticStr)]
 #[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
 pub enum Priority {
-    /// No action is needed: the code reports an event.
+    /// No action: the code reports an event.
     Note,
-    /// Action when there is time: a request or a command was not carried out, and nothing else changed.
+    /// Action when there is time: a request or a command was not performed, without any other effect.
     Low,
-    /// Action soon: a cycle waits for a person, or ended without a result.
+    /// Action soon: a cycle waits for a person, or has ended without a result.
     Medium,
-    /// Action now: the cell was aborted, or its state is not known. A person must inspect it before anything moves.
+    /// Action now: the cell was aborted, or its state is unknown. A person must check the cell before any motion.
     High,
 }
 
@@ -38,7 +38,7 @@ impl Priority {
 /// A code.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Code {
-    /// The stable keyword, `low_overlap`.
+    /// The stable keyword, such as `low_overlap`.
     pub code: Cow<'static, str>,
     /// Urgency of the code.
     pub priority: Priority,
@@ -48,7 +48,7 @@ pub struct Code {
     pub remedy: Cow<'static, str>,
 }
 
-/// Codes of a cell that was aborted, or whose state is unknown.
+/// Codes after which the cell was aborted, or its state is unknown.
 const HIGH_PRIORITY_CODES: [&str; 32] = [
     "other_programs",
     "link_lost",
@@ -84,14 +84,13 @@ const HIGH_PRIORITY_CODES: [&str; 32] = [
     "ended",
 ];
 
-/// Codes of events that a person or the recipe intended. For example, the test is made to find places where the film
-/// breaks.
+/// Codes of intended events. For example, it is the purpose of the test to find places where the film breaks.
 const NOTES: [&str; 7] = ["asked", "stopped", "robot_ready", "broken", "off_path", "running", "waypoints"];
 
-/// Headings of the page's sections with the codes of commands and requests; all rows below such a heading belong to it.
+/// Headings of the sections with the codes of commands and requests. A section ends at the next heading.
 const COMMAND_SECTIONS: [&str; 4] = ["Requests that are refused", "Calibration", "Teaching", "Commands and files"];
 
-/// Codes in the sections of `COMMAND_SECTIONS` that prevent the start of a cycle.
+/// Codes in the sections `COMMAND_SECTIONS` that prevent the start of a cycle.
 const START_PREVENTING_CODES: [&str; 6] = [
     "verification_limit",
     "verification_old",
@@ -111,10 +110,10 @@ static CODES: LazyLock<Vec<Code>> = LazyLock::new(|| {
     rows(PAGE).into_iter().map(of).collect()
 });
 
-/// A code's row of the page in one language.
+/// The row of a code on the page of messages in one language.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Row {
-    /// The stable keyword, `low_overlap`.
+    /// The stable keyword, such as `low_overlap`.
     pub code: &'static str,
     /// The meaning of the code and its cause.
     pub cause: &'static str,
@@ -129,17 +128,17 @@ static ROWS: LazyLock<BTreeMap<&'static str, Table>> = LazyLock::new(|| {
     PAGES.into_iter().map(|(language, page)| (language, table(page))).collect()
 });
 
-/// Returns a code's row in this language; `None` if the code is unknown, or there is no page in that language.
+/// Returns the row of a code in this language; `None` if the code or the language is unknown.
 pub fn row(code: &str, language: &str) -> Option<Row> {
     ROWS.get(language)?.get(code).copied()
 }
 
-/// Returns the languages in which the codes are explained, English first.
+/// Returns the languages of the page of messages, English first.
 pub fn languages() -> impl Iterator<Item = &'static str> {
     PAGES.into_iter().map(|(language, _)| language)
 }
 
-/// Returns all codes, in the order of the manual.
+/// Returns all codes in the order of the manual.
 pub fn codes() -> &'static [Code] {
     &CODES
 }
@@ -149,7 +148,7 @@ pub fn code(word: &str) -> Option<&'static Code> {
     CODES.iter().find(|code| code.code == word)
 }
 
-/// Returns each row of a page with the section that contains it.
+/// Returns the rows of a page, each with the heading of its section.
 fn rows(page: &'static str) -> Vec<(&'static str, Row)> {
     let mut section = "";
     let mut rows = Vec::new();
@@ -202,7 +201,7 @@ mod tests {
         assert!(code("no_such_code").is_none() && codes().len() > 150);
     }
 
-    /// A page in another language has the same rows, and each row has the same codes, commands, keys and files.
+    /// The page in each language has the same rows, with the same codes, commands, keys and files.
     #[test]
     fn each_language_has_the_same_rows_and_codes() {
         let marked = |row: &Row| {
@@ -224,7 +223,7 @@ mod tests {
         }
     }
 
-    /// Each code in a list here is still a code of the manual.
+    /// Every code in one of the lists here is a code of the manual.
     #[test]
     fn every_listed_code_is_one_of_the_manual() {
         let unknown: Vec<&&str> = HIGH_PRIORITY_CODES
@@ -238,8 +237,8 @@ mod tests {
         assert!(COMMAND_SECTIONS.iter().all(|section| headings.contains(section)), "{headings:?}");
     }
 
-    /// A code that aborts the cycle, as the manual defines it, has high priority: the cell is inspected before anything
-    /// moves.
+    /// Codes that abort the cycle according to the manual have high priority, because the cell must be checked before
+    /// any motion.
     #[test]
     fn codes_that_abort_a_cycle_have_high_priority() {
         let aborts = |code: &&Code| code.cause.starts_with("Aborted") || code.cause.contains("cycle is aborted");

@@ -1,9 +1,9 @@
-//! The cell's past as data: cycles that match a search, the result of a cycle, the differences between two cycles, the
-//! trend of a panel's numbers, and the alarms.
+//! The history of a cell as data: cycles that match a search, the summary of a cycle, the comparison of two cycles, the
+//! trend of a panel's measured values, and the alarms.
 //!
-//! This module uses records that exist already, and each number is stored with the limit against which it was checked.
-//! The results of the Western Electric rules are a hint for a person: this module gives no verdict. It reads no store
-//! and no file, and draws nothing; `store` searches, and `report` draws.
+//! This module uses existing records, in which each value is stored with its limit at that time. The results of the
+//! Western Electric rules are hints for a person: this module gives no verdicts. It reads no store and no files, and
+//! draws nothing; `store` executes a search, and `report` draws.
 
 mod alarms;
 mod codes;

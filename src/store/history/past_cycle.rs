@@ -1,6 +1,6 @@
-//! A past cycle, as the other modules of the history read it: its record, its part, the wear of the disc, and the
-//! results of each grid of the panel (in the first film, in the passes, and in the last film). Also its summary, and
-//! the comparison of two cycles: their inputs, each check with its difference, and the history of each grid.
+//! A past cycle, as used by the other modules of the history: its record, its part, the wear of the disc, and the
+//! results of each grid of the panel (in the first film, in the passes, and in the last film). Also the summary of a
+//! cycle, and the comparison of two cycles: their inputs, the difference of each check, and the history of each grid.
 //!
 //! If a phase was executed several times in a cycle, the comparison uses the last finding of each pass, because the
 //! cycle continued with this finding.
@@ -13,14 +13,14 @@ use panelprep_cell::record::{
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A cycle with the data that are stored in addition to its record.
+/// A cycle: its record and the data that are stored in addition to it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PastCycle {
     /// The record.
     pub record: CycleRecord,
-    /// The part; `None` if none was named.
+    /// The names of the part; `None` if no name was stated.
     pub part: Option<PartNames>,
-    /// The disc; `None` if the cycle touched nothing.
+    /// The wear of the disc; `None` if the cycle had no contact.
     pub disc: Option<DiscWear>,
 }
 
@@ -34,7 +34,7 @@ pub struct DiscWear {
 }
 
 impl PastCycle {
-    /// Returns the findings of this phase, in order.
+    /// Returns the findings of this kind, in order.
     pub fn findings(&self, kind: Kind) -> impl DoubleEndedIterator<Item = &Finding> {
         self.record.findings.iter().filter(move |finding| finding.kind == kind)
     }
@@ -44,23 +44,23 @@ impl PastCycle {
         self.findings(Kind::Inspect).filter(|film| is_valid_film(film))
     }
 
-    /// Returns the check with this name in the last finding of this phase that has it.
+    /// Returns the check with this name in the last finding of this kind that contains it.
     pub fn last_check(&self, kind: Kind, name: &str) -> Option<&Check> {
         self.findings(kind).rev().find_map(|finding| finding.checks.iter().find(|check| check.name == name))
     }
 
-    /// Returns the number of passes over the panel that are known to have touched it.
+    /// Returns the number of passes that were certainly in contact with the panel.
     pub fn touching_passes(&self) -> u8 {
         touching_passes(&self.record)
     }
 
-    /// Returns every grid that a film or a pass reports.
+    /// Returns all grids that a film or a pass reports.
     pub fn grids(&self) -> BTreeMap<String, GridPast> {
         grids(&self.films().collect::<Vec<_>>(), &abraded_grids(&self.record.findings, &self.record.motions))
     }
 
-    /// Returns the duration of the cycle from its start to its end by the wall clock, s. `None` while it runs, or if
-    /// the program ended before the cycle did, so that the cycle's end is unknown.
+    /// Returns the duration of the cycle by the wall clock, s. `None` while it runs, or if the program ended during the
+    /// cycle, so that the end of the cycle is unknown.
     pub fn cycle_time_s(&self) -> Option<i64> {
         let mut reasons = self.record.judgement.iter().flat_map(|judgement| &judgement.reasons);
         let is_interrupted = reasons.any(|reason| reason.code == "interrupted");
@@ -68,29 +68,29 @@ impl PastCycle {
     }
 }
 
-/// Returns the number of this cycle's passes over the panel that are known to have touched it.
+/// Returns the number of passes in a record that were certainly in contact with the panel.
 pub fn touching_passes(record: &CycleRecord) -> u8 {
     let all = abraded_grids(&record.findings, &record.motions);
     all.iter().filter(|one| one.how.is_certain()).map(|one| one.pass).max().unwrap_or(0)
 }
 
-/// The history of a grid in one cycle; a value is `None` if the grid was not seen.
+/// The history of a grid in a cycle. A value is `None` if the grid was not visible.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct GridPast {
-    /// Whether the film broke on the grid in the first valid film.
+    /// Whether the grid failed in the first valid film.
     pub failed_first: Option<bool>,
-    /// Time to the break on the grid in the first valid film, s.
+    /// Time until the film on the grid broke in the first valid film, s.
     pub time_to_break_s: Option<f64>,
-    /// The area of the break on the grid in the first valid film, mm².
+    /// Area of broken film on the grid in the first valid film, mm².
     pub broken_mm2: Option<f64>,
-    /// Number of passes that are known to have touched the grid.
+    /// Number of passes that were certainly in contact with the grid.
     pub passes: u8,
-    /// Whether the film broke on the grid in the last valid film.
+    /// Whether the grid failed in the last valid film.
     pub failed_at_end: Option<bool>,
 }
 
 impl GridPast {
-    /// Returns the grid's history in words.
+    /// Returns the history of the grid as text.
     pub fn describe(&self) -> String {
         let first = match (self.failed_first, self.time_to_break_s) {
             (None, _) => "not seen in the first film".to_owned(),
@@ -112,13 +112,13 @@ impl GridPast {
     }
 }
 
-/// Returns the row and the column of a grid, from 1; `None` if the name is not a grid name such as `r1c1`.
+/// Returns the row and the column of a grid, from 1; `None` if the text is not a grid name such as `r1c1`.
 pub fn grid_row_and_column(grid: &str) -> Option<(u32, u32)> {
     let (row, column) = grid.strip_prefix('r')?.split_once('c')?;
     Some((row.parse().ok()?, column.parse().ok()?))
 }
 
-/// Returns every grid that the films or the passes report. The films are in order, and none is invalid.
+/// Returns all grids that the films or the passes report. `films` contains valid films in their order.
 pub(super) fn grids(films: &[&Finding], passes: &[AbradedGrid]) -> BTreeMap<String, GridPast> {
     let mut all: BTreeMap<String, GridPast> = BTreeMap::new();
     let mut first = films.first().map(|film| reported_grids(film)).unwrap_or_default();
@@ -138,28 +138,28 @@ pub(super) fn grids(films: &[&Finding], passes: &[AbradedGrid]) -> BTreeMap<Stri
     all
 }
 
-/// Returns the grids that a film reports: whether the film broke there, and on which area, mm².
+/// Returns the grids that a film reports: whether each grid failed, and the area of broken film, mm².
 pub fn reported_grids(film: &Finding) -> BTreeMap<String, (bool, Option<f64>)> {
     let failed = film.names("failed");
     let checks = film.checks.iter().filter_map(|check| {
         let grid = name::broken_film_grid(&check.name)?.to_owned();
         let is_failed = failed.contains(&grid);
-        // A grid that was not seen completely gives no information, unless the visible part of it broke.
+        // A grid that was not completely visible has no result, unless its visible part has failed.
         (check.value.is_some() || is_failed).then_some((grid, (is_failed, check.value)))
     });
     checks.collect()
 }
 
 /// Returns whether a finding is a film with a result for its grids: it names the failed grids, and its verdict is
-/// neither invalid nor aborted. Only such a film counts as a test of a grid.
+/// neither invalid nor aborted. Only such a film is treated as a test of a grid.
 pub fn is_valid_film(film: &Finding) -> bool {
     film.kind == Kind::Inspect
         && film.details.contains_key("failed")
         && ![Verdict::Invalid, Verdict::Aborted].contains(&film.judgement.verdict)
 }
 
-/// Returns the grids that the tool sanded only in part, touched, or may have touched after the last valid film. A cycle
-/// that was interrupted in contact leaves such grids.
+/// Returns the grids that were partly sanded, or only touched, or possibly touched after the last valid film. Such
+/// grids are left by a cycle that was interrupted in contact.
 pub fn touched_grids(record: &CycleRecord) -> BTreeSet<String> {
     let last_film = record.findings.iter().filter(|one| is_valid_film(one)).map(|film| film.pass).max();
     let after = |one: &AbradedGrid| last_film.is_none_or(|film| one.pass > film);
@@ -168,7 +168,7 @@ pub fn touched_grids(record: &CycleRecord) -> BTreeSet<String> {
     all.filter_map(|one| one.grid).collect()
 }
 
-/// Returns the state of each grid that was seen: the result of its last film, or that it was abraded after this film.
+/// Returns the state of each grid: the result of its last film, or that the grid was sanded after this film.
 pub fn grid_states(findings: &[Finding]) -> BTreeMap<String, &'static str> {
     let mut grids = BTreeMap::new();
     for finding in findings {
@@ -184,61 +184,61 @@ pub fn grid_states(findings: &[Finding]) -> BTreeMap<String, &'static str> {
     grids
 }
 
-/// The results of one cycle. A value that was not measured is `None`.
+/// The summary of a cycle. A value that was not measured is `None`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Summary {
     /// Its number.
     pub cycle: CycleId,
-    /// Time at which the cycle began, s since 1970.
+    /// Start time of the cycle, s since 1970.
     pub started_unix_s: i64,
-    /// Time at which the cycle ended, s since 1970; `None` while it runs.
+    /// End time of the cycle, s since 1970; `None` while it runs.
     pub ended_unix_s: Option<i64>,
     /// The panel.
     pub panel: String,
-    /// The part, with the names that were entered.
+    /// The names of the part, as stated at the start.
     pub part: PartNames,
-    /// Whether the cycle was an air-run: the verdict is then about the motions, not about the panel.
+    /// Whether the cycle was an air-run, whose verdict refers to the motions, not to the panel.
     pub is_air_run: bool,
-    /// How the cycle ended; `None` while it runs.
+    /// The verdict; `None` while the cycle runs.
     pub verdict: Option<Verdict>,
     /// The reasons for the verdict.
     pub reasons: Vec<Reason>,
-    /// Passes over the panel that are known to have touched it.
+    /// Number of passes that were certainly in contact with the panel.
     pub passes: u8,
     /// The films.
     pub films: Films,
-    /// The residual of the localization, point to plane, mm, with its limit.
+    /// Point-to-plane residual of the localization, mm, with its limit.
     pub localization_residual: Option<Check>,
-    /// The residual of the outline, px, with its limit.
+    /// Residual of the outline, px, with its limit.
     pub outline_residual: Option<Check>,
-    /// The stated error of the localization at the point of the panel with the largest error, 95 %, mm, with its limit.
+    /// Error of the localization at the worst place of the panel, 95 %, mm, with its limit.
     pub localization_error: Option<Check>,
-    /// The error at the tool, divided into its parts, mm, 95 %.
+    /// The components of the error at the tool, mm, 95 %.
     pub budget: Option<Budget>,
-    /// The root of the sum of squares of the budget's parts, mm; `None` while a part is not measured.
+    /// The root of the sum of squares of these components, mm; `None` if a component is not measured.
     pub budget_total_mm: Option<f64>,
     /// Duration of the cycle by the wall clock, s.
     pub cycle_time_s: Option<i64>,
-    /// Duration of the cycle by the simulated cell's clock, s.
+    /// Duration of the cycle by the clock of the simulated cell, s.
     pub simulated_s: Option<f64>,
-    /// The disc; `None` if the cycle touched nothing.
+    /// The wear of the disc; `None` if the cycle had no contact.
     pub disc: Option<DiscWear>,
 }
 
-/// The films of a cycle.
+/// The films of a cycle in its summary.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Films {
-    /// Films with a valid result.
+    /// Number of films with a valid result.
     pub valid: usize,
-    /// Films without a valid result; they were repeated, or ended the cycle.
+    /// Number of films without a valid result; these films were repeated, or ended the cycle.
     pub invalid: usize,
     /// Total observation time of the valid films, s.
     pub watched_s: Option<f64>,
     /// Number of grids that the first valid film reports.
     pub grids: usize,
-    /// Grids on which the first valid film broke; `None` without a valid film.
+    /// Grids that failed in the first valid film; `None` without a valid film.
     pub failed_first: Option<Vec<String>>,
-    /// Grids on which the last valid film broke; `None` without a valid film.
+    /// Grids that failed in the last valid film; `None` without a valid film.
     pub failed_at_end: Option<Vec<String>>,
 }
 
@@ -291,62 +291,62 @@ pub(super) fn films(past: &PastCycle) -> Films {
     }
 }
 
-/// Two cycles for comparison; each pair contains the value of the first and of the second cycle.
+/// The comparison of two cycles; each pair contains the value of the first and of the second cycle.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
-    /// The summary of each cycle.
+    /// The summaries of both cycles.
     pub cycles: [Summary; 2],
-    /// Whether both have the same serial number; `None` if one has none.
+    /// Whether both parts have the same serial number; `None` if one of them has none.
     pub is_same_part: Option<bool>,
-    /// The inputs of the cycles: panel, recipe, calibrations, program.
+    /// The inputs of both cycles: panel, recipe, calibrations, program.
     pub inputs: Vec<InputPair>,
-    /// Every check that one of the cycles has.
+    /// All checks of either cycle.
     pub checks: Vec<CheckPair>,
-    /// Every grid that one of them reports.
+    /// All grids that either cycle reports.
     pub grids: Vec<GridPair>,
 }
 
-/// An input of both cycles, by its hash, name or version.
+/// An input of both cycles, identified by its hash, name or version.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct InputPair {
     /// Name of the input.
     pub name: String,
-    /// The values; `None` if the cycle had none.
+    /// The hash, name or version in each cycle; `None` if the cycle had no such input.
     pub values: [Option<String>; 2],
-    /// Whether both cycles ran with the same input.
+    /// Whether the input was the same in both cycles.
     pub is_same: bool,
 }
 
-/// A check of both cycles.
+/// A check in both cycles.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CheckPair {
     /// The phase.
     pub kind: Kind,
-    /// Number of abrasions planned before the check.
+    /// Number of sanding passes that were planned before the check.
     pub pass: u8,
     /// Its name.
     pub name: String,
     /// Its unit.
     pub unit: String,
-    /// The values; `None` if the check was not measured, or the cycle does not have it.
+    /// The value in each cycle; `None` if it was not measured, or the cycle does not have the check.
     pub values: [Option<f64>; 2],
-    /// The limits; `None` if the cycle does not have the check.
+    /// The limit in each cycle; `None` if the cycle does not have the check.
     pub limits: [Option<Limit>; 2],
-    /// The second value minus the first; `None` if one of them is missing.
+    /// The second value minus the first; `None` if either is missing.
     pub difference: Option<f64>,
 }
 
-/// The history of a grid in both cycles; `None` for a cycle that does not report the grid.
+/// A grid in both cycles.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GridPair {
     /// The grid.
     pub grid: String,
-    /// The grid's history in each cycle.
+    /// The history of the grid in each cycle; `None` if the cycle does not report the grid.
     pub cycles: [Option<GridPast>; 2],
 }
 
 impl CheckPair {
-    /// Returns whether the limits differ, or only one cycle has the check.
+    /// Returns whether the limits of both cycles differ, or only one cycle has the check.
     pub fn is_limit_different(&self) -> bool {
         self.limits[0] != self.limits[1]
     }
@@ -392,13 +392,13 @@ fn names(all: &[(String, String)]) -> Vec<String> {
     all.iter().map(|(name, _)| name.clone()).collect()
 }
 
-/// Returns the first list, then the entries that only the second list has, in their orders.
+/// Returns the first list, followed by the entries that only the second list contains.
 fn union<T: Clone + PartialEq>(first: &[T], second: &[T]) -> Vec<T> {
     let more = second.iter().filter(|one| !first.contains(one));
     first.iter().chain(more).cloned().collect()
 }
 
-/// Returns the last finding of each pair of phase and pass, in the order of their first occurrence.
+/// Returns the last finding of each kind in each pass, in the order of their first occurrence.
 fn last_findings(past: &PastCycle) -> Vec<(Kind, u8, &Finding)> {
     let mut last: Vec<(Kind, u8, &Finding)> = Vec::new();
     for finding in &past.record.findings {
@@ -444,7 +444,7 @@ fn grid_pairs(first: &PastCycle, second: &PastCycle) -> Vec<GridPair> {
         .into_iter()
         .map(|grid| GridPair { grid: grid.clone(), cycles: [0, 1].map(|index| both[index].get(grid).cloned()) })
         .collect();
-    // The order is by row and column number: r2c1 comes before r10c1.
+    // The order is by row and column number, so that r2c1 comes before r10c1.
     pairs.sort_by_key(|pair| grid_row_and_column(&pair.grid).unwrap_or((u32::MAX, 0)));
     pairs
 }
@@ -459,8 +459,8 @@ mod tests {
         Finding::new(kind, 0, Judgement { verdict, reasons: vec![] })
     }
 
-    /// A grid that no film saw does not count as whole, an invalid film gives no result, and an abrasion is the grid's
-    /// state until the next film.
+    /// A grid that was not visible in any film is not reported as whole, an invalid film has no result, and a sanding
+    /// pass determines the state of the grid until the next film.
     #[test]
     fn a_grid_has_the_state_of_its_last_film_and_abrasion() {
         let film = |verdict, seen: &[&str], failed: &[&str]| {
@@ -477,7 +477,7 @@ mod tests {
         findings.push(finding(Kind::Abrade, Verdict::Pass).with_detail("grids", vec!["r1c2"]));
         findings.push(film(Verdict::Invalid, &["r1c1"], &["r1c1"]));
         assert_eq!(of(&findings), [pair("r1c1", "whole"), pair("r1c2", "abraded")]);
-        // A film that was aborted, or that names no failed grids, tests no grid.
+        // A film that was aborted, or does not name failed grids, is not a test of any grid.
         findings.push(film(Verdict::Aborted, &["r1c1", "r1c2", "r1c3"], &["r1c1"]));
         let unfinished = Check::new(name::broken_film("r1c3"), "mm²", Some(0.0));
         findings.push(finding(Kind::Inspect, Verdict::Review).with_checks([unfinished]));

@@ -1,5 +1,5 @@
-//! A search for cycles and its results: the newest first, page by page. The store executes the search. The dates of a
-//! search are parsed as people type them: a day, or a day with a time, in UTC as on all pages.
+//! A search for cycles, and its results: pages of cycles, the newest first. The store executes the search. Dates in a
+//! search are typed by people as a day, or as a day and a time, in UTC as on all pages.
 
 use jiff::civil::{Date, DateTime};
 use jiff::tz::Offset;
@@ -8,10 +8,10 @@ use panelprep_cell::record::{CycleId, PartNames};
 use serde::Serialize;
 use thiserror::Error;
 
-/// Largest number of cycles on one page of results.
+/// Maximum number of cycles on one page of results.
 pub const MAX_HITS: usize = 1_000;
 
-/// The required end of a cycle in a search.
+/// How a cycle must have ended to match a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RequiredEnd {
     /// With this verdict.
@@ -20,8 +20,8 @@ pub enum RequiredEnd {
     Running,
 }
 
-/// The search criteria; a criterion that is `None` or empty matches every cycle. In names `*` matches any characters,
-/// and the letters A to Z equal a to z; without `*` the whole name must match.
+/// The criteria of a search. A criterion that is `None` or empty matches every cycle. In names, `*` matches any
+/// characters, and upper and lower case of A to Z are equal; without `*`, the whole name must match.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Query {
     /// The part's serial number.
@@ -30,60 +30,60 @@ pub struct Query {
     pub order: Option<String>,
     /// The panel.
     pub panel: Option<String>,
-    /// The operator, as named at the start.
+    /// The name of the operator, as stated at the start.
     pub operator: Option<String>,
-    /// The cycle began at this time or later, s since 1970.
+    /// Earliest start time of the cycle, s since 1970.
     pub from_unix_s: Option<i64>,
-    /// The cycle began before this time, s since 1970.
+    /// The cycle must have started before this time, s since 1970.
     pub until_unix_s: Option<i64>,
-    /// Required end of the cycle.
+    /// How the cycle must have ended.
     pub end: Option<RequiredEnd>,
-    /// Each of these words must occur in a reason of the verdict: in its code or its sentence.
+    /// Words that must all occur in the verdict's reasons, in a code or a message.
     pub words: Vec<String>,
-    /// Only cycles before this one: the [`Hits::next`] of the previous page.
+    /// Only cycles before this one match; it is [`Hits::next`] of the previous page.
     pub before_cycle: Option<CycleId>,
-    /// Largest number of cycles, 1 to [`MAX_HITS`]; a value outside this range is set to the nearest limit.
+    /// Maximum number of cycles, 1 to [`MAX_HITS`]; a value outside of this range is set to the nearest limit.
     pub limit: usize,
 }
 
-/// A cycle that was found.
+/// A cycle that matches a search.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Hit {
     /// Its number.
     pub cycle: CycleId,
-    /// Time at which the cycle began, s since 1970.
+    /// Start time of the cycle, s since 1970.
     pub started_unix_s: i64,
-    /// Time at which the cycle ended, s since 1970; `None` while it runs.
+    /// End time of the cycle, s since 1970; `None` while it runs.
     pub ended_unix_s: Option<i64>,
     /// The panel.
     pub panel: String,
-    /// The part, with the names that were entered.
+    /// The names of the part, as stated at the start.
     pub part: PartNames,
-    /// How the cycle ended; `None` while it runs.
+    /// The verdict; `None` while the cycle runs.
     pub verdict: Option<Verdict>,
-    /// Whether the cycle was an air-run: the verdict is then about the motions, not about the panel.
+    /// Whether the cycle was an air-run, whose verdict refers to the motions, not to the panel.
     pub is_air_run: bool,
     /// The reasons for the verdict.
     pub reasons: Vec<Reason>,
 }
 
-/// One page of a search.
+/// A page of search results.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Hits {
     /// The cycles, the newest first.
     pub hits: Vec<Hit>,
-    /// The start of the next page, as [`Query::before_cycle`]; `None` if there is no next page.
+    /// The value of [`Query::before_cycle`] for the next page; `None` if there is no next page.
     pub next: Option<CycleId>,
 }
 
 impl Query {
-    /// Returns the page size that applies.
+    /// Returns the number of cycles on a page, within its limits.
     pub fn page_size(&self) -> usize {
         self.limit.clamp(1, MAX_HITS)
     }
 }
 
-/// The second of the day that is used if a typed date has no time.
+/// Which time is meant by a date without a time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Edge {
     /// The first second of the day.
@@ -92,7 +92,7 @@ pub enum Edge {
     Behind,
 }
 
-/// The typed text is not a date.
+/// The error for a text that is not a date.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error(
     "{found} is not a date: write a day as 2026-05-31, or a day and a time as 2026-05-31T09:00, both in UTC, years \
@@ -102,14 +102,15 @@ pub struct DateError {
     found: String,
 }
 
-/// Returns a typed date as seconds since 1970. If it has no time, `edge` selects the second of the day.
+/// Parses a date to seconds since 1970. If the text contains no time, `edge` determines whether the start or the end of
+/// the day is returned.
 ///
 /// # Errors
 /// If the text is not a date.
 pub fn unix_s(text: &str, edge: Edge) -> Result<i64, DateError> {
     let refused = || DateError { found: text.escape_debug().to_string() };
-    // The calendar library also reads other forms, such as week dates and time zones. It would accept them with a
-    // meaning that the person did not intend.
+    // The library also parses other forms, such as week dates and time zones. They are refused, because their result
+    // may not be what the person intended.
     let is_plain = text.bytes().all(|byte| byte.is_ascii_digit() || b"-:T".contains(&byte));
     let time = match (is_plain, text.len()) {
         (true, 10) => {
@@ -130,7 +131,8 @@ pub fn unix_s(text: &str, edge: Edge) -> Result<i64, DateError> {
 mod tests {
     use super::*;
 
-    /// Expected values from `date -u -d 2024-02-29 +%s` and similar commands; the day after a leap day is in March.
+    /// Expected values: the output of `date -u -d 2024-02-29 +%s` and similar commands. The day after the leap day is
+    /// in March.
     #[test]
     fn a_day_begins_and_ends_as_in_the_calendar() {
         for (text, edge, expected) in [

@@ -1,8 +1,9 @@
-//! The contents of the history as tables for other programs: the columns of each, and the table as CSV with all digits
-//! of each number, with the column names in the first line.
+//! The data of the history as tables for other programs: the columns of each table, and its CSV text, with column names
+//! in the first line and all digits of each number.
 //!
-//! Spreadsheets execute a text that begins like a formula. People can enter such texts, for example as serial numbers.
-//! An apostrophe is written in front of such a text, as spreadsheets do for a text that is not a formula.
+//! Spreadsheets execute a text that begins like a formula, and a person can enter such a text, for example as a serial
+//! number. Therefore an apostrophe is written before such a text; spreadsheets use it to mark a text that is not a
+//! formula.
 
 use super::alarms::Alarm;
 use super::past_cycle::{Comparison, Summary};
@@ -15,11 +16,11 @@ use panelprep_cell::record::{CycleId, PartNames};
 /// A cell.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Cell {
-    /// A value that was not measured or not named.
+    /// A missing value.
     Empty,
     /// A text.
     Text(String),
-    /// A number, written with the fewest digits from which the same number is read back.
+    /// A number, written with the smallest number of digits from which the same value is read back.
     Number(f64),
     /// A count or a time.
     Whole(i64),
@@ -27,12 +28,12 @@ pub enum Cell {
     Flag(bool),
 }
 
-/// Rows below the names of their columns; units are in the names.
+/// A table: column names, which contain the units, and rows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
-    /// Names of the columns.
+    /// The names of the columns.
     pub columns: Vec<String>,
-    /// The rows, each with as many cells as there are names.
+    /// The rows, each with one cell for each column.
     pub rows: Vec<Vec<Cell>>,
 }
 
@@ -48,10 +49,10 @@ impl Table {
         Table { rows: rows.into_iter().collect(), ..self }
     }
 
-    /// Returns the table as CSV (RFC 4180), in UTF-8.
+    /// Returns the table as CSV (RFC 4180) in UTF-8.
     ///
     /// # Errors
-    /// If a row does not have as many cells as there are column names.
+    /// If the number of cells in a row differs from the number of columns.
     pub fn csv(&self) -> Result<String, csv::Error> {
         let mut writer = csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(Vec::new());
         writer.write_record(&self.columns)?;
@@ -59,7 +60,7 @@ impl Table {
             writer.write_record(row.iter().map(Cell::text))?;
         }
         let bytes = writer.into_inner().map_err(|error| csv::Error::from(error.into_error()))?;
-        // The bytes are valid UTF-8, since only texts were written.
+        // The bytes are valid UTF-8, because only texts were written.
         Ok(String::from_utf8_lossy(&bytes).into_owned())
     }
 }
@@ -119,7 +120,7 @@ impl<T: Into<Cell>> From<Option<T>> for Cell {
     }
 }
 
-/// The first columns of every row about a cycle, up to the codes of its reasons.
+/// The first columns of a row about a cycle, up to the codes of its reasons.
 const CYCLE_COLUMNS: [&str; 11] = [
     "cycle",
     "started_utc",
@@ -134,7 +135,7 @@ const CYCLE_COLUMNS: [&str; 11] = [
     "codes",
 ];
 
-/// Returns the first cells of a row about a cycle, up to the codes.
+/// Returns the first cells of a row about a cycle, for `CYCLE_COLUMNS`.
 fn cycle_cells(
     (cycle, panel): (CycleId, &str),
     (started_unix_s, ended_unix_s): (i64, Option<i64>),
@@ -155,7 +156,7 @@ fn cycle_cells(
     ]
 }
 
-/// Makes a table of the cycles that a search found.
+/// Returns the table of the cycles that a search has found.
 pub fn hits_table(hits: &[Hit]) -> Table {
     Table::new(&[&CYCLE_COLUMNS[..], &["reasons"]].concat()).with_rows(hits.iter().map(|hit| {
         let times_unix_s = (hit.started_unix_s, hit.ended_unix_s);
@@ -173,7 +174,7 @@ fn join_messages(reasons: &[Reason]) -> String {
     reasons.iter().map(|reason| reason.message.as_str()).collect::<Vec<_>>().join("; ")
 }
 
-/// Makes a table of summaries, one cycle in each row.
+/// Returns the table of summaries, with one cycle in each row.
 pub fn summary_table(summaries: &[Summary]) -> Table {
     let columns = [
         "passes",
@@ -227,8 +228,8 @@ fn summary_row(summary: &Summary) -> Vec<Cell> {
     row
 }
 
-/// Makes a table that compares two cycles: inputs, checks and grids below each other, with the kind of row in the first
-/// column.
+/// Returns the table of a comparison of two cycles. It contains inputs, checks and grids; the first column states the
+/// kind of the row.
 pub fn comparison_table(comparison: &Comparison) -> Table {
     let columns =
         ["what", "phase", "pass", "name", "unit", "first", "second", "difference", "limit_first", "limit_second"];
@@ -277,7 +278,7 @@ fn limit_cell(limit: Limit) -> Cell {
     }
 }
 
-/// Makes a table of a trend; a hint is in the row of its value.
+/// Returns the table of a trend, with the hints in the rows of their values.
 pub fn trend_table(trend: &Trend) -> Table {
     let value = match trend.unit.as_str() {
         "" => "value".to_owned(),
@@ -298,7 +299,7 @@ pub fn trend_table(trend: &Trend) -> Table {
     }))
 }
 
-/// Makes a table of every grid over many cycles.
+/// Returns the table of all grids over many cycles.
 pub fn heat_table(map: &HeatMap) -> Table {
     let columns = ["grid", "row", "column", "films", "breaks", "median_time_to_break_s"];
     Table::new(&columns).with_rows(map.grids.iter().map(|cell| {
@@ -313,7 +314,7 @@ pub fn heat_table(map: &HeatMap) -> Table {
     }))
 }
 
-/// Makes a table of alarms, each with its times, cause and remedy.
+/// Returns the table of alarms, with times, cause and remedy of each alarm.
 pub fn alarm_table(alarms: &[Alarm]) -> Table {
     let columns = [
         "raised_utc",

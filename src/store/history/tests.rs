@@ -1,4 +1,5 @@
-//! The history of cycles with numbers that were calculated by hand, and the start and the end of alarms.
+//! Tests of the history of cycles, with expected values that were calculated by hand, and of the start and the end of
+//! alarms.
 
 use super::*;
 use panelprep_base::verdict::{Check, Judgement, Limit, LimitSource, Reason, Verdict};
@@ -12,7 +13,7 @@ fn found(kind: Kind, pass: u8, verdict: Verdict) -> Finding {
     Finding::new(kind, pass, Judgement { verdict, reasons: vec![] })
 }
 
-/// Creates a film of 2 × 2 grids: which of them failed, and after what time.
+/// Creates the finding of a film on 2 × 2 grids, with the failed grids and the time at which each failed.
 fn film(pass: u8, failed: &[(&str, f64)]) -> Finding {
     let verdict = if failed.is_empty() { Verdict::Pass } else { Verdict::Fail };
     let area = |grid: &str| if failed.iter().any(|(id, _)| *id == grid) { 50.0 } else { 0.0 };
@@ -37,8 +38,8 @@ fn located(residual_mm: f64) -> Finding {
     found(Kind::Locate, 0, Verdict::Accept).with_checks([check])
 }
 
-/// Creates a cycle that began at `id` × 1,000 s and lasted 90 s: it failed, was abraded, and passed except for the
-/// grids in `at_end`.
+/// Creates a cycle that started at `id` × 1,000 s and lasted 90 s. The grids `first` failed in the first film; after a
+/// sanding pass, only the grids `at_end` failed.
 fn cycle(id: i64, residual_mm: f64, first: &[(&str, f64)], at_end: &[(&str, f64)]) -> PastCycle {
     let mut findings = vec![located(residual_mm), film(0, first)];
     if !first.is_empty() {
@@ -75,7 +76,7 @@ fn cycle(id: i64, residual_mm: f64, first: &[(&str, f64)], at_end: &[(&str, f64)
     PastCycle { record, part: Some(part), disc: Some(DiscWear { swept_mm2: 100.0 * id as f64, worn_mm2: 900.0 }) }
 }
 
-/// Calculated by hand: √(0.3² + 0.4²) = 0.5; films of 60 s and 61 s.
+/// Expected values, calculated by hand: √(0.3² + 0.4²) = 0.5, and films of 60 s and 61 s.
 #[test]
 fn a_summary_contains_the_results_of_the_cycle() {
     let told = summary(&cycle(3, 0.06, &[("r1c2", 5.1), ("r2c1", 4.5)], &[("r2c1", 30.0)]));
@@ -88,7 +89,7 @@ fn a_summary_contains_the_results_of_the_cycle() {
     assert_eq!(films.failed_at_end, Some(vec!["r2c1".to_owned()]));
 }
 
-/// An invalid film gives no result: the next film counts as the first one.
+/// An invalid film has no result, so the next film is treated as the first one.
 #[test]
 fn an_invalid_film_is_counted_but_gives_no_result() {
     let mut past = cycle(1, 0.06, &[], &[]);
@@ -112,7 +113,7 @@ fn two_cycles_are_compared_check_by_check_and_grid_by_grid() {
     assert_eq!(differs, ["recipe", "robot_correction"]);
     let residual = reported.checks.iter().find(|pair| pair.name == name::RESIDUAL).expect("compared");
     assert_eq!(residual.values, [Some(0.06), Some(0.09)]);
-    // 0.09 minus 0.06 is 0.03, within the rounding of both numbers.
+    // The difference 0.09 − 0.06 is 0.03 within the rounding error.
     assert!(residual.difference.is_some_and(|mm| (mm - 0.03).abs() < 1e-15) && !residual.is_limit_different());
     let only =
         reported.checks.iter().find(|pair| pair.pass == 1 && pair.name == "r2c1 failed after").expect("compared");
@@ -132,7 +133,8 @@ fn two_cycles_are_compared_check_by_check_and_grid_by_grid() {
     );
 }
 
-/// Calculated by hand: r1c2 broke after 4, 10 and 6 s, median 6 s; r2c1 after 3 and 8 s, median 5.5 s.
+/// Expected values, calculated by hand: r1c2 broke after 4, 10 and 6 s, so the median is 6 s; r2c1 broke after 3 and 8
+/// s, so the median is 5.5 s.
 #[test]
 fn the_heat_map_counts_first_films() {
     let cycles = [
@@ -151,8 +153,8 @@ fn the_heat_map_counts_first_films() {
     assert_eq!((map.grids[3].row, map.grids[3].column), (2, 2));
 }
 
-/// Twelve residuals that alternate between 0.05 and 0.06, then one of 0.20: the scatter is about 0.02 / 1.128, and 0.20
-/// is far outside.
+/// Twelve residuals alternate between 0.05 and 0.06, and the next one is 0.20. The standard deviation is about 0.02 /
+/// 1.128, so that 0.20 is far outside.
 #[test]
 fn a_trend_has_its_limits_and_hints() {
     let mut cycles: Vec<PastCycle> =
@@ -187,7 +189,7 @@ fn every_quantity_has_a_keyword() {
     assert_eq!(KnownQuantity::keywords().len(), 21);
 }
 
-/// Each row has as many cells as there are column names; the CSV writer checks this.
+/// The CSV writer checks that each row has one cell for each column.
 #[test]
 fn all_results_can_be_written_as_tables() {
     let cycles = [cycle(1, 0.06, &[("r1c2", 5.1)], &[]), cycle(2, 0.06, &[], &[])];
@@ -231,7 +233,7 @@ fn all_results_can_be_written_as_tables() {
     assert!(trend.starts_with("cycle,at_utc,at_unix_s,serial,value,limit,hints\r\n1,"), "{trend}");
 }
 
-/// A panel that was taught again may have another region: the same grid name then means another place.
+/// A panel that was taught again may have another region, so that the same grid name means another place.
 #[test]
 fn the_heat_map_counts_one_taught_panel_only() {
     let mut cycles = [cycle(1, 0.05, &[("r1c1", 4.0)], &[]), cycle(2, 0.05, &[("r1c2", 4.0)], &[])];
@@ -242,8 +244,9 @@ fn the_heat_map_counts_one_taught_panel_only() {
     assert_eq!((map.films, breaks), (1, vec![("r1c1", 0), ("r1c2", 1), ("r2c1", 0), ("r2c2", 0)]));
 }
 
-/// Calculated by hand: the second pass was interrupted after 4 reported of 16 permitted waypoints. r1c1 (2 waypoints)
-/// was touched, r2c1 (10) may have been, r2c2 (30) was not. The film before this pass does not count.
+/// Expected values, calculated by hand: the second pass was interrupted after 4 reported and 16 permitted waypoints. So
+/// the tool has touched r1c1 (first waypoint 2), may have touched r2c1 (10), and has not touched r2c2 (30). The film
+/// before this pass is no longer valid.
 #[test]
 fn an_interrupted_pass_leaves_possibly_touched_grids() {
     use panelprep_cell::cycle::{Id, Motion, Path};
@@ -263,7 +266,7 @@ fn an_interrupted_pass_leaves_possibly_touched_grids() {
     assert_eq!(touching_passes(&record), 2);
 }
 
-/// The object in the cell was not the part: its residual is not a value of the panel.
+/// The object in the cell was not the part, so its residual is not a value of the panel.
 #[test]
 fn a_cycle_without_a_part_is_not_in_a_trend() {
     let mut cycles = vec![cycle(1, 0.1, &[], &[]), cycle(2, 9.0, &[], &[])];
@@ -286,7 +289,7 @@ fn with_reasons(kind: Kind, codes: &[&'static str]) -> Finding {
     Finding::new(kind, 0, Judgement { verdict: Verdict::Review, reasons })
 }
 
-/// Creates a cycle from 1,000 s to 1,090 s with these findings, which were stored every 10 s from 1,010 s on.
+/// Creates a cycle from 1,000 s to 1,090 s. Its findings were stored at intervals of 10 s from 1,010 s on.
 fn past(findings: Vec<Finding>, end: &[&'static str]) -> (CycleRecord, AlarmTimes) {
     let mut record = cycle(1, 0.06, &[], &[]).record;
     let times = (0..findings.len() as i64).map(|index| Some(1_010_000 + index * 10_000)).collect();
@@ -307,8 +310,8 @@ fn alarm(code: &str, phase: Option<Kind>, raised: i64, gone: Option<i64>) -> Ala
     (code.to_owned(), phase, raised, gone)
 }
 
-/// The overlap is too low in two scans and sufficient in the third, 20 s later; another phase does not end the
-/// alarm.
+/// The overlap is too low in two scans, and sufficient in the third one, 20 s later. A finding of another phase does
+/// not end the alarm.
 #[test]
 fn an_alarm_lasts_until_its_phase_no_longer_gives_the_reason() {
     let findings = vec![
@@ -328,7 +331,7 @@ fn an_alarm_lasts_until_its_phase_no_longer_gives_the_reason() {
     );
 }
 
-/// The reasons of the verdict last until a person resets the cell, 5 s after the end.
+/// Alarms for the reasons of the verdict stay active until a person resets the cell, 5 s after the end.
 #[test]
 fn alarms_of_the_verdict_last_beyond_the_end_of_the_cycle() {
     let (record, mut times) =
@@ -355,7 +358,7 @@ fn the_alarms_of_a_running_cycle_last() {
     assert_eq!(summaries(&record, &times), [alarm("low_overlap", Some(Kind::Locate), 1_010_000, None)]);
 }
 
-/// An earlier version of this program stored no times: its findings have the time of the start of the cycle.
+/// An earlier program version stored no times for findings; they get the start time of the cycle.
 #[test]
 fn findings_without_a_time_have_the_start_of_the_cycle() {
     let (record, _) = past(vec![with_reasons(Kind::Locate, &["low_overlap"])], &[]);
@@ -378,7 +381,7 @@ fn a_refused_request_is_an_alarm_that_ends_immediately() {
     assert_eq!(summaries(&record, &times), [alarm("not_now", None, 1_020_500, Some(1_020_500))]);
 }
 
-/// The same code raised again is another alarm, which is not acknowledged yet.
+/// If the same code is raised again, it is another alarm, which is not acknowledged yet.
 #[test]
 fn an_acknowledgement_applies_to_one_alarm() {
     let findings = vec![
@@ -411,7 +414,7 @@ fn an_acknowledgement_applies_to_one_alarm() {
     );
 }
 
-/// Two films broke: the alarm lasts from the first one, and has the message of the second one.
+/// Two films broke: the alarm is active from the first one, and has the message of the second one.
 #[test]
 fn an_active_alarm_has_the_message_of_the_last_finding() {
     let mut findings = vec![with_reasons(Kind::Inspect, &["broken"]), with_reasons(Kind::Inspect, &["broken"])];

@@ -1,9 +1,9 @@
-//! The numbers of a panel over its cycles.
+//! The measured values of a panel over many cycles.
 //!
-//! [`trend`] shows the development of a quantity, with the limit with which each value was compared. A [`Quantity`] is
-//! a number of a cycle whose trend is useful; it has a keyword on the command line and a location in a record.
-//! [`heat_map`] shows the places where the film breaks first: statistics of every grid of a panel over many parts of
-//! the same kind, from the first valid film of each cycle.
+//! [`trend`] returns the development of a quantity, with the limit of each value at that time. A [`Quantity`] is a
+//! value of a cycle for which a trend is useful; it has a keyword for the command line and a location in a record.
+//! [`heat_map`] shows where the film breaks first: statistics of all grids of a panel over many parts of the same kind,
+//! from the first valid film of each cycle.
 
 use super::past_cycle::{PastCycle, grid_row_and_column};
 use super::western_electric::{Hint, UsualRange, find_violations, usual_range};
@@ -20,35 +20,35 @@ use strum::IntoEnumIterator;
 pub struct TrendPoint {
     /// The cycle; `None` for a verification, which belongs to no cycle.
     pub cycle: Option<CycleId>,
-    /// Time at which the cycle began, or the verification was made, s since 1970.
+    /// Start time of the cycle, or time of the verification, s since 1970.
     pub at_unix_s: i64,
     /// The part's serial number.
     pub serial: Option<String>,
     /// The value.
     pub value: f64,
-    /// The limit at that time.
+    /// The limit of the value at that time.
     pub limit: Limit,
 }
 
-/// A number over time, the oldest first.
+/// The trend of a quantity, the oldest value first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Trend {
     /// Title of the trend.
     pub title: String,
-    /// Its unit; empty for ratios and counts.
+    /// Unit of the values; empty for ratios and counts.
     pub unit: String,
     /// The values.
     pub points: Vec<TrendPoint>,
-    /// Number of the cycles without this quantity.
+    /// Number of cycles without this quantity.
     pub without: usize,
-    /// The usual mean and scatter; `None` if there are too few values.
+    /// Mean and standard deviation of the usual values; `None` if there are too few values.
     pub usual: Option<UsualRange>,
-    /// Points that violate a Western Electric rule: hints, in the order of the points.
+    /// Hints: points that violate a Western Electric rule, in the order of the points.
     pub hints: Vec<Hint>,
 }
 
 impl Trend {
-    /// Creates a trend from values, the oldest first.
+    /// Creates a trend from points, the oldest first.
     pub fn from_points((title, unit): (String, String), points: Vec<TrendPoint>, without: usize) -> Self {
         let values: Vec<f64> = points.iter().map(|point| point.value).collect();
         let usual = usual_range(&values);
@@ -57,8 +57,7 @@ impl Trend {
     }
 }
 
-/// Returns the trend of a quantity over these cycles, the oldest first. Air-runs and cycles that found no part are left
-/// out.
+/// Returns the trend of a quantity over cycles, the oldest first. Air-runs and cycles without a part are excluded.
 pub fn trend(quantity: &Quantity, cycles: &[PastCycle]) -> Trend {
     let over_panels: Vec<&PastCycle> =
         cycles.iter().filter(|past| !past.record.is_air_run() && !past.record.has_no_part()).collect();
@@ -77,26 +76,26 @@ pub fn trend(quantity: &Quantity, cycles: &[PastCycle]) -> Trend {
     Trend::from_points(quantity.title_and_unit(cycles), points, without)
 }
 
-/// A number that a cycle may have.
+/// A measured value that a cycle may contain.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Quantity {
-    /// A quantity with a keyword.
+    /// A predefined quantity with a keyword.
     Known(KnownQuantity),
-    /// The check with this name, in the last finding that has it.
+    /// The check with this name, in the last finding that contains it.
     Check(String),
 }
 
-/// A quantity with a keyword.
+/// The predefined quantities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::EnumIter, strum::EnumString, strum::IntoStaticStr)]
 #[strum(serialize_all = "kebab-case")]
 pub enum KnownQuantity {
-    /// Localization: residual, point to plane, rms, mm.
+    /// Localization: point-to-plane residual, rms, mm.
     LocalizationResidual,
     /// Localization: residual of the outline, rms, px.
     OutlineResidual,
-    /// Localization: stated error at the point of the panel with the largest error, 95 %, mm.
+    /// Localization: error at the worst place of the panel, 95 %, mm.
     LocalizationError,
-    /// The largest deviation of the panel's shape from the taught panel, mm.
+    /// Largest deviation of the panel's shape from the taught panel, mm.
     DeviationFromTaught,
     /// The result of verifications of the scanner, mm at the panel.
     ScannerVerification,

@@ -1,18 +1,19 @@
-//! The drawing sheet, which several pages use: the picture with the shapes on it, and the tools beside it.
+//! The drawing area, which is used by several pages: the picture, the shapes on it, and the tools beside it.
 
 use panelprep_cell::recipe::{DrawnShapes, Recipe, with_shapes};
 use serde_json::json;
 use std::collections::BTreeMap;
 
-/// The sheet's script: a module that draws, and exports `begin` and `now`.
+/// The script of the drawing area: a module that draws, and exports the functions `begin` and `now`.
 pub const SCRIPT: &str = include_str!("sheet.js");
 /// Its styles.
 pub const STYLE_SHEET: &str = include_str!("sheet.css");
-/// The sheet's translation table, a column for each language.
+/// The translation table of the drawing area, with one column for each language.
 pub const TRANSLATION_TABLE: &str = include_str!("words.csv");
 const MARKUP: &str = include_str!("sheet.html");
 
-/// Returns the sheet for a page, given the picture's address, the content above the tools, and the text for a key.
+/// Returns the HTML of the drawing area. `picture` is the picture's URL, `buttons` the content above the tools, and
+/// `word` returns the text for a key.
 pub fn sheet_markup(picture: &str, buttons: &str, word: impl Fn(&str) -> String) -> String {
     let words: BTreeMap<&str, String> = keys().map(|key| (key, word(key))).collect();
     let of_script = escape_html(&json!(words).to_string());
@@ -21,12 +22,12 @@ pub fn sheet_markup(picture: &str, buttons: &str, word: impl Fn(&str) -> String)
     words.iter().fold(page, |page, (key, word)| page.replace(&format!("{{{key}}}"), &escape_html(word)))
 }
 
-/// Lists the keys of the translation table.
+/// Returns the keys of the translation table.
 fn keys() -> impl Iterator<Item = &'static str> {
     TRANSLATION_TABLE.lines().skip(1).filter_map(|line| line.split(',').next())
 }
 
-/// Returns the English text for a key, as the page for this computer's browser shows it.
+/// Returns the English text for a key, for the page on this computer.
 pub(super) fn english_text(key: &str) -> Option<String> {
     let mut reader = csv::Reader::from_reader(TRANSLATION_TABLE.as_bytes());
     let found = reader.records().filter_map(Result::ok).find(|record| record.get(0) == Some(key));
@@ -51,11 +52,10 @@ pub fn recipe_shapes(recipe: &Recipe) -> DrawnShapes {
     }
 }
 
-/// Returns the recipe's text with the shapes drawn on a picture of this size, if the result is still a valid
-/// recipe.
+/// Returns the recipe's text with the shapes that were drawn on a picture of this size. The result is checked again.
 ///
 /// # Errors
-/// A text for each problem of the recipe.
+/// A text for each problem of the resulting recipe.
 pub fn recipe_with_shapes(
     (name, text): (&str, &str),
     [width, height]: [usize; 2],
@@ -73,7 +73,7 @@ pub fn recipe_with_shapes(
     Ok(edited)
 }
 
-/// Checks a recipe's text and returns the recipe.
+/// Parses and checks the text of a recipe.
 ///
 /// # Errors
 /// A text for each problem of the recipe.

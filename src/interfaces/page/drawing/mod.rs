@@ -1,10 +1,9 @@
-//! The page on which a person draws on the taught scan's picture: the region, its grids, the masked areas, the panel's
-//! outline and the places that hold the panel.
+//! The page on which a person draws on the taught picture: the region, its grids, the masked areas, the panel's outline
+//! and the held places.
 //!
-//! The sheet with its tools (`canvas`) is the same as on the operator's page. Requests: `GET .` the page · `GET
-//! drawing.json` the recipe's shapes · `GET picture.png` · `POST save` the drawn shapes: they are written to the
-//! recipe's file if the recipe's own check accepts them, otherwise the problems are returned · `POST done` ends the
-//! page.
+//! The drawing area with its tools (`canvas`) is the same as on the operator's page. Requests: `GET .` the page · `GET
+//! drawing.json` the recipe's shapes · `GET picture.png` · `POST save` the drawn shapes, which are written to the
+//! recipe's file if the resulting recipe is valid, otherwise the problems are returned · `POST done` ends the page.
 
 pub mod canvas;
 
@@ -25,18 +24,18 @@ const SCRIPT: &str = include_str!("drawing.js");
 const STYLE_SHEET: &str = include_str!("drawing.css");
 const BUTTONS: &str = include_str!("buttons.html");
 
-/// A function that writes the recipe's new text completely or not at all.
+/// A function that writes the new text of the recipe, either completely or not at all.
 pub type WriteRecipe = dyn Fn(&str) -> Result<(), String> + Send + Sync;
 
-/// The picture on which a person draws, and the recipe.
+/// The picture on which a person draws, and the recipe to edit.
 pub struct DrawingSheet {
     /// The recipe's file.
     pub recipe: PathBuf,
-    /// The scan's picture, PNG.
+    /// The taught picture, PNG.
     pub picture_png: Vec<u8>,
     /// Its size, px.
     pub size_px: [usize; 2],
-    /// Function that stores the recipe.
+    /// The function that writes the recipe.
     pub write: Box<WriteRecipe>,
 }
 
@@ -45,10 +44,10 @@ struct PageState {
     session: Session,
 }
 
-/// Serves the page until the person is done; returns how often the recipe was saved.
+/// Serves the page until the person ends it, and returns how many times the recipe was saved.
 ///
 /// # Errors
-/// If the operating system reports an error of the server.
+/// If the server cannot be run.
 pub fn serve(local: LocalServer, sheet: DrawingSheet) -> Result<u32, LocalError> {
     let (session, done) = Session::new();
     let inside = Arc::new(PageState { sheet, session });
@@ -80,7 +79,7 @@ async fn picture(State(inside): State<Arc<PageState>>) -> Response {
     ([(header::CONTENT_TYPE, "image/png")], inside.sheet.picture_png.clone()).into_response()
 }
 
-/// Reads the recipe's file as it is now.
+/// Reads and parses the present file of the recipe.
 fn read(sheet: &DrawingSheet) -> Result<(String, Recipe), Vec<String>> {
     let name = sheet.recipe.display().to_string();
     let bytes = disk::read(&sheet.recipe).map_err(|error| vec![format!("{name}: {error}")])?;
@@ -116,7 +115,7 @@ async fn save(State(inside): State<Arc<PageState>>, Json(drawn): Json<DrawnShape
     }
 }
 
-/// Writes the drawn shapes to the file if the result is still a valid recipe.
+/// Writes the drawn shapes to the file if the resulting recipe is valid.
 fn write_shapes(sheet: &DrawingSheet, drawn: &DrawnShapes) -> Result<(), Vec<String>> {
     let (text, _) = read(sheet)?;
     let name = sheet.recipe.display().to_string();
@@ -128,7 +127,7 @@ async fn end(State(inside): State<Arc<PageState>>) -> Response {
     inside.session.end()
 }
 
-/// The page as a browser requests it.
+/// Tests of the page with requests like those of a browser.
 #[cfg(test)]
 mod tests {
     use super::super::local_client;
@@ -161,7 +160,7 @@ mod tests {
             local_client::address(&self.url)
         }
 
-        /// Sends a request as this host; returns the status and the body.
+        /// Sends a request with this host name, and returns the status and the body.
         fn ask_as(&self, host: &str, method: &str, path: &str, body: &str) -> (u16, String) {
             let (status, answer) = local_client::ask(self.host(), host, [method, path, body]);
             (status, answer.split_once("\r\n\r\n").map_or(String::new(), |(_, body)| body.to_owned()))
@@ -226,7 +225,7 @@ mod tests {
         assert_eq!(page.recipe(), RECIPE);
     }
 
-    /// A page of another site in the same browser does not know the key, and its requests name another host.
+    /// A page of another website in the same browser does not know the key, and its requests name another host.
     #[test]
     fn no_other_client_is_served() {
         let page = open();

@@ -1,9 +1,9 @@
-//! The page on which a person marks the breaks in a clip: polygons over its pictures, with times.
+//! The page on which a person labels the breaks in a clip: polygons on its pictures, with times.
 //!
-//! `GET .` the page · `GET clip.json` the clip, the grids, and the data stored until now · `GET picture/N` picture N
-//! of the clip, from 1 · `POST draft` the current drawing, stored unchanged so that a reload loses nothing · `POST
-//! save` the same drawing as labels: they are stored if they are valid, otherwise the problems are returned · `POST
-//! done` ends the page.
+//! `GET .` the page · `GET clip.json` the clip, the grids, and the stored labels · `GET picture/N` picture N of the
+//! clip, from 1 · `POST draft` the present drawing, stored unchanged so that a reload of the page loses nothing · `POST
+//! save` the present drawing, stored as labels if it is valid, otherwise the problems are returned · `POST done` ends
+//! the page.
 
 use super::{LocalError, LocalServer, Session};
 use axum::extract::{Path, State};
@@ -22,7 +22,7 @@ use std::sync::Arc;
 const HTML: &str = "text/html; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 const STYLE_SHEET: &str = "text/css; charset=utf-8";
-/// The page's own files.
+/// The files of the page.
 const FILES: [(&str, &str, &str); 9] = [
     ("", HTML, include_str!("label.html")),
     ("label.css", STYLE_SHEET, include_str!("label.css")),
@@ -35,61 +35,61 @@ const FILES: [(&str, &str, &str); 9] = [
     ("program.js", SCRIPT, include_str!("program.js")),
 ];
 
-/// The outline of a grid as the camera sees it.
+/// The outline of a grid in the clip's pictures.
 #[derive(Debug, Clone, Serialize)]
 pub struct GridOutline {
     /// Its name.
     pub id: String,
-    /// The edge of the grid, px, closed.
+    /// The closed outline of the grid, px.
     pub edge_px: Vec<[f64; 2]>,
 }
 
-/// The labels stored so far.
+/// The stored labels or draft.
 #[derive(Debug, Clone, Serialize)]
 pub struct CurrentLabels {
     /// The person's statement.
     pub said: Statement,
-    /// When labels were last saved, UTC; `None` if they never were.
+    /// Time at which labels were last saved, UTC; `None` if they were never saved.
     pub saved_at: Option<String>,
-    /// Whether the statement is a draft that is not saved yet.
+    /// Whether the labels are a draft that has not been saved yet.
     pub is_draft: bool,
-    /// A note for the person.
+    /// A remark for the person who labels.
     pub note: Option<String>,
 }
 
-/// The result of a save.
+/// The result of saving labels.
 #[derive(Debug, Clone, Serialize)]
 pub struct SaveResult {
     /// The labels' file.
     pub labels: String,
-    /// The time of the save, UTC.
+    /// Time at which the labels were saved, UTC.
     pub saved_at: String,
-    /// The name under which the former labels are stored.
+    /// File name under which the previous labels are kept.
     pub former: Option<String>,
 }
 
 /// The storage of labels.
 pub trait LabelStorage: Send + Sync {
-    /// Returns the data stored until now.
+    /// Returns the stored labels or draft.
     ///
     /// # Errors
-    /// If a file is not valid; the error is a text for people.
+    /// If a stored file is invalid; the error is a text for people.
     fn now(&self) -> Result<CurrentLabels, String>;
 
-    /// Stores the current drawing, valid or not.
+    /// Stores the present drawing as a draft, without checking it.
     ///
     /// # Errors
     /// If the file cannot be written; the error is a text for people.
     fn store_draft(&self, said: &Statement) -> Result<(), String>;
 
-    /// Saves the statement as labels.
+    /// Saves the drawing as labels.
     ///
     /// # Errors
-    /// Everything in the statement that is not possible, or the reason why the files cannot be written, as text.
+    /// All problems of the labels, or the reason why the files cannot be written, as texts.
     fn save(&self, said: &Statement) -> Result<SaveResult, Vec<String>>;
 }
 
-/// The clip to mark, with its pictures and panel.
+/// The clip to label, with its pictures and its panel.
 pub struct LabelSheet {
     /// The clip's folder.
     pub folder: PathBuf,
@@ -97,9 +97,9 @@ pub struct LabelSheet {
     pub shots: Vec<ClipEntry>,
     /// Their size, px.
     pub size_px: [usize; 2],
-    /// The grids to show, if they are known.
+    /// The outlines of the grids, if they are known.
     pub grids: Vec<GridOutline>,
-    /// The place where labels are stored.
+    /// The storage of the labels.
     pub keep: Arc<dyn LabelStorage>,
 }
 
@@ -108,10 +108,10 @@ struct PageState {
     session: Session,
 }
 
-/// Serves the page until the person is done; returns how often labels were saved.
+/// Serves the page until the person ends it, and returns how many times labels were saved.
 ///
 /// # Errors
-/// If the operating system reports an error of the server.
+/// If the server cannot be run.
 pub fn serve(local: LocalServer, sheet: LabelSheet) -> Result<u32, LocalError> {
     let (session, done) = Session::new();
     let inside = Arc::new(PageState { sheet, session });
@@ -164,9 +164,9 @@ async fn picture(State(inside): State<Arc<PageState>>, Path(number): Path<String
     }
 }
 
-/// Returns a picture in a format that browsers show, with the pixels as the program reads them. PNG and JPEG are sent
-/// unchanged, TIFF is converted to PNG. A browser rotates a picture by its EXIF data, so that the drawing would lie at
-/// other pixels: a picture that may have EXIF data is encoded again.
+/// Returns a picture in a format for browsers, with exactly the pixels that the program decodes. PNG and JPEG files are
+/// sent unchanged, TIFF is converted to PNG. A browser rotates a picture according to its EXIF data, which would shift
+/// the drawing: a picture that may contain EXIF data is encoded again.
 fn browser_picture(bytes: Vec<u8>) -> Result<(&'static str, Vec<u8>), String> {
     let has = |name: &[u8]| bytes.windows(name.len()).any(|part| part == name);
     if bytes.starts_with(b"\x89PNG") && !has(b"eXIf") {
@@ -200,7 +200,7 @@ async fn end(State(inside): State<Arc<PageState>>) -> Response {
     inside.session.end()
 }
 
-/// The page as a browser requests it.
+/// Tests of the page with requests like those of a browser.
 #[cfg(test)]
 mod tests {
     use super::super::local_client;
@@ -209,7 +209,7 @@ mod tests {
     use std::sync::Mutex;
     use std::thread::JoinHandle;
 
-    /// Stores labels in memory, and accepts those with an author's name.
+    /// Stores labels in memory, and accepts labels with an author's name.
     #[derive(Default)]
     struct Memory(Mutex<(Statement, u32)>);
 
@@ -245,7 +245,7 @@ mod tests {
         _folder: tempfile::TempDir,
     }
 
-    /// Opens a clip with a PNG, a JPEG and a TIFF picture, and one that is missing.
+    /// Opens the page for a clip with a PNG, a JPEG, a TIFF and a missing picture.
     fn open() -> Open {
         let folder = tempfile::tempdir().expect("a folder");
         let picture = panelprep_base::geometry::ColorPicture::uniform(4, 2, [9, 8, 7]);
@@ -282,7 +282,7 @@ mod tests {
             self.url.trim_end_matches('/').rsplit('/').next().expect("a key")
         }
 
-        /// Sends a request as this host; returns the status and the whole answer.
+        /// Sends a request with this host name, and returns the status and the complete response.
         fn ask_as(&self, host: &str, method: &str, path: &str, body: &str) -> (u16, String) {
             local_client::ask(self.host(), host, [method, path, body])
         }
@@ -305,7 +305,7 @@ mod tests {
         }
         let (status, clip) = page.ask("GET", "clip.json", "");
         assert!(status == 200 && clip.contains(r#""phase":"dry""#) && clip.contains("r1c1"), "{clip}");
-        // A draft may be unfinished: here it has two corners and no name.
+        // A draft may be incomplete: this one has only two corners and no author.
         assert_eq!(page.ask("POST", "draft", SAID).0, 200);
         let (_, clip) = page.ask("GET", "clip.json", "");
         assert!(clip.contains("[[0.0,0.0],[3.5,0.0]]") && clip.contains(r#""is_draft":true"#), "{clip}");
@@ -335,13 +335,13 @@ mod tests {
         assert!(status == 422 && answer.contains("4.png: No such file"), "{status} {answer}");
     }
 
-    /// Returns EXIF data that state the rotation in which the picture must be shown: one entry, with the tag 0x0112.
+    /// Returns EXIF data with one entry, the orientation of the picture (tag 0x0112).
     fn exif_with_orientation(orientation: u8) -> Vec<u8> {
         let entry = [0x01, 0x12, 0, 3, 0, 0, 0, 1, 0, orientation, 0, 0];
         [&b"MM\0*\0\0\0\x08\0\x01"[..], &entry, &[0; 4]].concat()
     }
 
-    /// Calculates the CRC of a PNG's chunk.
+    /// Computes the CRC of a PNG chunk.
     fn crc(bytes: &[u8]) -> u32 {
         !bytes.iter().fold(!0_u32, |crc, byte| {
             (0..8).fold(
@@ -351,8 +351,9 @@ mod tests {
         })
     }
 
-    /// A camera that hangs upside down, or on its side, states this in its pictures, and browsers rotate them. Labels are
-    /// drawn on pixels, so the picture is sent with the same pixels and without rotation data, for each file format.
+    /// A camera that is mounted upside down, or on its side, may state its orientation in the EXIF data, and browsers
+    /// rotate such a picture. Labels are drawn on pixels, so in every file format the same pixels are sent without EXIF
+    /// data.
     #[test]
     fn pictures_are_sent_without_exif_rotation() {
         let rgb = (0..8_u8).map(|index| [index * 30, 255 - index * 30, 90]).collect();
@@ -366,7 +367,7 @@ mod tests {
             let jpeg = [&plain_jpeg[..2], &[0xff, 0xe1], &length, &segment, &plain_jpeg[2..]].concat();
             let chunk = [&b"eXIf"[..], &exif].concat();
             let length = u32::try_from(exif.len()).expect("short").to_be_bytes();
-            // The chunk of 13 bytes is inserted after the header.
+            // The EXIF chunk is inserted after the header chunk.
             let png = [&plain_png[..33], &length, &chunk, &crc(&chunk).to_be_bytes(), &plain_png[33..]].concat();
             for (bytes, plain) in [(jpeg, &plain_jpeg), (png, &plain_png)] {
                 let expected = files::read_color(plain).expect("a picture");
@@ -382,7 +383,7 @@ mod tests {
         }
     }
 
-    /// A page of another site in the same browser does not know the key, and its requests name another host.
+    /// A page of another website in the same browser does not know the key, and its requests name another host.
     #[test]
     fn no_other_client_is_served() {
         let page = open();

@@ -1,10 +1,10 @@
-//! Commands: which are accepted, which are refused, and the effect of a flood of commands.
+//! Tests of commands: accepted commands, refused commands, and a flood of commands.
 
 use super::super::*;
 use super::{at, born, published, values_in_state};
 use prost::Message as _;
 
-/// Returns a message that writes this value to a metric.
+/// Returns a command message that writes this value to a metric.
 fn written(name: Option<&str>, alias: Option<u64>, value: Option<WireType>) -> Vec<u8> {
     let metric = Metric { name: name.map(str::to_owned), alias, value, ..Metric::default() };
     Payload { timestamp: Some(5), metrics: vec![metric], seq: None }.encode_to_vec()
@@ -23,7 +23,7 @@ fn refusal(acts: &[NodeAction]) -> String {
     why.clone()
 }
 
-/// Each command is accepted under its name, its alias and both; there is no start command.
+/// Each command is accepted with its name, with its alias and with both. There is no start command.
 #[test]
 fn allowed_commands_are_requested() {
     for (command, alias) in [(NodeCommand::Hold, 1_001), (NodeCommand::Stop, 1_002), (NodeCommand::Abort, 1_003)] {
@@ -54,7 +54,7 @@ fn a_rebirth_publishes_all_values_under_the_same_number() {
         "{acts:?}"
     );
 
-    // A second request immediately afterwards waits, and no data are sent before it.
+    // A second rebirth immediately afterwards is delayed, and no data message is published before it.
     assert_eq!(send_command(&mut node, &write_true("Node Control/Rebirth"), 30), []);
     assert_eq!(node.step(NodeEvent::Seen(values_in_state("idle")), at(500)), []);
     let acts = node.step(NodeEvent::Seen(values_in_state("idle")), at(1_020));
@@ -63,7 +63,7 @@ fn a_rebirth_publishes_all_values_under_the_same_number() {
     assert_eq!(published(&acts)[0].1.seq, Some(1), "and on it goes");
 }
 
-/// Every other message has no effect, and a line in the audit trail states why.
+/// All other messages have no effect, and the audit trail records the reason.
 #[test]
 fn other_messages_are_refused() {
     let stop = NodeCommand::Stop.name();
@@ -97,8 +97,8 @@ fn other_messages_are_refused() {
     assert!(why.len() < 1_000 && !why.contains('\u{1b}'), "{why}");
 }
 
-/// A command that the broker retained may be from yesterday. The other topics are not subscribed: a message on one of
-/// them was sent by a faulty broker.
+/// A retained command may be a day old. The other topics are not subscribed to: only a faulty broker sends messages on
+/// them.
 #[test]
 fn retained_commands_and_other_topics_are_refused() {
     let payload = write_true(NodeCommand::Stop.name());
@@ -113,9 +113,9 @@ fn retained_commands_and_other_topics_are_refused() {
     }
 }
 
-/// Ten thousand stops and ten thousand meaningless messages in ten seconds: the cell receives at most one request per
-/// second, and the last stop is not lost. The audit trail has a limited number of lines, and one line with the number
-/// of the others.
+/// In ten seconds, ten thousand stops and ten thousand invalid messages arrive. The cell receives at most one request
+/// per second, and the last stop is not lost. The audit trail gets a limited number of entries, and one entry with the
+/// number of the others.
 #[test]
 fn a_flood_of_commands_is_limited_and_loses_no_stop() {
     let mut node = born(true);
@@ -148,7 +148,7 @@ fn a_flood_of_commands_is_limited_and_loses_no_stop() {
     assert!(send_command(&mut node, b"nonsense", 60_001).len() == 1, "a new minute");
 }
 
-/// A waiting command ends with its connection, and is not passed on in a later connection.
+/// A delayed command is discarded with its connection, and is not passed on after the next connect.
 #[test]
 fn waiting_commands_end_with_their_connection() {
     for command in [NodeCommand::Hold, NodeCommand::Stop, NodeCommand::Abort] {

@@ -1,4 +1,4 @@
-//! The node without a broker: its messages, one by one.
+//! Tests of the node without a broker, message by message.
 
 mod commanded;
 mod walks;
@@ -9,7 +9,7 @@ use panelprep_cell::cycle::{At, Hold, Phase, Robot, State, Why};
 use prost::Message as _;
 use std::collections::BTreeSet;
 
-/// Creates a node of the group G, with or without a primary host.
+/// Creates a node of the group G.
 fn node(primary_host: Option<&str>, commands_allowed: bool, aliases: bool) -> EdgeNode {
     let ids = CellIds {
         group_id: "G".to_owned(),
@@ -19,12 +19,12 @@ fn node(primary_host: Option<&str>, commands_allowed: bool, aliases: bool) -> Ed
     EdgeNode::new(NodeSetup { ids, commands_allowed, aliases })
 }
 
-/// Returns the same time for the wall clock and the monotonic clock.
+/// Returns this time for both the wall clock and the monotonic clock.
 fn at(ms: u64) -> NodeTime {
     NodeTime { unix_ms: 1_700_000_000_000 + ms, steady_ms: ms }
 }
 
-/// Returns the cell's values in this state.
+/// Returns the values of a cell in this state.
 fn values_in_state(state: &str) -> Vec<Value> {
     let hold = Hold { why: Why::Asked, resume: Phase::Locate };
     let at = [At::Stopped, At::Idle, At::Starting, At::Held(hold)]
@@ -35,7 +35,7 @@ fn values_in_state(state: &str) -> Vec<Value> {
     values(&CellView { now, ..CellView::default() })
 }
 
-/// Returns the published messages of some actions, each with the kind in its topic.
+/// Returns the messages that these actions publish, each with the message type in its topic.
 fn published(acts: &[NodeAction]) -> Vec<(String, Payload)> {
     let message = |act: &NodeAction| match act {
         NodeAction::Publish(message) => {
@@ -48,7 +48,7 @@ fn published(acts: &[NodeAction]) -> Vec<(String, Payload)> {
     acts.iter().filter_map(message).collect()
 }
 
-/// Creates a node that is connected and has published its birth.
+/// Creates a node that is connected and has published its birth message.
 fn born(commands_allowed: bool) -> EdgeNode {
     let mut node = node(None, commands_allowed, true);
     node.step(NodeEvent::Connecting, at(0));
@@ -61,8 +61,9 @@ fn metric<'p>(payload: &'p Payload, name: &str) -> &'p Metric {
     payload.metrics.iter().find(|metric| metric.name.as_deref() == Some(name)).expect("it is there")
 }
 
-/// Calculated by hand, from the specification's protobuf: the time (08) 1 700 000 000 000 is 80 D0 95 FF BC 31 as a
-/// varint; a metric (12) has name (0A), time (18), type 4 (20 04) and long value 0 (58 00).
+/// Expected bytes, encoded by hand according to the protobuf definition of the specification: the time (08) 1 700 000
+/// 000 000 is 80 D0 95 FF BC 31 as a varint; a metric (12) has a name (0A), a time (18), the data type 4 (20 04) and
+/// the long value 0 (58 00).
 #[test]
 fn a_death_has_the_bytes_of_the_specification() {
     let mut node = node(None, false, true);
@@ -74,8 +75,8 @@ fn a_death_has_the_bytes_of_the_specification() {
     assert_eq!((will.topic.as_str(), will.qos, will.payload), ("spBv1.0/G/NDEATH/cell", 1, bytes));
 }
 
-/// Every metric has name, type, time, and a value or the flag for no value. All aliases are different, and a
-/// rebirth has none.
+/// Every metric has a name, a data type, a time, and either a value or the flag for no value. All aliases are
+/// different; the rebirth has no alias.
 #[test]
 fn a_birth_contains_every_metric() {
     for (aliases, commands_allowed) in [(true, true), (true, false), (false, true)] {
@@ -108,7 +109,7 @@ fn a_birth_contains_every_metric() {
     }
 }
 
-/// A data message contains only changed values, each under its alias without a name; if nothing changed, there is no
+/// A data message contains only changed values, each with its alias and without a name. Without a change there is no
 /// message.
 #[test]
 fn data_messages_contain_only_changes() {
@@ -128,7 +129,7 @@ fn data_messages_contain_only_changes() {
     assert!(payload.metrics.iter().all(|one| one.is_null == Some(true) && one.value.is_none()), "{payload:?}");
 }
 
-/// A host that cannot use aliases receives names and types.
+/// Without aliases, data messages contain names and data types.
 #[test]
 fn without_aliases_data_contain_names_and_types() {
     let mut node = node(None, false, false);
@@ -141,8 +142,8 @@ fn without_aliases_data_contain_names_and_types() {
     assert!(payload.metrics.iter().all(|one| one.alias.is_none()));
 }
 
-/// The number of a connection counts to 255 and continues at 0, and so does the sequence number of a message. Each
-/// birth has the sequence number 0.
+/// The number of the connection and the sequence number of the messages continue with 0 after 255. Each birth message
+/// has the sequence number 0.
 #[test]
 fn numbers_continue_at_0_after_255() {
     let mut node = node(None, false, true);
@@ -167,7 +168,7 @@ fn numbers_continue_at_0_after_255() {
     }
 }
 
-/// The node ends its session with its death, under the same connection number as its births.
+/// At the end of a session the node publishes its death message, with the connection number of its birth messages.
 #[test]
 fn the_node_ends_its_session_with_its_death() {
     let mut node = born(false);
@@ -190,8 +191,8 @@ fn host_statement(node: &mut EdgeNode, text: &str, ms: u64) -> Vec<NodeAction> {
     node.step(NodeEvent::Received { topic: "spBv1.0/STATE/scada", payload, is_retained: true }, at(ms))
 }
 
-/// Nothing is published before the primary host is online. If it goes offline, the node publishes its death and
-/// connects again. A statement about an earlier connection of the host has no effect.
+/// Nothing is published before the primary host is online. If the host goes offline, the node publishes its death
+/// message and connects again. A STATE message of an earlier connection of the host has no effect.
 #[test]
 fn nothing_is_published_while_the_primary_host_is_offline() {
     let mut node = node(Some("scada"), false, true);
@@ -244,8 +245,8 @@ fn an_invalid_host_state_is_refused() {
     }
 }
 
-/// The names are also different for a host that ignores upper and lower case, and none of them is the name of a command
-/// or of the connection number.
+/// All names are different even without upper and lower case, and none is the name of a command or of the connection
+/// number.
 #[test]
 fn metric_names_are_unique() {
     let names: Vec<_> = METRICS.iter().map(|one| one.name.to_lowercase()).collect();
@@ -254,7 +255,7 @@ fn metric_names_are_unique() {
     assert_eq!(values(&CellView::default()).len(), METRICS.len());
 }
 
-/// The state numbers are those of `packml`, whose own tests check all of them.
+/// The numbers of the states are those of `packml`, whose own tests check all of them.
 #[test]
 fn state_and_mode_are_reported_by_number_and_word() {
     let mut state = State { at: At::Idle, ..State::INITIAL };
@@ -283,7 +284,7 @@ fn the_mode_is_null_without_reports_of_the_robot() {
     assert_eq!([heard(Robot::LinkLost), heard(Robot::Unknown), unit_mode(&LoopView::default())], [None; 3]);
 }
 
-/// A value that is not a number is published as null.
+/// NaN is published as null.
 #[test]
 fn a_number_that_is_not_finite_is_null() {
     let kept = StoreView { disc_worn_mm2: Some(f64::NAN), free_mb: Some(1_799), ..StoreView::default() };

@@ -18,7 +18,8 @@ enum Step {
     Leave,
 }
 
-/// Returns a random step: mostly the next step of a healthy broker, so that the walk reaches births and data.
+/// Returns a random step: usually the next step of a connection without faults, so that the walk reaches birth and data
+/// messages.
 fn step() -> impl Strategy<Value = Step> {
     prop_oneof![
         3 => Just(Step::Connect),
@@ -32,10 +33,10 @@ fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
-/// The data that a host application collects from the messages of one connection.
+/// The values that a host application collects from the messages of one connection.
 #[derive(Default)]
 struct Host {
-    /// The connection number in the will.
+    /// The connection number (`bdSeq`) in the will.
     bd_seq: u64,
     born: bool,
     seq: u64,
@@ -83,8 +84,8 @@ proptest! {
     ) {
         let mut node = node(with_host.then_some("scada"), true, true);
         let (mut host, mut ms, mut connected) = (Host::default(), 0, false);
-        // The newest state that was read, and whether the primary host has stated that it is online since the
-        // connection began.
+        // The values that were last read, and whether the primary host has reported that it is online on this
+        // connection.
         let (mut seen, mut online) = (None, false);
         for (step, passed) in walk {
             ms += passed;
@@ -134,12 +135,12 @@ proptest! {
                 prop_assert!(!with_host || online || kind == "NDEATH", "{kind} without its host");
                 host.receive(&kind, &payload);
             }
-            // After each reading of the cell's values, the host has every value.
+            // After the values of the cell were read, the host application has all of them.
             if host.born && matches!(step, Step::See(_)) {
                 let word = METRICS.iter().position(|one| one.name == "State/word").expect("it is there");
                 let reported = host.values[word].clone();
                 let lags = reported != seen.map(|state| WireType::Text(state.to_owned()));
-                // Data are held back only until a delayed rebirth is published.
+                // Data messages are missing only while a rebirth is pending.
                 prop_assert!(!lags || node.waits_for_rebirth());
             }
             if ends || acts.contains(&NodeAction::Disconnect) {
