@@ -1,6 +1,4 @@
-//! The stored data: the store, recordings, signatures, history, backups and the messages to the office.
-//!
-//! Each paragraph of `pub mod` lines is a layer; a module may name only modules of earlier paragraphs.
+//! Persistent data: the store, recordings, signatures, history, backups, and the messages to the office server.
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 // Every result is handled, or an `expect` attribute next to it states why it is ignored.
 #![cfg_attr(not(test), deny(clippy::let_underscore_must_use))]

@@ -1,35 +1,36 @@
-//! The four rules of Western Electric. They detect that a sequence of values no longer scatters around one mean. A hint
-//! asks a person to check the process: a process may be out of control although every value is within its limit.
+//! The four rules of Western Electric, which detect that values no longer scatter around a constant mean. A hint asks a
+//! person to check the process: a process may be out of control although every value is within its limit.
 //!
 //! Western Electric Company, Statistical Quality Control Handbook, 1956, pages 25 to 28; NIST/SEMATECH e-Handbook of
-//! Statistical Methods, 6.3.2. The scatter is estimated from the differences of neighbours, as for a chart of
-//! individual values (e-Handbook, 6.3.2.2). Therefore a slow drift does not enlarge the estimated scatter and stays
-//! detectable.
+//! Statistical Methods, 6.3.2. The standard deviation is estimated from the differences between consecutive values
+//! (moving range), as for a chart of individual values (e-Handbook, 6.3.2.2). Therefore a slow drift does not increase
+//! the estimate and can be detected.
 
 use serde::Serialize;
 
-/// Minimum number of values for the rules: fewer values do not give a usable scatter.
+/// Minimum number of values at which the standard deviation can be estimated.
 pub const MIN_VALUES: usize = 10;
-/// Ratio of the mean difference of two neighbours to the scatter, for a normal distribution: 2 / √π.
+/// Ratio of the mean difference between consecutive values to the standard deviation, for a normal distribution: 2 /
+/// √π.
 const NEIGHBOUR_DIFFERENCE_RATIO: f64 = std::f64::consts::FRAC_2_SQRT_PI;
 
-/// The rule that a sequence of values violates.
+/// The four rules.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, strum::EnumIter)]
 #[serde(rename_all = "snake_case")]
 pub enum Rule {
-    /// One value is more than three times the scatter from the mean.
+    /// One value is more than three standard deviations from the mean.
     OneBeyondThree,
-    /// Two of three successive values are more than twice the scatter from the mean, on the same side.
+    /// Two of three consecutive values are more than two standard deviations from the mean, on the same side.
     TwoOfThreeBeyondTwo,
-    /// Four of five successive values are more than the scatter from the mean, on the same side.
+    /// Four of five consecutive values are more than one standard deviation from the mean, on the same side.
     FourOfFiveBeyondOne,
-    /// Eight successive values are on the same side of the mean.
+    /// Eight consecutive values are on the same side of the mean.
     EightOnOneSide,
 }
 
 impl Rule {
-    /// Returns the number of values in the window, how many of them must exceed the bound, and the bound as a multiple
-    /// of the scatter.
+    /// Returns the number of consecutive values, how many of them must exceed the bound, and the bound in standard
+    /// deviations.
     fn window_and_count(self) -> (usize, usize, f64) {
         match self {
             Rule::OneBeyondThree => (1, 1, 3.0),
@@ -39,7 +40,7 @@ impl Rule {
         }
     }
 
-    /// Returns the rule in words, for a person.
+    /// Returns the rule as text for people.
     pub fn describe(self) -> &'static str {
         match self {
             Rule::OneBeyondThree => "one value is more than 3 standard deviations from the mean",
@@ -54,7 +55,7 @@ impl Rule {
     }
 }
 
-/// The side of the mean on which the values lie.
+/// The side of the mean on which the values are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 #[expect(missing_docs, reason = "the names explain themselves")]
@@ -70,12 +71,12 @@ pub struct Hint {
     pub rule: Rule,
     /// Index of the value at which the rule is violated, from 0.
     pub at: usize,
-    /// The side of the mean on which the values lie.
+    /// The side of the mean on which the values are.
     pub side: Side,
 }
 
-/// The usual range of the values: their mean and their scatter. The scatter is estimated from the differences of
-/// neighbours and is not the standard deviation of the values.
+/// The usual range of values: mean and standard deviation. The standard deviation is estimated from the differences
+/// between consecutive values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct UsualRange {
     /// The mean.
@@ -84,8 +85,8 @@ pub struct UsualRange {
     pub sigma: f64,
 }
 
-/// Returns the mean of the values, and the scatter from the differences of neighbours; `None` for fewer than
-/// [`MIN_VALUES`].
+/// Returns the mean, and the standard deviation from the differences between consecutive values; `None` for fewer than
+/// [`MIN_VALUES`] values.
 pub fn usual_range(values: &[f64]) -> Option<UsualRange> {
     if values.len() < MIN_VALUES {
         return None;
@@ -95,7 +96,7 @@ pub fn usual_range(values: &[f64]) -> Option<UsualRange> {
     Some(UsualRange { mean, sigma: moved / (values.len() - 1) as f64 / NEIGHBOUR_DIFFERENCE_RATIO })
 }
 
-/// Returns the values at which a rule is violated, in their order. Values without any scatter violate no rule.
+/// Returns the values at which a rule is violated, in their order. Equal values violate no rule.
 pub fn find_violations(values: &[f64], usual: UsualRange) -> Vec<Hint> {
     if usual.sigma <= 0.0 {
         return Vec::new();
@@ -109,7 +110,7 @@ pub fn find_violations(values: &[f64], usual: UsualRange) -> Vec<Hint> {
             let window = &scores[(at + 1).saturating_sub(of)..=at];
             for (side, sign) in [(Side::Above, 1.0), (Side::Below, -1.0)] {
                 let is_beyond = |score: &&f64| **score * sign > beyond;
-                // The value that violates a rule must itself exceed the bound.
+                // The value at which the rule is violated must itself exceed the bound.
                 if is_beyond(&&scores[at]) && window.iter().filter(is_beyond).count() >= needed {
                     hints.push(Hint { rule, at, side });
                 }
@@ -130,8 +131,8 @@ mod tests {
         find_violations(&values, UNIT).into_iter().map(|hint| (hint.rule, hint.at, hint.side)).collect()
     }
 
-    /// Calculated by hand, in units of the scatter: the values of each row, and the first index at which they violate
-    /// the rule.
+    /// Expected values, determined by hand, in standard deviations: each row contains values, and the first index at
+    /// which they violate the rule.
     #[test]
     fn each_rule_is_violated_as_in_the_handbook() {
         assert_eq!(violated(&[0.5, -0.5, 3.1]), [(Rule::OneBeyondThree, 2, Side::Above)]);
@@ -146,8 +147,8 @@ mod tests {
         assert_eq!(violated(&[-0.1, -0.1, -0.1, 0.1, -0.1, -0.1, -0.1, -0.1, -0.1]), []);
     }
 
-    /// Calculated by hand: ten values 1, 3, 1, 3, … have the mean 2 and differences of 2, so the scatter is 2 /
-    /// 1.1284 = 1.7725.
+    /// Expected values, calculated by hand: the ten values 1, 3, 1, 3, … have the mean 2 and differences of 2, so the
+    /// estimated standard deviation is 2 / 1.1284 = 1.7725.
     #[test]
     fn the_scatter_comes_from_the_differences_of_neighbours() {
         let values: Vec<f64> = (0..10).map(|index| if index % 2 == 0 { 1.0 } else { 3.0 }).collect();
@@ -157,8 +158,8 @@ mod tests {
         assert_eq!(find_violations(&[4.0; 12], super::usual_range(&[4.0; 12]).expect("twelve")), []);
     }
 
-    /// A drift of a fifth of the scatter per value. If the scatter were the standard deviation of all values, the drift
-    /// would not be detected.
+    /// A drift of a fifth of the standard deviation per value is detected. With the standard deviation of all values
+    /// instead of the estimate, it would not be detected.
     #[test]
     fn a_slow_drift_is_detected() {
         let values: Vec<f64> =

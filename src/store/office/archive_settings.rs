@@ -1,39 +1,39 @@
-//! `archive.toml`: the broker, the database and the file folder of the archive.
+//! `archive.toml`: the settings of the archive, with its broker, database and folder of files.
 
 use core::net::SocketAddr;
 use panelprep_base::config::{self, Problems, Section};
 use panelprep_cell::cell::Broker;
 use std::path::{Path, PathBuf};
 
-/// The settings of the archive: where it receives and where it stores the data of the cells.
+/// The settings of the archive on the office server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ArchiveSettings {
     /// The broker.
     pub broker: Broker,
-    /// Limit of the data that wait in the broker, GB; further data stay in their cell.
+    /// Maximum size of the data that wait in the broker, GB; further data wait in their cell.
     pub waiting_gb: usize,
     /// The database.
     pub database: DatabaseSettings,
-    /// The folder of the files: pictures, recipes, calibrations.
+    /// The folder of the files: pictures, recipes and calibrations.
     pub files: PathBuf,
-    /// The office's page; `None` if there is no page.
+    /// The settings of the office's page; `None` if the page is off.
     pub fleet: Option<FleetPage>,
 }
 
-/// The address of the office's page.
+/// The settings of the office's page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FleetPage {
-    /// The address and port on which the page listens.
+    /// IP address and port of the page.
     pub listen: SocketAddr,
-    /// The certificate file and its key file, PEM. Without them the program makes its own certificate if other
-    /// computers can reach the page.
+    /// The files of the certificate and its key, PEM. If they are not stated and other computers can reach the page,
+    /// the program creates its own certificate.
     pub certificate: Option<[PathBuf; 2]>,
 }
 
 /// A PostgreSQL database.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DatabaseSettings {
-    /// The host's name or address, or the folder of its Unix socket.
+    /// Host name or address of the database, or the folder of its Unix socket.
     pub host: String,
     /// Its port.
     pub port: u16,
@@ -43,8 +43,8 @@ pub struct DatabaseSettings {
     pub user: String,
     /// The file that contains only the password; `None` if the database needs no password.
     pub password_file: Option<PathBuf>,
-    /// The certificate authority's file, PEM. With this file the connection is encrypted, and any other certificate
-    /// is refused.
+    /// The file of the certificate authority, PEM. If it is stated, the connection is encrypted, and a certificate of
+    /// another authority is refused.
     pub ca: Option<PathBuf>,
 }
 
@@ -54,15 +54,15 @@ const VALID_PORTS: std::ops::RangeInclusive<usize> = 1..=65_535;
 const BYTES_PER_GB: i64 = 1_000_000_000;
 
 impl ArchiveSettings {
-    /// Returns the limit of the data that wait in the broker, bytes.
+    /// Returns the maximum size of the data that wait in the broker, bytes.
     pub fn max_waiting_bytes(&self) -> i64 {
         i64::try_from(self.waiting_gb).unwrap_or(i64::MAX).saturating_mul(BYTES_PER_GB)
     }
 
-    /// Checks the text of the archive's file; file names in it are relative to its folder.
+    /// Parses and checks `archive.toml`. File names in it are relative to its folder.
     ///
     /// # Errors
-    /// Every problem with its line and key.
+    /// All problems of the file, each with its line and key.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
         let folder = Path::new(file).parent().unwrap_or(Path::new(""));
         config::parse_file(file, text, |top| {
@@ -94,7 +94,8 @@ fn parse_broker(folder: &Path, section: &Section<'_, '_>) -> Option<(Broker, usi
     Some((broker, waiting_gb?))
 }
 
-/// Reads the address of the office's page. The outer `None` means a problem, the inner `None` means no page.
+/// Parses the settings of the office's page. The outer `None` is a problem in the file, the inner `None` means that the
+/// page is off.
 fn parse_fleet(folder: &Path, section: &Section<'_, '_>) -> Option<Option<FleetPage>> {
     let [listen, certificate, key] = ["listen", "certificate", "certificate_key"]
         .map(|key| section.parse::<Option<String>>(key, (), Some(None)));

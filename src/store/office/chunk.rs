@@ -1,10 +1,9 @@
-//! Parts of messages and files, small enough for the broker: one line of JSON that names the message or file, then the
-//! part's bytes. Parts may arrive in any order and any number of times; [`PartAssembly`] joins them into a message or a
-//! file.
+//! Message parts (chunks): a message or file is divided into parts that are small enough for the broker. A part
+//! consists of one line of JSON that names the message or file, and the bytes. Parts may arrive in any order and
+//! several times; [`PartAssembly`] joins them.
 //!
-//! Each part arrives with a receipt, with which it is acknowledged to the broker once the whole item is stored. A
-//! repeated part brings a new receipt, which replaces the previous one, so that the memory of an incomplete item is
-//! limited.
+//! Each part arrives with a receipt, which is acknowledged to the broker after the whole item is stored. A repeated
+//! part arrives with a new receipt, which replaces the previous one, so that an incomplete item needs limited memory.
 
 use super::message::{OfficeError, Position, check_epoch_name};
 use panelprep_cell::cell::CellName;
@@ -13,17 +12,18 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 const FORM: &str = "panelprep-part-1";
-/// Size of one part, bytes. With its line it is smaller than 1 MB, the default limit of a broker.
+/// Maximum number of content bytes in a message part. Together with its line of JSON, the part is smaller than 1 MB,
+/// the default limit of the broker.
 const PART_BYTES: usize = 512 * 1024;
-/// Maximum number of parts of one message or file: 2 GB.
+/// Maximum number of parts of a message or file, 2 GB in total.
 const MAX_PARTS: u32 = 4_096;
 /// The longest line.
 const MAX_HEAD_BYTES: usize = 1_024;
 
-/// The message or the file to which a part belongs.
+/// The message or file to which a part belongs.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum ChunkOwner {
-    /// Data of a [`Message`](super::Message).
+    /// The [`Message`](super::Message) with this position.
     Message(Position),
     /// The file with this SHA-256.
     File(String),
@@ -36,7 +36,7 @@ pub struct Chunk {
     pub cell: CellName,
     /// The message or file to which the part belongs.
     pub what: ChunkOwner,
-    /// Number of the part, from 1.
+    /// Number of the part within its message or file, from 1.
     pub part: u32,
     /// Number of parts.
     pub parts: u32,
@@ -57,10 +57,10 @@ struct Head {
     parts: u32,
 }
 
-/// Divides bytes into parts; an empty content is one part, too.
+/// Divides a message or file into parts; an empty content gives one part.
 ///
 /// # Errors
-/// If there are more than `MAX_PARTS` parts.
+/// If more than `MAX_PARTS` parts would be needed.
 pub fn chunks(cell: &CellName, what: &ChunkOwner, bytes: &[u8]) -> Result<Vec<Chunk>, OfficeError> {
     let count = bytes.len().div_ceil(PART_BYTES).max(1);
     let allowed = || OfficeError::Large { found: format!("{count} parts"), allowed: format!("{MAX_PARTS} parts") };
@@ -74,8 +74,8 @@ pub fn chunks(cell: &CellName, what: &ChunkOwner, bytes: &[u8]) -> Result<Vec<Ch
 }
 
 impl Chunk {
-    /// Returns the name by which the broker recognizes the part. `again` changes the name if the part is sent again
-    /// because the office does not have it.
+    /// Returns the id by which the broker recognises a duplicate of the part. `again` changes the id, for a part that
+    /// is sent again because the office server does not have it.
     pub fn message_id(&self, again: u64) -> String {
         let Chunk { cell, what, part, .. } = self;
         let name = match what {
@@ -85,10 +85,10 @@ impl Chunk {
         if again == 0 { name } else { format!("{name}/{again}") }
     }
 
-    /// Returns the bytes to send.
+    /// Encodes the message part for sending.
     ///
     /// # Errors
-    /// If JSON cannot represent the line.
+    /// If JSON cannot represent its line.
     pub fn bytes(&self) -> Result<Vec<u8>, OfficeError> {
         let (position, file) = match &self.what {
             ChunkOwner::Message(position) => (Some(position.clone()), None),
@@ -103,10 +103,10 @@ impl Chunk {
         Ok(bytes)
     }
 
-    /// Reads a part.
+    /// Parses one part of a message or file.
     ///
     /// # Errors
-    /// If the bytes are not a part, or exceed the maximum size of a part.
+    /// If the bytes are not a valid part, or exceed its maximum size.
     pub fn read(bytes: &[u8]) -> Result<Self, OfficeError> {
         let wrong = |problem: String| OfficeError::form_error("line of a part", problem);
         let end = bytes.iter().take(MAX_HEAD_BYTES).position(|byte| *byte == b'\n');
@@ -142,7 +142,7 @@ impl Chunk {
     }
 }
 
-/// Checks that a file's name is a SHA-256. The name becomes a path, so nothing else is accepted.
+/// Checks that the name of a file is a SHA-256 hash. The name is used in a path, so no other name is accepted.
 fn check_hash(hash: &str) -> Result<(), String> {
     match is_hex(hash, 64) {
         true => Ok(()),
@@ -150,32 +150,32 @@ fn check_hash(hash: &str) -> Result<(), String> {
     }
 }
 
-/// Limit of the total bytes of all incomplete items. If it is exceeded, the oldest item is dropped and is sent again.
+/// Maximum size of all incomplete items, bytes. If it is exceeded, the oldest item is dropped and will be sent again.
 const MAX_ITEM_BYTES: usize = 512 << 20;
 
-/// A message or a file of which all parts have arrived.
+/// A complete message or file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AssembledItem<R> {
-    /// The cell that sent the data.
+    /// The cell that sent the item.
     pub cell: CellName,
-    /// The message or the file that was joined from the parts.
+    /// Which message or file it is.
     pub what: ChunkOwner,
-    /// The bytes of the item. If it is a file, the hash of the bytes is the name of the file.
+    /// The content. The hash of a file's content is equal to the file's name.
     pub bytes: Vec<u8>,
     /// The receipts of all parts.
     pub receipts: Vec<R>,
 }
 
-/// A message or a file that can never become complete.
+/// A message or file whose parts contradict each other.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct InvalidItem<R> {
     /// The error.
     pub error: OfficeError,
-    /// The receipts of all parts received so far.
+    /// The receipts of all parts that were received.
     pub receipts: Vec<R>,
 }
 
-/// The messages and files that are not complete yet.
+/// The messages and files of which parts are still missing.
 #[derive(Debug)]
 pub struct PartAssembly<R> {
     partial: BTreeMap<(CellName, ChunkOwner), PartialItem<R>>,
@@ -206,10 +206,10 @@ impl<R> Default for PartAssembly<R> {
 }
 
 impl<R> PartAssembly<R> {
-    /// Adds a part; returns the complete item if this part completes it.
+    /// Adds a part, and returns the item if it is now complete.
     ///
     /// # Errors
-    /// If the part contradicts earlier parts, or the hash of the complete file differs from its name. All parts of this
+    /// If the part contradicts earlier parts, or the hash of the complete file differs from its name. All parts of the
     /// item are then dropped.
     pub fn add(&mut self, chunk: Chunk, receipt: R) -> Result<Option<AssembledItem<R>>, InvalidItem<R>> {
         let Chunk { cell, what, part, parts, bytes } = chunk;

@@ -1,5 +1,5 @@
-//! A message to the office: one line of JSON that describes the content, then the bytes of the content as the cell has
-//! them. Also the name of each item and its position in a list, its content, and the errors of invalid messages.
+//! A message to the office server: one line of JSON (the head), and the content. Also the position and the kind of each
+//! item, the contents, and the errors of invalid messages.
 
 use crate::signing::{PublicKey, Statement};
 use panelprep_cell::cell::CellName;
@@ -10,13 +10,13 @@ use serde_json::Value;
 use strum::{EnumString, IntoStaticStr, VariantArray};
 
 const FORM: &str = "panelprep-office-1";
-/// Maximum size of a head, bytes: a record names about a hundred files.
+/// Maximum size of a head, bytes; the head of a record names about a hundred files.
 const MAX_HEAD_BYTES: usize = 1 << 20;
 
-/// A message of a cell.
+/// A message from a cell to the office server.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Message {
-    /// Name of the cell.
+    /// The cell that sends the message.
     pub cell: CellName,
     /// The item.
     pub envelope: ItemEnvelope,
@@ -45,10 +45,10 @@ struct SignedHead {
 }
 
 impl Message {
-    /// Returns the bytes to send.
+    /// Encodes the message for sending.
     ///
     /// # Errors
-    /// If JSON cannot represent the head.
+    /// If JSON cannot represent its head.
     pub fn bytes(&self) -> Result<Vec<u8>, OfficeError> {
         let ItemEnvelope { position, unix_ms, body } = &self.envelope;
         let signed = match body {
@@ -74,11 +74,11 @@ impl Message {
         Ok(bytes)
     }
 
-    /// Reads a message. Its content must have the hash that the head states, must be readable as its kind, and must be
-    /// signed with the key that the message names. The caller must check that this key is the cell's.
+    /// Parses a message. The content must have the hash in the head, must be valid for its kind, and must be signed
+    /// with the key that the message names. The caller must check that this is the key of the cell.
     ///
     /// # Errors
-    /// If one of these conditions is not fulfilled.
+    /// If one of these conditions is not satisfied.
     pub fn read(bytes: &[u8]) -> Result<Self, OfficeError> {
         let end = bytes.iter().take(MAX_HEAD_BYTES).position(|byte| *byte == b'\n');
         let Some(end) = end else {
@@ -129,7 +129,7 @@ fn position(head: &Head) -> Result<Position, String> {
     Ok(Position { epoch: head.epoch.clone(), number: head.number })
 }
 
-/// Checks that a text is the name of an epoch.
+/// Checks that a text is a valid name of an epoch.
 pub(super) fn check_epoch_name(epoch: &str) -> Result<(), String> {
     match is_hex(epoch, 32) {
         true => Ok(()),
@@ -152,16 +152,16 @@ fn signature(statement: Vec<u8>, head: SignedHead, number: u64) -> Result<Body, 
     Ok(Body::Signature { statement, signature, public_key: head.public_key, files: head.files })
 }
 
-/// The position of an item among all items that one store sends.
+/// The position of an item among all items of a store that are sent.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Position {
-    /// A random name, 32 hexadecimal digits; a store that does not have all of its history begins a new epoch.
+    /// The random name of the epoch, 32 hexadecimal digits. A store begins a new epoch if its history is incomplete.
     pub epoch: String,
-    /// The number, from 1, without gaps; 0 before the first item.
+    /// The number of the item within its epoch, from 1 without gaps; 0 before the first item.
     pub number: u64,
 }
 
-/// The kind of item.
+/// The kinds of items.
 #[derive(
     Debug,
     Clone,
@@ -179,11 +179,11 @@ pub struct Position {
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
 pub enum Kind {
-    /// A cycle has ended.
+    /// The end of a cycle.
     Cycle,
-    /// A statement was signed, by the cell or by a person.
+    /// A statement that the cell or a person has signed.
     Signature,
-    /// A calibration was verified.
+    /// A verification of a calibration.
     Verification,
 }
 
@@ -199,7 +199,7 @@ impl Kind {
     }
 }
 
-/// One line of a list that is compared between the cell and the office.
+/// An item in the list by which the data of the cell and of the office server are compared.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ListEntry {
     /// Its name.
@@ -211,31 +211,31 @@ pub struct ListEntry {
     pub hash: String,
 }
 
-/// A named item that the office must receive.
+/// An item that the office server must receive.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ItemEnvelope {
     /// Its name.
     pub position: Position,
-    /// The time at which the cell wrote the item, ms since 1970.
+    /// Time at which the cell stored the item, ms since 1970.
     pub unix_ms: i64,
     /// Its content.
     pub body: Body,
 }
 
-/// The content that is sent. Each content is canonical JSON and is named by its hash.
+/// The content of an item, in canonical JSON.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Body {
     /// A [`CycleEnd`].
     Cycle(Vec<u8>),
     /// A signed statement.
     Signature {
-        /// The bytes that are signed (`signing::Statement`).
+        /// The signed bytes (`signing::Statement`).
         statement: Vec<u8>,
         /// The signature, 64 bytes.
         signature: Vec<u8>,
-        /// The key that verifies it, 64 hexadecimal digits.
+        /// The public key of the signature, 64 hexadecimal digits.
         public_key: String,
-        /// The files that the statement names and that are sent.
+        /// The files that the statement names.
         files: Vec<NamedFile>,
     },
     /// A [`OfficeVerification`].
@@ -252,7 +252,7 @@ impl Body {
         }
     }
 
-    /// Returns the bytes from which the hash is calculated.
+    /// Returns the bytes of which the hash is computed.
     pub fn content(&self) -> &[u8] {
         match self {
             Body::Cycle(content) | Body::Verification(content) => content,
@@ -262,7 +262,7 @@ impl Body {
 }
 
 impl ItemEnvelope {
-    /// Returns the item's line in a list.
+    /// Returns the list entry of the item.
     pub fn list_line(&self) -> ListEntry {
         ListEntry {
             position: self.position.clone(),
@@ -276,37 +276,37 @@ impl ItemEnvelope {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NamedFile {
-    /// Purpose of the file in the record, such as "picture overlay" or "recipe".
+    /// The purpose of the file in the record, such as "picture overlay" or "recipe".
     pub name: String,
     /// Its SHA-256.
     pub hash: String,
-    /// The reason why the cell no longer has the file and does not send it; `None` if it is sent.
+    /// The reason why the cell no longer has the file and cannot send it; `None` if it is sent.
     pub gone: Option<String>,
 }
 
-/// The end of a cycle, as in the store's row; its signed record follows as a statement.
+/// The end of a cycle, from its row in the store. The signed record of the cycle is sent later as a statement.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CycleEnd {
     /// Number of the cycle in the cell's store.
     pub cycle: CycleId,
-    /// Start of the cycle, s since 1970.
+    /// Start time of the cycle, s since 1970.
     pub started_unix_s: i64,
-    /// End of the cycle, s since 1970.
+    /// End time of the cycle, s since 1970.
     pub ended_unix_s: Option<i64>,
     /// The panel.
     pub panel: String,
     /// The version of the taught data.
     pub taught_version: String,
-    /// SHA-256 of the recipe.
+    /// SHA-256 of the recipe's text.
     pub recipe_hash: String,
     /// The program's version.
     pub program_version: String,
     /// Its verdict's word.
     pub verdict: String,
-    /// The verdict's reasons as the store has them: a list of objects with code and message.
+    /// The reasons of the verdict: a list of objects with code and message.
     pub reasons: Value,
-    /// The part; `None` if no part was named.
+    /// The names of the part; `None` if no name was stated.
     pub part: Option<PartNames>,
 }
 
@@ -314,30 +314,30 @@ pub struct CycleEnd {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OfficeVerification {
-    /// The verified item: `scanner`, `flange_camera`, `tool` or `tool_force`.
+    /// What was verified: `scanner`, `flange_camera`, `tool` or `tool_force`.
     pub subject: String,
-    /// The measured error, mm; for a force, N.
+    /// The measured error, mm; N for a force.
     pub error: f64,
-    /// The allowed error, in the same unit.
+    /// The maximum error, in the same unit.
     pub limit: f64,
-    /// Hash of the calibration files.
+    /// Hash of the calibration files that were verified.
     pub calibration_hash: String,
     /// Time of the verification, s since 1970.
     pub at_unix_s: i64,
 }
 
-/// Errors of a message.
+/// The reason why a message is not valid.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum OfficeError {
-    /// The message cannot be read as a message of a cell.
+    /// A part of the message cannot be parsed.
     #[error("the {what} cannot be read: {problem}")]
     Form {
-        /// The part that cannot be read, such as "head of a message".
+        /// What cannot be parsed, such as "head of a message".
         what: &'static str,
-        /// The problem that was found.
+        /// The problem.
         problem: String,
     },
-    /// The content does not have the hash that the head states.
+    /// The hash of the content differs from the hash in the head.
     #[error("the content of record {number} has the SHA-256 {found}, but its head states {stated}")]
     Hash {
         /// Its number.
@@ -347,30 +347,30 @@ pub enum OfficeError {
         /// The hash in the head.
         stated: String,
     },
-    /// The message is larger than any that a cell sends.
+    /// The message is larger than any valid message.
     #[error("the message has {found} (limit {allowed})")]
     Large {
-        /// The size found, such as "5000 parts".
+        /// The size of the message, such as "5000 parts".
         found: String,
-        /// The largest size allowed, in the same unit.
+        /// The maximum size, in the same unit.
         allowed: String,
     },
-    /// The parts of one item state different total numbers of parts.
+    /// The parts of an item state different total numbers of parts.
     #[error("part {part} states a total of {found} parts, but another part stated {before}")]
     Parts {
         /// Number of the part.
         part: u32,
-        /// The total number that this part states.
+        /// The total number of parts that this part states.
         found: u32,
-        /// The total number that an earlier part stated.
+        /// The total number of parts that an earlier part has stated.
         before: u32,
     },
-    /// The key does not verify the signature, or the statement is not valid.
+    /// The signature or the signed statement is not valid.
     #[error("record {number} does not match the signature of its cell: {problem}")]
     Signature {
         /// Its number.
         number: u64,
-        /// The problem that was found.
+        /// The problem.
         problem: String,
     },
 }

@@ -1,15 +1,15 @@
-//! Records that are sent to the office: their content, their division into messages, and the comparison of the cell's
-//! data with the office's data.
+//! The data that a cell sends to the office server: their content, their division into message parts, and the
+//! comparison between the data of the cell and of the office server.
 //!
-//! A cell numbers everything that the office must receive (see `store`, table `outbox`): the end of each cycle, each
-//! signature with the statement that it signs, each verification. The cell, the epoch and the number identify each of
-//! these items permanently; the SHA-256 identifies its content. An item is sent at least once, and the office stores
-//! the first item with each name. A second item with the same hash is ignored. A second item with another hash is a
-//! contradiction: it is stored and reported, and never replaces the first.
+//! A cell numbers all items that the office server must receive (see `store`, table `outbox`): the end of each cycle,
+//! each signature with its statement, and each verification. Cell, epoch and number identify an item permanently; the
+//! SHA-256 identifies its content. An item is sent at least once, and the office server stores the first item with each
+//! position. Another item with the same position and hash is ignored. An item with the same position but another hash
+//! is a contradiction: it is stored and reported, and never replaces the first one.
 //!
-//! Files that a record names (pictures, recipe, calibrations) are sent before the record, under their hash.
+//! Files that a record names (pictures, recipe, calibrations) are sent before the record, named by their hash.
 //!
-//! The module is pure: sockets are handled in `broker`, `daemon/office` and `archive`.
+//! All functions are pure; `broker`, `daemon/office` and `archive` contain the sockets.
 
 mod archive_settings;
 mod chunk;

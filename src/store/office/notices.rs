@@ -1,8 +1,9 @@
-//! The messages between cell and office that have no number, because the next one replaces them.
+//! The messages between a cell and the office server that have no number, because the next message replaces the
+//! previous one.
 //!
-//! A cell reports its state to the office repeatedly. A report may be lost, because the next one follows soon. The
-//! office offers to its cells a recipe that it has approved. A cell never adopts a recipe automatically: a person at
-//! the cell checks the difference and approves it like any other change.
+//! A cell reports its state repeatedly. A report may be lost, because the next one follows soon. The office offers its
+//! cells a recipe that was approved in the office. A cell never adopts the recipe automatically: a person at the cell
+//! checks the difference and approves it like any other change.
 
 use super::message::{OfficeError, Position};
 use panelprep_cell::cell::CellName;
@@ -13,35 +14,35 @@ const STATE_FORM: &str = "panelprep-state-1";
 /// Longest message, bytes.
 const MAX_STATE_BYTES: usize = 64 * 1024;
 
-/// The state of a cell.
+/// The state that a cell reports.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CellState {
     form: String,
     cell: String,
-    /// The cell's clock, ms since 1970.
+    /// Time of the cell's clock, ms since 1970.
     pub unix_ms: i64,
     /// The program's version.
     pub version: String,
-    /// The keyword of the state; `None` if the loop does not answer.
+    /// The keyword of the state; `None` if the control loop does not reply.
     pub state: Option<String>,
-    /// The current phase of the running cycle.
+    /// The current phase of the cycle in progress.
     pub phase: Option<String>,
     /// The panel.
     pub panel: Option<String>,
     /// The cycle.
     pub cycle: Option<i64>,
-    /// Progress along the path: the current waypoint and the number of waypoints.
+    /// The current waypoint, and the total number of waypoints of the path.
     pub waypoint: Option<[u32; 2]>,
-    /// The reasons for its state: codes and messages.
+    /// The reasons for the state: codes and messages.
     pub reasons: Vec<ReasonText>,
-    /// Problems of the cell between cycles, such as a full disk or a calibration that expires.
+    /// Problems that persist between cycles, such as a full disk or a calibration that will expire.
     pub standing: Vec<ReasonText>,
-    /// For each epoch, the number of the cell's last item for the office.
+    /// The position of the last item for the office server, for each epoch.
     pub last: Vec<Position>,
 }
 
-/// A reason in words.
+/// A reason: its code and its message.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReasonText {
@@ -52,12 +53,12 @@ pub struct ReasonText {
 }
 
 impl CellState {
-    /// Returns the state of this cell, with nothing reported yet.
+    /// Creates the state of this cell with only its name.
     pub fn new(cell: &CellName) -> Self {
         CellState { form: STATE_FORM.to_owned(), cell: cell.as_str().to_owned(), ..CellState::default() }
     }
 
-    /// Returns the bytes to send.
+    /// Encodes the state for sending.
     ///
     /// # Errors
     /// If JSON cannot represent the state.
@@ -65,10 +66,10 @@ impl CellState {
         serde_json::to_vec(self).map_err(|error| OfficeError::form_error("state of a cell", error))
     }
 
-    /// Reads a state and the name of its cell.
+    /// Parses a state, and returns it with the name of its cell.
     ///
     /// # Errors
-    /// If the bytes are not a state.
+    /// If the bytes are not a valid state.
     pub fn read(bytes: &[u8]) -> Result<(CellName, Self), OfficeError> {
         let wrong = |problem: String| OfficeError::form_error("state of a cell", problem);
         if bytes.len() > MAX_STATE_BYTES {
@@ -89,10 +90,10 @@ impl CellState {
 const OFFER_FORM: &str = "panelprep-offer-1";
 /// Longest offer, bytes.
 const MAX_OFFER_BYTES: usize = 256 * 1_024;
-/// Maximum number of characters of a name or a reason.
+/// Maximum length of a name or a reason, characters.
 const MAX_CHARACTERS: usize = 200;
 
-/// A recipe that the office offers.
+/// A recipe that the office offers to its cells.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecipeOffer {
@@ -101,19 +102,19 @@ pub struct RecipeOffer {
     pub panel: String,
     /// Its text.
     pub text: String,
-    /// The printed name of the person who approved it in the office.
+    /// The printed name of the person who approved the recipe in the office.
     pub by: String,
-    /// Reason of the change, as the person stated it.
+    /// The reason of the change, as stated by this person.
     pub why: String,
     /// Time of the approval, ms since 1970.
     pub unix_ms: i64,
 }
 
 impl RecipeOffer {
-    /// Creates an offer of this recipe.
+    /// Creates an offer of a recipe.
     ///
     /// # Errors
-    /// If the name or the reason cannot be printed unchanged, or the text is too long.
+    /// If the name or the reason contains unprintable characters, or a text is too long.
     pub fn new(panel: &str, text: &str, (by, why): (&str, &str), unix_ms: i64) -> Result<Self, OfficeError> {
         let [panel, text, by, why] = [panel, text, by, why].map(str::to_owned);
         let offer = RecipeOffer { form: OFFER_FORM.to_owned(), panel, text, by, why, unix_ms };
@@ -135,12 +136,12 @@ impl RecipeOffer {
         }
     }
 
-    /// Returns the SHA-256 of the recipe's text, as records state it.
+    /// Returns the SHA-256 of the recipe's text, as stated in records.
     pub fn hash(&self) -> String {
         content_hash(self.text.as_bytes())
     }
 
-    /// Returns the bytes to send.
+    /// Encodes the offer for sending.
     ///
     /// # Errors
     /// If JSON cannot represent the offer.
@@ -148,10 +149,10 @@ impl RecipeOffer {
         serde_json::to_vec(self).map_err(|error| OfficeError::form_error("offer of a recipe", error))
     }
 
-    /// Reads an offer.
+    /// Parses an offer.
     ///
     /// # Errors
-    /// If the bytes are not an offer.
+    /// If the bytes are not a valid offer.
     pub fn read(bytes: &[u8]) -> Result<Self, OfficeError> {
         if bytes.len() > 2 * MAX_OFFER_BYTES {
             let [found, allowed] = [bytes.len(), 2 * MAX_OFFER_BYTES].map(|count| format!("{count} bytes"));

@@ -1,70 +1,69 @@
-//! The progress of a cell in sending each epoch, the office's confirmation, and the comparison of the cell's data with
-//! the office's data.
+//! The progress of sending in each epoch, the confirmation by the office server, and the comparison between the data of
+//! the cell and of the office server.
 //!
-//! The office decides: data that it does not have is sent again, even if the broker once accepted it. If a broker or a
-//! database is restored without its last days, the data is therefore only delayed. If this progress file is lost, all
-//! data is sent again, and the office recognizes the items by their names.
+//! The office server's report decides: items that it does not have are sent again, even if the broker has accepted them
+//! before. If a broker or a database is restored without its last days, the items are therefore only delayed. If this
+//! progress file is lost, all items are sent again, and the office server recognises them by their positions.
 
 use super::message::{ListEntry, Position};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// The progress of sending, stored beside the store.
+/// The progress of sending, stored in a file beside the store.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Progress {
-    /// The broker's stream that accepted the data: its name and its creation time.
+    /// The stream of the broker that accepted the items: its name and its creation time.
     stream: String,
-    /// The last number that the broker accepted, by epoch.
+    /// The last number that the broker accepted, for each epoch.
     sent: BTreeMap<String, u64>,
-    /// For each epoch, the number up to which the office has all items.
+    /// The number up to which the office server has all items, for each epoch.
     archived: BTreeMap<String, u64>,
-    /// The number of times that sending was restarted. A broker drops data with a known name, so data that is sent
-    /// again needs another name.
+    /// Number of times that sending was restarted. The broker drops a message with a known id, so that an item that is
+    /// sent again needs a new id.
     #[serde(default)]
     again: u64,
 }
 
-/// The result of the office's report of the items that it has.
+/// What the office server's report about its items shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ReportOutcome {
-    /// The office has at least the items that it reported before.
+    /// The office server has at least as many items as in its last report.
     Known,
-    /// The office has fewer items than before: the missing items are sent again.
+    /// The office server has fewer items than in its last report; the missing items are sent again.
     HasLess,
-    /// The office has more items than the store ever had: rows of the store are missing, or two cells have the same
-    /// name.
+    /// The office server has more items than the store: rows of the store are missing, or two cells use the same name.
     HasMore,
 }
 
 impl Progress {
-    /// Returns the number up to which all items of an epoch are sent.
+    /// Returns the number up to which all items of an epoch were sent.
     pub fn last_sent(&self, epoch: &str) -> u64 {
         self.sent.get(epoch).copied().unwrap_or(0)
     }
 
-    /// Returns the number up to which the office has all items of an epoch.
+    /// Returns the number up to which the office server has all items of an epoch.
     pub fn last_archived(&self, epoch: &str) -> u64 {
         self.archived.get(epoch).copied().unwrap_or(0)
     }
 
-    /// Returns how often sending was restarted.
+    /// Returns how many times sending was restarted.
     pub fn resend_count(&self) -> u64 {
         self.again
     }
 
-    /// Restarts sending. Repeated data then has a new name, so that the broker does not drop it as a duplicate.
+    /// Restarts sending. The items then get new message ids, so that the broker does not drop them as duplicates.
     pub fn restart_sending(&mut self) {
         self.again += 1;
     }
 
-    /// Returns how many items the office does not have yet, given the last number of each epoch.
+    /// Returns the number of items that the office server does not have yet. `last` is the last position in each epoch.
     pub fn missing_count(&self, last: &[Position]) -> u64 {
         last.iter().map(|last| last.number.saturating_sub(self.last_archived(&last.epoch))).sum()
     }
 
-    /// Records the broker's stream. If it is another stream than before, all items that the office does not have are
-    /// sent again, because the new stream does not contain them.
+    /// Records the stream of the broker. A new stream contains no earlier items, so that all items that the office
+    /// server does not have are sent again.
     pub fn set_stream(&mut self, stream: &str) {
         if self.stream != stream {
             stream.clone_into(&mut self.stream);
@@ -72,15 +71,15 @@ impl Progress {
         }
     }
 
-    /// Records that the broker accepted all items up to this position; an item that was sent again may be older than
-    /// the last.
+    /// Records that the broker has accepted all items up to this position. The position of a repeated item does not
+    /// decrease the number.
     pub fn record_accepted(&mut self, position: &Position) {
         let sent = self.sent.entry(position.epoch.clone()).or_default();
         *sent = position.number.max(*sent);
     }
 
-    /// Processes the office's report, which states the number up to which the office has all items of an epoch; the
-    /// last number in the store is `last`.
+    /// Processes a report of the office server: `archived` is the number up to which it has all items of an epoch,
+    /// `last` is the last number in the store.
     pub fn process_archived(&mut self, epoch: &str, archived: u64, last: u64) -> ReportOutcome {
         if archived > last {
             return ReportOutcome::HasMore;
@@ -97,19 +96,19 @@ impl Progress {
     }
 }
 
-/// Maximum number of listed messages of one kind; further messages are only counted.
+/// Maximum number of differences of the same kind that are listed; further ones are only counted.
 const MAX_MESSAGES: usize = 50;
 
-/// The result of a comparison.
+/// The result of comparing two lists of items.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Comparison {
-    /// Number of items with the same hash in the cell and in the office.
+    /// Number of items that have the same hash in both lists.
     pub equal_items: u64,
-    /// The differences, as text.
+    /// The differences, as texts.
     pub differences: Vec<String>,
 }
 
-/// Compares the office's list of a cell with the cell's own list.
+/// Compares the cell's list of items with the office server's list.
 pub fn compare(cell: &[ListEntry], office: &[ListEntry]) -> Comparison {
     let by_position = |list: &[ListEntry]| -> BTreeMap<Position, ListEntry> {
         list.iter().map(|line| (line.position.clone(), line.clone())).collect()

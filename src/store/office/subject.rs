@@ -1,26 +1,26 @@
-//! The subjects and streams of the broker.
+//! The NATS subjects and streams of the broker.
 
 use panelprep_cell::cell::CellName;
 use panelprep_cell::files::content_hash;
 
-/// The stream of records and files in transit to the office.
+/// The stream of records and files on the way to the office server.
 pub const STREAM: &str = "PANELPREP";
-/// Every subject of this stream.
+/// All subjects of the stream of records.
 pub const ALL_RECORDS: &str = "panelprep.records.*";
-/// The stream in which the office reports which items it has: the last report for each cell and epoch.
+/// The stream in which the office server reports which items it has. It keeps the last report for each cell and epoch.
 pub const ARCHIVED_STREAM: &str = "PANELPREP_ARCHIVED";
-/// Every subject of this stream.
+/// All subjects of the stream of these reports.
 pub const ALL_ARCHIVED: &str = "panelprep.archived.*.*";
-/// The subjects of the current state of all cells.
+/// The subjects on which all cells report their state.
 pub const ALL_STATES: &str = "panelprep.state.*";
 
-/// The stream of recipes that the office offers: the last recipe for each panel.
+/// The stream of offered recipes. It keeps the last offer for each panel.
 pub const OFFER_STREAM: &str = "PANELPREP_OFFERS";
-/// Every subject of this stream.
+/// All subjects of the stream of offers.
 pub const ALL_OFFERS: &str = "panelprep.offers.*";
 
-/// Returns the subject on which the office offers a recipe of this panel. It contains a hash of the panel's name,
-/// because the name may have characters that a subject must not.
+/// Returns the subject for offers of a recipe of this panel. It contains a hash of the panel's name, because the name
+/// may contain characters that are invalid in a subject.
 pub fn offer_subject(panel: &str) -> String {
     let hash = content_hash(panel.as_bytes());
     format!("panelprep.offers.{}", hash.get(..16).unwrap_or(&hash))
@@ -31,7 +31,7 @@ pub fn records(cell: &CellName) -> String {
     format!("panelprep.records.{cell}")
 }
 
-/// Returns the subject on which the office reports the number up to which it has all items of a cell's epoch.
+/// Returns the subject on which the office server reports the number up to which it has all items of a cell's epoch.
 pub fn archived_subject(cell: &CellName, epoch: &str) -> String {
     format!("panelprep.archived.{cell}.{epoch}")
 }

@@ -77,7 +77,7 @@ fn a_message_reads_back_and_each_changed_byte_is_detected() {
     }
 }
 
-/// A sender without the cell's key is refused, although the hash of its content is correct.
+/// A message that is signed with another key is refused, although the hash of its content is correct.
 #[test]
 fn a_statement_of_another_writer_is_refused() {
     let message = signature();
@@ -108,7 +108,7 @@ fn a_large_message_is_joined_from_parts_in_any_order() {
         assert_eq!(assembly.add(Chunk::read(&sent).expect("a part"), receipt), Ok(None));
     }
     let whole = assembly.add(parts[1].clone(), 9).expect("no contradiction").expect("whole");
-    // The newest receipt of each part, in the order of the parts.
+    // Expected receipts: the newest one of each part, in the order of the parts.
     assert_eq!(whole, AssembledItem { cell: cell(), what: what.clone(), bytes, receipts: vec![2, 9, 3] });
     assert_eq!(assembly.add(parts[1].clone(), 10), Ok(None), "it begins anew");
 }
@@ -159,17 +159,18 @@ fn the_report_of_the_office_decides_what_is_sent() {
         (progress.last_sent(EPOCH), progress.last_archived(EPOCH), progress.missing_count(&[at(12)])),
         (9, 5, 7)
     );
-    // A new stream does not contain the sent items. Items that the office has need not be sent again.
+    // A new stream does not contain the items that were sent before. Items that the office server has are not sent
+    // again.
     progress.set_stream("two");
     assert_eq!(progress.last_sent(EPOCH), 5);
     progress.record_accepted(&at(12));
-    // The office restored its database and has fewer items.
+    // The office server has restored its database and has fewer items.
     assert_eq!(progress.process_archived(EPOCH, 2, 12), ReportOutcome::HasLess);
     assert_eq!(progress.last_sent(EPOCH), 2);
-    // More items than the store ever had are a contradiction, and nothing changes.
+    // More items than in the store are a contradiction, which does not change the progress.
     assert_eq!(progress.process_archived(EPOCH, 13, 12), ReportOutcome::HasMore);
     assert_eq!((progress.last_sent(EPOCH), progress.last_archived(EPOCH)), (2, 2));
-    // Another process sent the items.
+    // Another process has sent the items.
     assert_eq!(progress.process_archived(EPOCH, 12, 12), ReportOutcome::Known);
     assert_eq!((progress.last_sent(EPOCH), progress.missing_count(&[at(12)])), (12, 0));
 }
@@ -206,8 +207,8 @@ proptest! {
     }
 }
 
-/// A broker drops data with a known name. Without a new name, data that the office lost would therefore never arrive
-/// again.
+/// The broker drops a message with a known id. Without a new id, items that the office server has lost would never be
+/// received again.
 #[test]
 fn a_part_that_is_sent_again_has_another_name() {
     let part = chunks(&cell(), &ChunkOwner::Message(at(3)), b"x").expect("parts").remove(0);
@@ -227,7 +228,7 @@ fn an_offer_reads_back_and_unprintable_texts_are_refused() {
     assert!(refused("An\u{0}na", "why", "").contains("its name"));
     assert!(refused("Anna", "", "").contains("its reason"));
     assert!(refused("Anna", "why", &"x".repeat(300_000)).contains("262144"));
-    // A panel's name may contain characters that a subject may not.
+    // The name of a panel may contain characters that are invalid in a subject.
     assert!(
         subject::offer_subject("left *.> door")
             .strip_prefix("panelprep.offers.")

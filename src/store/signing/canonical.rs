@@ -1,17 +1,17 @@
-//! Signed JSON in canonical form (RFC 8785), and the differences between the signed record and the present one, by
-//! their path in the record.
+//! Canonical JSON (RFC 8785) for signatures, and the differences between a signed record and the present one, each with
+//! its path in the record.
 //!
-//! The canonical form has no numbers other than doubles. A whole number beyond ±(2⁵³ − 1), such as the number of a
-//! plan, would lose digits. It is therefore written as a text of its digits, as RFC 8785 advises in its appendix D.
+//! All numbers of canonical JSON are doubles. An integer beyond ±(2⁵³ − 1), such as the number of a plan, would lose
+//! digits. Therefore it is written as a string of its digits, as RFC 8785 recommends in appendix D.
 
 use super::key::SigningError;
 use serde::Serialize;
 use serde_json::Value;
 
-/// The largest whole number that a double represents exactly together with its neighbours.
+/// Largest integer n for which a double represents both n and n + 1 exactly.
 const MAX_EXACT_INTEGER: u64 = (1 << 53) - 1;
 
-/// Returns the bytes that are signed.
+/// Returns the canonical JSON of a value, which is signed.
 ///
 /// # Errors
 /// If JSON cannot represent the value.
@@ -21,8 +21,7 @@ pub fn canonical(value: &impl Serialize) -> Result<Vec<u8>, SigningError> {
     serde_json_canonicalizer::to_vec(&value).map_err(json)
 }
 
-/// Converts the texts of large whole numbers back to numbers, in the fields with these names, which contain numbers
-/// only.
+/// Converts strings back to integers in the fields with these names.
 pub(super) fn restore_large_numbers(value: Value, names: &[&str]) -> Value {
     match value {
         Value::Array(values) => {
@@ -42,7 +41,7 @@ pub(super) fn restore_large_numbers(value: Value, names: &[&str]) -> Value {
     }
 }
 
-/// Returns the same value, with each whole number that a double cannot represent exactly written as a text.
+/// Converts all integers that a double cannot represent exactly to strings.
 pub(super) fn large_numbers_as_text(value: Value) -> Value {
     let is_beyond = |value: &Value| {
         value.as_u64().or(value.as_i64().map(i64::unsigned_abs)).is_some_and(|number| number > MAX_EXACT_INTEGER)
@@ -57,21 +56,21 @@ pub(super) fn large_numbers_as_text(value: Value) -> Value {
     }
 }
 
-/// Path of the requests. More requests may be stored while the cell waits after the end of the cycle, and a request
-/// that was only in the journal gets its answer.
+/// Path of the requests in a record. After the end of a cycle further requests may be stored, and a request that was
+/// only in the journal gets its answer.
 const REQUESTS_PATH: &str = "/asked";
-/// Path of the motions. If a motion was open when an aborted cycle was signed, its end is stored later, as the robot or
-/// a person reports it.
+/// Path of the motions in a record. If a motion was open when an aborted cycle was signed, its end is stored later.
 const MOTIONS_PATH: &str = "/motions/";
-/// Fields with counts that may grow after signing.
+/// Paths of counts that may increase after signing.
 const GROWING_FIELDS: [&str; 1] = ["/events"];
-/// Maximum number of differences that are reported.
+/// Maximum number of differences that are listed.
 const MAX_DIFFERENCES: usize = 5;
 
-/// Lists the places at which `now` differs from what was `signed`, such as `/findings/2/numbers/0/value`, each with
+/// Returns the paths at which the values `signed` and `now` differ, such as `/findings/2/numbers/0/value`, each with
 /// both values.
 ///
-/// A field that only `now` has is not a difference: a later version of the program may record more of a cycle.
+/// A field that exists only in `now` is not a difference: a newer version of the program may record more data of a
+/// cycle.
 pub fn differences(signed: &Value, now: &Value) -> Vec<String> {
     let mut found = Vec::new();
     compare("", signed, now, &mut found);
@@ -110,8 +109,8 @@ fn is_motion_path(at: &str) -> bool {
     at.strip_prefix(MOTIONS_PATH).is_some_and(|number| !number.contains('/'))
 }
 
-/// Returns whether each signed request is still present. A request that was only in the journal when the record was
-/// signed, without its sender and answer, may have both now.
+/// Returns whether all signed requests are still present. A request that was only in the journal at the time of
+/// signing, without sender and answer, may have both now.
 fn are_requests_present(signed: &[Value], now: &[Value]) -> bool {
     let mut left: Vec<&Value> = now.iter().collect();
     signed.iter().all(|one| {
@@ -162,7 +161,7 @@ mod tests {
     }
 
     /// After the record of an aborted cycle was signed, the robot may still report the end of a motion, and a request
-    /// in the journal gets its answer.
+    /// that was only in the journal gets its answer.
     #[test]
     fn additions_after_the_end_of_a_cycle_are_no_difference() {
         let motion =

@@ -1,45 +1,45 @@
-//! Verifies signed statements: each by its signature, all by their chain, and the end of the chain by a head that was
-//! stored elsewhere. The result names each statement that was changed, is missing, was exchanged for another, or was
-//! rolled back.
+//! Verifies signed statements: each statement by its signature, all statements by their hash chain, and the end of the
+//! chain by a head that was stored elsewhere. The result names each statement that was changed, is missing, was
+//! exchanged or was rolled back.
 
 use super::key::PublicKey;
 use super::statement::{CHAIN_START_HASH, SignedHead, Statement, StatementContent, hash};
 use panelprep_cell::record::CycleId;
 use std::collections::BTreeMap;
 
-/// A statement and its signature, as they were found.
+/// A statement and its signature, not yet verified.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Signed {
-    /// Name of the statement in messages, such as its file.
+    /// Name of the statement in messages, such as its file name.
     pub name: String,
     /// Its bytes.
     pub bytes: Vec<u8>,
-    /// The 64 bytes of its signature.
+    /// The 64 bytes of the signature.
     pub signature: Vec<u8>,
-    /// What the statement's file name states about it.
+    /// What the file name states about the statement.
     pub claim: NameClaim,
 }
 
-/// What the file name of a statement states about its content.
+/// What a file name states about its statement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NameClaim {
-    /// The name states nothing.
+    /// The file name states nothing about the statement.
     Nothing,
-    /// The statement is the cell's statement of this cycle.
+    /// It is the cell's statement about this cycle.
     Cycle(CycleId),
-    /// The statement has this number.
+    /// It is the statement with this number.
     Number(u64),
 }
 
 /// The result of a verification.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct VerificationResult {
-    /// Differences from what was signed, as text.
+    /// Contradictions to what was signed, as texts.
     pub differences: Vec<String>,
-    /// Missing statement numbers before the last one, as ranges (first, last). They are differences only if the set
-    /// must be complete, not if only a part of the chain was exported.
+    /// Ranges (first, last) of missing statement numbers before the last statement. They are contradictions only if the
+    /// chain must be complete, not if only a part of it was exported.
     pub gaps: Vec<(u64, u64)>,
-    /// The statements with a valid signature, by their numbers, each with its SHA-256.
+    /// The statements with a valid signature and their SHA-256, by statement number.
     pub statements: BTreeMap<u64, (Statement, String)>,
 }
 
@@ -50,10 +50,9 @@ struct ValidStatement<'s> {
     hash: String,
 }
 
-/// Verifies these statements with these public keys. If a `head` is given, its signature is verified too, and the
-/// statements must be complete from the cell's first to the one that the head names. Without a head, missing numbers
-/// are listed separately from differences: a person who has the record of one cycle does not have the records of other
-/// cycles in between.
+/// Verifies statements with these public keys. With a `head`, the head is verified too, and the statements must be
+/// complete, from the first one to the one that the head names. Without a head, missing numbers are returned as gaps
+/// instead of differences: a person who has the record of one cycle does not have those of the other cycles.
 pub fn verify(all: &[Signed], keys: &[PublicKey], head: Option<&Signed>) -> VerificationResult {
     let mut verified = VerificationResult::default();
     let mut whole: BTreeMap<u64, ValidStatement<'_>> = BTreeMap::new();
@@ -112,7 +111,7 @@ fn read<'s>(signed: &'s Signed, keys: &[PublicKey]) -> Result<ValidStatement<'s>
     }
 }
 
-/// Returns a difference if the statement contradicts its file name.
+/// Returns a text if the statement contradicts its file name.
 fn check_claim(signed: &Signed, statement: &Statement) -> Option<String> {
     let is_there = match (signed.claim, &statement.says) {
         (NameClaim::Nothing, _) => true,
@@ -130,14 +129,14 @@ fn check_claim(signed: &Signed, statement: &Statement) -> Option<String> {
     (!is_there).then(|| words(statement.number, statement.cycle()))
 }
 
-/// Returns the missing numbers, from the first number of the cell to the last one present.
+/// Returns the ranges of missing numbers between 1 and the last statement.
 fn gaps(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<(u64, u64)> {
     let before = std::iter::once(0).chain(whole.keys().copied());
     let between = before.zip(whole.keys()).filter(|(before, number)| before + 1 < **number);
     between.map(|(before, number)| (before + 1, number - 1)).collect()
 }
 
-/// Returns a difference for each statement that contains another hash than that of the statement before it.
+/// Returns a text for each statement that does not contain the hash of the previous statement.
 fn broken_links(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
     let mut found = Vec::new();
     let mut before: Option<&ValidStatement<'_>> = None;
@@ -146,7 +145,7 @@ fn broken_links(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
         let expected = match before {
             _ if number == 1 => Some(CHAIN_START_HASH),
             Some(before) if before.statement.number + 1 == number => Some(before.hash.as_str()),
-            // Without the statement before it, the hash cannot be compared.
+            // If the previous statement is missing, the hash cannot be compared.
             Some(_) | None => None,
         };
         if expected.is_some_and(|expected| expected != one.statement.previous) {
@@ -160,7 +159,7 @@ fn broken_links(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
     found
 }
 
-/// Returns the text for a gap in a chain that must be complete.
+/// Returns the text about missing numbers in a chain that must be complete.
 pub fn missing_text((first, last): (u64, u64)) -> String {
     match first == last {
         true => format!("record number {first} is missing"),
@@ -168,7 +167,7 @@ pub fn missing_text((first, last): (u64, u64)) -> String {
     }
 }
 
-/// Returns the text for a gap if only a part of the chain was exported.
+/// Returns the text about missing numbers if only a part of the chain was exported.
 pub fn partial_chain_text((first, last): (u64, u64)) -> String {
     match first == last {
         true => format!("record number {first} is not in this folder"),
@@ -176,7 +175,7 @@ pub fn partial_chain_text((first, last): (u64, u64)) -> String {
     }
 }
 
-/// Returns a difference for each signature of a person that names another version of the record than the present one.
+/// Returns a text for each person's signature that belongs to another version of the cycle's record.
 fn unbound_signatures(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
     let mut found = Vec::new();
     for one in whole.values() {
@@ -198,7 +197,7 @@ fn unbound_signatures(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> 
     found
 }
 
-/// Returns a difference for each record whose verdict is better than its findings allow.
+/// Returns a text for each record whose verdict is better than its findings allow.
 fn unearned_verdicts(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
     let mut found = Vec::new();
     for one in whole.values() {
@@ -217,7 +216,7 @@ fn unearned_verdicts(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
     found
 }
 
-/// Returns the differences between the statements and the head, whose signature is verified too.
+/// Verifies the head and compares the statements with it; returns the contradictions as texts.
 fn missing_from_statements(
     whole: &BTreeMap<u64, ValidStatement<'_>>,
     signed: &Signed,

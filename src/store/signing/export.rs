@@ -1,14 +1,13 @@
-//! An exported record: a folder of statements with their signatures, and the files that they name.
+//! An exported record: a folder with statements, their signatures, and the files that they name.
 //!
-//! The names are `cycle-7.json` with `cycle-7.sig`; `cycle-7-signature-12.json` with its `.sig` for a statement that a
-//! person signed (12 is its number); `cycle-7.pdf` with `cycle-7-page.json` and `.sig`, which name its SHA-256; and
-//! `files/` with each file under its SHA-256. The cameras' original data is not exported: it is large, and the store
-//! keeps it.
+//! The file names are `cycle-7.json` with `cycle-7.sig` for the cell's statement; `cycle-7-signature-12.json` with its
+//! `.sig` for the signature of a person (12 is its number); `cycle-7.pdf` with `cycle-7-page.json` and `.sig`, which
+//! contain the SHA-256 of the PDF; and `files/`, in which each file is named by its SHA-256. The cameras' original data
+//! are not exported, because they are large and stay in the store.
 //!
-//! The PDF contains the signed record, so the record cannot name the PDF. A small statement beside the PDF
-//! ([`SignedPage`]) does: it names the SHA-256 of the PDF and that of the cell's record of the cycle, and is signed
-//! like every record. It is not a link of the chain: the page is made again after each signature of a person, and the
-//! records themselves contain what it shows.
+//! The PDF contains the signed record, so the record cannot contain the hash of the PDF. Instead, a separate signed
+//! statement ([`SignedPage`]) contains the SHA-256 of the PDF and of the cell's record of the cycle. It is not part of
+//! the hash chain: a new PDF is made after each signature of a person, and the PDF only shows what the records contain.
 
 use super::canonical::canonical;
 use super::chain::{NameClaim, Signed, VerificationResult, verify};
@@ -19,24 +18,25 @@ use panelprep_cell::record::CycleId;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The content of an exported folder.
+/// The files of an exported folder.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ExportContent {
-    /// Bytes by name: the `.json` and `.sig` files.
+    /// Contents of the `.json` and `.sig` files, by file name.
     pub statements: BTreeMap<String, Vec<u8>>,
-    /// SHA-256 of the files in `files/`, by name; `None` if there is no such folder. Files are then not checked.
+    /// SHA-256 of the files in `files/`, by file name; `None` if this folder does not exist, and its files are not
+    /// checked.
     pub files: Option<BTreeMap<String, String>>,
-    /// SHA-256 of the PDF pages, by name.
+    /// SHA-256 of the PDF files, by file name.
     pub pdfs: BTreeMap<String, String>,
 }
 
-/// Lists the files of a cycle that are exported: recipe, cell, calibrations, part, pictures; each with its
-/// description and its hash.
+/// Returns the description and the hash of each file of a cycle that is exported: recipe, cell, calibrations, part,
+/// pictures.
 pub fn exported_files(cycle: &SignedCycle) -> Vec<(String, String)> {
     named_files(cycle).into_iter().filter(|(name, _)| !name.starts_with("shot ")).collect()
 }
 
-/// Verifies a folder with these public keys, and with the head if it is given, as [`verify`] does.
+/// Verifies an exported folder with these public keys and, if it is given, with the head, as [`verify`] does.
 pub fn verify_export(export: &ExportContent, keys: &[PublicKey], head: Option<&Signed>) -> VerificationResult {
     let (mut found, mut all) = (Vec::new(), Vec::new());
     let is_page = |name: &str| name.rsplit_once('.').is_some_and(|(stem, _)| cycle_from_page_name(stem).is_some());
@@ -91,7 +91,7 @@ fn differing_files(cycle: &SignedCycle, files: &BTreeMap<String, String>) -> Vec
 /// Identifier of the format of a signed page.
 const PAGE_FORMAT: &str = "panelprep-page-1";
 
-/// The cell's statement about a page.
+/// The cell's signed statement about a PDF.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SignedPage {
@@ -101,19 +101,19 @@ pub struct SignedPage {
     pub cycle: CycleId,
     /// SHA-256 of the cell's record of the cycle.
     pub record_hash: String,
-    /// The number of the last record of this cycle that the page shows: the cell's record, or one that a person
-    /// signed.
+    /// The number of the last statement about this cycle that the PDF shows: the cell's own, or the signature of a
+    /// person.
     pub shows_number: u64,
     /// SHA-256 of the PDF.
     pub pdf_sha256: String,
     /// Time of the signature, ms since 1970.
     pub unix_ms: i64,
-    /// The key that signed the page, 64 hexadecimal digits.
+    /// The public key of the signature, 64 hexadecimal digits.
     pub public_key: String,
 }
 
 impl SignedPage {
-    /// Returns the bytes of the statement about this PDF, and their signature. `shows_number` is the last record that
+    /// Returns the statement about this PDF, and its signature. `shows_number` is the number of the last statement that
     /// the PDF shows.
     ///
     /// # Errors
@@ -149,9 +149,9 @@ impl SignedPage {
     }
 }
 
-/// Lists the pages of an export that differ from what was signed. Each PDF needs a signed page that names this PDF
-/// and the cell's record. `pages` are the `.json` and `.sig` files of signed pages by name, `pdfs` the SHA-256 of
-/// each PDF by name.
+/// Returns a text for each PDF or signed page that is not valid. Each PDF needs a signed page with the hashes of this
+/// PDF and of the cell's record. `pages` are the `.json` and `.sig` files of signed pages by name, `pdfs` the SHA-256
+/// of each PDF by name.
 fn differing_pages(
     pages: &BTreeMap<&str, &[u8]>,
     pdfs: &BTreeMap<String, String>,
@@ -217,39 +217,39 @@ fn page_difference(
     found
 }
 
-/// Returns the name, without its extension, of the cell's statement of a cycle.
+/// Returns the file name, without extension, of the cell's statement about a cycle.
 pub fn cycle_stem(cycle: CycleId) -> String {
     format!("cycle-{cycle}")
 }
 
-/// Returns the name, without its extension, of a person's signature on a cycle.
+/// Returns the file name, without extension, of a person's signature on a cycle.
 pub fn person_signature_stem(cycle: CycleId, number: u64) -> String {
     format!("cycle-{cycle}-signature-{number}")
 }
 
-/// Returns the name, without its extension, of the signed page of a cycle.
+/// Returns the file name, without extension, of the signed page of a cycle.
 pub fn page_stem(cycle: CycleId) -> String {
     format!("cycle-{cycle}-page")
 }
 
-/// Returns the name of a cycle's page as PDF.
+/// Returns the file name of a cycle's PDF.
 pub fn pdf_name(cycle: CycleId) -> String {
     format!("cycle-{cycle}.pdf")
 }
 
-/// Returns the cycle of the signed page with this name, given without its extension; `None` if it is not the name of a
-/// signed page.
+/// Returns the cycle of a signed page, from its file name without extension; `None` if it is not the name of a signed
+/// page.
 fn cycle_from_page_name(stem: &str) -> Option<CycleId> {
     let number = stem.strip_suffix("-page")?.strip_prefix("cycle-")?;
     number.parse().ok().map(CycleId)
 }
 
-/// Returns the cycle of the PDF with this name; `None` if it is not the name of such a PDF.
+/// Returns the cycle of a PDF, from its file name; `None` if it is not the name of a cycle's PDF.
 fn cycle_from_pdf_name(name: &str) -> Option<CycleId> {
     name.strip_suffix(".pdf")?.strip_prefix("cycle-")?.parse().ok().map(CycleId)
 }
 
-/// Returns what a statement's file name, given without its extension, states about it.
+/// Returns what a file name without extension states about its statement.
 fn parse_claim(stem: &str) -> NameClaim {
     let Some(rest) = stem.strip_prefix("cycle-") else { return NameClaim::Nothing };
     match rest.split_once("-signature-") {

@@ -1,4 +1,4 @@
-//! The key that signs for a cell, the public key that verifies the signatures, and the errors in signing and in
+//! The private key that signs for a cell, the public key that verifies its signatures, and the errors of signing and of
 //! reading signed statements.
 
 use ed25519_dalek::ed25519::pkcs8::KeypairBytes;
@@ -7,7 +7,7 @@ use ed25519_dalek::pkcs8::{DecodePrivateKey, DecodePublicKey, EncodePrivateKey, 
 use ed25519_dalek::{Signature, Signer, SigningKey, VerifyingKey};
 use panelprep_cell::files::hex;
 
-/// The error of a key or a statement.
+/// The reason why a key or a statement cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SigningError {
     /// No private key.
@@ -15,7 +15,7 @@ pub enum SigningError {
         "not a valid private ed25519 key ({problem}); valid: a PEM file from `openssl genpkey -algorithm ed25519`"
     )]
     PrivateKey {
-        /// The problem that was found.
+        /// The problem of the key.
         problem: String,
     },
     /// No public key.
@@ -24,19 +24,19 @@ pub enum SigningError {
          keys in one file"
     )]
     PublicKey {
-        /// The problem that was found.
+        /// The problem of the key.
         problem: String,
     },
-    /// The text is not a statement of this form.
+    /// The text is not a valid statement.
     #[error("not a valid signed record ({problem}); valid: an unchanged file from `panelprep record export`")]
     Form {
-        /// The problem that was found.
+        /// The problem of the statement.
         problem: String,
     },
     /// JSON cannot represent the value.
     #[error("the record cannot be written as JSON: {problem}")]
     Json {
-        /// The problem that was found.
+        /// The problem of the value.
         problem: String,
     },
 }
@@ -47,7 +47,7 @@ impl SigningError {
     }
 }
 
-/// The private key of a cell. No text of the program contains it.
+/// The private key of a cell. It never appears in a message or log.
 #[derive(Clone)]
 pub struct CellKey(SigningKey);
 
@@ -58,24 +58,24 @@ impl std::fmt::Debug for CellKey {
 }
 
 impl CellKey {
-    /// Creates a key from 32 random bytes of the operating system.
+    /// Creates a key from 32 random bytes.
     pub fn from_random_bytes(bytes: &[u8; 32]) -> Self {
         CellKey(SigningKey::from_bytes(bytes))
     }
 
-    /// Reads a private key, PKCS #8 in PEM.
+    /// Parses a private key in PEM (PKCS #8).
     ///
     /// # Errors
-    /// If the text is not such a key.
+    /// If the text is not a private ed25519 key.
     pub fn read(pem: &str) -> Result<Self, SigningError> {
         let problem = |error: ed25519_dalek::pkcs8::Error| SigningError::PrivateKey { problem: error.to_string() };
         SigningKey::from_pkcs8_pem(pem).map(CellKey).map_err(problem)
     }
 
-    /// Returns the key as text, in the form that `openssl` writes.
+    /// Returns the key as PEM, in the format of `openssl`.
     ///
     /// # Errors
-    /// If it cannot be encoded.
+    /// If the key cannot be encoded.
     pub fn to_pem(&self) -> Result<String, SigningError> {
         let bytes = KeypairBytes { secret_key: self.0.to_bytes(), public_key: None };
         let pem = bytes.to_pkcs8_pem(LineEnding::LF);
@@ -83,12 +83,12 @@ impl CellKey {
         Ok(pem.to_string())
     }
 
-    /// Returns the key that verifies the signatures of this key.
+    /// Returns the public key that verifies the signatures of this key.
     pub fn public_key(&self) -> PublicKey {
         PublicKey(self.0.verifying_key())
     }
 
-    /// Signs these bytes; the signature is always the same for the same bytes.
+    /// Returns the signature of these bytes; it is deterministic.
     pub fn sign(&self, bytes: &[u8]) -> [u8; 64] {
         self.0.sign(bytes).to_bytes()
     }
@@ -101,10 +101,10 @@ pub struct PublicKey(VerifyingKey);
 const END: &str = "-----END PUBLIC KEY-----";
 
 impl PublicKey {
-    /// Reads every public key in a PEM file; a cell with a replaced key has several.
+    /// Parses all public keys in a PEM file; a cell whose key was replaced has several.
     ///
     /// # Errors
-    /// If there is none, or one is not an ed25519 key.
+    /// If the file contains no public key, or one that is not an ed25519 key.
     pub fn parse_all(pem: &str) -> Result<Vec<Self>, SigningError> {
         let problem = |problem: String| SigningError::PublicKey { problem };
         let blocks = pem.split_inclusive(END).filter(|block| block.contains(END));
@@ -117,10 +117,10 @@ impl PublicKey {
         if keys.is_empty() { Err(problem("the file contains no PUBLIC KEY block".to_owned())) } else { Ok(keys) }
     }
 
-    /// Reads the key from 64 hexadecimal digits, as a statement names it.
+    /// Parses a public key from 64 hexadecimal digits, as in a statement.
     ///
     /// # Errors
-    /// If the text is not such a key.
+    /// If the text is not a public ed25519 key.
     pub fn from_hex(hex: &str) -> Result<Self, SigningError> {
         let problem = |problem: &str| SigningError::PublicKey { problem: problem.to_owned() };
         let digit = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
@@ -135,16 +135,16 @@ impl PublicKey {
         hex(self.0.as_bytes())
     }
 
-    /// Returns the key as PEM, as `openssl pkeyutl -pubin` reads it.
+    /// Returns the public key as PEM, for `openssl pkeyutl -pubin`.
     ///
     /// # Errors
-    /// If it cannot be encoded.
+    /// If the key cannot be encoded.
     pub fn to_pem(&self) -> Result<String, SigningError> {
         let pem = self.0.to_public_key_pem(LineEnding::LF);
         pem.map_err(|error| SigningError::PublicKey { problem: error.to_string() })
     }
 
-    /// Returns whether the private key of this public key signed these bytes.
+    /// Returns whether this is the signature of these bytes by the private key that belongs to this public key.
     pub fn is_valid_signature(&self, bytes: &[u8], signature: &[u8]) -> bool {
         Signature::from_slice(signature).is_ok_and(|signature| self.0.verify_strict(bytes, &signature).is_ok())
     }

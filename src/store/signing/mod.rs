@@ -1,13 +1,14 @@
-//! The signed record: what a cell states about a cycle, and what a person states about that record, as canonical JSON
-//! that the cell's key signs.
+//! Signed records: the cell's statement about a cycle, and the signatures of persons on it, as canonical JSON that is
+//! signed with the cell's key.
 //!
-//! A statement is a JSON object in the form of RFC 8785; its bytes are signed with ed25519. Each statement names the
-//! SHA-256 of the statement before it, over all cycles of the cell. A statement that was changed, deleted, inserted,
-//! exchanged or rolled back therefore contradicts the signature, the chain or a head that was kept elsewhere. A person
-//! with the public key can verify this without the program: the file's bytes are the signed bytes.
+//! A statement is a JSON object in canonical form (RFC 8785); its bytes are signed with ed25519. Each statement
+//! contains the SHA-256 of the previous statement of the cell, over all cycles. Therefore a statement that was changed,
+//! deleted, inserted, exchanged or rolled back contradicts a signature, the hash chain, or a head that is kept
+//! elsewhere. A person with the public key can verify this without the program, because the bytes of the file are the
+//! signed bytes.
 //!
-//! The module is pure: `store` keeps the keys and statements. A person with a copy of the key can sign as the cell
-//! does; the chain does not detect this.
+//! All functions are pure; `store` keeps the keys and the statements. A person with a copy of the private key can sign
+//! like the cell, which the chain does not detect.
 
 mod canonical;
 mod chain;

@@ -1,5 +1,5 @@
-//! A statement of the cell, or of a person at the cell, about a cycle, and its position among all statements of the
-//! cell.
+//! A statement of the cell, or of a person at the cell, about a cycle, with its position in the cell's chain of
+//! statements.
 
 use super::canonical::{canonical, restore_large_numbers};
 use super::key::SigningError;
@@ -10,28 +10,28 @@ use serde_json::Value;
 
 /// Identifier of the format of a statement.
 pub const STATEMENT_FORMAT: &str = "panelprep-record-1";
-/// Fields of a record whose numbers may be too large for canonical JSON: the number of a plan.
+/// Fields of a record with integers that may be too large for canonical JSON: the number of a plan.
 const LARGE_NUMBER_FIELDS: [&str; 1] = ["plan"];
 /// Identifier of the format of a head.
 pub const HEAD_FORMAT: &str = "panelprep-record-head-1";
-/// The hash that the first statement of a cell contains, because it has no predecessor.
+/// The value of `previous` in the first statement of a cell.
 pub const CHAIN_START_HASH: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 
-/// One link of the chain of signed records.
+/// A statement: one link of the cell's chain of signed records.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Statement {
     /// [`STATEMENT_FORMAT`].
     pub form: String,
-    /// The statement's number in the chain, from 1, without gaps over all cycles of the cell.
+    /// Number of the statement in the chain, from 1 without gaps, over all cycles of the cell.
     pub number: u64,
-    /// SHA-256 of the statement before it; [`CHAIN_START_HASH`] if there is none.
+    /// SHA-256 of the previous statement; [`CHAIN_START_HASH`] in the first statement.
     pub previous: String,
     /// Time of the signature, ms since 1970.
     pub unix_ms: i64,
-    /// The key that signed the statement, 64 hexadecimal digits.
+    /// The public key of the signature, 64 hexadecimal digits.
     pub public_key: String,
-    /// The position of the store's chain of all its rows at that time.
+    /// The last position in the store's chain of rows at the time of the signature.
     pub store: SignedChainPosition,
     /// Its content.
     pub says: StatementContent,
@@ -50,66 +50,65 @@ pub struct SignedChainPosition {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StatementContent {
-    /// The cell's statement about a cycle.
+    /// The result of a cycle, signed by the cell.
     Cycle(SignedCycle),
-    /// A person's statement about a cycle's record.
+    /// The signature of a person on the record of a cycle.
     Person(PersonSignature),
 }
 
-/// A cycle with its part.
+/// The record of a cycle and the names of its part, as signed by the cell.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SignedCycle {
     /// Number of the cycle in the store.
     pub id: CycleId,
-    /// The part; `None` if none was named.
+    /// The names of the part; `None` if no name was stated.
     pub part: Option<PartNames>,
-    /// The [`CycleRecord`]. It is stored as a JSON value, so that a record of another version of the program stays
-    /// readable.
+    /// The [`CycleRecord`] as a JSON value, so that the record of another program version can be read too.
     pub record: Value,
 }
 
 impl SignedCycle {
-    /// Creates the signed content from this record.
+    /// Creates the content to sign from the record of a cycle.
     ///
     /// # Errors
-    /// If JSON cannot represent it.
+    /// If JSON cannot represent the record.
     pub fn new(record: &CycleRecord, part: Option<PartNames>) -> Result<Self, SigningError> {
         let bytes = canonical(record)?;
-        // The value is read back from the bytes, so that it compares equal to the record in a file.
+        // The value is parsed from the bytes, so that it is equal to the record in a file.
         let record_value = serde_json::from_slice(&bytes).map_err(SigningError::form_error)?;
         Ok(SignedCycle { id: record.id, part, record: record_value })
     }
 }
 
-/// A person's statement about a record, with the person's printed name.
+/// A person's signature on the record of a cycle.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PersonSignature {
     /// The cycle.
     pub cycle: CycleId,
-    /// SHA-256 of the cell's statement of that cycle: the signature is valid only for this record.
+    /// SHA-256 of the cell's statement about the cycle; the signature is valid only for this statement.
     pub record_hash: String,
     /// The person's printed name.
     pub name: String,
-    /// The account by which the person was recognized.
+    /// The account with which the person was logged in.
     pub user: String,
     /// The meaning of the signature.
     pub meaning: Meaning,
-    /// The person's remark; `None` if there is none.
+    /// The person's remark, if there is one.
     pub remark: Option<String>,
-    /// The values that the cell does not measure.
+    /// Values that the cell does not measure, as stated by the person.
     #[serde(default, skip_serializing_if = "StatedValues::is_empty")]
     pub values: StatedValues,
 }
 
-/// Values that the cell does not measure, in the words of the person who signs; `None` if the person states none.
+/// Values that the cell does not measure, as stated by the person who signs. A value is `None` if it was not stated.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StatedValues {
     /// The water: kind, conductivity, temperature.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub water: Option<String>,
-    /// The lamp: kind, brightness at the panel.
+    /// The lamp: kind, illuminance at the panel.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lamp: Option<String>,
     /// The ambient temperature and humidity.
@@ -121,12 +120,12 @@ pub struct StatedValues {
 }
 
 impl StatedValues {
-    /// Returns whether the person states no value.
+    /// Returns whether no value was stated.
     pub fn is_empty(&self) -> bool {
         *self == StatedValues::default()
     }
 
-    /// Returns the values with their names, in the order in which a page prints them.
+    /// Returns the values with their names, in the order of the printed page.
     pub fn named(&self) -> [(&'static str, Option<&String>); 4] {
         let StatedValues { water, lamp, ambient, abrasive } = self;
         [
@@ -142,20 +141,20 @@ impl StatedValues {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Meaning {
-    /// The part is released.
+    /// The part was inspected and is released.
     InspectedAndReleased,
-    /// The part is not released.
+    /// The part was inspected and is not released.
     InspectedAndNotReleased,
-    /// The record was read.
+    /// The record was reviewed.
     Reviewed,
-    /// A deviation that the record states is accepted.
+    /// A deviation stated in the record is accepted.
     DeviationAccepted,
     /// An earlier release is withdrawn: the part is not released.
     ReleaseWithdrawn,
 }
 
 impl Meaning {
-    /// All meanings, in the order in which they are offered.
+    /// All meanings, in the order of the selection list.
     pub const ALL: [Meaning; 5] = [
         Meaning::InspectedAndReleased,
         Meaning::InspectedAndNotReleased,
@@ -164,7 +163,7 @@ impl Meaning {
         Meaning::ReleaseWithdrawn,
     ];
 
-    /// Returns the printed text of the meaning.
+    /// Returns the meaning of the signature as it is printed on the signed page, such as "released".
     pub fn printed_text(self) -> &'static str {
         match self {
             Meaning::InspectedAndReleased => "inspected and released",
@@ -177,10 +176,10 @@ impl Meaning {
 }
 
 impl SignedCycle {
-    /// Returns the record as this program's own type.
+    /// Parses the record of the cycle.
     ///
     /// # Errors
-    /// If it cannot be read, for example because another version of this program wrote it.
+    /// If the record cannot be parsed, for example because another version of this program wrote it.
     pub fn cycle_record(&self) -> Result<CycleRecord, SigningError> {
         serde_json::from_value(restore_large_numbers(self.record.clone(), &LARGE_NUMBER_FIELDS))
             .map_err(SigningError::form_error)
@@ -188,7 +187,7 @@ impl SignedCycle {
 }
 
 impl Statement {
-    /// Returns the bytes that are signed.
+    /// Returns the statement in canonical JSON, which is signed.
     ///
     /// # Errors
     /// If JSON cannot represent the statement.
@@ -196,10 +195,10 @@ impl Statement {
         canonical(self)
     }
 
-    /// Reads a statement; its bytes must be in canonical form.
+    /// Parses a statement in canonical JSON.
     ///
     /// # Errors
-    /// If the bytes are not a statement, or are not in canonical form.
+    /// If the bytes are not a valid statement, or not in canonical form.
     pub fn read(bytes: &[u8]) -> Result<Self, SigningError> {
         let statement: Statement = read(bytes)?;
         match statement.form.as_str() {
@@ -210,7 +209,7 @@ impl Statement {
         }
     }
 
-    /// Returns the cycle that the statement is about.
+    /// Returns the cycle to which the statement refers.
     pub fn cycle(&self) -> CycleId {
         match &self.says {
             StatementContent::Cycle(cycle) => cycle.id,
@@ -219,28 +218,28 @@ impl Statement {
     }
 }
 
-/// The head of the chain at one moment, to be kept elsewhere: later it shows whether statements were removed from
-/// the end.
+/// The head of the chain of statements at one moment. It is kept elsewhere, and shows later whether statements were
+/// removed from the end of the chain.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SignedHead {
     /// [`HEAD_FORMAT`].
     pub form: String,
-    /// The number of the last statement; 0 if there is none.
+    /// Number of the last statement; 0 if there is none.
     pub number: u64,
     /// Its SHA-256.
     pub hash: String,
     /// Time at which the head was written, ms since 1970.
     pub unix_ms: i64,
-    /// The key that signed the head.
+    /// The public key of the signature on the head.
     pub public_key: String,
 }
 
 impl SignedHead {
-    /// Reads a head.
+    /// Parses a head in canonical JSON.
     ///
     /// # Errors
-    /// If the bytes are not a head, or are not in canonical form.
+    /// If the bytes are not a valid head, or not in canonical form.
     pub fn read(bytes: &[u8]) -> Result<Self, SigningError> {
         let head: SignedHead = read(bytes)?;
         match head.form.as_str() {
@@ -252,7 +251,7 @@ impl SignedHead {
     }
 }
 
-/// Reads a text that must be in canonical form.
+/// Parses JSON that must be in canonical form.
 pub(super) fn read<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T, SigningError> {
     let value: Value = serde_json::from_slice(bytes).map_err(SigningError::form_error)?;
     if canonical(&value)? != bytes {
@@ -261,8 +260,8 @@ pub(super) fn read<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T, Si
     serde_json::from_value(value).map_err(SigningError::form_error)
 }
 
-/// Lists the files that a cycle's statement names by their SHA-256: the files used in the cycle and every picture,
-/// each with its description.
+/// Returns the description and the SHA-256 of each file that the cell's statement about a cycle names: the files used
+/// in the cycle, and all pictures.
 pub fn named_files(cycle: &SignedCycle) -> Vec<(String, String)> {
     let text = |value: &Value, name: &str| value.get(name).and_then(Value::as_str).map(str::to_owned);
     let list = |value: &Value, name: &str| value.get(name).and_then(Value::as_array).cloned().unwrap_or_default();
@@ -284,7 +283,7 @@ pub fn named_files(cycle: &SignedCycle) -> Vec<(String, String)> {
     files
 }
 
-/// Returns the SHA-256 of these bytes, by which the next statement or a person's signature refers to them.
+/// Returns the SHA-256 by which the next statement, or a person's signature, refers to these bytes.
 pub(super) fn hash(bytes: &[u8]) -> String {
     content_hash(bytes)
 }

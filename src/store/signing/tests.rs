@@ -1,4 +1,4 @@
-//! Records as they are signed and exported: every change of a signed record is detected and named.
+//! Tests of signed and exported records: every change of a signed record is detected and named.
 
 use super::*;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
@@ -62,7 +62,7 @@ fn part() -> Option<PartNames> {
     Some(PartNames { serial: Some("SN 17".to_owned()), order: None, operator: Some("Ada".to_owned()) })
 }
 
-/// Returns six cycles as an exported folder with its head. A person released each cycle except the first.
+/// Returns an exported folder with six cycles, and its head. A person has released every cycle except the first one.
 fn exported() -> (ExportContent, Signed) {
     let (key, mut export) = (key(), ExportContent { files: Some(BTreeMap::new()), ..ExportContent::default() });
     let (mut pdfs, mut pages) = (BTreeMap::new(), BTreeMap::new());
@@ -120,8 +120,8 @@ fn found(export: &ExportContent, head: Option<&Signed>) -> Vec<String> {
     verify_export(export, &[key().public_key()], head).differences
 }
 
-/// RFC 8785, 3.2.3 and its appendix B, calculated by hand: names in the order of UTF-16, the shortest digits, no
-/// spaces. 2⁵³ is written as a text: a double can hold 2⁵³ but cannot distinguish it from its neighbour.
+/// Expected text, written by hand according to RFC 8785, 3.2.3 and appendix B: names in the order of UTF-16, the
+/// shortest digits, no spaces. 2⁵³ is written as a string, because a double cannot distinguish 2⁵³ from 2⁵³ + 1.
 #[test]
 fn the_canonical_form_is_that_of_the_standard() {
     let value = json!({"b": [1.0, 1e21, 333_333_333.333_333_3, -0.0], "a": "é\n", "plan": u64::MAX, "most": (1_u64 << 53) - 1});
@@ -131,8 +131,8 @@ fn the_canonical_form_is_that_of_the_standard() {
     assert_eq!(text, expected);
 }
 
-/// A person with the cell's key can sign any content. The public key and the record are enough to detect a verdict pass
-/// that contradicts a finding.
+/// A person with the cell's private key can sign any content. The public key and the record are sufficient to detect a
+/// verdict pass that contradicts a finding.
 #[test]
 fn a_pass_that_its_findings_forbid_is_refused() {
     let judged = |verdict, code: &'static str| {
@@ -177,7 +177,7 @@ fn a_pass_that_its_findings_forbid_is_refused() {
     assert_eq!(reported(Verdict::Accept, None), [] as [String; 0]);
 }
 
-/// RFC 8032, 7.1, test 2.
+/// Expected values: RFC 8032, 7.1, test 2.
 #[test]
 fn a_signature_is_that_of_the_standard() {
     let bytes = |hex: &str| -> Vec<u8> {
@@ -220,7 +220,7 @@ fn a_complete_export_has_no_differences() {
     assert_eq!((first.id, &first.part), (CycleId(1), &part()));
     assert_eq!(first.record["findings"][0]["numbers"][0]["value"], json!(0.1 + 0.2), "to the bit");
     assert_eq!(verified.gaps, []);
-    // A part of the chain can also be verified; if the head is given, the chain must be complete.
+    // A part of the chain can be verified, too; but with a head the chain must be complete.
     let mut part = export.clone();
     let is_in_part = |name: &String| ["cycle-2", "cycle-5"].iter().any(|stem| name.starts_with(stem));
     part.statements.retain(|name, _| is_in_part(name));
@@ -235,7 +235,7 @@ fn a_complete_export_has_no_differences() {
         reported.differences
     );
     assert_eq!((reported.differences.len(), reported.gaps), (3, vec![]));
-    // A cycle and the persons' signatures on it can be verified without other records.
+    // A cycle and the signatures on it can be verified without the statements about other cycles.
     let of_third = export.statements.clone().into_iter().filter(|(name, _)| name.starts_with("cycle-3")).collect();
     let pdfs = export.pdfs.clone().into_iter().filter(|(name, _)| name.starts_with("cycle-3")).collect();
     assert_eq!(found(&ExportContent { statements: of_third, pdfs, files: None }, None), [] as [String; 0]);
@@ -254,8 +254,8 @@ fn a_record_that_is_not_canonical_is_refused() {
     assert!(refused.contains("\"panelprep-record-9\", expected \"panelprep-record-1\""), "{refused}");
 }
 
-/// Canonical JSON stores a plan's number as a text. The record reads back unchanged, and a serial number of digits
-/// stays a text.
+/// In canonical JSON the number of a plan is a string. The record that is read back is unchanged, and a serial number
+/// that consists of digits stays a string.
 #[test]
 fn a_signed_record_reads_back_with_every_digit() {
     let motion = Motion { epoch: 1, path: Path::Contact, plan: 13_988_697_933_614_533_883, waypoints: 138 };
@@ -266,8 +266,8 @@ fn a_signed_record_reads_back_with_every_digit() {
     assert_eq!(signed.cycle_record().expect("reads"), record);
 }
 
-/// Calculated by hand: the cell's record of cycle 1 has number 1, that of cycle n has 2n − 2, and the person's
-/// signature on cycle n has 2n − 1.
+/// Expected numbers, calculated by hand: the cell's statement about cycle 1 has the number 1, the one about cycle n has
+/// 2n − 2, and the person's signature on cycle n has 2n − 1.
 #[test]
 fn each_kind_of_change_is_named() {
     let changed = |change: &dyn Fn(&mut ExportContent, &mut Signed)| {
@@ -347,7 +347,7 @@ fn each_kind_of_change_is_named() {
         ),
         (
             Box::new(|export, _| {
-                // An earlier version of this cycle's page, made before the person signed.
+                // An earlier page of this cycle, from before the person's signature.
                 let signed = content_hash(&export.statements["cycle-3.json"]);
                 let (page, signature) =
                     SignedPage::sign(b"%PDF of cycle 3", (CycleId(3), &signed, 4), 7, &key()).expect("JSON");
@@ -393,8 +393,8 @@ fn each_kind_of_change_is_named() {
     }
 }
 
-/// A person with the cell's key can sign any content. This person still cannot replace a record if the head is kept
-/// elsewhere, or a record that another person has signed.
+/// A person with the cell's private key can sign any content. But a changed record is detected if the head is kept
+/// elsewhere, or if another person has signed the record.
 #[test]
 fn a_forged_record_contradicts_the_chain_the_head_and_the_person() {
     let (mut export, head) = exported();
@@ -420,7 +420,7 @@ fn a_forged_record_contradicts_the_chain_the_head_and_the_person() {
     assert!(told.iter().any(|told| told.contains("rolled back")), "{told:?}");
 }
 
-/// Changes one random element; returns the kind of change and a word that the difference must contain.
+/// Makes a random change, and returns its kind and a word that the reported difference must contain.
 fn change(random: &mut Pcg64, export: &mut ExportContent, head: &mut Signed) -> (&'static str, String) {
     let (pages, names): (Vec<String>, Vec<String>) =
         export.statements.keys().cloned().partition(|name| name.contains("-page."));

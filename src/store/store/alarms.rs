@@ -1,8 +1,8 @@
-//! The alarms of a cycle, with the times that the store contains for them.
+//! The alarms of a cycle, with the times from the store.
 //!
-//! The time of each finding is a row that is written in the transaction of its finding; findings of earlier versions
-//! of this program have none. An acknowledgement (who acknowledged which alarm, and when) is a row that is written
-//! once and never changed: an alarm that is raised again is a new alarm.
+//! The time of a finding is stored in the same transaction as the finding; findings of earlier program versions have no
+//! time. An acknowledgement (the alarm, the person, the time) is a row that is written once and never changed: an alarm
+//! that is raised again is a new alarm.
 
 use super::commit::{TransactionFailure, WriteTransaction};
 use super::database::{Store, unix_ms};
@@ -34,7 +34,7 @@ impl Store {
     /// Returns the alarms of a cycle in the order in which they were raised, with their acknowledgements.
     ///
     /// # Errors
-    /// If there is no such cycle, or it cannot be read.
+    /// If the cycle does not exist, or cannot be read.
     pub fn alarms(&self, cycle: CycleId) -> Result<Vec<Alarm>, StoreError> {
         let record = self.cycle(cycle)?;
         let times = AlarmTimes {
@@ -44,11 +44,11 @@ impl Store {
         Ok(alarms(&record, &times, &self.acknowledgements(Some(cycle))?))
     }
 
-    /// Returns the time, ms since 1970, at which a person first reset or cleared the cell after the end of a cycle,
-    /// or the next cycle began.
+    /// Returns the time after the end of a cycle at which a person first reset or cleared the cell, or the next cycle
+    /// began, ms since 1970.
     fn settled_unix_ms(&self, record: &CycleRecord) -> Result<Option<i64>, StoreError> {
         let Some(ended_unix_s) = record.ended_unix_s else { return Ok(None) };
-        // The end is stored in whole seconds: a request in that second may have been before it.
+        // The end of the cycle is stored in whole seconds: a request in the same second may have been earlier.
         let after_unix_ms = (ended_unix_s + 1) * 1_000;
         // A store of an earlier version of this program has no table of requests.
         let (asked, count) = match self.has_table("requests")? {
@@ -69,11 +69,11 @@ impl Store {
         read().map_err(|error| self.database_error("read the times of resets in", &error))
     }
 
-    /// Returns the time at which each finding of a cycle was stored, ms since 1970, in their order; `None` for findings
-    /// of an earlier version of this program.
+    /// Returns the time at which each finding of a cycle was stored, ms since 1970, in the order of the findings;
+    /// `None` for findings of an earlier program version.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the times cannot be read.
     pub fn finding_times_unix_ms(&self, cycle: CycleId) -> Result<Vec<Option<i64>>, StoreError> {
         let read = || -> Result<Vec<Option<i64>>, rusqlite::Error> {
             let sql = match self.connection.table_exists(None, "finding_times")? {
@@ -88,10 +88,10 @@ impl Store {
         read().map_err(|error| self.database_error("read the times of findings in", &error))
     }
 
-    /// Stores a person's acknowledgement of an alarm; its time is set here.
+    /// Stores the acknowledgement of an alarm, with the present time.
     ///
     /// # Errors
-    /// If the store is open for reading or cannot be written, or has no such cycle.
+    /// If the store is open for reading only or cannot be written, or the cycle does not exist.
     pub fn acknowledge(&mut self, acknowledgement: &Acknowledgement) -> Result<(), StoreError> {
         let unix_ms = unix_ms(self.clock());
         let Acknowledgement { cycle, code, raised_unix_ms, who, .. } = acknowledgement;
@@ -105,11 +105,10 @@ impl Store {
         })
     }
 
-    /// Returns the acknowledgements of a cycle's alarms, the oldest first; with `None`, those of alarms outside of
-    /// cycles.
+    /// Returns the acknowledgements of a cycle's alarms, the oldest first; `None` for the alarms between cycles.
     ///
     /// # Errors
-    /// If they cannot be read. A store of an earlier version of this program has none.
+    /// If the acknowledgements cannot be read.
     pub fn acknowledgements(&self, cycle: Option<CycleId>) -> Result<Vec<Acknowledgement>, StoreError> {
         let read = || -> Result<Vec<Acknowledgement>, rusqlite::Error> {
             if !self.connection.table_exists(None, "acknowledgements")? {
@@ -132,7 +131,7 @@ impl Store {
     }
 }
 
-/// Writes the time at which a finding was stored, in the transaction that writes the finding.
+/// Inserts the time at which a finding is stored, in the transaction of the finding.
 pub(super) fn insert_finding_time(
     writing: &mut WriteTransaction<'_>,
     finding: i64,

@@ -1,4 +1,4 @@
-//! Files named by their content.
+//! The folder of files that are named by the hash of their content (blobs).
 
 use super::error::StoreError;
 use super::flush;
@@ -8,18 +8,18 @@ use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Number of temporary files that this process has begun. It makes their names different if two threads store the same
+/// Number of temporary files that this process has created. It makes their names unique if two threads store the same
 /// content at the same time.
 static TEMPORARY_FILE_COUNT: AtomicU64 = AtomicU64::new(0);
 
-/// A folder of files that are named by their content.
+/// A folder of files that are named by the hash of their content.
 #[derive(Debug, Clone)]
 pub struct Blobs {
     folder: PathBuf,
 }
 
 impl Blobs {
-    /// Opens the folder of a store's files for reading; creates nothing.
+    /// Returns the folder of a store's files for reading, without creating it.
     pub(super) fn open_for_reading(store: &Path) -> Self {
         Blobs::for_folder(store.join("blobs"))
     }
@@ -31,43 +31,43 @@ impl Blobs {
         Ok(blobs)
     }
 
-    /// Uses this folder for the files; it need not exist.
+    /// Returns the folder at this path; it need not exist.
     pub fn for_folder(folder: PathBuf) -> Self {
         Blobs { folder }
     }
 
-    /// Makes the folder.
+    /// Creates the folder.
     ///
     /// # Errors
-    /// If the disk reports an error.
+    /// If the folder cannot be created.
     pub fn create_folder(&self) -> Result<(), StoreError> {
         fs::create_dir_all(&self.folder).map_err(file_error("create", &self.folder))
     }
 
-    /// Returns the folder of the blobs.
+    /// Returns the path of the folder.
     pub(super) fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// Returns the folder of the store that contains these files.
+    /// Returns the path of the store that contains this folder.
     pub(super) fn store(&self) -> &Path {
         self.folder.parent().unwrap_or(Path::new("."))
     }
 
-    /// Stores these bytes and returns their hash. They are written under another name, flushed, then renamed, so that a
-    /// file with a hash as its name is complete or absent.
+    /// Stores bytes in a file, and returns their hash. The file is written with a temporary name, flushed, and then
+    /// renamed, so that a file with a hash as its name is always complete.
     ///
     /// # Errors
-    /// If the disk reports an error, or the file exists already and is damaged.
+    /// If the file cannot be written, or already exists and is damaged.
     pub fn store_bytes(&self, bytes: &[u8]) -> Result<String, StoreError> {
         let hash = content_hash(bytes);
         let path = self.folder.join(&hash);
         match self.get(&hash) {
-            // The process that wrote the file may not have flushed its folder entry.
+            // The file exists, but the process that wrote it may have ended before it flushed the folder.
             Ok(_) => return self.flush_names().map(|()| hash),
             Err(StoreError::File { source, .. }) if source.kind() == ErrorKind::NotFound => {}
             // A damaged file is not replaced: an unexplained change of a file on this disk must be reported, not
-            // repaired.
+            // hidden.
             Err(error) => return Err(error),
         }
         let part = self.part(&hash);
@@ -93,26 +93,25 @@ impl Blobs {
         self.folder.join(format!("{name}.{}.{number}.part", std::process::id()))
     }
 
-    /// Writes and flushes a test file here, and returns the free space, MB.
+    /// Writes and flushes a test file in the folder, and returns the free space on the disk, MB.
     pub(super) fn free_mb(&self) -> Result<u64, StoreError> {
         let probe = self.part("probe");
-        // A test file is written because a disk that has become read-only still reports its free space.
+        // The test file is needed, because a disk that has become read-only still reports its free space.
         let written = write_flushed(&probe, b"probe").map_err(file_error("write", &probe));
         let removed = fs::remove_file(&probe).map_err(file_error("remove", &probe));
         written.and(removed)?;
         free_mb(&self.folder).map_err(file_error("read the free space on the disk of", &self.folder))
     }
 
-    /// Returns whether there is a file with this hash. The file was complete when it was written; its content is not
-    /// checked.
+    /// Returns whether a file with this hash exists. Its content is not verified.
     pub fn contains(&self, hash: &str) -> bool {
         self.folder.join(hash).is_file()
     }
 
-    /// Returns the bytes with this hash.
+    /// Returns the content of the file with this hash, after verifying the hash.
     ///
     /// # Errors
-    /// If the file is missing or no longer has this hash.
+    /// If the file is missing, or its content was changed.
     pub fn get(&self, hash: &str) -> Result<Vec<u8>, StoreError> {
         let path = self.folder.join(hash);
         let bytes = fs::read(&path).map_err(file_error("read", &path))?;

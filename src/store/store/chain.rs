@@ -1,8 +1,8 @@
-//! The chain of all rows that were written to the store; each link contains the SHA-256 of the link before it.
+//! The hash chain over all rows that are written to the store. Each link contains the SHA-256 of the previous link.
 //!
-//! A link contains the hash of the columns that one transaction wrote; a row whose end is written later has two links.
-//! The last link is the head, which is also kept outside of the database (see `head`). Rows that are changed, deleted,
-//! added or reordered without this program contradict a link, and a shortened chain contradicts the head.
+//! A link contains the hash of the columns that one transaction has written; a row whose end is written later has two
+//! links. The last link is the head, which is also stored in a file outside of the database (see `head`). Rows that are
+//! changed, deleted, added or reordered without this program contradict a link; a truncated chain contradicts the head.
 
 use rusqlite::types::ValueRef;
 use rusqlite::{Connection, OptionalExtension, params};
@@ -21,7 +21,7 @@ pub(super) const TABLES: &str = "
 /// A SHA-256.
 pub(super) type Hash = [u8; 32];
 
-/// A position in the chain: link 0 is before the first link.
+/// A position in the chain: the number of a link, and its hash. Link 0 is the start of the chain.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct ChainPosition {
     pub link: i64,
@@ -31,7 +31,7 @@ pub(super) struct ChainPosition {
 impl ChainPosition {
     pub const START: ChainPosition = ChainPosition { link: 0, hash: [0; 32] };
 
-    /// Returns the position after a link to this row.
+    /// Returns the position after a new link for this row.
     pub fn next_position(&self, part: &str, row_key: i64, row_hash: &Hash) -> ChainPosition {
         let link = self.link + 1;
         let mut hasher = Sha256::new();
@@ -44,20 +44,20 @@ impl ChainPosition {
     }
 }
 
-/// The columns of a table that are set by one write.
+/// The columns of a table that are written together.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct HashedTable {
-    /// The name of this table in the chain; it never changes.
+    /// The permanent name of the table in the chain.
     pub name: &'static str,
-    /// The term for a row in messages.
+    /// How messages name a row of the table.
     pub row_term: &'static str,
     pub table: &'static str,
-    /// The column or expression with the row's number, in SQL.
+    /// SQL expression for the key of a row.
     pub key: &'static str,
     pub columns: &'static [&'static str],
-    /// The condition for the rows that this write has set, in SQL.
+    /// SQL condition for the rows in which these columns are already written.
     pub is_written_sql: &'static str,
-    /// Whether a later write replaces the columns of an earlier one.
+    /// Whether these columns may be written again with other values.
     pub is_replaced: bool,
 }
 
@@ -75,7 +75,7 @@ impl HashedTable {
     }
 }
 
-/// Every table with its columns. If a store has no chain, its rows are added to a new chain in this order.
+/// All tables with their columns. The rows of a store without a chain are added to a new chain in this order.
 pub(super) static HASHED_TABLES: [HashedTable; 26] = [
     HashedTable::row(
         "taught_panels",
@@ -173,7 +173,7 @@ pub(super) fn part(name: &str) -> Option<&'static HashedTable> {
     HASHED_TABLES.iter().find(|part| part.name == name)
 }
 
-/// Returns the position of the last link of a database; the start of the chain if there is no link.
+/// Returns the position of the last link; the start of the chain if there are no links.
 pub(super) fn last_link(connection: &Connection) -> Result<ChainPosition, rusqlite::Error> {
     let last = connection
         .prepare_cached("SELECT link, hash FROM chain ORDER BY link DESC LIMIT 1")?
@@ -182,7 +182,7 @@ pub(super) fn last_link(connection: &Connection) -> Result<ChainPosition, rusqli
     Ok(last.unwrap_or(ChainPosition::START))
 }
 
-/// Returns the hash of a row's values in these columns; `None` if there is no such row.
+/// Returns the hash of the values in these columns of a row; `None` if the row does not exist.
 pub(super) fn row_hash(
     connection: &Connection,
     part: &HashedTable,
@@ -200,8 +200,8 @@ pub(super) fn row_hash(
     Ok(Some(hasher.finalize().into()))
 }
 
-/// Adds a column and its value to a hash. A NULL value is omitted, so that a column that a later version of this
-/// program adds changes no earlier hash.
+/// Adds the name and the value of a column to a hash. NULL values are skipped, so that a column that is added in a
+/// newer program version does not change earlier hashes.
 fn hash_value(hasher: &mut Sha256, column: &str, value: ValueRef<'_>) {
     if value == ValueRef::Null {
         return;
@@ -237,7 +237,7 @@ fn hash_with_length(hasher: &mut Sha256, bytes: &[u8]) {
     hasher.update(bytes);
 }
 
-/// Adds the link for the values just written to a row; returns the chain's new position.
+/// Adds a link for the values that were just written to a row, and returns the new position.
 pub(super) fn add(
     connection: &Connection,
     last: ChainPosition,

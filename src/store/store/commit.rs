@@ -1,4 +1,5 @@
-//! A transaction: rows, their links in the chain, and the head outside of the database, committed completely or not at all.
+//! A transaction: the rows, their links in the hash chain, and the head outside of the database are committed
+//! completely or not at all.
 
 use super::chain::ChainPosition;
 use super::database::{Step, Store};
@@ -22,12 +23,12 @@ impl Deref for WriteTransaction<'_> {
 }
 
 impl WriteTransaction<'_> {
-    /// Writes rows with a statement that is compiled once; returns the number of rows.
+    /// Executes an SQL statement, which is compiled only once, and returns the number of changed rows.
     pub fn execute(&self, sql: &str, values: impl Params) -> Result<usize, rusqlite::Error> {
         self.transaction.prepare_cached(sql)?.execute(values)
     }
 
-    /// Reads a row with a statement that is compiled once.
+    /// Reads a row with an SQL statement that is compiled only once.
     pub fn query_row<T>(
         &self,
         sql: &str,
@@ -37,7 +38,7 @@ impl WriteTransaction<'_> {
         self.transaction.prepare_cached(sql)?.query_row(values, row)
     }
 
-    /// Adds a link to the chain for the data that were just written to this row.
+    /// Adds a link to the chain for the values that were just written to this row.
     pub fn chain(&mut self, part: &'static str, row_key: i64) -> Result<(), TransactionFailure> {
         let part = chain::part(part).ok_or_else(|| rusqlite::Error::InvalidColumnName(part.to_owned()))?;
         self.last = chain::add(&self.transaction, self.last, part, row_key)?;
@@ -50,7 +51,7 @@ impl WriteTransaction<'_> {
 pub(super) enum TransactionFailure {
     Sql(rusqlite::Error),
     Head(std::io::Error),
-    /// The data for the transaction are not valid.
+    /// The values to write are not valid.
     InvalidValue(StoreError),
 }
 
@@ -67,7 +68,7 @@ impl From<StoreError> for TransactionFailure {
 }
 
 impl Store {
-    /// Commits the rows that `write` writes. `write` may be called again if the disk was full and the reserve was
+    /// Commits the rows that `write` writes. `write` is called a second time if the disk was full and the reserve was
     /// released.
     pub(super) fn commit<T>(
         &mut self,
@@ -77,7 +78,7 @@ impl Store {
         let mut done = self.run_transaction(&write);
         if done.as_ref().is_err_and(|failed| self.is_disk_full_failure(failed)) {
             self.fullness.mark_full();
-            // This happens only once: if the transaction fails again without the reserve, the error is a full disk.
+            // The reserve is released only once: if the transaction fails again, the error is a full disk.
             if self.reserve.release() {
                 tracing::warn!(
                     "the disk of the store is full; the reserve of {} MB is released",
@@ -104,20 +105,20 @@ impl Store {
             return Err(TransactionFailure::InvalidValue(StoreError::ReadOnly { path: self.path().to_owned() }));
         };
         let _turn = head.acquire_write_guard().map_err(TransactionFailure::Head)?;
-        // The write lock is taken at the beginning. If a transaction read first and took the lock later, it could fail
-        // with an error that cannot be solved by waiting.
+        // The write lock is taken at the beginning. If a transaction first reads and takes the lock later, it can fail
+        // with an error that waiting cannot solve.
         let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let before = chain::last_link(&transaction)?;
         let mut writing = WriteTransaction { transaction, last: before };
         let done = write(&mut writing)?;
         let WriteTransaction { transaction, last } = writing;
-        // Before the commit, the head names the present and the next position. After a power cut at any moment, the
-        // chain therefore ends at one of the two.
+        // Before the commit, the head file contains both the present and the next position. After a power failure at
+        // any moment, the chain ends at one of the two.
         head.prepare(before, last).map_err(TransactionFailure::Head)?;
         self.steps.reach(Step::Prepared);
         transaction.commit()?;
         self.steps.reach(Step::Committed);
-        // An error is only logged here: the head file already names this position as the possible next one.
+        // This error is only logged, because the head file already contains this position as the possible next one.
         if let Err(error) = head.write_position(last) {
             tracing::warn!("the head of the store could not be written: {error}");
         }

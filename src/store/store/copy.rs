@@ -1,5 +1,5 @@
-//! A copy of the database by SQLite's online backup, while a service writes to it. It is made for a backup, and
-//! before the tables of an earlier version of this program are changed.
+//! Copies the database with SQLite's online backup, while a service may write to it. The copy is made for a backup, and
+//! before the tables of an earlier program version are migrated.
 
 use super::chain::ChainPosition;
 use super::database::{DATABASE, Store};
@@ -14,55 +14,55 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Time for which the copy waits for a lock of the database.
+/// Maximum time that the copy waits for a lock of the database.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(30);
 const LOCK_RETRY_INTERVAL: Duration = Duration::from_millis(10);
 
-/// A copy of the rows of a store.
+/// The result of copying the rows of a store.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct CopiedStore {
-    /// Differences from the written content, as text; if there are any, there is no copy.
+    /// Contradictions found in the store, as texts. If there are any, no copy was made.
     pub deviations: Vec<String>,
-    /// Number of links of the copied chain.
+    /// Number of links in the copied chain.
     pub links: u64,
-    /// The files that the copied rows name, by their hashes, without the files that were removed according to `[store]
+    /// The hashes of the files that the copied rows name, without the files that were removed according to `[store]
     /// keep`.
     pub files: Vec<String>,
 }
 
-/// The files of a complete store, in addition to `blobs/`.
+/// The files of a store, in addition to the folder `blobs/`.
 pub const ROW_FILES: [&str; 2] = [DATABASE, head::FILE];
-/// The folder of the files to which the database rows refer.
+/// The folder of the files to which the rows of the database refer.
 pub const BLOBS: &str = "blobs";
 
 impl Store {
-    /// Copies the rows of the store in `folder` and the head of their chain into the folder `to`, also while a service
-    /// writes to it, and verifies the copy. The copy contains the state at one moment, without later writes.
+    /// Copies the rows of the store in `folder`, and the head of its chain, into the folder `to`, and verifies the
+    /// copy. A service may write to the store meanwhile; the copy contains the state at one moment.
     ///
     /// # Errors
-    /// If there is no store, it was written by an earlier version of this program, or the copy cannot be written.
+    /// If there is no store, it was written by an earlier program version, or the copy cannot be written.
     pub fn copy_rows(folder: &Path, to: &Path) -> Result<CopiedStore, StoreError> {
         let store = Store::open(folder)?;
         let found = schema::version(&store.connection, store.path())?;
         if found < schema::SCHEMA {
             return Err(StoreError::Older { path: folder.to_owned(), found, known: schema::SCHEMA });
         }
-        // A read transaction begins: from now on the rows do not change for this connection, and the head is that of
-        // the same moment.
+        // Begin a read transaction: from now on this connection sees the same rows, and the head is read at the same
+        // moment.
         let begin = || -> Result<ChainPosition, rusqlite::Error> {
             store.connection.execute_batch("BEGIN")?;
             chain::last_link(&store.connection)
         };
         let (head_read, last) = match head::read_locked(folder, begin) {
             Ok((head_read, last)) => (Ok(head_read), last),
-            // A writer that does not release the lock in time is no evidence of a changed store.
+            // A lock that is not released in time does not mean that the store was changed.
             Err(error) if error.kind() == std::io::ErrorKind::TimedOut => {
                 return Err(file_error("read the head in", folder)(error));
             }
             Err(error) => (Err(error), begin()),
         };
         let last = last.map_err(|error| store.database_error("read the chain of", &error))?;
-        // The copy gets a new head. The new head must not hide the contradictions to the store's head.
+        // The copy gets a new head, which must not hide contradictions between the store and its head.
         let found = store.end_contradictions(head_read, last)?;
         if !found.is_empty() {
             return Ok(CopiedStore { deviations: found, ..CopiedStore::default() });
@@ -87,7 +87,7 @@ fn is_removed_file(store: &Store, removed: &std::collections::BTreeSet<String>, 
     removed.contains(hash) && !store.folder().join(BLOBS).join(hash).exists()
 }
 
-/// Copies the database as this connection sees it to a new file without a log.
+/// Copies the database, as this connection sees it, to a new file without a write-ahead log.
 fn copy_database(connection: &Connection, to: &Path) -> Result<(), rusqlite::Error> {
     let mut copy = Connection::open(to)?;
     {

@@ -1,7 +1,7 @@
-//! Cycles: the inputs of each, the findings of its phases, and its end.
+//! Cycles: their inputs, the findings of their phases, and their end.
 //!
-//! Also the data that later cycles and `history` read: the record, the part and the disc of one cycle, the cycles of a
-//! panel in order, and the abrasions of one part in earlier cycles.
+//! Also the data that later cycles and `history` read: the record, the part and the disc of a cycle, the cycles of a
+//! panel in order, and the sanding passes on a part in earlier cycles.
 
 use super::commit::{TransactionFailure, WriteTransaction};
 use super::database::{Store, unix_ms};
@@ -42,7 +42,8 @@ pub(super) const TABLES: &str = "
     CREATE INDEX findings_by_cycle ON findings (cycle_id);
 ";
 
-/// The inputs of a new cycle. Each text is stored unchanged under its hash; the same text is stored only once.
+/// The inputs of a new cycle. Each text is stored unchanged in a file named by its hash; equal texts are stored only
+/// once.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CycleStart {
     /// The panel.
@@ -51,36 +52,35 @@ pub struct CycleStart {
     pub taught_version: String,
     /// The recipe.
     pub recipe_text: String,
-    /// The cell's file and its calibrations: the purpose of each, such as `base_from_camera`, and its text.
+    /// The texts of the cell's file and its calibrations, each with its purpose, such as `base_from_camera`.
     pub file_texts: Vec<(String, String)>,
-    /// The file in which the cycle is recorded, if it is recorded.
+    /// The file with the recording of the cycle, if it is recorded.
     pub recording: Option<RecordingFile>,
-    /// Whether the cycle is an air-run, which abrades nothing.
+    /// Whether the cycle is an air-run, without contact.
     pub is_air_run: bool,
 }
 
-/// Counts of cycles and of paths in contact.
+/// Numbers of cycles and of contact paths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct CycleCounts {
-    /// Number of cycles that have ended.
+    /// Number of ended cycles.
     pub ended: i64,
     /// Number of ended cycles with the verdict pass.
     pub passed: i64,
-    /// Number of paths in contact that began.
+    /// Number of contact paths that were started.
     pub contacts: i64,
 }
 
-/// Number of abrasions of a part in one cycle.
+/// The sanding passes on a part in one cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PassesOfCycle {
     /// The cycle.
     pub cycle: CycleId,
-    /// Start of the cycle, s since 1970.
+    /// Start time of the cycle, s since 1970.
     pub started_unix_s: i64,
-    /// Number of passes in which the tool was on the part, or may have been.
+    /// Number of passes in which the tool was, or may have been, in contact with the part.
     pub passes: usize,
-    /// The upper 95 % bound of the removal at any point of the part by the end of this cycle, µm; `None` if it is not
-    /// known.
+    /// Upper 95 % bound of the removed depth at any place of the part after this cycle, µm; `None` if it is unknown.
     pub removed_um: Option<f64>,
 }
 
@@ -88,8 +88,8 @@ impl Store {
     /// Stores the start of a cycle with all its inputs.
     ///
     /// # Errors
-    /// If it cannot be written. Also if cycles were lost by a restore and the start does not state what happened to the
-    /// part in them.
+    /// If the start cannot be written. Also if cycles were lost by a restore and the start does not state the sanding
+    /// passes on the part in these cycles.
     pub fn begin_cycle(&mut self, start: &CycleStart) -> Result<CycleId, StoreError> {
         self.check_count(start)?;
         let kept = |(name, text): &(String, String)| {
@@ -116,22 +116,22 @@ impl Store {
         Ok(id)
     }
 
-    /// Returns whether there is a cycle with this number.
+    /// Returns whether the cycle with this number exists.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If the cycle cannot be read.
     pub fn has_cycle(&self, id: CycleId) -> Result<bool, StoreError> {
         let sql = "SELECT EXISTS (SELECT 1 FROM cycles WHERE id = ?1)";
         let there = self.connection.query_row(sql, [id.0], |row| row.get(0));
         there.map_err(|error| self.database_error("read a cycle of", &error))
     }
 
-    /// Stores the end of a running cycle: the verdict of its state machine, but never a better one than its findings
-    /// allow ([`conclude`](panelprep_cell::record::conclude)). `because` states why the cycle was ended early, if it
-    /// was.
+    /// Stores the end of a cycle and returns its verdict. The verdict is that of the state table, but never better than
+    /// the findings allow ([`conclude`](panelprep_cell::record::conclude)). `because` are the reasons for ending the
+    /// cycle early, if it ended early.
     ///
     /// # Errors
-    /// If it cannot be written, there is no such cycle, or the cycle has ended already.
+    /// If the end cannot be written, the cycle does not exist, or it has already ended.
     pub fn conclude(&mut self, id: CycleId, ended: Verdict, because: &[Reason]) -> Result<Judgement, StoreError> {
         let judgement = conclude(ended, &self.cycle_findings(id)?, &self.requests_in_cycle(id)?, because);
         let Judgement { verdict, reasons } = &judgement;
@@ -146,10 +146,10 @@ impl Store {
         Ok(judgement)
     }
 
-    /// Stores the error at the tool, as far as it is known; a later value replaces an earlier one.
+    /// Stores the error budget at the tool, which may be incomplete. It replaces an earlier value.
     ///
     /// # Errors
-    /// If it cannot be written, a part of the error is not finite, there is no such cycle, or the cycle has ended.
+    /// If the budget cannot be written, a component is not finite, the cycle does not exist, or it has already ended.
     pub fn set_budget(&mut self, id: CycleId, budget: &Budget) -> Result<(), StoreError> {
         let parts = [budget.hand_eye_mm, budget.locate_mm, budget.fit_mm, budget.robot_mm, budget.stated_mm];
         if parts.into_iter().flatten().any(|part| !part.is_finite()) {
@@ -178,10 +178,10 @@ impl Store {
         })
     }
 
-    /// Stores the finding of a phase of a cycle. The caller must store its pictures first, with [`Store::store_blob`].
+    /// Stores a finding of a cycle. The caller must have stored its pictures with [`Store::store_blob`].
     ///
     /// # Errors
-    /// If it cannot be written, a number is not finite, a picture is missing, or there is no such cycle.
+    /// If the finding cannot be written, a number is not finite, a picture is missing, or the cycle does not exist.
     pub fn store_finding(&mut self, id: CycleId, finding: &Finding) -> Result<(), StoreError> {
         self.require_writable()?;
         let finite = |number: Option<f64>| number.is_none_or(f64::is_finite);
@@ -208,7 +208,7 @@ impl Store {
     /// Returns all stored data of a cycle.
     ///
     /// # Errors
-    /// If there is no such cycle, or it cannot be read.
+    /// If the cycle does not exist, or cannot be read.
     pub fn cycle(&self, id: CycleId) -> Result<CycleRecord, StoreError> {
         let read = |error: rusqlite::Error| self.database_error("read a cycle of", &error);
         let Some(mut record) = self.cycle_row(id)? else { return Err(self.unknown_cycle("cycle", id)) };
@@ -266,28 +266,28 @@ impl Store {
         Ok(Some(record))
     }
 
-    /// Returns the cycle that began last.
+    /// Returns the number of the newest cycle.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If the cycles cannot be read.
     pub fn newest_cycle(&self) -> Result<Option<CycleId>, StoreError> {
         let last = self.connection.query_row("SELECT max(id) FROM cycles", [], |row| row.get::<_, Option<i64>>(0));
         Ok(last.map_err(|error| self.database_error("read the cycles of", &error))?.map(CycleId))
     }
 
-    /// Returns the cycles that have ended, in order.
+    /// Returns the numbers of all ended cycles, in order.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the cycles cannot be read.
     pub fn ended_cycles(&self) -> Result<Vec<CycleId>, StoreError> {
         self.find_cycles("verdict IS NOT NULL")
     }
 
-    /// Returns the cycles without an end, in order: the running one, and before [`Store::recover`] those left by a
-    /// crash.
+    /// Returns the numbers of all cycles without an end, in order: the cycle in progress and, before
+    /// [`Store::recover`], the cycles that ended by a crash.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the cycles cannot be read.
     pub fn open_cycles(&self) -> Result<Vec<CycleId>, StoreError> {
         self.find_cycles("verdict IS NULL")
     }
@@ -317,10 +317,10 @@ impl Store {
         StoreError::Unreadable { path: self.path().to_owned(), problem: error.to_string() }
     }
 
-    /// Returns the counts of all cycles.
+    /// Returns the numbers of cycles and contact paths.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the rows cannot be read.
     pub fn cycle_counts(&self) -> Result<CycleCounts, StoreError> {
         let sql = "SELECT (SELECT count(*) FROM cycles WHERE verdict IS NOT NULL),
             (SELECT count(*) FROM cycles WHERE verdict = 'pass'),
@@ -333,10 +333,10 @@ impl Store {
             .map_err(|error| self.database_error("count the cycles of", &error))
     }
 
-    /// Returns a cycle with its part and the wear of the disc in it.
+    /// Returns a cycle with its part and the wear of the disc in this cycle.
     ///
     /// # Errors
-    /// If there is no such cycle, or it cannot be read.
+    /// If the cycle does not exist, or cannot be read.
     pub fn past_cycle(&self, id: CycleId) -> Result<PastCycle, StoreError> {
         Ok(PastCycle { record: self.cycle(id)?, part: self.cycle_part(id)?, disc: self.disc_wear_of_cycle(id)? })
     }
@@ -344,7 +344,7 @@ impl Store {
     /// Returns the last ended cycles of a panel, at most `most`, the oldest first.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the cycles cannot be read.
     pub fn past_cycles(&self, panel: &str, most: usize) -> Result<Vec<PastCycle>, StoreError> {
         let most = i64::try_from(most).unwrap_or(i64::MAX);
         let read = || -> Result<Vec<CycleId>, rusqlite::Error> {
@@ -356,10 +356,10 @@ impl Store {
         ids.into_iter().rev().map(|id| self.past_cycle(id)).collect()
     }
 
-    /// Returns the names of all panels that have cycles.
+    /// Returns the names of all panels with cycles.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the names cannot be read.
     pub fn cycle_panels(&self) -> Result<Vec<String>, StoreError> {
         let read = || -> Result<Vec<String>, rusqlite::Error> {
             let sql = "SELECT DISTINCT panel FROM cycles ORDER BY panel";
@@ -368,10 +368,10 @@ impl Store {
         read().map_err(|error| self.database_error("read the panels of", &error))
     }
 
-    /// Returns the last verifications of a subject that are not struck out, at most `most`, the oldest first.
+    /// Returns the last verifications of a device without those that are struck out, at most `most`, the oldest first.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the verifications cannot be read.
     pub fn verification_points(&self, subject: &str, most: usize) -> Result<Vec<TrendPoint>, StoreError> {
         let all = self.verifications(subject)?;
         let points = all.into_iter().filter(|it| it.struck.is_none()).map(|it| TrendPoint {
@@ -386,13 +386,13 @@ impl Store {
         Ok(points)
     }
 
-    /// Returns the wear of the disc in a cycle; `None` if there was none.
+    /// Returns the wear of the disc in a cycle; `None` if the cycle had no contact.
     fn disc_wear_of_cycle(&self, id: CycleId) -> Result<Option<DiscWear>, StoreError> {
         let read = || -> Result<Option<DiscWear>, rusqlite::Error> {
             if !self.connection.table_exists(None, "discs")? {
                 return Ok(None);
             }
-            // The swept area of an interrupted path is corrected afterwards, by a second row of the same cycle.
+            // After an interrupted path, the swept area is corrected by a second row of the same cycle.
             let sql = "SELECT sum(swept_mm2), max(id) FROM discs WHERE cycle_id = ?1";
             let swept = self
                 .connection
@@ -407,17 +407,17 @@ impl Store {
         read().map_err(|error| self.database_error("read the disc's wear from", &error))
     }
 
-    /// Returns the part of a cycle, from the text that the cycle stores; `None` if no part was named, or if that text
-    /// is missing or damaged.
+    /// Returns the names of a cycle's part, from the text that the cycle stores; `None` if no name was stated, or the
+    /// text is missing or damaged.
     pub fn stored_part(&self, record: &CycleRecord) -> Option<PartNames> {
         let kept = record.files.iter().find(|file| file.name == PartNames::FILE)?;
         PartNames::read(&String::from_utf8(self.blob(&kept.hash).ok()?).ok()?)
     }
 
-    /// Returns the number of passes in lost cycles that the start of this cycle stated; 0 if it stated none.
+    /// Returns the number of sanding passes in lost cycles that the start of this cycle stated; 0 if it stated none.
     ///
     /// # Errors
-    /// If the statement is missing or damaged in the store, so that the number of passes is not known.
+    /// If the statement is missing or damaged in the store, so that the number is unknown.
     pub fn lost_passes(&self, cycle: CycleId) -> Result<u8, StoreError> {
         let sql =
             "SELECT value ->> 'hash' FROM cycles, json_each(files) WHERE cycles.id = ?1 AND value ->> 'name' = ?2";
@@ -438,8 +438,9 @@ impl Store {
         Ok(stated.passes)
     }
 
-    /// Returns the cycles in which the part with this serial number was abraded, or may have been, in order. With
-    /// `before`, only earlier cycles are returned. Passes in lost cycles count for the cycle whose start stated them.
+    /// Returns the cycles in which the part with this serial number was sanded, or may have been, in order. With
+    /// `before`, only cycles before this one are returned. The passes in lost cycles belong to the cycle whose start
+    /// stated them.
     ///
     /// # Errors
     /// If a cycle cannot be read.
@@ -453,8 +454,8 @@ impl Store {
             let sql = "SELECT cycle_id, serial FROM cycle_parts WHERE serial NOTNULL AND (?1 IS NULL OR cycle_id < ?1) ORDER BY 1";
             let mut statement = self.connection.prepare(sql)?;
             let all = statement.query_map(params![before.map(|id| id.0)], |row| Ok((row.get(0)?, row.get(1)?)))?;
-            // A serial number with other blanks or other upper and lower case letters is the same one. SQL ignores the
-            // case of ASCII letters only, so the comparison is made here.
+            // Serial numbers that differ only in surrounding blanks or in upper and lower case are equal. They are
+            // compared here, because SQL ignores the case of ASCII letters only.
             let is_it = |row: &Result<(i64, String), _>| {
                 row.as_ref().map_or(true, |(_, found): &(i64, String)| {
                     normalised_serial(found) == normalised_serial(serial)
@@ -470,7 +471,7 @@ impl Store {
             let lost = usize::from(self.lost_passes(cycle)?);
             let passes = own + lost;
             if passes > 0 {
-                // A person states only the number of lost passes, not a depth.
+                // A person states only the number of lost passes, so the removed depth is unknown.
                 let removed_um = removed_bound_um(&record.findings, own).filter(|_| lost == 0);
                 let started_unix_s = record.started_unix_s;
                 all.push(PassesOfCycle { cycle, started_unix_s, passes, removed_um });
@@ -480,7 +481,7 @@ impl Store {
     }
 }
 
-/// Returns a serial number in the form for comparison: without blanks around it, and without upper case letters.
+/// Returns a serial number for comparison: without surrounding blanks, in lower case.
 pub(super) fn normalised_serial(serial: &str) -> String {
     serial.trim().to_uppercase()
 }

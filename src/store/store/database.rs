@@ -1,8 +1,7 @@
-//! An open store: its database, the files beside it, and the state that all its parts use.
+//! An open store: its database, the files beside it, and its common state.
 //!
-//! This state includes the state of motions and cycles according to the journal (its events, folded by the cycle's
-//! state machine), and the full disk with the check whether there is free space again. It also includes the steps of a
-//! transaction at which tests inspect the files.
+//! The common state contains the state of motions and cycles according to the journal (its events, applied to the
+//! cycle's state table), whether the disk is full, and the steps of a transaction at which tests inspect the files.
 
 use super::blobs::Blobs;
 use super::error::StoreError;
@@ -25,15 +24,15 @@ pub struct Store {
     pub(super) connection: Connection,
     pub(super) blobs: Blobs,
     pub(super) lease: Option<WriteLease>,
-    /// The file of the chain's head; `None` if the store is open for reading.
+    /// The file of the chain's head; `None` if the store is open for reading only.
     pub(super) head: Option<HeadFile>,
-    /// Whether an append failed in such a way that the journal may or may not contain its line.
+    /// Whether an append to the journal failed in a way that leaves unknown whether the line was written.
     pub(super) is_journal_in_doubt: bool,
-    /// The folded state of the journal after recovery.
+    /// The state computed from the journal, after recovery.
     pub(super) folded_state: Option<JournalFold>,
-    /// Changes made outside this program that were found when the store was opened.
+    /// Changes by other programs that were found when the store was opened.
     pub(super) external_changes: Vec<String>,
-    /// Whether the journal contains the event of this change.
+    /// Whether the journal already contains the event about these changes.
     pub(super) is_change_recorded: bool,
     pub(super) reserve: ReserveFile,
     pub(super) fullness: DiskFullness,
@@ -42,20 +41,21 @@ pub struct Store {
 }
 
 impl Store {
-    /// Stores these bytes; [`Store::blob`] returns them for the returned hash. Equal bytes are stored only once.
+    /// Stores bytes in a file, and returns their hash, with which [`Store::blob`] returns the bytes. Equal bytes are
+    /// stored only once.
     ///
     /// # Errors
-    /// If the store is open for reading, or the file cannot be written, or exists already and is damaged.
+    /// If the store is open for reading only, or the file cannot be written, or already exists and is damaged.
     pub fn store_blob(&self, bytes: &[u8]) -> Result<String, StoreError> {
         self.require_writable()?;
         self.blobs.store_bytes(bytes).map_err(|error| self.full_disk_or(error))
     }
 
-    /// Returns a writer for files of this store. A separate thread can use it while this store is written. A file that
-    /// no row names has no effect.
+    /// Returns a writer for files of this store, for use in another thread while this store is written. A file has no
+    /// effect as long as no row names it.
     ///
     /// # Errors
-    /// If the store is open for reading.
+    /// If the store is open for reading only.
     pub fn blob_writer(&self) -> Result<BlobWriter, StoreError> {
         self.require_writable()?;
         Ok(BlobWriter::new(&self.blobs, &self.fullness))
@@ -64,15 +64,15 @@ impl Store {
     /// Returns the bytes with this hash.
     ///
     /// # Errors
-    /// If the file is missing or no longer has this hash.
+    /// If the file is missing, or its content was changed.
     pub fn blob(&self, hash: &str) -> Result<Vec<u8>, StoreError> {
         self.blobs.get(hash)
     }
 
-    /// Writes a test file to the store's disk, and returns the free space there, MB.
+    /// Writes a test file to the disk of the store, and returns the free space, MB.
     ///
     /// # Errors
-    /// If the store is open for reading, or its disk reports an error.
+    /// If the store is open for reading only, or its disk cannot be written.
     pub fn free_mb(&self) -> Result<u64, StoreError> {
         self.require_writable()?;
         self.blobs.free_mb()
@@ -85,13 +85,13 @@ impl Store {
         }
     }
 
-    /// Returns the changes made outside this program that were found when the store was opened for writing, as text.
+    /// Returns the changes by other programs that were found when the store was opened for writing, as texts.
     pub fn changed(&self) -> &[String] {
         &self.external_changes
     }
 
-    /// Returns the present time, s since 1970. The time is only information in rows: no decision depends on it, and a
-    /// wrong clock stops nothing.
+    /// Returns the present time, s since 1970. Times in rows are for information only: no decision depends on them, so
+    /// that a wrong clock has no effect.
     pub(super) fn unix_s(&self) -> i64 {
         unix_ms(self.clock()).div_euclid(1_000)
     }
@@ -100,8 +100,7 @@ impl Store {
         (self.clock)()
     }
 
-    /// Converts an error that was caused by the full disk to the error of the full disk; returns other errors
-    /// unchanged.
+    /// Converts an error whose cause is a full disk to the error of the full disk; returns any other error unchanged.
     pub(super) fn full_disk_or(&self, error: StoreError) -> StoreError {
         match error {
             StoreError::File { source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {
@@ -121,8 +120,8 @@ impl Store {
         Path::new(self.connection.path().unwrap_or(DATABASE))
     }
 
-    /// Returns whether the table exists: a store of an earlier version of this program that is open read-only lacks
-    /// some tables.
+    /// Returns whether a table exists; in a store of an earlier program version that is open for reading only, tables
+    /// may be missing.
     pub(super) fn has_table(&self, name: &str) -> Result<bool, StoreError> {
         let there = self.connection.table_exists(None, name);
         there.map_err(|error| self.database_error("read the tables of", &error))
@@ -132,27 +131,28 @@ impl Store {
         StoreError::database(doing, self.path(), error)
     }
 
-    /// Returns whether a full disk was detected since [`Store::has_free_space`] last found space.
+    /// Returns whether the disk was found to be full, and no free space has been found by [`Store::has_free_space`]
+    /// since.
     pub fn is_disk_full(&self) -> bool {
         self.fullness.is_disk_full()
     }
 
-    /// Stores a picture as [`Store::store_blob`] does. If the disk is full, the picture is dropped and the result is
-    /// `None`: the remaining space is for the journal.
+    /// Stores a picture as [`Store::store_blob`] does. If the disk is full, the picture is dropped and `None` is
+    /// returned, because the remaining space is needed for the journal.
     ///
     /// # Errors
-    /// As [`Store::store_blob`], except for a full disk.
+    /// The errors of [`Store::store_blob`], except a full disk.
     pub fn store_picture(&self, bytes: &[u8]) -> Result<Option<String>, StoreError> {
         self.require_writable()?;
         self.fullness.store_picture(&self.blobs, bytes)
     }
 
-    /// Returns the number of pictures dropped since the last call.
+    /// Returns the number of pictures that were dropped since the last call.
     pub fn dropped_pictures(&self) -> u64 {
         self.fullness.take_dropped_count()
     }
 
-    /// Allocates the reserve, and returns whether there is again enough space for it and for pictures.
+    /// Allocates the reserve again, and returns whether there is enough space for it and for pictures.
     pub fn has_free_space(&mut self) -> bool {
         let free = self.blobs.free_mb().unwrap_or(0);
         let has_room = free >= MIN_FREE_TO_CONTINUE_MB && self.reserve.allocate().is_ok();
@@ -162,7 +162,7 @@ impl Store {
         has_room
     }
 
-    /// Returns the error of the full disk, with the files to delete.
+    /// Returns the error of a full disk, which names the files to delete.
     pub fn disk_full_error(&self) -> StoreError {
         fullness::disk_full_error(self.folder())
     }
@@ -177,10 +177,10 @@ pub(super) fn unix_ms(time: SystemTime) -> i64 {
     }
 }
 
-/// A motion with its outcome and its number of executed waypoints.
+/// A motion with its outcome and the number of its executed waypoints.
 pub(super) type MotionEnd = (Motion, Outcome, u32);
 
-/// The state of motions and cycles after the lines of the journal that were read so far.
+/// The state of motions and cycles, computed from the lines of the journal so far.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct JournalFold {
@@ -207,18 +207,18 @@ impl JournalFold {
         }
     }
 
-    /// Returns the state at the end of the journal.
+    /// Returns the state after the last line of the journal.
     pub fn state(&self) -> State {
         self.state
     }
 
-    /// Returns the state after the next start of the program.
+    /// Returns the state after a restart of the program.
     pub fn after_restart(&self) -> State {
         step(self.state, Event::Reported(Report::Boot)).0
     }
 }
 
-/// The steps of a transaction, between which a process may end.
+/// The steps of a transaction. The process may end between any two steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Step {
     Prepared,
@@ -226,7 +226,7 @@ pub(super) enum Step {
     Settled,
 }
 
-/// A function with which tests inspect the files at each step; the program does not use it.
+/// A function that a test calls at each step to inspect the files; without a test there is none.
 #[derive(Default)]
 pub(super) struct Steps {
     #[cfg(test)]

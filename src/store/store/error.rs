@@ -1,15 +1,15 @@
-//! The errors of the store, and the error for a part with an unknown number of passes, after the store was restored
-//! from a backup.
+//! The errors of the store. Also the error about a part whose number of sanding passes is unknown after the store was
+//! restored from a backup.
 
 use panelprep_base::number_text::utc_day;
 use panelprep_cell::record::describe_part;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// The reason why data could not be stored or read.
+/// The reason why data cannot be stored or read.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// The operating system refused access to a file or folder.
+    /// An operation on a file or folder failed.
     #[error("cannot {operation} {}: {source}", path.display())]
     File {
         /// The operation that failed.
@@ -19,7 +19,7 @@ pub enum StoreError {
         /// The error of the operating system.
         source: std::io::Error,
     },
-    /// The database refused a statement.
+    /// A statement of the database failed.
     #[error("cannot {operation} the store {}: {problem}", path.display())]
     Database {
         /// The operation that failed.
@@ -29,19 +29,19 @@ pub enum StoreError {
         /// The error of SQLite.
         problem: String,
     },
-    /// There is no store to read.
+    /// There is no store at this path.
     #[error("no store found in {}; teach a panel first (`panelprep teach` creates the store), or name the folder \
              of the store", path.display())]
     Missing {
         /// The folder.
         path: PathBuf,
     },
-    /// Another process writes the store.
+    /// Another process is writing to the store.
     #[error("{holder} is writing to the store {}; stop that process first, or name another store", path.display())]
     Leased {
         /// The folder.
         path: PathBuf,
-        /// The process that writes, "process 1234".
+        /// The other process, such as "process 1234".
         holder: String,
     },
     /// The store was opened for reading only.
@@ -50,7 +50,7 @@ pub enum StoreError {
         /// The database.
         path: PathBuf,
     },
-    /// SQLite finds the database damaged.
+    /// SQLite reports that the database is damaged.
     #[error("the store {} is damaged: {problem}; restore it from a copy", path.display())]
     Damaged {
         /// The database.
@@ -58,23 +58,23 @@ pub enum StoreError {
         /// Report of SQLite.
         problem: String,
     },
-    /// The content of the journal is not what was written to it.
+    /// The journal is damaged or was changed.
     #[error("the journal of {} is damaged at line {sequence}: {problem}; restore the store from a copy", path.display())]
     DamagedJournal {
         /// The database.
         path: PathBuf,
-        /// The damaged line, from 1; 0 for no specific line.
+        /// The damaged line, from 1; 0 if the damage belongs to no line.
         sequence: i64,
         /// The contradiction.
         problem: String,
     },
-    /// An earlier line could not be appended.
+    /// An earlier append to the journal failed.
     #[error("an earlier write to the journal of {} failed, so nothing more is written; restart the program", path.display())]
     JournalInDoubt {
         /// The database.
         path: PathBuf,
     },
-    /// The motion that should be closed is not the open motion.
+    /// The motion to close is not open.
     #[error("the store has no open {motion}")]
     MotionNotOpen {
         /// The motion.
@@ -95,20 +95,20 @@ pub enum StoreError {
         path: PathBuf,
         /// Its number.
         number: i64,
-        /// The person who struck it out.
+        /// The person who struck out the verification.
         by: String,
     },
-    /// The cycle does not exist, or has ended.
+    /// The cycle does not exist, or has already ended.
     #[error("the store {} has no {what} {id}", path.display())]
     UnknownCycle {
         /// The database.
         path: PathBuf,
-        /// The expected object: "cycle" or "running cycle".
+        /// What was expected: "cycle" or "running cycle".
         what: &'static str,
         /// The requested cycle.
         id: i64,
     },
-    /// The abrasions of a part cannot be counted.
+    /// The number of sanding passes on a part is unknown.
     #[error("{0}")]
     CountUnknown(UnknownPassCount),
     /// A row cannot be decoded.
@@ -116,16 +116,16 @@ pub enum StoreError {
     Unreadable {
         /// The database.
         path: PathBuf,
-        /// The error in the row.
+        /// The problem of the row.
         problem: String,
     },
-    /// A number that JSON cannot represent.
+    /// A number is NaN or infinite, which JSON cannot represent.
     #[error("the value '{name}' is NaN or infinite; store None for a value that was not measured")]
     NotFinite {
         /// Name of the value.
         name: String,
     },
-    /// The store was written by a later version of this program.
+    /// The store was written by a newer version of this program.
     #[error(
         "the store {} has schema {found}, this program supports schemas up to {known}: use the newer program, or \
          another folder",
@@ -134,9 +134,9 @@ pub enum StoreError {
     Newer {
         /// The database.
         path: PathBuf,
-        /// Schema of the store.
+        /// Schema version of the store.
         found: i64,
-        /// The newest schema that this program supports.
+        /// Newest schema version that this program supports.
         known: i64,
     },
     /// The store was written by an earlier version of this program and is not yet updated.
@@ -148,7 +148,7 @@ pub enum StoreError {
     Older {
         /// The folder.
         path: PathBuf,
-        /// Schema of the store.
+        /// Schema version of the store.
         found: i64,
         /// The schema version of this program.
         known: i64,
@@ -159,15 +159,15 @@ pub enum StoreError {
         /// The database.
         path: PathBuf,
     },
-    /// A stored file was changed.
+    /// A stored file is damaged or was changed.
     #[error("{} is damaged: its SHA-256 is {found}; restore it from a copy, or delete it and teach again", path.display())]
     DamagedBlob {
-        /// The file, named by its expected hash.
+        /// The path of the file; its name is the expected hash.
         path: PathBuf,
-        /// The file's actual hash.
+        /// The hash of the file's present content.
         found: String,
     },
-    /// A stored row was changed.
+    /// A stored version of a taught panel is damaged or was changed.
     #[error("version {version} of the taught panel '{name}' is damaged: {problem}; teach the panel again")]
     DamagedRow {
         /// The panel.
@@ -177,23 +177,23 @@ pub enum StoreError {
         /// The contradiction.
         problem: String,
     },
-    /// The pose of a corner cannot be stored.
+    /// The flange pose of a taught corner is NaN or infinite.
     #[error("corner {corner} has a flange pose with NaN or infinite values; teach the corner again")]
     Pose {
         /// Number of the corner, from 1.
         corner: usize,
     },
-    /// The panel does not exist.
+    /// No panel with this name was taught.
     #[error("no panel '{name}' was taught; {}", describe_known_names(nearest.as_deref(), known))]
     UnknownPanel {
         /// The requested name.
         name: String,
-        /// The most similar valid name.
+        /// The most similar name of a taught panel.
         nearest: Option<String>,
-        /// Names of all panels.
+        /// The names of all taught panels.
         known: Vec<String>,
     },
-    /// The version does not exist.
+    /// The panel does not have this version.
     #[error("the panel '{name}' has no version {version}; versions, oldest first: {}", known.join(", "))]
     UnknownVersion {
         /// The panel.
@@ -203,14 +203,14 @@ pub enum StoreError {
         /// All versions of the panel.
         known: Vec<String>,
     },
-    /// A text of a person's signature is not valid.
+    /// A text of a person's signature is invalid.
     #[error("the signature's {what} is \"{found}\": {problem}")]
     Unsignable {
         /// The invalid field: "name", "user", "remark" or the name of a stated value.
         what: &'static str,
-        /// The text as given.
+        /// The invalid text.
         found: String,
-        /// The error in the field, and the allowed values.
+        /// The problem of the text, and the valid values.
         problem: String,
     },
     /// The person has already signed the record with this meaning.
@@ -225,7 +225,7 @@ pub enum StoreError {
         /// Time of the signature.
         at: String,
     },
-    /// The record does not permit a signature with this meaning.
+    /// The record cannot be signed with this meaning.
     #[error("the record of cycle {cycle} cannot be signed as \"{meaning}\": {problem}")]
     MeaningNotPermitted {
         /// The cycle.
@@ -235,19 +235,19 @@ pub enum StoreError {
         /// The reason, and what to do.
         problem: String,
     },
-    /// In every attempt, another process signed at the same time.
+    /// Another process signed at the same time, in every attempt.
     #[error("the record cannot be signed: other processes signed in the store {} at the same time, in ten \
              attempts; try again", path.display())]
     SignedMeanwhile {
         /// The database.
         path: PathBuf,
     },
-    /// A key or a statement to sign is not valid.
+    /// A key or a statement cannot be used for signing.
     #[error("{}: {source}", path.display())]
     Signing {
-        /// The database, or the key's file.
+        /// The path of the database, or of the key's file.
         path: PathBuf,
-        /// The error of the key or of the statement.
+        /// The problem of the key or of the statement.
         source: crate::signing::SigningError,
     },
     /// The disk is full.
@@ -255,7 +255,7 @@ pub enum StoreError {
     Full {
         /// The folder.
         path: PathBuf,
-        /// The free space as text, or why it is not known.
+        /// The free space as text, or why it is unknown.
         free: String,
         /// Minimum free space for normal operation, MB.
         minimum_mb: u64,
@@ -278,22 +278,22 @@ fn describe_known_names(nearest: Option<&str>, known: &[String]) -> String {
     }
 }
 
-/// A part with an unknown number of passes: the store was restored from a backup and lacks the cycles after it, and no
-/// person has stated the passes of the part in these cycles.
+/// A part whose number of sanding passes is unknown: the store was restored from a backup, the cycles after the backup
+/// are missing, and no person has stated the passes on the part in these cycles.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UnknownPassCount {
-    /// The part's serial number; empty for a part without one.
+    /// The serial number of the part; empty for a part without one.
     pub serial: String,
-    /// Time at which the backup was made, s since 1970; `None` if an earlier version of this program restored it.
+    /// Time at which the backup was made, s since 1970; `None` if an earlier program version restored it.
     pub made_unix_s: Option<i64>,
     /// Time at which the restored store was first opened, s since 1970.
     pub restored_unix_s: i64,
 }
 
 impl UnknownPassCount {
-    /// Returns whether "another part is in the fixture" is a sufficient statement for the part with this serial number.
-    /// It is sufficient only for a part without a serial number. A serial number names one part, and this statement
-    /// does not contain how often that part was abraded; there only a number of passes is sufficient.
+    /// Returns whether the statement "another part is in the fixture" is sufficient for the part with this serial
+    /// number. It is sufficient only for a part without a serial number. For a part with a serial number, a person must
+    /// state the number of sanding passes.
     pub fn is_another_part_sufficient(serial: &str) -> bool {
         serial.trim().is_empty()
     }
@@ -324,7 +324,7 @@ impl fmt::Display for UnknownPassCount {
 mod tests {
     use super::*;
 
-    /// 1,800,000,000 s since 1970 is 2027-01-15, 8:00 UTC; a day has 86,400 s.
+    /// Expected value: 1,800,000,000 s since 1970 is 2027-01-15, 8:00 UTC; a day has 86,400 s.
     #[test]
     fn the_message_states_the_part_both_days_and_the_remedy() {
         let of = |serial: &str, made_unix_s| UnknownPassCount {
