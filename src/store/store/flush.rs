@@ -1,8 +1,8 @@
-//! Flushes changes to the disk that must survive a power cut: the entries of a folder, and the files that a killed
+//! Flushes changes to the disk that must survive a power failure: the entries of a folder, and files that a killed
 //! process has left.
 //!
-//! A file that was created, renamed or removed keeps this state after a power cut only if its folder is flushed. The
-//! files of an SQLite database are the database and its log; each has a hash.
+//! A file that was created, renamed or removed keeps this state after a power failure only if its folder was flushed.
+//! An SQLite database consists of the database file and its write-ahead log.
 
 use super::chain::Hash;
 use super::error::StoreError;
@@ -14,17 +14,17 @@ use std::path::{Path, PathBuf};
 /// Flushes the entries of this folder to the disk.
 ///
 /// # Errors
-/// If the folder does not exist, or the disk reports an error.
+/// If the folder does not exist, or cannot be flushed.
 pub(super) fn names(folder: &Path) -> Result<(), Error> {
     File::open(folder)?.sync_all()
 }
 
-/// Flushes data that a killed process may not have flushed: the folder entry of this database, and rows in its log. If
-/// such rows are used, or the head contains them, a power cut must not remove them. SQLite holds no locks on the log;
-/// closing a file of the database here would release SQLite's locks.
+/// Flushes data that a killed process may not have flushed: the folder entry of this database, and rows in its
+/// write-ahead log. If such rows are read, or the head contains them, a power failure must not remove them. Only the
+/// log is opened: SQLite holds no locks on it, but closing the database file would release SQLite's locks.
 ///
 /// # Errors
-/// If the disk reports an error; a missing file is not an error.
+/// If a file cannot be flushed; a missing file is not an error.
 pub(super) fn flush_after_kill(database: &Path) -> Result<(), StoreError> {
     let log = log_path(database);
     for file in database.parent().into_iter().chain([log.as_path()]) {
@@ -38,7 +38,7 @@ pub(super) fn flush_after_kill(database: &Path) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Returns the path of SQLite's log beside a database.
+/// Returns the path of the write-ahead log of a database.
 pub(super) fn log_path(database: &Path) -> PathBuf {
     let mut log = database.as_os_str().to_owned();
     log.push("-wal");

@@ -1,6 +1,6 @@
-//! A full disk: pictures are dropped first, so that the remaining space is for the journal.
+//! Handling of a full disk: pictures are dropped first, because the remaining space is needed for the journal.
 //!
-//! The reserve is a file that is deleted when the disk is full, so that the journal continues until the cell is at
+//! The reserve is a file that is deleted when the disk is full, so that the journal can be written until the cell is at
 //! rest.
 
 use super::blobs::Blobs;
@@ -13,10 +13,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-/// Minimum free space for writing pictures, MB: the remaining space is for the journal.
+/// Minimum free space at which pictures are written, MB; less space is kept for the journal.
 const MIN_FREE_FOR_PICTURES_MB: u64 = 64;
 
-/// Whether the disk is full, as detected by the store's writers. Clones share the same state.
+/// Whether a writer of the store has found the disk to be full. Clones share the same state.
 #[derive(Debug, Clone, Default)]
 pub(super) struct DiskFullness(Arc<FullnessState>);
 
@@ -40,17 +40,18 @@ impl DiskFullness {
         self.0.is_full.store(false, Ordering::Relaxed);
     }
 
-    /// Returns the number of pictures dropped since the last call.
+    /// Returns the number of pictures that were dropped since the last call.
     pub fn take_dropped_count(&self) -> u64 {
         self.0.dropped.swap(0, Ordering::Relaxed)
     }
 
-    /// Stores a picture, or drops it if the disk is full: the remaining space is for the journal.
+    /// Stores a picture, or drops it if the disk is full, because the remaining space is needed for the journal.
     pub fn store_picture(&self, blobs: &Blobs, bytes: &[u8]) -> Result<Option<String>, StoreError> {
         if !self.is_disk_full() && is_too_full_for_pictures(blobs.store()) {
             self.mark_full();
         }
-        // A dropped picture is counted and reported; a lost line of the journal would stop the cell.
+        // A dropped picture is only counted and reported, but a line of the journal that cannot be written would stop
+        // the cell.
         let kept = if self.is_disk_full() { Ok(None) } else { blobs.store_bytes(bytes).map(Some) };
         let kept = match kept {
             Err(StoreError::File { source, .. }) if source.kind() == ErrorKind::StorageFull => {
@@ -66,12 +67,12 @@ impl DiskFullness {
     }
 }
 
-/// Returns whether the disk of this folder has too little free space for pictures.
+/// Returns whether the free space on the disk of this folder is too small for pictures.
 fn is_too_full_for_pictures(folder: &Path) -> bool {
     blobs::free_mb(folder).is_ok_and(|free| free < MIN_FREE_FOR_PICTURES_MB)
 }
 
-/// Stores files beside the store's writer.
+/// A writer for files of a store, used in another thread than the store's writer.
 #[derive(Debug)]
 pub struct BlobWriter(Blobs, DiskFullness);
 
@@ -83,7 +84,7 @@ impl BlobWriter {
     /// Stores a picture as [`Store::store_picture`](super::Store::store_picture) does.
     ///
     /// # Errors
-    /// If the file cannot be written for a reason other than a full disk, or exists already and is damaged.
+    /// If the file cannot be written for a reason other than a full disk, or already exists and is damaged.
     pub fn store_picture(&self, bytes: &[u8]) -> Result<Option<String>, StoreError> {
         self.1.store_picture(&self.0, bytes)
     }
@@ -91,18 +92,18 @@ impl BlobWriter {
 
 /// The file's name.
 const RESERVE_FILE: &str = "panelprep.reserve";
-/// Size of the reserve. A line of the journal needs at most 16 kB of the database's log: the reserve is enough for
-/// 2,000 lines, and a retract, a hold and a stop need less than 100.
+/// Size of the reserve, MB. A line of the journal needs at most 16 kB in the database's write-ahead log, so the reserve
+/// is sufficient for 2,000 lines. A retract, a hold and a stop need fewer than 100 lines.
 pub(super) const RESERVE_MB: u64 = 32;
-/// Minimum free space for the reserve and for pictures, MB; with it the disk no longer counts as full.
+/// Minimum free space at which the disk is no longer treated as full, MB: for the reserve and for pictures.
 pub(super) const MIN_FREE_TO_CONTINUE_MB: u64 = RESERVE_MB + MIN_FREE_FOR_PICTURES_MB;
-/// Minimum free space with which a program starts on a store without a reserve, MB: with less, the journal would fill
-/// the disk before the cell is in a safe state.
+/// Minimum free space at which a program starts with a store without a reserve, MB. With less space, the journal could
+/// fill the disk before the cell is at rest.
 const MIN_FREE_FOR_JOURNAL_MB: u64 = 8;
-/// Minimum free space, bytes; with less, an ambiguous error of SQLite means a full disk.
+/// Free space below which an ambiguous error of SQLite is treated as a full disk, bytes.
 const MIN_FREE_BYTES: u64 = 1_000_000;
 
-/// The file of the reserve, which is deleted when the disk is full.
+/// The reserve: a file that is deleted when the disk is full.
 #[derive(Debug)]
 pub(super) struct ReserveFile {
     path: PathBuf,
@@ -113,7 +114,7 @@ impl ReserveFile {
         ReserveFile { path: store.join(RESERVE_FILE) }
     }
 
-    /// Allocates the blocks of the file, if they are not allocated yet.
+    /// Allocates the disk space of the reserve, unless it is already allocated.
     pub fn allocate(&self) -> std::io::Result<()> {
         let bytes = RESERVE_MB << 20;
         let mut options = OpenOptions::new();
@@ -133,7 +134,7 @@ impl ReserveFile {
         taken
     }
 
-    /// Deletes the reserve; returns whether there was one.
+    /// Deletes the reserve, and returns whether it existed.
     pub fn release(&self) -> bool {
         let released = fs::remove_file(&self.path).is_ok();
         if released && let Some(folder) = self.path.parent() {
@@ -147,27 +148,27 @@ impl ReserveFile {
     }
 }
 
-/// Returns whether this error means that the disk is full.
+/// Returns whether the cause of a database error is a full disk.
 pub(super) fn is_disk_full_error(error: &rusqlite::Error, folder: &Path) -> bool {
     match error.sqlite_error_code() {
         Some(ErrorCode::DiskFull) => true,
-        // SQLite also reports a full disk as an error of its log or its shared memory, which are files.
+        // On a full disk, SQLite may also report an I/O error of its log or its shared-memory file.
         Some(ErrorCode::SystemIoFailure | ErrorCode::CannotOpen) => has_no_space(folder),
         _ => false,
     }
 }
 
-/// Returns whether a disk has no space for the files that SQLite creates.
+/// Returns whether the free space on the disk is too small for the files that SQLite creates.
 pub(super) fn has_no_space(folder: &Path) -> bool {
     blobs::free_bytes(folder).is_ok_and(|free| free < MIN_FREE_BYTES)
 }
 
-/// Returns whether the disk of this folder has too little free space for the journal.
+/// Returns whether the free space on the disk of this folder is too small for the journal.
 pub(super) fn is_too_full_for_journal(folder: &Path) -> bool {
     blobs::free_mb(folder).is_ok_and(|free| free < MIN_FREE_FOR_JOURNAL_MB)
 }
 
-/// Returns the error that this store's disk is full, with the files to delete.
+/// Returns the error of a full disk, which names the files to delete.
 pub(super) fn disk_full_error(folder: &Path) -> StoreError {
     let free = match blobs::free_mb(folder) {
         Ok(free_mb) => format!("{free_mb} MB free"),
@@ -176,7 +177,7 @@ pub(super) fn disk_full_error(folder: &Path) -> StoreError {
     StoreError::Full { path: folder.to_owned(), free, minimum_mb: MIN_FREE_TO_CONTINUE_MB, advice: advice(folder) }
 }
 
-/// Returns the advice which files may be deleted, as an imperative.
+/// Returns which files may be deleted, as an instruction.
 fn advice(folder: &Path) -> String {
     let recordings = folder.join("recordings");
     let files = fs::read_dir(&recordings).into_iter().flatten().flatten();

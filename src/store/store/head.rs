@@ -1,10 +1,10 @@
-//! The chain's head outside of the database, in `panelprep.head` beside it.
+//! The head of the hash chain, in the file `panelprep.head` beside the database.
 //!
-//! Before a transaction is committed, the file states the chain's present and next position; afterwards it states the
-//! present position. If the program ends between the two, the database is at one of the positions that the file names,
-//! unless it was changed by others. The file holds two copies of 512 bytes each, the size of a sector that a disk
-//! writes completely or not at all. They are written alternately and in place, so that a full disk does not prevent it.
-//! When the store is closed the file also holds the SHA-256 of the database's file.
+//! Before a transaction is committed, the file contains the present and the next position of the chain; afterwards it
+//! contains the present position. If the program ends between these steps, the position in the database is one of the
+//! two, unless another program changed the database. The file contains two copies of 512 bytes each, the size of a disk
+//! sector, which is written completely or not at all. The copies are overwritten alternately, so that a full disk does
+//! not prevent the write. When the store is closed, the file also contains the SHA-256 of the database file.
 
 use super::chain::{ChainPosition, Hash};
 use super::flush;
@@ -22,32 +22,32 @@ use std::time::{Duration, Instant};
 pub(super) const FILE: &str = "panelprep.head";
 const SLOT_BYTES: usize = 512;
 const HEAD_MAGIC: &str = "panelprep head 1";
-/// Time limit for waiting until another process has finished its write to this store, as in SQLite.
+/// Maximum time to wait until another process has finished its write to the store, as in SQLite.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// The content of the file.
+/// The contents of the head file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Head {
     /// The chain's position.
     pub position: ChainPosition,
-    /// The chain's position once the transaction in progress is committed.
+    /// The position of the chain after the transaction in progress is committed.
     pub next_position: Option<ChainPosition>,
-    /// SHA-256 of the database's file; `None` while the store is open.
+    /// SHA-256 of the database file; `None` while the store is open.
     pub database: Option<Hash>,
 }
 
 impl Head {
-    /// Returns whether this position of the chain is one of those that the head names.
+    /// Returns whether this is one of the positions in the head.
     pub fn allows_position(&self, place: ChainPosition) -> bool {
         place == self.position || Some(place) == self.next_position
     }
 }
 
-/// The newest content of a head file, and whether the file is damaged.
+/// The newest valid contents of a head file, and whether the file is damaged.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct HeadRead {
     pub head: Head,
-    /// Whether one of the file's two copies is damaged.
+    /// Whether one of the two copies in the file is damaged.
     pub is_damaged: bool,
     count: u64,
 }
@@ -59,10 +59,10 @@ pub(super) struct HeadFile {
     turns: Arc<WriteQueue>,
 }
 
-/// The lock for writing to the chain; other threads and processes wait until it is released.
+/// The lock for writing to the chain. Other threads and processes wait until it is released.
 pub(super) struct ChainWriteGuard<'f> {
     file: &'f File,
-    // Released after the file lock.
+    // This field is dropped after the file lock is released.
     _in_turn: WriteQueueGuard<'f>,
 }
 
@@ -76,7 +76,7 @@ impl Drop for ChainWriteGuard<'_> {
     }
 }
 
-/// Waits for the lock for writing to the chain.
+/// Acquires the lock for writing to the chain; waits until it is free.
 fn acquire_write_guard<'f>(file: &'f File, turns: &'f WriteQueue) -> Result<ChainWriteGuard<'f>, Error> {
     let since = Instant::now();
     let _in_turn = turns.acquire(LOCK_TIMEOUT).ok_or_else(|| {
@@ -97,12 +97,12 @@ fn acquire_write_guard<'f>(file: &'f File, turns: &'f WriteQueue) -> Result<Chai
 }
 
 impl HeadFile {
-    /// Opens the file, and creates it if there is none.
+    /// Opens the head file; creates it if it does not exist.
     pub fn open(store: &Path) -> Result<Self, Error> {
         let mut options = OpenOptions::new();
         let file = options.read(true).write(true).create(true).truncate(false).open(store.join(FILE))?;
         if file.metadata()?.len() < 2 * SLOT_BYTES as u64 {
-            // The file's blocks are allocated before the disk can become full.
+            // Allocate the disk space of the file now, because the disk may be full later.
             file.write_all_at(&[b'\n'; 2 * SLOT_BYTES], 0)?;
             file.sync_all()?;
             flush::names(store)?;
@@ -114,18 +114,19 @@ impl HeadFile {
         acquire_write_guard(&self.file, &self.turns)
     }
 
-    /// Writes the chain's present and next position to the disk.
+    /// Writes and flushes the present and the next position of the chain.
     pub fn prepare(&self, at: ChainPosition, next: ChainPosition) -> Result<(), Error> {
         self.write(Head { position: at, next_position: Some(next), database: None })?;
         self.file.sync_data()
     }
 
-    /// Writes the chain's position. Until it is on the disk, the file names this position as the possible next one.
+    /// Writes the position of the chain without flushing it; the flushed copy already contains it as the possible next
+    /// position.
     pub fn write_position(&self, at: ChainPosition) -> Result<(), Error> {
         self.write(Head { position: at, next_position: None, database: None })
     }
 
-    /// Writes the chain's position and the hash of the database's file when the store is closed.
+    /// Writes the position of the chain and the hash of the database file, when the store is closed.
     pub fn close(&self, at: ChainPosition, database: Option<Hash>) -> Result<(), Error> {
         self.write(Head { position: at, next_position: None, database })?;
         self.file.sync_data()
@@ -133,13 +134,14 @@ impl HeadFile {
 
     fn write(&self, head: Head) -> Result<(), Error> {
         let count = read_head(&self.file)?.map_or(1, |read| read.count + 1);
-        // The two copies are written alternately, so that a power cut during a write damages only the older one.
+        // The two copies are overwritten alternately, so that a power failure during a write damages only the older
+        // copy.
         let slot = (count % 2) * SLOT_BYTES as u64;
         self.file.write_all_at(&encode_head(&head, count), slot)
     }
 }
 
-/// Returns the content of the head file of this store; `None` if there is no file, or it has no content yet.
+/// Reads the head file of this store; `None` if the file does not exist, or has no contents yet.
 pub(super) fn read(store: &Path) -> Result<Option<HeadRead>, Error> {
     match File::open(store.join(FILE)) {
         Ok(file) => read_head(&file),
@@ -148,8 +150,7 @@ pub(super) fn read(store: &Path) -> Result<Option<HeadRead>, Error> {
     }
 }
 
-/// Reads the content of the head file of this store while no other process or thread writes, and calls `beside` at the
-/// same time.
+/// Reads the head file of this store and calls `beside`, while no other process or thread writes to the chain.
 pub(super) fn read_locked<T>(store: &Path, beside: impl FnOnce() -> T) -> Result<(Option<HeadRead>, T), Error> {
     match File::open(store.join(FILE)) {
         Ok(file) => {
@@ -174,7 +175,8 @@ fn read_head(file: &File) -> Result<Option<HeadRead>, Error> {
     match newest {
         Some((count, head)) => Ok(Some(HeadRead { head: *head, is_damaged, count: *count })),
         None if !is_damaged || bytes.is_empty() => Ok(None),
-        // An empty file may be new. Two damaged copies are not new, and the store must not be treated as a new one.
+        // An empty file may belong to a new store. A file with two damaged copies does not, and must not be treated as
+        // empty.
         None => Err(Error::new(ErrorKind::InvalidData, "both copies in the head file are damaged")),
     }
 }
@@ -195,7 +197,7 @@ fn encode_head(head: &Head, count: u64) -> Vec<u8> {
 fn parse_slot(slot: &[u8]) -> Option<(u64, Head)> {
     let text = std::str::from_utf8(slot).ok()?;
     let (said, check) = text.split_once("check ")?;
-    // The padding is checked too: a change of any byte is detected.
+    // The padding is checked too, so that a change of any byte is detected.
     let padded = check.get(64..)?.bytes().all(|byte| byte == b'\n');
     if slot.len() != SLOT_BYTES || !padded || content_hash(said.as_bytes()) != check.get(..64)? {
         return None;

@@ -1,10 +1,11 @@
-//! The journal: every event of the cycle's state machine, one JSON line each, in order and without gaps.
+//! The journal: every event of the cycle's state table as one line of JSON, in order and without gaps.
 //!
-//! A line contains the first 16 digits of a hash over its own content and that of the line before. A changed, lost or
-//! inserted line is detected when the journal is read. The store's chain (see `chain`) covers it too.
+//! A line contains the first 16 digits of a hash of its own content and of the previous line. Therefore a changed,
+//! missing or inserted line is detected when the journal is read. The lines are also part of the store's hash chain
+//! (see `chain`).
 //!
-//! A checkpoint contains the folded state of the journal at one of its lines, so that a start reads only later lines.
-//! It is used only if the same version of the program wrote it and the journal still contains the line that it names.
+//! A checkpoint contains the state after one line of the journal, so that a start reads only the lines after it. It is
+//! used only if the same program version wrote it, and the journal still contains its line.
 
 use super::commit::{TransactionFailure, WriteTransaction};
 use super::database::{JournalFold, Store, unix_ms};
@@ -55,14 +56,15 @@ impl Line {
     }
 }
 
-/// The chain's value before the first line.
+/// The hash in front of the first line.
 const CHAIN_START: &str = "";
 
 impl Store {
-    /// Commits an event to the disk and returns its sequence number, from 1. Must be called before the event's effects.
+    /// Commits an event to the disk, and returns its sequence number, from 1. It must be called before the effects of
+    /// the event are performed.
     ///
     /// # Errors
-    /// If it cannot be written. Then nothing more is appended until the store is opened again.
+    /// If the event cannot be written. No further event is then written until the store is opened again.
     pub fn append(&mut self, event: &Event, cycle: Option<CycleId>) -> Result<u64, StoreError> {
         self.require_writable()?;
         if self.is_journal_in_doubt {
@@ -72,8 +74,8 @@ impl Store {
         let text = serde_json::to_string(event).map_err(|error| self.journal_problem(0, error.to_string()))?;
         let number = cycle.map(|id| id.0);
         let line = Line { sequence: 0, cycle: number, unix_ms, event: text, chain: String::new() };
-        // The folded state of the journal with this line is computed on a copy: if the write fails, the state in memory
-        // must be that of the lines on the disk.
+        // The new state is computed on a copy: if the write fails, the state in memory must still be that of the lines
+        // on the disk.
         let folded = self.folded_state.clone().map(|mut folded| {
             folded.step(*event, cycle);
             folded
@@ -81,7 +83,7 @@ impl Store {
         let checkpoint = folded.as_ref().map(|folded| self.text(folded)).transpose()?;
         let written =
             self.commit("write the journal of", |writing| write_line(writing, &line, checkpoint.as_deref()));
-        // On a full disk nothing was written. After any other failure it is unknown whether the line was written.
+        // If the disk is full, nothing was written. After any other error, it is unknown whether the line was written.
         self.is_journal_in_doubt = matches!(&written, Err(error) if !matches!(error, StoreError::Full { .. }));
         if written.is_ok() {
             self.folded_state = folded;
@@ -89,27 +91,26 @@ impl Store {
         written
     }
 
-    /// Returns every event so far, in order.
+    /// Returns all events, in order.
     ///
     /// # Errors
-    /// If the journal cannot be read, or a line differs from the line that was written.
+    /// If the journal cannot be read, or a line was changed.
     pub fn journal(&self) -> Result<Vec<Event>, StoreError> {
         let mut events = Vec::new();
         self.for_each_event((0, CHAIN_START.to_owned()), |event, _| events.push(event))?;
         Ok(events)
     }
 
-    /// Recovers the state when a program starts with this store: folds the journal and applies the start, which leaves
-    /// the state at rest, Aborted or Stopped. Rows of motions and cycles that the last process could not write after
-    /// its last event are written first. If the store was changed outside this program, that is one more event, and the
-    /// state is Aborted until a person clears it.
+    /// Computes the state at the start of a program from the journal; the state is at rest, Aborted or Stopped. First,
+    /// the rows of motions and cycles that the last process could not write after its last event are written. If
+    /// another program has changed the store, this is one more event, and the state is Aborted until a person clears
+    /// it.
     ///
     /// # Errors
-    /// If the journal cannot be read, a line differs from the line that was written, or a motion is open that the
-    /// journal does not contain.
+    /// If the journal cannot be read, a line was changed, or a motion is open that the journal does not contain.
     pub fn recover(&mut self) -> Result<State, StoreError> {
         let (settled, last, tail) = self.fold_from_checkpoint()?;
-        // Missing rows of the last process are written before a new event, because the event may refer to them.
+        // The missing rows of the last process are written first, because the new event may refer to them.
         self.write_missing_rows(&settled)?;
         if self.require_writable().is_ok() {
             if tail > MAX_LINES_WITHOUT_CHECKPOINT {
@@ -126,10 +127,10 @@ impl Store {
         Ok(self.folded_state.as_ref().unwrap_or(&settled).after_restart())
     }
 
-    /// Returns the folded state of the journal, without the next start.
+    /// Returns the state after the last line of the journal, before a restart of the program.
     ///
     /// # Errors
-    /// As [`Store::recover`].
+    /// The errors of [`Store::recover`].
     pub fn state(&self) -> Result<State, StoreError> {
         match &self.folded_state {
             Some(folded) => Ok(folded.state()),
@@ -137,17 +138,18 @@ impl Store {
         }
     }
 
-    /// Returns the number of lines of the journal.
+    /// Returns the number of lines in the journal.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If the journal cannot be read.
     pub fn lines(&self) -> Result<i64, StoreError> {
         let last =
             self.connection.query_row("SELECT coalesce(max(sequence), 0) FROM journal", [], |row| row.get(0));
         last.map_err(|error| self.database_error("read the journal of", &error))
     }
 
-    /// Folds the journal from the last checkpoint; returns the state, the last line and the number of lines read.
+    /// Computes the state from the last checkpoint and the lines after it. Returns the state, the last line, and the
+    /// number of lines read.
     fn fold_from_checkpoint(&self) -> Result<(JournalFold, (i64, String), i64), StoreError> {
         let (mut settled, from) = match self.checkpoint()? {
             Some(checkpoint) => (checkpoint.settled, (checkpoint.sequence, checkpoint.journal_chain)),
@@ -159,8 +161,8 @@ impl Store {
         Ok((settled, last, tail))
     }
 
-    /// Calls `each` with each event after this line and its cycle, in order, with one line in memory at a time.
-    /// Returns the last line and the chain at that line.
+    /// Calls `each` with each event after a line, and with its cycle, in order; only one line at a time is in memory.
+    /// Returns the number and the hash of the last line.
     fn for_each_event(
         &self,
         (after, mut before): (i64, String),
@@ -176,7 +178,7 @@ impl Store {
         let mut expected = after + 1;
         for line in lines.query_map([after], Line::from_row).map_err(failed)? {
             let line = line.map_err(failed)?;
-            // Without this check, a missing line in the middle would lead to another state without any error.
+            // Without this check, a missing line would lead to another state without an error.
             if line.sequence != expected {
                 return Err(self.journal_problem(
                     expected,
@@ -201,7 +203,7 @@ impl Store {
     }
 }
 
-/// Writes many lines at once, to simulate a store after years of operation.
+/// Writes many lines at once, like a store after years of operation.
 #[cfg(test)]
 pub(super) fn fill(store: &mut Store, lines: u32) -> Result<(), StoreError> {
     let line = |done| Line {
@@ -214,8 +216,7 @@ pub(super) fn fill(store: &mut Store, lines: u32) -> Result<(), StoreError> {
     store.commit("fill", |writing| (0..lines).try_for_each(|done| write_line(writing, &line(done), None).map(drop)))
 }
 
-/// Writes a line after the last one, and a checkpoint if one is due; `folded` is the journal's folded state
-/// afterwards.
+/// Writes a line after the last one, and a checkpoint if one is due. `folded` is the state after the line.
 fn write_line(
     writing: &mut WriteTransaction<'_>,
     line: &Line,
@@ -240,12 +241,12 @@ fn write_line(
     Ok(line.sequence as u64)
 }
 
-/// Number of journal lines from one checkpoint to the next.
+/// Number of journal lines between two checkpoints.
 const CHECKPOINT_INTERVAL: i64 = 10_000;
-/// Maximum number of lines that a start reads without writing a checkpoint.
+/// Maximum number of lines that a start may read without writing a checkpoint.
 const MAX_LINES_WITHOUT_CHECKPOINT: i64 = 2_000;
 
-/// A position from which the journal can be read, with the folded state there.
+/// A checkpoint: a line of the journal, and the state after it.
 pub(super) struct Checkpoint {
     pub sequence: i64,
     pub journal_chain: String,
@@ -266,7 +267,7 @@ fn write_checkpoint(
 }
 
 impl Store {
-    /// Returns the newest checkpoint that this program can use.
+    /// Returns the newest checkpoint that this program version can use.
     pub(super) fn checkpoint(&self) -> Result<Option<Checkpoint>, StoreError> {
         let sql = "SELECT c.sequence, c.journal_chain, c.folded FROM checkpoints c JOIN journal j
                 ON j.sequence = c.sequence AND j.chain = c.journal_chain
@@ -278,7 +279,7 @@ impl Store {
             })
             .optional()
             .map_err(|error| self.database_error("read a checkpoint of", &error))?;
-        // A checkpoint that this program cannot read is ignored: the journal is folded from the beginning.
+        // A checkpoint that cannot be parsed is ignored; the state is then computed from the first line.
         Ok(found.and_then(|(sequence, journal_chain, folded)| {
             let settled = serde_json::from_str(&folded).ok()?;
             Some(Checkpoint { sequence, journal_chain, settled })

@@ -1,5 +1,5 @@
-//! The file of the key with which a cell signs its records. It is created at the first use, and only its owner can read
-//! it.
+//! The file of the private key with which a cell signs its records. It is created when it is first needed, and only its
+//! owner can read it.
 
 use super::error::StoreError;
 use super::flush;
@@ -11,28 +11,28 @@ use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
-/// The file of the private key in the store's folder, if no other file is configured.
+/// Name of the private key's file in the folder of the store, if no other file is configured.
 const PRIVATE_KEY_FILE: &str = "record-key.pem";
-/// The file of the public keys in the store's folder. The public part of a replaced key is kept there, since it
-/// verifies older records.
+/// Name of the public keys' file in the folder of the store. The public key of a replaced key stays in this file,
+/// because it verifies older records.
 const PUBLIC_KEY_FILE: &str = "record-key.pub.pem";
 
-/// The location of the private key's file.
+/// Where the file of the private key is.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum KeyLocation {
-    /// In the store's folder.
+    /// In the folder of the store.
     InStore,
-    /// This file, which is created if it does not exist.
+    /// At this path; the file is created if it does not exist.
     File(PathBuf),
-    /// This file, which is provided from outside, such as a credential of systemd.
+    /// At this path; the file is provided from outside, such as a systemd credential, and is not created.
     Provided(PathBuf),
 }
 
-/// Returns the key of a cell; if there is none yet, it is created from random bytes of the operating system. Its public
-/// key is written into the store's folder as PEM.
+/// Returns the private key of a cell. If there is none yet, it is created from random bytes of the operating system.
+/// The public key is written to the folder of the store as PEM.
 ///
 /// # Errors
-/// If the file cannot be read or created, contains no ed25519 key, or can be read by users other than its owner.
+/// If the file cannot be read or created, contains no ed25519 key, or can be read by other users.
 pub fn cell_key(store: &Path, place: &KeyLocation) -> Result<CellKey, StoreError> {
     let (file, may_be_made) = match place {
         KeyLocation::InStore => (store.join(PRIVATE_KEY_FILE), true),
@@ -53,17 +53,17 @@ pub fn cell_key(store: &Path, place: &KeyLocation) -> Result<CellKey, StoreError
     Ok(key)
 }
 
-/// Returns the public keys in the store's folder: that of the key in use, and those of earlier keys.
+/// Returns the public keys in the folder of the store: of the present private key and of replaced ones.
 ///
 /// # Errors
-/// If there is none, or the file contains other data.
+/// If the file is missing, or contains other data.
 pub fn public_keys(store: &Path) -> Result<Vec<PublicKey>, StoreError> {
     let file = store.join(PUBLIC_KEY_FILE);
     let pem = fs::read_to_string(&file).map_err(file_error("read", &file))?;
     PublicKey::parse_all(&pem).map_err(|source| key_error(&file, source))
 }
 
-/// Checks that only the owner can read the key: another reader could sign in the cell's name.
+/// Checks that only the owner can read the private key: any other reader could sign in the name of the cell.
 fn check_private(file: &Path) -> Result<(), StoreError> {
     let mode = fs::metadata(file).map_err(file_error("look at", file))?.mode() & 0o777;
     if mode & 0o077 == 0 {
@@ -76,8 +76,8 @@ fn check_private(file: &Path) -> Result<(), StoreError> {
     Err(file_error("use", file)(io::Error::new(ErrorKind::PermissionDenied, words)))
 }
 
-/// Creates the key's file under a temporary name and renames it, so that the key is complete or absent. If another
-/// process has created a key first, that key is used.
+/// Creates the file of the private key with a temporary name and renames it, so that the file is always complete. If
+/// another process has created a key first, this key is returned.
 fn create_key_file(file: &Path) -> Result<CellKey, StoreError> {
     let bytes = random::bytes().map_err(file_error("make", file))?;
     let key = CellKey::from_random_bytes(&bytes);
@@ -94,8 +94,7 @@ fn create_key_file(file: &Path) -> Result<CellKey, StoreError> {
     }
 }
 
-/// Writes a temporary file of this folder, complete and flushed, which only its owner can read; it does not have
-/// its final name yet.
+/// Writes and flushes a temporary file in this folder, which only its owner can read.
 fn write_temporary(folder: &Path, text: &str) -> io::Result<NamedTempFile> {
     let mut file = NamedTempFile::new_in(folder)?;
     file.write_all(text.as_bytes())?;
@@ -103,7 +102,7 @@ fn write_temporary(folder: &Path, text: &str) -> io::Result<NamedTempFile> {
     Ok(file)
 }
 
-/// Writes the public key if it is not written yet.
+/// Adds the public key to its file, unless the file already contains it.
 fn publish(store: &Path, key: &CellKey) -> Result<(), StoreError> {
     let file = store.join(PUBLIC_KEY_FILE);
     let before = match fs::read_to_string(&file) {
@@ -118,7 +117,7 @@ fn publish(store: &Path, key: &CellKey) -> Result<(), StoreError> {
     let write = || {
         fs::create_dir_all(store)?;
         let written = write_temporary(store, &format!("{pem}{before}"))?;
-        // The public key verifies the cell's signatures: every user may read it.
+        // Every user may read the public key, which verifies the signatures of the cell.
         written.as_file().set_permissions(Permissions::from_mode(0o644))?;
         written.persist(&file).map_err(|error| error.error).map(drop)
     };

@@ -1,14 +1,16 @@
-//! One writer at a time: a lock on the store's folder, and a queue for the threads of this process that write.
+//! Only one process writes to a store at a time: a lock on the folder of the store, and a queue for the writing threads
+//! of this process.
 //!
-//! The lock is one of the operating system and not SQLite's exclusive mode, which would also exclude readers (a
-//! `locate` beside the running daemon) and cannot report the holder. It is not on a file in the folder: if a person
-//! removed that file, a second writer could lock a new one. The system releases the lock when its process ends for any
-//! reason. `panelprep.lock` names the holder, for messages alone.
+//! The lock is a lock of the operating system. SQLite's exclusive mode is not used, because it would also exclude
+//! readers (such as `locate` beside the running service), and does not state which process holds the lock. The lock is
+//! on the folder, not on a file in it: if a person removed such a file, a second writer could lock a new one. The
+//! operating system releases the lock when its process ends for any reason. The file `panelprep.lock` states the
+//! process that holds the lock; it is only used in messages.
 //!
-//! Threads are served in the order in which they requested the right to write. A lock of the file system has no order:
-//! a thread that requests it again immediately may get it again. A page that writes a line for each refused request
-//! could therefore delay the loop, which writes a stop to the journal before the stop is executed. Between processes,
-//! only the lock of the head's file decides.
+//! Threads write in the order of their requests. A file lock alone has no order: a thread that requests the lock again
+//! immediately may get it again. A page that writes an entry for each refused request could therefore delay the control
+//! loop, which must write a stop to the journal before the stop is executed. Between processes, only the lock of the
+//! head file decides.
 
 use super::error::StoreError;
 use std::collections::{BTreeMap, VecDeque};
@@ -17,20 +19,20 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
-/// Lock file that names the writer.
+/// Name of the file that states which process writes to the store.
 const FILE: &str = "panelprep.lock";
 
-/// The lock on the store's folder; dropping it releases the lock.
+/// The lock on the folder of the store; it is released when this value is dropped.
 #[derive(Debug)]
 pub struct WriteLease {
     locked: File,
 }
 
 impl WriteLease {
-    /// Acquires the lock; every other writer is refused until it is released.
+    /// Acquires the lock. Every other writer is refused until it is released.
     ///
     /// # Errors
-    /// If another process, or another store of this process, holds it.
+    /// If another process, or another store of this process, holds the lock.
     pub fn acquire(store: &Path) -> Result<Self, StoreError> {
         let at = |doing| {
             let path = store.to_owned();
@@ -48,7 +50,8 @@ impl WriteLease {
             Err(TryLockError::Error(source)) => return Err(at("lock")(source)),
         }
         if let Err(error) = fs::write(store.join(FILE), format!("{}\n", std::process::id())) {
-            // Without this file, only a message is less exact. The service must also start on a full disk.
+            // This file is only used in messages, and the service must also start on a full disk, so the error is only
+            // logged.
             tracing::warn!("{} cannot be written: {error}", store.join(FILE).display());
         }
         Ok(WriteLease { locked: folder })
@@ -56,8 +59,8 @@ impl WriteLease {
 }
 
 impl Drop for WriteLease {
-    /// Unlocks explicitly instead of by closing the folder. A child process between its fork and its exec still has a
-    /// copy of the descriptor, and with it the lock.
+    /// Unlock explicitly instead of by closing the folder: a child process between fork and exec has a copy of the
+    /// descriptor, which would keep the lock.
     fn drop(&mut self) {
         #[expect(
             clippy::let_underscore_must_use,
@@ -67,7 +70,7 @@ impl Drop for WriteLease {
     }
 }
 
-/// The queue of the threads that wait to write to one store.
+/// The queue of threads that wait to write to a store.
 #[derive(Debug, Default)]
 pub(super) struct WriteQueue {
     queue: Mutex<Queue>,
@@ -80,7 +83,7 @@ struct Queue {
     next: u64,
 }
 
-/// The right of one thread to write; dropping this value releases it.
+/// The right of one thread to write, which is released when this value is dropped.
 #[derive(Debug)]
 pub(super) struct WriteQueueGuard<'t> {
     turns: &'t WriteQueue,
@@ -102,7 +105,7 @@ impl WriteQueue {
         turns
     }
 
-    /// Waits until this thread is the first in the queue, at most this time; returns `None` after a timeout.
+    /// Waits until this thread is the first in the queue; `None` if this takes longer than `patience`.
     pub fn acquire(&self, patience: Duration) -> Option<WriteQueueGuard<'_>> {
         let until = Instant::now() + patience;
         let mut queue = self.lock();
@@ -148,7 +151,7 @@ mod tests {
         }
     }
 
-    /// A thread that has written and requests the right to write again waits behind all waiting threads.
+    /// A thread that has written and requests to write again must wait behind all waiting threads.
     #[test]
     fn the_first_writer_is_served_first() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -164,7 +167,7 @@ mod tests {
             wait_until_queued(&turns, 2);
             scope.spawn(|| serve("third"));
             wait_until_queued(&turns, 3);
-            // The second request must be in the queue before the first thread releases the right to write.
+            // The second thread must be in the queue before the first one releases its right to write.
             scope.spawn(|| serve("again"));
             wait_until_queued(&turns, 4);
             drop(first);

@@ -1,19 +1,19 @@
-//! The store: taught panels, cycles, the journal of every event, and the files that all of these name.
+//! The store: taught panels, cycles, the journal of all events, and the files that they name.
 //!
-//! It is a folder with `panelprep.sqlite` (WAL, synchronous FULL), `panelprep.head` (the chain's head),
-//! `panelprep.reserve` (disk space for the journal on a full disk), `panelprep.lock` (the writing process) and
-//! `record-key.pem` (the key that signs records, if no other is configured). Its folder `blobs/` holds scans, pictures,
-//! recipes and calibrations under their SHA-256. Blobs are written first, and the row that names them last, in one
-//! transaction: a row never names an incomplete file. Rows of taught panels, findings, journal, requests, contact paths
-//! and permits are never changed; the end of a cycle and of a motion is written once. Each row is part of a chain of
-//! hashes (`chain`); the head of the chain is also kept outside of the database (`head`). Changed, deleted, reordered
-//! or rolled-back rows are detected (`verify`). Only the table of parts is not in the chain: it is an index over texts
-//! that are in the chain, and is compared with them. Of a panel only raw inputs are stored; other modules derive all
-//! other data from them when they are loaded.
+//! The store is a folder with `panelprep.sqlite` (WAL, synchronous FULL), `panelprep.head` (the head of the hash
+//! chain), `panelprep.reserve` (disk space for the journal on a full disk), `panelprep.lock` (the writing process),
+//! `record-key.pem` (the key that signs records, if no other file is configured), and the folder `blobs/` with scans,
+//! pictures, recipes and calibrations, each named by its SHA-256. A file is written before the row that names it, so
+//! that a row never names an incomplete file. Rows of taught panels, findings, journal, requests, contact paths and
+//! permits are never changed; the end of a cycle or a motion is written once. Each row is part of a hash chain
+//! (`chain`), whose head is also stored outside of the database (`head`). Therefore changed, deleted, reordered and
+//! rolled-back rows are detected (`verify`). Only the table of parts is not in the chain: it is an index of texts that
+//! are in the chain, and is compared with them. For a panel, only the original inputs are stored; other modules compute
+//! all further data when they load the panel.
 //!
 //! The journal is written before effects: [`Store::append`] returns when the event is on the disk. After a failed
-//! append nothing more is appended, since it is unknown whether the line was written; the next process determines this.
-//! A full disk is not such a failure: the reserve is released, and the journal continues until the cell is at rest
+//! append no further event is written, because it is unknown whether the line was written; the next process finds out.
+//! A full disk is handled differently: the reserve is released, and the journal is written until the cell is at rest
 //! (`fullness`).
 
 mod alarms;
@@ -64,12 +64,12 @@ pub use verify::StoreVerification;
 #[cfg(any(test, feature = "testing"))]
 #[cfg_attr(feature = "testing", allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 pub mod testing {
-    //! Functions that the tests of other crates need.
+    //! Functions for tests of other crates.
 
     use super::Store;
     use std::time::SystemTime;
 
-    /// Sets the clock for the times in the rows of a store.
+    /// Sets the clock from which a store takes the times in its rows.
     pub fn set_clock(store: &mut Store, clock: fn() -> SystemTime) {
         store.clock = clock;
     }

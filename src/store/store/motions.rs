@@ -1,13 +1,13 @@
 //! Motions: their intents and their contact paths.
 //!
-//! An intent is committed before the first waypoint is sent, and closed when the robot has reported standstill. The
-//! journal contains the same information, since intents are effects of its events. If a process ends between an event
+//! An intent is committed before the first waypoint is sent, and closed after the robot has reported standstill. The
+//! journal contains the same information, because intents are effects of its events. If a process ends between an event
 //! and its effects, a row is missing; the next process writes it from the journal.
 //!
-//! The grids of each contact path are committed with its motion; the number of waypoints that may be sent is committed
-//! before they are sent. From these rows it is known which grids were abraded, or may have been, for every possible end
-//! of the motion. The paths wear the disc in use: the area that it swept is added path by path, and the time of
-//! mounting is stored.
+//! The grids of a contact path are committed with its motion, and the number of permitted waypoints is committed before
+//! these waypoints are sent. Therefore, after any end of the motion, the rows show which grids were sanded, or may have
+//! been. The disc wears: the area that it has swept is stored for each path, and so is the time at which a new disc was
+//! mounted.
 
 use super::cycles::normalised_serial;
 use super::database::{JournalFold, Store, unix_ms};
@@ -22,8 +22,7 @@ use rusqlite::{OptionalExtension, Row, params};
 use serde::Serialize;
 use std::collections::BTreeSet;
 
-/// The unique index `one_open_motion` permits at most one open motion, so that the database itself refuses a second
-/// one.
+/// The unique index `one_open_motion` makes the database refuse a second open motion.
 pub(super) const TABLES: &str = "
     CREATE TABLE motions (
         id INTEGER PRIMARY KEY,
@@ -36,7 +35,8 @@ pub(super) const TABLES: &str = "
     CREATE INDEX motions_by_cycle ON motions (cycle_id);
 ";
 
-/// `cycle_facts` holds named facts of a cycle that are stored nowhere else: its clock, the file of its recording.
+/// `cycle_facts` contains named facts of a cycle that are not in another table: its clock, and the file of its
+/// recording.
 pub(super) const CONTACT_TABLES: &str = "
     CREATE TABLE contacts (
         id INTEGER PRIMARY KEY,
@@ -59,7 +59,7 @@ pub(super) const CONTACT_TABLES: &str = "
     CREATE INDEX cycle_facts_by_cycle ON cycle_facts (cycle_id);
 ";
 
-/// A row is the area swept by one path, or a new disc with the area 0.
+/// A row contains the area swept by one path, or a new disc with the area 0.
 pub(super) const DISC_TABLES: &str = "
     CREATE TABLE discs (
         id INTEGER PRIMARY KEY,
@@ -70,14 +70,14 @@ pub(super) const DISC_TABLES: &str = "
     ) STRICT;
 ";
 
-/// Evidence in a cycle that the cell has another part after this cycle, or had another part before it.
+/// What a cycle shows about a change of the part in the cell.
 #[derive(Debug, Clone, Copy)]
 struct PartChangeEvidence {
-    /// The cycle passed by a film; the part is removed afterwards.
+    /// Whether the cycle passed with a film; the part is then removed from the cell.
     passes: bool,
-    /// The cycle failed by a film.
+    /// Whether the cycle failed with a film.
     fails: bool,
-    /// The start of the cycle stated that the part is not the part of the cycle before.
+    /// Whether the start request stated that a different part is in the fixture.
     is_other_part: bool,
 }
 
@@ -90,7 +90,7 @@ impl Store {
     /// Commits that this motion may begin.
     ///
     /// # Errors
-    /// If it cannot be written, or a motion is open already.
+    /// If the intent cannot be written, or a motion is already open.
     pub fn open_intent(&mut self, motion: &Motion, cycle: Option<CycleId>) -> Result<(), StoreError> {
         self.require_writable()?;
         let text = self.text(motion)?;
@@ -103,10 +103,10 @@ impl Store {
         })
     }
 
-    /// Commits the outcome of the open motion, with the number of waypoints that the robot executed.
+    /// Commits the outcome of the open motion, and the number of waypoints that the robot executed.
     ///
     /// # Errors
-    /// If it cannot be written, or this motion is not the open one.
+    /// If the outcome cannot be written, or another motion or no motion is open.
     pub fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), StoreError> {
         self.require_writable()?;
         let (text, outcome) = (self.text(motion)?, self.text(&outcome)?);
@@ -121,11 +121,11 @@ impl Store {
         })
     }
 
-    /// Returns whether a motion is open, which a person must clear before anything moves. Rows that the next
-    /// [`Store::recover`] will write are not included.
+    /// Returns whether a motion is open, which a person must clear before any other motion. Rows that the next
+    /// [`Store::recover`] will write are not considered.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If the motions cannot be read.
     pub fn has_open_motion(&self) -> Result<bool, StoreError> {
         Ok(self.open_motion()?.is_some())
     }
@@ -145,7 +145,7 @@ impl Store {
         let mut open = self.open_motion()?;
         if let Some(motion) = open.filter(|motion| Some(*motion) != expected) {
             let closed = settled.closed.filter(|(closed, ..)| *closed == motion);
-            // If lines of the journal were removed, the motion has the outcome Cleared, because a person must then
+            // If lines of the journal are missing, the outcome of the motion is Cleared, because a person must then
             // clear the cell.
             let cleared = (!self.external_changes.is_empty()).then_some((motion, Outcome::Cleared, 0));
             let Some((_, outcome, done)) = closed.or(cleared) else {
@@ -159,7 +159,7 @@ impl Store {
         }
         if let (Some(motion), None) = (expected, open) {
             match settled.state.intent.map(|intent| intent.id) {
-                // The program ended before it permitted a waypoint of the path.
+                // The program ended before a waypoint of the path was permitted.
                 Some(id) if motion.path == Path::Contact => {
                     let nothing = ContactPath { id, pass: settled.state.job.pass, grids: vec![], wears_mm2: 0.0 };
                     self.open_contact(&motion, settled.cycle, (&nothing, 0))?;
@@ -167,7 +167,7 @@ impl Store {
                 _ => self.open_intent(&motion, settled.cycle)?,
             }
         }
-        // A cycle that still runs according to the state machine is concluded by the Boot event that follows.
+        // A cycle that is still in progress according to the state table is concluded by the event Boot that follows.
         let mut over = self.open_cycles()?;
         if settled.state.job.running {
             over.pop();
@@ -191,11 +191,11 @@ impl Store {
         Ok(MotionRecord { motion: self.parse_stored(motion)?, outcome, done: *done, contact: None })
     }
 
-    /// Commits that a motion in contact may begin, with its path and with the number of waypoints that may be sent, in
-    /// one transaction.
+    /// Commits in one transaction that a motion in contact may begin, its contact path, and the number of permitted
+    /// waypoints.
     ///
     /// # Errors
-    /// If it cannot be written, or a motion is open already.
+    /// If the rows cannot be written, or a motion is already open.
     pub fn open_contact(
         &mut self,
         motion: &Motion,
@@ -216,10 +216,10 @@ impl Store {
         })
     }
 
-    /// Commits the number of waypoints of the open motion that may be sent.
+    /// Commits the number of permitted waypoints of the open motion.
     ///
     /// # Errors
-    /// If it cannot be written, or no motion is open.
+    /// If the number cannot be written, or no motion is open.
     pub fn store_permit(&mut self, waypoints: u32) -> Result<(), StoreError> {
         self.require_writable()?;
         let open = self
@@ -239,7 +239,7 @@ impl Store {
         })
     }
 
-    /// Returns the stored contact path of the motion in this row.
+    /// Returns the contact path of the motion in this row.
     fn contact_of_motion(&self, cycle: CycleId, motion_row: i64) -> Result<Option<Contact>, StoreError> {
         if !self.has_table("requests")? {
             return Ok(None);
@@ -256,7 +256,7 @@ impl Store {
         Ok(Some(Contact { path, told, permitted }))
     }
 
-    /// Returns the number of waypoints of this action that the robot reported as executed, according to the journal.
+    /// Returns the number of executed waypoints that the robot reported for this action, according to the journal.
     fn reported_waypoints(&self, cycle: CycleId, act: Id) -> Result<u32, StoreError> {
         let read = || -> Result<Vec<String>, rusqlite::Error> {
             let sql = "SELECT event FROM journal WHERE cycle_id = ?1 AND event LIKE '{\"told\":{\"progress\":%'";
@@ -273,16 +273,20 @@ impl Store {
         Ok(reported)
     }
 
-    /// Returns the places on this cycle's part at which the tool was, or may have been, in earlier cycles. Cycles with
-    /// the same serial number count, and those without one. They count until a cycle of that part passed by a film,
-    /// after which the part is taken out of the cell. Cycles without a serial number also count only until a start
-    /// stated that another part is present. Such a statement does not end the count of a serial number, which names one
-    /// part. A fail by a film ends the count of a part with this serial number. Without a serial number, a fail is no
-    /// evidence that the next part is another one. An air-run, an abort, a reject and a part with another serial number
-    /// end no count. Passes that a person stated after a restore count as well.
+    /// Returns the contacts, certain or possible, between the tool and the part of this cycle in earlier cycles.
+    /// Considered are cycles with the same serial number and cycles without one, back to these ends:
+    ///
+    /// - A cycle of this part that passed with a film: the part was then removed from the cell.
+    /// - For cycles without a serial number, also a start request that stated a different part. Such a statement is no
+    ///   end for a serial number, which identifies a part.
+    /// - For a part with a serial number, also a cycle of this part that failed with a film. Without a serial number, a
+    ///   failed film does not show that the next part is different.
+    ///
+    /// An air-run, an abort, a reject and a part with another serial number are no ends. Passes that a person stated
+    /// after a restore are included.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the cycles cannot be read.
     pub fn earlier_abrasions(&self, id: CycleId) -> Result<Vec<EarlierPass>, StoreError> {
         let mut earlier: Vec<EarlierPass> = Vec::new();
         for cycle in self.earlier_cycles_of_part(id)? {
@@ -309,14 +313,14 @@ impl Store {
         Ok(earlier)
     }
 
-    /// Returns the passes in lost cycles that the start of this cycle stated.
+    /// Returns the passes in lost cycles that the start request of this cycle stated.
     fn stated_passes(&self, cycle: CycleId) -> Result<impl Iterator<Item = EarlierPass> + use<>, StoreError> {
         let passes = self.lost_passes(cycle)?;
         let stated = move |pass| EarlierPass { cycle, pass, grid: None, is_sure: true, is_stated: true };
         Ok((1..=passes).map(stated))
     }
 
-    /// Returns the earlier cycles that may have had the part of this cycle, in order.
+    /// Returns the earlier cycles that may have had the same part as this cycle, in order.
     fn earlier_cycles_of_part(&self, id: CycleId) -> Result<Vec<CycleId>, StoreError> {
         self.ensure_parts_table()?;
         let failed = |error: rusqlite::Error| self.database_error("read the cycles of", &error);
@@ -328,7 +332,7 @@ impl Store {
         };
         let mut cycles = read().map_err(failed)?.into_iter().map(|(id, serial)| (id, normalised_serial(&serial)));
         let Some((own, serial)) = cycles.next() else { return Ok(Vec::new()) };
-        // The serial numbers of parts that in earlier cycles cannot be this part; the empty text is a part without a
+        // Serial numbers of parts that cannot be this part in still earlier cycles; the empty text is a part without a
         // serial number.
         let (mut over, mut found) = (BTreeSet::new(), Vec::new());
         if self.part_change_evidence(own).map_err(failed)?.is_other_part {
@@ -348,12 +352,13 @@ impl Store {
             if !is_over {
                 found.push(CycleId(cycle));
             }
-            // A start without a serial number stated another part: this part differs from all parts before.
+            // A start request without a serial number stated a different part: all earlier parts without a serial
+            // number are different from this part.
             if is_another && serial.is_empty() && part_serial.is_empty() {
                 break;
             }
-            // A start with a serial number stated another part: this part differs only from parts without a serial
-            // number.
+            // A start request with a serial number stated a different part: only earlier parts without a serial number
+            // are different.
             if is_another && (part_serial.is_empty() || part_serial == serial) {
                 over.insert(String::new());
             }
@@ -381,18 +386,18 @@ impl Store {
         self.connection.prepare_cached(sql)?.query_row(params![cycle, pass, fail, film, ANOTHER_PART_TEXT], ends)
     }
 
-    /// Stores a reading of the clock of a cycle: one at its start and one at its conclusion.
+    /// Stores the clock of a cycle at its start or at its end.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the clock cannot be written.
     pub fn store_clock(&mut self, id: CycleId, clock: Clock) -> Result<(), StoreError> {
         self.store_fact(id, CLOCK, &clock)
     }
 
-    /// Stores the file in which a cycle is recorded.
+    /// Stores the name of the file with the recording of a cycle.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the name cannot be written.
     pub fn store_recording(&mut self, id: CycleId, file: &RecordingFile) -> Result<(), StoreError> {
         self.store_fact(id, RECORDING, file)
     }
@@ -418,14 +423,14 @@ impl Store {
         read().map_err(|error| self.database_error("read a cycle of", &error))
     }
 
-    /// Returns the readings of the clock at the start and at the conclusion of a cycle.
+    /// Returns the clock at the start and at the end of a cycle.
     pub(super) fn clocks(&self, id: CycleId) -> Result<[Option<Clock>; 2], StoreError> {
         let kept = self.facts(id, CLOCK)?;
         let clock = |text: Option<&String>| text.map(|text| self.parse_stored(text)).transpose();
         Ok([clock(kept.first())?, clock(kept.get(1))?])
     }
 
-    /// Returns the file in which a cycle is recorded, if it is recorded.
+    /// Returns the file with the recording of a cycle, if it is recorded.
     pub(super) fn recording_file(&self, id: CycleId) -> Result<Option<RecordingFile>, StoreError> {
         self.facts(id, RECORDING)?.first().map(|text| self.parse_stored(text)).transpose()
     }
@@ -439,7 +444,7 @@ impl Store {
         texts.iter().map(|text| self.parse_stored(text)).collect()
     }
 
-    /// Returns the motions of a cycle, each with its contact path.
+    /// Returns the motions of a cycle, with their contact paths.
     pub(super) fn cycle_motions(&self, id: CycleId) -> Result<Vec<MotionRecord>, StoreError> {
         let read = || -> Result<Vec<(i64, StoredMotionTexts)>, rusqlite::Error> {
             let sql = "SELECT motion, outcome, done, id FROM motions WHERE cycle_id = ?1 ORDER BY id";
@@ -453,10 +458,10 @@ impl Store {
         rows.iter().map(whole).collect()
     }
 
-    /// Records the area of the panel that the disc in use swept, mm².
+    /// Adds to the area that the mounted disc has swept, mm².
     ///
     /// # Errors
-    /// If the store is open for reading or cannot be written, or the area is not a number.
+    /// If the store is open for reading only or cannot be written, or the area is not finite.
     pub fn wear_disc(&mut self, cycle: Option<CycleId>, swept_mm2: f64) -> Result<(), StoreError> {
         if !swept_mm2.is_finite() {
             return Err(StoreError::NotFinite { name: "area swept by the disc".to_owned() });
@@ -467,7 +472,7 @@ impl Store {
     /// Records that a new disc was mounted.
     ///
     /// # Errors
-    /// If the store is open for reading or cannot be written.
+    /// If the store is open for reading only or cannot be written.
     pub fn mount_disc(&mut self) -> Result<(), StoreError> {
         self.store_disc(None, true, 0.0)
     }
@@ -484,10 +489,10 @@ impl Store {
         })
     }
 
-    /// Returns the area that the disc in use has swept since it was mounted, mm².
+    /// Returns the area that the mounted disc has swept, mm².
     ///
     /// # Errors
-    /// If it cannot be read, or if an earlier version of this program wrote the store, without the table of discs.
+    /// If the table of discs cannot be read, or is missing because an earlier program version wrote the store.
     pub fn disc_worn_mm2(&self) -> Result<f64, StoreError> {
         self.connection
             .query_row(
@@ -500,7 +505,7 @@ impl Store {
     }
 }
 
-/// The texts of a motion and its outcome, and its number of executed waypoints, as stored.
+/// The stored texts of a motion and of its outcome, and the number of executed waypoints.
 type StoredMotionTexts = (String, Option<String>, u32);
 
 fn motion_texts(row: &Row<'_>) -> Result<StoredMotionTexts, rusqlite::Error> {

@@ -1,4 +1,4 @@
-//! Opening and closing a store.
+//! Opens and closes a store.
 
 use super::blobs::Blobs;
 use super::chain::ChainPosition;
@@ -13,15 +13,16 @@ use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 use std::path::Path;
 use std::time::SystemTime;
 
-/// Number of SQL statements that are kept compiled: those for the rows of every table, for the chain, and for each
+/// Maximum number of compiled SQL statements in the cache: for the rows of every table, for the chain, and for each
 /// write.
 const CACHED_STATEMENTS: usize = 100;
 
 impl Store {
-    /// Opens the store in this folder for reading, also beside a writer. Nothing is created or changed.
+    /// Opens the store in this folder for reading, also while another process writes to it. Nothing is created or
+    /// changed.
     ///
     /// # Errors
-    /// If there is no store, it is damaged, or it was written by a later version of this program or by another program.
+    /// If there is no store, it is damaged, or it was written by a newer version of this program or by another program.
     pub fn open(folder: &Path) -> Result<Self, StoreError> {
         let path = folder.join(DATABASE);
         if !path.is_file() {
@@ -47,7 +48,7 @@ impl Store {
     pub fn create(folder: &Path) -> Result<Self, StoreError> {
         let opened = match Store::create_store(folder) {
             // The cell must be able to start on a full disk: the reserve contains enough space to open the store and to
-            // end in order.
+            // stop the cell safely.
             Err(error) if is_open_failure_full(&error, folder) && ReserveFile::new(folder).release() => {
                 Store::create_store(folder)
             }
@@ -58,8 +59,8 @@ impl Store {
         )
     }
 
-    /// Opens a store for signing, also beside its writer. If the head contradicts the rows, signing is refused, and the
-    /// head stays unchanged until the next start has checked it.
+    /// Opens a store to sign records, also while another process writes to it. If the head contradicts the rows,
+    /// nothing is signed, and the head stays unchanged until the next start has checked it.
     pub(super) fn for_signing(folder: &Path) -> Result<Self, StoreError> {
         let store = Store::open_beside_writer(folder)?;
         let version = schema::version(&store.connection, store.path())?;
@@ -79,12 +80,11 @@ impl Store {
 
     fn create_store(folder: &Path) -> Result<Self, StoreError> {
         let blobs = Blobs::create(folder)?;
-        // The lock is acquired before anything is read. Otherwise a second writer would read a head while the first one
-        // changes it, and report damage.
+        // The lock is acquired before anything is read: otherwise a second writer could read the head while the first
+        // one changes it, and would report damage.
         let lease = WriteLease::acquire(folder)?;
         let path = folder.join(DATABASE);
-        // Data that the last process wrote but did not flush are flushed first: otherwise a power cut after this start
-        // could still remove them.
+        // First flush data that the last process wrote but did not flush: a power failure could still remove them.
         flush::flush_after_kill(&path)?;
         let head_read = head::read(folder);
         let failed = |error: rusqlite::Error| StoreError::database("open", &path, &error);
@@ -102,17 +102,16 @@ impl Store {
         let found = store.update_tables(version).map_err(failed)?.map_err(|error| head_error(folder, error))?;
         store.external_changes = store.head_contradictions(head_read, found)?;
         if store.external_changes.is_empty() {
-            // The head is written only if nothing contradicts it: a new head would remove the evidence that rows are
-            // missing.
+            // The head is written only if there are no contradictions: a new head would remove the evidence of missing
+            // rows.
             store.update_head(found).map_err(|error| head_error(folder, error))?;
         } else {
             store.external_changes.iter().for_each(|words| tracing::warn!("the store was changed: {words}"));
-            // The event is written to the journal before the incident, whatever the store is opened for: a stored
-            // incident is not reported again, and a cell with an incident must rest in Aborted until a person clears
-            // it.
+            // The event is written to the journal before the incident, for any use of the store: a stored incident is
+            // not reported again, and a cell with an incident must stay in Aborted until a person clears it.
             store.recover()?;
             store.store_incident(&store.external_changes.clone())?;
-            // The office may have received other rows with the numbers of the missing rows.
+            // The office server may have received other rows with the numbers of the missing ones.
             store.begin_epoch("rows of the store were changed or are missing")?;
         }
         store.begin_epoch_if_restored()?;
@@ -120,7 +119,7 @@ impl Store {
             tracing::warn!("the reserve for a full disk could not be created in {}: {error}", folder.display());
             if error.kind() == std::io::ErrorKind::StorageFull {
                 store.fullness.mark_full();
-                // Without space for the journal, the store is not opened, so that no cycle can begin.
+                // If there is no space for the journal, the store is not opened, so that no cycle can begin.
                 if fullness::is_too_full_for_journal(folder) {
                     return Err(fullness::disk_full_error(folder));
                 }
@@ -158,7 +157,7 @@ impl Store {
         };
         let Some(after) = schema::update(&transaction)? else { return Ok(Ok(before)) };
         search::fill_missing_parts(&transaction, &self.blobs)?;
-        // A head that has content is checked before it is overwritten.
+        // A head that has contents is checked before it is overwritten.
         let is_new = matches!(head::read(self.blobs.store()), Ok(None));
         if is_new && let Err(error) = head.prepare(before, after) {
             return Ok(Err(error));
@@ -167,8 +166,8 @@ impl Store {
         Ok(Ok(before))
     }
 
-    /// Returns contradictions between the chain's end and the head, and between recently written rows and the
-    /// chain. Stored incidents are not reported again.
+    /// Returns contradictions between the end of the chain and the head, and between recently written rows and the
+    /// chain, as texts. Stored incidents are not reported again.
     fn head_contradictions(
         &self,
         head_read: Result<Option<head::HeadRead>, std::io::Error>,
@@ -184,14 +183,15 @@ impl Store {
     fn update_head(&self, found: ChainPosition) -> Result<(), std::io::Error> {
         let Some(head) = &self.head else { return Ok(()) };
         let _turn = head.acquire_write_guard()?;
-        // Another process may have stored a verification since the position was read.
+        // Another process may have stored a verification after the position was read.
         let at = chain::last_link(&self.connection).unwrap_or(found);
         head.write_position(at)
     }
 }
 
 impl Drop for Store {
-    /// Closes the database; the last writer removes its log and writes the hash of the database's file into the head.
+    /// Closes the database. The last connection removes the write-ahead log, and the hash of the database file is
+    /// written to the head.
     fn drop(&mut self) {
         let (Some(_), Some(head)) = (&self.lease, &self.head) else { return };
         let Ok(last) = chain::last_link(&self.connection) else { return };
@@ -202,16 +202,17 @@ impl Drop for Store {
         };
         let path = self.path().to_owned();
         let Ok(nothing) = Connection::open_in_memory() else { return };
-        // If the database was not closed, or if its rows are not those in the head, the head must not confirm the file
-        // by its hash.
+        // If the database was not closed, or its rows do not match the head, the head must not contain the hash of the
+        // file.
         if std::mem::replace(&mut self.connection, nothing).close().is_err() || at != last {
             return;
         }
-        // If another connection is open, the log remains, and the database's file is incomplete without it.
+        // If another connection is open, the write-ahead log still exists, and the database file is incomplete without
+        // it.
         let is_log_left = log_path(&path).exists();
         if is_log_left && next.is_some() {
-            // A commit failed at the disk, and so did closing the database. The rows of the commit may still be in the
-            // log and are then found at the next start. The head still names both possible positions.
+            // Both a commit and closing the database have failed. The rows of the commit may still be in the log and
+            // will then be found at the next start. The head contains both possible positions.
             return;
         }
         let database = if is_log_left { None } else { file_hash(&path).ok() };
@@ -227,7 +228,7 @@ fn head_error(folder: &Path, source: std::io::Error) -> StoreError {
     StoreError::File { operation: "write the head", path: folder.join(head::FILE), source }
 }
 
-/// Returns whether a store cannot be opened because its disk is full.
+/// Returns whether the cause for which a store cannot be opened is a full disk.
 fn is_open_failure_full(error: &StoreError, folder: &Path) -> bool {
     match error {
         StoreError::Full { .. } => true,

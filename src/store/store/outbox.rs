@@ -1,10 +1,10 @@
-//! The rows for the office: one for each cycle that ended, each signature and each verification. Each is written in the
-//! transaction that writes the cycle's end, the signature or the verification. A row is never changed and never
-//! removed, so that nothing can be lost on the way to the office.
+//! The outbox: one row for each item that the office server must receive, which are the end of a cycle, a signature or
+//! a verification. The row is written in the same transaction as the item. Rows are never changed or removed, so that
+//! no item can be lost on the way to the office server.
 //!
-//! Rows are numbered from 1 within an epoch, a random name. A new epoch begins with a new store, when rows were found
-//! changed or missing, and after a restore: a store that has its full history never uses a number twice under one
-//! epoch. The progress of sending is not a row of the store (see `daemon/office`).
+//! Rows are numbered from 1 within an epoch, which has a random name. A new epoch begins with a new store, after rows
+//! were found changed or missing, and after a restore: within an epoch, a store never uses a number twice. The progress
+//! of sending is not stored in the database (see `daemon/office`).
 
 use super::chain;
 use super::commit::{TransactionFailure, WriteTransaction};
@@ -69,7 +69,7 @@ pub(super) fn begin_outbox(connection: &Connection, is_chained: bool) -> Result<
     Ok(())
 }
 
-/// Writes that this row must be sent to the office, in the transaction that writes the row.
+/// Inserts a row for an item, in the transaction that writes the item.
 pub(super) fn insert(
     writing: &mut WriteTransaction<'_>,
     kind: Kind,
@@ -85,7 +85,7 @@ pub(super) fn insert(
     writing.chain("outbox", writing.last_insert_rowid())
 }
 
-/// An outbox row as stored.
+/// A row of the outbox.
 struct OutboxRow {
     position: Position,
     kind: String,
@@ -104,10 +104,10 @@ impl OutboxRow {
 const ROWS: &str = "SELECT epoch, number, kind, row_key, outbox.unix_ms FROM outbox JOIN outbox_epochs ON outbox_epochs.id = epoch_id";
 
 impl Store {
-    /// Returns the names of all epochs with the number of the last row of each, the oldest first.
+    /// Returns the position of the last row of each epoch, the oldest epoch first.
     ///
     /// # Errors
-    /// If they cannot be read. A store of an earlier version of this program has none.
+    /// If the rows cannot be read.
     pub fn outbox_epochs(&self) -> Result<Vec<Position>, StoreError> {
         if !self.has_table("outbox")? {
             return Ok(Vec::new());
@@ -124,10 +124,10 @@ impl Store {
         read().map_err(|error| self.database_error("read the office's outbox from", &error))
     }
 
-    /// Returns the rows for the office after this position, within its epoch and in order, at most `most` rows.
+    /// Returns the items after this position, within its epoch and in order, at most `most` items.
     ///
     /// # Errors
-    /// If it cannot be read, or a row or a file is damaged.
+    /// If the rows cannot be read, or a row or a file is damaged.
     pub fn outbox_rows_after(&self, after: &Position, most: usize) -> Result<Vec<ItemEnvelope>, StoreError> {
         let failed = |error: rusqlite::Error| self.database_error("read the office's outbox from", &error);
         let sql = format!("{ROWS} WHERE epoch = ?1 AND number > ?2 ORDER BY number LIMIT ?3");
@@ -139,11 +139,11 @@ impl Store {
         rows.into_iter().map(|row| self.envelope(row)).collect()
     }
 
-    /// Returns the time at which the row after this position was written, ms since 1970; `None` if there is no such
-    /// row.
+    /// Returns the time at which the item after this position was stored, ms since 1970; `None` if there is no such
+    /// item.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If the rows cannot be read.
     pub fn outbox_waits_since(&self, after: &Position) -> Result<Option<i64>, StoreError> {
         let sql = format!("{ROWS} WHERE epoch = ?1 AND number > ?2 ORDER BY number LIMIT 1");
         let number = i64::try_from(after.number).unwrap_or(i64::MAX);
@@ -157,11 +157,11 @@ impl Store {
         Ok(row.map(|row| row.unix_ms))
     }
 
-    /// Returns every row with the hash of its content, the oldest first: `archive check` compares the office's rows
-    /// with these.
+    /// Returns all items with the hash of their content, the oldest first. `archive check` compares them with the items
+    /// of the office server.
     ///
     /// # Errors
-    /// If it cannot be read, or a row or a file is damaged.
+    /// If the rows cannot be read, or a row or a file is damaged.
     pub fn outbox_list(&self) -> Result<Vec<ListEntry>, StoreError> {
         let mut listed = Vec::new();
         for last in self.outbox_epochs()? {
@@ -176,7 +176,7 @@ impl Store {
         Ok(listed)
     }
 
-    /// Begins a new epoch in the store in this folder, also while a service writes to it, and records the reason.
+    /// Begins a new epoch in the store in this folder, also while a service writes to it, and stores the reason.
     ///
     /// # Errors
     /// If the store cannot be opened or written.
@@ -209,8 +209,7 @@ impl Store {
         Ok(ItemEnvelope { position, unix_ms, body })
     }
 
-    /// Returns the end of a cycle, with only the content of the cycle's row, so that every version of the program
-    /// returns the same content for it.
+    /// Returns the end of a cycle from the cycle's row alone, so that every program version returns the same content.
     fn cycle_end_row(&self, id: CycleId) -> Result<Body, StoreError> {
         let sql = "SELECT started_unix_s, ended_unix_s, panel, taught_version, recipe_hash, program_version, verdict, reasons
             FROM cycles WHERE id = ?1";
@@ -248,8 +247,8 @@ impl Store {
         Ok(Body::Signature { statement, signature: row.signature, public_key: row.public_key, files })
     }
 
-    /// Returns the files of a record that the office receives: the inputs of the cycle, and every picture, but no
-    /// scans and clips.
+    /// Returns the files of a record that are sent to the office server: the inputs of the cycle and all pictures, but
+    /// no scans and clips.
     fn files_for_office(&self, cycle: &SignedCycle) -> Result<Vec<NamedFile>, StoreError> {
         let removed = prune::removed(self)?;
         let blobs = self.blobs.folder();
@@ -269,7 +268,7 @@ impl Store {
         let found = all.into_iter().find(|(id, _)| *id == number);
         let (_, found) =
             found.ok_or_else(|| StoreError::UnknownVerification { path: self.path().to_owned(), number })?;
-        // The content of a verification does not include a later strike-out.
+        // The content of a verification does not contain a strike-out, which may be added later.
         let Verification { subject, error, limit, calibration_hash, at_unix_s, struck: _ } = found;
         self.canonical(&OfficeVerification { subject, error, limit, calibration_hash, at_unix_s })
             .map(Body::Verification)

@@ -1,5 +1,6 @@
-//! Accounts and the audit trail, and the evidence of changes made outside this program. All are append-only: a changed
-//! account is a new row, and the newest row of a name is valid. Lists are read page by page, the newest line first.
+//! Accounts, the audit trail, and incidents (changes of the store by other programs). All tables are append-only: a
+//! changed account is a new row, and the newest row of a name is valid. Lists are read page by page, the newest entry
+//! first.
 
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
@@ -29,52 +30,52 @@ pub(super) const INCIDENT_TABLES: &str = "
     ) STRICT;
 ";
 
-/// A line of the audit trail with its number.
+/// An entry of the audit trail with its number.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NumberedEntry {
-    /// The line's number, from 1.
+    /// Number of the entry, from 1.
     pub number: i64,
     /// The line.
     pub entry: AuditEntry,
 }
 
-/// A position in the audit trail or among the requests. Lines are in the order of their time, and of their number
-/// within one millisecond, because several lines may have the same time.
+/// A position in the audit trail or in the list of requests. The order is by time and, within one millisecond, by
+/// number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct TrailPosition {
-    /// The line's time, ms since 1970.
+    /// Time of the entry, ms since 1970.
     pub unix_ms: i64,
-    /// The line's number in its table, from 1.
+    /// Number of the entry in its table, from 1.
     pub number: i64,
 }
 
 impl TrailPosition {
-    /// The position after every line.
+    /// The position after all entries.
     pub const END: TrailPosition = TrailPosition { unix_ms: i64::MAX, number: i64::MAX };
 }
 
-/// A change that was found at a start.
+/// An incident: changes by another program that were found at a start.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Incident {
     /// Time of the start, s since 1970.
     pub at_unix_s: i64,
-    /// Descriptions of the differences.
+    /// The changes, as texts.
     pub found: Vec<String>,
 }
 
 impl Store {
-    /// Opens the store to write rows that do not belong to a cycle: as its only writer, or beside an existing writer.
+    /// Opens the store to write rows that do not belong to a cycle, also while another process writes to it.
     ///
     /// # Errors
-    /// If a writer exists but no store, or if the store cannot be opened.
+    /// If the store cannot be opened, or another process is about to create it.
     pub fn open_for_accounts(folder: &Path) -> Result<Self, StoreError> {
         Store::open_for_one_row(folder)
     }
 
-    /// Stores a new account or a change of one, together with the line of the audit trail that records it.
+    /// Stores a new or changed account, together with the entry of the audit trail about it.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the rows cannot be written.
     pub fn store_account(&mut self, account: &Account, entry: &AuditEntry) -> Result<(), StoreError> {
         let unix_ms = unix_ms(self.clock());
         let (account, entry) = (self.text(account)?, self.text(&AuditEntry { unix_ms, ..entry.clone() })?);
@@ -87,10 +88,10 @@ impl Store {
         })
     }
 
-    /// Returns all accounts in their present state, by name.
+    /// Returns the present state of all accounts, by name.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the accounts cannot be read.
     pub fn accounts(&self) -> Result<BTreeMap<String, Account>, StoreError> {
         if !self.has_table("accounts")? {
             return Ok(BTreeMap::new());
@@ -103,10 +104,10 @@ impl Store {
         rows.iter().map(account).collect()
     }
 
-    /// Stores a line of the audit trail. Its time is set here.
+    /// Stores an entry of the audit trail, with the present time.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the entry cannot be written.
     pub fn store_audit(&mut self, entry: &AuditEntry) -> Result<(), StoreError> {
         let unix_ms = unix_ms(self.clock());
         let entry = self.text(&AuditEntry { unix_ms, ..entry.clone() })?;
@@ -116,12 +117,11 @@ impl Store {
         })
     }
 
-    /// Returns the newest lines of the audit trail, at most `most`, the newest first; with `before`, only lines before
-    /// this
-    /// position. Requests to the cell have rows of their own ([`Store::requests`]).
+    /// Returns the newest entries of the audit trail, at most `most`, the newest first; with `before`, only entries
+    /// before this position. Requests to the cell are in their own table ([`Store::requests`]).
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the entries cannot be read.
     pub fn audit(&self, before: Option<TrailPosition>, most: usize) -> Result<Vec<NumberedEntry>, StoreError> {
         if !self.has_table("audit")? {
             return Ok(Vec::new());
@@ -132,11 +132,11 @@ impl Store {
         self.entries(sql, &[&before.unix_ms, &before.number, &i64::try_from(most).unwrap_or(i64::MAX)])
     }
 
-    /// Returns the lines of the audit trail about executed, not refused, actions with the name `what` whose subject
-    /// begins with this text; the newest first.
+    /// Returns the entries of the audit trail about performed actions with the name `what` whose object begins with
+    /// `subject_begins`, the newest first. Refused actions are not included.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the entries cannot be read.
     pub fn audit_of_subjects(&self, what: &str, subject_begins: &str) -> Result<Vec<NumberedEntry>, StoreError> {
         if !self.has_table("audit")? {
             return Ok(Vec::new());
@@ -174,7 +174,7 @@ impl Store {
     /// Returns all incidents, the oldest first.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the incidents cannot be read.
     pub fn incidents(&self) -> Result<Vec<Incident>, StoreError> {
         let read = || -> Result<Vec<(i64, String)>, rusqlite::Error> {
             let mut rows = self.connection.prepare("SELECT at_unix_s, found FROM incidents ORDER BY id")?;
@@ -233,8 +233,8 @@ mod tests {
         assert_eq!(verified.differences, [] as [String; 0]);
     }
 
-    /// Five lines have the same millisecond, and a sixth line has an earlier time because the clock was set back: pages
-    /// of two contain each line once.
+    /// Five entries have the same time, and the sixth has an earlier time because the clock was set back. Pages of two
+    /// entries contain each entry once.
     #[test]
     fn pages_contain_each_line_of_one_millisecond_once() {
         let folder = tempfile::tempdir().expect("a folder");

@@ -1,4 +1,4 @@
-//! Removes old files: clips and scans of ended cycles. Pages and records are kept permanently.
+//! Removes old files: the clips and scans of ended cycles. Pages and records are kept for ever.
 
 use super::database::Store;
 use super::error::StoreError;
@@ -20,12 +20,11 @@ pub(super) const TABLES: &str = "
     ) STRICT;
 ";
 
-/// Number of files that are removed in one transaction. If a cycle begins between two transactions, no more files are
-/// removed.
+/// Number of files that are removed in one transaction. The removal ends if a cycle begins between two transactions.
 const BATCH_FILES: usize = 64;
 const DAY_S: i64 = 86_400;
 
-/// Files that were removed.
+/// Number and size of removed files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PrunedFiles {
     /// Files.
@@ -36,7 +35,7 @@ pub struct PrunedFiles {
     pub at_unix_s: Option<i64>,
 }
 
-/// A cycle that has ended, whose files may be removed.
+/// An ended cycle whose files may be removed.
 struct EndedCycleFiles {
     id: i64,
     at_unix_s: i64,
@@ -44,10 +43,11 @@ struct EndedCycleFiles {
 }
 
 impl Store {
-    /// Removes clips and scans of ended cycles from the store in this folder, after the time that `keep` states. This
-    /// works beside the store's writer, but never while a cycle runs. Files are kept if they wait for a person's
-    /// decision (verdict review), if they are on a page, or if another row names them. Each file is recorded in the
-    /// chain before it is removed, so that it can be distinguished from a missing one.
+    /// Removes the clips and scans of ended cycles from the store in this folder, after the time in `keep`. Another
+    /// process may write to the store meanwhile, but no file is removed while a cycle is in progress. Files of cycles
+    /// that need a person's decision (verdict review), files that are on a page, and files that another row names are
+    /// kept. Each file is recorded in the hash chain before it is removed, so that it can be distinguished from a
+    /// missing file.
     ///
     /// # Errors
     /// If the store cannot be read or written, or a file cannot be removed.
@@ -71,10 +71,10 @@ impl Store {
         Ok(pruned)
     }
 
-    /// Returns the number and size of the files that were removed from a cycle; `None` if there were none.
+    /// Returns the number and the size of the files that were removed from a cycle; `None` if no file was removed.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If the list of removed files cannot be read.
     pub fn pruned_files(&self, id: CycleId) -> Result<Option<PrunedFiles>, StoreError> {
         let sql = "SELECT count(*), coalesce(sum(bytes), 0), max(at_unix_s) FROM pruned WHERE cycle_id = ?1";
         let row = |row: &rusqlite::Row<'_>| {
@@ -86,8 +86,8 @@ impl Store {
         Ok(Some(pruned).filter(|pruned| pruned.files > 0))
     }
 
-    /// Returns the cycles whose clips and scans are no longer kept. Days are counted back from the end of the newest
-    /// cycle, not from today, so that a wrong clock removes nothing.
+    /// Returns the cycles whose clips and scans may be removed. Days are counted back from the end of the newest cycle,
+    /// not from the present time, so that a wrong clock removes nothing.
     fn due_cycles(&self, keep: &Retention) -> Result<Vec<i64>, StoreError> {
         let read = || -> Result<Vec<EndedCycleFiles>, rusqlite::Error> {
             let sql = "SELECT id, ended_unix_s, verdict FROM cycles WHERE verdict IS NOT NULL ORDER BY id DESC";
@@ -102,7 +102,7 @@ impl Store {
             [Verdict::Pass, Verdict::Accept].iter().any(|it| it.keyword() == cycle.verdict)
         };
         let mut due = Vec::new();
-        // The limits count passed and failed cycles separately, so that many passed cycles do not remove the few failed
+        // Passed and failed cycles are counted separately, so that many passed cycles do not displace the few failed
         // ones.
         for (passed, keep) in [(true, keep.passed), (false, keep.failed)] {
             let of_kind = ended.iter().filter(|cycle| has_passed(cycle) == passed);
@@ -117,7 +117,8 @@ impl Store {
         Ok(due)
     }
 
-    /// Records these files of a cycle as removed, then removes them from the disk; returns false if a cycle runs.
+    /// Records files of a cycle as removed, and then deletes them. Returns false, without removing files, if a cycle is
+    /// in progress.
     fn prune_files(
         &mut self,
         id: i64,
@@ -125,7 +126,7 @@ impl Store {
         pruned: &mut PrunedFiles,
     ) -> Result<bool, StoreError> {
         let blobs = self.blobs.folder().to_owned();
-        // A file that is missing already is not recorded as removed, so that the verification reports it.
+        // A file that is already missing is not recorded as removed, so that the verification reports it.
         let there: Vec<(&String, i64)> = hashes
             .iter()
             .filter_map(|hash| Some((hash, i64::try_from(blobs.join(hash).metadata().ok()?.len()).ok()?)))
@@ -134,11 +135,11 @@ impl Store {
         let may = self.commit("write the list of removed files to", |writing| {
             let sql = "SELECT count(*) FROM cycles WHERE verdict IS NULL";
             let running: i64 = writing.query_row(sql, [], |row| row.get(0))?;
-            // The check is made within the transaction, so that no cycle can begin between it and the rows.
+            // This check is part of the transaction, so that no cycle can begin between the check and the rows.
             if running > 0 {
                 return Ok(false);
             }
-            // If an earlier process ended after writing the rows and before removing the files, the rows already exist.
+            // The rows already exist if an earlier process ended after it wrote them and before it deleted the files.
             for (hash, bytes) in there.iter().filter(|(hash, _)| !gone.contains(*hash)) {
                 let sql = "INSERT INTO pruned (cycle_id, hash, bytes, at_unix_s) VALUES (?1, ?2, ?3, ?4)";
                 writing.execute(sql, params![id, hash, bytes, at_unix_s])?;
@@ -158,8 +159,8 @@ impl Store {
     }
 }
 
-/// Returns the files of a cycle that can be removed: the pictures of its clips, and the pictures and scans of the
-/// cameras. The lists of the clips are kept, since they name the pictures.
+/// Returns the files of a cycle that can be removed: the pictures of its clips, and the original pictures and scans of
+/// the cameras. The lists of the clips are kept, because they name the pictures.
 fn removable_files(store: &Store, id: i64) -> Result<BTreeSet<String>, StoreError> {
     let mut old = BTreeSet::new();
     for (_, finding) in findings(store, Some(id))? {
@@ -174,7 +175,7 @@ fn removable_files(store: &Store, id: i64) -> Result<BTreeSet<String>, StoreErro
     Ok(old)
 }
 
-/// Returns every file that a row names; for cycles that are `due`, without the files that can be removed.
+/// Returns all files that a row names. For cycles in `due`, the files that can be removed are not included.
 pub(super) fn named_files(store: &Store, due: &dyn Fn(i64) -> bool) -> Result<BTreeSet<String>, StoreError> {
     let read = |error: rusqlite::Error| store.database_error("read the names of files in", &error);
     let mut named = BTreeSet::new();
@@ -200,7 +201,7 @@ pub(super) fn named_files(store: &Store, due: &dyn Fn(i64) -> bool) -> Result<BT
     Ok(named)
 }
 
-/// Returns the findings of one cycle, or of all, each with its cycle.
+/// Returns the findings of one cycle, or of all cycles, each with its cycle.
 fn findings(store: &Store, id: Option<i64>) -> Result<Vec<(i64, Finding)>, StoreError> {
     let read = || -> Result<Vec<(i64, String)>, rusqlite::Error> {
         let sql = "SELECT cycle_id, finding FROM findings WHERE ?1 IS NULL OR cycle_id = ?1 ORDER BY id";
@@ -210,17 +211,17 @@ fn findings(store: &Store, id: Option<i64>) -> Result<Vec<(i64, Finding)>, Store
     rows.into_iter().map(|(cycle, text)| Ok((cycle, store.parse_stored(&text)?))).collect()
 }
 
-/// Beginning of the name of a clip's list of pictures in a finding.
+/// Beginning of the name under which a finding stores the list of a clip's pictures.
 const CLIP_LIST_NAME: &str = "clip.csv";
 
-/// Returns the pictures in the list of a clip; empty if the list is missing.
+/// Returns the hashes of the pictures in a clip's list; empty if the list is missing.
 fn clip(store: &Store, hash: &str) -> Vec<String> {
     let list = store.blob(hash).ok().and_then(|bytes| String::from_utf8(bytes).ok());
     let lines = list.as_deref().unwrap_or_default().lines().skip(1);
     lines.filter_map(|line| Some(line.split_once(',')?.0.to_owned())).collect()
 }
 
-/// Returns the hashes of the files that were removed.
+/// Returns the hashes of all removed files.
 pub(super) fn removed(store: &Store) -> Result<BTreeSet<String>, StoreError> {
     let read = |error: rusqlite::Error| store.database_error("read the list of removed files from", &error);
     let mut statement = store.connection.prepare("SELECT hash FROM pruned").map_err(read)?;

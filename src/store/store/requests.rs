@@ -1,12 +1,13 @@
-//! Requests: what was requested of the cell, by whom, and the answer. A row is written once, with its answer.
+//! Requests to the cell: the requested action, the sender, and the answer. A row is written once, together with the
+//! answer.
 //!
-//! A request that the state machine decides is also in the journal, before its effects. If the program ended between
-//! the two writes, only the journal contains the request. The person who requested it and the answer were then not
-//! recorded, and the record states this.
+//! A request that the state table decides is also in the journal, where it is written before its effects. If the
+//! program ended between the two writes, only the journal contains the request; its sender and answer are then unknown,
+//! and the record states this.
 //!
-//! The pages of the controller's proofs are requests, too: each proven page and each signature is a row, with the
-//! person, the date and the checksum of the programs. A page on which a row was found wrong is also such a row. No row
-//! is changed, and each is part of the chain.
+//! The pages of the controller's acceptance tests are stored as requests, too: one row for each completed page and for
+//! each signature, with the person, the date and the checksum of the programs. A page with a failed test is stored as
+//! well. Rows are never changed, and each row is part of the hash chain.
 
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
@@ -31,26 +32,26 @@ pub(super) const TABLES: &str = "
 /// A request with its number in the store.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NumberedRequest {
-    /// The number, from 1.
+    /// Number of the request, from 1.
     pub number: i64,
-    /// The cycle in which the request was made; `None` between cycles.
+    /// The cycle during which the request was sent; `None` between cycles.
     pub cycle: Option<CycleId>,
     /// The request.
     pub request: RequestRecord,
 }
 
-/// A page of proofs with its result, or its signature.
+/// A page of the controller's acceptance tests, or its signature.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProofsPage {
-    /// The stage that the page proves.
+    /// The stage that the page covers.
     pub stage: ProofStage,
-    /// The checksum that the controller's programs reported.
+    /// The checksum that the controller reported for its programs.
     pub programs_sum: i32,
     /// SHA-256 of the page.
     pub page_sha256: String,
-    /// The person at the controller, or the one who signed.
+    /// The person who performed the tests, or who signed the page.
     pub by: String,
-    /// What the page shows, or that it was signed.
+    /// The result of the tests, or that the page was signed.
     pub result: ProofsResult,
 }
 
@@ -62,10 +63,10 @@ impl ProofsPage {
 }
 
 impl Store {
-    /// Stores a request with its answer; `journal` is its line in the journal, if it has one. Its time is set here.
+    /// Stores a request with its answer and the present time. `journal` is its line in the journal, if it has one.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the request cannot be written.
     pub fn store_request(
         &mut self,
         asked: &RequestRecord,
@@ -93,11 +94,11 @@ impl Store {
         })
     }
 
-    /// Returns the newest requests in and between all cycles, at most `most`, the newest first, each with its number
-    /// and its cycle; with `before`, only requests before this position.
+    /// Returns the newest requests, during and between cycles, at most `most`, the newest first; with `before`, only
+    /// requests before this position.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the requests cannot be read.
     pub fn requests(&self, before: Option<TrailPosition>, most: usize) -> Result<Vec<NumberedRequest>, StoreError> {
         if !self.has_table("requests")? {
             return Ok(Vec::new());
@@ -117,7 +118,7 @@ impl Store {
         rows.into_iter().map(request).collect()
     }
 
-    /// Returns the requests in a cycle, in order. A request that is only in the journal is read from its line there.
+    /// Returns the requests during a cycle, in order. A request that is only in the journal is read from there.
     pub(super) fn requests_in_cycle(&self, id: CycleId) -> Result<Vec<RequestRecord>, StoreError> {
         let mut asked = match self.has_table("requests")? {
             true => self.requests_where("cycle_id = ?1", "cycle_id = ?1", id)?,
@@ -177,7 +178,7 @@ impl Store {
         read().map_err(|error| self.database_error("read the requests of", &error))
     }
 
-    /// Stores a page or its signature in the store in this folder, also while a service writes to it.
+    /// Stores a page, or its signature, in the store in this folder, also while a service writes to it.
     ///
     /// # Errors
     /// If the store cannot be opened or written.
@@ -187,10 +188,10 @@ impl Store {
         Store::open_for_one_row(folder)?.insert_request(&row, None, None)
     }
 
-    /// Returns the newest signed page with what later runs found; `None` if no page is signed.
+    /// Returns the newest signed page, with the failed tests since then; `None` if no page is signed.
     ///
     /// # Errors
-    /// As [`Store::proofs`].
+    /// The errors of [`Store::proofs`].
     pub fn signed_proofs(&self) -> Result<Option<SignedPage>, StoreError> {
         let mut wrong_since = None;
         for page in self.proofs()? {
@@ -208,11 +209,10 @@ impl Store {
         Ok(None)
     }
 
-    /// Returns all pages of proofs and their signatures, the newest first.
+    /// Returns all pages of the controller's acceptance tests and all signatures on them, the newest first.
     ///
     /// # Errors
-    /// If the rows cannot be read. A row with an unknown stage is an error as well, so that an older row is not used in
-    /// its place.
+    /// If the rows cannot be read, or one has an unknown stage: an older row must not be used instead of it.
     pub fn proofs(&self) -> Result<Vec<ProofsPage>, StoreError> {
         if !self.has_table("requests")? {
             return Ok(vec![]);

@@ -1,11 +1,11 @@
-//! A store that was restored from a backup: the numbers of its later cycles, and the parts whose number of passes it
-//! does not know any more.
+//! A store that was restored from a backup: the numbers of its further cycles, and the parts whose number of sanding
+//! passes is unknown.
 //!
-//! A backup lacks what the cell did after it was made. The reason of the epoch that begins after a restore states the
-//! last number that is known to be used, when the backup was made, and whether it is proven that nothing was abraded
-//! since then. Without this proof, no cycle of a part begins before a person has stated for this part what happened to
-//! it: the number of passes that it had in the lost cycles, or, for a part without a serial number, that another part
-//! is in the fixture.
+//! A backup does not contain the cycles after it was made. After a restore, a new epoch begins; its reason states the
+//! last cycle number that is known to be used, the time of the backup, and whether it is proven that nothing was sanded
+//! after the backup. Without this proof, no cycle with a part begins until a person has stated the number of sanding
+//! passes on this part in the lost cycles. For a part without a serial number, it is also sufficient to state that a
+//! different part is in the fixture.
 
 use super::cycles::{CycleStart, normalised_serial};
 use super::database::Store;
@@ -19,26 +19,26 @@ use std::fs::File;
 use std::io::Write;
 use std::path::Path;
 
-/// Text of the reason for a new epoch after a restore; a [`Restore`] as text follows it.
+/// Beginning of the reason for a new epoch after a restore; a [`Restore`] as text follows.
 const RESTORED_ABOVE: &str = "the store was restored from a backup; cycles are numbered above ";
 const MADE: &str = "the backup was made at second ";
 const NOTHING_ABRADED: &str = "nothing was abraded since then";
-/// Name of the file that marks a store as restored and not opened since; it contains a [`Restore`] as text.
+/// Name of the file that marks a store as restored but not opened yet. It contains a [`Restore`] as text.
 const RESTORED_MARK_FILE: &str = "panelprep.restored";
 
-/// A restore of a store.
+/// What is known about the cycles after a backup that was restored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Restore {
-    /// The last number of a cycle that is known to be used; later cycles are numbered above it.
+    /// The last cycle number that is known to be used; further cycles have higher numbers.
     pub last_cycle: CycleId,
-    /// Time at which the backup was made, s since 1970; `None` if an earlier version of this program restored it.
+    /// Time at which the backup was made, s since 1970; `None` if an earlier program version restored it.
     pub made_unix_s: Option<i64>,
-    /// Whether it is proven that nothing was abraded after the backup.
+    /// Whether it is proven that nothing was sanded after the backup.
     pub is_nothing_abraded: bool,
 }
 
 impl Restore {
-    /// Reads a restore from its text; values that the text does not state are not known.
+    /// Parses a restore; values that the text does not contain are treated as unknown.
     fn parse(text: &str) -> Self {
         let mut parts = text.trim().split("; ");
         let last = parts.next().and_then(|number| number.parse().ok()).unwrap_or(0);
@@ -61,11 +61,11 @@ impl fmt::Display for Restore {
 }
 
 impl Store {
-    /// Marks the store in this folder as restored: it lacks the rows that were written after the backup. At the next
-    /// start a new epoch begins, and the cell rests in Aborted.
+    /// Marks the store in this folder as restored. At the next start a new epoch begins, and the state of the cell is
+    /// Aborted.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the mark cannot be written.
     pub fn mark_restored(folder: &Path, restore: &Restore) -> Result<(), StoreError> {
         let path = folder.join(RESTORED_MARK_FILE);
         let write = || -> std::io::Result<()> {
@@ -77,18 +77,18 @@ impl Store {
         write().map_err(|source| StoreError::File { operation: "write", path: path.clone(), source })
     }
 
-    /// Returns what the store in the folder `replaced` shows about the time after the backup that is unpacked and
-    /// verified in `backup`. Returns `None` if `replaced` is not a later state of the same store. It is a later state
-    /// if its chain contains the last link of the backup's chain, no row contradicts its chain, and its incidents are
-    /// those of the backup.
+    /// Returns what the store in `replaced` shows about the cycles after the backup, which is unpacked and verified in
+    /// `backup`. Returns `None` if `replaced` is not a later state of the same store. It is a later state if its hash
+    /// chain contains the last link of the backup's chain, no row contradicts its chain, and its incidents are those of
+    /// the backup.
     ///
     /// A later state has the same beginning as the backup, and no row is missing before the end that its own head
-    /// states. This end need not be the newest one: an older copy of the store is a later state as well. The chain
-    /// contains no secret, so a person may also have written the rows after the backup and the head. The caller
-    /// therefore compares the number of the last cycle with a number from another source.
+    /// states. But this end need not be the newest one: an older copy of the store is a later state as well. A person
+    /// may also have written the rows after the backup and the head, because the chain contains no secret. Therefore
+    /// the caller compares the number of the last cycle with a number from another source.
     pub fn compute_restore(replaced: &Path, backup: &Path, made_unix_s: i64) -> Option<Restore> {
-        // The store is verified before a connection is open, because the verification closes the database's file, which
-        // releases the locks.
+        // The store is verified before a connection is opened, because the verification closes the database file, which
+        // would release the locks of the connection.
         let is_whole = Store::verify(replaced, false).is_ok_and(|verified| verified.differences.is_empty());
         if !is_whole {
             return None;
@@ -98,7 +98,7 @@ impl Store {
             return None;
         }
         let waiting = mark_in(replaced).ok()?;
-        // Permits are committed before contact, so equal permits prove that nothing was abraded.
+        // Permits are committed before contact, so equal permits prove that nothing was sanded.
         let is_nothing_abraded = waiting.is_none_or(|waiting| waiting.is_nothing_abraded)
             && later.last_permit().ok()? == store.last_permit().ok()?
             && later.restores().ok()?.len() == store.restores().ok()?.len();
@@ -106,9 +106,9 @@ impl Store {
         Some(Restore { last_cycle: CycleId(last), made_unix_s: Some(made_unix_s), is_nothing_abraded })
     }
 
-    /// Returns the last number of a cycle that the store in the folder `replaced` contains, if it has an epoch of the
-    /// store in `backup`. The store may be damaged or changed: the number is no evidence of what happened, but numbers
-    /// up to it may have been used. Returns `None` if it cannot be read or is another store.
+    /// Returns the number of the last cycle in the store in `replaced`, if it has an epoch of the store in `backup`.
+    /// The store may be damaged or changed: the number proves nothing, but all numbers up to it may have been used.
+    /// Returns `None` if the number cannot be read, or it is another store.
     pub fn last_readable_number(replaced: &Path, backup: &Path) -> Option<CycleId> {
         let (found, store) = (Store::open(replaced).ok()?, Store::open(backup).ok()?);
         let epochs = store.outbox_epochs().ok()?;
@@ -117,17 +117,17 @@ impl Store {
         if is_same { found.last_number().ok().map(CycleId) } else { None }
     }
 
-    /// Returns whether this store's chain contains the last link of the other store's chain, and whether the incidents
-    /// of both are the same.
+    /// Returns whether this store's chain contains the last link of the other store's chain, and both have the same
+    /// incidents.
     fn continues(&self, other: &Store) -> Result<bool, StoreError> {
         let end = chain::last_link(&other.connection)
             .map_err(|error| other.database_error("read the chain of", &error))?;
         let own = self.link_hash(end.link).map_err(|error| self.database_error("read the chain of", &error))?;
-        // Every chain contains its start, which is link 0 and is not stored.
+        // The start of a chain is link 0, which is not stored; every chain contains it.
         Ok(own == Some(end.hash) && self.incidents()? == other.incidents()?)
     }
 
-    /// Returns the last number of a cycle that is known to be used; 0 if there is none.
+    /// Returns the last cycle number that is known to be used; 0 if there is none.
     fn last_number(&self) -> Result<i64, StoreError> {
         Ok(self.newest_cycle()?.map_or(0, |cycle| cycle.0).max(self.numbered_above()?))
     }
@@ -150,8 +150,8 @@ impl Store {
         std::fs::remove_file(&path).map_err(|source| StoreError::File { operation: "remove", path, source })
     }
 
-    /// Returns the restores of this store, in order, each with the time at which the store was first opened, ms since
-    /// 1970.
+    /// Returns the restores of this store in order, each with the time at which the restored store was first opened, ms
+    /// since 1970.
     fn restores(&self) -> Result<Vec<(Restore, i64)>, StoreError> {
         if !self.has_table("outbox")? {
             return Ok(Vec::new());
@@ -166,17 +166,18 @@ impl Store {
         read().map_err(|error| self.database_error("read the epochs of", &error))
     }
 
-    /// Returns the number above which cycles are numbered after restores; 0 if there was none.
+    /// Returns the number above which new cycles are numbered because of restores; 0 without a restore.
     pub(super) fn numbered_above(&self) -> Result<i64, StoreError> {
         Ok(self.restores()?.iter().map(|(restore, _)| restore.last_cycle.0).max().unwrap_or(0))
     }
 
-    /// Returns why the number of passes of this panel's part is not known: cycles were lost by a restore, and since
-    /// then no start stated what happened to the part in them
-    /// ([`UnknownPassCount::is_another_part_sufficient`]). An empty serial number means a part without one.
+    /// Returns why the number of sanding passes on a part of this panel is unknown: cycles were lost by a restore, and
+    /// no start request since then has stated the passes on the part in these cycles
+    /// ([`UnknownPassCount::is_another_part_sufficient`]). `None` if the number is known. The serial number of a part
+    /// without one is empty.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If the cycles cannot be read.
     pub fn unknown_pass_count(&self, panel: &str, serial: &str) -> Result<Option<UnknownPassCount>, StoreError> {
         let mut restores = self.restores()?;
         restores.retain(|(restore, _)| !restore.is_nothing_abraded);
@@ -190,7 +191,7 @@ impl Store {
         }))
     }
 
-    /// Returns the last cycle above this number whose start stated what happened to the part in lost cycles.
+    /// Returns the last cycle above this number whose start request stated the passes on the part in lost cycles.
     fn last_statement(&self, (panel, serial): (&str, &str), above: CycleId) -> Result<Option<CycleId>, StoreError> {
         self.ensure_parts_table()?;
         let own = normalised_serial(serial);
@@ -209,8 +210,8 @@ impl Store {
         Ok(cycles.into_iter().find(|(_, of)| normalised_serial(of) == own).map(|(id, _)| CycleId(id)))
     }
 
-    /// Refuses the start of a cycle if the number of passes of its part is not known. An air-run abrades nothing and is
-    /// never refused.
+    /// Refuses the start of a cycle if the number of sanding passes on its part is unknown. An air-run has no contact
+    /// and is never refused.
     pub(super) fn check_count(&self, start: &CycleStart) -> Result<(), StoreError> {
         let serial = search::parse_part(&start.file_texts).and_then(|part| part.serial).unwrap_or_default();
         let is_stated = |(name, text): &(String, String)| {

@@ -1,10 +1,10 @@
-//! The search for cycles: a query of `history` in SQL. The next page begins at a cycle's number, not at a number of
-//! rows, so that new cycles do not shift the pages.
+//! The search for cycles: a query of `history` in SQL. The next page begins at a cycle number, not at a row offset, so
+//! that new cycles do not shift the pages.
 //!
-//! The names of each cycle's part (serial number, work order, operator) are in a table that can be searched. The
-//! authoritative text is the one that the cycle stores as the file `part`; the chain covers its hash. The table is an
-//! index over those texts and is not part of the chain. It is written in the transaction that begins a cycle, and is
-//! created again for cycles of earlier versions of this program. `store verify` compares every row with its text.
+//! The names of each cycle's part (serial number, work order, operator) are in a table for the search. The original
+//! text is the file `part` of the cycle, whose hash is in the hash chain. The table is an index of these texts and is
+//! not part of the chain. It is written in the transaction that begins a cycle, and is created again for cycles of
+//! earlier program versions. `store verify` compares every row with its text.
 
 use super::blobs::Blobs;
 use super::commit::TransactionFailure;
@@ -27,7 +27,7 @@ pub(super) const PART_TABLES: &str = "
     CREATE INDEX cycle_parts_by_serial ON cycle_parts (serial COLLATE NOCASE);
 ";
 
-/// Conditions of a query in SQL, with the values of their placeholders, in order.
+/// The SQL conditions of a query, with the values of their placeholders in order.
 #[derive(Default)]
 struct SqlConditions {
     sql: Vec<String>,
@@ -42,7 +42,7 @@ impl SqlConditions {
         }
     }
 
-    /// Adds a condition for a name in which `*` matches any characters.
+    /// Adds the condition that a column matches a name, in which `*` matches any characters.
     fn name(&mut self, column: &str, name: Option<&String>) {
         let Some(name) = name else { return };
         if name.contains('*') {
@@ -68,7 +68,7 @@ impl SqlConditions {
             None => {}
         }
         for word in &query.words {
-            // Only code and message are searched, since the column's text also contains the names of its JSON keys.
+            // Only code and message are searched, because the text of the column also contains the names of JSON keys.
             let sql = "EXISTS (SELECT 1 FROM json_each(reasons)
                        WHERE (value ->> 'code') || ' ' || (value ->> 'message') LIKE ? ESCAPE '\\')";
             all.add(sql, Some(format!("%{}%", escape_like(word))));
@@ -77,23 +77,23 @@ impl SqlConditions {
     }
 }
 
-/// Returns the text with escaped `%`, `_` and `\`, for a LIKE pattern.
+/// Escapes `%`, `_` and `\` for a LIKE pattern.
 fn escape_like(text: &str) -> String {
     text.replace('\\', "\\\\").replace('%', "\\%").replace('_', "\\_")
 }
 
-/// SQL condition that a motion of the cycle states an air-run.
+/// SQL condition: a motion of the cycle is that of an air-run.
 const MOVED_IN_AIR_SQL: &str =
     "EXISTS (SELECT 1 FROM motions WHERE cycle_id = cycles.id AND motion ->> 'path' = 'air')";
-/// SQL condition that an air-run was requested; stores of earlier versions of this program do not contain requests.
+/// SQL condition: an air-run was requested. Stores of earlier program versions contain no requests.
 const REQUESTED_AIR_RUN_SQL: &str = "EXISTS (SELECT 1 FROM requests WHERE cycle_id = cycles.id
     AND json_type(request, '$.wanted.for.air_run') IS NOT NULL AND request ->> 'answer' = 'done')";
 
 impl Store {
-    /// Searches the cycles, the newest first.
+    /// Returns the cycles that match a query, the newest first.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the cycles cannot be read.
     pub fn search(&self, query: &Query) -> Result<Hits, StoreError> {
         self.ensure_parts_table()?;
         let read = |error: rusqlite::Error| self.database_error("search the cycles of", &error);
@@ -106,7 +106,7 @@ impl Store {
              FROM cycles LEFT JOIN cycle_parts ON cycle_id = cycles.id
              WHERE {condition} ORDER BY cycles.id DESC LIMIT ?"
         );
-        // One more row than the page has shows whether there is another page.
+        // One more row than the size of the page shows whether there is another page.
         values.push(Value::Integer(query.page_size() as i64 + 1));
         let mut statement = self.connection.prepare_cached(&sql).map_err(read)?;
         let rows = statement.query_map(params_from_iter(values), columns).map_err(read)?;
@@ -118,11 +118,10 @@ impl Store {
         Ok(Hits { hits, next })
     }
 
-    /// Returns the number of cycles that ended with each verdict, without air-runs and without cycles that found no
-    /// part.
+    /// Returns the number of ended cycles for each verdict, without air-runs and cycles without a part.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the cycles cannot be read.
     pub fn verdict_counts(&self) -> Result<Vec<(Verdict, u32)>, StoreError> {
         let asked = if self.has_table("requests")? { REQUESTED_AIR_RUN_SQL } else { "FALSE" };
         let sql = format!(
@@ -138,7 +137,7 @@ impl Store {
         rows.into_iter().map(|(word, count)| Ok((self.parse_stored(&format!("\"{word}\""))?, count))).collect()
     }
 
-    /// Returns the hit with its verdict and its reasons, which are decoded from their texts.
+    /// Returns the hit with its verdict and its reasons, which are parsed from their texts.
     fn hit(&self, hit: Hit, [verdict, reasons]: [Option<String>; 2]) -> Result<Hit, StoreError> {
         let verdict = verdict.map(|word| self.parse_stored(&format!("\"{word}\""))).transpose()?;
         let reasons = reasons.map(|text| self.parse_stored(&text)).transpose()?.unwrap_or_default();
@@ -165,13 +164,13 @@ fn columns(row: &Row<'_>) -> Result<(Hit, [Option<String>; 2]), rusqlite::Error>
 const TEMPORARY_TABLE_SQL: &str =
     "CREATE TEMP TABLE cycle_parts (cycle_id INTEGER PRIMARY KEY, serial TEXT, work_order TEXT, operator TEXT)";
 
-/// Returns the part's names from the texts of a new cycle.
+/// Returns the names of the part from the texts of a new cycle.
 pub(super) fn parse_part(file_texts: &[(String, String)]) -> Option<PartNames> {
     let (_, text) = file_texts.iter().find(|(name, _)| name == PartNames::FILE)?;
     PartNames::read(text)
 }
 
-/// Writes the names of a cycle's part, in the present transaction.
+/// Inserts the names of a cycle's part, in the present transaction.
 pub(super) fn insert_part(connection: &Connection, cycle: i64, part: &PartNames) -> Result<(), TransactionFailure> {
     Ok(write_part(connection, cycle, part)?)
 }
@@ -197,7 +196,7 @@ pub(super) fn fill_missing_parts(connection: &Connection, blobs: &Blobs) -> Resu
     Ok(())
 }
 
-/// Returns each cycle that stores a part's text, with the text's hash.
+/// Returns the cycles that store a text of their part, each with the hash of this text.
 fn cycles_with_part(connection: &Connection) -> Result<Vec<(i64, String)>, rusqlite::Error> {
     let sql =
         "SELECT cycles.id, value ->> 'hash' FROM cycles, json_each(files) WHERE value ->> 'name' = ?1 ORDER BY 1";
@@ -209,7 +208,7 @@ fn part_text(blobs: &Blobs, hash: &str) -> Option<PartNames> {
     PartNames::read(&String::from_utf8(blobs.get(hash).ok()?).ok()?)
 }
 
-/// Returns the rows of the table by cycle.
+/// Returns the rows of the table of parts, by cycle.
 fn part_rows(connection: &Connection) -> Result<BTreeMap<i64, PartNames>, rusqlite::Error> {
     let mut statement = connection.prepare("SELECT cycle_id, serial, work_order, operator FROM cycle_parts")?;
     let part = |row: &rusqlite::Row<'_>| {
@@ -218,12 +217,12 @@ fn part_rows(connection: &Connection) -> Result<BTreeMap<i64, PartNames>, rusqli
     statement.query_map([], part)?.collect()
 }
 
-/// Returns the rows that differ from the stored texts of their cycles, as text.
+/// Returns a text for each row that differs from the stored text of its cycle.
 pub(super) fn part_differences(connection: &Connection, blobs: &Blobs) -> Result<Vec<String>, rusqlite::Error> {
     let (mut rows, mut found) = (part_rows(connection)?, Vec::new());
     for (cycle, hash) in cycles_with_part(connection)? {
         let row = rows.remove(&cycle);
-        // A missing or damaged text is reported by the verification of the files.
+        // The verification of the files reports a missing or damaged text.
         let Some(part) = part_text(blobs, &hash) else { continue };
         match row {
             Some(row) if row == part => {}
@@ -240,10 +239,10 @@ pub(super) fn part_differences(connection: &Connection, blobs: &Blobs) -> Result
 }
 
 impl Store {
-    /// Returns the part of a cycle; `None` if none was named.
+    /// Returns the names of a cycle's part; `None` if no name was stated.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If the names cannot be read.
     pub fn cycle_part(&self, cycle: panelprep_cell::record::CycleId) -> Result<Option<PartNames>, StoreError> {
         self.ensure_parts_table()?;
         let sql = "SELECT serial, work_order, operator FROM cycle_parts WHERE cycle_id = ?1";

@@ -1,9 +1,10 @@
-//! Signatures: the cell's statement about each ended cycle, and persons' statements about it; all are kept, and none is
-//! changed.
+//! Signatures: the cell's signed statement about each ended cycle, and persons' signatures on it. They are never
+//! changed or removed.
 //!
-//! A statement is a file whose name is its SHA-256. The row that names it is written last, in one transaction, so that
-//! a statement is signed completely or not at all. The preceding statement is read first and compared with the table
-//! once more in the transaction. Therefore the loop's journal never waits until a file of the record is on the disk.
+//! A statement is stored in a file named by its SHA-256. The row that names the file is written last, in one
+//! transaction, so that a signature is complete or does not exist. The previous statement is read before the
+//! transaction and compared again in it; therefore the journal of the control loop never waits until a file of the
+//! record is on the disk.
 
 use super::chain;
 use super::commit::WriteTransaction;
@@ -35,39 +36,39 @@ pub(super) const TABLES: &str = "
     CREATE INDEX signatures_by_cycle ON signatures (cycle_id);
 ";
 
-/// Maximum number of attempts to sign if another process signs at the same time.
+/// Maximum number of attempts to sign if other processes sign at the same time.
 const MAX_SIGN_ATTEMPTS: usize = 10;
-/// Length limit of a name, user or remark, in characters.
+/// Maximum length of a name, a user or a remark, characters.
 const MAX_CHARACTERS: usize = 200;
 
 const CYCLE_SIGNATURE_SQL: &str = "cycle";
 const PERSON_SIGNATURE_SQL: &str = "person";
 
-/// A person's signature request. The caller has recognized the person, by a password or otherwise.
+/// A person's request to sign. The caller has authenticated the person.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PersonSigningRequest {
-    /// The cycle with the record to sign.
+    /// The cycle whose record is signed.
     pub cycle: CycleId,
     /// The person's printed name.
     pub name: String,
-    /// The account with which the person was identified.
+    /// The account with which the person was authenticated.
     pub user: String,
     /// The signature's meaning.
     pub meaning: Meaning,
-    /// The person's remark; `None` if there is none.
+    /// The person's remark, if there is one.
     pub remark: Option<String>,
-    /// The values that the cell does not measure, as the person states them.
+    /// Values that the cell does not measure, as stated by the person.
     pub values: StatedValues,
 }
 
-/// A signature as stored; the file `record_hash` contains the signed statement.
+/// A row of the table of signatures. The file `record_hash` contains the signed statement.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SignatureRow {
-    /// The signature's number among all signatures of the cell, from 1.
+    /// Number of the signature among all signatures of the cell, from 1.
     pub number: u64,
     /// The cycle.
     pub cycle: CycleId,
-    /// Whether a person signed; otherwise the cell signed.
+    /// Whether a person signed; if not, the cell signed.
     pub is_of_person: bool,
     /// Time of the signature, ms since 1970.
     pub unix_ms: i64,
@@ -77,7 +78,7 @@ pub struct SignatureRow {
     pub previous_hash: String,
     /// Its 64 bytes.
     pub signature: Vec<u8>,
-    /// The key that verifies the signature, 64 hexadecimal digits.
+    /// The public key of the signature, 64 hexadecimal digits.
     pub public_key: String,
 }
 
@@ -99,7 +100,7 @@ impl SignatureRow {
 
 const COLUMNS: &str = "id, cycle_id, kind, unix_ms, record_hash, previous_hash, signature, public_key";
 
-/// Returns the last signature's number and the hash of its statement.
+/// Returns the number of the last signature and the hash of its statement.
 fn last_signature(connection: &Connection) -> Result<(i64, String), rusqlite::Error> {
     let sql = "SELECT id, record_hash FROM signatures ORDER BY id DESC LIMIT 1";
     let last = connection.query_row(sql, [], |row| Ok((row.get(0)?, row.get(1)?))).optional()?;
@@ -107,8 +108,8 @@ fn last_signature(connection: &Connection) -> Result<(i64, String), rusqlite::Er
 }
 
 impl Store {
-    /// Signs every ended cycle that is not signed yet, in order, in the store in this folder, also while a service
-    /// writes to it. The callback is called with each result; if one cycle cannot be signed, the others are still
+    /// Signs all ended cycles that are not signed yet, in order, in the store in this folder, also while a service
+    /// writes to it. The callback gets the result for each cycle. If one cycle cannot be signed, the others are still
     /// signed.
     ///
     /// # Errors
@@ -128,13 +129,13 @@ impl Store {
         Ok(())
     }
 
-    /// Signs the record of a cycle as this person, in the store in this folder, also while a service writes to it. The
-    /// signature is a separate statement on the cell's chain, which names the hash of the cell's statement; if the cell
-    /// has not signed the cycle yet, it does so first.
+    /// Signs the record of a cycle for this person, in the store in this folder, also while a service writes to it. The
+    /// signature is a separate statement in the cell's chain that contains the hash of the cell's statement. If the
+    /// cell has not signed the cycle yet, it signs first.
     ///
     /// # Errors
-    /// If there is no such cycle or it has not ended, a text cannot be printed as given, the person has signed this
-    /// record with this meaning already, the record does not permit this meaning ([`Meaning`]: a release, or its
+    /// If the cycle does not exist or has not ended, a text contains unprintable characters, the person has already
+    /// signed this record with this meaning, the record does not permit this meaning ([`Meaning`]: a release, or its
     /// withdrawal), or the store cannot be written.
     pub fn sign_by_person(
         folder: &Path,
@@ -143,7 +144,7 @@ impl Store {
     ) -> Result<SignatureRow, StoreError> {
         let texts = [("name", Some(&signs.name)), ("user", Some(&signs.user)), ("remark", signs.remark.as_ref())];
         for (what, text) in texts.into_iter().chain(signs.values.named()) {
-            // The texts of a signature are checked because they are printed.
+            // The texts are checked because they will be printed.
             let Some(text) = text else { continue };
             printable(text, MAX_CHARACTERS).map_err(|problem| {
                 let found = text.escape_debug().to_string();
@@ -163,16 +164,16 @@ impl Store {
         store.sign(key, &StatementContent::Person(says))
     }
 
-    /// Signs an ended cycle as the cell.
+    /// Signs an ended cycle for the cell.
     ///
     /// # Errors
-    /// If there is no such cycle, it has not ended, or the store cannot be written.
+    /// If the cycle does not exist or has not ended, or the store cannot be written.
     pub fn sign_cycle(&mut self, key: &CellKey, id: CycleId) -> Result<SignatureRow, StoreError> {
         let says = self.content_to_sign(id)?;
         self.sign(key, &StatementContent::Cycle(says))
     }
 
-    /// Returns the present content of a cycle, for signing.
+    /// Returns the present record and part of a cycle, for signing.
     pub(super) fn content_to_sign(&self, id: CycleId) -> Result<SignedCycle, StoreError> {
         let record = self.cycle(id)?;
         if record.judgement.is_none() {
@@ -195,7 +196,7 @@ impl Store {
         Err(StoreError::SignedMeanwhile { path: self.path().to_owned() })
     }
 
-    /// Signs the content once; returns `None` if another process has signed meanwhile.
+    /// Tries once to sign the content; `None` if another process has signed meanwhile.
     fn try_sign(&mut self, key: &CellKey, says: &StatementContent) -> Result<Option<SignatureRow>, StoreError> {
         let read = |store: &Store, error: rusqlite::Error| store.database_error("read the signatures of", &error);
         let (before, previous) = last_signature(&self.connection).map_err(|error| read(self, error))?;
@@ -232,26 +233,26 @@ impl Store {
         Ok(is_written.then_some(row))
     }
 
-    /// Returns all signatures of the cell, in order. A store of an earlier version of this program has none.
+    /// Returns all signatures of the cell, in order; empty for a store of an earlier program version.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the signatures cannot be read.
     pub fn signatures(&self) -> Result<Vec<SignatureRow>, StoreError> {
         self.find_signatures("?1 IS NULL", None)
     }
 
-    /// Returns the signatures of a cycle, in order: the cell's first, then persons'.
+    /// Returns the signatures on a cycle in order: the cell's first, then those of persons.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the signatures cannot be read.
     pub fn cycle_signatures(&self, id: CycleId) -> Result<Vec<SignatureRow>, StoreError> {
         self.find_signatures("cycle_id = ?1", Some(id.0))
     }
 
-    /// Returns the first signature after this number, and the total number of signatures after it.
+    /// Returns the first signature after this number, and the number of all signatures after it.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the signatures cannot be read.
     pub fn next_signature(&self, number: u64) -> Result<Option<(SignatureRow, u64)>, StoreError> {
         let number = Some(i64::try_from(number).unwrap_or(i64::MAX));
         let first = "id = (SELECT min(id) FROM signatures WHERE id > ?1)";
@@ -262,10 +263,10 @@ impl Store {
         Ok(Some((first, count.unsigned_abs())))
     }
 
-    /// Returns the persons' signatures of a cycle, in order, each with its time, ms since 1970.
+    /// Returns the persons' signatures on a cycle in order, each with its time, ms since 1970.
     ///
     /// # Errors
-    /// If they cannot be read, or a statement is damaged.
+    /// If the signatures cannot be read, or a statement is damaged.
     pub fn person_signatures(&self, id: CycleId) -> Result<Vec<(i64, PersonSignature)>, StoreError> {
         let mut persons = Vec::new();
         for row in self.cycle_signatures(id)?.into_iter().filter(|row| row.is_of_person) {
@@ -278,10 +279,10 @@ impl Store {
         Ok(persons)
     }
 
-    /// Returns the present head of the chain of signatures, in canonical form, with its signature.
+    /// Returns the present head of the chain of signatures: the head, its canonical JSON, and its signature.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If the signatures cannot be read.
     pub fn signed_head(&self, key: &CellKey) -> Result<(SignedHead, Vec<u8>, [u8; 64]), StoreError> {
         let row = self.signatures()?.pop();
         let head = SignedHead {
@@ -345,8 +346,8 @@ impl Store {
 
     /// Checks that the record permits a release, or its withdrawal. If the cycle passed, one person can release the
     /// part (`CycleRecord::is_released_by_one`). After any other verdict, another person must have accepted the
-    /// deviation before, and the release needs a remark. A cycle that tested no part, or whose record contradicts its
-    /// verdict, permits no release.
+    /// deviation before, and the release needs a remark. No release is possible if the cycle tested no part, or if its
+    /// record contradicts its verdict.
     fn check_meaning(&self, signs: &PersonSigningRequest) -> Result<(), StoreError> {
         let refused = |problem: String| {
             Err(StoreError::MeaningNotPermitted {

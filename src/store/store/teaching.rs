@@ -1,4 +1,4 @@
-//! Taught panels in versions that are named by the hash of their content and are never changed.
+//! Taught panels, in versions that are named by the hash of their content and never changed.
 
 use super::commit::{TransactionFailure, WriteTransaction};
 use super::database::Store;
@@ -31,58 +31,58 @@ pub(super) const TABLES: &str = "
     ) STRICT;
 ";
 
-/// All inputs from which a panel is taught: unchanged files and texts.
+/// All inputs with which a panel is taught: unchanged files and texts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TeachingInputs {
-    /// The panel's name, from the recipe.
+    /// The name of the panel, from the recipe.
     pub name: String,
-    /// The scan of the 3D camera of the panel at its nominal pose, PCD.
+    /// The scan of the panel at its nominal pose by the 3D camera, PCD.
     pub scan: Vec<u8>,
     /// The recipe.
     pub recipe_text: String,
-    /// Intrinsic parameters of the 3D camera.
+    /// The text of the file with the intrinsics of the 3D camera.
     pub scanner_calibration_text: String,
-    /// The 3D camera's pose.
+    /// The text of the file with the mount of the 3D camera.
     pub base_from_camera_text: String,
-    /// The corners, in the given order.
+    /// The taught corners, in their order.
     pub corners: Vec<TaughtCorner>,
-    /// Intrinsic parameters of the flange camera.
+    /// The text of the file with the intrinsics of the flange camera.
     pub flange_camera_text: String,
-    /// The flange camera's mounting.
+    /// The text of the file with the mount of the flange camera.
     pub flange_from_camera_text: String,
 }
 
 /// One taught corner.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TaughtCorner {
-    /// The picture of the flange camera, as a file.
+    /// The content of the corner picture's file.
     pub picture: Vec<u8>,
     /// The flange's pose.
     pub base_from_flange: KukaPose,
 }
 
-/// A taught panel as read from the store.
+/// A taught panel in the store.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredTeaching {
-    /// The version: the first 16 hexadecimal digits of the hash of the content.
+    /// The version: the first 16 hexadecimal digits of the content's hash.
     pub version: String,
     /// Time of teaching, s since 1970.
     pub taught_at_unix_s: i64,
-    /// Inputs of the teaching.
+    /// The inputs with which the panel was taught.
     pub teaching: TeachingInputs,
 }
 
-/// A teaching with its files replaced by their hashes, as a row stores it.
+/// The inputs of a taught panel as its row stores them: the hash of each file instead of its content.
 struct Record {
     scan_hash: String,
     texts: [String; 5],
-    /// The hash of each picture, and the flange pose as JSON, which is read back bit for bit.
+    /// For each corner the hash of the picture, and the flange pose as JSON, which is read back exactly.
     corners: Vec<(String, String)>,
 }
 
 impl Record {
-    /// Returns the first 16 digits of the hash over the hashes of all inputs. Hashes have a fixed length, so that the
-    /// end of one and the beginning of the next cannot be confused.
+    /// Returns the version: the first 16 digits of the hash of all inputs' hashes. These hashes have a fixed length, so
+    /// that different inputs cannot give the same sequence of bytes.
     fn version(&self) -> String {
         let texts = self.texts.iter().map(|text| content_hash(text.as_bytes()));
         let corners = self.corners.iter().map(|(picture, pose)| format!("{picture} {}", pose.trim_end()));
@@ -92,12 +92,11 @@ impl Record {
 }
 
 impl Store {
-    /// Stores the inputs as the latest version of the panel and returns the version. The same inputs have the same
-    /// version.
+    /// Stores the inputs as the newest version of a panel, and returns the version. Equal inputs have the same version.
     ///
     /// # Errors
-    /// If the store is open for reading, a flange pose is not finite, or files or database cannot be written; then no
-    /// panel was changed.
+    /// If the store is open for reading only, a flange pose is not finite, or a file or row cannot be written. The
+    /// panel is then unchanged.
     pub fn teach(&mut self, teaching: &TeachingInputs) -> Result<String, StoreError> {
         if let Some(corner) = teaching.corners.iter().position(|corner| !corner.base_from_flange.is_finite()) {
             return Err(StoreError::Pose { corner: corner + 1 });
@@ -122,11 +121,10 @@ impl Store {
         Ok(version)
     }
 
-    /// Returns a panel as it was taught: the requested version, or else the latest. Every input is compared with its
-    /// hash.
+    /// Returns the inputs of a taught panel, in this version or in the newest one. The hash of every input is verified.
     ///
     /// # Errors
-    /// If there is no such panel or version, or one of its inputs is damaged.
+    /// If the panel or the version does not exist, or one of its inputs is damaged.
     pub fn taught(&self, name: &str, version: Option<&str>) -> Result<StoredTeaching, StoreError> {
         let found = self.record(name, version).map_err(|error| self.database_error("read", &error))?;
         let Some((stored_version, taught_at_unix_s, record)) = found else {
@@ -169,7 +167,7 @@ impl Store {
     /// Returns the names of all taught panels, in alphabetical order.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the names cannot be read.
     pub fn panel_names(&self) -> Result<Vec<String>, StoreError> {
         self.names().map_err(|error| self.database_error("read", &error))
     }

@@ -1,5 +1,5 @@
-//! Verifications of calibrations: each is stored, and none is changed. An invalid verification can be struck out: it is
-//! kept, with the person and the reason.
+//! Verifications of calibrations; rows are never changed. An invalid verification can be struck out: it is kept, with
+//! the person and the reason.
 
 use super::database::{DATABASE, Store};
 use super::error::StoreError;
@@ -24,7 +24,7 @@ pub(super) const TABLES: &str = "
     CREATE INDEX verifications_by_subject ON verifications (subject);
 ";
 
-/// A strike-out names its verification; a verification can be struck out only once.
+/// The key is that of the verification, so that a verification can be struck out only once.
 pub(super) const STRIKE_TABLES: &str = "
     CREATE TABLE verification_strikes (
         verification_id INTEGER PRIMARY KEY REFERENCES verifications (id),
@@ -34,8 +34,8 @@ pub(super) const STRIKE_TABLES: &str = "
     ) STRICT;
 ";
 
-/// Returns the hash of the calibration files that a verification used: of the camera's intrinsics and its mount, or of
-/// the tool, in this order.
+/// Returns the hash of the calibration files that were verified: of the camera's intrinsics and mount in this order, or
+/// of the tool.
 pub fn calibration_hash(texts: &[&str]) -> String {
     let hashes: Vec<String> = texts.iter().map(|text| content_hash(text.as_bytes())).collect();
     content_hash(hashes.join(" ").as_bytes())
@@ -55,13 +55,13 @@ impl Store {
         Ok((store, number))
     }
 
-    /// Strikes out the verification with this number in the store in this folder, also while a service writes to it.
-    /// The verification stays stored, with the person who struck it out and the reason.
+    /// Strikes out a verification in the store in this folder, also while a service writes to it. The verification is
+    /// kept, with the person who struck it out and the reason.
     ///
     /// # Errors
-    /// If the store cannot be opened or written, has no such verification, or it is struck out already.
+    /// If the store cannot be opened or written, or the verification does not exist or is already struck out.
     pub fn strike_out_in(folder: &Path, number: i64, strike: &Strike) -> Result<(Self, Verification), StoreError> {
-        // The store must exist: a mistyped folder name must not create a new one.
+        // The store must already exist: a mistyped folder name must not create a new store.
         drop(Store::open(folder)?);
         let mut store = Store::open_for_one_row(folder)?;
         let all = store.verification_history()?;
@@ -108,13 +108,13 @@ impl Store {
     /// Stores a verification.
     ///
     /// # Errors
-    /// If the store is open for reading or cannot be written, or a number is not finite.
+    /// If the store is open for reading only or cannot be written, or a number is not finite.
     pub fn store_verification(&mut self, verification: &Verification) -> Result<(), StoreError> {
         self.require_writable()?;
         self.insert_verification(verification).map(drop)
     }
 
-    /// Stores a verification and returns its number.
+    /// Inserts a verification and returns its number.
     fn insert_verification(&mut self, verification: &Verification) -> Result<i64, StoreError> {
         if !(verification.error.is_finite() && verification.limit.is_finite()) {
             return Err(StoreError::NotFinite { name: "verification".to_owned() });
@@ -138,19 +138,19 @@ impl Store {
         })
     }
 
-    /// Returns all verifications of a subject, in the order in which they were stored.
+    /// Returns all verifications of a device, in the order in which they were stored.
     ///
     /// # Errors
-    /// If they cannot be read, or if an earlier version of this program wrote the store, without this table.
+    /// If the verifications cannot be read, or the table is missing because an earlier program version wrote the store.
     pub fn verifications(&self, subject: &str) -> Result<Vec<Verification>, StoreError> {
         let all = self.verification_history()?.into_iter();
         Ok(all.map(|(_, verification)| verification).filter(|it| it.subject == subject).collect())
     }
 
-    /// Returns all verifications with their numbers, in the order of storing.
+    /// Returns all verifications with their numbers, in the order in which they were stored.
     ///
     /// # Errors
-    /// As [`Store::verifications`].
+    /// The errors of [`Store::verifications`].
     pub fn verification_history(&self) -> Result<Vec<(i64, Verification)>, StoreError> {
         let failed = |error: rusqlite::Error| self.database_error("read verifications from", &error);
         let mut statement = self
@@ -175,8 +175,7 @@ impl Store {
         rows.map_err(failed)?.collect::<Result<_, _>>().map_err(failed)
     }
 
-    /// Returns the strike-outs by the number of their verification; none for a store of an earlier version of this
-    /// program.
+    /// Returns the strike-outs by the number of their verification; empty for a store of an earlier program version.
     fn strikes_by_verification(&self) -> Result<BTreeMap<i64, Strike>, StoreError> {
         let failed = |error: rusqlite::Error| self.database_error("read strikes from", &error);
         if !self.connection.table_exists(None, "verification_strikes").map_err(failed)? {
@@ -192,10 +191,10 @@ impl Store {
         rows.map_err(failed)?.collect::<Result<_, _>>().map_err(failed)
     }
 
-    /// Returns the newest verification of a subject, struck out or not; `None` if it was never verified.
+    /// Returns the newest verification of a device, struck out or not; `None` if the device was never verified.
     ///
     /// # Errors
-    /// As [`Store::verifications`].
+    /// The errors of [`Store::verifications`].
     pub fn newest_verification(&self, subject: &str) -> Result<Option<Verification>, StoreError> {
         Ok(self.verifications(subject)?.pop())
     }

@@ -1,8 +1,8 @@
-//! Verifies that the store contains the data that were written. Names changed, deleted, inserted, reordered or
-//! rolled-back data.
+//! Verifies that the store contains exactly the data that were written. Changed, deleted, inserted, reordered and
+//! rolled-back data are reported.
 //!
-//! Each signature is verified with its key, all signatures with their chain, and the signed records are compared with
-//! the present rows. Rows that were changed together with the store's own chain and head contradict their signed
+//! Each signature is verified with its public key, all signatures with their chain, and the signed records are compared
+//! with the present rows. Rows that were changed together with the store's own chain and head contradict their signed
 //! records.
 
 use super::chain::{ChainPosition, HASHED_TABLES, Hash, HashedTable};
@@ -18,32 +18,33 @@ use rusqlite::{Connection, Row};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// Number of links that a start verifies: in a small store all links, in a large store those since its last checkpoint.
+/// Maximum number of links that a start verifies: all links in a small store, and the links since the last checkpoint
+/// in a large one.
 const START_VERIFIED_LINKS: i64 = 20_000;
-/// Maximum number of messages of one kind; the others are only counted.
+/// Maximum number of differences of the same kind that are listed; further ones are only counted.
 const MAX_MESSAGES: usize = 200;
 
-/// The result of a verification.
+/// The result of verifying a store.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct StoreVerification {
-    /// Differences from the written data, as text.
+    /// Differences from the data that were written, as texts.
     pub differences: Vec<String>,
-    /// Differences that an earlier start found and stored as an incident, and that can no longer be detected, for
-    /// example missing lines.
+    /// Differences that an earlier start stored as an incident and that can no longer be detected, such as missing
+    /// lines.
     pub earlier_differences: Vec<String>,
-    /// Number of links in the chain.
+    /// Number of links in the hash chain.
     pub links: u64,
     /// Number of files that were read and are unchanged.
     pub files: u64,
-    /// Files that the service removed, according to `[store] keep`.
+    /// Number of files that the service has removed according to `[store] keep`.
     pub pruned: u64,
-    /// Number of signatures of the cell and of persons; they are verified together with the files.
+    /// Number of signatures of the cell and of persons; they are verified only together with the files.
     pub signatures: u64,
-    /// The public keys that the signatures name; one key, unless the cell's key was replaced.
+    /// The public keys of the signatures; more than one if the cell's key was replaced.
     pub keys: Vec<String>,
 }
 
-/// The kind of difference of a row or a link.
+/// How a row or a link differs from what was written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum RowFault {
     Changed,
@@ -53,15 +54,15 @@ enum RowFault {
     Twice,
 }
 
-/// The state of a verification of the chain.
+/// The state of a walk along the chain.
 #[derive(Default)]
 struct ChainWalk {
     faults: Vec<(&'static str, RowFault, i64)>,
     links: Vec<String>,
-    /// The changed rows, each with the hash of its written content and the hash of its present content.
+    /// The changed rows, each with the hash of what was written and the hash of the present values.
     changed: Vec<(&'static str, i64, Hash, Hash)>,
     written: BTreeMap<&'static str, Vec<i64>>,
-    /// For tables whose columns are replaced by later writes: the last hash of each row.
+    /// For tables whose columns may be written again: the last hash of each row.
     last: BTreeMap<(&'static str, i64), Hash>,
     count: u64,
 }
@@ -71,12 +72,12 @@ impl Store {
     /// signatures.
     ///
     /// # Errors
-    /// If there is no store, it was written by an earlier version of this program, or its database cannot be opened.
-    /// Unreadable content is a difference, not an error.
+    /// If there is no store, it was written by an earlier program version, or its database cannot be opened. Unreadable
+    /// content is a difference, not an error.
     pub fn verify(folder: &Path, files: bool) -> Result<StoreVerification, StoreError> {
         let path = folder.join(DATABASE);
-        // The file is hashed before a connection is open, because closing a file also releases the locks of a
-        // connection.
+        // The database file is hashed before a connection is opened, because closing the file would release the locks
+        // of the connection.
         let log = std::fs::metadata(log_path(&path)).map_or(0, |log| log.len());
         let hash = if log == 0 { file_hash(&path).ok() } else { None };
         let store = match Store::open(folder) {
@@ -187,7 +188,7 @@ impl Store {
         }
     }
 
-    /// Returns whether a change of the store was found and no person has cleared the cell since then.
+    /// Returns whether a change of the store was found, and no person has cleared the cell since then.
     fn is_change_unreviewed(&self) -> bool {
         use panelprep_cell::cycle::{At, Cause};
         self.state().is_ok_and(|state| {
@@ -198,7 +199,7 @@ impl Store {
         })
     }
 
-    /// Returns contradictions between the end of the chain and the head outside the database.
+    /// Returns contradictions between the end of the chain and the head outside of the database, as texts.
     pub(super) fn end_contradictions(
         &self,
         head_read: Result<Option<head::HeadRead>, std::io::Error>,
@@ -250,7 +251,7 @@ impl Store {
         self.connection.query_row("SELECT hash FROM chain WHERE link = ?1", [link], |row| row.get(0)).optional()
     }
 
-    /// Returns contradictions between the recently written rows and the chain.
+    /// Returns contradictions between the recently written rows and the chain, as texts.
     pub(super) fn recent_contradictions(&self) -> Result<Vec<String>, StoreError> {
         let read = |error: rusqlite::Error| self.database_error("read the chain of", &error);
         let last = chain::last_link(&self.connection).map_err(read)?;
@@ -264,8 +265,8 @@ impl Store {
         Ok(self.contradictions_after(ChainPosition { link: from, hash }, false).0)
     }
 
-    /// Returns contradictions to the chain after this position, as text, and the number of links that were read. With
-    /// `whole`, rows without a link are searched for too.
+    /// Verifies the chain after this position. Returns the contradictions as texts, and the number of links that were
+    /// read. With `whole`, rows without a link are searched as well.
     fn contradictions_after(&self, from: ChainPosition, whole: bool) -> (Vec<String>, u64) {
         let mut walk = ChainWalk::default();
         let walked = walk
@@ -285,7 +286,7 @@ impl Store {
 }
 
 impl ChainWalk {
-    /// Reads the chain after this position, and the rows that its links name.
+    /// Reads the links after this position, and the rows to which they belong.
     fn chain(&mut self, connection: &Connection, from: ChainPosition) -> Result<(), rusqlite::Error> {
         let sql = "SELECT link, part, row_key, row_hash, hash FROM chain WHERE link > ?1 ORDER BY link";
         let mut statement = connection.prepare(sql)?;
@@ -345,7 +346,7 @@ impl ChainWalk {
         self.faults.push((part.name, wrong, key));
     }
 
-    /// Finds rows that no link names, and rows that are named twice.
+    /// Finds rows without a link, and rows with too many links.
     fn find_unlinked_rows(&mut self, connection: &Connection) -> Result<(), rusqlite::Error> {
         for part in &HASHED_TABLES {
             let mut written = self.written.remove(part.name).unwrap_or_default();
@@ -355,7 +356,7 @@ impl ChainWalk {
                 self.faults.extend(twice.map(|key| (part.name, RowFault::Twice, key)));
             }
             let HashedTable { table, key, is_written_sql: condition, .. } = part;
-            // Reads the table itself, because an index may be damaged separately.
+            // Read the table without an index, because the index may be damaged independently of the table.
             let sql = format!("SELECT {key} FROM {table} NOT INDEXED WHERE {condition}");
             let mut statement = connection.prepare(&sql)?;
             let mut rows = statement.query([])?;
@@ -369,7 +370,7 @@ impl ChainWalk {
         Ok(())
     }
 
-    /// Returns all differences as text; neighbouring rows are reported together.
+    /// Returns all differences as texts; consecutive rows are reported together.
     fn describe_findings(mut self) -> Vec<String> {
         let mut sentences = Vec::new();
         let exchanged: Vec<(&str, i64, i64)> = self
@@ -416,7 +417,7 @@ impl ChainWalk {
 }
 
 impl Store {
-    /// Verifies the signatures; adds the contradictions and the number of signatures to the result.
+    /// Verifies the signatures, and adds their number and the contradictions to the result.
     fn verify_signatures(&self, verified: &mut StoreVerification) {
         let rows = match self.signatures() {
             Ok(rows) => rows,
@@ -434,7 +435,7 @@ impl Store {
         let keys: Vec<PublicKey> = named.iter().filter_map(|hex| PublicKey::from_hex(hex).ok()).collect();
         let checked = signing::verify(&all, &keys, None);
         verified.differences.extend(checked.differences);
-        // `check_no_gaps` reports missing signatures before the first one.
+        // Missing signatures before the first one are reported by `check_no_gaps` instead.
         verified
             .differences
             .extend(checked.gaps.into_iter().filter(|(first, _)| *first > 1).map(signing::missing_text));
@@ -454,7 +455,7 @@ impl Store {
         verified.keys = keys.iter().map(PublicKey::hex).collect();
     }
 
-    /// Returns the contradictions between the present rows and a statement.
+    /// Returns the contradictions between the present rows and a signed statement, as texts.
     fn statement_contradictions(&self, number: u64, statement: &Statement) -> Vec<String> {
         let mut found = Vec::new();
         let place = &statement.store;
@@ -493,7 +494,7 @@ fn signed(row: &SignatureRow, bytes: Vec<u8>) -> Signed {
     Signed { name, bytes, signature: row.signature.clone(), claim: NameClaim::Number(row.number) }
 }
 
-/// Checks that no signatures before the first present one are missing.
+/// Returns a text if signatures before the first present one are missing.
 fn check_no_gaps(rows: &[SignatureRow]) -> Option<String> {
     let first = rows.first()?.number;
     (first > 1).then(|| format!("signatures 1 to {} are missing", first - 1))

@@ -1,5 +1,5 @@
-//! The content of a recording, and its data for people: poses and findings, as text. The data for people are not read
-//! back.
+//! The entries of a recording, and the data that are recorded only for people, as texts: poses and findings. The latter
+//! are not read back.
 
 use super::topic::{LogLevel, Topic};
 use panelprep_base::geometry::{
@@ -13,25 +13,25 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::sync::Arc;
 
-/// One exchange of the loop with its environment.
+/// An exchange between the control loop and its environment.
 #[derive(Debug, Clone)]
 pub struct Entry {
     /// Its topic.
     pub topic: Topic,
-    /// Time of the exchange, ns since the recording began, on the loop's clock.
+    /// Time of the exchange by the clock of the control loop, ns since the start of the recording.
     pub at_ns: u64,
-    /// The loop's action; null if the loop only received an input.
+    /// The action of the control loop; null if the loop only received an input.
     pub action: Value,
-    /// The reply or input; null if none was expected.
+    /// The reply to the action, or the input; null if there is none.
     pub reply: Value,
-    /// The picture or points from a camera, if there are any.
+    /// The picture or the points of a camera, if the entry contains any.
     pub shot: Option<Shot>,
 }
 
-/// The picture or points from a camera.
+/// A picture or the points of a camera.
 #[derive(Debug, Clone)]
 pub enum Shot {
-    /// The 3D camera's points and colours.
+    /// Points and colours of the 3D camera.
     Points(Arc<OrganizedCloud<Camera>>),
     /// A picture of the 3D camera's colour sensor.
     Scanner(Arc<ColorPicture>),
@@ -40,7 +40,7 @@ pub enum Shot {
 }
 
 impl Shot {
-    /// Returns the topic of the shot's message.
+    /// Returns the topic on which the picture or the points are recorded.
     pub fn topic(&self) -> Topic {
         match self {
             Shot::Points(_) => Topic::Points,
@@ -49,7 +49,7 @@ impl Shot {
         }
     }
 
-    /// Returns the number of columns and rows.
+    /// Returns width and height, px.
     pub fn size_px(&self) -> [usize; 2] {
         match self {
             Shot::Points(cloud) => [cloud.width(), cloud.height()],
@@ -57,47 +57,48 @@ impl Shot {
         }
     }
 
-    /// Returns the memory that the shot needs, bytes.
+    /// Returns the size in memory, bytes.
     pub fn bytes(&self) -> usize {
         let [width, height] = self.size_px();
         width * height * if matches!(self, Shot::Points(_)) { 15 } else { 3 }
     }
 }
 
-/// The state at the loop's start, in addition to its input files.
+/// The state of the control loop at the start of a recording, in addition to its input files.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordingStart {
     /// The program's version.
     pub program: String,
-    /// Start time by the wall clock, ns since 1970.
+    /// Start time of the recording by the wall clock, ns since 1970.
     pub unix_ns: u64,
     /// The table's state.
     pub state: State,
-    /// Whether time passes only while the loop waits for the robot's messages.
+    /// Whether time passes only while the control loop waits for messages of the robot.
     pub lock_step: bool,
-    /// The loop's memory at the start, in addition to the state machine's state.
+    /// The internal data of the control loop, in addition to the state table's state.
     pub begin: LoopMemoryStart,
-    /// Error of the camera mounts at the panel, mm, 95 %, as known at the start.
+    /// Error of the camera mounts at the panel at the start, mm, 95 %.
     pub hand_eye_mm: Option<f64>,
-    /// Error of robot and tool, mm, 95 %, as known at the start.
+    /// Error of the robot and its tool at the start, mm, 95 %.
     pub robot_mm: Option<f64>,
 }
 
-/// The loop's memory when the recording began, in addition to the state machine's state.
+/// The internal data of the control loop at the start of a recording, in addition to the state table's state.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum LoopMemoryStart {
-    /// The program has just started: there is no memory.
+    /// The program has just started, so there are no internal data.
     #[default]
     Boot,
-    /// The loop had run before, and was idle.
+    /// The control loop was already running, and was idle.
     Cycle {
-        /// The robot's last report of its state.
+        /// The last state message of the robot.
         robot: Option<Box<eki::State>>,
-        /// The deadlines that were armed.
+        /// The active deadlines.
         armed: Vec<ArmedDeadline>,
-        /// The motion from the panel's nominal pose to its last pose in the earlier cycles, in the base frame.
+        /// The displacement of the panel from its nominal pose to its last pose in the previous cycles, in the base
+        /// frame.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         place: Option<KukaPose>,
     },
@@ -107,46 +108,46 @@ pub enum LoopMemoryStart {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ArmedDeadline {
-    /// Id of the action that armed the deadline.
+    /// The id of the effect that started the deadline.
     pub id: Id,
     /// The deadline.
     pub which: Deadline,
-    /// Time of the deadline, ns on the loop's clock.
+    /// Time of the deadline by the clock of the control loop, ns.
     pub at_ns: u64,
 }
 
-/// Entries of one topic that could not be recorded.
+/// Entries of a topic that could not be recorded.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LostEntries {
     /// The topic.
     pub topic: Topic,
-    /// Time of the first lost entry, ns since the recording began.
+    /// Time of the first missing entry, ns since the start of the recording.
     pub from_ns: u64,
-    /// Number of lost entries.
+    /// Number of missing entries.
     pub count: u64,
 }
 
-/// The content of the last record of a recording.
+/// The contents of the last record of a recording.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct RecordingEnd {
-    /// Entries that were not recorded: a recording with lost entries is incomplete.
+    /// Entries that could not be recorded; with such entries, the recording is incomplete.
     pub lost: Vec<LostEntries>,
-    /// The reason why the recording ended before the cycle; `None` if it did not.
+    /// The reason why the recording ended before its cycle; `None` if it contains the whole cycle.
     pub stopped: Option<String>,
 }
 
 /// The pose of one frame in another, mm and degrees.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FramePose {
-    /// The frame of reference: `base`, `flange`.
+    /// The name of the parent frame: `base`, `flange`.
     pub parent: &'static str,
     /// The frame.
     pub child: &'static str,
-    /// Pose of the child frame in the parent frame.
+    /// The pose of the child frame in the parent frame.
     pub pose: KukaPose,
 }
 
-/// A camera's lens, and the topic and frame of its pictures.
+/// The lens of a camera, with the topic and the frame of its pictures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lens {
     /// [`Topic::ScannerLens`] or [`Topic::FlangeLens`].
@@ -156,7 +157,7 @@ pub struct Lens {
 }
 
 impl Lens {
-    /// Returns the frame of the lens's pictures and points.
+    /// Returns the frame of the camera's pictures and points.
     pub(super) fn frame(&self) -> &'static str {
         if self.topic == Topic::FlangeLens { FLANGE_FRAME } else { SCANNER_FRAME }
     }
@@ -166,11 +167,11 @@ impl Lens {
 pub(super) const SCANNER_FRAME: &str = "scanner";
 pub(super) const FLANGE_FRAME: &str = "flange_camera";
 
-/// The note about units at the beginning of each recording.
+/// The note about units in the first log message of a recording.
 pub(super) const UNITS_NOTE: &str = "all lengths in this recording are mm: a viewer that reads them as metres shows the \
                                 scene 1000 times too large";
 
-/// The form in which an entry is shown to people.
+/// A text about an entry, for people.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum ShownText {
     Status(FramePose),

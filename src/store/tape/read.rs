@@ -1,14 +1,14 @@
-//! Converts bytes to entries, one at a time: a recording may be larger than the memory.
+//! Reads a recording entry by entry, because it may be larger than the memory.
 //!
-//! [`check_recording`] reads a recording once and refuses it if anything is missing: each message has its number and is
-//! in order, there are as many messages as the recording's end states, and there is no error before the end.
-//! [`EntryReader`] then returns its entries. Both read the records of the MCAP file in order and verify the checksums
-//! of each.
+//! [`check_recording`] reads a recording once, and refuses it if any data are missing: the numbers of the messages must
+//! be consecutive, their times must increase, their number must agree with the end of the recording, and there must be
+//! no error before the end. [`EntryReader`] then returns the entries. Both read the records of the MCAP file in order,
+//! and verify the checksum of each record.
 //!
-//! [`RecordFraming`] finds the beginnings of the file's records in parallel with the library's reader, because an
-//! uncompressed chunk must be refused before the reader sees it: the reader assumes that the last record of such a
-//! chunk ends with the chunk, and its count of bytes falls below zero if it does not. Recordings of this program have
-//! only compressed chunks; their records are unpacked by their own lengths.
+//! [`RecordFraming`] finds the beginnings of the file's records in addition to the library's reader, because an
+//! uncompressed chunk must be refused before the library reads it: the library assumes that the last record of such a
+//! chunk ends with the chunk; otherwise its byte counter underflows. Recordings of this program contain only compressed
+//! chunks, whose records are read by their own lengths.
 
 use super::entry::{Entry, RecordingStart, Shot};
 use super::error::{END, FORMAT, METADATA, OLDEST_FORMAT, START, TapeError};
@@ -26,21 +26,21 @@ use std::collections::BTreeMap;
 use std::io::Read;
 use std::sync::Arc;
 
-/// The entries of a checked recording, in order, each with its picture or points.
+/// An iterator of the entries of a checked recording, in order, each with its picture or points.
 pub struct EntryReader<R> {
     records: Records<R>,
     topics: BTreeMap<u16, Topic>,
     began_ns: u64,
 }
 
-/// The stored form of an entry.
+/// An entry as it is stored.
 #[derive(Deserialize)]
 struct StoredEntry {
     said: Value,
     heard: Value,
 }
 
-/// One message of the kinds that are read back.
+/// A message that is read back.
 enum Part {
     Entry(Entry),
     Shot(Topic, Vec<u8>),
@@ -48,7 +48,7 @@ enum Part {
 }
 
 impl<R: Read> EntryReader<R> {
-    /// Creates a reader of the entries of a recording that began at this time.
+    /// Creates an iterator of the entries of a recording that started at the time `began_ns`.
     pub fn new(source: R, began_ns: u64) -> Self {
         EntryReader { records: Records::new(source), topics: BTreeMap::new(), began_ns }
     }
@@ -116,12 +116,12 @@ impl<R: Read> Iterator for EntryReader<R> {
     }
 }
 
-/// Returns whether a picture or points follow this entry.
+/// Returns whether a message with a picture or points follows this entry.
 fn has_shot(entry: &Entry) -> bool {
     entry.topic == Topic::Camera && entry.reply.get("Ok").is_some_and(|shot| shot.get("size_px").is_some())
 }
 
-/// The data about a picture in a camera's answer.
+/// The part of a camera's reply that describes the picture.
 #[derive(Deserialize)]
 struct Answer {
     size_px: [usize; 2],
@@ -148,7 +148,7 @@ fn parse_shot(topic: Topic, data: &[u8], heard: &Value) -> Result<Shot, String> 
     Ok(shot)
 }
 
-/// Number of bytes of one point in format 2, which has no alpha channel.
+/// Size of a point in format 2, which has no alpha channel, bytes.
 const FORMAT_2_STRIDE: usize = 15;
 
 fn points(cloud: &PointCloud, [width, height]: [usize; 2]) -> Result<OrganizedCloud<Camera>, String> {
@@ -156,7 +156,7 @@ fn points(cloud: &PointCloud, [width, height]: [usize; 2]) -> Result<OrganizedCl
     if ![FORMAT_2_STRIDE, STRIDE].contains(&stride) || !cloud.data.len().is_multiple_of(stride) {
         return Err(format!("the points have {stride} bytes each, expected {STRIDE}"));
     }
-    // In both formats, each point begins with the same data.
+    // In both formats a point begins with the same data.
     let each = || cloud.data.chunks_exact(stride).filter_map(<[u8]>::first_chunk::<FORMAT_2_STRIDE>);
     let points_mm = each().map(|&[a, b, c, d, e, f, g, h, i, j, k, l, ..]| {
         [[a, b, c, d], [e, f, g, h], [i, j, k, l]].map(f32::from_le_bytes)
@@ -168,20 +168,20 @@ fn points(cloud: &PointCloud, [width, height]: [usize; 2]) -> Result<OrganizedCl
 /// A complete recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CheckedRecording {
-    /// The state at the loop's start.
+    /// The state of the control loop at the start.
     pub start: RecordingStart,
-    /// The loop's input files, by their names.
+    /// The input files of the control loop, by name.
     pub files: BTreeMap<String, Vec<u8>>,
     /// Entries in it.
     pub entries: u64,
-    /// Length of the recording on the loop's clock, s.
+    /// Duration of the recording by the clock of the control loop, s.
     pub length_s: f64,
 }
 
-/// Reads a whole recording and returns its data.
+/// Reads a whole recording, checks it, and returns what it contains besides the entries.
 ///
 /// # Errors
-/// If it is not a recording, has another format, has a gap, is damaged or was not finished.
+/// If the file is not a recording, has another format, is incomplete, has a gap, or is damaged.
 pub fn check_recording(source: impl Read) -> Result<CheckedRecording, TapeError> {
     let mut records = Records::new(source);
     let mut inventory = RecordingInventory::default();
@@ -195,7 +195,7 @@ pub fn check_recording(source: impl Read) -> Result<CheckedRecording, TapeError>
     }
 }
 
-/// The content read so far.
+/// What was read so far.
 #[derive(Default)]
 struct RecordingInventory {
     is_mcap: bool,
@@ -286,7 +286,7 @@ impl RecordingInventory {
         self.counts.iter().filter(|(topic, _)| topic.is_entry()).map(|(_, count)| count).sum()
     }
 
-    /// Returns the error for a recording that cannot be read further.
+    /// Returns the error for a recording that cannot be read any further.
     fn broken_reason(&self, error: McapError) -> TapeError {
         match error {
             McapError::Io(error) if error.kind() != std::io::ErrorKind::UnexpectedEof => {
@@ -302,7 +302,7 @@ impl RecordingInventory {
         TapeError::Unfinished { entries: self.entries(), until_s: self.last_time_s() }
     }
 
-    /// Checks at the end of the file whether the recording is complete.
+    /// Checks at the end of the file that the recording is complete.
     fn check_complete(self) -> Result<CheckedRecording, TapeError> {
         let start = self.start()?.clone();
         let Some(ended) = &self.ended else { return Err(self.unfinished_error()) };
@@ -328,13 +328,13 @@ impl RecordingInventory {
     }
 }
 
-/// Maximum length of a record. The longest records, the points of a full-size scan, have 35 MB.
+/// Maximum length of a record, bytes. The longest records are the points of a full-size scan, 35 MB.
 const MAX_RECORD_BYTES: usize = 256 << 20;
 
-/// Number of bytes that are read at a time.
+/// Number of bytes in one read.
 const PIECE_BYTES: usize = 1 << 20;
 
-/// The records of a file, in order.
+/// The records of an MCAP file, in order.
 struct Records<R> {
     source: R,
     framing: RecordFraming,
@@ -352,7 +352,7 @@ impl<R: Read> Records<R> {
         Records { source, framing: RecordFraming::default(), reader: LinearReader::new_with_options(options) }
     }
 
-    /// Calls the function with the next record; returns `None` after the last one.
+    /// Calls the function with the next record; `None` after the last record.
     pub(super) fn next<T>(
         &mut self,
         take: impl FnOnce(Record<'_>) -> Result<T, TapeError>,
@@ -362,7 +362,7 @@ impl<R: Read> Records<R> {
                 None => return Ok(None),
                 Some(Err(error)) => return Err(RecordFault::Bytes(error)),
                 Some(Ok(LinearReadEvent::ReadRequest(needed))) => {
-                    // The buffer grows only by received bytes, even if a record states a greater length.
+                    // The buffer grows only by the bytes that were read, even if a record states a larger length.
                     let into = self.reader.insert(needed.min(PIECE_BYTES));
                     let read = loop {
                         match self.source.read(into) {
@@ -386,13 +386,14 @@ impl<R: Read> Records<R> {
     }
 }
 
-/// The source of an error: the container, or its content.
+/// Where an error occurred: in the MCAP container, or in the content of a record.
 enum RecordFault {
     Bytes(McapError),
     Content(TapeError),
 }
 
-/// Returns whether the record of an attachment is as long as the lengths in it state; its parser assumes this.
+/// Returns whether the length of an attachment's record agrees with the lengths stated inside it; the library's parser
+/// assumes this.
 fn is_complete_attachment(body: &[u8]) -> bool {
     let length = |at: usize| {
         let bytes = body.get(at..)?.first_chunk::<4>()?;
@@ -412,21 +413,21 @@ fn seconds(ns: u64) -> f64 {
     ns as f64 / 1e9
 }
 
-/// Number of bytes of the magic number at the beginning of a file.
+/// Length of the magic number at the beginning of a file, bytes.
 const MAGIC_BYTES: u64 = 8;
-/// Number of bytes of a record's kind and length.
+/// Length of a record's kind and length fields, bytes.
 const HEAD_BYTES: usize = 9;
 /// Number of bytes in a chunk before the length of the compression's name: two times, the size, the checksum.
 const BYTES_BEFORE_NAME: usize = 28;
 /// Number of bytes of a chunk's record up to and including the length of the compression's name.
 const CHUNK_HEAD_BYTES: usize = HEAD_BYTES + BYTES_BEFORE_NAME + 4;
 
-/// Follows the records of a file through its bytes, in pieces of any size.
+/// Finds the records in the bytes of a file, which are passed in pieces of any size.
 #[derive(Debug)]
 struct RecordFraming {
     /// Number of bytes to skip: the magic number, or the rest of a record.
     skip: u64,
-    /// The part of a record's head that has been received.
+    /// The bytes of a record's head that were received so far.
     head: Vec<u8>,
 }
 
@@ -437,10 +438,10 @@ impl Default for RecordFraming {
 }
 
 impl RecordFraming {
-    /// Reads the next bytes of the file.
+    /// Processes the next bytes of the file.
     ///
     /// # Errors
-    /// If an uncompressed chunk begins in them.
+    /// If an uncompressed chunk begins in these bytes.
     pub fn feed(&mut self, mut bytes: &[u8]) -> Result<(), TapeError> {
         while !bytes.is_empty() {
             let skipped = usize::try_from(self.skip).unwrap_or(usize::MAX).min(bytes.len());
@@ -458,7 +459,7 @@ impl RecordFraming {
         Ok(())
     }
 
-    /// Returns the number of missing bytes of a record's head.
+    /// Returns how many bytes of a record's head are still missing.
     fn missing_head_bytes(&self) -> usize {
         let needed = match self.head.first() {
             Some(&op::CHUNK) if self.head.len() >= HEAD_BYTES => {
@@ -489,8 +490,8 @@ impl RecordFraming {
 mod tests {
     use super::*;
 
-    /// Returns the bytes of a file: its beginning, a short record, a record of another kind that contains bytes like
-    /// those of a chunk, and then a chunk.
+    /// Returns the bytes of a file: the magic number, a short record, a record of another kind whose content looks like
+    /// a chunk, and then a chunk.
     fn file(name: &[u8]) -> Vec<u8> {
         let record = |op: u8, content: &[u8]| [&[op][..], &(content.len() as u64).to_le_bytes(), content].concat();
         let chunk = [&[7; BYTES_BEFORE_NAME][..], &(name.len() as u32).to_le_bytes(), name, &[1; 20]].concat();
@@ -514,7 +515,7 @@ mod tests {
             assert!(read(&file(b"zstd")).is_ok(), "{step}");
             let error = read(&file(b"")).expect_err("refused").to_string();
             assert!(error.contains("a chunk that is not compressed"), "{step}: {error}");
-            // A chunk that ends before the name of its compression is passed on to the reader, which refuses it.
+            // A chunk that ends before the name of its compression is passed on to the library, which refuses it.
             assert!(
                 read(&[&file(b"zstd")[..8], &[op::CHUNK, 3, 0, 0, 0, 0, 0, 0, 0, 1, 2, 3, op::HEADER]].concat())
                     .is_ok()

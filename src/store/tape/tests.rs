@@ -1,4 +1,4 @@
-//! Tests of recordings that are written, read, cut, changed and replaced.
+//! Tests of recordings that are written and read back, truncated, changed or exchanged.
 
 use super::error::METADATA;
 use super::topic::{CameraCalibration, CompressedImage, Log, PointCloud};
@@ -48,7 +48,7 @@ fn cloud(points_mm: Vec<[f32; 3]>) -> Arc<OrganizedCloud<Camera>> {
     Arc::new(OrganizedCloud::new(3, 2, points_mm, colors).expect("organised"))
 }
 
-/// Returns entries for each kind of topic.
+/// Returns entries of all topics.
 fn entries() -> Vec<Entry> {
     let point = [0.1_f32, -2.5e-7, 812.345_6];
     vec![
@@ -74,7 +74,7 @@ fn whole() -> Vec<u8> {
     written(&entries(), &RecordingEnd::default())
 }
 
-/// Returns the whole content of an entry, for a comparison bit for bit.
+/// Returns the complete content of an entry, for an exact comparison.
 fn bits(entry: &Entry) -> (Topic, String, Vec<u32>, Vec<u8>) {
     let line = json!([entry.action, entry.reply]).to_string();
     let (points, colors) = match &entry.shot {
@@ -100,9 +100,9 @@ fn a_recording_reads_back_bit_for_bit() {
     assert_eq!(back, put);
 }
 
-/// Foxglove requires colours with an alpha channel, and a lens in the same frame as the pictures. Calculated by hand,
-/// with an undistorted lens: the point (10, −20, 400) mm is seen at u = 100 · 10/400 + 3 = 5.5, v = 200 · (−20)/400 +
-/// 20 = 10, and the same in metres.
+/// Foxglove requires an alpha channel of the colours, and a lens in the same frame as the pictures. Expected pixel,
+/// calculated by hand for a lens without distortion: the point (10, −20, 400) mm is at u = 100 · 10/400 + 3 = 5.5 and v
+/// = 200 · (−20)/400 + 20 = 10, and the same point in metres as well.
 #[test]
 fn points_have_colours_and_pictures_a_lens_for_viewers() {
     let (k1, k2, p1, p2, k3) = (0.1, 0.2, 0.3, 0.4, 0.5);
@@ -162,7 +162,8 @@ fn points_have_colours_and_pictures_a_lens_for_viewers() {
     assert!(log.message.contains("lengths in this recording are mm"), "{}", log.message);
 }
 
-/// A cut file is the result of a crash: it is refused as unfinished, and read up to its last complete chunk.
+/// A crash leaves a truncated file: it is refused as unfinished, and its entries can be read up to the last complete
+/// chunk.
 #[test]
 fn a_cut_recording_is_unfinished_at_any_cut() {
     let mut writer = Writer::begin_recording(Vec::new(), &start(), &files(), &[], &[]).expect("begun");
@@ -217,7 +218,7 @@ fn a_gap_is_named_with_its_topic_and_time() {
     assert!(error.to_string().contains("3 entries of /camera, the first 0.250 s"), "{error}");
 }
 
-/// A recording that ended before its cycle states why; no entry is missing in it, but it does not contain a whole
+/// A recording that ended before its cycle states the reason. It contains all entries up to this time, but not a whole
 /// cycle.
 #[test]
 fn a_recording_that_was_stopped_states_why() {
@@ -263,7 +264,7 @@ fn other_files_are_refused_with_the_reason() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Points with any bits, numbers of any size, and texts with any characters are read back.
+    /// Points with any bits, numbers of any size, and texts with any characters are read back exactly.
     #[test]
     fn any_shot_and_any_number_reads_back(
         points in prop::collection::vec(any::<[u32; 3]>(), 6),
@@ -280,7 +281,7 @@ proptest! {
         prop_assert_eq!(back.iter().map(bits).collect::<Vec<_>>(), put.iter().map(bits).collect::<Vec<_>>());
     }
 
-    /// A valid beginning followed by any bytes is read or refused.
+    /// Random bytes after a valid beginning are read or refused without a panic.
     #[test]
     fn any_bytes_are_read_or_refused_with_a_text(tail in prop::collection::vec(any::<u8>(), 0..300), keep in 0_usize..1_000) {
         let mut bytes = whole();

@@ -1,8 +1,8 @@
-//! Topics, the schemas of their messages, and the messages of Foxglove's well-known schemas, with the descriptors that
-//! other programs need to read them.
+//! The topics of a recording, the schemas of their messages, and the messages of Foxglove's well-known schemas with the
+//! descriptors that other programs need.
 //!
 //! Field numbers and names of the well-known schemas are those of <https://github.com/foxglove/foxglove-sdk>
-//! (`schemas/proto`); only the fields that are written are described here. All lengths are mm.
+//! (`schemas/proto`); only the fields that are written are defined here. All lengths are mm.
 
 use prost::Message;
 use prost_types::field_descriptor_proto::{Label, Type};
@@ -15,7 +15,7 @@ use strum::{IntoStaticStr, VariantArray};
 /// A topic of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, IntoStaticStr, VariantArray)]
 pub enum Topic {
-    /// Reports of the robot's link.
+    /// Reports of the robot link.
     #[strum(serialize = "/robot/report")]
     Report,
     /// Commands to the robot, and their results.
@@ -24,46 +24,46 @@ pub enum Topic {
     /// Commands to the compliant tool, and its reports.
     #[strum(serialize = "/tool")]
     Tool,
-    /// Readings of the clock that the loop uses, if they differ from the previous reading.
+    /// The times that the control loop has read, if they differ from the previous time.
     #[strum(serialize = "/clock")]
     Clock,
-    /// Requests to the loop.
+    /// Requests to the control loop.
     #[strum(serialize = "/request")]
     Request,
-    /// Results of computations outside the loop, in the order in which the loop receives them.
+    /// Results of computations outside of the control loop, in the order in which the loop receives them.
     #[strum(serialize = "/result")]
     Result,
-    /// The events of the state machine: the journal's lines.
+    /// The events of the state table: the lines of the journal.
     #[strum(serialize = "/cycle/event")]
     Event,
     /// Findings of the phases.
     #[strum(serialize = "/cycle/finding")]
     Finding,
-    /// Other data written to the store, and data read from the store.
+    /// Other data that are written to the store, and data that are read from it.
     #[strum(serialize = "/cycle/store")]
     Store,
-    /// Requests to the cameras, and their answers; a picture or points follow in a separate message.
+    /// Requests to the cameras, and their replies; a picture or points follow in another message.
     #[strum(serialize = "/camera")]
     Camera,
-    /// The 3D camera's points.
+    /// Points of the 3D camera.
     #[strum(serialize = "/scanner/points")]
     Points,
-    /// The 3D camera's pictures.
+    /// Pictures of the 3D camera.
     #[strum(serialize = "/scanner/picture")]
     ScannerPicture,
-    /// The flange camera's pictures.
+    /// Pictures of the flange camera.
     #[strum(serialize = "/flange/picture")]
     FlangePicture,
-    /// For people: the lens of the 3D camera's pictures.
+    /// Only for people: the lens of the 3D camera.
     #[strum(serialize = "/scanner/calibration")]
     ScannerLens,
-    /// For people: the lens of the flange camera.
+    /// Only for people: the lens of the flange camera.
     #[strum(serialize = "/flange/calibration")]
     FlangeLens,
-    /// For people: the poses.
+    /// Only for people: poses.
     #[strum(serialize = "/tf")]
     Transform,
-    /// For people: the findings, as text.
+    /// Only for people: findings as text.
     #[strum(serialize = "/log")]
     Log,
 }
@@ -82,12 +82,13 @@ impl Topic {
         Topic::ALL.iter().copied().find(|topic| topic.name() == name)
     }
 
-    /// Returns whether the topic's messages are [`Entry`](super::Entry)s, which are needed to run the recording again.
+    /// Returns whether the messages of the topic are [`Entry`](super::Entry) values, which are needed to execute the
+    /// recording again.
     pub fn is_entry(self) -> bool {
         !self.is_shot() && !matches!(self, Topic::ScannerLens | Topic::FlangeLens | Topic::Transform | Topic::Log)
     }
 
-    /// Returns whether the topic's messages belong to the preceding camera entry.
+    /// Returns whether the messages of the topic belong to the previous camera entry.
     pub(super) fn is_shot(self) -> bool {
         matches!(self, Topic::Points | Topic::ScannerPicture | Topic::FlangePicture)
     }
@@ -110,7 +111,7 @@ pub(super) const JSON: &str = "jsonschema";
 const ENTRY_SCHEMA: &str = r#"{"title": "panelprep.Entry", "type": "object", "properties": {
     "said": {"description": "what the loop did"}, "heard": {"description": "what came to it"}}}"#;
 
-/// The schema of a message, for readers of the file.
+/// The schema of the messages of a topic.
 pub(super) struct Schema {
     pub name: &'static str,
     pub encoding: &'static str,
@@ -137,7 +138,7 @@ pub struct CompressedImage {
     pub frame_id: String,
 }
 
-/// Points with packed fields; the fields are described in the message.
+/// Points with packed fields, which the message itself describes.
 #[derive(Clone, PartialEq, Message)]
 pub struct PointCloud {
     #[prost(message, optional, tag = "1")]
@@ -154,7 +155,7 @@ pub struct PointCloud {
     pub data: Vec<u8>,
 }
 
-/// The description of one number of each point.
+/// The description of one field of each point.
 #[derive(Clone, PartialEq, Message)]
 pub struct PackedElementField {
     #[prost(string, tag = "1")]
@@ -165,7 +166,7 @@ pub struct PackedElementField {
     pub r#type: i32,
 }
 
-/// The encoding of a number.
+/// The number type of a field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, prost::Enumeration)]
 pub enum NumericType {
     Unknown = 0,
@@ -274,7 +275,7 @@ pub fn to_timestamp(unix_ns: u64) -> Timestamp {
 
 const NS_PER_S: u64 = 1_000_000_000;
 
-/// The type of a field's content.
+/// The type of a field in a message.
 enum FieldContent {
     Plain(Type),
     Plains(Type),
@@ -287,7 +288,7 @@ const TIMESTAMP: &str = ".google.protobuf.Timestamp";
 const VECTOR: FieldContent = FieldContent::Message(".foxglove.Vector3");
 const QUATERNION: FieldContent = FieldContent::Message(".foxglove.Quaternion");
 
-/// Returns the descriptors of all messages in this file, as a serialized `FileDescriptorSet`.
+/// Returns the descriptors of all messages here as an encoded `FileDescriptorSet`.
 fn descriptors() -> Vec<u8> {
     use FieldContent::{Enum, Message as One, Messages, Plain, Plains};
     let double = || Plain(Type::Double);

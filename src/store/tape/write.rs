@@ -1,5 +1,5 @@
-//! Converts entries to bytes. Bytes are only appended, chunk by chunk, so that after a crash the recording is valid
-//! up to its last complete chunk.
+//! Writes entries as bytes. Bytes are only appended, chunk by chunk, so that after a crash the recording can be read up
+//! to its last complete chunk.
 
 use super::entry::{
     Entry, FLANGE_FRAME, FramePose, Lens, LostEntries, RecordingEnd, RecordingStart, SCANNER_FRAME, Shot,
@@ -28,7 +28,7 @@ use std::io::Write;
 pub(super) const STRIDE: usize = 16;
 const OPAQUE_ALPHA: u8 = 255;
 
-/// The state of a topic.
+/// The state of a topic in the file.
 #[derive(Debug, Clone, Copy)]
 struct Channel {
     id: u16,
@@ -44,11 +44,11 @@ pub struct Writer<W: Write> {
 }
 
 impl<W: Write> Writer<W> {
-    /// Begins a recording with the loop's initial state, the files that it uses, the mounting of cameras and tool, and
-    /// the cameras' lenses.
+    /// Starts a recording with the initial state of the control loop, the files that it uses, the mounts of cameras and
+    /// tool, and the lenses of the cameras.
     ///
     /// # Errors
-    /// If the disk reports an error; the same applies to the other methods.
+    /// If the recording cannot be written; the same applies to all other methods.
     pub fn begin_recording(
         out: W,
         start: &RecordingStart,
@@ -96,10 +96,10 @@ impl<W: Write> Writer<W> {
         Ok(writer)
     }
 
-    /// Writes an entry, and its data for people.
+    /// Writes an entry, and the data about it for people.
     ///
     /// # Errors
-    /// As [`Writer::begin_recording`].
+    /// The errors of [`Writer::begin_recording`].
     pub fn write(&mut self, entry: &Entry) -> Result<(), TapeError> {
         let body = json!({ "said": entry.action, "heard": entry.reply });
         self.message(entry.topic, entry.at_ns, body.to_string().as_bytes())?;
@@ -110,18 +110,18 @@ impl<W: Write> Writer<W> {
         entry_texts(entry).iter().try_for_each(|shown| self.show(entry.at_ns, shown))
     }
 
-    /// Ends the current chunk, so that all entries written until now can be read even after a crash.
+    /// Ends the current chunk, so that all entries written so far can be read even after a crash.
     ///
     /// # Errors
-    /// As [`Writer::begin_recording`].
+    /// The errors of [`Writer::begin_recording`].
     pub fn end_chunk(&mut self) -> Result<(), TapeError> {
         self.mcap.flush().map_err(write_error)
     }
 
-    /// Ends the recording and writes the number of messages.
+    /// Ends the recording, and writes the number of messages.
     ///
     /// # Errors
-    /// As [`Writer::begin_recording`].
+    /// The errors of [`Writer::begin_recording`].
     pub fn finish(mut self, ending: &RecordingEnd) -> Result<W, TapeError> {
         let counts: BTreeMap<&str, u64> =
             self.channels.iter().map(|(topic, channel)| (topic.name(), channel.written)).collect();
@@ -134,7 +134,7 @@ impl<W: Write> Writer<W> {
         Ok(self.mcap.into_inner().into_inner())
     }
 
-    /// Leaves out a message, as another program could do.
+    /// Skips a message, as another program might do.
     #[cfg(test)]
     pub(super) fn skip(&mut self, topic: Topic) {
         self.channels.entry(topic).and_modify(|channel| channel.written += 1);
@@ -146,7 +146,7 @@ impl<W: Write> Writer<W> {
         let Some(channel) = self.channels.get_mut(&topic) else { return Ok(()) };
         let header = MessageHeader {
             channel_id: channel.id,
-            // The sequence number continues from 0 after 2³² messages; readers do the same.
+            // After 2³² messages, the sequence number continues with 0; readers expect this.
             sequence: channel.written as u32,
             log_time,
             publish_time: self.began_ns + at_ns,
@@ -245,8 +245,8 @@ fn points(cloud: &OrganizedCloud<Camera>, unix_ns: u64) -> PointCloud {
     }
 }
 
-/// Converts the lens to OpenCV's model, which is also this program's model and Foxglove's "plumb bob": pixel
-/// coordinates begin at the middle of the first pixel.
+/// Converts a lens to OpenCV's model, which is also the model of this program and Foxglove's "plumb bob". Pixel
+/// coordinates begin at the centre of the first pixel.
 fn calibration(lens: &Lens, unix_ns: u64) -> CameraCalibration {
     let PinholeCamera { width_px, height_px, fx_px, fy_px, cx_px, cy_px, k1, k2, p1, p2, k3 } = lens.camera;
     CameraCalibration {

@@ -1,5 +1,5 @@
-//! The permitted waypoints of a contact path limit the grids that it may have touched, for every end of the motion. The
-//! paths wear the disc.
+//! Tests of contact paths: for every end of a motion, the permitted waypoints limit the grids that the tool may have
+//! touched. Also tests of the disc's wear.
 
 use super::journal::progress;
 use super::*;
@@ -24,7 +24,7 @@ fn earlier(cycle: CycleId, grid: &str, is_sure: bool) -> EarlierPass {
     EarlierPass { cycle, pass: 1, grid: Some(grid.to_owned()), is_sure, is_stated: false }
 }
 
-/// The progress of another action, or of an earlier motion, does not count for this one.
+/// The progress of another action, or of an earlier motion, is ignored.
 #[test]
 fn touched_grids_are_limited_by_reported_and_permitted_waypoints() {
     let (folder, mut store) = new_store();
@@ -50,8 +50,8 @@ fn touched_grids_are_limited_by_reported_and_permitted_waypoints() {
     assert!(store.store_permit(30).is_err(), "no motion is open");
 }
 
-/// The first cycle crashed, the second was stopped and has a finding, and a later one passed: then the next part is
-/// present.
+/// The first cycle crashed, the second one was stopped and has a finding, and a later one passed: after it, another
+/// part is in the cell.
 #[test]
 fn possible_abrasions_count_until_the_part_passes() {
     let (_folder, mut store) = new_store();
@@ -113,14 +113,14 @@ fn air_run(store: &mut Store, id: CycleId) {
     store.conclude(id, Verdict::Pass, &[]).expect("concluded");
 }
 
-/// Concludes a cycle with a film of this verdict.
+/// Concludes a cycle with a film that has this verdict.
 pub fn film(store: &mut Store, id: CycleId, verdict: Verdict) {
     let found = Finding::new(Kind::Inspect, 0, Judgement { verdict, reasons: vec![] });
     store.store_finding(id, &found).expect("kept");
     store.conclude(id, verdict, &[]).expect("concluded");
 }
 
-/// Adds a cycle of this part that was interrupted in contact.
+/// Adds a cycle with this part that was interrupted in contact.
 pub fn add_interrupted_cycle(store: &mut Store, (serial, epoch): (&str, u32), another: bool) -> CycleId {
     let id = store.begin_cycle(&start_of(serial, another)).expect("begun");
     let motion = Motion { epoch, ..MOTION };
@@ -141,8 +141,8 @@ pub fn start_of(serial: &str, another: bool) -> CycleStart {
     start
 }
 
-/// Abrasions are counted for each part. A part is identified by its serial number, without regard to blanks and case,
-/// and by a person's statement. A result of one part does not end the count of another part.
+/// Sanding passes are counted for each part. A part is identified by its serial number, regardless of surrounding
+/// blanks and case, and by a person's statement. The result of one part does not affect the count of another part.
 #[test]
 fn abrasions_are_counted_for_each_part() {
     let (_folder, mut store) = new_store();
@@ -180,8 +180,9 @@ fn abrasions_are_counted_for_each_part() {
     assert_eq!(after("SN 18"), [without_serial].into());
 }
 
-/// A part without a serial number that failed may also be the part of the next start: its passes count until a start
-/// states another part, or until it passes. They also count if the serial number is left out after a fail.
+/// A part without a serial number that failed may also be the part of the next start: its passes are counted until a
+/// start request states a different part, or until it passes. They are also counted if the serial number is omitted
+/// after a failed film.
 #[test]
 fn a_fail_ends_no_count_without_a_serial_number() {
     let (_folder, mut store) = new_store();
@@ -208,7 +209,8 @@ fn a_fail_ends_no_count_without_a_serial_number() {
     assert_eq!(counted(&mut store, ("", false)), [], "it passed and is taken out");
 }
 
-/// The program ended between the event that began contact and the row of its motion: no waypoint was permitted.
+/// The program ended between the event that started the contact and the row of its motion, so no waypoint was
+/// permitted.
 #[test]
 fn a_contact_that_was_never_permitted_touched_nothing() {
     let (_folder, mut store) = new_store();
@@ -235,7 +237,7 @@ fn a_cycle_keeps_its_clock_and_its_recording() {
     assert_eq!((record.clocks, record.recording), (clocks.map(Some), Some(file)));
 }
 
-/// Calculated by hand, mm²: 100 + 250.5, then a new disc and 40.
+/// Expected areas, calculated by hand, mm²: 100 + 250.5, then 40 on a new disc.
 #[test]
 fn wear_adds_up_until_a_new_disc_is_mounted() {
     let folder = tempfile::tempdir().expect("a folder");

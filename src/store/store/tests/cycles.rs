@@ -1,5 +1,5 @@
-//! The records of the cell are complete: cycles and their numbers, requests with the person and the result, pages of
-//! proofs and their signatures, and verifications in order, each with its subject.
+//! Tests that the records of the cell are complete: cycles with their numbers, requests with sender and result, pages
+//! of the acceptance tests with their signatures, and verifications in order.
 
 use super::super::CycleCounts;
 use super::*;
@@ -82,7 +82,7 @@ fn a_cycle_reads_back_bit_for_bit() {
     let codes: Vec<&str> = judgement.reasons.iter().map(|reason| &*reason.code).collect();
     assert_eq!((judgement.verdict, codes), (Verdict::Review, vec!["overlap", "passes"]), "no person decided");
     assert!(record.started_unix_s > 1_700_000_000 && record.ended_unix_s >= Some(record.started_unix_s));
-    // The inputs can be read with the hashes in the record alone.
+    // The hashes in the record are sufficient to read the inputs.
     assert_eq!(store.blob(&record.recipe_hash).expect("kept"), start().recipe_text.as_bytes());
     let files: Vec<_> =
         record.files.iter().map(|file| (file.name.as_str(), store.blob(&file.hash).expect("kept"))).collect();
@@ -147,8 +147,8 @@ fn words(asked: &[RequestRecord]) -> Vec<(RequestedAction, Option<Answer>)> {
     asked.iter().map(|asked| (asked.wanted.clone(), asked.answer)).collect()
 }
 
-/// Between two cycles a disc is mounted and a clear is refused. In the second cycle a request is refused. Another
-/// request is interrupted by the end of the program before its answer is stored.
+/// Between the two cycles, a disc is mounted and a Clear is refused. In the second cycle, one request is refused, and
+/// the program ends before the answer to another request is stored.
 #[test]
 fn requests_belong_to_their_cycle_with_their_answers() {
     let (folder, mut store) = new_store();
@@ -196,7 +196,7 @@ fn requests_belong_to_their_cycle_with_their_answers() {
     ));
 }
 
-/// Five requests have the same millisecond: pages of two contain each request once.
+/// Five requests have the same time; pages of two requests contain each request once.
 #[test]
 fn pages_contain_each_request_of_one_millisecond_once() {
     let (_folder, mut store) = new_store();
@@ -217,8 +217,8 @@ fn page(stage: ProofStage, programs_sum: i32, result: ProofsResult) -> ProofsPag
     ProofsPage { stage, programs_sum, page_sha256: "ab".repeat(32), by: "Ada".to_owned(), result }
 }
 
-/// The newest signature is returned, with the first stage on which a row was found wrong after it. Other rows do not
-/// matter, and a proven page is not a signature.
+/// The newest signature is returned, with the first stage with a test that failed after it. Other rows have no effect,
+/// and a page without a signature is not a signed one.
 #[test]
 fn the_newest_signature_is_read_back() {
     let (folder, store) = new_store();
@@ -237,12 +237,12 @@ fn the_newest_signature_is_read_back() {
         (page(A, 7, Signed), signed(A, 7, None)),
         (page(B, 7, Signed), signed(B, 7, None)),
         (page(C, 7, Proven), signed(B, 7, None)),
-        // Rows were found wrong later, in two runs: the lower stage is returned.
+        // Tests failed later in two stages: the lower stage is returned.
         (page(B, 7, Wrong), signed(B, 7, Some(B))),
         (page(A, 7, Wrong), signed(B, 7, Some(A))),
         (page(C, 7, Wrong), signed(B, 7, Some(A))),
         (page(B, 7, Proven), signed(B, 7, Some(A))),
-        // The programs were changed: the proofs start again.
+        // The programs were changed, so the acceptance tests start again.
         (page(A, 8, Signed), signed(A, 8, None)),
     ] {
         Store::store_proofs_in(&folder, &row, who.clone()).expect("stored");
@@ -252,7 +252,7 @@ fn the_newest_signature_is_read_back() {
     assert_eq!((pages.len(), &pages[0], &pages[9]), (10, &page(A, 8, Signed), &page(A, 7, Proven)));
 }
 
-/// A row with a stage that this version does not know is an error, so that an older signature is not used in its place.
+/// A row with a stage that this version does not know is an error: an older signature must not be used instead of it.
 #[test]
 fn a_signature_of_an_unknown_stage_is_an_error() {
     let (folder, store) = new_store();

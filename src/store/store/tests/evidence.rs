@@ -1,4 +1,4 @@
-//! Changes made outside this program are detected and named.
+//! Tests that changes of the store by other programs are detected and named.
 
 use super::super::chain::HASHED_TABLES;
 use super::super::{chain, head};
@@ -8,7 +8,7 @@ use panelprep_base::verdict::{Judgement, Verdict};
 use panelprep_cell::cycle::{At, Motion, Outcome, Path as MotionPath};
 use panelprep_cell::record::{Budget, Finding, Kind};
 
-/// Creates a closed store in which every table has rows.
+/// Creates a closed store in which every table contains rows.
 pub fn filled_store() -> TempDir {
     let (folder, mut store) = new_store();
     store.recover().expect("recovers");
@@ -47,8 +47,8 @@ pub fn verify(folder: &TempDir) -> StoreVerification {
     Store::verify(&store_in(folder), true).expect("verified")
 }
 
-/// Changes the database as another program would. The tests ignore the difference in the hash of the database file,
-/// which every change causes.
+/// Changes the database as another program would. The tests ignore the changed hash of the database file, which every
+/// change causes.
 pub fn change_outside_the_program(folder: &TempDir, sql: &str) {
     let connection = Connection::open(store_in(folder).join(DATABASE)).expect("opens");
     connection.pragma_update(None, "foreign_keys", "OFF").expect("set");
@@ -64,8 +64,8 @@ fn rows_alone(found: &StoreVerification) -> Vec<&str> {
         .collect()
 }
 
-/// Every table and column is in the chain, including new ones. The table of parts is an index over texts that are in
-/// the chain, and is compared with them.
+/// All tables and columns are in the hash chain, including new ones. The table of parts is an index of texts that are
+/// in the chain, and is compared with them.
 #[test]
 fn every_column_of_every_table_is_in_the_chain() {
     let (_folder, store) = new_store();
@@ -97,7 +97,7 @@ fn an_unchanged_store_has_no_differences() {
     assert_eq!(verify(&folder).differences, [] as [String; 0]);
 }
 
-/// Each change, with a text that the difference must contain.
+/// Changes, each with a part of the expected message.
 #[test]
 fn every_deletion_edit_and_exchange_is_named() {
     let exchange =
@@ -143,7 +143,7 @@ fn every_deletion_edit_and_exchange_is_named() {
     }
 }
 
-/// A person who can write the whole chain again still cannot change the head outside of the database.
+/// A person who can rewrite the whole chain in the database does not change the head outside of it.
 #[test]
 fn a_rewritten_chain_contradicts_its_head() {
     let folder = filled_store();
@@ -155,7 +155,7 @@ fn a_rewritten_chain_contradicts_its_head() {
     let found = verify(&folder);
     let reported = rows_alone(&found);
     assert!(matches!(reported[..], [words] if words.contains("rolled back")), "{forged:?} {reported:?}");
-    // The chain has the same number of links, but another verdict.
+    // The rewritten chain has the same number of links, but another verdict.
     let folder = filled_store();
     let connection = Connection::open(store_in(&folder).join(DATABASE)).expect("opens");
     let sql = "UPDATE cycles SET verdict = 'pass' WHERE id = 4";
@@ -175,8 +175,8 @@ fn a_rewritten_chain_contradicts_its_head() {
     assert!(matches!(rows_alone(&found)[..], [words] if words.contains("the chain was rewritten")), "{found:?}");
 }
 
-/// One bit is changed in every page, at many positions. The hash of the file shows every change; rows, links and SQLite
-/// show most of them.
+/// A bit is flipped in every page, at many positions. The hash of the file detects every flip; rows, links and SQLite
+/// detect most of them.
 #[test]
 fn a_flipped_bit_in_any_page_is_detected() {
     let folder = filled_store();
@@ -202,7 +202,7 @@ fn a_flipped_bit_in_any_page_is_detected() {
     assert_eq!(verify(&folder).differences, [] as [String; 0]);
 }
 
-/// A changed bit in any byte of the head is reported, and the store can still be opened if the other copy names its
+/// A flipped bit in any byte of the head is reported. The store can still be opened if the other copy contains its
 /// position.
 #[test]
 fn a_flipped_bit_in_the_head_is_detected() {
@@ -218,7 +218,7 @@ fn a_flipped_bit_in_the_head_is_detected() {
     }
 }
 
-/// The last transaction is missing and the head names no possible next position: a crash cannot have this result.
+/// The last transaction is missing, and the head contains no possible next position. A crash cannot cause this.
 #[test]
 fn a_missing_last_transaction_is_detected() {
     let folder = filled_store();

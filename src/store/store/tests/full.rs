@@ -1,7 +1,7 @@
-//! A full disk: pictures are dropped, the journal continues with its reserve, and a start reports which files to
-//! delete.
+//! Tests of a full disk: pictures are dropped, the journal is written with the help of its reserve, and a start reports
+//! which files to delete.
 //!
-//! Old files: which are removed, and which are never removed.
+//! Also tests of which old files are removed and which are never removed.
 
 use super::journal::progress;
 use super::*;
@@ -12,7 +12,7 @@ use panelprep_cell::record::{CycleId, Finding, KeptFile, Kind, Picture};
 use std::process::Command;
 use std::time::{Duration, SystemTime};
 
-/// A small separate disk, if this user may mount one.
+/// A small separate disk, if the user who runs the tests may mount one.
 pub struct SmallDisk(TempDir);
 
 impl SmallDisk {
@@ -34,7 +34,7 @@ impl SmallDisk {
         self.0.path()
     }
 
-    /// Fills all free space.
+    /// Fills the free space of the disk.
     fn fill(&self) {
         let mut ballast =
             fs::OpenOptions::new().create(true).append(true).open(self.0.path().join("ballast")).expect("made");
@@ -82,13 +82,13 @@ fn the_journal_continues_on_a_full_disk() {
     assert!(!store.has_free_space());
     drop(store);
 
-    // The store opens in the space of the released reserve.
+    // The store is opened in the space of the released reserve.
     let mut store = Store::create(&path).expect("opens on a full disk");
     assert_eq!(store.changed(), [] as [String; 0]);
     let recovered = store.recover().expect("recovers");
     assert!(store.is_disk_full());
     drop(store);
-    // Every start without any free space returns the error of the full disk, and causes no damage.
+    // Every start without free space returns the error of a full disk, and causes no damage.
     disk.fill();
     for _ in 0..40 {
         match Store::create(&path) {
@@ -112,8 +112,8 @@ fn the_journal_continues_on_a_full_disk() {
     assert_eq!(Store::verify(&path, true).expect("verified").differences, [] as [String; 0]);
 }
 
-/// Creates a cycle with a scan, a clip of three pictures and a picture on its page; returns the hashes of the scan and
-/// the clip's pictures.
+/// Creates a cycle with a scan, a clip of three pictures, and a picture on its page; returns the hashes of the scan and
+/// of the clip's pictures.
 fn cycle(store: &mut Store, number: u32, verdict: Option<Verdict>) -> (CycleId, Vec<String>) {
     let id = store.begin_cycle(&super::cycles::start()).expect("begun");
     let put = |what: String| store.store_blob(what.as_bytes()).expect("kept");
@@ -152,7 +152,7 @@ fn only_old_clips_and_scans_are_removed() {
     assert_eq!(Store::prune(&path, &Retention::default()).expect("nothing"), PrunedFiles::default());
     let there = |number: usize| kept(&folder, &cycles[number].1);
 
-    // Files are removed while a writer has the store open.
+    // Files are removed while another process has the store open for writing.
     let pruned = Store::prune(&path, &newest(1, 1)).expect("removed");
     assert_eq!((pruned.files, pruned.bytes), (12, 3 * (6 + 3 * 9)));
     assert_eq!(
@@ -165,7 +165,7 @@ fn only_old_clips_and_scans_are_removed() {
     assert_eq!((of.files, store.pruned_files(cycles[2].0).expect("read")), (4, None));
     let found = Store::verify(&path, true).expect("verified");
     assert_eq!((found.differences, found.pruned), (vec![], 12), "removed is not missing");
-    // Every record can be read, with the pictures of its page.
+    // All records and the pictures on their pages can still be read.
     for (id, _) in &cycles {
         let record = store.cycle(*id).expect("there");
         assert!(store.blob(&record.findings[0].pictures[0].hash).is_ok());
@@ -197,7 +197,7 @@ fn nothing_is_removed_while_a_cycle_runs() {
     assert_eq!(Store::prune(&path, &newest(1, 1)).expect("removed").files, 8);
 }
 
-/// A file that two cycles name stays while one of the cycles is kept.
+/// A file that two cycles name is kept as long as one of the cycles is kept.
 #[test]
 fn a_file_of_two_cycles_stays_while_one_is_kept() {
     let (folder, mut store) = new_store();
@@ -230,8 +230,7 @@ fn days_are_counted_back_from_the_newest_cycle() {
     assert_eq!((kept(&folder, &old), kept(&folder, &failed)), (0, 4));
 }
 
-/// A process that was killed after it changed the rows and before it deleted the files has only recorded the files as
-/// removed; the next process removes them from the disk.
+/// A process was killed after it recorded files as removed and before it deleted them; the next process deletes them.
 #[test]
 fn files_left_by_a_killed_process_are_removed_by_the_next() {
     let (folder, mut store) = new_store();

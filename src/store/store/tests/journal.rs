@@ -1,6 +1,6 @@
-//! The journal and the motions: a new process folds the journal of the process before.
+//! Tests of the journal and the motions: a new process computes its state from the journal of the previous process.
 //!
-//! A start reads the journal from its last checkpoint, with the same result as a start that reads the whole journal.
+//! A start that reads the journal from its last checkpoint has the same result as one that reads the whole journal.
 //! After kill -9, the journal contains all acknowledged lines, and at most one more.
 
 use super::evidence::{change_outside_the_program, store_in, verify};
@@ -17,7 +17,7 @@ pub fn progress(done: u32) -> Event {
     Event::Reported(Report::Progress { id: Id(u64::MAX - 1), done })
 }
 
-/// Returns the answers of a cell without faults; on every second film there are breaks.
+/// Returns the answer of a cell without faults; every second film breaks.
 pub fn answer(act: Action, film: u32) -> Answer {
     match act {
         Action::CheckStandstill | Action::EndEpoch { .. } => Answer::Standstill { done: 0 },
@@ -32,7 +32,7 @@ pub fn answer(act: Action, film: u32) -> Answer {
     }
 }
 
-/// A random walk: a cell without faults and its operator, with unexpected events in between.
+/// A random walk: a cell without faults and its operator, with random unexpected events.
 struct Walk {
     state: State,
     armed: Vec<Event>,
@@ -70,7 +70,7 @@ impl Walk {
         }
     }
 
-    /// Executes a step of the state machine and keeps the events that follow later.
+    /// Applies an event to the state table, and collects the events that follow from its effects.
     fn step(&mut self, event: Event) -> Vec<Effect> {
         let (state, effects) = step(self.state, event);
         self.state = state;
@@ -86,7 +86,7 @@ impl Walk {
     }
 }
 
-/// The part of the loop that uses the store: the running cycle, and the effects that are commits.
+/// The part of the control loop that uses the store: the cycle in progress, and the effects that are commits.
 struct Loop {
     store: Store,
     running: Option<CycleId>,
@@ -119,8 +119,8 @@ impl Loop {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// For all sequences of events and every end of the process, the journal folds to the state of the state machine,
-    /// and the rows of motions and cycles agree with the journal.
+    /// For every sequence of events and every end of the process, the state computed from the journal is the state in
+    /// memory, and the rows of motions and cycles agree with the journal.
     #[test]
     fn the_journal_folds_to_the_state_in_memory(
         surprises in prop::collection::vec(0_u8..40, 1..160),
@@ -134,7 +134,7 @@ proptest! {
             let event = walk.unexpected_event(kind);
             memory.push(event);
             prop_assert_eq!(cell.append(&event, walk.state.at), memory.len() as u64);
-            // The process ends after the last event, when only some of its effects are executed.
+            // The process ends after the last event, when only some of its effects were performed.
             let count = if index == last { performed } else { usize::MAX };
             walk.step(event).iter().take(count).for_each(|effect| cell.perform(effect));
         }
@@ -150,7 +150,7 @@ proptest! {
     }
 }
 
-/// Runs a cell without faults until the motion to the corner has begun.
+/// Runs a cell without faults until the motion to the corner pose has started.
 fn until_moving(cell: &mut Loop) -> (Walk, cycle::Motion) {
     let mut walk = Walk::new();
     for _ in 0..60 {
@@ -177,7 +177,7 @@ fn an_open_motion_is_aborted_after_a_restart_until_a_person_clears_it() {
     assert_eq!(recovered.at, At::Aborted { cause: Cause::Interrupted });
     assert!(store.has_open_motion().expect("read"));
 
-    // Events of the next process: boot, robot ready, clear, standstill.
+    // Events of the next process: Boot, robot ready, Clear, standstill.
     let mut cell = Loop { running: store.open_cycles().expect("read").first().copied(), store };
     let mut walk = Walk { state: cycle::fold_journal(cell.store.journal().expect("read")), ..Walk::new() };
     let mut event = Event::Reported(Report::Boot);
@@ -231,8 +231,8 @@ fn a_changed_lost_or_inserted_line_is_detected() {
     }
 }
 
-/// The disk is full even after the reserve was released: the append is an error, acknowledged lines are still present
-/// afterwards, and the journal continues as soon as there is free space.
+/// The disk is full even after the reserve was released: an append fails, acknowledged lines are kept, and the journal
+/// can be written again as soon as there is free space.
 #[test]
 fn a_full_disk_uses_the_reserve_and_then_refuses() {
     let (folder, mut store) = new_store();
@@ -263,7 +263,7 @@ fn a_full_disk_uses_the_reserve_and_then_refuses() {
     assert!(matches!(reader.append(&progress(0), None), Err(StoreError::ReadOnly { .. })));
 }
 
-/// A start reads the journal from the last checkpoint, and reaches the same state.
+/// A start that reads the journal from the last checkpoint gets the same state.
 #[test]
 fn a_checkpoint_gives_the_state_of_the_whole_journal() {
     let (folder, mut store) = new_store();
@@ -285,13 +285,13 @@ fn a_checkpoint_gives_the_state_of_the_whole_journal() {
     assert_eq!(folded, panelprep_cell::cycle::fold_journal(store.journal().expect("whole")));
 }
 
-/// Measures the duration of a start with this number of lines in the journal: `cargo test -- --ignored --nocapture
+/// Measures the duration of three starts with this number of journal lines: `cargo test -- --ignored --nocapture
 /// a_million`.
 fn started(lines: u32) -> [std::time::Duration; 3] {
     let (folder, mut store) = new_store();
     super::super::journal::fill(&mut store, lines).expect("filled");
     drop(store);
-    // The first start finds no checkpoint, folds the whole journal and writes a checkpoint.
+    // The first start finds no checkpoint: it reads the whole journal and writes a checkpoint.
     std::array::from_fn(|_| {
         let since = std::time::Instant::now();
         let mut store = Store::create(&store_in(&folder)).expect("opens");
@@ -310,7 +310,7 @@ fn a_start_with_a_million_lines_reads_only_the_last() {
     assert!(took[2].as_secs_f64() < 2.0, "{took:?}");
 }
 
-/// A start reads only the lines since the last checkpoint, for a journal of any length.
+/// A start reads only the lines after the last checkpoint, no matter how long the journal is.
 #[test]
 fn a_start_does_not_read_the_whole_journal() {
     let (folder, mut store) = new_store();
@@ -318,14 +318,14 @@ fn a_start_does_not_read_the_whole_journal() {
     store.recover().expect("recovers");
     store.append(&progress(1), None).expect("written");
     drop(store);
-    // Only a reader of the whole journal would detect this change.
+    // This change would only be detected by reading the whole journal.
     change_outside_the_program(&folder, "UPDATE journal SET event = '{}' WHERE sequence = 7");
     let mut store = Store::create(&store_in(&folder)).expect("opens");
     assert_eq!(store.recover().expect("the tail alone").at, At::Stopped);
     assert!(store.journal().is_err());
     drop(store);
     assert!(verify(&folder).differences.iter().any(|words| words.contains("journal line 7 ")));
-    // A recent change is detected at the start.
+    // A change after the last checkpoint is detected at the start.
     change_outside_the_program(&folder, "UPDATE checkpoints SET folded = replace(folded, 'stopped', 'idle')");
     let store = Store::create(&store_in(&folder)).expect("opens");
     assert!(store.changed().iter().any(|words| words.contains("checkpoint 30000")), "{:?}", store.changed());
@@ -333,7 +333,7 @@ fn a_start_does_not_read_the_whole_journal() {
 
 const FOLDER: &str = "PANELPREP_TEST_APPENDS_TO";
 
-/// Not a separate test: the child process, which appends and reports lines until it is killed.
+/// The child process of another test: appends and reports lines until it is killed.
 #[test]
 #[ignore = "run by the test below as a process of its own"]
 fn appends_until_killed() {
@@ -347,8 +347,7 @@ fn appends_until_killed() {
     }
 }
 
-/// Starts this test program as a separate process, which executes the work of one test in this folder until it is
-/// killed.
+/// Starts this test program as a child process, which executes one test in this folder until it is killed.
 pub(super) fn until_killed(test: &str, (variable, folder): (&str, &Path)) -> Child {
     Command::new(std::env::current_exe().expect("this program"))
         .args(["--exact", test, "--ignored", "--nocapture"])
@@ -377,8 +376,8 @@ fn a_killed_process_leaves_a_prefix_without_duplicates() {
             }
             acknowledged =
                 line.strip_prefix("appended ").and_then(|count| count.parse::<u64>().ok()).or(acknowledged);
-            // 1 to 28 lines later the child is killed at an arbitrary point; the lines that it reported until then are
-            // read too.
+            // After 1 to 28 further lines, the child is killed at an arbitrary moment; the lines that it has reported
+            // by then are read as well.
             if acknowledged == Some(before + 1 + kill * 3) {
                 child.kill().expect("killed");
             }

@@ -52,7 +52,7 @@ fn a_taught_panel_reads_back_bit_for_bit_after_a_restart() {
     assert!(version.len() == 16 && taught.taught_at_unix_s > 1_700_000_000);
 }
 
-/// The latest version is the one taught last, even if it was also taught before.
+/// The newest version is the one that was taught last, even if the same version was taught before.
 #[test]
 fn the_latest_version_is_the_default_and_older_ones_stay() {
     let (_folder, mut store) = new_store();
@@ -140,7 +140,7 @@ fn an_incomplete_write_leaves_no_rows() {
     broken.corners[1].base_from_flange.b_deg = f64::NAN;
     assert!(store.teach(&broken).expect_err("NaN").to_string().contains("corner 2"));
     assert!(store.taught("wing", None).is_err());
-    // A transaction that fails after the panel's row also removes that row.
+    // A transaction that fails after it has inserted the panel's row leaves no row.
     store.connection.execute("DROP TABLE taught_corners", []).expect("dropped");
     assert!(
         store.teach(&teaching("wing")).expect_err("no table").to_string().starts_with("cannot write the store")
@@ -154,7 +154,7 @@ fn an_incomplete_write_leaves_no_rows() {
     assert!(!names.is_empty() && names.iter().all(|name| name.len() == 64), "{names:?}");
 }
 
-/// The thread that stores a clip and the cycle's own record may store the same picture.
+/// The thread that stores a clip, and the record of the cycle, may store the same picture.
 #[test]
 fn two_threads_can_store_the_same_content() {
     let (_folder, store) = new_store();

@@ -89,7 +89,7 @@ fn a_mistyped_folder_is_named_and_stays_absent() {
     assert!(!path.exists());
 }
 
-/// One byte of each page is changed: the store is refused, or all data that are read are the written data.
+/// If one byte of a page is changed, either the store is refused, or all data that are read are unchanged.
 #[test]
 fn a_flipped_byte_is_detected_or_changes_no_data() {
     let (folder, mut store) = new_store();
@@ -121,7 +121,7 @@ fn a_flipped_byte_is_detected_or_changes_no_data() {
     assert!(pages > 5 && found > pages, "{found} found in {pages} pages");
 }
 
-/// An older database under a newer head is first opened by a command that writes one row. The next start still rests in
+/// A command that writes one row opens an older database with a newer head. The state after the next start is still
 /// Aborted, and the verification continues to report the change.
 #[test]
 fn a_change_found_by_a_command_keeps_the_cell_in_aborted() {
@@ -142,7 +142,8 @@ fn a_change_found_by_a_command_keeps_the_cell_in_aborted() {
     assert!(waits.differences.iter().any(|words| words.contains("rolled back")), "{waits:?}");
 }
 
-/// A copy without the log contains old data: after the start the cell rests in Aborted until a person clears it.
+/// A copy without the write-ahead log contains old data: after the start, the state is Aborted until a person clears
+/// it.
 #[test]
 fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
     let folder = filled_store();
@@ -153,7 +154,7 @@ fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
     let motion = Motion { epoch: 9, path: MotionPath::Contact, plan: 1, waypoints: 100 };
     store.append(&progress(1), None).expect("written");
     store.open_intent(&motion, None).expect("opened");
-    // The files are as a killed process leaves them; then the log is lost.
+    // The files are as a killed process leaves them; then the log is removed.
     std::mem::forget(store);
     let copy = tempfile::tempdir().expect("a folder");
     let lost = copy.path().join("store");
@@ -167,7 +168,7 @@ fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
     assert!(store.changed()[0].contains("rolled back: 2 entries"), "{:?}", store.changed());
     assert_eq!(store.recover().expect("recovers").at, At::Aborted { cause: Cause::StoreChanged });
     drop(store);
-    // The next start finds no new change, and rests in the same state.
+    // The next start finds no new change, and has the same state.
     let mut store = Store::create(&lost).expect("opens");
     assert_eq!(store.changed(), [] as [String; 0]);
     assert_eq!(store.recover().expect("recovers").at, At::Aborted { cause: Cause::StoreChanged });
@@ -208,7 +209,8 @@ fn a_missing_head_and_a_missing_database_are_reported() {
     assert!(matches!(store.recover().expect("recovers").at, At::Aborted { .. }));
 }
 
-/// The files are copied as a kill leaves them, at each of 200 moments around commits, each copy into a separate folder.
+/// The files are copied like those of a killed process, at 200 moments around commits, each time into a separate
+/// folder.
 #[test]
 fn no_kill_between_commit_and_head_is_a_false_alarm() {
     let (folder, mut store) = new_store();
@@ -221,7 +223,7 @@ fn no_kill_between_commit_and_head_is_a_false_alarm() {
         let to = to.join(format!("{number:03} {step:?}"));
         fs::create_dir_all(to.join("blobs")).expect("made");
         for name in [DATABASE, "panelprep.sqlite-wal", head::FILE] {
-            // A separate process copies: closing a file in this process would also release SQLite's locks.
+            // Another process makes the copy, because closing a file in this process would release SQLite's locks.
             let copied = std::process::Command::new("cp").arg(from.join(name)).arg(&to).status().expect("cp");
             assert!(copied.success() || name.ends_with("-wal"));
         }
@@ -253,7 +255,7 @@ fn no_kill_between_commit_and_head_is_a_false_alarm() {
     assert!(count.load(Ordering::Relaxed) >= 200 && seen == [67; 3]);
 }
 
-/// The lock does not depend on a file that a person may remove.
+/// The lock does not depend on the lock file, which a person may remove.
 #[test]
 fn a_second_writer_is_refused_without_the_lock_file() {
     let (folder, mut store) = new_store();
@@ -268,7 +270,7 @@ fn a_second_writer_is_refused_without_the_lock_file() {
     Store::create(&path).expect("free again");
 }
 
-/// Rows are stored with the time of the clock, even if it is before 1970.
+/// The times in rows are those of the clock, even before 1970.
 #[test]
 fn a_clock_before_1970_is_accepted() {
     let (folder, mut store) = new_store();
@@ -286,8 +288,8 @@ fn a_clock_before_1970_is_accepted() {
     assert_eq!(verify(&folder).differences, [] as [String; 0]);
 }
 
-/// While a thread writes lines, each copy contains the state of the store at one moment, with the number of links that
-/// the copy states.
+/// While a thread writes lines, each copy contains the state of the store at one moment, and the stated number of
+/// links.
 #[test]
 fn a_copy_beside_a_writer_has_the_state_of_one_moment() {
     let (folder, mut store) = new_store();
@@ -314,7 +316,7 @@ fn a_copy_beside_a_writer_has_the_state_of_one_moment() {
         });
         for done in 0.. {
             store.append(&progress(done), None).expect("written");
-            // A writer without any pause would never let the copier read the head.
+            // Without a pause between writes, the copy could never read the head.
             std::thread::sleep(std::time::Duration::from_millis(5));
             if is_over.load(Ordering::Relaxed) || copier.is_finished() {
                 break;
@@ -323,7 +325,7 @@ fn a_copy_beside_a_writer_has_the_state_of_one_moment() {
         copier.join().expect("each copy is whole")
     });
     assert!(lines > 0, "it wrote meanwhile");
-    // Together with its files, the copy is a complete store.
+    // The copy and its files together are a complete store.
     let to = folder.path().join("copy19");
     fs::rename(path.join("blobs"), to.join("blobs")).expect("moved");
     assert_eq!(Store::verify(&to, true).expect("verified").differences, [] as [String; 0]);
@@ -332,7 +334,7 @@ fn a_copy_beside_a_writer_has_the_state_of_one_moment() {
     assert_eq!(store.taught("wing", None).expect("there").version, version);
 }
 
-/// A copy gets a new head, which would hide contradictions to the store's head.
+/// A store with contradictions is not copied, because the new head of the copy would hide them.
 #[test]
 fn a_store_that_was_changed_is_reported_and_not_copied() {
     let (folder, mut store) = new_store();
@@ -350,7 +352,7 @@ fn a_store_that_was_changed_is_reported_and_not_copied() {
     assert!(copied.deviations.iter().any(|words| words.contains("rolled back")), "{copied:?}");
     assert!(!folder.path().join("copy").exists());
 
-    // A row was changed without a contradiction to a head: the copy is verified, too.
+    // A changed row that does not contradict the head is detected as well, because the copy is verified.
     drop(Store::create(&path).expect("opens"));
     let connection = Connection::open(path.join(DATABASE)).expect("opens");
     connection.execute("UPDATE journal SET unix_ms = 7 WHERE sequence = 3", []).expect("changed");

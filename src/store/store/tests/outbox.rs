@@ -62,14 +62,14 @@ fn the_end_of_a_cycle_a_signature_and_a_verification_are_numbered_as_they_are_wr
         files.iter().map(|file| (file.name.as_str(), &file.gone)).collect::<Vec<_>>(),
         [("recipe", &None), ("cell", &None)]
     );
-    // Only the rows after this position are sent.
+    // Only the items after this position are returned.
     assert_eq!(
         store.outbox_rows_after(&second.position, 10).expect("the rest").as_slice(),
         std::slice::from_ref(third)
     );
     assert_eq!(store.outbox_waits_since(&third.position).expect("read"), None);
     assert_eq!(store.outbox_waits_since(&second.position).expect("read"), Some(third.unix_ms));
-    // Each row is in the chain, and the tables contain only rows that this program writes.
+    // All rows are in the hash chain, and the tables contain no other rows.
     drop(store);
     assert_eq!(Store::verify(&path, true).expect("verified").differences, Vec::<String>::new());
 }
@@ -119,7 +119,7 @@ fn rows_of_an_earlier_version_are_added_to_outbox_and_chain() {
     let kinds: Vec<Kind> = found.into_iter().map(|(_, kind)| kind).collect();
     assert_eq!(kinds, [Kind::Cycle, Kind::Cycle, Kind::Signature, Kind::Signature]);
     drop(store);
-    // The cell's signatures name links of the chain, which this test has changed.
+    // The cell's signatures contain positions of the chain, which this test has changed.
     let found = Store::verify(&path, true).expect("verified").differences;
     assert!(found.iter().all(|words| words.contains("differs from the link that signature")), "{found:?}");
 }

@@ -1,4 +1,5 @@
-//! After a restore no number of a cycle is used again, and no part is abraded if its number of passes may be too low.
+//! Tests that after a restore no cycle number is used again, and no part is sanded if its counted number of passes may
+//! be too low.
 
 use super::super::chain::{self, ChainPosition};
 use super::super::flush::file_hash;
@@ -11,20 +12,20 @@ use panelprep_cell::cycle::{At, Cause};
 use panelprep_cell::record::{CycleId, LostPasses};
 use std::path::PathBuf;
 
-/// Time of the backups: 2027-01-15, s since 1970.
+/// Time of the backups, s since 1970: 2027-01-15.
 const MADE_UNIX_S: i64 = 1_800_000_000;
 
-/// Returns a restore after which nothing is known about the time since the backup, except the last number of a cycle.
+/// Returns a restore about which only the last cycle number is known.
 fn lost(last_cycle: i64) -> Restore {
     Restore { last_cycle: CycleId(last_cycle), made_unix_s: Some(MADE_UNIX_S), is_nothing_abraded: false }
 }
 
-/// Returns a restore after which it is proven that nothing was abraded since the backup.
+/// Returns a restore about which it is proven that nothing was sanded after the backup.
 fn nothing_abraded(last_cycle: i64) -> Restore {
     Restore { is_nothing_abraded: true, ..lost(last_cycle) }
 }
 
-/// Returns a closed store with cycle 1, in which one grid of the part SN1 was abraded.
+/// Returns a closed store with cycle 1, in which one grid of the part SN1 was sanded.
 fn after_one() -> (TempDir, PathBuf) {
     let (folder, mut store) = new_store();
     assert_eq!(add_interrupted_cycle(&mut store, ("SN1", 3), false), CycleId(1));
@@ -32,27 +33,27 @@ fn after_one() -> (TempDir, PathBuf) {
     (folder, path)
 }
 
-/// Returns the store of [`after_one`], restored and opened.
+/// Returns the store of [`after_one`] after this restore, open for writing.
 fn restored_after_one(restore: &Restore) -> (TempDir, PathBuf, Store) {
     let (folder, path) = after_one();
     let store = restored(&path, restore);
     (folder, path, store)
 }
 
-/// Marks a closed store as restored and opens it.
+/// Marks a closed store as restored, and opens it.
 fn restored(path: &Path, restore: &Restore) -> Store {
     Store::mark_restored(path, restore).expect("marked");
     Store::create(path).expect("opened")
 }
 
-/// Adds a cycle that passes by its film, in which nothing is abraded.
+/// Adds a cycle that passes with a film, without a sanding pass.
 fn add_film(path: &Path) {
     let mut store = Store::create(path).expect("opened");
     let id = store.begin_cycle(&start_of("SN1", false)).expect("begun");
     film(&mut store, id, Verdict::Pass);
 }
 
-/// Copies a store that no program has open, as a backup does.
+/// Copies a closed store, as a backup does.
 fn copied(from: &Path, to: &Path) {
     fs::create_dir_all(to.join(BLOBS)).expect("a folder");
     let blobs = fs::read_dir(from.join(BLOBS)).expect("listed").map(|entry| entry.expect("an entry").path());
@@ -62,7 +63,7 @@ fn copied(from: &Path, to: &Path) {
     }
 }
 
-/// Changes a store as a person who knows its format can: chain, head and the hash of the file agree with the rows.
+/// Changes a store like a person who knows its format: chain, head and the hash of the file agree with the rows.
 fn forge(store: &Path, sql: &str) {
     let file = store.join(DATABASE);
     let connection = Connection::open(&file).expect("opens");
@@ -107,8 +108,8 @@ fn a_restored_store_begins_a_new_epoch_once() {
     assert_ne!(epochs[0].epoch, epochs[1].epoch);
 }
 
-/// The backup contains cycle 1; the replaced store had reached cycle 12. After every start the cell rests in Aborted
-/// until a person has checked it. No number is used twice, after this restore or after another one.
+/// The last cycle of the backup is cycle 1; the last cycle of the replaced store was cycle 12. After every start, the
+/// state is Aborted until a person has cleared it. No number is used twice, after this restore or after another one.
 #[test]
 fn a_restored_store_waits_for_a_person_and_continues_above_the_last_number() {
     let (_folder, path, store) = restored_after_one(&lost(12));
@@ -128,8 +129,8 @@ fn a_restored_store_waits_for_a_person_and_continues_above_the_last_number() {
     assert_eq!(store.begin_cycle(&start_of("", true)).expect("begun"), CycleId(15));
 }
 
-/// SN1 had one pass before the backup and may have had more after it. No cycle of SN1 or of any other part begins until
-/// a start states what happened to this part. An air-run abrades nothing.
+/// SN1 had one sanding pass before the backup and may have had more after it. No cycle with SN1 or another part begins
+/// until a start request states the passes on this part. An air-run has no contact and may begin.
 #[test]
 fn no_part_begins_with_an_unknown_pass_count() {
     let (_folder, path, mut store) = restored_after_one(&lost(7));
@@ -143,7 +144,7 @@ fn no_part_begins_with_an_unknown_pass_count() {
     store.begin_cycle(&CycleStart { is_air_run: true, ..start_of("SN1", false) }).expect("an air-run");
     refused(&mut store, &start_of("SN1", false));
 
-    // There is one known pass of one grid, and two stated passes of every grid. They count for later cycles as well.
+    // One pass on one grid is known, and two passes on all grids were stated. They are also counted in later cycles.
     let two = store.begin_cycle(&with_lost_passes("sn1 ", 2)).expect("stated");
     store.conclude(two, Verdict::Aborted, &[]).expect("concluded");
     let three = store.begin_cycle(&start_of("SN1", false)).expect("it is known now");
@@ -158,21 +159,21 @@ fn no_part_begins_with_an_unknown_pass_count() {
     assert_eq!(of_serial.iter().map(|cycle| (cycle.cycle, cycle.passes)).collect::<Vec<_>>(), [(one, 1), (two, 2)]);
     assert_eq!(of_serial[1].removed_um, None, "its depth is not known");
 
-    // After a second restore, cycles are lost again.
+    // A second restore loses cycles again.
     drop(store);
     let mut store = restored(&path, &lost(20));
     refused(&mut store, &start_of("SN1", false));
 }
 
-/// A serial number names one part. The statement "another part" does not contain how often this part was abraded; a
-/// number of passes does. For a part without a serial number both statements are sufficient.
+/// A serial number identifies a part, and the statement "another part" does not contain the number of passes on it;
+/// only a number is sufficient. For a part without a serial number, both statements are sufficient.
 #[test]
 fn another_part_is_sufficient_only_without_a_serial_number() {
     let (_folder, _path, mut store) = restored_after_one(&lost(7));
     for serial in ["SN1", "SN2"] {
         assert_eq!(refused(&mut store, &start_of(serial, true)).serial, serial);
     }
-    // A start with this statement that an earlier version of this program accepted is not sufficient either.
+    // This statement is not sufficient either if an earlier program version accepted it in a start request.
     let air_run = CycleStart { is_air_run: true, ..start_of("SN2", true) };
     store.begin_cycle(&air_run).expect("an air-run");
     refused(&mut store, &start_of("SN2", false));
@@ -184,7 +185,7 @@ fn another_part_is_sufficient_only_without_a_serial_number() {
     store.begin_cycle(&start_of("", false)).expect("stated before");
 }
 
-/// A person wrote 300 passes, or another program wrote the text: it is not a valid statement, and no cycle begins.
+/// A number of 300 passes, or the text of another program, is not a valid statement, and no cycle begins.
 #[test]
 fn an_unreadable_statement_does_not_count() {
     let (_folder, _path, mut store) = restored_after_one(&lost(0));
@@ -197,7 +198,7 @@ fn an_unreadable_statement_does_not_count() {
     assert_eq!(store.begin_cycle(&with_lost_passes("SN1", 255)).expect("the largest number"), CycleId(2));
 }
 
-/// The replaced store shows its last number, and whether anything was abraded since the backup.
+/// The replaced store shows its last cycle number, and whether anything was sanded after the backup.
 #[test]
 fn the_replaced_store_shows_its_last_number_and_abrasions() {
     let (folder, path) = after_one();
@@ -210,14 +211,14 @@ fn the_replaced_store_shows_its_last_number_and_abrasions() {
     add_interrupted_cycle(&mut Store::create(&path).expect("opened"), ("SN1", 5), false);
     assert_eq!(shown(), Some(lost(3)), "a contact after the backup");
 
-    // If it is proven that nothing was abraded, the counts continue.
+    // If it is proven that nothing was sanded, the numbers of passes are still known.
     let mut store = restored(&backup, &nothing_abraded(2));
     let three = store.begin_cycle(&start_of("SN1", false)).expect("begun");
     assert_eq!((three, store.earlier_abrasions(three).expect("read").len()), (CycleId(3), 1));
 }
 
-/// A store is evidence only if it contains the backup's last link, has no other incidents and does not contradict its
-/// own chain. If it is a store of this cell, it still shows which numbers may have been used.
+/// A store is accepted as a proof only if it contains the last link of the backup, has no other incidents, and does not
+/// contradict its own chain. Even without this proof, a store of this cell shows which numbers may have been used.
 #[test]
 fn a_store_that_is_no_later_state_shows_nothing() {
     let (folder, path) = after_one();
@@ -230,8 +231,8 @@ fn a_store_that_is_no_later_state_shows_nothing() {
     assert_eq!((shown(&path), number(&path)), (Some(nothing_abraded(2)), Some(2)));
     assert_eq!((shown(&at("earlier")), number(&at("earlier"))), (None, Some(1)), "an earlier state");
 
-    // A store with the same beginning but other cycles since then: it has more links than the backup, and another link
-    // at the backup's last number.
+    // This store has the same beginning as the backup, but other cycles after it: it has more links than the backup,
+    // and its link with the number of the backup's last link is different.
     copied(&at("earlier"), &at("branch"));
     (0..3).for_each(|_| add_film(&at("branch")));
     assert_eq!((shown(&at("branch")), number(&at("branch"))), (None, Some(4)), "a branch");
@@ -256,9 +257,9 @@ fn a_store_that_is_no_later_state_shows_nothing() {
     assert_eq!((shown(&path), number(&path)), (None, None));
 }
 
-/// A later state is no evidence that it is the newest one, or that no person wrote its end. The restore therefore
-/// compares its last number with the number that a person states. An older copy shows another number than the cell's
-/// last; a forged end with the right number is accepted.
+/// A later state does not prove that it is the newest one, or that its end was not forged. Therefore a restore compares
+/// its last number with the number that a person states. An older copy has a lower number than the last one of the
+/// cell; a forged end with the correct number is accepted.
 #[test]
 fn an_older_copy_and_a_forged_end_are_accepted_as_later_state() {
     let (folder, path) = after_one();

@@ -1,4 +1,5 @@
-//! A search finds exactly the cycles that match it, also by the parts in stores of earlier versions of this program.
+//! Tests that a search finds exactly the cycles that match its criteria, also by the names of parts in stores of
+//! earlier program versions.
 
 use super::*;
 use crate::history::{Acknowledgement, Hits, Query, RequiredEnd};
@@ -17,7 +18,7 @@ fn begin(store: &mut Store, panel: &str, part: &PartNames) -> CycleId {
     store.begin_cycle(&start).expect("begun")
 }
 
-/// Creates four cycles: 1 and 2 with the part SN-1, 3 with SN-10, which still runs, and 4 without a part.
+/// Creates four cycles: 1 and 2 with the part SN-1, 3 with SN-10, which is still in progress, and 4 without a part.
 fn four() -> (TempDir, Store) {
     let (folder, mut store) = new_store();
     store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_secs(1_000);
@@ -62,8 +63,7 @@ fn each_condition_finds_what_it_states() {
         (Query { end: Some(RequiredEnd::With(Verdict::Pass)), ..all() }, vec![4, 2]),
         (Query { words: words("OVERLAP seen"), ..all() }, vec![1]),
         (Query { words: words("overlap note"), ..all() }, vec![]),
-        // The pattern characters % and _ are ordinary characters in a search, and the names of the keys are not
-        // words of a reason.
+        // % and _ are ordinary characters in a search, and the names of JSON keys are not searched.
         (Query { words: words("100_%"), ..all() }, vec![1]),
         (Query { words: words("100%"), ..all() }, vec![]),
         (Query { words: words("10__%"), ..all() }, vec![]),
@@ -87,7 +87,7 @@ fn a_cycle_is_found_with_its_part_verdict_and_reasons() {
     assert_eq!(store.cycle_part(CycleId(4)).expect("read"), None);
 }
 
-/// With one cycle on each page, a cycle that begins in between is not on a later page.
+/// With pages of one cycle, a cycle that begins between two pages is not on the second page.
 #[test]
 fn pages_follow_each_other_while_cycles_begin() {
     let (_folder, mut store) = four();
@@ -137,7 +137,7 @@ fn the_parts_in_a_store_of_an_earlier_version_are_found() {
     assert_eq!(Store::verify(&path, true).expect("verified").differences, [] as [String; 0]);
 }
 
-/// The table is an index: a change in it is detected by comparison with the authoritative text.
+/// The table is an index: a change of a row is detected by comparing it with the original text.
 #[test]
 fn a_changed_part_is_named() {
     for (sql, words) in [
@@ -202,8 +202,8 @@ fn acknowledgements_are_stored_permanently_with_their_time() {
     assert!(found.iter().any(|words| words.contains("deleted: acknowledgement 1 is missing")), "{found:?}");
 }
 
-/// The times come from the store: the time of the finding, and the time of the reset after the end. A later cycle,
-/// which still runs, begins after the reset.
+/// The times are those of the store: the time of the finding, and the time of the reset after the end. A later cycle,
+/// which is still in progress, began after the reset.
 #[test]
 fn an_alarm_lasts_until_the_cell_is_reset_or_the_next_cycle_begins() {
     let (_folder, mut store) = new_store();
@@ -244,7 +244,7 @@ fn an_alarm_lasts_until_the_cell_is_reset_or_the_next_cycle_begins() {
     assert_eq!(gone(&store), Some(1_020_500), "the first of both");
 }
 
-/// Calculated by hand: 100 + 50 mm² on one disc, then a new disc with 30 mm².
+/// Expected areas, calculated by hand: 100 + 50 mm² on one disc, then 30 mm² on a new disc.
 #[test]
 fn the_wear_of_the_disc_is_reported_as_it_was_at_the_end_of_each_cycle() {
     let (_folder, mut store) = new_store();

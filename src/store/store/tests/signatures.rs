@@ -1,4 +1,4 @@
-//! Signatures are complete or absent, and contradict later changes.
+//! Tests that a signature is complete or does not exist, and that it contradicts later changes.
 
 use super::super::{chain, head};
 use super::journal::until_killed;
@@ -27,7 +27,8 @@ fn cycle(store: &mut Store, serial: Option<&str>) -> CycleId {
     id
 }
 
-/// Creates a closed store with three signed cycles; a person signed the second one as not released.
+/// Creates a closed store with three signed cycles; for the second cycle, a person signed that the part is not
+/// released.
 fn signed() -> (TempDir, PathBuf) {
     let (folder, mut store) = new_store();
     store.recover().expect("recovers");
@@ -114,7 +115,7 @@ fn a_person_signs_a_record_once_for_each_meaning() {
     assert_eq!(found(&path), [] as [String; 0]);
 }
 
-/// Two persons release a part whose cycle did not pass, with a reason; and a release can be withdrawn.
+/// Two persons, with a stated reason, can release a part whose cycle did not pass; a release can be withdrawn.
 #[test]
 fn a_cycle_that_failed_is_released_by_two_persons_with_a_reason() {
     let (_folder, path) = signed();
@@ -172,8 +173,8 @@ fn a_cycle_that_passed_is_released_by_one_and_one_without_a_part_by_none() {
     assert!(refused.expect_err("refused").to_string().contains("the signature's lamp is"));
 }
 
-/// A person who knows the program changes rows and writes the chain and the head to match them: the signed records
-/// contradict these rows.
+/// A person who knows the program changes rows, and rewrites the chain and the head to match. The signed records
+/// contradict the changed rows.
 #[test]
 fn rows_changed_with_their_chain_contradict_the_signed_records() {
     let (_folder, path) = signed();
@@ -221,7 +222,7 @@ fn a_changed_statement_signature_or_row_is_named() {
     );
 }
 
-/// If the head contradicts the rows, signing writes no new head, so that the next start finds the rollback.
+/// If the head contradicts the rows, signing does not write a new head, so that the next start detects the rollback.
 #[test]
 fn a_store_that_was_rolled_back_is_not_signed() {
     let (folder, mut store) = new_store();
@@ -240,8 +241,8 @@ fn a_store_that_was_rolled_back_is_not_signed() {
     assert!(store.changed().iter().any(|words| words.contains("rolled back")), "{:?}", store.changed());
 }
 
-/// A finding that is stored after a cycle's end does not change the cycle's verdict. If it contradicts the verdict
-/// pass, the verification reports it.
+/// A finding that is stored after the end of a cycle does not change its verdict. If it contradicts the verdict pass,
+/// the verification reports this.
 #[test]
 fn a_signed_pass_over_a_rejected_finding_does_not_verify() {
     let (folder, mut store) = new_store();
@@ -262,7 +263,7 @@ fn a_signed_pass_over_a_rejected_finding_does_not_verify() {
     assert_eq!(told, [words, no_film]);
 }
 
-/// The stored verdict is never better than the cycle's findings, and has all their reasons.
+/// The stored verdict is never better than the findings of the cycle, and contains all of their reasons.
 #[test]
 fn a_cycle_is_concluded_by_its_worst_finding() {
     let (_folder, mut store) = new_store();
@@ -327,8 +328,8 @@ fn the_key_is_created_once_and_only_its_owner_can_read_it() {
     );
 }
 
-/// Calculated by hand: passes 1 and 2 in the first cycle, pass 1 in the third; the second cycle was of another
-/// part.
+/// Expected passes, calculated by hand: passes 1 and 2 in the first cycle, and pass 1 in the third; the second cycle
+/// had another part.
 #[test]
 fn passes_of_a_serial_are_counted_over_its_cycles() {
     let (_folder, mut store) = new_store();
@@ -357,7 +358,7 @@ fn passes_of_a_serial_are_counted_over_its_cycles() {
 
 const FOLDER: &str = "PANELPREP_TEST_SIGNS_IN";
 
-/// Not a separate test: the child process, which signs and reports each signature until it is killed.
+/// The child process of another test: signs, and reports each signature, until it is killed.
 #[test]
 #[ignore = "run by the tests below as a process of its own"]
 fn signs_until_killed() {
@@ -385,7 +386,7 @@ fn no_kill_leaves_half_a_record(kills: u64) {
         for line in reported.lines().map_while(Result::ok) {
             let number = line.strip_prefix("signed ").and_then(|number| number.parse::<u64>().ok());
             if number.is_some_and(|number| number == before + 1 + kill % 3) {
-                // The child is killed at an arbitrary point of its work.
+                // The child is killed at an arbitrary moment.
                 std::thread::sleep(std::time::Duration::from_micros(37 * (kill * 131 % 400)));
                 child.kill().expect("killed");
             }
