@@ -13,9 +13,9 @@ use panelprep_base::geometry::{GrayPicture, Mask, Pixel};
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("OpenCV could not compute {operation}: {words}")]
 pub struct ImagingError {
-    /// The operation.
+    /// The name of the operation that failed.
     pub operation: &'static str,
-    /// OpenCV's message.
+    /// The message of OpenCV.
     pub words: String,
 }
 

@@ -26,7 +26,7 @@ use serde::{Deserialize, Serialize};
 /// The error budget at the tool: its components, mm, 95 %.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Budget {
-    /// Hand-eye calibration.
+    /// Error of the hand-eye calibration.
     pub hand_eye_mm: Option<f64>,
     /// Error of the panel's localization.
     pub locate_mm: Option<f64>,
@@ -104,21 +104,21 @@ pub enum RecordingFile {
 /// All data that are stored about a cycle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CycleRecord {
-    /// Its number.
+    /// Number of the cycle.
     pub id: CycleId,
     /// Start time of the cycle, s since 1970.
     pub started_unix_s: i64,
     /// End time of the cycle, s since 1970; `None` while it runs.
     pub ended_unix_s: Option<i64>,
-    /// The panel.
+    /// Name of the panel.
     pub panel: String,
     /// The version of the taught data.
     pub taught_version: String,
-    /// The recipe's hash.
+    /// SHA-256 of the recipe's text.
     pub recipe_hash: String,
     /// The cell's file and its calibrations.
     pub files: Vec<KeptFile>,
-    /// The program's version.
+    /// The version of the program.
     pub program_version: String,
     /// Verdict of the cycle with its reasons; `None` while it runs.
     pub judgement: Option<Judgement>,
@@ -199,7 +199,7 @@ pub struct PartNames {
     /// The part's serial number.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub serial: Option<String>,
-    /// The work order.
+    /// The work order of the part.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub order: Option<String>,
     /// The operator's name, as stated in the start request.

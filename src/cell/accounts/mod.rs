@@ -87,9 +87,9 @@ pub struct AuditEntry {
     pub what: String,
     /// The object of the action, such as the name of the changed account.
     pub subject: Option<String>,
-    /// The value before.
+    /// State of the object before the action.
     pub before: Option<String>,
-    /// The value after.
+    /// State of the object after the action.
     pub after: Option<String>,
     /// The reason why the action was refused; `None` if it was performed.
     pub refused: Option<String>,
@@ -184,7 +184,7 @@ pub enum Permission {
     Operate,
     /// Accept a result that needs the decision of a person.
     Accept,
-    /// To acknowledge alarms.
+    /// Acknowledge alarms.
     Acknowledge,
     /// Sign a record.
     Sign,

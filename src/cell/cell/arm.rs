@@ -87,13 +87,13 @@ settings! {
 pub struct KeepOut {
     /// The name of the box, for messages.
     pub name: String,
-    /// Lower corner, mm.
+    /// Lower corner in the base frame, mm.
     pub min: Point<Base>,
     /// Upper corner, mm; each of its coordinates is larger than that of the lower corner.
     pub max: Point<Base>,
 }
 
-/// A checked arm.
+/// A robot arm with its keep-out boxes, after all checks of the file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Arm {
     geometry: ArmGeometry,

@@ -24,7 +24,7 @@ pub struct ArmGeometry {
     pub c1_mm: f64,
     /// Length of the upper arm, mm.
     pub c2_mm: f64,
-    /// The forearm, mm.
+    /// Length of the forearm up to the wrist's centre, mm.
     pub c3_mm: f64,
     /// Distance from the wrist's centre to the flange, mm.
     pub c4_mm: f64,
@@ -37,9 +37,9 @@ pub struct ArmGeometry {
 /// Limits of the angle, speed and acceleration of each axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmAxes {
-    /// Lowest angles, degrees.
+    /// Lowest angle of each axis, degrees.
     pub min_deg: PerAxis,
-    /// Highest angles, degrees.
+    /// Highest angle of each axis, degrees.
     pub max_deg: PerAxis,
     /// Highest speeds, degrees a second.
     pub max_speed_deg_s: PerAxis,
@@ -56,9 +56,9 @@ pub struct Preset {
     pub source: &'static str,
     /// The arm's lengths, offsets and signs.
     pub geometry: ArmGeometry,
-    /// Lowest angles, degrees.
+    /// Lowest angle of each axis, degrees.
     pub min_deg: PerAxis,
-    /// Highest angles, degrees.
+    /// Highest angle of each axis, degrees.
     pub max_deg: PerAxis,
     /// Highest speeds, degrees a second.
     pub max_speed_deg_s: PerAxis,

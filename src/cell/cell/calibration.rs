@@ -48,7 +48,7 @@ impl Setting for Covariance {
 /// The intrinsics of a camera, as stored in the table `[camera]` of their file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Intrinsics {
-    /// The camera.
+    /// The camera model: focal lengths, principal point, distortion.
     pub camera: PinholeCamera,
     /// The covariance of the intrinsics; if it is absent, the intrinsics are treated as exact.
     pub covariance: Option<LensCovariance>,
@@ -286,7 +286,7 @@ impl Mount for TargetMount {
 /// A mount as stored in its file: the pose and its origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MountedPose<M: Mount> {
-    /// The pose.
+    /// The pose of the mounted device.
     pub pose: KukaPose,
     /// The date of the calibration.
     pub date: Option<Date>,

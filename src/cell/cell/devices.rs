@@ -14,7 +14,7 @@ pub enum Camera<Device> {
     Simulated,
     /// `kind = "recorded"`: the files of a folder are replayed in the alphabetical order of their names.
     Recorded {
-        /// The folder.
+        /// The folder of the recorded files.
         folder: PathBuf,
     },
     /// A real camera with its settings.
@@ -309,7 +309,7 @@ pub struct Gige {
     /// The user set that is loaded in the camera before the other settings. The image size and the position of the
     /// image on the sensor are not changed.
     pub user_set: String,
-    /// One of [`PIXEL_FORMATS`].
+    /// The pixel format, one of [`PIXEL_FORMATS`].
     pub pixel_format: &'static str,
     /// Exposure time, µs.
     pub exposure_us: f64,

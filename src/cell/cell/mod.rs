@@ -111,7 +111,7 @@ impl CalibrationFiles {
     }
 }
 
-/// A checked cell.
+/// A cell: the contents of its file after all checks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cell {
     store: PathBuf,
@@ -262,7 +262,7 @@ impl Cell {
         &self.flange_camera
     }
 
-    /// Returns the robot.
+    /// Returns the settings of the robot controller.
     pub fn robot(&self) -> &Robot {
         &self.robot
     }
@@ -423,7 +423,7 @@ settings! {
 /// The box that the tool's tip must not leave.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Workspace {
-    /// Lower corner, mm.
+    /// Lower corner in the base frame, mm.
     pub min: Point<Base>,
     /// Upper corner, mm; each of its coordinates is larger than that of the lower corner.
     pub max: Point<Base>,
@@ -498,9 +498,9 @@ impl Retention {
 const DAYS: std::ops::RangeInclusive<usize> = 1..=36_500;
 const CYCLES: std::ops::RangeInclusive<usize> = 1..=1_000_000;
 
-/// `[store]`.
+/// The contents of `[store]`.
 struct StoreTable {
-    /// Its folder.
+    /// The folder of the store.
     pub folder: String,
     /// How long clips and scans are kept.
     pub retention: Retention,

@@ -43,18 +43,18 @@ fn parse_joints(section: &Section<'_, '_>) -> Option<Joints> {
 pub enum Output {
     /// `light`: on for pictures of the film, off for 3D shots.
     Light,
-    /// `spray`: water.
+    /// `spray`: sprays water onto the panel.
     Spray,
     /// `lens_shutter`: protects the lens with a shutter or purge air.
     LensShutter,
-    /// `extraction`: dust extraction.
+    /// `extraction`: switches the dust extraction on.
     Extraction,
-    /// `tool`: the sander.
+    /// `tool`: switches the sander on.
     Tool,
 }
 
 impl Output {
-    /// All of them.
+    /// All outputs that the process uses.
     pub const ALL: &'static [Output] = <Self as VariantArray>::VARIANTS;
 
     /// Returns the output's name in the cell's file.
@@ -422,11 +422,11 @@ pub const LINE_INPUTS: [&str; 2] = ["part_present", "start_request"];
 /// The parameters of a cycle that the production line starts.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Line {
-    /// The recipe's file.
+    /// The path of the recipe.
     pub recipe: PathBuf,
     /// The serial number that every part gets; `None` for no serial number.
     pub serial: Option<String>,
-    /// Its work order.
+    /// The work order, if one is stated.
     pub order: Option<String>,
     /// The responsible person, who is recorded as the operator.
     pub operator: Option<String>,

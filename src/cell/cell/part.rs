@@ -30,9 +30,9 @@ pub struct NameRule {
 /// The rules for the names of a part.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct PartRules {
-    /// The serial number.
+    /// The rule for the serial number.
     pub serial: NameRule,
-    /// The work order.
+    /// The rule for the work order.
     pub order: NameRule,
 }
 
@@ -44,7 +44,7 @@ pub enum PartNameError {
         "the start names no {what}, and [part] {key} of the cell's file requires one; enter it, then start again"
     )]
     Missing {
-        /// The name.
+        /// Which name: "serial number" or "work order".
         what: &'static str,
         /// The name's key in `[part]`.
         key: &'static str,
@@ -55,13 +55,13 @@ pub enum PartNameError {
          character, * any characters); read it again, then start again"
     )]
     Form {
-        /// The name.
+        /// Which name: "serial number" or "work order".
         what: &'static str,
         /// The name's key in `[part]`.
         key: &'static str,
-        /// What was given.
+        /// The name in the start request.
         found: String,
-        /// The form.
+        /// The pattern in the cell's file.
         pattern: String,
     },
 }
@@ -123,7 +123,7 @@ fn has_form(name: &str, pattern: &str) -> bool {
     last.last() == Some(&true)
 }
 
-/// Reads `[part]`.
+/// Parses `[part]`, the rules for the names of the part.
 pub(super) fn parse_part(section: &Section<'_, '_>) -> Option<PartRules> {
     let demand = |key| section.parse::<NameDemand>(key, (), Some(NameDemand::Optional));
     let pattern = |key| section.parse::<Option<String>>(key, (), Some(None));

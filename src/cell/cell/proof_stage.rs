@@ -96,7 +96,7 @@ pub struct Unsigned {
     pub needed: ProofStage,
     /// The last stage that is treated as signed, if there is one.
     pub signed: Option<ProofStage>,
-    /// The cause.
+    /// Why the stage is not treated as signed.
     pub why: UnsignedCause,
 }
 

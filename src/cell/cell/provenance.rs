@@ -9,7 +9,7 @@ use std::fmt::Write;
 use std::ops::RangeInclusive;
 use toml::de::DeValue;
 
-/// A day, `2026-05-31`.
+/// A calendar date, such as `2026-05-31`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Date(String);
 

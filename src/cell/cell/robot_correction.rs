@@ -24,7 +24,7 @@ pub enum CorrectionNumbers {
         middle_mm: [f64; 3],
         /// Half of the size of the measured volume, mm.
         half_mm: [f64; 3],
-        /// Its numbers.
+        /// The parameters of the smooth displacement.
         numbers: [f64; SMOOTH_NUMBERS],
     },
 }
@@ -49,7 +49,7 @@ impl CorrectionNumbers {
 /// A correction of the arm, as stored in its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotCorrection {
-    /// Its numbers.
+    /// The parameters of the correction.
     pub numbers: CorrectionNumbers,
     /// Cross-validation: error of the omitted pictures without the correction, rms, mm.
     pub left_out_before_mm: f64,
@@ -156,7 +156,7 @@ settings! {
         coupon_deviation_percent: f64, 0.0..=100.0, required;
         /// Cross-validation: rms error of omitted coupons that were predicted from the others, percent.
         left_out_percent: f64, 0.0..=1_000.0, required;
-        /// Number of coupons.
+        /// Number of coupons of the calibration.
         coupons: usize, 3..=10_000, required;
         /// Smallest force on a coupon, N; `None` if the file does not state it.
         least_force_n: Option<f64>, 0.5..=500.0, default None;
@@ -174,7 +174,7 @@ settings! {
         pad_n_mm3: f64, 1e-4..=1_000.0, required;
         /// Diameter of the orbit, mm; 0 for a disc that does not orbit.
         orbit_mm: f64, 0.0..=50.0, required;
-        /// Orbits a minute.
+        /// Speed of the orbital motion, revolutions per minute.
         orbit_rev_min: f64, 0.0..=100_000.0, required;
     }
 }
@@ -182,7 +182,7 @@ settings! {
 /// A removal model, as stored in its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RemovalCalibration {
-    /// Its numbers.
+    /// The parameters of the removal model.
     pub numbers: RemovalNumbers,
     /// Date of the calibration.
     pub date: Option<Date>,

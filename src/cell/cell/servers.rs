@@ -51,7 +51,7 @@ pub fn authority(host: &str, port: u16) -> String {
     if host.contains(':') { format!("[{host}]:{port}") } else { format!("{host}:{port}") }
 }
 
-/// A broker.
+/// The settings of a NATS broker.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Broker {
     /// The broker's address, `nats://HOST:PORT` or `tls://HOST:PORT`.
@@ -71,9 +71,9 @@ pub enum BrokerLogin {
     Credentials(PathBuf),
     /// With a user name, and a file that contains only the password.
     Password {
-        /// The user.
+        /// The user name at the broker.
         user: String,
-        /// The file.
+        /// The file that contains the password.
         file: PathBuf,
     },
 }
@@ -228,7 +228,7 @@ pub struct WebFolder {
     pub is_encrypted: bool,
     /// The server's host name or address.
     pub host: String,
-    /// Its port.
+    /// The server's TCP port.
     pub port: u16,
     /// The path of the folder, from `/` and without a final `/`.
     pub path: String,

@@ -25,7 +25,7 @@ impl Choice for NodeCommands {
 pub struct SparkplugNode {
     /// The broker's host name or address.
     pub broker: String,
-    /// Its port.
+    /// The broker's TCP port.
     pub port: u16,
     /// TLS of the connection to the broker; may be `None` only if the broker runs on this computer.
     pub tls: Option<BrokerTls>,
@@ -52,7 +52,7 @@ pub struct BrokerTls {
     pub client_certificate: Option<[PathBuf; 2]>,
 }
 
-/// Valid port numbers.
+/// Valid TCP port numbers.
 const PORTS: std::ops::RangeInclusive<u16> = 1..=u16::MAX;
 /// Default ports of MQTT: with TLS, and without TLS.
 const DEFAULT_PORTS: [u16; 2] = [8_883, 1_883];

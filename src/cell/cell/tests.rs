@@ -26,7 +26,7 @@ fn an_empty_file_is_the_simulated_cell() {
     assert_eq!(cell.calibration(), &CalibrationFiles::default());
 }
 
-/// `design.md`, "Limits, once".
+/// Expected values: the defaults in `design.md`, "Limits, once".
 #[test]
 fn the_default_limits_are_those_of_the_design() {
     let cell = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}"));

@@ -26,14 +26,14 @@ impl Tool {
     }
 }
 
-/// A compliant tool.
+/// The settings of a tool with its own force control.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CompliantTool {
     /// The tool's network address; `None` for the simulated tool.
     pub address: Option<ToolAddress>,
-    /// The log-in word.
+    /// The word with which the program logs in to the tool.
     pub login: String,
-    /// Its number.
+    /// The tool's id in telegrams.
     pub id: u16,
     /// Length of the actuator's stroke, mm; the tool centre point is calibrated at half the stroke.
     pub stroke_mm: f64,
@@ -61,9 +61,9 @@ pub struct CompliantTool {
 /// The network address of a tool and its login.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ToolAddress {
-    /// Name or address.
+    /// Host name or IP address of the tool's controller.
     pub host: String,
-    /// TCP port.
+    /// TCP port of the tool's controller.
     pub port: u16,
 }
 

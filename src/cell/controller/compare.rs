@@ -16,17 +16,17 @@ use std::collections::BTreeSet;
 /// The texts of the files on the controller. A file that is `None` is not compared.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ControllerFiles<'a> {
-    /// `cell_config.dat`.
+    /// The text of `cell_config.dat`.
     pub config: Option<&'a str>,
-    /// `cell_motion.src`.
+    /// The text of `cell_motion.src`.
     pub motion: Option<&'a str>,
-    /// `CELLCMD.xml`.
+    /// The text of `CELLCMD.xml`.
     pub commands: Option<&'a str>,
-    /// `CELLSTAT.xml`.
+    /// The text of `CELLSTAT.xml`.
     pub states: Option<&'a str>,
-    /// `cell_user.src`.
+    /// The text of `cell_user.src`.
     pub user: Option<&'a str>,
-    /// `sps.sub`.
+    /// The text of `sps.sub`.
     pub submit: Option<&'a str>,
     /// The IP addresses of the controller, if the cell's file states a host name and this name was resolved.
     pub host_addresses: &'a [[u8; 4]],
@@ -51,7 +51,7 @@ impl<'a> ControllerFiles<'a> {
 /// The result of a comparison.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
-    /// The contradictions.
+    /// The contradictions that were found.
     pub differences: Vec<Difference>,
     /// Values that could not be compared, each with the reason.
     pub not_compared: Vec<String>,

@@ -24,7 +24,7 @@ const LINE_OUTPUTS: i32 = 6;
 const MAX_RATIO_TO_CELL: f64 = 1.25;
 /// Maximum distance by which the controller's workspace may extend beyond the cell's workspace, mm.
 const BOX_TOLERANCE_MM: f64 = 50.0;
-/// The highest checksum.
+/// Maximum checksum: it is computed modulo 1000003.
 const MAX_SUM: i32 = 1_000_002;
 /// Relative rounding tolerance of a 32-bit REAL.
 const REAL_ROUNDING: f64 = 1e-3;

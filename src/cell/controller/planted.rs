@@ -81,7 +81,7 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
     ),
     ("cell", "extraction = 30", "extraction = 31", "(extraction) is switched off after 30000 ms"),
     ("cell", "spray = 18\n", "spray = 18\nrinse = 23\n", "NO STOP SWITCHES RINSE OFF"),
-    // Inputs.
+    // Inputs: numbers, order, count.
     (
         CONFIG,
         "CELL_IN[1]=17",
@@ -98,7 +98,7 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
     (CONFIG, "CELL_IN_N=5", "CELL_IN_N=6", "CELL_IN[6]: is missing"),
     (CONFIG, "CELL_IN[5]=21", "CELL_IN[5]=5000", "CELL_IN[5]: is 5000, valid:"),
     ("cell", "tool_running = 20", "tool_running = 22", "CELL_IN[4]: is 20, which is not in [io.feedbacks], but"),
-    // The line.
+    // Outputs to the production line.
     (
         CONFIG,
         "CELL_LINE[3]=0",
@@ -108,12 +108,12 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
     (CONFIG, "CELL_LINE[1]=0", "CELL_LINE[1]=21", "CELL_LINE[1]: $OUT[21] is also in CELL_OUT"),
     (CONFIG, "CELL_LINE_N=6", "CELL_LINE_N=5", "CELL_LINE_N: is 5, valid:"),
     (CONFIG, "CELL_LINE[6]=0", "", "CELL_LINE[6]: is not stated"),
-    // Mapped inputs.
+    // Inputs that are mapped to flags.
     (CONFIG, "CELL_VIN_N=0", "CELL_VIN_N=1", "CELL_VIN[1]: is 0, valid:"),
     (CONFIG, "CELL_VIN[1]=0", "CELL_VIN[1]=33", "CELL_VIN[1]: is 33, but CELL_VIN_N is 0, so this value"),
     (CONFIG, "CELL_VIN_N=0", "CELL_VIN_N=9", "CELL_VIN_N: is 9, valid:"),
     ("cell", "# [io.mapped_inputs] ", "[io.mapped_inputs]\nguard = 33\n# ", "CELL_VIN: does not contain input 33"),
-    // Flags and timers.
+    // Numbers of flags and timers.
     (CONFIG, "CELL_F_CMD_CAME=851", "CELL_F_CMD_CAME=861", "RECEIVE ELEMENT: sets $FLAG[851], but CELL_F_CMD_CAME"),
     (CONFIG, "CELL_F_CMD_ALIVE=850", "CELL_F_CMD_ALIVE=860", "ALIVE: sets $FLAG[850], but CELL_F_CMD_ALIVE"),
     (CONFIG, "CELL_F_STAT_ALIVE=853", "CELL_F_STAT_ALIVE=860", "ALIVE: sets $FLAG[853], but CELL_F_STAT_ALIVE"),
@@ -148,7 +148,7 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
         "INTERRUPT DECL 22: monitors $TIMER_FLAG[31], but",
     ),
     (MOTION, "  INTERRUPT DECL 20 WHEN", "; INTERRUPT DECL 20 WHEN", "INTERRUPT DECL 20: is missing"),
-    // The channels.
+    // The files of the EthernetKRL channels.
     (COMMANDS, "Set_Flag=\"851\"", "Set_Flag=\"861\"", "RECEIVE ELEMENT: sets $FLAG[861]"),
     (STATES, "<ALIVE Set_Flag=\"853\"/>", "", "ALIVE: sets no flag"),
     (
@@ -230,7 +230,7 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
         "CELL_USER_REVISION: is 154822, and the text of cell_user.src has the sum ",
     ),
     (CONFIG, "CELL_USER_REVISION=154822", "CELL_USER_REVISION=1", "CELL_USER_REVISION: is 1, and the text"),
-    // Declarations.
+    // Declarations of the data list.
     (
         CONFIG,
         "CONST INT CELL_OUT_N=5",
@@ -254,7 +254,7 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
     ),
     (CONFIG, "DEFDAT CELL_CONFIG PUBLIC", "DEFDAT CELL_CONFIG", "DEFDAT: is not PUBLIC"),
     (CONFIG, "DECL GLOBAL CONST INT CELL_T_OFF=25\n", "", "CELL_T_OFF: is not declared, and the programs need it"),
-    // Addresses.
+    // Addresses of the controller.
     (COMMANDS, "<IP>172.31.1.147</IP>", "", "INTERNAL/IP: is missing"),
     (STATES, "<IP>172.31.1.147</IP>", "<IP>krc</IP>", "INTERNAL/IP: is \"krc\", which is not an address"),
     (

@@ -22,9 +22,9 @@ pub enum SumError {
     /// A value is missing, or is not a number of the required type.
     #[error("{file}: {name} is missing or not a number, but this value is part of the programs' checksum")]
     Value {
-        /// The file.
+        /// The file in which the value is expected.
         file: &'static str,
-        /// The value's name.
+        /// The name of the value.
         name: String,
     },
     /// The constant in `cell_data.dat` differs from the checksum of the programs' texts.
@@ -33,7 +33,7 @@ pub enum SumError {
          was edited, or is of another release"
     )]
     Edited {
-        /// Its line.
+        /// The line that states the checksum.
         line: usize,
         /// The checksum that the file states.
         stated: i64,
@@ -45,7 +45,7 @@ pub enum SumError {
         "{CONFIG}:{line}: CELL_USER_REVISION is {stated}, and the text of {USER} has the sum {computed}; write {computed}"
     )]
     UserEdited {
-        /// Its line.
+        /// The line that states the checksum.
         line: usize,
         /// The checksum that the file states.
         stated: i64,
@@ -129,7 +129,7 @@ fn checksum_of_texts(texts: &[&str]) -> i64 {
         .fold(0, |sum, byte| (sum * 31 + i64::from(byte)) % MODULUS)
 }
 
-/// Computes the sum of one text, as CELL_USER_REVISION states it for the cell's own subroutines.
+/// Computes the checksum of one text, such as CELL_USER_REVISION for the cell's own subroutines.
 pub(super) fn text_sum(text: &str) -> i64 {
     checksum_of_texts(&[text])
 }
@@ -168,7 +168,7 @@ fn checksum_of_values(programs: i64, config: &DataList) -> Result<i32, SumError>
     i32::try_from(sum.0).map_err(|_| lacks("CELL_SUM"))
 }
 
-/// `CELL_MIX` and `CELL_MIX_REAL`.
+/// Computes the checksum of values like `CELL_MIX` and `CELL_MIX_REAL` on the controller.
 struct ChecksumMixer(i64);
 
 impl ChecksumMixer {

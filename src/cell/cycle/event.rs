@@ -104,7 +104,7 @@ pub enum Report {
         /// The result of the action.
         answer: Answer,
     },
-    /// Time is up.
+    /// A deadline has ended.
     Deadline {
         /// The id of the effect that started the deadline.
         id: Id,
@@ -174,7 +174,7 @@ pub enum Answer {
     PlannedForReview {
         /// First eight bytes of the hash of the path.
         plan: u64,
-        /// Its waypoints.
+        /// Number of waypoints of the path.
         waypoints: u32,
     },
     /// The action has failed.
@@ -185,7 +185,7 @@ pub enum Answer {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Grade {
-    /// The gate accepts.
+    /// The result may be used.
     Accept,
     /// A person must check the result.
     Review,
@@ -212,9 +212,9 @@ pub enum Film {
 pub enum Deadline {
     /// The time limit for the answer to an action.
     Answer,
-    /// A stop, `stop_deadline_s`.
+    /// The time limit for a complete stop, `stop_deadline_s`.
     Stop,
-    /// The rinse.
+    /// The duration of the rinse.
     Rinse,
     /// The duration of the spray that wets the panel.
     Spray,
@@ -235,17 +235,17 @@ pub enum Robot {
     Unknown,
     /// Connected, handshake accepted, automatic mode, drives on, no stop.
     Ready,
-    /// No connection.
+    /// The controller is not connected.
     LinkLost,
     /// The controller has a new boot id, or executes another program than before.
     Restarted,
-    /// Emergency stop.
+    /// An emergency stop is active.
     EmergencyStop,
-    /// Guard open.
+    /// A guard is open.
     GuardOpen,
     /// The drives are off, or motion is not possible.
     DrivesOff,
-    /// T1 or T2.
+    /// The controller is in mode T1 or T2.
     NotAutomatic,
     /// The checksum of the controller's programs is not the one with which the cell was accepted.
     OtherPrograms,
@@ -317,7 +317,7 @@ pub enum Effect {
     Do {
         /// The id for the answer.
         id: Id,
-        /// The action.
+        /// The action to perform.
         act: Action,
     },
     /// Start a deadline: report [`Report::Deadline`](super::Report) with this id after the configured time.
@@ -331,7 +331,7 @@ pub enum Effect {
     OpenIntent(Motion),
     /// Commit the outcome of a motion to the store, after the robot has reached standstill.
     CloseIntent {
-        /// The motion.
+        /// The motion that has ended.
         motion: Motion,
         /// The outcome of the motion.
         outcome: Outcome,
@@ -340,12 +340,12 @@ pub enum Effect {
     },
     /// Commit the cycle's result to the store.
     Conclude {
-        /// The verdict.
+        /// The verdict of the cycle.
         verdict: Verdict,
     },
     /// Report to the client that its request is refused, with the reason.
     Refuse {
-        /// The request.
+        /// The refused request.
         request: Request,
         /// The reason for the refusal.
         refusal: Refusal,
@@ -451,7 +451,7 @@ pub enum Path {
     Retract,
 }
 
-/// Base and tool.
+/// The base and tool frames of a motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Frames {

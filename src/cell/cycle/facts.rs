@@ -33,15 +33,15 @@ pub struct Facts {
     /// Whether the water may run, with the same rules as `tool_may_run`.
     #[serde(default)]
     pub water_may_run: bool,
-    /// The sanding tool.
+    /// Whether the sanding tool runs.
     pub tool: Tool,
-    /// Rinse and spray.
+    /// Whether rinse or spray runs.
     pub water: Water,
     /// The light for the film.
     pub light: Light,
-    /// The cameras' lenses.
+    /// Whether the cameras' lenses are protected.
     pub lens: Lens,
-    /// Dust extraction.
+    /// Whether the dust extraction runs.
     pub extraction: Extraction,
     /// The deadline until which the localization is valid; `None` without a valid localization.
     pub token: Option<Id>,
@@ -58,7 +58,7 @@ pub enum Epoch {
     Open,
 }
 
-/// The sanding tool.
+/// Whether the sanding tool runs, as far as it is known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "the names are self-explanatory")]
@@ -68,7 +68,7 @@ pub enum Tool {
     Running,
 }
 
-/// Rinse and spray.
+/// Whether rinse or spray runs, as far as it is known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "the names are self-explanatory")]
@@ -91,7 +91,7 @@ pub enum Light {
     Settled,
 }
 
-/// The cameras' lenses.
+/// Whether the cameras' lenses are protected, as far as it is known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "the names are self-explanatory")]
@@ -102,7 +102,7 @@ pub enum Lens {
     Guarded,
 }
 
-/// Dust extraction.
+/// Whether the dust extraction runs, as far as it is known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "the names are self-explanatory")]

@@ -119,7 +119,7 @@ pub(super) struct Rules {
 }
 
 impl Rules {
-    /// Every rule.
+    /// All rules are active.
     pub const ALL: Rules = Rules { without: None };
 
     /// Returns whether this rule is active.

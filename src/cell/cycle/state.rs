@@ -54,7 +54,7 @@ impl State {
     };
 }
 
-/// The PackML states.
+/// The PackML states, with their data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, strum::IntoStaticStr)]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "lowercase")]
@@ -65,9 +65,9 @@ pub enum At {
     Resetting,
     /// Ready for the request Start.
     Idle,
-    /// The arm parks.
+    /// The arm moves to its park pose before the first phase.
     Starting,
-    /// The cycle.
+    /// A phase of the cycle is executed.
     Execute(Phase),
     /// On the way to Held: the water is switched off and the epoch is ended.
     Holding(Hold),
@@ -87,7 +87,7 @@ pub enum At {
     },
     /// The cycle has ended.
     Complete {
-        /// Its verdict.
+        /// The verdict of the cycle.
         verdict: Verdict,
     },
     /// On the way to Stopped: the water is switched off and the epoch is ended.
@@ -132,14 +132,14 @@ impl At {
 pub enum Phase {
     /// A 3D shot of the dry panel is captured, and the panel's pose is determined.
     Locate,
-    /// The corner loop.
+    /// The corner loop: corner pictures are captured to refine the panel's pose.
     Refine {
         /// Number of motions to corner poses so far.
         moves: u8,
     },
     /// The reference picture of the dry panel is captured.
     Dry,
-    /// The spray.
+    /// The panel is sprayed.
     Wet,
     /// The film is observed and evaluated.
     Inspect,
@@ -218,7 +218,7 @@ pub enum Why {
 pub enum Cause {
     /// A person requested it.
     Asked,
-    /// The robot's condition.
+    /// The robot's condition does not permit a cycle.
     Robot(Robot),
     /// A fault during the cycle.
     Trouble(Trouble),
@@ -271,7 +271,7 @@ pub struct Job {
     pub after_dry: Phase,
     /// The number of the last plan.
     pub plan: u64,
-    /// Its waypoints.
+    /// Number of waypoints of the last plan.
     pub waypoints: u32,
     /// Number of corners that the present Verify has found at their expected positions.
     #[serde(default)]
@@ -283,16 +283,16 @@ pub struct Job {
 pub struct Due {
     /// The id for the answer.
     pub id: Id,
-    /// The action.
+    /// The action in progress.
     pub act: Action,
 }
 
-/// An open motion.
+/// A motion for which the robot has not reported standstill yet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Intent {
     /// The id of the action that started the motion.
     pub id: Id,
-    /// The motion.
+    /// The motion that was committed.
     pub motion: Motion,
     /// Number of executed waypoints that the robot has reported.
     pub done: u32,

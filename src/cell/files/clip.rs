@@ -29,10 +29,10 @@ pub enum ClipError {
     /// The header is not valid.
     #[error("line 1: found the header '{found}'; valid: file,time_s,phase or file,time_s")]
     Header {
-        /// The header found.
+        /// The header of the file.
         found: String,
     },
-    /// An invalid line.
+    /// A line is not valid.
     #[error("line {line}: {problem}")]
     Line {
         /// Line, from 1.
@@ -40,10 +40,10 @@ pub enum ClipError {
         /// The problem in the line.
         problem: LineProblem,
     },
-    /// No pictures.
+    /// The file lists no pictures.
     #[error("the clip is empty: no picture follows the header")]
     Empty,
-    /// Nothing to inspect.
+    /// No picture is in the phase wet.
     #[error("none of the clip's {shots} pictures has the phase 'wet'; the water-break test needs wet pictures")]
     NoneWet {
         /// Number of pictures in the clip.
@@ -63,7 +63,7 @@ pub enum LineProblem {
     /// A picture is listed twice.
     #[error("the file '{file}' is already listed in line {first}")]
     Duplicate {
-        /// Its name.
+        /// File name of the picture.
         file: String,
         /// The line in which the picture is listed first.
         first: u64,

@@ -14,7 +14,7 @@ pub enum CloudFileError {
     NotACloud {
         /// The beginning of the header's last line.
         end: &'static str,
-        /// Bytes searched.
+        /// Number of bytes in which the header was searched.
         searched: usize,
     },
     /// A file of another kind, recognised by its first bytes.
@@ -22,7 +22,7 @@ pub enum CloudFileError {
     OtherKind {
         /// Kind of the file.
         kind: &'static str,
-        /// Remedy.
+        /// What to do with a file of this kind.
         remedy: &'static str,
     },
     /// An invalid header line.
@@ -30,7 +30,7 @@ pub enum CloudFileError {
     Header {
         /// Line, from 1.
         line: usize,
-        /// The line found.
+        /// The text of the line.
         found: String,
         /// The problem in the line.
         problem: String,
@@ -56,9 +56,9 @@ pub enum CloudFileError {
     Count {
         /// The number of points that the header states.
         points: u64,
-        /// Columns.
+        /// Width of the picture, px.
         width: u64,
-        /// Rows.
+        /// Height of the picture, px.
         height: u64,
     },
     /// More data than any camera can deliver.
@@ -71,9 +71,9 @@ pub enum CloudFileError {
         points: u64,
         /// Size of a point, bytes; in a text file, the size of its numbers.
         point_bytes: u64,
-        /// Largest data section.
+        /// Maximum size of all points, bytes.
         limit_bytes: u64,
-        /// Largest point.
+        /// Maximum size of a point, bytes.
         limit_point_bytes: u64,
     },
     /// The file ends before the last point.
@@ -128,21 +128,21 @@ pub enum CloudFileError {
     /// The size of the cloud is not that of the calibrated camera.
     #[error("the cloud is {width}×{height} px, but the camera's calibration is for {width_px}×{height_px} px")]
     Size {
-        /// Columns found.
+        /// Width of the cloud, px.
         width: usize,
-        /// Rows found.
+        /// Height of the cloud, px.
         height: usize,
         /// Width of the calibrated camera's pictures, px.
         width_px: usize,
         /// Height of the calibrated camera's pictures, px.
         height_px: usize,
     },
-    /// Numbers in metres.
+    /// The unit of the coordinates is m.
     #[error("the depths of the points are from {from} to {to}: these values are metres; export the cloud in mm")]
     Metres {
-        /// Nearest depth.
+        /// Smallest depth of a point, as text.
         from: String,
-        /// Farthest depth.
+        /// Largest depth of a point, as text.
         to: String,
     },
     /// The unit of the coordinates is neither mm nor m.
@@ -151,9 +151,9 @@ pub enum CloudFileError {
          probably cm, inch or µm; export the cloud in mm"
     )]
     OtherUnit {
-        /// Nearest depth.
+        /// Smallest depth of a point, as text.
         from: String,
-        /// Farthest depth.
+        /// Largest depth of a point, as text.
         to: String,
     },
     /// Most points are behind the camera.
@@ -162,9 +162,9 @@ pub enum CloudFileError {
          backwards), or is in another frame; export it in the camera's own frame, with z pointing forwards"
     )]
     Behind {
-        /// Smallest z.
+        /// Smallest z of a point.
         from: String,
-        /// Largest z.
+        /// Largest z of a point.
         to: String,
     },
     /// The order of the points differs from that of the pixels.
@@ -173,7 +173,7 @@ pub enum CloudFileError {
          it, row by row from the top left"
     )]
     OtherOrder {
-        /// The exchanged order.
+        /// How the order differs, such as "the rows are upside down".
         order: &'static str,
     },
     /// The points belong to another lens.
@@ -206,7 +206,7 @@ pub enum CloudFileError {
          pixel ({column}, {row}): the file was changed after the scan. Export or copy the file again"
     )]
     OffRays {
-        /// Number of points.
+        /// Number of these points.
         points: usize,
         /// Column of the first of these points.
         column: usize,
@@ -266,7 +266,7 @@ pub enum MeshFileError {
         what: &'static str,
         /// Number of the record, from 1.
         number: usize,
-        /// The problem.
+        /// The problem of the record.
         problem: String,
     },
     /// An invalid line in a text file.
@@ -274,7 +274,7 @@ pub enum MeshFileError {
     Line {
         /// Line, from 1.
         line: usize,
-        /// The problem.
+        /// The problem of the line.
         problem: String,
     },
     /// The text ends within an object.
@@ -282,7 +282,7 @@ pub enum MeshFileError {
     Ends {
         /// Number of the last line, from 1.
         line: usize,
-        /// The expected content.
+        /// What should follow.
         expected: &'static str,
     },
     /// The file contains data after the last face.
@@ -298,15 +298,15 @@ pub enum MeshFileError {
     NotConvex {
         /// Number of the line, or of the face in a binary file, from 1.
         line: usize,
-        /// Its corners.
+        /// Number of corners of the face.
         corners: usize,
     },
     /// The file states two different units.
     #[error("the file states two units, {first} and {second}; correct its comments")]
     TwoUnits {
-        /// The first unit.
+        /// The unit that is stated first.
         first: &'static str,
-        /// The second unit.
+        /// The unit that is stated later.
         second: &'static str,
     },
     /// The file states a unit that is not supported.
@@ -320,16 +320,16 @@ pub enum MeshFileError {
     /// A mesh without triangles.
     #[error("the file has no triangle: it contains only points or curves; export the panel's body as a mesh")]
     Empty,
-    /// Too many triangles.
+    /// The mesh has too many triangles.
     #[error(
         "the file has {found} triangles (limit {MAX_TRIANGLES}); export the mesh with a larger deviation; 0.01 mm is \
          sufficient"
     )]
     TooMany {
-        /// Triangles found.
+        /// Number of triangles in the file.
         found: u64,
     },
-    /// A PLY header.
+    /// The header of the PLY file is not valid.
     #[error(transparent)]
     Ply(#[from] CloudFileError),
 }

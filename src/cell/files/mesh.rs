@@ -230,7 +230,7 @@ fn is_obj_text(bytes: &[u8]) -> bool {
         .is_some_and(|word| ["v", "o", "f"].contains(&word) || IGNORED_STATEMENTS.contains(&word))
 }
 
-/// Reads a file.
+/// Reads an OBJ file.
 fn read_obj(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
     let mut mesh = TriangleMesh::default();
     let mut corners = Vec::new();

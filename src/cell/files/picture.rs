@@ -46,7 +46,7 @@ pub enum PictureError {
     Damaged {
         /// The format: PNG, JPEG or TIFF.
         format: &'static str,
-        /// Bytes given.
+        /// Size of the file, bytes.
         bytes: usize,
         /// The problem that the decoder reports.
         problem: String,
@@ -58,15 +58,15 @@ pub enum PictureError {
          camera's program (converting a JPEG file does not restore its lost details)"
     )]
     Unchecked {
-        /// JPEG or TIFF.
+        /// The format: JPEG or TIFF.
         format: &'static str,
     },
     /// The picture has too many pixels.
     #[error("the picture is {width}×{height}, {pixels} pixels (limit {allowed} pixels)")]
     TooLarge {
-        /// Columns.
+        /// Width of the picture, px.
         width: u32,
-        /// Rows.
+        /// Height of the picture, px.
         height: u32,
         /// Number of pixels.
         pixels: u64,
@@ -82,9 +82,9 @@ pub enum PictureError {
     /// The size of the picture is not that of the calibrated camera.
     #[error("the picture is {width}×{height} px, but the camera's calibration is for {width_px}×{height_px} px")]
     Size {
-        /// Columns found.
+        /// Width of the picture, px.
         width: usize,
-        /// Rows found.
+        /// Height of the picture, px.
         height: usize,
         /// Width of the calibrated camera's pictures, px.
         width_px: usize,
@@ -94,15 +94,15 @@ pub enum PictureError {
     /// The number of pixels is not width times height, or the picture is too large for its format.
     #[error("a {format} picture of {width}×{height} cannot be written from {pixels} pixels: {problem}")]
     Unwritable {
-        /// PNG or JPEG.
+        /// The format: PNG or JPEG.
         format: &'static str,
-        /// Columns.
+        /// Width of the picture, px.
         width: usize,
-        /// Rows.
+        /// Height of the picture, px.
         height: usize,
-        /// Pixels there are.
+        /// Number of pixels in memory.
         pixels: usize,
-        /// The problem.
+        /// The problem of the size.
         problem: String,
     },
 }

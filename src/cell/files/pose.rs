@@ -21,7 +21,7 @@ pub enum PoseError {
     /// The file is the output of a command that has found no pose.
     #[error("{key} is null: the command that printed this file found no pose; run it again until it finds one")]
     NotFound {
-        /// The key.
+        /// The key under which the pose is null.
         key: &'static str,
     },
     /// The panel is taught from its drawing, but the pose in the file does not refer to the drawing's frame.
@@ -41,7 +41,7 @@ pub enum PoseError {
         "the verdict in this file is 'reject'; its {key} must not be used: correct what its reasons name, and run the command again"
     )]
     Rejected {
-        /// The key.
+        /// The key of the pose that must not be used.
         key: &'static str,
     },
 }
@@ -90,7 +90,7 @@ pub fn read_flange(bytes: &[u8]) -> Result<KukaPose, PoseError> {
 /// The flange pose as reported by the controller, with the axis angles if the file contains them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReportedFlange {
-    /// The pose.
+    /// The pose of the flange in the base frame.
     pub base_from_flange: KukaPose,
     /// The axis angles `axes_deg`, A1 to A6.
     pub joints: Option<Joints>,

@@ -91,7 +91,7 @@ impl SetPointRamp {
 /// Fraction of the stroke, around its middle, that may be used in contact.
 pub const MIDDLE_SHARE: f64 = 2.0 / 3.0;
 
-/// The check's name.
+/// The name of the check that the stroke is sufficient.
 pub const TOOL_STROKE: &str = "compliant tool, from the middle of its stroke at most";
 
 /// Returns the range of the stroke that may be used in contact, mm from fully back.

@@ -19,11 +19,11 @@ const LOGIN_TIMEOUT: Duration = Duration::from_millis(1_000);
 /// The settings of a session.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SessionLimits {
-    /// The log-in word.
+    /// The word with which the program logs in to the tool.
     pub login: String,
-    /// The tool's number.
+    /// The tool's id in telegrams.
     pub id: u16,
-    /// Interval between commands.
+    /// Period of the commands.
     pub period: Duration,
     /// Maximum time until a reply.
     pub reply_within: Duration,
@@ -38,10 +38,10 @@ pub enum LinkLossCause {
     /// The connection could not be established.
     #[error("the connection failed: {problem}")]
     Unreachable {
-        /// The system's error.
+        /// The error of the operating system.
         problem: String,
     },
-    /// The connection ended.
+    /// The tool closed the connection.
     #[error("the connection was closed")]
     Closed,
     /// The tool refused the log-in.
@@ -62,7 +62,7 @@ pub enum LinkLossCause {
         /// The problem in the reply.
         problem: String,
     },
-    /// Another tool answered.
+    /// A tool with another id has replied.
     #[error("{problem}; compare [tool] id with the tool's settings")]
     OtherId {
         /// The problem, with the expected and the received id.
@@ -88,7 +88,7 @@ pub enum State {
     Lost(LinkLossCause),
 }
 
-/// A session.
+/// A session with a compliant tool.
 #[derive(Debug, Clone)]
 pub struct Session {
     limits: SessionLimits,

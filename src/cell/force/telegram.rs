@@ -36,10 +36,10 @@ pub fn login(word: &str) -> Vec<u8> {
     bytes
 }
 
-/// A command telegram.
+/// A command to the tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Command {
-    /// The tool's number.
+    /// The tool's id in telegrams.
     pub id: u16,
     /// Actuator force in contact, N.
     pub force_n: f64,
@@ -52,7 +52,7 @@ pub struct Command {
 }
 
 impl Command {
-    /// Returns the telegram.
+    /// Returns the command as a telegram.
     pub fn bytes(&self) -> Vec<u8> {
         let Command { id, force_n, free_force_n: no_contact_n, ramp_s, payload_kg } = self;
         // Adding 0.0 removes the sign of −0.0, which would be written as "-0.00".
@@ -126,9 +126,9 @@ pub enum TelegramError {
     /// A field with an invalid value.
     #[error("{field} is \"{found}\"")]
     Field {
-        /// The field.
+        /// The name of the field.
         field: &'static str,
-        /// The text found.
+        /// The text of the field.
         found: String,
     },
     /// The reply comes from another tool.

@@ -52,7 +52,7 @@ pub struct WatchLimits {
 /// The expected values at one moment of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExpectedForce {
-    /// The tool's task.
+    /// How the tool presses at this moment.
     pub force_phase: ForcePhase,
     /// Smallest and largest set-point of the contact force within the tool's delay, N.
     pub force_range_n: [f64; 2],

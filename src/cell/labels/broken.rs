@@ -13,9 +13,9 @@ use panelprep_base::geometry::{ColorPicture, Mask, Pixel, polygon};
 /// The time at which each pixel broke, if it broke.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BrokenPixels {
-    /// Columns.
+    /// Width of the pictures, px.
     pub width: usize,
-    /// Rows.
+    /// Height of the pictures, px.
     pub height: usize,
     /// The time at which each pixel broke, s since the first wet picture; infinite if the pixel did not break.
     pub since_wet_s: Vec<f64>,

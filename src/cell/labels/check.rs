@@ -52,7 +52,7 @@ pub enum Problem {
     /// The clip is marked as clean, but there are breaks.
     #[error("the clip is marked as clean, but breaks are drawn ({found}): remove the mark or the breaks")]
     CleanWithBreaks {
-        /// Number of breaks.
+        /// Number of breaks that are drawn.
         found: usize,
     },
     /// A break without a shape.
@@ -68,7 +68,7 @@ pub enum Problem {
         number: usize,
         /// Start time of the shape, by which it is identified.
         from_s: f64,
-        /// Its corners.
+        /// Number of corners of the shape.
         found: usize,
     },
     /// A corner lies outside of the picture.
@@ -82,9 +82,9 @@ pub enum Problem {
         from_s: f64,
         /// Number of the corner.
         corner: usize,
-        /// Column, px.
+        /// Column of the corner, px.
         u: f64,
-        /// Row, px.
+        /// Row of the corner, px.
         v: f64,
         /// Width of the picture, px.
         width: usize,

@@ -34,7 +34,7 @@ pub use broken::{BrokenPixels, broken_pixels, decoded, time_to_color};
 pub use check::{ClipFrame, MAX_SINCE_WET_S, Problem, problems};
 pub use statement::{Break, FormError, LabelFile, Shape, Statement, VERSION, read, write};
 
-/// The labels' file.
+/// The file of saved labels.
 pub const LABELS: &str = "labels.json";
 /// The file of labels that the person has not saved yet, in the same format.
 pub const DRAFT_FILE: &str = "labels.draft.json";

@@ -28,7 +28,7 @@ pub struct Break {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Statement {
-    /// The person's name.
+    /// The name of the person who drew the labels.
     pub author: String,
     /// Whether the person has viewed the whole clip and no film broke.
     pub clean: bool,
@@ -71,7 +71,7 @@ pub const VERSION: u32 = 1;
 pub struct LabelFile {
     /// The version of the file format.
     pub version: u32,
-    /// The person's name.
+    /// The name of the person who drew the labels.
     pub author: String,
     /// The time at which the file was saved, UTC.
     pub saved_at: String,
@@ -81,7 +81,7 @@ pub struct LabelFile {
     pub size_px: [usize; 2],
     /// Whether no film broke.
     pub clean: bool,
-    /// The marked breaks.
+    /// The breaks that the person drew.
     pub breaks: Vec<Break>,
 }
 

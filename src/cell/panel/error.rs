@@ -40,9 +40,9 @@ pub enum LearnError {
         u: f64,
         /// Row of the region's centre, px.
         v: f64,
-        /// Points found.
+        /// Number of points in the connected component.
         found: usize,
-        /// Points needed.
+        /// Minimum number of points of a panel.
         needed: usize,
     },
     /// A corner of the recipe's outline is outside of the picture.
@@ -51,13 +51,13 @@ pub enum LearnError {
          check that it was drawn on this picture"
     )]
     OutlineOutside {
-        /// Column, px.
+        /// Column of the corner, px.
         u: f64,
-        /// Row, px.
+        /// Row of the corner, px.
         v: f64,
         /// The picture's width, px.
         width: usize,
-        /// Its height, px.
+        /// The picture's height, px.
         height: usize,
     },
     /// Points are missing at the edge of a grid, and the surface there cannot be determined from the points around.
@@ -66,11 +66,11 @@ pub enum LearnError {
          there; scan again, at a steeper angle or with a longer exposure, or move the region"
     )]
     GridWithoutPoints {
-        /// The grid.
+        /// The grid at whose edge points are missing.
         grid: GridId,
-        /// Column, px.
+        /// Column of the point on the edge, px.
         u: f64,
-        /// Row, px.
+        /// Row of the point on the edge, px.
         v: f64,
     },
     /// The region's corners enclose no area.
@@ -82,9 +82,9 @@ pub enum LearnError {
          pose, and if the recipe has outline_px, check that it follows the panel's edge"
     )]
     CornerOffPanel {
-        /// Column, px.
+        /// Column of the corner in the corner picture, px.
         u: f64,
-        /// Row, px.
+        /// Row of the corner in the corner picture, px.
         v: f64,
     },
     /// OpenCV refused the mask.

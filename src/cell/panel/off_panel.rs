@@ -35,9 +35,9 @@ const EXTRAPOLATION_HALF_WIDTHS_PX: [usize; 4] = [5, 10, 20, 40];
 /// What the region extends over.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GapKind {
-    /// The panel's edge.
+    /// Over the edge of the panel.
     Edge,
-    /// A hole.
+    /// Over a hole in the panel.
     Hole,
 }
 
@@ -51,7 +51,7 @@ pub struct OffPanel {
     pub size_mm: Option<f64>,
     /// The pixel with the largest overhang, or the centre of the hole, in the taught picture.
     pub pixel: Pixel,
-    /// The grid there.
+    /// The grid that contains this pixel.
     pub grid: GridId,
     /// Number of the region's corner near this pixel, from 1; `None` if no corner is near.
     pub corner: Option<usize>,

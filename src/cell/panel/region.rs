@@ -11,9 +11,9 @@ use panelprep_base::geometry::Pixel;
 /// A grid, by its row and column, counted from 1 at the region's first corner. Written as `r1c1`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct GridId {
-    /// Row, from 1.
+    /// Row of the grid, from 1.
     pub row: usize,
-    /// Column, from 1.
+    /// Column of the grid, from 1.
     pub column: usize,
 }
 
@@ -39,16 +39,16 @@ impl std::str::FromStr for GridId {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("\"{found}\" is not a grid; write row and column, as in r1c1")]
 pub struct GridIdError {
-    /// The text.
+    /// The text that is not a grid name.
     pub found: String,
 }
 
 /// The region as a map between the unit square and the taught picture.
 #[derive(Debug, Clone)]
 pub struct Region {
-    /// Rows of grids.
+    /// Number of rows of grids.
     pub rows: usize,
-    /// Columns of grids.
+    /// Number of columns of grids.
     pub columns: usize,
     px_from_unit: Matrix3<f64>,
     unit_from_px: Matrix3<f64>,

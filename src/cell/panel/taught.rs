@@ -57,7 +57,7 @@ impl TaughtSource {
 /// A grid of the region on the panel's surface.
 #[derive(Debug, Clone)]
 pub struct Grid {
-    /// Its name.
+    /// The row and column of the grid.
     pub id: GridId,
     /// The closed edge of the grid as points on the surface; on a curved panel the sides are curves.
     pub edge: Vec<Point<Panel>>,

@@ -11,9 +11,9 @@ use toml_edit::{Array, DocumentMut, Item, Table, Value};
 pub struct DrawnShapes {
     /// The region's corners, in order.
     pub corners_px: [[f64; 2]; 4],
-    /// Rows of grids.
+    /// Number of rows of grids.
     pub rows: u32,
-    /// Columns of grids.
+    /// Number of columns of grids.
     pub columns: u32,
     /// Quadrilaterals that are excluded from the inspection.
     pub masked_px: Vec<[[f64; 2]; 4]>,
@@ -32,7 +32,7 @@ pub enum EditError {
     /// A key that must be a table has another value.
     #[error("{key} must be a table")]
     NotATable {
-        /// Its key.
+        /// The key that must be a table.
         key: &'static str,
     },
 }

@@ -60,9 +60,9 @@ settings! {
         /// The four corners of the region, px. Columns of grids run from the first corner to the second, rows from the
         /// first corner to the fourth.
         corners_px: [[f64; 2]; 4], 0.0..=20_000.0, required;
-        /// Rows of grids.
+        /// Number of rows of grids.
         rows: usize, 1..=50, required;
-        /// Columns of grids.
+        /// Number of columns of grids.
         columns: usize, 1..=50, required;
     }
 }
@@ -115,7 +115,7 @@ impl Choice for SandedReference {
 settings! {
     /// `[inspect]`: parameters of the detection of a broken film (thesis 4.3, Fig. 4.9).
     pub struct Inspect {
-        /// The method.
+        /// The method that detects a broken film.
         method: Method, (), default Method::Film;
         /// The reference for places that were sanded after the dry picture: the wet appearance of the same place, or a
         /// new dry picture, for which a person dries the panel after each sanding pass.

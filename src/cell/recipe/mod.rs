@@ -18,7 +18,7 @@ pub use place::{Corner, CornerName, CornerNames, DrawingPlacement, Locate, Panel
 
 use panelprep_base::config::{self, Problems, Section};
 
-/// A checked recipe.
+/// A recipe: the contents of its file after all checks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recipe {
     panel: Panel,

@@ -209,7 +209,7 @@ fn check_force_keys(section: &Section<'_, '_>, path: &Path) -> bool {
 /// The areas that are sanded after a grid has failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TreatBy {
-    /// The whole grid.
+    /// The whole grid that has failed.
     Grid,
     /// Areas around the breaks of the grid.
     Break,

@@ -23,7 +23,7 @@ use panelprep_base::verdict::{Judgement, Reason, Verdict};
 pub enum Disposition<'a> {
     /// The finding is good: its verdict is accept or pass.
     Good,
-    /// The finding counts.
+    /// The finding is effective.
     Counts,
     /// A review that a person has decided by this request.
     Decided(&'a RequestRecord),

@@ -12,7 +12,7 @@ use std::collections::BTreeSet;
 /// A motion; stored before its first waypoint is sent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MotionRecord {
-    /// The motion.
+    /// The motion that was committed.
     pub motion: Motion,
     /// The outcome of the motion; `None` while it is in progress.
     pub outcome: Option<Outcome>,
@@ -39,7 +39,7 @@ pub struct ContactPath {
 /// A grid, with the first waypoint at which the disc reaches it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FirstReached {
-    /// The grid.
+    /// The name of the grid.
     pub grid: String,
     /// Number of this waypoint, from 1, counted like [`Motion::waypoints`](crate::cycle::Motion::waypoints).
     pub first: u32,
@@ -48,7 +48,7 @@ pub struct FirstReached {
 /// A contact path, with the reported and the permitted number of waypoints.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Contact {
-    /// The path.
+    /// The path that was committed.
     pub path: ContactPath,
     /// Number of executed waypoints that the robot has reported.
     pub told: u32,
@@ -68,7 +68,7 @@ pub struct Bounds {
 /// A grid that the tool has touched, or may have touched.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TouchedGrid {
-    /// The grid.
+    /// The name of the grid.
     pub grid: String,
     /// Whether a waypoint of the grid was certainly executed.
     pub is_sure: bool,
@@ -113,7 +113,7 @@ impl MotionRecord {
 pub struct AbradedGrid {
     /// The grid; `None` for any grid, because the grids were not stored.
     pub grid: Option<String>,
-    /// The pass.
+    /// Number of the sanding pass.
     pub pass: u8,
     /// The extent to which the grid was sanded.
     pub how: AbrasionExtent,
@@ -142,7 +142,7 @@ impl AbrasionExtent {
 /// A certain or possible contact between the tool and a grid in an earlier cycle with the same part.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EarlierPass {
-    /// The cycle.
+    /// Number of the earlier cycle.
     pub cycle: CycleId,
     /// Number of the sanding pass.
     pub pass: u8,

@@ -244,7 +244,7 @@ impl Finding {
         self
     }
 
-    /// Adds a detail.
+    /// Adds a detail to the finding.
     pub fn with_detail(mut self, name: &str, value: impl Into<serde_json::Value>) -> Self {
         self.details.insert(name.to_owned(), value.into());
         self

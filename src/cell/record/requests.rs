@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub struct RequestRecord {
     /// Time of the request, ms since 1970.
     pub unix_ms: i64,
-    /// The requested action.
+    /// The action that was requested.
     pub wanted: RequestedAction,
     /// The sender; `None` if the sender was not recorded.
     pub who: Option<RequestAuthor>,
@@ -84,7 +84,7 @@ pub struct RequestAuthor {
 pub enum RequestSource {
     /// The service's socket, used by `panelprep ctl`.
     Socket,
-    /// The operator's page.
+    /// The operator's page in a browser.
     Page,
     /// A method of the OPC UA server.
     OpcUa,
@@ -94,7 +94,7 @@ pub enum RequestSource {
     Sparkplug,
     /// A production line, through digital signals of the robot controller.
     Line,
-    /// SIGTERM or SIGINT.
+    /// A signal to the process: SIGTERM or SIGINT.
     Signal,
     /// The program itself, for example the result of a reset whose self-test failed.
     Program,

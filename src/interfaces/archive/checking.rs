@@ -18,7 +18,7 @@ const MAX_MESSAGES: usize = 200;
 /// A cell, with the list of its records.
 #[derive(Debug, Clone)]
 pub struct CellList {
-    /// The cell.
+    /// The name of the cell.
     pub cell: CellName,
     /// The cell's list, the output of `panelprep store list`.
     pub entries: Vec<ListEntry>,
@@ -27,9 +27,9 @@ pub struct CellList {
 /// The result of the check for one cell.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct CheckedCell {
-    /// The cell.
+    /// The name of the cell.
     pub cell: String,
-    /// Its records.
+    /// Number of records of the cell.
     pub records: u64,
     /// Number of valid signatures of records.
     pub signatures: u64,

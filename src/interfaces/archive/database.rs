@@ -22,15 +22,15 @@ pub enum ArchiveError {
     Connect {
         /// User, host, port and name of the database.
         place: String,
-        /// The connection's message.
+        /// The message of the connection.
         problem: String,
     },
     /// The database refused a statement.
     #[error("the database: cannot {operation}: {problem}")]
     Database {
-        /// The attempted operation.
+        /// The operation that failed.
         operation: &'static str,
-        /// PostgreSQL's message.
+        /// The message of PostgreSQL.
         problem: String,
     },
     /// The database accepted a statement but does not reply.
@@ -59,7 +59,7 @@ pub enum ArchiveError {
         /// Newest version of the tables that this program supports.
         known: i32,
     },
-    /// The broker.
+    /// An error of the broker connection.
     #[error(transparent)]
     Broker(#[from] BrokerError),
     /// A file that a record names cannot be read or written.
@@ -68,11 +68,11 @@ pub enum ArchiveError {
     /// A file operation failed.
     #[error("cannot {operation} {}: {source}", path.display())]
     File {
-        /// The attempted operation.
+        /// The operation that failed.
         operation: &'static str,
-        /// The file.
+        /// The path of the file.
         path: PathBuf,
-        /// The system's message.
+        /// The error of the operating system.
         source: std::io::Error,
     },
     /// A certificate or a password cannot be used.

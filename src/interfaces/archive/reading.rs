@@ -91,7 +91,7 @@ impl Reader {
 /// The current state of a cell, as known to the office server.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CellNow {
-    /// Its name.
+    /// The name of the cell.
     pub cell: String,
     /// Time of the cell's last report by the database's clock, ms since 1970; `None` if it has never reported.
     pub heard_unix_ms: Option<i64>,
@@ -109,7 +109,7 @@ pub struct CellNow {
 /// The number of cycles with a verdict.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct VerdictCount {
-    /// The verdict's word.
+    /// The keyword of the verdict.
     pub verdict: String,
     /// Number of cycles with this verdict.
     pub count: i64,
@@ -163,13 +163,13 @@ impl Reader {
 /// The filter of a search for cycles. An empty field matches all cycles.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct CycleQuery {
-    /// The cell's name.
+    /// The name of the cell.
     pub cell: String,
-    /// The panel's name.
+    /// The name of the panel.
     pub panel: String,
     /// The part's serial number; upper and lower case are equal.
     pub serial: String,
-    /// The verdict's word.
+    /// The keyword of the verdict.
     pub verdict: String,
     /// Earliest start time, s since 1970.
     pub from_unix_s: Option<i64>,
@@ -181,32 +181,32 @@ pub struct CycleQuery {
     pub limit: i64,
 }
 
-/// A cycle.
+/// A cycle in the archive.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct CycleRow {
-    /// The cell.
+    /// The name of the cell.
     pub cell: String,
-    /// Its number there.
+    /// Number of the cycle in its cell.
     pub cycle: i64,
     /// Start time of the cycle, s since 1970.
     pub started_unix_s: i64,
     /// End time of the cycle, s since 1970.
     pub ended_unix_s: Option<i64>,
-    /// The panel.
+    /// The name of the panel.
     pub panel: String,
     /// The part's serial number.
     pub serial: Option<String>,
-    /// The work order.
+    /// The work order of the part.
     pub work_order: Option<String>,
-    /// The operator.
+    /// The name of the operator.
     pub operator: Option<String>,
-    /// The verdict's word.
+    /// The keyword of the verdict.
     pub verdict: String,
     /// The verdict's reasons as JSON: code and message.
     pub reasons: String,
     /// SHA-256 of the recipe's text.
     pub recipe_hash: String,
-    /// The program's version.
+    /// The version of the program.
     pub program_version: String,
 }
 
@@ -215,7 +215,7 @@ pub struct CycleRow {
 pub struct RecordSignature {
     /// The number of the statement within its cell.
     pub statement: i64,
-    /// Its SHA-256.
+    /// SHA-256 of the signed statement.
     pub record_hash: String,
     /// Time of the signature, ms since 1970.
     pub unix_ms: i64,
@@ -226,9 +226,9 @@ pub struct RecordSignature {
 /// A cycle with its signed statements.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Record {
-    /// The cycle.
+    /// The cycle without its signatures.
     pub row: CycleRow,
-    /// Signatures, in order.
+    /// The signatures on the cycle, in order.
     pub signed: Vec<RecordSignature>,
     /// The statement that the cell signed; `None` if it has not been received.
     pub statement: Option<SignedCycle>,
@@ -337,9 +337,9 @@ impl Reader {
 /// The values of one cell, the oldest first.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct CellNumbers {
-    /// The cell.
+    /// The name of the cell.
     pub cell: String,
-    /// Its values.
+    /// The values of the cell.
     pub points: Vec<TrendPoint>,
 }
 
@@ -393,11 +393,11 @@ impl Reader {
 /// The use of a version of a recipe in a cell.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct RecipeUse {
-    /// The recipe's panel.
+    /// The panel of the recipe.
     pub panel: String,
     /// SHA-256 of the recipe's text.
     pub recipe_hash: String,
-    /// The cell.
+    /// The name of the cell.
     pub cell: String,
     /// Start time of the first cycle with this recipe in this cell, s since 1970.
     pub first_unix_s: i64,
@@ -440,7 +440,7 @@ impl Reader {
     }
 }
 
-/// An account.
+/// An account for the office's page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OfficeAccount {
     /// The name with which the person logs in.

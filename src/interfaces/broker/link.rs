@@ -25,35 +25,35 @@ pub enum BrokerError {
     /// The broker does not reply, or refuses the connection.
     #[error("cannot connect to the broker {address}: {problem}")]
     Connect {
-        /// Its address.
+        /// The address of the broker.
         address: String,
-        /// The connection's message.
+        /// The message of the connection.
         problem: String,
     },
     /// The streams of this program do not exist on the broker.
     #[error("the broker {address} has no stream {stream}; start `panelprep archive run`, which creates the stream")]
     NoStream {
-        /// Its address.
+        /// The address of the broker.
         address: String,
-        /// The stream.
+        /// The name of the missing stream.
         stream: &'static str,
     },
     /// The broker did not accept a message, or did not acknowledge it.
     #[error("the broker {address} did not accept a message: {problem}")]
     Refused {
-        /// Its address.
+        /// The address of the broker.
         address: String,
-        /// The broker's message.
+        /// The message of the broker.
         problem: String,
     },
-    /// Another operation failed.
+    /// Any other operation of the broker failed.
     #[error("the broker {address}: cannot {operation}: {problem}")]
     Failed {
-        /// Its address.
+        /// The address of the broker.
         address: String,
-        /// The attempted operation.
+        /// The operation that failed.
         operation: &'static str,
-        /// The broker's message.
+        /// The message of the broker.
         problem: String,
     },
 }

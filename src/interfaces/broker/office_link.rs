@@ -55,11 +55,11 @@ async fn consumer(link: &Link) -> Result<PullConsumer, BrokerError> {
 /// A message that the broker has delivered.
 #[derive(Debug)]
 pub struct Delivery {
-    /// Its bytes.
+    /// The content of the message.
     pub bytes: Vec<u8>,
     /// The subject on which the message was sent; the broker restricts which cell may send on it.
     pub subject: String,
-    /// Acknowledgement handle.
+    /// The receipt with which the message is acknowledged.
     pub receipt: Receipt,
 }
 

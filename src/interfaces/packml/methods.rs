@@ -41,10 +41,10 @@ impl ArgumentKind {
     }
 }
 
-/// An argument.
+/// An argument of a method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Argument {
-    /// Its name.
+    /// Name of the argument.
     pub name: &'static str,
     /// Data type of the argument.
     pub kind: ArgumentKind,
@@ -52,14 +52,14 @@ pub struct Argument {
     pub meaning: &'static str,
 }
 
-/// A method.
+/// An OPC UA method of the cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Method {
-    /// Its name.
+    /// Name of the method.
     pub name: &'static str,
-    /// The requested command.
+    /// The request that the method makes.
     pub command: Command,
-    /// Its arguments.
+    /// The arguments of the method.
     pub arguments: &'static [Argument],
     /// The permission that the caller needs; `None` if every session may call the method.
     pub required_permission: Option<Permission>,
@@ -96,7 +96,7 @@ const STEP: Argument = Argument {
               now.",
 };
 
-/// Every method.
+/// All methods of the server.
 pub const METHODS: &[Method] = &[
     method_without_arguments(
         "Reset",

@@ -5,7 +5,7 @@ use super::snapshot::{Kind, Snapshot, UnitMode, UnitState, Value, Verified, alar
 use panelprep_base::verdict::{Reason, Verdict};
 use panelprep_store::history::Alarm;
 
-/// A node.
+/// An OPC UA node of the cell.
 #[derive(Debug, Clone, Copy)]
 pub struct Node {
     /// The path of the node below the cell's object, such as `PackML/Status/StateCurrent`.
@@ -16,7 +16,7 @@ pub struct Node {
     pub unit: &'static str,
     /// Description of the node.
     pub meaning: &'static str,
-    /// Its value.
+    /// Computes the value of the node.
     pub value: fn(&Snapshot) -> Value,
 }
 
@@ -82,7 +82,7 @@ fn limit_mm(verified: Option<Verified>) -> Value {
     value_or_absent(verified, |verified| Value::Double(verified.limit_mm))
 }
 
-/// Every node.
+/// All nodes of the server.
 pub const NODES: &[Node] = &[
     node(
         "PackML/Status/StateCurrent",

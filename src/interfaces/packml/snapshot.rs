@@ -25,7 +25,7 @@ pub struct Snapshot {
     pub phase: Option<String>,
     /// The number of the cycle in progress, or of the last cycle since the service started.
     pub cycle: Option<i64>,
-    /// Its panel.
+    /// The panel of this cycle.
     pub panel: Option<String>,
     /// Number of sanding passes in the cycle so far.
     pub pass: Option<u8>,
@@ -49,11 +49,11 @@ pub struct Snapshot {
     pub part: PartNames,
     /// The state of each grid of the panel, in order.
     pub grids: Vec<GridState>,
-    /// The last verifications, if there were any: of the 3D camera, of the flange camera, and of the tool.
+    /// The last verification of the 3D camera, if there was one.
     pub scanner: Option<Verified>,
-    /// As `scanner`.
+    /// The last verification of the flange camera.
     pub flange_camera: Option<Verified>,
-    /// As `scanner`.
+    /// The last verification of the tool.
     pub tool: Option<Verified>,
     /// Whether a cycle may start with the present calibrations; `None` before the first check.
     pub may_start: Option<bool>,
@@ -65,7 +65,7 @@ pub struct Snapshot {
     pub recipes: Vec<RecipeHash>,
     /// The active alarms, the most urgent first.
     pub alarms: Vec<Alarm>,
-    /// Cycles that ended.
+    /// Numbers of ended cycles, by verdict.
     pub counts: CycleCounts,
     /// The last refused method call, if there was one.
     pub refusal: Option<LastRefusal>,
@@ -76,7 +76,7 @@ pub struct Snapshot {
 /// A recipe that can be started.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecipeHash {
-    /// Its file's name.
+    /// The file name of the recipe.
     pub name: String,
     /// SHA-256 of the recipe's text.
     pub sha256: String,
@@ -135,7 +135,7 @@ impl CycleCounts {
 /// A refused method call.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LastRefusal {
-    /// The method.
+    /// Name of the method.
     pub method: &'static str,
     /// Name of the user who called the method.
     pub user: String,
@@ -191,7 +191,7 @@ impl UnitState {
         }
     }
 
-    /// Its number.
+    /// Returns the PackML number of the state.
     pub fn number(self) -> i32 {
         self as i32
     }
@@ -209,10 +209,10 @@ impl UnitState {
     }
 }
 
-/// The unit's mode.
+/// The PackML mode of the unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
 pub enum UnitMode {
-    /// Cycles on panels.
+    /// Cycles on panels are executed.
     Production = 1,
     /// An air-run, without water, tool and contact.
     Maintenance = 2,
@@ -230,7 +230,7 @@ impl UnitMode {
         }
     }
 
-    /// Its number.
+    /// Returns the number of the mode.
     pub fn number(self) -> i32 {
         self as i32
     }
@@ -248,11 +248,11 @@ pub enum Value {
     Absent,
     /// True or false.
     Boolean(bool),
-    /// A whole number.
+    /// A signed integer.
     Int32(i32),
     /// An unsigned integer.
     UInt32(u32),
-    /// A number.
+    /// A floating-point number.
     Double(f64),
     /// A text.
     String(String),

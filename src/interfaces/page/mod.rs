@@ -39,12 +39,12 @@ pub enum LocalError {
         /// The requested address.
         address: SocketAddr,
     },
-    /// The system refuses.
+    /// The operating system refuses to open the address.
     #[error("{address}: cannot serve the page at this address: {source}; use another port")]
     System {
         /// The requested address.
         address: SocketAddr,
-        /// The system's error.
+        /// The error of the operating system.
         source: std::io::Error,
     },
 }
@@ -138,7 +138,7 @@ impl Session {
         (Session(Mutex::new((0, Some(tell)))), done)
     }
 
-    /// Counts one save.
+    /// Increases the number of saves.
     pub fn count_save(&self) {
         self.lock().0 += 1;
     }

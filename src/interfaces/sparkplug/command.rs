@@ -16,11 +16,11 @@ use strum::VariantArray;
 pub enum NodeCommand {
     /// Publish all values again.
     Rebirth,
-    /// Holds the cycle.
+    /// Hold the cycle.
     Hold,
-    /// Stops the cycle.
+    /// Stop the cycle.
     Stop,
-    /// Aborts the cycle.
+    /// Abort the cycle.
     Abort,
 }
 
@@ -104,13 +104,13 @@ pub enum CommandError {
     /// The cell's file does not permit commands.
     #[error("{name} is not permitted by [sparkplug] commands in the cell's file")]
     NotPermitted {
-        /// Its metric.
+        /// The name of the command's metric.
         name: &'static str,
     },
     /// The value is not true.
     #[error("the value of {name} is not valid; valid: the Boolean true")]
     NotTrue {
-        /// Its metric.
+        /// The name of the command's metric.
         name: &'static str,
     },
 }

@@ -25,7 +25,7 @@ pub struct LoopView {
     pub phase: Option<String>,
     /// The number of the cycle in progress, or of the last cycle since the service started.
     pub cycle: Option<i64>,
-    /// Its panel.
+    /// The panel of this cycle.
     pub panel: Option<String>,
     /// Number of sanding passes in the cycle so far.
     pub pass: Option<u8>,
@@ -44,15 +44,15 @@ pub struct LoopView {
 pub struct StoreView {
     /// The serial number of the part in the newest cycle.
     pub serial: Option<String>,
-    /// Its work order.
+    /// The work order of the part in the newest cycle.
     pub work_order: Option<String>,
     /// The grids that failed in the last film of the newest cycle; `None` before its first valid film.
     pub failed_grids: Option<Vec<String>>,
     /// The number of the newest ended cycle.
     pub last_cycle: Option<i64>,
-    /// Its verdict.
+    /// The verdict of the newest ended cycle.
     pub last_verdict: Option<&'static str>,
-    /// Alarms that last.
+    /// Number of active alarms.
     pub active_alarms: Option<usize>,
     /// The code of the newest alarm.
     pub newest_alarm: Option<String>,
@@ -70,7 +70,7 @@ pub struct StoreView {
     pub cycles: Option<i64>,
     /// Number of ended cycles with the verdict pass.
     pub passed: Option<i64>,
-    /// Abrasions that began.
+    /// Number of contact paths that were started.
     pub abrasions: Option<i64>,
 }
 
@@ -87,9 +87,9 @@ pub(super) fn unit_mode(now: &LoopView) -> Option<UnitMode> {
 
 /// A metric of the edge node.
 pub struct MetricDefinition {
-    /// Its name.
+    /// Name of the metric.
     pub name: &'static str,
-    /// Its type.
+    /// Data type of the metric.
     pub datatype: DataType,
     /// The description of the metric for the manual.
     pub meaning: &'static str,

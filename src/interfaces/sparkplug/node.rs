@@ -21,7 +21,7 @@ use serde::Deserialize;
 /// The settings of a node.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NodeSetup {
-    /// Its names.
+    /// The names of the node.
     pub ids: CellIds,
     /// Whether the commands hold, stop and abort are permitted.
     pub commands_allowed: bool,
@@ -52,9 +52,9 @@ pub enum NodeEvent<'m> {
     Seen(Vec<Value>),
     /// The broker delivered a message.
     Received {
-        /// Its topic.
+        /// The topic of the message.
         topic: &'m str,
-        /// Its bytes.
+        /// The content of the message.
         payload: &'m [u8],
         /// Whether the message was retained by the broker, so that it may be old.
         is_retained: bool,
@@ -84,9 +84,9 @@ pub enum NodeAction {
 /// A message to the broker.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Message {
-    /// Its topic.
+    /// The topic of the message.
     pub topic: String,
-    /// Its bytes.
+    /// The content of the message.
     pub payload: Vec<u8>,
     /// The quality of service: 0 for birth and data messages, 1 for a death message.
     pub qos: u8,
@@ -95,7 +95,7 @@ pub struct Message {
 /// An entry of the audit trail, without time and address.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AuditNote {
-    /// The attempted action.
+    /// The action that was attempted.
     pub what: String,
     /// The object of the attempted action.
     pub subject: Option<String>,
@@ -111,7 +111,7 @@ enum NodeSession {
     Born,
 }
 
-/// The edge node.
+/// An edge node of MQTT Sparkplug.
 #[derive(Debug, Clone)]
 pub struct EdgeNode {
     setup: NodeSetup,

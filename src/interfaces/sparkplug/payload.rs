@@ -10,7 +10,7 @@ pub struct Payload {
     /// Time at which the message was sent, ms since 1970, UTC.
     #[prost(uint64, optional, tag = "1")]
     pub timestamp: Option<u64>,
-    /// Its metrics.
+    /// The metrics in the message.
     #[prost(message, repeated, tag = "2")]
     pub metrics: Vec<Metric>,
     /// Sequence number of the message, 0 to 255; absent in a death message and in a command.
@@ -21,7 +21,7 @@ pub struct Payload {
 /// A value with the name or alias of its metric.
 #[derive(Clone, PartialEq, Message)]
 pub struct Metric {
-    /// The name.
+    /// The name of the metric; absent if the alias is used.
     #[prost(string, optional, tag = "1")]
     pub name: Option<String>,
     /// The alias, which replaces the name in messages after the birth message.
@@ -36,7 +36,7 @@ pub struct Metric {
     /// Whether the metric has no value.
     #[prost(bool, optional, tag = "7")]
     pub is_null: Option<bool>,
-    /// The value.
+    /// The value of the metric.
     #[prost(oneof = "WireType", tags = "10, 11, 12, 13, 14, 15")]
     pub value: Option<WireType>,
 }
@@ -50,10 +50,10 @@ pub enum WireType {
     /// An integer of 64 bits; a negative one as its two's complement.
     #[prost(uint64, tag = "11")]
     Long(u64),
-    /// Single precision.
+    /// A number of single precision.
     #[prost(float, tag = "12")]
     Float(f32),
-    /// Double precision.
+    /// A number of double precision.
     #[prost(double, tag = "13")]
     Double(f64),
     /// Yes or no.
@@ -92,9 +92,9 @@ impl Metric {
 /// The data types that this node uses, with their numbers in the specification.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
 pub enum DataType {
-    /// A whole number.
+    /// A signed integer of 64 bits.
     Int64 = 4,
-    /// A number.
+    /// A number of double precision.
     Double = 10,
     /// Yes or no.
     Boolean = 11,
@@ -103,7 +103,7 @@ pub enum DataType {
 }
 
 impl DataType {
-    /// Its number.
+    /// Returns the number of the data type in the specification.
     pub fn number(self) -> u32 {
         self as u32
     }
@@ -120,7 +120,7 @@ pub enum Value {
     /// The value is unknown, or does not exist at present.
     #[default]
     Null,
-    /// A whole number.
+    /// A signed integer.
     Whole(i64),
     /// A finite number.
     Real(f64),

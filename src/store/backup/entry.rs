@@ -124,9 +124,9 @@ pub struct Manifest {
 /// An entry of the manifest.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ManifestEntry {
-    /// Its name.
+    /// Name of the entry.
     pub name: String,
-    /// Its size.
+    /// Size of the entry, bytes.
     pub bytes: u64,
     /// SHA-256 of the entry's content, hexadecimal.
     pub sha256: String,

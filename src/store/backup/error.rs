@@ -11,9 +11,9 @@ pub enum BackupError {
     File {
         /// The operation that failed.
         operation: &'static str,
-        /// The file.
+        /// The path of the file or folder.
         path: PathBuf,
-        /// The system's message.
+        /// The error of the operating system.
         source: std::io::Error,
     },
     /// The store reported an error.
@@ -22,7 +22,7 @@ pub enum BackupError {
     /// The content of the archive is damaged or was changed.
     #[error("{}: {problem}", path.display())]
     Damaged {
-        /// The archive.
+        /// The path of the archive.
         path: PathBuf,
         /// The damage or change.
         problem: String,
@@ -31,7 +31,7 @@ pub enum BackupError {
     #[error("{}: the backup has format {found}, this program supports formats up to {known}: restore it with the \
              newer program", path.display())]
     NewerVersion {
-        /// The archive.
+        /// The path of the archive.
         path: PathBuf,
         /// Format of the archive.
         found: u32,
@@ -44,7 +44,7 @@ pub enum BackupError {
          with version {program}, which made it. Then install this version, which updates the store", path.display()
     )]
     EarlierVersion {
-        /// The archive.
+        /// The path of the archive.
         path: PathBuf,
         /// The version of the program that wrote the archive.
         program: String,
@@ -56,7 +56,7 @@ pub enum BackupError {
     /// A file already exists at the path of the archive.
     #[error("{} already exists and is not overwritten; name another file, or move it away", path.display())]
     AlreadyExists {
-        /// The file.
+        /// The path of the archive.
         path: PathBuf,
     },
     /// Files that would be restored already exist.
@@ -84,7 +84,7 @@ pub enum BackupError {
     /// The archive does not contain the requested store or configuration.
     #[error("{}: the backup contains no {wanted}, because it was made with --only", path.display())]
     PartMissing {
-        /// The archive.
+        /// The path of the archive.
         path: PathBuf,
         /// What is missing: "store" or "configuration".
         wanted: &'static str,
@@ -92,11 +92,11 @@ pub enum BackupError {
     /// A configuration file is too large.
     #[error("{} has {found} bytes; the limit for a file of the configuration is {limit_bytes} bytes", path.display())]
     TooLarge {
-        /// The file.
+        /// The path of the file.
         path: PathBuf,
-        /// Its size.
+        /// Size of the file, bytes.
         found: u64,
-        /// The limit, bytes.
+        /// Maximum size, bytes.
         limit_bytes: u64,
     },
     /// The disk does not have enough free space.
@@ -107,9 +107,9 @@ pub enum BackupError {
     NoRoom {
         /// The path of the file or folder that would be written.
         path: PathBuf,
-        /// Free space, MB.
+        /// Free space on the disk, MB.
         free_mb: u64,
-        /// Required space, MB.
+        /// Space that the restore needs, MB.
         needed_mb: u64,
     },
     /// The number of the last cycle is unknown. It is needed, because no number may be used twice.
@@ -129,7 +129,7 @@ pub enum BackupError {
         "--last-cycle {stated} is below {own}, the last cycle of the backup; state the last number that the cell used"
     )]
     LastCycleTooLow {
-        /// The stated number.
+        /// The number that the person stated.
         stated: i64,
         /// Number of the last cycle in the backup.
         own: i64,
@@ -143,7 +143,7 @@ pub enum BackupError {
     /// A step at the end of the restore failed, and not all earlier steps could be undone.
     #[error("{cause}; the earlier steps could not be undone: {}", undone.join("; "))]
     RollbackFailed {
-        /// The first error.
+        /// The error that caused the rollback.
         cause: Box<BackupError>,
         /// The steps that could not be undone, as texts.
         undone: Vec<String>,

@@ -71,7 +71,7 @@ impl Archive {
         let expected = self.manifest.parse_entries().map_err(|words| self.damaged_error(&words))?;
         let mut archive = self.open_tar()?;
         let mut entries = archive.entries().map_err(|error| self.unreadable_error(&error))?;
-        // The manifest itself.
+        // The first entry is the manifest, which was already read.
         let _ = entries.next();
         for (entry, listed) in expected.iter().zip(&self.manifest.entries) {
             let missing = || self.damaged_error(&format!("the file {} is missing", listed.name));
@@ -194,7 +194,7 @@ impl<W: Write> HashingWriter<W> {
         HashingWriter { inner, hasher: Sha256::new() }
     }
 
-    /// Writes the seal.
+    /// Writes the seal at the end of the archive.
     pub fn seal(mut self) -> Result<W, Error> {
         self.inner.write_all(&seal_frame(self.hasher.finalize().into()))?;
         self.inner.flush()?;

@@ -18,7 +18,7 @@ use std::path::{Component, Path, PathBuf};
 /// Which parts of the backup are restored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RestoredParts {
-    /// The store.
+    /// Whether the store is restored.
     pub store: bool,
     /// Whether the configuration is restored.
     pub configuration: bool,
@@ -38,13 +38,13 @@ pub struct Permission {
 /// The parameters of a restore.
 #[derive(Debug, Clone, Copy)]
 pub struct Plan<'p> {
-    /// The archive.
+    /// The path of the archive.
     pub archive: &'p Path,
     /// The path of the cell's file, which exists or is to be restored.
     pub cell: &'p Path,
     /// The folder of the store; `None` for the folder that the cell's file states.
     pub store: Option<&'p Path>,
-    /// The parts.
+    /// Which parts of the backup are restored.
     pub parts: RestoredParts,
     /// What a person has permitted.
     pub permission: Permission,
@@ -58,7 +58,7 @@ pub struct Plan<'p> {
 pub struct RestoreReport {
     /// Contradictions found in the store of the archive, as texts. If there are any, nothing was restored.
     pub differences: Vec<String>,
-    /// The store's folder.
+    /// The folder of the restored store.
     pub store: Option<PathBuf>,
     /// What is known about the cycles after the backup; `None` if no store was restored.
     pub since_backup: Option<Restore>,

@@ -29,7 +29,7 @@ pub struct BackupReport {
     pub differences: Vec<String>,
     /// The list of the archive's entries.
     pub manifest: Manifest,
-    /// Its size.
+    /// Size of the archive, bytes.
     pub bytes: u64,
 }
 

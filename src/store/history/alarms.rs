@@ -11,7 +11,7 @@ use panelprep_cell::record::{Answer, CycleId, CycleRecord, Kind};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// One alarm.
+/// An alarm with its times.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Alarm {
     /// The cycle of the alarm; `None` for an alarm between cycles.

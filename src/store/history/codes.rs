@@ -29,13 +29,13 @@ pub enum Priority {
 }
 
 impl Priority {
-    /// Its word, `high`.
+    /// Returns the keyword of the priority, such as `high`.
     pub fn keyword(self) -> &'static str {
         self.into()
     }
 }
 
-/// A code.
+/// An alarm code with its explanation.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Code {
     /// The stable keyword, such as `low_overlap`.
@@ -44,7 +44,7 @@ pub struct Code {
     pub priority: Priority,
     /// The meaning of the code and its cause.
     pub cause: Cow<'static, str>,
-    /// Remedy.
+    /// What a person must do.
     pub remedy: Cow<'static, str>,
 }
 
@@ -117,7 +117,7 @@ pub struct Row {
     pub code: &'static str,
     /// The meaning of the code and its cause.
     pub cause: &'static str,
-    /// Remedy.
+    /// What a person must do.
     pub remedy: &'static str,
 }
 

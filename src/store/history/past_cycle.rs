@@ -16,7 +16,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// A cycle: its record and the data that are stored in addition to it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PastCycle {
-    /// The record.
+    /// The record of the cycle.
     pub record: CycleRecord,
     /// The names of the part; `None` if no name was stated.
     pub part: Option<PartNames>,
@@ -187,13 +187,13 @@ pub fn grid_states(findings: &[Finding]) -> BTreeMap<String, &'static str> {
 /// The summary of a cycle. A value that was not measured is `None`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Summary {
-    /// Its number.
+    /// Number of the cycle.
     pub cycle: CycleId,
     /// Start time of the cycle, s since 1970.
     pub started_unix_s: i64,
     /// End time of the cycle, s since 1970; `None` while it runs.
     pub ended_unix_s: Option<i64>,
-    /// The panel.
+    /// Name of the panel.
     pub panel: String,
     /// The names of the part, as stated at the start.
     pub part: PartNames,
@@ -205,7 +205,7 @@ pub struct Summary {
     pub reasons: Vec<Reason>,
     /// Number of passes that were certainly in contact with the panel.
     pub passes: u8,
-    /// The films.
+    /// The films of the cycle.
     pub films: Films,
     /// Point-to-plane residual of the localization, mm, with its limit.
     pub localization_residual: Option<Check>,
@@ -242,7 +242,7 @@ pub struct Films {
     pub failed_at_end: Option<Vec<String>>,
 }
 
-/// Summarises a cycle.
+/// Returns the summary of a cycle.
 pub fn summary(past: &PastCycle) -> Summary {
     let record = &past.record;
     let located = |name: &str| past.last_check(Kind::Locate, name).cloned();
@@ -320,13 +320,13 @@ pub struct InputPair {
 /// A check in both cycles.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CheckPair {
-    /// The phase.
+    /// The phase of the check.
     pub kind: Kind,
     /// Number of sanding passes that were planned before the check.
     pub pass: u8,
-    /// Its name.
+    /// Name of the check.
     pub name: String,
-    /// Its unit.
+    /// Unit of the values.
     pub unit: String,
     /// The value in each cycle; `None` if it was not measured, or the cycle does not have the check.
     pub values: [Option<f64>; 2],
@@ -339,7 +339,7 @@ pub struct CheckPair {
 /// A grid in both cycles.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GridPair {
-    /// The grid.
+    /// Name of the grid.
     pub grid: String,
     /// The history of the grid in each cycle; `None` if the cycle does not report the grid.
     pub cycles: [Option<GridPast>; 2],
@@ -352,7 +352,7 @@ impl CheckPair {
     }
 }
 
-/// Compares two cycles.
+/// Returns the comparison of two cycles.
 pub fn compare(first: &PastCycle, second: &PastCycle) -> Comparison {
     let serial = |past: &PastCycle| past.part.as_ref().and_then(|part| part.serial.clone());
     let both = serial(first).zip(serial(second));

@@ -26,9 +26,9 @@ pub enum RequiredEnd {
 pub struct Query {
     /// The part's serial number.
     pub serial: Option<String>,
-    /// The work order.
+    /// The work order of the part.
     pub order: Option<String>,
-    /// The panel.
+    /// The name of the panel.
     pub panel: Option<String>,
     /// The name of the operator, as stated at the start.
     pub operator: Option<String>,
@@ -49,13 +49,13 @@ pub struct Query {
 /// A cycle that matches a search.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Hit {
-    /// Its number.
+    /// Number of the cycle.
     pub cycle: CycleId,
     /// Start time of the cycle, s since 1970.
     pub started_unix_s: i64,
     /// End time of the cycle, s since 1970; `None` while it runs.
     pub ended_unix_s: Option<i64>,
-    /// The panel.
+    /// Name of the panel.
     pub panel: String,
     /// The names of the part, as stated at the start.
     pub part: PartNames,

@@ -13,7 +13,7 @@ use panelprep_base::number_text::utc_text;
 use panelprep_base::verdict::{Check, Limit, Reason, Verdict};
 use panelprep_cell::record::{CycleId, PartNames};
 
-/// A cell.
+/// The content of a table's cell.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Cell {
     /// A missing value.
@@ -24,7 +24,7 @@ pub enum Cell {
     Number(f64),
     /// A count or a time.
     Whole(i64),
-    /// Yes or no.
+    /// A Boolean, written as yes or no.
     Flag(bool),
 }
 

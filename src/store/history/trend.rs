@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 use std::str::FromStr;
 use strum::IntoEnumIterator;
 
-/// One value.
+/// A value of a trend.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TrendPoint {
     /// The cycle; `None` for a verification, which belongs to no cycle.
@@ -24,7 +24,7 @@ pub struct TrendPoint {
     pub at_unix_s: i64,
     /// The part's serial number.
     pub serial: Option<String>,
-    /// The value.
+    /// The value of the quantity.
     pub value: f64,
     /// The limit of the value at that time.
     pub limit: Limit,
@@ -37,7 +37,7 @@ pub struct Trend {
     pub title: String,
     /// Unit of the values; empty for ratios and counts.
     pub unit: String,
-    /// The values.
+    /// The values, the oldest first.
     pub points: Vec<TrendPoint>,
     /// Number of cycles without this quantity.
     pub without: usize,
@@ -97,43 +97,43 @@ pub enum KnownQuantity {
     LocalizationError,
     /// Largest deviation of the panel's shape from the taught panel, mm.
     DeviationFromTaught,
-    /// The result of verifications of the scanner, mm at the panel.
+    /// Error in the verifications of the 3D camera, mm at the panel.
     ScannerVerification,
-    /// The result of verifications of the camera on the flange, mm at the panel.
+    /// Error in the verifications of the flange camera, mm at the panel.
     FlangeCameraVerification,
-    /// The result of verifications of the tool, mm.
+    /// Error in the verifications of the tool, mm.
     ToolVerification,
-    /// The result of verifications of the force of a compliant tool, N.
+    /// Error in the verifications of the force of a compliant tool, N.
     ForceVerification,
-    /// Minimum change of the light relative to the dry picture over all films, %; a decrease is negative.
+    /// Minimum change of the illumination since the dry picture over all films, %; negative for a decrease.
     LightLeast,
-    /// Maximum change of the light relative to the dry picture over all films, %.
+    /// Maximum change of the illumination since the dry picture over all films, %.
     LightMost,
-    /// The change of the panel by the film, for the film with the smallest change, grey levels.
+    /// Change of the panel's brightness by the film, in the film with the smallest change, grey levels.
     FilmChange,
     /// Time from the start of the first film to its first break, s.
     TimeToBreak,
-    /// Passes over the panel.
+    /// Number of sanding passes.
     Passes,
-    /// Contact force of a compliant tool on the last path, mean, N.
+    /// Mean contact force of a compliant tool on the last path, N.
     ForceInContact,
-    /// Mean removal of the last path on the treated grids, µm.
+    /// Removed depth by the last path, mean over the sanded grids, µm.
     RemovedMean,
-    /// Upper 95 % bound of the removal at the deepest place of the part, over all passes, µm.
+    /// Upper 95 % bound of the removed depth at the deepest place of the part over all passes, µm.
     RemovedDeepest,
-    /// The area that the disc swept in the cycle, mm².
+    /// Area that the disc has swept in the cycle, mm².
     DiscSwept,
-    /// The area that the disc had swept since it was mounted, mm².
+    /// Area that the disc has swept since it was mounted, mm².
     DiscWorn,
     /// Duration of the cycle by the wall clock, s.
     CycleTime,
     /// Total observation time of the valid films, s.
     FilmTime,
-    /// The total error at the tool from all parts, 95 %, mm.
+    /// Total error at the tool from all components, 95 %, mm.
     ErrorAtTool,
 }
 
-/// Selects one of several checks of a cycle.
+/// Which of several checks with the same name is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum CheckSelection {
     Last,
@@ -142,7 +142,7 @@ enum CheckSelection {
 }
 
 impl KnownQuantity {
-    /// Returns the quantity's keyword on the command line and in addresses, `localization-residual`.
+    /// Returns the keyword for the command line and for URLs, such as `localization-residual`.
     pub fn keyword(self) -> &'static str {
         self.into()
     }
@@ -176,7 +176,7 @@ impl KnownQuantity {
         }
     }
 
-    /// Returns the subject of the verifications that give this number; `None` if cycles give it.
+    /// Returns the device whose verifications give this quantity; `None` if cycles give it.
     pub fn verified_subject(self) -> Option<&'static str> {
         match self {
             KnownQuantity::ScannerVerification => Some("scanner"),
@@ -192,7 +192,8 @@ impl KnownQuantity {
         KnownQuantity::iter().map(KnownQuantity::keyword).collect()
     }
 
-    /// Returns the value in a cycle, and its limit. A quantity that verifications give has no value in a cycle.
+    /// Returns the value and the limit in a cycle; `None` if the cycle does not have the quantity, or verifications
+    /// give it.
     fn value_and_limit(self, past: &PastCycle) -> Option<(f64, Limit)> {
         let unlimited = |value: f64| (value, Limit::Unlimited);
         match self {
@@ -253,12 +254,12 @@ fn picked_value(past: &PastCycle, kind: Kind, name: &str, pick: CheckSelection) 
 }
 
 impl Quantity {
-    /// Returns the quantity with this keyword; otherwise the check with this name.
+    /// Returns the predefined quantity with this keyword, otherwise the check with this name.
     pub fn from_keyword(text: &str) -> Self {
         KnownQuantity::from_str(text).map_or_else(|_| Quantity::Check(text.to_owned()), Quantity::Known)
     }
 
-    /// Returns the value in a cycle and its limit; `None` if the cycle has none.
+    /// Returns the value and the limit in a cycle; `None` if the cycle does not have the quantity.
     pub fn value_and_limit(&self, past: &PastCycle) -> Option<(f64, Limit)> {
         match self {
             Quantity::Known(known) => known.value_and_limit(past),
@@ -268,7 +269,7 @@ impl Quantity {
         }
     }
 
-    /// Returns the quantity's title and its unit in these cycles.
+    /// Returns the title of the quantity and its unit in these cycles.
     pub fn title_and_unit(&self, cycles: &[PastCycle]) -> (String, String) {
         match self {
             Quantity::Known(known) => {
@@ -287,7 +288,7 @@ impl Quantity {
     }
 }
 
-/// Every grid of a panel, with statistics over its cycles.
+/// Statistics of all grids of a panel over many cycles.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct HeatMap {
     /// Number of cycles with a valid film.
@@ -296,10 +297,10 @@ pub struct HeatMap {
     pub grids: Vec<HeatCell>,
 }
 
-/// A grid's statistics over all cycles.
+/// Statistics of a grid over many cycles.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct HeatCell {
-    /// The grid.
+    /// Name of the grid.
     pub grid: String,
     /// The grid's row, from 1.
     pub row: u32,
@@ -307,14 +308,14 @@ pub struct HeatCell {
     pub column: u32,
     /// Number of first films that report the grid.
     pub films: usize,
-    /// Number of parts on which the film broke on the grid.
+    /// Number of first films that broke on the grid.
     pub breaks: usize,
-    /// Median of the times to the break, s; `None` if the film never broke there.
+    /// Median time until the film on the grid broke, s; `None` if it never broke.
     pub median_s: Option<f64>,
 }
 
-/// Counts the breaks of each grid. Air-runs have no film. Only cycles with the taught panel of the newest cycle count:
-/// on another taught panel, a grid of the same name may be another place.
+/// Returns the statistics of all grids. Air-runs have no film and are excluded. Only cycles with the taught panel of
+/// the newest cycle are used, because on another taught panel, a grid of the same name may be another place.
 pub fn heat_map(cycles: &[PastCycle]) -> HeatMap {
     let newest = cycles.iter().max_by_key(|past| past.record.id).map(|past| &past.record.taught_version);
     let cycles = cycles.iter().filter(|past| Some(&past.record.taught_version) == newest);

@@ -14,7 +14,7 @@ pub const MIN_VALUES: usize = 10;
 /// √π.
 const NEIGHBOUR_DIFFERENCE_RATIO: f64 = std::f64::consts::FRAC_2_SQRT_PI;
 
-/// The four rules.
+/// The four rules of Western Electric.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, strum::EnumIter)]
 #[serde(rename_all = "snake_case")]
 pub enum Rule {
@@ -64,7 +64,7 @@ pub enum Side {
     Below,
 }
 
-/// A violated rule.
+/// A value at which a rule is violated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Hint {
     /// The rule that is violated.
@@ -79,9 +79,9 @@ pub struct Hint {
 /// between consecutive values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct UsualRange {
-    /// The mean.
+    /// Mean of the values.
     pub mean: f64,
-    /// The scatter.
+    /// Estimated standard deviation of the values.
     pub sigma: f64,
 }
 

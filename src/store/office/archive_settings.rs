@@ -8,11 +8,11 @@ use std::path::{Path, PathBuf};
 /// The settings of the archive on the office server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ArchiveSettings {
-    /// The broker.
+    /// The broker from which the archive receives.
     pub broker: Broker,
     /// Maximum size of the data that wait in the broker, GB; further data wait in their cell.
     pub waiting_gb: usize,
-    /// The database.
+    /// The database with the records.
     pub database: DatabaseSettings,
     /// The folder of the files: pictures, recipes and calibrations.
     pub files: PathBuf,
@@ -30,16 +30,16 @@ pub struct FleetPage {
     pub certificate: Option<[PathBuf; 2]>,
 }
 
-/// A PostgreSQL database.
+/// The settings of a PostgreSQL database.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DatabaseSettings {
     /// Host name or address of the database, or the folder of its Unix socket.
     pub host: String,
-    /// Its port.
+    /// TCP port of the database.
     pub port: u16,
-    /// The database's name.
+    /// Name of the database.
     pub name: String,
-    /// The user.
+    /// User name for the database.
     pub user: String,
     /// The file that contains only the password; `None` if the database needs no password.
     pub password_file: Option<PathBuf>,

@@ -17,7 +17,7 @@ const FORM: &str = "panelprep-part-1";
 const PART_BYTES: usize = 512 * 1024;
 /// Maximum number of parts of a message or file, 2 GB in total.
 const MAX_PARTS: u32 = 4_096;
-/// The longest line.
+/// Maximum length of the line of JSON, bytes.
 const MAX_HEAD_BYTES: usize = 1_024;
 
 /// The message or file to which a part belongs.
@@ -29,7 +29,7 @@ pub enum ChunkOwner {
     File(String),
 }
 
-/// A part.
+/// One part of a message or file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Chunk {
     /// The cell that sends the part.
@@ -38,9 +38,9 @@ pub struct Chunk {
     pub what: ChunkOwner,
     /// Number of the part within its message or file, from 1.
     pub part: u32,
-    /// Number of parts.
+    /// Total number of parts of the message or file.
     pub parts: u32,
-    /// Its bytes.
+    /// The content of the part.
     pub bytes: Vec<u8>,
 }
 
@@ -169,7 +169,7 @@ pub struct AssembledItem<R> {
 /// A message or file whose parts contradict each other.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct InvalidItem<R> {
-    /// The error.
+    /// The contradiction between the parts.
     pub error: OfficeError,
     /// The receipts of all parts that were received.
     pub receipts: Vec<R>,

@@ -18,7 +18,7 @@ const MAX_HEAD_BYTES: usize = 1 << 20;
 pub struct Message {
     /// The cell that sends the message.
     pub cell: CellName,
-    /// The item.
+    /// The item that the message contains.
     pub envelope: ItemEnvelope,
 }
 
@@ -202,7 +202,7 @@ impl Kind {
 /// An item in the list by which the data of the cell and of the office server are compared.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ListEntry {
-    /// Its name.
+    /// The position of the item.
     #[serde(flatten)]
     pub position: Position,
     /// The kind of the item.
@@ -214,11 +214,11 @@ pub struct ListEntry {
 /// An item that the office server must receive.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ItemEnvelope {
-    /// Its name.
+    /// The position of the item.
     pub position: Position,
     /// Time at which the cell stored the item, ms since 1970.
     pub unix_ms: i64,
-    /// Its content.
+    /// The content of the item.
     pub body: Body,
 }
 
@@ -278,7 +278,7 @@ impl ItemEnvelope {
 pub struct NamedFile {
     /// The purpose of the file in the record, such as "picture overlay" or "recipe".
     pub name: String,
-    /// Its SHA-256.
+    /// SHA-256 of the file.
     pub hash: String,
     /// The reason why the cell no longer has the file and cannot send it; `None` if it is sent.
     pub gone: Option<String>,
@@ -294,15 +294,15 @@ pub struct CycleEnd {
     pub started_unix_s: i64,
     /// End time of the cycle, s since 1970.
     pub ended_unix_s: Option<i64>,
-    /// The panel.
+    /// Name of the panel.
     pub panel: String,
     /// The version of the taught data.
     pub taught_version: String,
     /// SHA-256 of the recipe's text.
     pub recipe_hash: String,
-    /// The program's version.
+    /// The version of the program.
     pub program_version: String,
-    /// Its verdict's word.
+    /// The keyword of the verdict.
     pub verdict: String,
     /// The reasons of the verdict: a list of objects with code and message.
     pub reasons: Value,
@@ -340,7 +340,7 @@ pub enum OfficeError {
     /// The hash of the content differs from the hash in the head.
     #[error("the content of record {number} has the SHA-256 {found}, but its head states {stated}")]
     Hash {
-        /// Its number.
+        /// Number of the record.
         number: u64,
         /// The hash of the content.
         found: String,
@@ -368,7 +368,7 @@ pub enum OfficeError {
     /// The signature or the signed statement is not valid.
     #[error("record {number} does not match the signature of its cell: {problem}")]
     Signature {
-        /// Its number.
+        /// Number of the record.
         number: u64,
         /// The problem.
         problem: String,

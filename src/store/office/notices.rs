@@ -11,7 +11,7 @@ use panelprep_cell::files::content_hash;
 use serde::{Deserialize, Serialize};
 
 const STATE_FORM: &str = "panelprep-state-1";
-/// Longest message, bytes.
+/// Maximum size of a state, bytes.
 const MAX_STATE_BYTES: usize = 64 * 1024;
 
 /// The state that a cell reports.
@@ -22,15 +22,15 @@ pub struct CellState {
     cell: String,
     /// Time of the cell's clock, ms since 1970.
     pub unix_ms: i64,
-    /// The program's version.
+    /// The version of the program.
     pub version: String,
     /// The keyword of the state; `None` if the control loop does not reply.
     pub state: Option<String>,
     /// The current phase of the cycle in progress.
     pub phase: Option<String>,
-    /// The panel.
+    /// Name of the panel.
     pub panel: Option<String>,
-    /// The cycle.
+    /// Number of the cycle.
     pub cycle: Option<i64>,
     /// The current waypoint, and the total number of waypoints of the path.
     pub waypoint: Option<[u32; 2]>,
@@ -46,7 +46,7 @@ pub struct CellState {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReasonText {
-    /// Its code.
+    /// Code of the reason.
     pub code: String,
     /// Message of the reason.
     pub message: String,
@@ -88,7 +88,7 @@ impl CellState {
 }
 
 const OFFER_FORM: &str = "panelprep-offer-1";
-/// Longest offer, bytes.
+/// Maximum size of an offer, bytes.
 const MAX_OFFER_BYTES: usize = 256 * 1_024;
 /// Maximum length of a name or a reason, characters.
 const MAX_CHARACTERS: usize = 200;
@@ -100,7 +100,7 @@ pub struct RecipeOffer {
     form: String,
     /// The panel to which the recipe belongs.
     pub panel: String,
-    /// Its text.
+    /// The text of the recipe.
     pub text: String,
     /// The printed name of the person who approved the recipe in the office.
     pub by: String,

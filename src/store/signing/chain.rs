@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 pub struct Signed {
     /// Name of the statement in messages, such as its file name.
     pub name: String,
-    /// Its bytes.
+    /// The bytes of the statement.
     pub bytes: Vec<u8>,
     /// The 64 bytes of the signature.
     pub signature: Vec<u8>,

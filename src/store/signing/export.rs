@@ -95,9 +95,9 @@ const PAGE_FORMAT: &str = "panelprep-page-1";
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SignedPage {
-    /// The form.
+    /// The identifier of the format.
     pub form: String,
-    /// The cycle.
+    /// Number of the cycle.
     pub cycle: CycleId,
     /// SHA-256 of the cell's record of the cycle.
     pub record_hash: String,

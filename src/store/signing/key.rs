@@ -10,7 +10,7 @@ use panelprep_cell::files::hex;
 /// The reason why a key or a statement cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SigningError {
-    /// No private key.
+    /// The text is not a private key.
     #[error(
         "not a valid private ed25519 key ({problem}); valid: a PEM file from `openssl genpkey -algorithm ed25519`"
     )]
@@ -18,7 +18,7 @@ pub enum SigningError {
         /// The problem of the key.
         problem: String,
     },
-    /// No public key.
+    /// The text is not a public key.
     #[error(
         "not a valid public ed25519 key ({problem}); valid: the PEM file next to the cell's key, or several such \
          keys in one file"

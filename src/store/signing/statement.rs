@@ -21,7 +21,7 @@ pub const CHAIN_START_HASH: &str = "00000000000000000000000000000000000000000000
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Statement {
-    /// [`STATEMENT_FORMAT`].
+    /// The identifier of the format, [`STATEMENT_FORMAT`].
     pub form: String,
     /// Number of the statement in the chain, from 1 without gaps, over all cycles of the cell.
     pub number: u64,
@@ -33,7 +33,7 @@ pub struct Statement {
     pub public_key: String,
     /// The last position in the store's chain of rows at the time of the signature.
     pub store: SignedChainPosition,
-    /// Its content.
+    /// The content of the statement.
     pub says: StatementContent,
 }
 
@@ -42,7 +42,7 @@ pub struct Statement {
 pub struct SignedChainPosition {
     /// Number of the link, from 1; 0 before the first link.
     pub link: i64,
-    /// Its SHA-256.
+    /// SHA-256 of the link.
     pub hash: String,
 }
 
@@ -84,7 +84,7 @@ impl SignedCycle {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PersonSignature {
-    /// The cycle.
+    /// Number of the cycle.
     pub cycle: CycleId,
     /// SHA-256 of the cell's statement about the cycle; the signature is valid only for this statement.
     pub record_hash: String,
@@ -223,11 +223,11 @@ impl Statement {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SignedHead {
-    /// [`HEAD_FORMAT`].
+    /// The identifier of the format, [`HEAD_FORMAT`].
     pub form: String,
     /// Number of the last statement; 0 if there is none.
     pub number: u64,
-    /// Its SHA-256.
+    /// SHA-256 of the last statement.
     pub hash: String,
     /// Time at which the head was written, ms since 1970.
     pub unix_ms: i64,

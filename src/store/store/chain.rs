@@ -18,7 +18,7 @@ pub(super) const TABLES: &str = "
     ) STRICT;
 ";
 
-/// A SHA-256.
+/// A SHA-256 hash.
 pub(super) type Hash = [u8; 32];
 
 /// A position in the chain: the number of a link, and its hash. Link 0 is the start of the chain.

@@ -46,11 +46,11 @@ pub(super) const TABLES: &str = "
 /// once.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CycleStart {
-    /// The panel.
+    /// Name of the panel.
     pub panel: String,
     /// The version of the taught panel.
     pub taught_version: String,
-    /// The recipe.
+    /// The text of the recipe.
     pub recipe_text: String,
     /// The texts of the cell's file and its calibrations, each with its purpose, such as `base_from_camera`.
     pub file_texts: Vec<(String, String)>,
@@ -74,7 +74,7 @@ pub struct CycleCounts {
 /// The sanding passes on a part in one cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PassesOfCycle {
-    /// The cycle.
+    /// Number of the cycle.
     pub cycle: CycleId,
     /// Start time of the cycle, s since 1970.
     pub started_unix_s: i64,

@@ -18,7 +18,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 pub(super) const DATABASE: &str = "panelprep.sqlite";
 
-/// An open store.
+/// A store that is open for reading or writing.
 #[derive(Debug)]
 pub struct Store {
     pub(super) connection: Connection,
@@ -111,7 +111,7 @@ impl Store {
         }
     }
 
-    /// Its folder.
+    /// Returns the folder of the store.
     pub fn folder(&self) -> &Path {
         self.path().parent().unwrap_or(Path::new("."))
     }

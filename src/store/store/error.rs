@@ -14,7 +14,7 @@ pub enum StoreError {
     File {
         /// The operation that failed.
         operation: &'static str,
-        /// The file.
+        /// The path of the file or folder.
         path: PathBuf,
         /// The error of the operating system.
         source: std::io::Error,
@@ -24,7 +24,7 @@ pub enum StoreError {
     Database {
         /// The operation that failed.
         operation: &'static str,
-        /// The database.
+        /// The path of the database.
         path: PathBuf,
         /// The error of SQLite.
         problem: String,
@@ -33,13 +33,13 @@ pub enum StoreError {
     #[error("no store found in {}; teach a panel first (`panelprep teach` creates the store), or name the folder \
              of the store", path.display())]
     Missing {
-        /// The folder.
+        /// The folder without a store.
         path: PathBuf,
     },
     /// Another process is writing to the store.
     #[error("{holder} is writing to the store {}; stop that process first, or name another store", path.display())]
     Leased {
-        /// The folder.
+        /// The folder of the store.
         path: PathBuf,
         /// The other process, such as "process 1234".
         holder: String,
@@ -47,43 +47,43 @@ pub enum StoreError {
     /// The store was opened for reading only.
     #[error("the store {} is open for reading only", path.display())]
     ReadOnly {
-        /// The database.
+        /// The path of the database.
         path: PathBuf,
     },
     /// SQLite reports that the database is damaged.
     #[error("the store {} is damaged: {problem}; restore it from a copy", path.display())]
     Damaged {
-        /// The database.
+        /// The path of the database.
         path: PathBuf,
-        /// Report of SQLite.
+        /// The report of SQLite.
         problem: String,
     },
     /// The journal is damaged or was changed.
     #[error("the journal of {} is damaged at line {sequence}: {problem}; restore the store from a copy", path.display())]
     DamagedJournal {
-        /// The database.
+        /// The path of the database.
         path: PathBuf,
         /// The damaged line, from 1; 0 if the damage belongs to no line.
         sequence: i64,
-        /// The contradiction.
+        /// How the line differs from what was written.
         problem: String,
     },
     /// An earlier append to the journal failed.
     #[error("an earlier write to the journal of {} failed, so nothing more is written; restart the program", path.display())]
     JournalInDoubt {
-        /// The database.
+        /// The path of the database.
         path: PathBuf,
     },
     /// The motion to close is not open.
     #[error("the store has no open {motion}")]
     MotionNotOpen {
-        /// The motion.
+        /// The motion, as text.
         motion: String,
     },
     /// The verification does not exist.
     #[error("the store {} has no verification {number}; `panelprep calibrate history` lists the verifications", path.display())]
     UnknownVerification {
-        /// The database.
+        /// The path of the database.
         path: PathBuf,
         /// The requested number.
         number: i64,
@@ -91,9 +91,9 @@ pub enum StoreError {
     /// The verification is already struck out.
     #[error("verification {number} of the store {} is already struck out, by {by}", path.display())]
     AlreadyStruck {
-        /// The database.
+        /// The path of the database.
         path: PathBuf,
-        /// Its number.
+        /// Number of the verification.
         number: i64,
         /// The person who struck out the verification.
         by: String,
@@ -101,11 +101,11 @@ pub enum StoreError {
     /// The cycle does not exist, or has already ended.
     #[error("the store {} has no {what} {id}", path.display())]
     UnknownCycle {
-        /// The database.
+        /// The path of the database.
         path: PathBuf,
         /// What was expected: "cycle" or "running cycle".
         what: &'static str,
-        /// The requested cycle.
+        /// Number of the requested cycle.
         id: i64,
     },
     /// The number of sanding passes on a part is unknown.
@@ -114,7 +114,7 @@ pub enum StoreError {
     /// A row cannot be decoded.
     #[error("a row of the store {} cannot be decoded: {problem}; restore the store from a copy", path.display())]
     Unreadable {
-        /// The database.
+        /// The path of the database.
         path: PathBuf,
         /// The problem of the row.
         problem: String,
@@ -132,7 +132,7 @@ pub enum StoreError {
         path.display()
     )]
     Newer {
-        /// The database.
+        /// The path of the database.
         path: PathBuf,
         /// Schema version of the store.
         found: i64,
@@ -146,7 +146,7 @@ pub enum StoreError {
         path.display()
     )]
     Older {
-        /// The folder.
+        /// The folder of the store.
         path: PathBuf,
         /// Schema version of the store.
         found: i64,
@@ -156,7 +156,7 @@ pub enum StoreError {
     /// The database was written by another program.
     #[error("{} is a database of another program; name another folder", path.display())]
     Foreign {
-        /// The database.
+        /// The path of the database.
         path: PathBuf,
     },
     /// A stored file is damaged or was changed.
@@ -170,11 +170,11 @@ pub enum StoreError {
     /// A stored version of a taught panel is damaged or was changed.
     #[error("version {version} of the taught panel '{name}' is damaged: {problem}; teach the panel again")]
     DamagedRow {
-        /// The panel.
+        /// Name of the panel.
         name: String,
-        /// The version.
+        /// The damaged version.
         version: String,
-        /// The contradiction.
+        /// How the version differs from what was written.
         problem: String,
     },
     /// The flange pose of a taught corner is NaN or infinite.
@@ -196,7 +196,7 @@ pub enum StoreError {
     /// The panel does not have this version.
     #[error("the panel '{name}' has no version {version}; versions, oldest first: {}", known.join(", "))]
     UnknownVersion {
-        /// The panel.
+        /// Name of the panel.
         name: String,
         /// The requested version.
         version: String,
@@ -218,9 +218,9 @@ pub enum StoreError {
     AlreadySigned {
         /// Name of the person.
         name: String,
-        /// The cycle.
+        /// Number of the cycle.
         cycle: i64,
-        /// The signature's meaning.
+        /// The meaning of the signature.
         meaning: &'static str,
         /// Time of the signature.
         at: String,
@@ -228,9 +228,9 @@ pub enum StoreError {
     /// The record cannot be signed with this meaning.
     #[error("the record of cycle {cycle} cannot be signed as \"{meaning}\": {problem}")]
     MeaningNotPermitted {
-        /// The cycle.
+        /// Number of the cycle.
         cycle: i64,
-        /// The signature's meaning.
+        /// The meaning of the signature.
         meaning: &'static str,
         /// The reason, and what to do.
         problem: String,
@@ -239,7 +239,7 @@ pub enum StoreError {
     #[error("the record cannot be signed: other processes signed in the store {} at the same time, in ten \
              attempts; try again", path.display())]
     SignedMeanwhile {
-        /// The database.
+        /// The path of the database.
         path: PathBuf,
     },
     /// A key or a statement cannot be used for signing.
@@ -253,7 +253,7 @@ pub enum StoreError {
     /// The disk is full.
     #[error("the disk of the store {} is full ({free}, minimum {minimum_mb} MB); {advice}", path.display())]
     Full {
-        /// The folder.
+        /// The folder of the store.
         path: PathBuf,
         /// The free space as text, or why it is unknown.
         free: String,

@@ -90,7 +90,7 @@ impl BlobWriter {
     }
 }
 
-/// The file's name.
+/// File name of the reserve.
 const RESERVE_FILE: &str = "panelprep.reserve";
 /// Size of the reserve, MB. A line of the journal needs at most 16 kB in the database's write-ahead log, so the reserve
 /// is sufficient for 2,000 lines. A retract, a hold and a stop need fewer than 100 lines.

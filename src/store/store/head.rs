@@ -18,7 +18,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// The file's name.
+/// File name of the head.
 pub(super) const FILE: &str = "panelprep.head";
 const SLOT_BYTES: usize = 512;
 const HEAD_MAGIC: &str = "panelprep head 1";
@@ -28,7 +28,7 @@ const LOCK_TIMEOUT: Duration = Duration::from_secs(5);
 /// The contents of the head file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Head {
-    /// The chain's position.
+    /// The present position of the chain.
     pub position: ChainPosition,
     /// The position of the chain after the transaction in progress is committed.
     pub next_position: Option<ChainPosition>,

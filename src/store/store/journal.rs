@@ -253,7 +253,7 @@ pub(super) struct Checkpoint {
     pub settled: JournalFold,
 }
 
-/// Writes one.
+/// Writes a checkpoint after this line.
 fn write_checkpoint(
     writing: &mut WriteTransaction<'_>,
     (sequence, journal_chain): (i64, &str),

@@ -35,7 +35,7 @@ pub(super) const INCIDENT_TABLES: &str = "
 pub struct NumberedEntry {
     /// Number of the entry, from 1.
     pub number: i64,
-    /// The line.
+    /// The entry of the audit trail.
     pub entry: AuditEntry,
 }
 

@@ -27,9 +27,9 @@ const DAY_S: i64 = 86_400;
 /// Number and size of removed files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PrunedFiles {
-    /// Files.
+    /// Number of removed files.
     pub files: u64,
-    /// Their size.
+    /// Total size of the removed files, bytes.
     pub bytes: u64,
     /// Time of the last removal, s since 1970.
     pub at_unix_s: Option<i64>,

@@ -36,7 +36,7 @@ pub struct NumberedRequest {
     pub number: i64,
     /// The cycle during which the request was sent; `None` between cycles.
     pub cycle: Option<CycleId>,
-    /// The request.
+    /// The request with its answer.
     pub request: RequestRecord,
 }
 

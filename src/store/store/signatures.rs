@@ -53,7 +53,7 @@ pub struct PersonSigningRequest {
     pub name: String,
     /// The account with which the person was authenticated.
     pub user: String,
-    /// The signature's meaning.
+    /// The meaning of the signature.
     pub meaning: Meaning,
     /// The person's remark, if there is one.
     pub remark: Option<String>,
@@ -66,7 +66,7 @@ pub struct PersonSigningRequest {
 pub struct SignatureRow {
     /// Number of the signature among all signatures of the cell, from 1.
     pub number: u64,
-    /// The cycle.
+    /// Number of the cycle.
     pub cycle: CycleId,
     /// Whether a person signed; if not, the cell signed.
     pub is_of_person: bool,
@@ -76,7 +76,7 @@ pub struct SignatureRow {
     pub record_hash: String,
     /// SHA-256 of the previous statement.
     pub previous_hash: String,
-    /// Its 64 bytes.
+    /// The signature, 64 bytes.
     pub signature: Vec<u8>,
     /// The public key of the signature, 64 hexadecimal digits.
     pub public_key: String,

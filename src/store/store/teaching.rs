@@ -38,7 +38,7 @@ pub struct TeachingInputs {
     pub name: String,
     /// The scan of the panel at its nominal pose by the 3D camera, PCD.
     pub scan: Vec<u8>,
-    /// The recipe.
+    /// The text of the recipe.
     pub recipe_text: String,
     /// The text of the file with the intrinsics of the 3D camera.
     pub scanner_calibration_text: String,
@@ -52,12 +52,12 @@ pub struct TeachingInputs {
     pub flange_from_camera_text: String,
 }
 
-/// One taught corner.
+/// A taught corner of the panel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TaughtCorner {
     /// The content of the corner picture's file.
     pub picture: Vec<u8>,
-    /// The flange's pose.
+    /// The flange pose at which the picture was captured.
     pub base_from_flange: KukaPose,
 }
 

@@ -42,10 +42,10 @@ pub fn calibration_hash(texts: &[&str]) -> String {
 }
 
 impl Store {
-    /// Stores a verification in the store in this folder, also while a service writes to it. It is one row in a
-    /// separate transaction; SQLite makes the two writers wait for each other. If no service writes to it, a missing
-    /// store is created, and the tables of an earlier version of this program are updated. Returns the store and the
-    /// verification's number.
+    /// Stores a verification in the store in this folder, also while a service writes to it. The row is written in its
+    /// own transaction; SQLite makes the two writers wait for each other. If no service writes to the store, a missing
+    /// store is created, and the tables of an earlier program version are updated. Returns the store and the number of
+    /// the verification.
     ///
     /// # Errors
     /// If the store cannot be opened or written, or a number is not finite.

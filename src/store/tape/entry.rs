@@ -16,7 +16,7 @@ use std::sync::Arc;
 /// An exchange between the control loop and its environment.
 #[derive(Debug, Clone)]
 pub struct Entry {
-    /// Its topic.
+    /// The topic of the entry.
     pub topic: Topic,
     /// Time of the exchange by the clock of the control loop, ns since the start of the recording.
     pub at_ns: u64,
@@ -68,11 +68,11 @@ impl Shot {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordingStart {
-    /// The program's version.
+    /// The version of the program.
     pub program: String,
     /// Start time of the recording by the wall clock, ns since 1970.
     pub unix_ns: u64,
-    /// The table's state.
+    /// The state of the state table.
     pub state: State,
     /// Whether time passes only while the control loop waits for messages of the robot.
     pub lock_step: bool,
@@ -104,13 +104,13 @@ pub enum LoopMemoryStart {
     },
 }
 
-/// A deadline.
+/// An active deadline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ArmedDeadline {
     /// The id of the effect that started the deadline.
     pub id: Id,
-    /// The deadline.
+    /// The kind of deadline.
     pub which: Deadline,
     /// Time of the deadline by the clock of the control loop, ns.
     pub at_ns: u64,
@@ -119,7 +119,7 @@ pub struct ArmedDeadline {
 /// Entries of a topic that could not be recorded.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LostEntries {
-    /// The topic.
+    /// The topic of the missing entries.
     pub topic: Topic,
     /// Time of the first missing entry, ns since the start of the recording.
     pub from_ns: u64,
@@ -141,7 +141,7 @@ pub struct RecordingEnd {
 pub struct FramePose {
     /// The name of the parent frame: `base`, `flange`.
     pub parent: &'static str,
-    /// The frame.
+    /// The name of the child frame.
     pub child: &'static str,
     /// The pose of the child frame in the parent frame.
     pub pose: KukaPose,
@@ -150,7 +150,7 @@ pub struct FramePose {
 /// The lens of a camera, with the topic and the frame of its pictures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lens {
-    /// [`Topic::ScannerLens`] or [`Topic::FlangeLens`].
+    /// The topic of the lens, [`Topic::ScannerLens`] or [`Topic::FlangeLens`].
     pub topic: Topic,
     /// The calibrated camera.
     pub camera: PinholeCamera,

@@ -37,7 +37,7 @@ pub enum TapeError {
          replay the recording with the version that wrote it"
     )]
     Version {
-        /// Its format.
+        /// The format of the recording.
         found: String,
         /// The version of the program that wrote the recording.
         program: String,
@@ -67,7 +67,7 @@ pub enum TapeError {
          not be written"
     )]
     Lost {
-        /// The topic.
+        /// The topic of the missing entries.
         topic: &'static str,
         /// Time of the first missing entry, s.
         from_s: f64,
@@ -80,7 +80,7 @@ pub enum TapeError {
          expected; the file was changed after recording"
     )]
     Gap {
-        /// The topic.
+        /// The topic with the gap.
         topic: &'static str,
         /// Time of the gap, s.
         from_s: f64,
@@ -92,7 +92,7 @@ pub enum TapeError {
     /// The times of the entries decrease.
     #[error("the recording is not in order: a timestamp of {topic} decreases {from_s:.3} s after its beginning")]
     OutOfOrder {
-        /// The topic.
+        /// The topic of the entries.
         topic: &'static str,
         /// Time of the entry, s.
         from_s: f64,
@@ -102,13 +102,13 @@ pub enum TapeError {
     Damaged {
         /// Time of the damage, s.
         from_s: f64,
-        /// The problem.
+        /// What is wrong with the data.
         problem: String,
     },
     /// An entry cannot be decoded.
     #[error("an entry of {topic} cannot be decoded {from_s:.3} s after the recording's beginning: {problem}")]
     Message {
-        /// The topic.
+        /// The topic of the entry.
         topic: &'static str,
         /// Time of the entry, s.
         from_s: f64,

@@ -165,14 +165,14 @@ fn points(cloud: &PointCloud, [width, height]: [usize; 2]) -> Result<OrganizedCl
     OrganizedCloud::new(width, height, points_mm.collect(), colors.collect()).map_err(|error| error.to_string())
 }
 
-/// A complete recording.
+/// The contents of a complete recording, without its entries.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CheckedRecording {
     /// The state of the control loop at the start.
     pub start: RecordingStart,
     /// The input files of the control loop, by name.
     pub files: BTreeMap<String, Vec<u8>>,
-    /// Entries in it.
+    /// Number of entries in the recording.
     pub entries: u64,
     /// Duration of the recording by the clock of the control loop, s.
     pub length_s: f64,

@@ -125,7 +125,7 @@ impl Schema {
     }
 }
 
-/// A compressed picture.
+/// A compressed picture, such as a JPEG.
 #[derive(Clone, PartialEq, Message)]
 pub struct CompressedImage {
     #[prost(message, optional, tag = "1")]
@@ -174,7 +174,7 @@ pub enum NumericType {
     Float32 = 7,
 }
 
-/// A camera's lens.
+/// The lens of a camera.
 #[derive(Clone, PartialEq, Message)]
 pub struct CameraCalibration {
     #[prost(message, optional, tag = "1")]
@@ -191,7 +191,7 @@ pub struct CameraCalibration {
     /// The camera matrix, row by row.
     #[prost(double, repeated, tag = "6")]
     pub k: Vec<f64>,
-    /// Rectification: none.
+    /// The rectification matrix: no rectification.
     #[prost(double, repeated, tag = "7")]
     pub r: Vec<f64>,
     /// The projection matrix of the rectified picture, 3×4, row by row.
@@ -201,7 +201,7 @@ pub struct CameraCalibration {
     pub frame_id: String,
 }
 
-/// A pose.
+/// A position and an orientation.
 #[derive(Clone, PartialEq, Message)]
 pub struct Pose {
     #[prost(message, optional, tag = "1")]
@@ -247,7 +247,7 @@ pub struct Quaternion {
     pub w: f64,
 }
 
-/// A log message.
+/// A message of the log.
 #[derive(Clone, PartialEq, Message)]
 pub struct Log {
     #[prost(message, optional, tag = "1")]

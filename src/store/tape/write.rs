@@ -23,7 +23,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::Write;
 
-/// Number of bytes of one point: three numbers, three colours, and the alpha value, without which Foxglove shows no
+/// Size of a point, bytes: three coordinates, three colours, and an alpha value, without which Foxglove shows no
 /// colours.
 pub(super) const STRIDE: usize = 16;
 const OPAQUE_ALPHA: u8 = 255;
@@ -35,7 +35,7 @@ struct Channel {
     written: u64,
 }
 
-/// Writes one recording.
+/// A writer of one recording.
 pub struct Writer<W: Write> {
     mcap: mcap::Writer<NoSeek<W>>,
     channels: BTreeMap<Topic, Channel>,

@@ -63,7 +63,7 @@ fn outputs_that_were_on_outlive_the_program_and_the_link() {
             let facts = |story: &Story| (story.cell.state.facts.water_may_run, story.cell.state.facts.tool_may_run);
             assert!(matches!(story.at(), At::Aborted { .. }), "{name}, {station}: {:?}", story.at());
             assert_eq!(facts(&story), (water, tool), "{name}, {station}");
-            // Once more: still.
+            // A second start leads to the same state.
             story.report(Report::Boot);
             assert_eq!(facts(&story), (water, tool), "{name}, {station}");
             story.report(Report::Robot(Robot::Ready));

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 /// The script of the drawing area: a module that draws, and exports the functions `begin` and `now`.
 pub const SCRIPT: &str = include_str!("sheet.js");
-/// Its styles.
+/// The style sheet of the drawing area.
 pub const STYLE_SHEET: &str = include_str!("sheet.css");
 /// The translation table of the drawing area, with one column for each language.
 pub const TRANSLATION_TABLE: &str = include_str!("words.csv");

@@ -29,11 +29,11 @@ pub type WriteRecipe = dyn Fn(&str) -> Result<(), String> + Send + Sync;
 
 /// The picture on which a person draws, and the recipe to edit.
 pub struct DrawingSheet {
-    /// The recipe's file.
+    /// The path of the recipe.
     pub recipe: PathBuf,
     /// The taught picture, PNG.
     pub picture_png: Vec<u8>,
-    /// Its size, px.
+    /// Width and height of the picture, px.
     pub size_px: [usize; 2],
     /// The function that writes the recipe.
     pub write: Box<WriteRecipe>,

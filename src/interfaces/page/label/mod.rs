@@ -38,7 +38,7 @@ const FILES: [(&str, &str, &str); 9] = [
 /// The outline of a grid in the clip's pictures.
 #[derive(Debug, Clone, Serialize)]
 pub struct GridOutline {
-    /// Its name.
+    /// The name of the grid.
     pub id: String,
     /// The closed outline of the grid, px.
     pub edge_px: Vec<[f64; 2]>,
@@ -47,7 +47,7 @@ pub struct GridOutline {
 /// The stored labels or draft.
 #[derive(Debug, Clone, Serialize)]
 pub struct CurrentLabels {
-    /// The person's statement.
+    /// The labels as the person drew them.
     pub said: Statement,
     /// Time at which labels were last saved, UTC; `None` if they were never saved.
     pub saved_at: Option<String>,
@@ -60,7 +60,7 @@ pub struct CurrentLabels {
 /// The result of saving labels.
 #[derive(Debug, Clone, Serialize)]
 pub struct SaveResult {
-    /// The labels' file.
+    /// The path of the saved labels.
     pub labels: String,
     /// Time at which the labels were saved, UTC.
     pub saved_at: String,
@@ -91,11 +91,11 @@ pub trait LabelStorage: Send + Sync {
 
 /// The clip to label, with its pictures and its panel.
 pub struct LabelSheet {
-    /// The clip's folder.
+    /// The folder of the clip.
     pub folder: PathBuf,
-    /// Its pictures.
+    /// The pictures of the clip.
     pub shots: Vec<ClipEntry>,
-    /// Their size, px.
+    /// Width and height of the pictures, px.
     pub size_px: [usize; 2],
     /// The outlines of the grids, if they are known.
     pub grids: Vec<GridOutline>,

@@ -29,7 +29,7 @@ impl SmallDisk {
         }
     }
 
-    /// Its folder.
+    /// Returns the folder at which the disk is mounted.
     pub fn folder(&self) -> &std::path::Path {
         self.0.path()
     }
