@@ -42,7 +42,7 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     // A restore in place is refused while the service answers.
     let in_place = "restore first.tar.zst --cell cell/cell.toml --only store --replace store";
     let (exit, output) = json(folder, in_place);
-    assert!(exit == 2 && output["reasons"].to_string().contains("a service answers on"), "{output}");
+    assert!(exit == 2 && output["reasons"].to_string().contains("a service is running on"), "{output}");
     let (exit, second) = json(folder, "backup second.tar.zst --cell cell/cell.toml");
     assert_eq!(exit, 0, "{second}");
     assert!(second["links"].as_i64() > made["links"].as_i64(), "the rest of the cycle: {second} {made}");

@@ -143,13 +143,13 @@ fn absent_silent_wrong_and_right_controllers_are_distinguished() {
         let row = checks.iter().find(|check| check["name"] == "proofs").expect("a row");
         let (found, advice) =
             (row["found"].as_str().unwrap_or_default(), row["advice"].as_str().unwrap_or_default());
-        assert!(row["ok"] == false && found.contains(words) && advice.contains("prove stage A"), "{row}");
+        assert!(row["ok"] == false && found.contains(words) && advice.contains("test stage A"), "{row}");
     };
     proofs("signed_stage is missing; permitted: no motion in automatic mode");
     let file = folder.join("cell/cell.toml");
     let text = fs::read_to_string(&file).expect("there");
     fs::write(&file, text.replacen("kind = \"eki\"", "kind = \"eki\"\nsigned_stage = \"C\"", 1)).expect("written");
-    proofs("signed_stage is C, but the store has no signed page of the proofs");
+    proofs("signed_stage is C, but the store contains no readable signed page of the acceptance tests");
     fs::write(&file, text).expect("written");
     let robot = |words: &str| {
         let found = wrong(folder, &with_files);

@@ -92,10 +92,10 @@ fn a_path_on_a_real_controller_needs_the_signed_stage() {
         output["reasons"][0].to_string()
     };
     for (signed, command, needed) in [
-        ("", "air-run", "needs A"),
-        ("", "cycle --on-foam", "needs B"),
-        ("signed_stage = \"A\"", "cycle --on-foam", "needs B"),
-        ("signed_stage = \"B\"", "cycle", "needs C"),
+        ("", "air-run", "requires a signed stage A"),
+        ("", "cycle --on-foam", "requires a signed stage B"),
+        ("signed_stage = \"A\"", "cycle --on-foam", "requires a signed stage B"),
+        ("signed_stage = \"B\"", "cycle", "requires a signed stage C"),
     ] {
         let words = said(signed, command);
         assert!(words.contains("stage_not_signed") && words.contains(needed), "{signed} {command}: {words}");

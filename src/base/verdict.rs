@@ -206,7 +206,7 @@ pub struct Check {
 }
 
 /// Names of a check's fields that earlier versions of this program did not store.
-pub const LATER_CHECK_FIELDS: [&str; 4] = ["set_by", "severity", "code", "message"];
+pub const CHECK_FIELDS_ADDED_LATER: [&str; 4] = ["set_by", "severity", "code", "message"];
 
 impl Check {
     /// Creates a check of a number without a limit; `None` means that the number was not measured.
@@ -435,7 +435,7 @@ mod tests {
         let read: Check = serde_json::from_str(text).expect("read");
         assert_eq!(read, Check::new("residual", "mm", 0.1).with_stored_limit(Limit::AtMost(0.25)));
         let written = serde_json::to_value(rms(0.26)).expect("written");
-        assert!(LATER_CHECK_FIELDS.iter().all(|name| written.get(name).is_some()), "{written}");
+        assert!(CHECK_FIELDS_ADDED_LATER.iter().all(|name| written.get(name).is_some()), "{written}");
         assert_eq!(serde_json::from_value::<Check>(written).expect("read"), rms(0.26));
     }
 

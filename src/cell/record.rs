@@ -149,7 +149,7 @@ impl CycleRecord {
         let needs_film = verdict == Verdict::Pass && !self.is_air_run();
         let no_film = conclusion::missing_film(&self.findings).filter(|_| needs_film).map(|missing| {
             format!(
-                "cycle {} has the verdict pass, but {missing}; do not release the part, and inspect it again",
+                "cycle {} has the verdict pass, but {missing}: do not release the part, and inspect the part again",
                 self.id
             )
         });

@@ -149,7 +149,7 @@ impl TaughtRecipe {
         let serial = part.as_ref().and_then(|part| part.serial.as_deref());
         let store = files.store()?;
         let earlier = match serial {
-            Some(serial) => store.passes_by_serial(serial, None).map_err(Fault::stage)?,
+            Some(serial) => store.sanding_passes_by_serial(serial, None).map_err(Fault::stage)?,
             None => vec![],
         };
         let lost =

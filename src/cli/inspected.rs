@@ -259,7 +259,7 @@ impl Labels {
 
     /// Returns the time at which the film broke at a pixel, s; `None` if it did not break or the time is not known.
     pub fn time_s(&self, index: usize) -> Option<f64> {
-        decoded(*self.times.as_ref()?.rgb.get(index)?)
+        color_to_time(*self.times.as_ref()?.rgb.get(index)?)
     }
 }
 

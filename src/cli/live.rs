@@ -426,7 +426,7 @@ pub fn identify(cell: &Cell) -> Result<ReportedController, Fault> {
 /// # Errors
 /// If the stage is not signed, or the link cannot be started.
 pub fn require_signed(cell: &Cell, needed: ProofStage) -> Result<(), Fault> {
-    let Err(unsigned) = cell.robot().requires_signed(needed) else { return Ok(()) };
+    let Err(unsigned) = cell.robot().check_stage_signed(needed) else { return Ok(()) };
     if identify(cell)?.kind == ControllerKind::Mock {
         std::thread::sleep(RELEASE_PAUSE);
         return Ok(());

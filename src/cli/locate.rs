@@ -230,7 +230,7 @@ pub fn run_look(args: &Look, common: &Common) -> Result<Outcome, Fault> {
     // A scan of another camera is accepted; it is recognised by its size.
     let lens = calibrated.as_ref().map(|camera| &camera.value);
     let own = lens.filter(|lens| (lens.width_px, lens.height_px) == (scan.width(), scan.height()));
-    let checked = own.map_or_else(|| files::check_frame(&scan), |lens| files::check_rays(&scan, lens));
+    let checked = own.map_or_else(|| files::check_camera_frame(&scan), |lens| files::check_rays(&scan, lens));
     checked.map_err(|error| Fault::file_fault(&args.scan, error))?;
     let picture = scan_picture(&scan).map_err(Fault::stage)?;
     let file = disk::save_picture(&args.pictures, "scan", &picture)?;

@@ -266,7 +266,7 @@ fn read_sheet(store: &Store, record: &CycleRecord) -> Result<RecordSheet, Fault>
     let recipe_text = text(store, &record.recipe_hash);
     let recipe = recipe_text.and_then(|text| Recipe::check("recipe.toml", &text).ok());
     let earlier = match part.as_ref().and_then(|part| part.serial.as_ref()) {
-        Some(serial) => Some(store.passes_by_serial(serial, Some(record.id)).map_err(Fault::stage)?),
+        Some(serial) => Some(store.sanding_passes_by_serial(serial, Some(record.id)).map_err(Fault::stage)?),
         None => None,
     };
     let earlier: Option<Vec<EarlierCycle>> = earlier.map(|all| all.iter().map(earlier_cycle).collect());
@@ -489,11 +489,11 @@ pub fn removed(record: &CycleRecord) -> Vec<String> {
             fixed_decimals(path.bound_um, 1)
         )
     };
-    record::removed(&record.findings).into_iter().map(line).collect()
+    record::path_removals(&record.findings).into_iter().map(line).collect()
 }
 
 /// Returns the removal of each path for scripts.
 pub fn removed_json(record: &CycleRecord) -> Value {
     let path = |path: PathRemoval| json!({"pass": path.pass, "mean_um": path.mean_um, "bound_um": path.bound_um});
-    record::removed(&record.findings).into_iter().map(path).collect()
+    record::path_removals(&record.findings).into_iter().map(path).collect()
 }

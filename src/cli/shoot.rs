@@ -82,7 +82,7 @@ fn take_scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Resul
             lens.filter(|lens| (lens.width_px, lens.height_px) == (shot.cloud.width(), shot.cloud.height()));
         let checked = match &of_lens {
             Some(lens) => files::check_rays(&shot.cloud, lens),
-            None => files::check_frame(&shot.cloud),
+            None => files::check_camera_frame(&shot.cloud),
         };
         if let Err(error) = checked {
             doubts.push(Reason::new("other_scan", format!("{}: {error}", names[0].display())));

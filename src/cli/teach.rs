@@ -257,9 +257,8 @@ fn report_constraint(
     }
     let verify_mm = recipe.corner().verify_mm();
     for (index, corner) in taught.corners.iter().enumerate() {
-        let seen = corner.visible_normal_share();
-        // If a corner shows less than one hundredth of a displacement, the errors of the lens have as much effect as
-        // the displacement.
+        let seen = corner.visible_normal_fraction();
+        // Below one hundredth, the effect of the lens's own errors is as large as the effect of the displacement.
         let detection =
             if seen > 0.01 { format!("of {:.1} mm or more is", verify_mm / seen) } else { "is not".to_owned() };
         outcome.add_line(format!(
@@ -270,7 +269,7 @@ fn report_constraint(
         ));
     }
     let seen: Vec<f64> =
-        taught.corners.iter().map(panelprep_cell::panel::TaughtCorner::visible_normal_share).collect();
+        taught.corners.iter().map(panelprep_cell::panel::TaughtCorner::visible_normal_fraction).collect();
     outcome.add_value("normal_seen", json!(seen));
     warnings
 }

@@ -38,7 +38,7 @@ fn bad_input_is_refused_with_file_and_reason() {
         (teach(cell, recipe, "small.pcd"), vec!["small.pcd", "40×30", "486×300"]),
         (
             TEACH.replace("cell/recipe.toml", "cell/half.toml"),
-            vec!["the scan has no point in the search box there, but a part with"],
+            vec!["the scan has no point in the search box there, but the box contains a connected part with"],
         ),
         (teach(cell, recipe, "cell/cell.toml"), vec!["cell/cell.toml"]),
         (

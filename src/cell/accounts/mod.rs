@@ -46,7 +46,7 @@ impl Account {
     ) -> Result<Self, String> {
         checked_name(name).map_err(|error| error.to_string())?;
         printable(printed_name, MAX_PRINTED_CHARACTERS)
-            .map_err(|problem| format!("the printed name: {problem}"))?;
+            .map_err(|problem| format!("the printed name is not valid: {problem}"))?;
         let password_hash = match (password, former) {
             (None, Some(former)) => former.password_hash.clone(),
             (password, _) => {
@@ -284,7 +284,7 @@ impl LineLimit {
     }
 
     /// Returns the time until the current minute ends, ms.
-    pub fn rest_ms(&self, now_ms: u64) -> u64 {
+    pub fn remaining_ms(&self, now_ms: u64) -> u64 {
         MINUTE_MS.saturating_sub(now_ms.saturating_sub(self.since_ms))
     }
 

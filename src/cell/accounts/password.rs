@@ -34,7 +34,7 @@ pub enum PasswordError {
     )]
     Obvious,
     /// The hash could not be computed.
-    #[error("the password could not be hashed: {0}")]
+    #[error("the password could not be hashed, so nothing was changed: {0}")]
     Hash(String),
 }
 
@@ -88,7 +88,7 @@ pub const PAUSE_S: f64 = 60.0;
 const MAX_PAUSE_S: f64 = 3_600.0;
 /// Number of counters for names without an account. A hash of the name selects the counter. Therefore unknown names are
 /// paused like accounts, but need no additional memory, and cannot end the pause of an account.
-const BUCKETS: u64 = 256;
+const UNKNOWN_NAME_COUNTER_COUNT: u64 = 256;
 
 /// The counters of recent wrong passwords. All times are seconds of a monotonic clock.
 #[derive(Debug, Default)]
@@ -107,7 +107,7 @@ impl LockoutKey {
         }
         let mut hasher = DefaultHasher::new();
         name.hash(&mut hasher);
-        LockoutKey::Bucket(hasher.finish() % BUCKETS)
+        LockoutKey::Bucket(hasher.finish() % UNKNOWN_NAME_COUNTER_COUNT)
     }
 }
 
@@ -119,7 +119,7 @@ struct FailedAttempts {
 }
 
 /// Returns the duration of a pause, s, after `rows` times `MAX_ATTEMPTS` wrong passwords.
-fn pause_s(rows: u32) -> f64 {
+fn pause_duration_s(rows: u32) -> f64 {
     (PAUSE_S * f64::from(2_u32.saturating_pow(rows.saturating_sub(1).min(16)))).min(MAX_PAUSE_S)
 }
 
@@ -140,7 +140,7 @@ impl Lockout {
         let who = LockoutKey::new(name, is_account);
         let former = self.0.get(&who).map_or(0, |tried| tried.failures);
         let wrong = former.saturating_add(1);
-        let until_s = wrong.is_multiple_of(MAX_ATTEMPTS).then(|| now_s + pause_s(wrong / MAX_ATTEMPTS));
+        let until_s = wrong.is_multiple_of(MAX_ATTEMPTS).then(|| now_s + pause_duration_s(wrong / MAX_ATTEMPTS));
         self.0.insert(who, FailedAttempts { failures: wrong, until_s });
         until_s.is_some()
     }
@@ -183,14 +183,14 @@ mod tests {
         let mut lockout = Lockout::default();
         let mut now_s = 0.0;
         // Expected pauses, calculated by hand: 60 s, 120 s, 240 s, and so on, at most one hour.
-        for pause_s in [60.0, 120.0, 240.0, 480.0, 960.0, 1_920.0, 3_600.0, 3_600.0] {
+        for pause_duration_s in [60.0, 120.0, 240.0, 480.0, 960.0, 1_920.0, 3_600.0, 3_600.0] {
             for n in 1..=5 {
                 assert_eq!(lockout.pauses_s(ANNA, now_s), None);
                 assert_eq!(lockout.record_failure(ANNA, now_s), n == 5);
             }
-            assert_eq!(lockout.pauses_s(ANNA, now_s + 1.0), Some(pause_s - 1.0));
+            assert_eq!(lockout.pauses_s(ANNA, now_s + 1.0), Some(pause_duration_s - 1.0));
             assert_eq!(lockout.pauses_s(("ben", true), now_s), None, "another account continues");
-            now_s += pause_s;
+            now_s += pause_duration_s;
         }
         lockout.record_success("anna");
         assert!(!lockout.record_failure(ANNA, now_s), "counted from the beginning");
@@ -225,7 +225,7 @@ mod tests {
             lockout.record_failure((&format!("n{n}"), false), 1.0);
         }
         assert_eq!(lockout.pauses_s(engineer, 1.0), Some(59.0), "not evicted");
-        assert!(lockout.0.len() <= BUCKETS as usize + 1, "{}", lockout.0.len());
+        assert!(lockout.0.len() <= UNKNOWN_NAME_COUNTER_COUNT as usize + 1, "{}", lockout.0.len());
         for _ in 0..5 {
             lockout.record_failure(engineer, 61.0);
         }

@@ -146,14 +146,14 @@ pub(super) fn parse_arm(section: &Section<'_, '_>, keep_out: &[Section<'_, '_>])
     let keep_out: Vec<Option<KeepOut>> = keep_out.iter().map(parse_keep_out).collect();
     let (table, keep_out) = (table?, keep_out.into_iter().collect::<Option<Vec<_>>>()?);
     let (geometry, axes) = match table.model {
-        ArmModel::Named(preset) => known_arm(section, &table, preset)?,
+        ArmModel::Named(preset) => parse_preset_arm(section, &table, preset)?,
         ArmModel::Custom => parse_custom_arm(section, &table)?,
     };
     for axis in 0..6 {
         let (low, high) = (axes.min_deg[axis], axes.max_deg[axis]);
         if low + 2.0 * table.limit_margin_deg >= high {
             let message = format!(
-                "axis {}: the range from {low} to {high}° is not larger than the margins at both limits",
+                "axis {}: the range from {low} to {high}° is not larger than limit_margin_deg at both ends: widen the range, or reduce the margin",
                 axis + 1
             );
             section.problem("max_deg", message);
@@ -164,7 +164,7 @@ pub(super) fn parse_arm(section: &Section<'_, '_>, keep_out: &[Section<'_, '_>])
 }
 
 /// Returns the geometry and the axes of a preset. The file must not state link lengths, but may narrow the axis limits.
-fn known_arm(section: &Section<'_, '_>, table: &ArmTable, preset: &Preset) -> Option<(ArmGeometry, ArmAxes)> {
+fn parse_preset_arm(section: &Section<'_, '_>, table: &ArmTable, preset: &Preset) -> Option<(ArmGeometry, ArmAxes)> {
     let own = preset.axes();
     let given = [
         ("a1_mm", table.a1_mm.is_some()),

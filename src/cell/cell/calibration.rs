@@ -494,7 +494,7 @@ impl MeasuredScanner {
             _ => {
                 section.problem(
                     "field_mm",
-                    "field_from, field_to and field_mm belong together, and field_from must be less than field_to",
+                    "state all of field_from, field_to and field_mm, or none; field_from must be less than field_to",
                 );
                 None
             }

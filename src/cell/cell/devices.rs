@@ -173,15 +173,15 @@ impl Robot {
     ///
     /// # Errors
     /// If the stage is not signed; the error states the cause.
-    pub fn requires_signed(&self, needed: ProofStage) -> Result<(), Unsigned> {
+    pub fn check_stage_signed(&self, needed: ProofStage) -> Result<(), Unsigned> {
         let signed = self.signed_stage();
         if self.kind == RobotKind::Mock || signed >= Some(needed) {
             return Ok(());
         }
-        Err(Unsigned { needed, signed, why: self.unsigned_cause(needed) })
+        Err(Unsigned { needed, signed, why: self.find_unsigned_cause(needed) })
     }
 
-    fn unsigned_cause(&self, needed: ProofStage) -> UnsignedCause {
+    fn find_unsigned_cause(&self, needed: ProofStage) -> UnsignedCause {
         let Some(stated) = self.stated_stage else { return UnsignedCause::NotStated };
         if stated < needed && self.signed_stage() == Some(stated) {
             return UnsignedCause::Lower(stated);
@@ -252,7 +252,7 @@ pub(super) fn parse_robot(section: &Section<'_, '_>) -> Option<Robot> {
         return None;
     }
     if stated_stage.is_some() && programs_sum.is_none() {
-        let message = "needs programs_sum, the checksum of the programs that were proven; run `panelprep doctor --kuka DIR \
+        let message = "needs programs_sum, the checksum of the tested programs; run `panelprep doctor --kuka DIR \
                        --accept` with the controller's files and add the line that it prints";
         section.problem("signed_stage", message);
         return None;

@@ -56,7 +56,7 @@ impl LensExtent {
             (Some(error_px), Some(Outline(outline_px))) => Some(SupportedArea { error_px, outline_px }),
             (None, None) => None,
             _ => {
-                section.problem("supported_px", "supported_px and supported_error_px belong together");
+                section.problem("supported_px", "state both supported_px and supported_error_px, or neither");
                 return None;
             }
         };
@@ -133,7 +133,7 @@ pub(super) fn read(text: &str) -> Result<PinholeCamera, String> {
     };
     let width = || size(&["image_width", "width", "width_px", "image_Width"], "width");
     let height = || size(&["image_height", "height", "height_px", "image_Height"], "height");
-    if get(top, &["CameraIntrinsics"]).is_some() {
+    if find_value(top, &["CameraIntrinsics"]).is_some() {
         let of = |part: &str, key: &str| {
             number(top, &["CameraIntrinsics", part, key])
                 .ok_or_else(|| format!("CameraIntrinsics.{part}.{key} is missing"))
@@ -153,11 +153,11 @@ pub(super) fn read(text: &str) -> Result<PinholeCamera, String> {
             height_px: height()?,
         });
     }
-    let model = get(top, &["distortion_model"]).and_then(Yaml::as_str);
+    let model = find_value(top, &["distortion_model"]).and_then(Yaml::as_str);
     if let Some(model) = model.filter(|model| *model != "plumb_bob") {
         return Err(format!("the lens model is {model}, valid: plumb_bob (k1, k2, p1, p2, k3)"));
     }
-    let matrix = numbers(top, &["camera_matrix", "cameraMatrix", "Camera_Matrix", "K"]);
+    let matrix = find_numbers(top, &["camera_matrix", "cameraMatrix", "Camera_Matrix", "K"]);
     let [fx_px, skew, cx_px, row_2, fy_px, cy_px, row_3 @ ..] = matrix.as_slice() else {
         return Err("the nine numbers of camera_matrix are missing".to_owned());
     };
@@ -178,7 +178,7 @@ pub(super) fn read(text: &str) -> Result<PinholeCamera, String> {
         "distortion_coeffs",
         "D",
     ];
-    let coefficients = numbers(top, &names);
+    let coefficients = find_numbers(top, &names);
     // A file with four coefficients may be that of a fisheye lens, whose coefficients are not k1, k2, p1, p2.
     if !matches!((coefficients.len(), model), (5.., _) | (4, Some(_))) {
         return Err(
@@ -200,7 +200,7 @@ pub(super) fn read(text: &str) -> Result<PinholeCamera, String> {
     Ok(PinholeCamera { width_px: width()?, height_px: height()?, fx_px, fy_px, cx_px, cy_px, k1, k2, p1, p2, k3 })
 }
 
-fn get<'y, 't>(top: &'y Yaml<'t>, path: &[&str]) -> Option<&'y Yaml<'t>> {
+fn find_value<'y, 't>(top: &'y Yaml<'t>, path: &[&str]) -> Option<&'y Yaml<'t>> {
     path.iter().try_fold(top, |node, name| {
         let mapping = node.as_mapping()?;
         mapping.iter().find(|(key, _)| key.as_str() == Some(*name)).map(|(_, value)| value)
@@ -219,14 +219,14 @@ fn scalar(node: &Yaml<'_>) -> Option<f64> {
 }
 
 fn number(top: &Yaml<'_>, path: &[&str]) -> Option<f64> {
-    scalar(get(top, path)?)
+    scalar(find_value(top, path)?)
 }
 
 /// Returns the numbers under the first of these keys that exists: a list, or a matrix with `data`. Empty if an element
 /// is missing or is not a number.
-fn numbers(top: &Yaml<'_>, names: &[&str]) -> Vec<f64> {
-    let node = names.iter().find_map(|name| get(top, &[name]));
-    let data = node.and_then(|node| get(node, &["data"]).or(Some(node)));
+fn find_numbers(top: &Yaml<'_>, names: &[&str]) -> Vec<f64> {
+    let node = names.iter().find_map(|name| find_value(top, &[name]));
+    let data = node.and_then(|node| find_value(node, &["data"]).or(Some(node)));
     let list =
         data.and_then(|data| data.as_sequence()).map(|list| list.iter().map(scalar).collect::<Option<Vec<f64>>>());
     list.flatten().unwrap_or_default()

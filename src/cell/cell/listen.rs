@@ -38,7 +38,7 @@ pub(super) fn parse_page(folder: &Path, section: &Section<'_, '_>) -> Option<Pag
     let (certificate, key) = (certificate?, key?);
     if certificate.is_some() != key.is_some() {
         let missing = if key.is_some() { "certificate" } else { "certificate_key" };
-        section.problem(missing, "is missing; certificate and certificate_key belong together");
+        section.problem(missing, "is missing; state both certificate and certificate_key, or neither");
         return None;
     }
     let listen = listen?;

@@ -172,7 +172,7 @@ impl InputsOutputs {
 
     /// Returns the bits in `Out` of the state message that belong to tool and water, which are switched off without
     /// delay.
-    pub fn harmful_bits(&self) -> u32 {
+    pub fn immediate_off_bits(&self) -> u32 {
         let at_once = self.off_delays_s.iter().filter(|(_, after_s)| **after_s == 0);
         let bits = at_once.filter_map(|(name, _)| bit(&self.outputs, *self.outputs.get(name)?));
         bits.fold(0, |bits, bit| bits | 1u32.checked_shl(bit).unwrap_or(0))
@@ -251,7 +251,7 @@ pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
         (parse_numbers(&outputs), parse_numbers(&feedbacks), parse_numbers(&mapped));
     let outputs = outputs?;
     let off_after_s = parse_off_delays(&off_after, &outputs);
-    let may_stay_on = parse_staying(section, staying?, (&outputs, off_after_s.as_ref()));
+    let may_stay_on = parse_may_stay_on(section, staying?, (&outputs, off_after_s.as_ref()));
     let line_numbers = parse_numbers(&line_outputs);
     let line_outputs = parse_line_outputs(&line_outputs, line_numbers?, &outputs);
     let io = InputsOutputs {
@@ -283,7 +283,7 @@ pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
         [("mapped_inputs", io.mapped_inputs.len(), MAX_MAPPED), ("feedbacks", io.feedbacks.len(), MAX_FEEDBACKS)]
     {
         if found > max_count {
-            section.problem(key, format!("found {found} names (limit {max_count})"));
+            section.problem(key, format!("found {found} names, the maximum is {max_count}"));
             right = false;
         }
     }
@@ -320,7 +320,7 @@ fn parse_off_delays(section: &Section<'_, '_>, outputs: &BTreeMap<String, u16>) 
 }
 
 /// Parses `may_stay_on`: the outputs that stay on after the end of an epoch.
-fn parse_staying(
+fn parse_may_stay_on(
     section: &Section<'_, '_>,
     stated: Option<Vec<String>>,
     (outputs, off_after_s): (&BTreeMap<String, u16>, Option<&BTreeMap<String, u16>>),
@@ -329,13 +329,13 @@ fn parse_staying(
     let mut right = true;
     for name in &stated {
         let wrong = if IMMEDIATE_OFF_OUTPUTS.contains(&name.as_str()) {
-            "tool and water are switched off at once; remove it".to_owned()
+            "tool and water are always switched off without delay; remove this name".to_owned()
         } else if !outputs.contains_key(name) {
             let names = outputs.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
-            format!("it is not an output of [io.outputs]; valid: {names}")
+            format!("this name is not an output of [io.outputs]; valid: {names}")
         } else if let Some(after_s) = off_after_s.and_then(|all| all.get(name)) {
             format!(
-                "it is switched off {after_s} s after the end of an epoch ([io.off_after_s], or its default time); remove it from may_stay_on"
+                "this output is switched off {after_s} s after the end of an epoch ([io.off_after_s], or its default time); remove it from may_stay_on"
             )
         } else {
             continue;

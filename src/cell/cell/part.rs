@@ -41,7 +41,7 @@ pub struct PartRules {
 pub enum PartNameError {
     /// A required name is missing.
     #[error(
-        "the start names no {what}, and [part] {key} of the cell's file requires one; enter it, then start again"
+        "the start request states no {what}, but [part] {key} of the cell's file requires one: enter the {what} and start again"
     )]
     Missing {
         /// Which name: "serial number" or "work order".
@@ -51,8 +51,7 @@ pub enum PartNameError {
     },
     /// A name does not match its pattern.
     #[error(
-        "the {what} \"{found}\" does not have the form \"{pattern}\" of [part] {key}_pattern (# is a digit, ? one \
-         character, * any characters); read it again, then start again"
+        "the {what} \"{found}\" does not match the pattern \"{pattern}\" of [part] {key}_pattern (# is a digit, ? one character, * any characters): check the {what} on the part and start again"
     )]
     Form {
         /// Which name: "serial number" or "work order".
@@ -174,7 +173,7 @@ mod tests {
         assert_eq!(strict.check(Some("SN-0017"), None), Ok(()));
         let refused = |serial, order| strict.check(serial, order).expect_err("refused").to_string();
         assert!(refused(None, Some("W-1")).contains("names no serial number, and [part] serial"));
-        assert!(refused(Some("W-4"), None).contains("\"W-4\" does not have the form \"SN-####\""));
+        assert!(refused(Some("W-4"), None).contains("\"W-4\" does not match the pattern \"SN-####\""));
         assert!(
             refused(Some("SN-0017"), Some("SN-0017")).contains("[part] order_pattern"),
             "the wrong code was read"

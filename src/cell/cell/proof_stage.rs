@@ -87,7 +87,7 @@ impl SignedPage {
 /// A required stage is not signed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{}, and {} needs {}: prove stage {next} with `panelprep robot prove --stage {next} --out FILE --by NAME`, sign its page, \
+    "{}, but {} requires a signed stage {}: test stage {next} with `panelprep robot prove --stage {next} --out FILE --by NAME`, sign its page, \
      store the signature with the same command and --sign, then set signed_stage = \"{next}\" in the cell's file",
     .why, .needed.permits(), .needed.letter(), next = ProofStage::after(*.signed).letter()
 )]
@@ -110,11 +110,11 @@ pub enum UnsignedCause {
     #[error("[robot] signed_stage is {}", .0.letter())]
     Lower(ProofStage),
     /// The store has no signed page, or cannot be read.
-    #[error("[robot] signed_stage is {}, but the store has no signed page of the proofs that can be read", .0.letter())]
+    #[error("[robot] signed_stage is {}, but the store contains no readable signed page of the acceptance tests", .0.letter())]
     NoPage(ProofStage),
     /// The newest signed page in the store confirms a lower stage.
     #[error(
-        "[robot] signed_stage is {}, but the newest signed page in the store proves stage {}", .stated.letter(), .page.letter()
+        "[robot] signed_stage is {}, but the newest signed page in the store is for stage {}", .stated.letter(), .page.letter()
     )]
     LowerPage {
         /// The stage that the cell's file states.
@@ -124,7 +124,7 @@ pub enum UnsignedCause {
     },
     /// A test failed after the newest page was signed.
     #[error(
-        "[robot] signed_stage is {}, but `panelprep robot prove` found a row of stage {} wrong after the page was signed",
+        "[robot] signed_stage is {}, but a test of stage {} failed in `panelprep robot prove` after the page was signed",
         .stated.letter(), .wrong.letter()
     )]
     WrongSince {
@@ -135,8 +135,7 @@ pub enum UnsignedCause {
     },
     /// The newest signed page in the store belongs to other programs of the controller.
     #[error(
-        "[robot] signed_stage is {}, but the newest signed page in the store proves programs with the checksum {page}, and \
-         [robot] programs_sum is {accepted}", .stated.letter()
+        "[robot] signed_stage is {}, but the newest signed page in the store is for programs with the checksum {page}, and [robot] programs_sum is {accepted}", .stated.letter()
     )]
     OtherPrograms {
         /// The stage that the cell's file states.
@@ -158,7 +157,7 @@ mod tests {
 
     fn refused(robot: &str, page: Option<SignedPage>, needed: ProofStage) -> Option<String> {
         let cell = Cell::check("cell.toml", &format!("[robot]\n{robot}")).expect("good").with_signed_page(page);
-        cell.robot().requires_signed(needed).err().map(|unsigned| unsigned.to_string())
+        cell.robot().check_stage_signed(needed).err().map(|unsigned| unsigned.to_string())
     }
 
     /// A controller without a signed page permits no motion in automatic mode. Each signed stage permits the operation
@@ -195,20 +194,20 @@ mod tests {
     #[test]
     fn the_refusal_names_what_is_missing_and_the_next_stage() {
         let words = refused(REAL, None, C).expect("refused");
-        let start = "[robot] signed_stage is missing, and a cycle on a panel needs C: prove stage A";
+        let start = "[robot] signed_stage is missing, but a cycle on a panel requires a signed stage C: test stage A";
         assert!(words.starts_with(start), "{words}");
         for (stated, page, expected) in [
-            ("A", Some((A, 7)), "signed_stage is A, and a cycle on a panel needs C: prove stage B"),
-            ("C", Some((A, 7)), "proves stage A, and a cycle on a panel needs C: prove stage B"),
+            ("A", Some((A, 7)), "signed_stage is A, but a cycle on a panel requires a signed stage C: test stage B"),
+            ("C", Some((A, 7)), "is for stage A, but a cycle on a panel requires a signed stage C: test stage B"),
             (
                 "C",
                 None,
-                "the store has no signed page of the proofs that can be read, and a cycle on a panel needs C: prove stage A",
+                "the store contains no readable signed page of the acceptance tests, but a cycle on a panel requires a signed stage C: test stage A",
             ),
             (
                 "C",
                 Some((C, 8)),
-                "with the checksum 8, and [robot] programs_sum is 7, and a cycle on a panel needs C",
+                "with the checksum 8, and [robot] programs_sum is 7, but a cycle on a panel requires a signed stage C",
             ),
         ] {
             let page = page.map(|(stage, programs_sum)| SignedPage { stage, programs_sum, wrong_since: None });

@@ -9,15 +9,15 @@ use std::fmt::Write;
 use toml::de::DeValue;
 
 /// Number of parameters of a correction that changes the arm's geometry.
-pub const GEOMETRY_NUMBERS: usize = 32;
+pub const GEOMETRY_PARAMETER_COUNT: usize = 32;
 /// Number of parameters of a correction that changes smoothly with the position.
-pub const SMOOTH_NUMBERS: usize = 24;
+pub const SMOOTH_PARAMETER_COUNT: usize = 24;
 
 /// The parameters of a correction, rotations in rad, lengths in mm. `calib::arm_errors` describes each parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum CorrectionNumbers {
     /// Errors of the arm's geometry; the axis angles are needed to apply the correction.
-    Geometry([f64; GEOMETRY_NUMBERS]),
+    Geometry([f64; GEOMETRY_PARAMETER_COUNT]),
     /// A rigid displacement that changes smoothly with the position of the flange.
     Smooth {
         /// Centre of the measured volume, mm.
@@ -25,7 +25,7 @@ pub enum CorrectionNumbers {
         /// Half of the size of the measured volume, mm.
         half_mm: [f64; 3],
         /// The parameters of the smooth displacement.
-        numbers: [f64; SMOOTH_NUMBERS],
+        numbers: [f64; SMOOTH_PARAMETER_COUNT],
     },
 }
 
@@ -109,8 +109,8 @@ impl RobotCorrection {
             _ => {
                 let found = list.len();
                 let message = format!(
-                    "found {kind} with {found} numbers, valid: geometry with {GEOMETRY_NUMBERS}, or smooth with \
-                     {SMOOTH_NUMBERS}, middle_mm and half_mm"
+                    "found {kind} with {found} numbers, valid: geometry with {GEOMETRY_PARAMETER_COUNT}, or smooth with \
+                     {SMOOTH_PARAMETER_COUNT}, middle_mm and half_mm"
                 );
                 section.problem("kind", message);
                 return None;

@@ -98,8 +98,7 @@ impl Broker {
             _ => {
                 section.problem(
                     "user",
-                    "user and password_file belong together, and cannot be combined with \
-                                         credentials",
+                    "state both user and password_file, or only credentials",
                 );
                 return None;
             }
@@ -195,11 +194,11 @@ pub(super) fn parse_office(folder: &Path, section: &Section<'_, '_>) -> Option<O
     let Some(broker) = broker else {
         return section.missing_required(
             "broker",
-            "the address of the office's broker, such as \"tls://office.example:4222\"",
+            "the address of the office server's broker, such as \"tls://office.example:4222\"",
         );
     };
     let Some(cell) = cell else {
-        section.problem("cell", "is missing; state the name of this cell for the office, such as \"cell-1\"");
+        section.problem("cell", "is missing; state the name of this cell on the office server, such as \"cell-1\"");
         return None;
     };
     Some(Some(Office { broker, cell, alarm_delay_min: behind_min }))

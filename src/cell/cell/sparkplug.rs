@@ -105,7 +105,7 @@ fn parse_pair(
         [None, None] => Some(None),
         [first, _] => {
             let missing = keys[usize::from(first.is_some())];
-            section.problem(missing, format!("is missing; {} and {} belong together", keys[0], keys[1]));
+            section.problem(missing, format!("is missing; state both {} and {}, or neither", keys[0], keys[1]));
             None
         }
     }

@@ -96,7 +96,7 @@ fn each_automatic_switch_off_has_its_delay() {
     assert_eq!(after, [("extraction", 30), ("fan", 3), ("light", 20), ("rinse", 0), ("spray", 0), ("tool", 0)]);
     // Expected value, calculated by hand: the signal numbers 2 to 9 are the bits 0 to 7; the tool is bit 1, the spray
     // bit 3, the rinse bit 4.
-    assert_eq!(cell.inputs_outputs().harmful_bits(), 0b11010);
+    assert_eq!(cell.inputs_outputs().immediate_off_bits(), 0b11010);
 }
 
 /// Pages and records are kept for ever; the file states how long clips and scans are kept.
@@ -414,7 +414,7 @@ fn each_mistake_is_named() {
         ),
         (
             "[robot]\nkind = 'eki'\nhost = 'krc'\nsigned_stage = 'C'",
-            "4: robot.signed_stage: needs programs_sum, the checksum of the programs that were proven; run `panelprep doctor \
+            "4: robot.signed_stage: needs programs_sum, the checksum of the tested programs; run `panelprep doctor \
              --kuka DIR --accept` with the controller's files and add the line that it prints",
         ),
         (
@@ -478,15 +478,15 @@ fn each_mistake_is_named() {
         ),
         (
             "[io]\noutputs = { tool = 1, fan = 2 }\nmay_stay_on = [\"fan\", \"tool\"]",
-            "3: io.may_stay_on: found \"tool\"; tool and water are switched off at once; remove it",
+            "3: io.may_stay_on: found \"tool\"; tool and water are always switched off without delay; remove this name",
         ),
         (
             "[io]\noutputs = { tool = 1, light = 2 }\nmay_stay_on = [\"light\"]",
-            "3: io.may_stay_on: found \"light\"; it is switched off 60 s after the end of an epoch ([io.off_after_s], or its default time); remove it from may_stay_on",
+            "3: io.may_stay_on: found \"light\"; this output is switched off 60 s after the end of an epoch ([io.off_after_s], or its default time); remove it from may_stay_on",
         ),
         (
             "[io]\noutputs = { tool = 1 }\nmay_stay_on = [\"pump\"]",
-            "3: io.may_stay_on: found \"pump\"; it is not an output of [io.outputs]; valid: tool",
+            "3: io.may_stay_on: found \"pump\"; this name is not an output of [io.outputs]; valid: tool",
         ),
         (
             "[io]\noutputs = { lens_shutter = 1 }\noff_after_s = { lens_shutter = 5 }",

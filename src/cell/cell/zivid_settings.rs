@@ -190,8 +190,7 @@ fn read(text: &str, usage: Option<ZividUse>, problems: &mut Vec<Problem>) -> Opt
         (Some(scan), None) => (scan, ZividUse::Scan),
         (None, Some(film)) => (film, ZividUse::Film),
         _ => {
-            let message = "exactly one of the two is needed: Settings for 3D shots with colour, or Settings2D for pictures \
-                 of the film";
+            let message = "the file must contain exactly one of Settings (3D shots with colour) and Settings2D (pictures of the film)";
             problems.push(whole(message.to_owned()));
             return None;
         }
@@ -205,7 +204,7 @@ fn read(text: &str, usage: Option<ZividUse>, problems: &mut Vec<Problem>) -> Opt
         return None;
     }
     if found == ZividUse::Scan && settings.get("Color").and_then(|color| color.get(FILM)).is_none() {
-        problems.push(settings.missing_key_problem("Color.Settings2D", "a 3D shot is taken with its colours"));
+        problems.push(settings.missing_key_problem("Color.Settings2D", "a 3D shot needs the settings of its colour picture"));
     }
     let exposures_us = stated_exposures(&settings, found, problems);
     Some(ZividSettings { usage: found, exposures_us })
@@ -243,7 +242,7 @@ fn stated_exposures(settings: &Node<'_>, usage: ZividUse, problems: &mut Vec<Pro
                 None => problems.push(time.problem("valid: a number of µs above 0")),
             },
             None if usage == ZividUse::Film => {
-                problems.push(acquisition.missing_key_problem("ExposureTime", "state it in µs"))
+                problems.push(acquisition.missing_key_problem("ExposureTime", "state the exposure in µs"))
             }
             None => exposures_us = None,
         }
@@ -258,13 +257,13 @@ fn projector_problem(acquisition: &Node<'_>) -> Option<Problem> {
     let Some(brightness) = acquisition.get("Brightness") else {
         return Some(
             acquisition
-                .missing_key_problem("Brightness", &format!("it must be 0, and the SDK's default is not 0; {WHY}")),
+                .missing_key_problem("Brightness", &format!("state the value 0, because the SDK's default is not 0; {WHY}")),
         );
     };
     match brightness.number() {
         Some(0.0) => None,
-        Some(found) => Some(brightness.problem(format!("found {found}, it must be 0; {WHY}"))),
-        None => Some(brightness.problem(format!("it must be the number 0; {WHY}"))),
+        Some(found) => Some(brightness.problem(format!("found {found}, the value must be 0; {WHY}"))),
+        None => Some(brightness.problem(format!("the value must be the number 0; {WHY}"))),
     }
 }
 

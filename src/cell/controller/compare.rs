@@ -5,7 +5,7 @@
 //! subroutines, and the calls in KUKA's program of the submit interpreter.
 
 use super::data::DataComparison;
-use super::data_list::{DataList, Number, declarations};
+use super::data_list::{DataList, Number, compare_declarations};
 use super::names::{COMMANDS, CONFIG, Difference, Differences, MOTION, STATES, SUBMIT, USER, is_named};
 use super::sum::text_sum;
 use crate::cell::{Cell, RobotKind};
@@ -62,9 +62,9 @@ pub fn among_programs(files: &ControllerFiles<'_>) -> Vec<Difference> {
     let mut found = Differences::default();
     let config = files.config.map(|text| DataList::parse(CONFIG, text));
     if let Some(config) = &config {
-        declarations(config, &mut found);
+        compare_declarations(config, &mut found);
     }
-    found.calls(files, config.as_ref());
+    found.compare_calls(files, config.as_ref());
     found.0
 }
 
@@ -74,10 +74,10 @@ pub fn compare(files: &ControllerFiles<'_>, cell: &Cell) -> Comparison {
     let mut not_compared = Vec::new();
     let config = files.config.map(|text| DataList::parse(CONFIG, text));
     if let Some(config) = &config {
-        let missing = declarations(config, &mut found);
+        let missing = compare_declarations(config, &mut found);
         DataComparison { config, missing, cell, found: &mut found }.compare_all();
     }
-    found.calls(files, config.as_ref());
+    found.compare_calls(files, config.as_ref());
     let ports = [cell.robot().command_port(), cell.robot().state_port()];
     let channels = [
         (COMMANDS, files.commands, CELLCMD, ["CELL_F_CMD_ALIVE", "CELL_F_CMD_CAME"], (ports[0], ports[1])),
@@ -85,36 +85,36 @@ pub fn compare(files: &ControllerFiles<'_>, cell: &Cell) -> Comparison {
     ];
     for (file, text, ours, flags, ports) in channels {
         let Some(text) = text else { continue };
-        let Some((theirs, ours)) = found.channel(file, text, ours) else { continue };
-        found.settings(file, &theirs, &ours);
+        let Some((theirs, ours)) = found.parse_channel(file, text, ours) else { continue };
+        found.compare_settings(file, &theirs, &ours);
         if let Some(config) = &config {
             found.compare_channel_flags(file, text, (&theirs, config), flags);
         }
         if cell.robot().kind() == RobotKind::Eki {
-            not_compared.extend(found.address((file, text), &theirs, cell.robot().host(), files.host_addresses));
-            found.port(file, text, &theirs, ports);
+            not_compared.extend(found.compare_address((file, text), &theirs, cell.robot().host(), files.host_addresses));
+            found.compare_port(file, text, &theirs, ports);
         }
     }
     if let (Some(text), Some(config)) = (files.motion, &config) {
-        found.interrupts(text, config);
+        found.compare_interrupts(text, config);
     }
     Comparison { differences: found.0, not_compared }
 }
 
 impl Differences {
     /// Compares the calls in the controller's programs with the routines that exist.
-    fn calls(&mut self, files: &ControllerFiles<'_>, config: Option<&DataList>) {
+    fn compare_calls(&mut self, files: &ControllerFiles<'_>, config: Option<&DataList>) {
         if let Some(text) = files.user {
-            subroutines(text, config, self);
+            check_subroutines(text, config, self);
         }
         if let Some(text) = files.submit {
-            submit(text, self);
+            check_submit_calls(text, self);
         }
     }
 
     /// Parses the file of a channel, and the file of the same channel in this release. A file that cannot be parsed is
     /// reported as a difference.
-    fn channel(&mut self, file: &'static str, text: &str, ours: &str) -> Option<(ChannelFile, ChannelFile)> {
+    fn parse_channel(&mut self, file: &'static str, text: &str, ours: &str) -> Option<(ChannelFile, ChannelFile)> {
         match (ChannelFile::parse(text), ChannelFile::parse(ours)) {
             (Ok(theirs), Ok(ours)) => Some((theirs, ours)),
             (Err(error), _) | (_, Err(error)) => {
@@ -126,9 +126,9 @@ impl Differences {
 
     /// Compares the elements and the transfer settings of a channel. The address, the port and the flags are specific
     /// to the cell.
-    fn settings(&mut self, file: &'static str, theirs: &ChannelFile, ours: &ChannelFile) {
-        self.elements(file, "RECEIVE", (&theirs.received, &ours.received));
-        self.elements(file, "SEND", (&theirs.sent, &ours.sent));
+    fn compare_settings(&mut self, file: &'static str, theirs: &ChannelFile, ours: &ChannelFile) {
+        self.compare_elements(file, "RECEIVE", (&theirs.received, &ours.received));
+        self.compare_elements(file, "SEND", (&theirs.sent, &ours.sent));
         let (expected, found) = (ours.peer, theirs.peer);
         if found != expected {
             self.note(
@@ -172,7 +172,7 @@ impl Differences {
     }
 
     /// Compares the XML elements of one direction, in their order.
-    fn elements(&mut self, file: &'static str, section: &str, (theirs, ours): (&[Element], &[Element])) {
+    fn compare_elements(&mut self, file: &'static str, section: &str, (theirs, ours): (&[Element], &[Element])) {
         let what = |element: &Element| {
             let flags = (element.set_out, element.set_flag.is_some());
             (element.tag.clone(), element.kind, element.order, flags)
@@ -238,7 +238,7 @@ impl Differences {
 
     /// Compares the address on which the controller listens with the host in the cell's file. Returns the reason if the
     /// comparison is not possible.
-    fn address(
+    fn compare_address(
         &mut self,
         (file, text): (&'static str, &str),
         theirs: &ChannelFile,
@@ -274,14 +274,14 @@ impl Differences {
             let message = format!(
                 "is {stated}, and [robot] host of the cell's file is {host}{}: the controller listens at the first, \
                  the PC connects to the second; make both the same",
-                resolved(host, &addresses)
+                format_resolved_addresses(host, &addresses)
             );
             self.note(file, find_line(text, "<IP>"), key, message);
         }
         None
     }
 
-    fn port(&mut self, file: &'static str, text: &str, theirs: &ChannelFile, (port, others): (u16, u16)) {
+    fn compare_port(&mut self, file: &'static str, text: &str, theirs: &ChannelFile, (port, others): (u16, u16)) {
         if theirs.port == port {
             return;
         }
@@ -297,7 +297,7 @@ impl Differences {
 
     /// Compares the numbers in INTERRUPT DECL with those of the data list: KRL accepts no variable names in these
     /// lines.
-    fn interrupts(&mut self, text: &str, config: &DataList) {
+    fn compare_interrupts(&mut self, text: &str, config: &DataList) {
         for (number, variable, name) in
             [(20, "$FLAG", "CELL_F_HALT"), (21, "$FLAG", "CELL_F_STOP"), (22, "$TIMER_FLAG", "CELL_T_SUBMIT")]
         {
@@ -341,7 +341,7 @@ fn parse_ipv4(text: &str) -> Option<[u8; 4]> {
 }
 
 /// Returns the resolved IP addresses of a host name, in parentheses; empty if the host is an IP address.
-fn resolved(host: &str, addresses: &[[u8; 4]]) -> String {
+fn format_resolved_addresses(host: &str, addresses: &[[u8; 4]]) -> String {
     if parse_ipv4(host).is_some() {
         return String::new();
     }
@@ -359,7 +359,7 @@ const REVISION: &str = "CELL_USER_REVISION";
 const MAX_LISTED: usize = 8;
 
 /// Compares the cell's own subroutines with the number of subroutines and the checksum of their text in the data list.
-pub(super) fn subroutines(text: &str, config: Option<&DataList>, found: &mut Differences) {
+pub(super) fn check_subroutines(text: &str, config: Option<&DataList>, found: &mut Differences) {
     match parse(USER, text).stated_routine(DISPATCHER) {
         None => {
             let message = "is missing: cell_motion calls each subroutine by this routine, and the controller would \
@@ -369,7 +369,7 @@ pub(super) fn subroutines(text: &str, config: Option<&DataList>, found: &mut Dif
         Some(routine) => {
             dispatcher(&routine, found);
             if let Some(count) = config.and_then(|config| config.get(COUNT)) {
-                cases(&routine, count, found);
+                check_cases(&routine, count, found);
             }
         }
     }
@@ -402,7 +402,7 @@ fn dispatcher(routine: &StatedRoutine, found: &mut Differences) {
 }
 
 /// Compares the CASE branches with the number of subroutines: every index below this number needs its own CASE.
-fn cases(routine: &StatedRoutine, count: Number, found: &mut Differences) {
+fn check_cases(routine: &StatedRoutine, count: Number, found: &mut Differences) {
     let Some(counted) = count.as_integer().filter(|count| (0..=1_000).contains(count)) else { return };
     let stated: BTreeSet<i32> = routine.cases.iter().map(|case| case.value).collect();
     let missing: Vec<i32> = (0..counted).filter(|index| !stated.contains(index)).collect();
@@ -435,7 +435,7 @@ fn cases(routine: &StatedRoutine, count: Number, found: &mut Differences) {
 }
 
 /// Reports additional calls: CELL_INIT and CELL_CYCLE must each be called exactly once, in the main routine.
-fn further_calls(main: &[StatedCall], others: &[StatedCall], found: &mut Differences) {
+fn note_additional_calls(main: &[StatedCall], others: &[StatedCall], found: &mut Differences) {
     for (name, effect) in [
         ("CELL_INIT", "each call ends the epoch and closes the channels"),
         ("CELL_CYCLE", "the cycle of the link would run twice in each pass of the loop"),
@@ -452,10 +452,10 @@ fn further_calls(main: &[StatedCall], others: &[StatedCall], found: &mut Differe
 
 /// Checks that the program of the submit interpreter calls CELL_INIT once before its loop, and CELL_CYCLE inside the
 /// loop.
-pub(super) fn submit(text: &str, found: &mut Differences) {
+pub(super) fn check_submit_calls(text: &str, found: &mut Differences) {
     let file = parse(SUBMIT, text);
     let calls = file.main_calls();
-    further_calls(&calls, &file.other_calls(), found);
+    note_additional_calls(&calls, &file.other_calls(), found);
     let first = |name: &str| calls.iter().find(|call: &&StatedCall| call.name == name);
     let (begins, cycles) = (first("CELL_INIT"), first("CELL_CYCLE"));
     match begins {

@@ -1,7 +1,7 @@
 //! Compares the data list that a cell engineer edits (`cell_config.dat`) with the cell's file: signals, outputs that
 //! are switched off at a stop, flags, timers, axes, workspace and speeds.
 
-use super::data_list::{DataList, Number, stated_key};
+use super::data_list::{DataList, Number, format_variable_name};
 use super::names::{
     AIR_ACCELERATION_M_S2, CONFIG, Difference, Differences, RETRACT_M_S2, RETRACT_MM, RETRACT_MM_S,
 };
@@ -52,7 +52,7 @@ impl DataComparison<'_> {
             self.found.push(Difference { file: CONFIG, problem: problem.clone() });
         }
         for stated in self.config.duplicates() {
-            let key = stated_key(&stated.name, stated.index);
+            let key = format_variable_name(&stated.name, stated.index);
             self.note(stated.line, key, "is set twice, and the controller uses the last value; remove one");
         }
         for (key, line) in self.config.unread() {
@@ -60,16 +60,16 @@ impl DataComparison<'_> {
                            number";
             self.note(line, key, message);
         }
-        let (outputs, off) = (self.outputs(), self.automatic_off_outputs());
+        let (outputs, off) = (self.compare_outputs(), self.automatic_off_outputs());
         self.check_off_outputs(&outputs, &off);
-        self.inputs();
-        self.line(&outputs);
+        self.compare_inputs();
+        self.check_line_outputs(&outputs);
         self.check_mapped_inputs();
-        self.flags();
-        self.timers();
-        self.axes();
+        self.check_flags();
+        self.check_timers();
+        self.compare_axes();
         self.compare_speeds();
-        self.space();
+        self.compare_workspace();
         self.compare_subroutines();
     }
 
@@ -78,7 +78,7 @@ impl DataComparison<'_> {
     }
 
     /// Reports a missing value, unless the whole name is missing and already reported.
-    fn lacks(&mut self, line: usize, name: &str, key: impl Into<String>, message: impl Into<String>) {
+    fn note_missing_value(&mut self, line: usize, name: &str, key: impl Into<String>, message: impl Into<String>) {
         if !self.missing.contains(name) {
             self.note(line, key, message);
         }
@@ -88,7 +88,7 @@ impl DataComparison<'_> {
     fn single_number(&mut self, name: &str) -> Option<Number> {
         let found = self.config.get(name);
         if found.is_none() {
-            self.lacks(1, name, name, "is not stated as a number, and the programs need it");
+            self.note_missing_value(1, name, name, "is not stated as a number, and the programs need it");
         }
         found
     }
@@ -109,14 +109,14 @@ impl DataComparison<'_> {
 
     /// Returns the values of an array whose number of elements is in the variable `count`, each with its line. Missing
     /// values, values outside of the range `numbers`, and values beyond the count are reported.
-    fn list(&mut self, array: &str, count: &str, most: i32, numbers: (i32, i32)) -> Vec<(i32, usize)> {
+    fn counted_array(&mut self, array: &str, count: &str, most: i32, numbers: (i32, i32)) -> Vec<(i32, usize)> {
         let Some(places) = self.integer_in_range(count, 0, most) else { return Vec::new() };
         let stated = self.config.array(array);
         let mut all = Vec::new();
         for index in 1..=places {
             let key = format!("{array}[{index}]");
             match stated.get(&index) {
-                None => self.lacks(
+                None => self.note_missing_value(
                     self.config.get(count).map_or(1, |count| count.line),
                     array,
                     key,
@@ -148,15 +148,15 @@ impl DataComparison<'_> {
     }
 
     /// Returns the names of signals in the cell's file, by signal number.
-    fn names(named: &BTreeMap<String, u16>) -> BTreeMap<i32, &str> {
+    fn names_by_number(named: &BTreeMap<String, u16>) -> BTreeMap<i32, &str> {
         named.iter().map(|(name, number)| (i32::from(*number), name.as_str())).collect()
     }
 
     /// Compares an array of signals with those of the cell's file. The array must be in ascending order, because the
     /// signals are sent as bits in this order.
-    fn bits(&mut self, array: &str, count: &str, table: &str, named: &BTreeMap<String, u16>) -> Vec<(i32, usize)> {
-        let found = self.list(array, count, MAX_BITS, (1, MAX_SIGNAL));
-        let names = Self::names(named);
+    fn compare_bit_array(&mut self, array: &str, count: &str, table: &str, named: &BTreeMap<String, u16>) -> Vec<(i32, usize)> {
+        let found = self.counted_array(array, count, MAX_BITS, (1, MAX_SIGNAL));
+        let names = Self::names_by_number(named);
         let word = |number: i32| {
             names
                 .get(&number)
@@ -186,19 +186,19 @@ impl DataComparison<'_> {
         found
     }
 
-    fn outputs(&mut self) -> Vec<(i32, usize)> {
+    fn compare_outputs(&mut self) -> Vec<(i32, usize)> {
         let cell = self.cell;
-        self.bits("CELL_OUT", "CELL_OUT_N", "[io.outputs]", cell.inputs_outputs().outputs())
+        self.compare_bit_array("CELL_OUT", "CELL_OUT_N", "[io.outputs]", cell.inputs_outputs().outputs())
     }
 
-    fn inputs(&mut self) {
+    fn compare_inputs(&mut self) {
         let cell = self.cell;
-        self.bits("CELL_IN", "CELL_IN_N", "[io.feedbacks]", cell.inputs_outputs().feedbacks());
+        self.compare_bit_array("CELL_IN", "CELL_IN_N", "[io.feedbacks]", cell.inputs_outputs().feedbacks());
     }
 
     /// Returns the outputs that are switched off at the end of an epoch: number, line, and delay, ms.
     fn automatic_off_outputs(&mut self) -> Vec<(i32, usize, Option<Number>)> {
-        let off = self.list("CELL_OFF", "CELL_OFF_N", MAX_BITS, (1, MAX_SIGNAL));
+        let off = self.counted_array("CELL_OFF", "CELL_OFF_N", MAX_BITS, (1, MAX_SIGNAL));
         let times = self.config.array("CELL_OFF_MS");
         let places = self.config.array("CELL_OFF");
         let place = |line: usize| places.iter().find(|(_, number)| number.line == line).map(|(index, _)| *index);
@@ -221,7 +221,7 @@ impl DataComparison<'_> {
     /// switched off.
     fn check_off_outputs(&mut self, outputs: &[(i32, usize)], off: &[(i32, usize, Option<Number>)]) {
         let io = self.cell.inputs_outputs();
-        let names = Self::names(io.outputs());
+        let names = Self::names_by_number(io.outputs());
         let line_of_count = self.config.get("CELL_OFF_N").map_or(1, |count| count.line);
         for (name, after_s) in io.off_delays_s() {
             let Some(number) = io.outputs().get(name) else { continue };
@@ -305,14 +305,14 @@ impl DataComparison<'_> {
     }
 
     /// Checks the outputs to the production line, in their order.
-    fn line(&mut self, outputs: &[(i32, usize)]) {
+    fn check_line_outputs(&mut self, outputs: &[(i32, usize)]) {
         let Some(count) = self.integer_in_range("CELL_LINE_N", LINE_OUTPUTS, LINE_OUTPUTS) else { return };
         let expected = self.cell.inputs_outputs().line_outputs();
         let words = ["ready", "cycle_done", "pass", "fail", "review", "fault"];
         for (index, (expected, word)) in (1..=count).zip(expected.iter().zip(words)) {
             let key = format!("CELL_LINE[{index}]");
             let Some(number) = self.config.element("CELL_LINE", index) else {
-                self.lacks(1, "CELL_LINE", key, "is not stated; 0 if the line has none");
+                self.note_missing_value(1, "CELL_LINE", key, "is not stated; 0 if the line has none");
                 continue;
             };
             if number.value != f64::from(*expected) {
@@ -338,8 +338,8 @@ impl DataComparison<'_> {
 
     /// Checks the inputs that are mapped to flags.
     fn check_mapped_inputs(&mut self) {
-        let inputs = self.list("CELL_VIN", "CELL_VIN_N", MAX_MAPPED, (1, MAX_SIGNAL));
-        let flags = self.list("CELL_VIN_FLAG", "CELL_VIN_N", MAX_MAPPED, (1, MAX_FLAG));
+        let inputs = self.counted_array("CELL_VIN", "CELL_VIN_N", MAX_MAPPED, (1, MAX_SIGNAL));
+        let flags = self.counted_array("CELL_VIN_FLAG", "CELL_VIN_N", MAX_MAPPED, (1, MAX_FLAG));
         let mapped: BTreeSet<i32> =
             self.cell.inputs_outputs().mapped_inputs().values().map(|number| i32::from(*number)).collect();
         let found: BTreeSet<i32> = inputs.iter().map(|(number, _)| *number).collect();
@@ -371,7 +371,7 @@ impl DataComparison<'_> {
         }
     }
 
-    fn flags(&mut self) {
+    fn check_flags(&mut self) {
         let mut seen: BTreeMap<i32, &str> = BTreeMap::new();
         for name in FLAGS {
             let Some(flag) = self.integer_in_range(name, 1, MAX_FLAG) else { continue };
@@ -382,7 +382,7 @@ impl DataComparison<'_> {
         }
     }
 
-    fn timers(&mut self) {
+    fn check_timers(&mut self) {
         let mut before: Option<(i32, &str)> = None;
         for name in TIMERS {
             let timer = self.integer_in_range(name, 1, MAX_TIMER);
@@ -401,11 +401,11 @@ impl DataComparison<'_> {
     }
 
     /// Compares the axis limits with those in the cell's file.
-    fn axes(&mut self) {
+    fn compare_axes(&mut self) {
         let axes = *self.cell.arm().axes();
         for (array, expected) in [("CELL_AXIS_MIN", axes.min_deg), ("CELL_AXIS_MAX", axes.max_deg)] {
             for (index, expected) in (1..).zip(expected) {
-                self.array_number(array, index, |found| {
+                self.check_array_element(array, index, |found| {
                     let differs = (found - expected).abs() > REAL_ROUNDING;
                     differs.then(|| {
                         format!("is {found}°, but [arm] of the cell's file has {expected}°; make both the same")
@@ -416,10 +416,10 @@ impl DataComparison<'_> {
     }
 
     /// Checks one element of an array of REAL. `wrong` returns the problem of a value, if there is one.
-    fn array_number(&mut self, array: &str, index: i32, wrong: impl FnOnce(f64) -> Option<String>) {
+    fn check_array_element(&mut self, array: &str, index: i32, wrong: impl FnOnce(f64) -> Option<String>) {
         let key = format!("{array}[{index}]");
         match self.config.element(array, index) {
-            None => self.lacks(1, array, key, "is not stated as a number, and the programs need it"),
+            None => self.note_missing_value(1, array, key, "is not stated as a number, and the programs need it"),
             Some(number) => {
                 if let Some(message) = wrong(number.value) {
                     self.note(number.line, key, message);
@@ -480,7 +480,7 @@ impl DataComparison<'_> {
     }
 
     /// Compares the workspace and the maximum step length of linear motions.
-    fn space(&mut self) {
+    fn compare_workspace(&mut self) {
         let limits = self.cell.limits();
         for (array, stated, outwards) in
             [("CELL_BOX_MIN", limits.box_min_mm(), -1.0), ("CELL_BOX_MAX", limits.box_max_mm(), 1.0)]
@@ -488,7 +488,7 @@ impl DataComparison<'_> {
             for axis in 0..3_usize {
                 let expected = stated.map(|corner| corner[axis]);
                 let index = i32::try_from(axis + 1).unwrap_or(1);
-                self.array_number(array, index, |found| {
+                self.check_array_element(array, index, |found| {
                     let expected = expected?;
                     let beyond = outwards * (found - expected);
                     (!(-REAL_ROUNDING..=BOX_TOLERANCE_MM + REAL_ROUNDING).contains(&beyond)).then(|| {

@@ -27,7 +27,7 @@ impl Number {
 }
 
 /// Returns the name of a variable, or of an element of an array, for messages.
-pub(super) fn stated_key(name: &str, index: Option<i32>) -> String {
+pub(super) fn format_variable_name(name: &str, index: Option<i32>) -> String {
     index.map_or(name.to_owned(), |index| format!("{name}[{index}]"))
 }
 
@@ -92,7 +92,7 @@ impl DataList {
     /// Returns the values that are not plain numbers, each with its key and line. An earlier number of the same
     /// variable must not be used instead, because the controller uses the last value.
     pub fn unread(&self) -> Vec<(String, usize)> {
-        self.unread.iter().map(|value| (stated_key(&value.name, value.index), value.line)).collect()
+        self.unread.iter().map(|value| (format_variable_name(&value.name, value.index), value.line)).collect()
     }
 
     /// Returns the values that are assigned a second time.
@@ -108,7 +108,7 @@ const MAX_LISTED: usize = 8;
 
 /// Reports every declaration that differs from this release. Returns the names without declaration and value; one
 /// message reports all of them.
-pub(super) fn declarations(config: &DataList, found: &mut Differences) -> BTreeSet<String> {
+pub(super) fn compare_declarations(config: &DataList, found: &mut Differences) -> BTreeSet<String> {
     if let Some((line, false)) = config.list {
         let message = "is not PUBLIC: the other programs would not find its variables, and the controller would refuse \
                        them; write `DEFDAT CELL_CONFIG PUBLIC`";

@@ -30,7 +30,7 @@ pub fn texts() -> Vec<(&'static str, String)> {
 }
 
 /// Returns all texts, with one edit in one file.
-pub fn edited(file: &str, from: &str, to: &str) -> Vec<(&'static str, String)> {
+pub fn texts_with_edit(file: &str, from: &str, to: &str) -> Vec<(&'static str, String)> {
     let mut all = texts();
     let text = &mut all.iter_mut().find(|(name, _)| *name == file).expect("a file").1;
     assert_eq!(text.matches(from).count(), 1, "{file}: \"{from}\" must occur there exactly once");
@@ -297,10 +297,10 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
 
 /// Returns the errors that are not reported. `said` returns all messages about texts with one edit; an error is
 /// reported if one of these messages contains the expected words.
-pub fn missed(said: impl Fn(&[(&'static str, String)]) -> Vec<String>) -> Vec<String> {
+pub fn unreported_mistakes(said: impl Fn(&[(&'static str, String)]) -> Vec<String>) -> Vec<String> {
     let mut missed = Vec::new();
     for (file, from, to, words) in MISTAKES {
-        let said = said(&edited(file, from, to));
+        let said = said(&texts_with_edit(file, from, to));
         if !said.iter().any(|said| said.contains(words)) {
             missed.push(format!("{file}: {from} → {to}\n  wanted: {words}\n  said: {said:#?}"));
         }

@@ -185,7 +185,7 @@ impl ChecksumMixer {
 
 /// Returns the names of all values in the checksum; a test compares them with the controller's programs.
 #[cfg(test)]
-pub(super) fn mixed_names() -> std::collections::BTreeSet<&'static str> {
+pub(super) fn checksum_value_names() -> std::collections::BTreeSet<&'static str> {
     let lists = LISTS.iter().flat_map(|(count, arrays)| std::iter::once(*count).chain(arrays.iter().copied()));
     let reals = REAL_ARRAYS.iter().flat_map(|(_, arrays)| arrays.iter().copied());
     FLAGS_AND_TIMERS.into_iter().chain(lists).chain(reals).chain(LIMITS).chain(SUBROUTINE_VALUES).collect()

@@ -2,7 +2,7 @@
 //! `check` and `doctor` are tested with the same deliberate errors.
 
 use super::planted::{FILES, MISTAKES, edited, missed, texts};
-use super::sum::mixed_names;
+use super::sum::checksum_value_names;
 use super::*;
 use crate::cell::Cell;
 
@@ -36,7 +36,7 @@ fn untouched_files_give_no_difference() {
 
 #[test]
 fn each_planted_mistake_is_named() {
-    let missed = missed(|texts| found(texts).into_iter().map(words).collect());
+    let missed = unreported_mistakes(|texts| found(texts).into_iter().map(words).collect());
     assert!(missed.is_empty(), "{} of {}:\n{}", missed.len(), MISTAKES.len(), missed.join("\n"));
 }
 
@@ -59,7 +59,7 @@ fn a_file_of_an_earlier_release_gives_one_message() {
 /// whether it may stay on.
 #[test]
 fn an_additional_output_is_an_error_until_the_cells_file_decides() {
-    let mut all = edited("cell", "spray = 18\n", "spray = 18\npump = 22\n");
+    let mut all = texts_with_edit("cell", "spray = 18\n", "spray = 18\npump = 22\n");
     edit(&mut all, CONFIG, "CELL_OUT_N=5", "CELL_OUT_N=6");
     edit(&mut all, CONFIG, "CELL_OUT[5]=21", "CELL_OUT[5]=21\nCELL_OUT[6]=22");
     let said: Vec<String> = found(&all).into_iter().map(words).collect();
@@ -78,7 +78,7 @@ fn an_additional_output_is_an_error_until_the_cells_file_decides() {
 /// not compared.
 #[test]
 fn a_host_name_is_resolved_or_reported_as_not_compared() {
-    let all = edited("cell", "host = \"172.31.1.147\"", "host = \"krc\"");
+    let all = texts_with_edit("cell", "host = \"172.31.1.147\"", "host = \"krc\"");
     let Comparison { differences, not_compared } = compared(&all);
     assert_eq!((differences, not_compared.len()), (vec![], 2), "{not_compared:?}");
     assert!(not_compared[0].contains("host is the name krc: its address is not known here"), "{not_compared:?}");
@@ -103,7 +103,7 @@ fn a_host_name_is_resolved_or_reported_as_not_compared() {
 /// checksum of the text.
 #[test]
 fn a_subroutine_that_was_added_in_all_places_is_accepted() {
-    let mut all = edited(USER, "    CASE 0\n", "    CASE 1\n      CELL_USER_0( )\n    CASE 0\n");
+    let mut all = texts_with_edit(USER, "    CASE 0\n", "    CASE 1\n      CELL_USER_0( )\n    CASE 0\n");
     edit(&mut all, CONFIG, "CELL_USER_N=1", "CELL_USER_N=2");
     let [said] = &found(&all)[..] else { panic!("only the sum is missing") };
     let sum = said.problem.message.rsplit("write ").next().and_then(|rest| rest.split(',').next()).expect("a sum");
@@ -122,7 +122,7 @@ fn the_example_cell_states_the_true_sum() {
 /// The message names the line of the edit.
 #[test]
 fn a_difference_names_its_line() {
-    let all = found(&edited(CONFIG, "CELL_OFF_MS[4]=0", "CELL_OFF_MS[4]=1000"));
+    let all = found(&texts_with_edit(CONFIG, "CELL_OFF_MS[4]=0", "CELL_OFF_MS[4]=1000"));
     let [one] = &all[..] else { panic!("{all:?}") };
     let line = FILES[0].1.lines().position(|line| line == "CELL_OFF_MS[4]=0").expect("there") + 1;
     assert_eq!((one.file, one.problem.line, one.problem.key.as_str()), (CONFIG, line, "CELL_OFF_MS"));
@@ -131,7 +131,7 @@ fn a_difference_names_its_line() {
 /// A flag that is changed in both the XML file and the data list is accepted, as the installation page describes.
 #[test]
 fn a_flag_that_was_changed_in_both_files_is_accepted() {
-    let mut all = edited(CONFIG, "CELL_F_CMD_ALIVE=850", "CELL_F_CMD_ALIVE=860");
+    let mut all = texts_with_edit(CONFIG, "CELL_F_CMD_ALIVE=850", "CELL_F_CMD_ALIVE=860");
     let commands = &mut all.iter_mut().find(|(name, _)| *name == COMMANDS).expect("it").1;
     *commands = commands.replace("Set_Flag=\"850\"", "Set_Flag=\"860\"");
     assert_eq!(found(&all), []);
@@ -150,7 +150,7 @@ fn sum(all: &[(&'static str, String)]) -> Result<i32, SumError> {
 fn the_sum_follows_each_value_and_refuses_an_edited_program() {
     let untouched = sum(&named(&texts())).expect("the shipped files");
     for (from, to) in [("CELL_OUT[1]=17", "CELL_OUT[1]=16"), ("CELL_VEL_MAX=0.25", "CELL_VEL_MAX=0.3")] {
-        let other = sum(&named(&edited(CONFIG, from, to))).expect("a sum");
+        let other = sum(&named(&texts_with_edit(CONFIG, from, to))).expect("a sum");
         assert_ne!(other, untouched, "{from} → {to}");
     }
     // The checksum must not depend on line ends and the revision, which KSS changes.
@@ -159,9 +159,9 @@ fn the_sum_follows_each_value_and_refuses_an_edited_program() {
         .map(|(name, text)| (name, text.replace('\n', "\r\n").replace("&REL 1\r", "&REL 12\r")))
         .collect();
     assert_eq!(sum(&ends), Ok(untouched));
-    let edit = edited("cell_judge.src", "IF CMD.ID<>CELL_RX+1 THEN", "IF FALSE THEN");
+    let edit = texts_with_edit("cell_judge.src", "IF CMD.ID<>CELL_RX+1 THEN", "IF FALSE THEN");
     assert!(matches!(sum(&named(&edit)), Err(SumError::Edited { .. })));
-    let edit = edited(USER, "WAIT SEC 0.1", "WAIT SEC 0.2");
+    let edit = texts_with_edit(USER, "WAIT SEC 0.1", "WAIT SEC 0.2");
     assert!(matches!(sum(&named(&edit)), Err(SumError::UserEdited { .. })));
     let lacks: Vec<_> = named(&texts()).into_iter().filter(|(name, _)| *name != "cell_link.src").collect();
     assert_eq!(sum(&lacks), Err(SumError::Missing("cell_link.src")));
@@ -171,7 +171,7 @@ fn the_sum_follows_each_value_and_refuses_an_edited_program() {
 #[test]
 fn every_value_of_the_data_list_is_in_the_sum() {
     let stated = panelprep_kuka::krl::parse(CONFIG, FILES[0].1).stated_values();
-    let mixed = mixed_names();
+    let mixed = checksum_value_names();
     for value in stated {
         assert!(mixed.contains(value.name.as_str()), "{} is not mixed in", value.name);
     }

@@ -91,7 +91,7 @@ impl TransitionStep {
             Report::Robot(robot) => self.condition(robot),
             Report::FullOverride(is_full) => {
                 self.state.facts.full_override = is_full;
-                if self.lacks_override() {
+                if self.has_wrong_override() {
                     self.leave_for_trouble(Trouble::Override);
                 }
             }

@@ -67,7 +67,7 @@ impl TransitionStep {
     pub fn perform_next_action(&mut self) {
         // Only one action at a time: a parallel action could violate an interlock that was satisfied before.
         while self.state.due.is_none() {
-            if self.lacks_override() {
+            if self.has_wrong_override() {
                 self.leave_for_trouble(Trouble::Override);
             }
             match self.current_goal() {
@@ -85,7 +85,7 @@ impl TransitionStep {
 
     /// Returns whether the tool is in contact, or contact is the next action, at an override other than the one for
     /// which contact is planned. Only a person can correct this.
-    pub fn lacks_override(&self) -> bool {
+    pub fn has_wrong_override(&self) -> bool {
         let touches = self.state.at == At::Execute(Phase::Abrade) && !self.is_air();
         touches && !self.state.facts.full_override && self.rules.is_active(Rule::FullOverride)
     }

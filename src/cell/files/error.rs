@@ -95,7 +95,7 @@ pub enum CloudFileError {
         found: usize,
     },
     /// The file contains data after the last point.
-    #[error("{found} bytes follow the last point, from byte {start} on: header and data disagree")]
+    #[error("{found} bytes follow the last point, from byte {start} on: header and data disagree; export the cloud again")]
     Trailing {
         /// Offset of the first byte after the points.
         start: usize,
@@ -111,7 +111,7 @@ pub enum CloudFileError {
         problem: String,
     },
     /// The compressed data cannot be decompressed.
-    #[error("the compressed data from byte {start} on cannot be unpacked: {problem}")]
+    #[error("the compressed data from byte {start} on cannot be decompressed: {problem}; export the cloud again")]
     Compressed {
         /// Offset of the compressed data, bytes.
         start: usize,
@@ -241,7 +241,7 @@ pub enum MeshFileError {
     #[error("the file is not an STL, PLY or OBJ file; {CONVERT}")]
     NoMesh,
     /// A file of a CAD system, whose surfaces are not triangulated.
-    #[error("the file is {kind}, whose surfaces are formulas, not triangles: {CONVERT}")]
+    #[error("the file is {kind}, whose surfaces are not triangulated: {CONVERT}")]
     Surfaces {
         /// The kind of the file.
         kind: &'static str,
@@ -302,7 +302,7 @@ pub enum MeshFileError {
         corners: usize,
     },
     /// The file states two different units.
-    #[error("the file states two units, {first} and {second}; correct its comments")]
+    #[error("the file states two units, {first} and {second}; correct the comments of the file")]
     TwoUnits {
         /// The unit that is stated first.
         first: &'static str,

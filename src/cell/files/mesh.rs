@@ -375,7 +375,7 @@ mod tests {
             (b"solid nothing\nendsolid\n".to_vec(), "no triangle"),
             (
                 b"ISO-10303-21;\nHEADER;\n".to_vec(),
-                "a STEP file, whose surfaces are formulas, not triangles: convert it to STL",
+                "a STEP file, whose surfaces are not triangulated: convert it to STL",
             ),
             (b"a text\nof no kind\n".to_vec(), "not an STL, PLY or OBJ file"),
             (b"".to_vec(), "not an STL, PLY or OBJ file"),

@@ -29,7 +29,7 @@ pub use pose::{
     PoseError, ReportedFlange, read_flange, read_located, read_located_mm, read_reported_flange, write_pose,
     write_reported_flange,
 };
-pub use rays::{check_frame, check_lens, check_rays};
+pub use rays::{check_camera_frame, check_lens, check_rays};
 
 use error::check_kind;
 use panelprep_base::geometry::{Camera, OrganizedCloud, PinholeCamera};

@@ -186,7 +186,7 @@ pub fn write_gray_png(picture: &GrayPicture) -> Result<Vec<u8>, PictureError> {
 pub fn write_color_jpeg(picture: &ColorPicture) -> Result<Vec<u8>, PictureError> {
     let (width, height, pixels) = (picture.width, picture.height, picture.rgb.len());
     check_pixel_count(width, height, pixels, "JPEG")?;
-    let unwritable = |problem| unwritable_error("JPEG", width, height, pixels, problem);
+    let unwritable = |problem| picture_encoding_error("JPEG", width, height, pixels, problem);
     let (Ok(columns), Ok(rows)) = (u16::try_from(width), u16::try_from(height)) else {
         return Err(unwritable(format!("a side is longer than {} px", u16::MAX)));
     };
@@ -211,8 +211,8 @@ impl PictureKind {
             Ok(format @ ImageFormat::Png) => return Ok(PictureKind { format, name: "PNG" }),
             Ok(format @ ImageFormat::Jpeg) => return Ok(PictureKind { format, name: "JPEG" }),
             Ok(format @ ImageFormat::Tiff) => return Ok(PictureKind { format, name: "TIFF" }),
-            Ok(other) => format!("it looks like {}", other.extensions_str().first().unwrap_or(&"another format")),
-            Err(_) => describe_first_bytes(bytes),
+            Ok(other) => format!("the content looks like {}", other.extensions_str().first().unwrap_or(&"another format")),
+            Err(_) => describe_file_kind(bytes),
         };
         Err(PictureError::Format { found })
     }
@@ -228,7 +228,7 @@ impl PictureKind {
 fn decode(kind: PictureKind, bytes: &[u8], camera: Option<&PinholeCamera>) -> Result<DynamicImage, PictureError> {
     let damaged = |problem: String| PictureError::Damaged { format: kind.name, bytes: bytes.len(), problem };
     if kind.format == ImageFormat::Jpeg && !has_jpeg_end(bytes) {
-        return Err(damaged("its end marker FF D9 is missing".to_owned()));
+        return Err(damaged("the end marker FF D9 is missing".to_owned()));
     }
     let mut reader = ImageReader::with_format(Cursor::new(bytes), kind.format);
     let mut limits = Limits::no_limits();
@@ -285,10 +285,10 @@ fn has_jpeg_end(bytes: &[u8]) -> bool {
     matches!((last([0xff, 0xda]), last([0xff, 0xd9])), (Some(scan), Some(end)) if end > scan)
 }
 
-fn describe_first_bytes(bytes: &[u8]) -> String {
+fn describe_file_kind(bytes: &[u8]) -> String {
     match bytes {
         [] => "it is empty".to_owned(),
-        _ => format!("it begins with '{}'", bytes[..bytes.len().min(8)].escape_ascii()),
+        _ => format!("the content begins with '{}'", bytes[..bytes.len().min(8)].escape_ascii()),
     }
 }
 
@@ -300,7 +300,7 @@ fn encode_png(
 ) -> Result<Vec<u8>, PictureError> {
     let channels = usize::from(color.channel_count());
     check_pixel_count(width, height, bytes.len() / channels, "PNG")?;
-    let unwritable = |problem| unwritable_error("PNG", width, height, bytes.len() / channels, problem);
+    let unwritable = |problem| picture_encoding_error("PNG", width, height, bytes.len() / channels, problem);
     let (Ok(columns), Ok(rows)) = (u32::try_from(width), u32::try_from(height)) else {
         return Err(unwritable("a side is too long".to_owned()));
     };
@@ -315,12 +315,12 @@ fn check_pixel_count(width: usize, height: usize, pixels: usize, format: &'stati
     match pixels != 0 && width.checked_mul(height) == Some(pixels) {
         true => Ok(()),
         false => {
-            Err(unwritable_error(format, width, height, pixels, format!("{pixels} pixels do not match this size")))
+            Err(picture_encoding_error(format, width, height, pixels, format!("{pixels} pixels do not match this size")))
         }
     }
 }
 
-fn unwritable_error(
+fn picture_encoding_error(
     format: &'static str,
     width: usize,
     height: usize,

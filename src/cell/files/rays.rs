@@ -38,12 +38,12 @@ type RaySample = Vec<(Pixel, Point<Camera>)>;
 ///
 /// # Errors
 /// If the points have another unit or another frame; the error states which.
-pub fn check_frame(cloud: &OrganizedCloud<Camera>) -> Result<(), CloudFileError> {
+pub fn check_camera_frame(cloud: &OrganizedCloud<Camera>) -> Result<(), CloudFileError> {
     let sample = sample_points(cloud);
     if sample.len() < MIN_POINTS {
         return Ok(());
     }
-    unit_and_side(&sample)?;
+    check_unit_and_side(&sample)?;
     let size = (cloud.width(), cloud.height());
     match fit_lens(&sample, size) {
         Some(own) if own.median_px <= allowed_px(cloud.width()) => Ok(()),
@@ -60,7 +60,7 @@ fn allowed_px(width: usize) -> f64 {
     (MAX_MEDIAN_ERROR_PX * width as f64 / REFERENCE_WIDTH_PX).max(MIN_ERROR_LIMIT_PX)
 }
 
-fn unit_and_side(sample: &RaySample) -> Result<(), CloudFileError> {
+fn check_unit_and_side(sample: &RaySample) -> Result<(), CloudFileError> {
     let depths = || sample.iter().map(|(_, point)| point.mm.z);
     let middle = median(&mut depths().collect::<Vec<f64>>()).unwrap_or(0.0);
     let ends = depths().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], z| [low.min(z), high.max(z)]);
@@ -126,7 +126,7 @@ pub fn check_lens(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Res
     if sample.len() < MIN_POINTS {
         return Ok(());
     }
-    unit_and_side(&sample)?;
+    check_unit_and_side(&sample)?;
     let middle_px = median_projection_error_px(&sample, camera).unwrap_or(f64::INFINITY);
     if middle_px > allowed_px(cloud.width()) {
         return Err(lens_mismatch_error(cloud, &sample, camera, middle_px));
@@ -220,7 +220,7 @@ mod tests {
             "{other}"
         );
         assert!(check_rays(&cloud(0.9, None), &CAMERA).is_ok());
-        assert!(check_frame(&cloud(-5.0, None)).is_ok(), "without a calibration any lens will do");
+        assert!(check_camera_frame(&cloud(-5.0, None)).is_ok(), "without a calibration any lens will do");
     }
 
     /// The same points in other frames, units and orders are refused, each with its cause.
@@ -251,7 +251,7 @@ mod tests {
         let rows = OrganizedCloud::new(100, 80, from_below.collect(), vec![[0; 3]; 8_000]).expect("counts agree");
         assert!(words(&rows).contains("upside down"), "{}", words(&rows));
         for wrong in [&metres, &open_gl, &base] {
-            assert!(check_frame(wrong).is_err());
+            assert!(check_camera_frame(wrong).is_err());
         }
     }
 }

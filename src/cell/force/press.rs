@@ -89,20 +89,20 @@ impl SetPointRamp {
 }
 
 /// Fraction of the stroke, around its middle, that may be used in contact.
-pub const MIDDLE_SHARE: f64 = 2.0 / 3.0;
+pub const CONTACT_STROKE_FRACTION: f64 = 2.0 / 3.0;
 
 /// The name of the check that the stroke is sufficient.
 pub const TOOL_STROKE: &str = "compliant tool, from the middle of its stroke at most";
 
 /// Returns the range of the stroke that may be used in contact, mm from fully back.
 pub fn middle_mm(stroke_mm: f64) -> [f64; 2] {
-    let half = MIDDLE_SHARE / 2.0;
+    let half = CONTACT_STROKE_FRACTION / 2.0;
     [(0.5 - half) * stroke_mm, (0.5 + half) * stroke_mm]
 }
 
 /// Checks that the errors along the path fit into the stroke, (1), all in mm. A missing error fails the check.
 pub fn check_stroke(stroke_mm: f64, press_in_mm: f64, errors_mm: [Option<f64>; 3]) -> Check {
-    let allowed_mm = MIDDLE_SHARE / 2.0 * stroke_mm;
+    let allowed_mm = CONTACT_STROKE_FRACTION / 2.0 * stroke_mm;
     // Errors are added linearly: the errors of tool, surface and lines may have the same direction along a whole path.
     let sum_mm = errors_mm.into_iter().try_fold(press_in_mm.abs(), |sum_mm, error_mm| Some(sum_mm + error_mm?));
     let check = Check::new(TOOL_STROKE, "mm", sum_mm).with_max(allowed_mm, LimitSource::cell("tool.stroke_mm"));

@@ -42,7 +42,7 @@ pub enum LinkLossCause {
         problem: String,
     },
     /// The tool closed the connection.
-    #[error("the connection was closed")]
+    #[error("the tool closed the connection: check its controller")]
     Closed,
     /// The tool refused the log-in.
     #[error("the tool replied to the log-in text with \"{found}\"; compare [tool] login with the tool's settings")]
@@ -51,7 +51,7 @@ pub enum LinkLossCause {
         found: String,
     },
     /// The tool did not reply in time.
-    #[error("the tool has not replied for {ms} ms")]
+    #[error("the tool has not replied for {ms} ms: check its power and its network cable")]
     Silent {
         /// Time without a reply, ms.
         ms: u64,
@@ -69,7 +69,7 @@ pub enum LinkLossCause {
         problem: String,
     },
     /// The tool sent data without a request.
-    #[error("the tool sent data without a request")]
+    #[error("the tool sent data without a request: check that no other program controls it")]
     Unasked,
 }
 
@@ -300,7 +300,7 @@ mod tests {
             ends(&says(b"hellok")),
             "the tool's reply is not valid: the reply has 1 fields instead of five: id, force, position, contact, error"
         );
-        assert_eq!(ends(&says(b"1040 1 2 1 0k1040 1 2 1 0k")), "the tool sent data without a request");
+        assert_eq!(ends(&says(b"1040 1 2 1 0k1040 1 2 1 0k")), "the tool sent data without a request: check that no other program controls it");
         assert!(ends(&says(&[b'1'; 200])).contains("bytes without an end"));
         let mut session = session();
         session.connected(Time::from_ms(0));

@@ -82,14 +82,14 @@ pub struct ErrorBits(pub u8);
 
 /// The meaning of each error bit, from the lowest bit to the highest.
 const MEANINGS: [&str; 8] = [
-    "its valve has an error",
-    "its sensor has an error",
-    "its head and its controller do not match",
-    "its commanded force cannot be reached",
+    "the valve has an error",
+    "the sensor has an error",
+    "the head and the controller do not match",
+    "the commanded force cannot be reached",
     "the force before contact was set to 0",
     "a commanded value is out of range",
-    "its head does not answer its controller",
-    "its head's parameters were not read completely",
+    "the head does not answer the controller",
+    "the parameters of the head were not read completely",
 ];
 
 impl ErrorBits {
@@ -109,7 +109,7 @@ impl ErrorBits {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TelegramError {
     /// The reply is longer than any valid reply.
-    #[error("the reply has {bytes} bytes without an end, at most {MAX_REPLY_BYTES} are valid")]
+    #[error("the reply has {bytes} bytes without a terminator, the maximum is {MAX_REPLY_BYTES}")]
     TooLong {
         /// Number of bytes received.
         bytes: usize,
@@ -201,7 +201,7 @@ mod tests {
         let read = ToolReading { force_n: 19.7, position_mm: 17.25, contact: true, errors: ErrorBits(0) };
         assert_eq!(parse_reply(b"1040 19.7 17.25 1 0", 1040), Ok(read));
         let errors = parse_reply(b"1040 -3 0.0 0 9", 1040).expect("a reply").errors;
-        assert_eq!(errors.describe(), "its valve has an error, its commanded force cannot be reached");
+        assert_eq!(errors.describe(), "the valve has an error, the commanded force cannot be reached");
     }
 
     #[test]

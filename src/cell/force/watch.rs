@@ -32,7 +32,7 @@ use panelprep_kuka::eki::Time;
 use std::time::Duration;
 
 /// Maximum extension of a retracted tool, as a fraction of its stroke.
-const MAX_RETRACTED_SHARE: f64 = 1.0 / 6.0;
+const MAX_RETRACTED_STROKE_FRACTION: f64 = 1.0 / 6.0;
 /// Maximum time until the tool is retracted: sufficient for the longest stroke of the slowest tool.
 const RETRACT_TIMEOUT: Duration = Duration::from_millis(600);
 
@@ -170,7 +170,7 @@ fn force_reason(contact_n: f64, expected: ExpectedForce, limits: &WatchLimits) -
 }
 
 fn not_retracted_reason(reading: &ToolReading, stroke_mm: f64) -> Option<Reason> {
-    let allowed_mm = MAX_RETRACTED_SHARE * stroke_mm;
+    let allowed_mm = MAX_RETRACTED_STROKE_FRACTION * stroke_mm;
     let words = || {
         format!(
             "the compliant tool is commanded to retract, but is still extended by {} mm (limit {} mm); check that \
@@ -194,18 +194,18 @@ pub struct SensorLoad {
 impl SensorLoad {
     /// Returns the part of the contact force that is caused by the weight, N. `downwards` is the cosine of the angle
     /// between the tool's +Z axis and gravity, −1…1.
-    pub fn presses_n(&self, downwards: f64) -> f64 {
+    pub fn weight_force_n(&self, downwards: f64) -> f64 {
         self.payload_kg * STANDARD_GRAVITY_M_S2 * downwards
     }
 
     /// Returns the contact force for a force measured by the sensor, N: equations (1) and (3).
     pub fn contact_n(&self, reading_n: f64, downwards: f64) -> f64 {
-        reading_n - self.zero_n + self.presses_n(downwards)
+        reading_n - self.zero_n + self.weight_force_n(downwards)
     }
 
     /// Returns the actuator force for a contact force, N: equation (2).
     pub fn actuator_n(&self, contact_n: f64, downwards: f64) -> f64 {
-        contact_n - self.presses_n(downwards)
+        contact_n - self.weight_force_n(downwards)
     }
 }
 

@@ -89,7 +89,7 @@ pub fn time_to_color(since_wet_s: Option<f64>) -> [u8; 3] {
 }
 
 /// Returns the time that a colour encodes; `None` for a pixel that did not break.
-pub fn decoded([red, green, blue]: [u8; 3]) -> Option<f64> {
+pub fn color_to_time([red, green, blue]: [u8; 3]) -> Option<f64> {
     (blue == 255).then(|| f64::from(u16::from_be_bytes([red, green])) / 100.0)
 }
 
@@ -100,7 +100,7 @@ mod tests {
     #[test]
     fn times_are_read_back_from_their_colours() {
         for time_s in [None, Some(0.0), Some(0.25), Some(59.99), Some(600.0)] {
-            assert_eq!(decoded(time_to_color(time_s)), time_s);
+            assert_eq!(color_to_time(time_to_color(time_s)), time_s);
         }
     }
 }

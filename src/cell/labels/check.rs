@@ -208,14 +208,14 @@ fn check_times(number: usize, one: &Break, frame: &ClipFrame, problems: &mut Vec
         problems.push(Problem::NotLater { number, from_s: pair[1].from_s, before_s: pair[0].from_s });
     }
     if last.from_s > ends_s {
-        let what = if one.shapes.len() == 1 { "it begins at" } else { "its last shape begins at" };
+        let what = if one.shapes.len() == 1 { "it begins at" } else { "the last shape begins at" };
         problems.push(Problem::AfterEnd { number, what, time_s: last.from_s, ends_s });
     } else if last.from_s - wet_from_s > MAX_SINCE_WET_S {
         problems.push(Problem::TooLate { number, since_wet_s: last.from_s - wet_from_s });
     }
     if let Some(closes_s) = one.closes_s {
         if closes_s > ends_s {
-            problems.push(Problem::AfterEnd { number, what: "it closes again at", time_s: closes_s, ends_s });
+            problems.push(Problem::AfterEnd { number, what: "the break closes again at", time_s: closes_s, ends_s });
         }
         if !is_later(closes_s, last.from_s) {
             problems.push(Problem::ClosesEarly { number, closes_s, from_s: last.from_s });

@@ -99,10 +99,10 @@ fn an_impossible_statement_is_reported_with_its_break() {
             of(vec![rectangle(8.5, [1.0, 1.0], [4.0, 4.0])], None),
             "it begins at 8.5 s, after the clip's last wet picture at 8 s",
         ),
-        (of(vec![good(), rectangle(9.0, [1.0, 1.0], [4.0, 4.0])], None), "its last shape begins at 9 s"),
+        (of(vec![good(), rectangle(9.0, [1.0, 1.0], [4.0, 4.0])], None), "the last shape begins at 9 s"),
         (of(vec![good(), good()], None), "a shape begins at 4 s, but the previous shape begins at 4 s"),
         (of(vec![good()], Some(4.0)), "closes again at 4 s, but its last shape begins at 4 s"),
-        (of(vec![good()], Some(8.5)), "it closes again at 8.5 s, after the clip's last"),
+        (of(vec![good()], Some(8.5)), "the break closes again at 8.5 s, after the clip's last"),
     ];
     for (statement, words) in cases {
         let found: Vec<String> = problems(&statement, &frame()).iter().map(ToString::to_string).collect();

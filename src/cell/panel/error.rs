@@ -121,7 +121,7 @@ fn list(corners: &[WrongCorner]) -> String {
 /// Returns as text what the search box contains elsewhere.
 fn describe_box_content(largest: usize) -> String {
     match largest {
-        0 => "and no point elsewhere in it".to_owned(),
-        points => format!("but a part with {points} points elsewhere in it"),
+        0 => "and the box contains no other points".to_owned(),
+        points => format!("but the box contains a connected part with {points} points elsewhere"),
     }
 }

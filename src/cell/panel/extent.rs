@@ -18,7 +18,7 @@ use panelprep_base::geometry::{Mask, OrganizedCloud, Panel, Pixel, polygon};
 const MIN_PANEL_POINTS: usize = 2_000;
 /// Minimum size of a connected component inside a drawn outline, relative to the largest one. Smaller ones consist of
 /// flying points.
-const MIN_PIECE_SHARE: f64 = 0.002;
+const MIN_RELATIVE_COMPONENT_SIZE: f64 = 0.002;
 /// Distance between the points of a drawn outline, px: the same as in a contour of pixels.
 const OUTLINE_STEP_PX: f64 = 1.0;
 
@@ -144,11 +144,11 @@ impl SearchArea<'_> {
                 });
             }
         };
-        let mask = segment::piece_to_mask(self.scan, piece);
+        let mask = segment::component_to_mask(self.scan, piece);
         // Missing points inside the panel are not an edge, so they are filled.
         let filled = outer_contours(&mask)?.into_iter().next().unwrap_or_default();
         let corners =
-            self.invalid_corners(&|pixel| is_near_mask(&mask, pixel) || polygon::contains(&filled, pixel));
+            self.invalid_corners(&|pixel| is_near_mask_pixel(&mask, pixel) || polygon::contains(&filled, pixel));
         if corners.is_empty() { Ok(mask) } else { Err(LearnError::WrongCorners { corners }) }
     }
 
@@ -171,16 +171,16 @@ impl SearchArea<'_> {
             let found = pieces.first().map_or(0, Vec::len);
             return Err(LearnError::NoPanel { u, v, found, needed: MIN_PANEL_POINTS });
         };
-        let least = (MIN_PIECE_SHARE * largest.len() as f64) as usize;
+        let least = (MIN_RELATIVE_COMPONENT_SIZE * largest.len() as f64) as usize;
         let parts = pieces.iter().filter(|piece| piece.len() >= least);
         let on_one_surface = super::segment::pixels_on_main_sheet(self.scan, largest, parts);
-        Ok(segment::piece_to_mask(self.scan, &on_one_surface))
+        Ok(segment::component_to_mask(self.scan, &on_one_surface))
     }
 }
 
 /// Returns whether a pixel or one of its eight neighbours is in the mask, so that a corner at a single missing point is
 /// accepted.
-fn is_near_mask(mask: &Mask, pixel: Pixel) -> bool {
+fn is_near_mask_pixel(mask: &Mask, pixel: Pixel) -> bool {
     let Some((column, row)) = pixel.nearest_whole(mask.width, mask.height) else { return false };
     let columns = column.saturating_sub(1)..=(column + 1).min(mask.width - 1);
     (row.saturating_sub(1)..=(row + 1).min(mask.height - 1)).any(|v| columns.clone().any(|u| mask.contains(u, v)))

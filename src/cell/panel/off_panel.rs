@@ -27,7 +27,7 @@ const MAX_CORNER_DISTANCE_PX: f64 = 12.0;
 /// Maximum number of measured pixels off the panel; they are selected uniformly.
 const MAX_MEASURED_PLACES: usize = 20_000;
 /// Step between the outline's points that are used to measure a distance from the outline.
-const OUTLINE_STEP: usize = 2;
+const OUTLINE_POINT_STEP: usize = 2;
 /// Half-widths of the neighbourhood from which the surface is extrapolated, px, tried in this order until it contains
 /// enough points.
 const EXTRAPOLATION_HALF_WIDTHS_PX: [usize; 4] = [5, 10, 20, 40];
@@ -116,7 +116,7 @@ impl TaughtPanel {
     }
 
     fn region_beyond_edge(&self, off_edge: &[Pixel]) -> Option<OffPanel> {
-        let outline: Vec<Pixel> = self.outline_px.iter().step_by(OUTLINE_STEP).copied().collect();
+        let outline: Vec<Pixel> = self.outline_px.iter().step_by(OUTLINE_POINT_STEP).copied().collect();
         let nearest = |pixel: &Pixel| {
             let distances = outline.iter().map(|on| (pixel.distance_px(*on), *on));
             distances.min_by(|a, b| a.0.total_cmp(&b.0))

@@ -91,7 +91,7 @@ impl Region {
     }
 
     /// Returns the lowest and the highest (s, t) of a grid.
-    pub fn unit_box(&self, id: GridId) -> [Point2<f64>; 2] {
+    pub fn grid_bounds(&self, id: GridId) -> [Point2<f64>; 2] {
         let corner = |row: usize, column: usize| {
             Point2::new(column as f64 / self.columns as f64, row as f64 / self.rows as f64)
         };
@@ -101,7 +101,7 @@ impl Region {
     /// Returns a grid's edge as a closed sequence of points in the unit square, with `steps` points on each of the four
     /// sides.
     pub fn edge(&self, id: GridId, steps: usize) -> Vec<Point2<f64>> {
-        let [low, high] = self.unit_box(id);
+        let [low, high] = self.grid_bounds(id);
         let corners = [low, Point2::new(high.x, low.y), high, Point2::new(low.x, high.y)];
         let side = |i: usize| {
             let (from, to) = (corners[i], corners[(i + 1) % 4]);

@@ -19,7 +19,7 @@ use panelprep_base::geometry::{
 const MAX_STEP_RATIO: f64 = 6.0;
 
 /// Returns the median distance between adjacent points in the rows, mm.
-fn usual_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> Option<f64> {
+fn median_point_distance_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> Option<f64> {
     let pair = |index: usize| {
         let beside = index + 1;
         let pair = free[index] && !beside.is_multiple_of(cloud.width()) && free[beside];
@@ -31,7 +31,7 @@ fn usual_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> Option<f
 
 /// Returns the maximum distance between adjacent points of a connected component, mm.
 pub(super) fn max_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> f64 {
-    MAX_STEP_RATIO * usual_step_mm(cloud, free).unwrap_or_default()
+    MAX_STEP_RATIO * median_point_distance_mm(cloud, free).unwrap_or_default()
 }
 
 /// Returns the pixel indices of each connected component of a scan, the largest component first.
@@ -50,7 +50,7 @@ pub fn find_pieces<F: Frame>(cloud: &OrganizedCloud<F>, inside: impl Fn(usize) -
 }
 
 /// Converts the pixel indices of a component to a mask.
-pub fn piece_to_mask<F: Frame>(cloud: &OrganizedCloud<F>, piece: &[usize]) -> Mask {
+pub fn component_to_mask<F: Frame>(cloud: &OrganizedCloud<F>, piece: &[usize]) -> Mask {
     let mut mask = Mask::all_outside(cloud.width(), cloud.height());
     for &index in piece {
         mask.inside[index] = true;
@@ -63,7 +63,7 @@ pub fn piece_to_mask<F: Frame>(cloud: &OrganizedCloud<F>, piece: &[usize]) -> Ma
 const MAX_SHEET_DISTANCE_MM: f64 = 4.0;
 /// Maximum number of points for a fit, and for the median height of a component.
 const MAX_FIT_POINTS: usize = 4_000;
-const PIECE_POINTS: usize = 200;
+const MAX_MEDIAN_POINTS: usize = 200;
 
 /// Returns the pixels of all components that are on the same sheet as the largest one.
 pub(super) fn pixels_on_main_sheet<'a>(
@@ -171,7 +171,7 @@ impl QuadraticSheet {
             let (terms, height) = self.polynomial_terms(&scan.point_at(i)?.mm);
             Some(height - self.height.dot(&terms))
         };
-        let mut heights: Vec<f64> = subsample(piece, PIECE_POINTS).filter_map(away).collect();
+        let mut heights: Vec<f64> = subsample(piece, MAX_MEDIAN_POINTS).filter_map(away).collect();
         median(&mut heights).is_some_and(|height| height.abs() <= MAX_SHEET_DISTANCE_MM)
     }
 }
@@ -198,7 +198,7 @@ mod tests {
             .expect("counts agree");
         let pieces = find_pieces(&cloud, |_| true);
         assert_eq!(pieces.iter().map(Vec::len).collect::<Vec<_>>(), [84, 16]);
-        assert!(piece_to_mask(&cloud, &pieces[1]).contains(4, 4));
+        assert!(component_to_mask(&cloud, &pieces[1]).contains(4, 4));
     }
 
     /// Expected values, calculated by hand: the sheet h = 500 + x²/1000 over 0…99 × 0…49 mm has a hole of 40 × 20 mm. A

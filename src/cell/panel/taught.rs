@@ -95,7 +95,7 @@ pub struct TaughtPanel {
 }
 
 /// Number of points on each side of a grid.
-const EDGE_STEPS: usize = 8;
+const POINTS_PER_GRID_SIDE: usize = 8;
 
 impl TaughtPanel {
     /// Computes the taught data from a scan at the nominal place.
@@ -139,8 +139,8 @@ impl TaughtPanel {
             let missing = LearnError::GridWithoutPoints { grid: id, u: pixel.u, v: pixel.v };
             self.surface_point_around(pixel).or_else(|| self.surface_point_over_hole(pixel)).ok_or(missing)
         };
-        let edge = self.region.edge(id, EDGE_STEPS).into_iter().map(at).collect::<Result<Vec<_>, _>>()?;
-        let corners = [edge[0], edge[EDGE_STEPS], edge[2 * EDGE_STEPS], edge[3 * EDGE_STEPS]];
+        let edge = self.region.edge(id, POINTS_PER_GRID_SIDE).into_iter().map(at).collect::<Result<Vec<_>, _>>()?;
+        let corners = [edge[0], edge[POINTS_PER_GRID_SIDE], edge[2 * POINTS_PER_GRID_SIDE], edge[3 * POINTS_PER_GRID_SIDE]];
         Ok(Grid { id, edge, corners })
     }
 
@@ -200,7 +200,7 @@ impl TaughtPanel {
     }
 
     /// Returns the fraction of the area inside a drawn outline that has points, 0…1; 1 without a drawn outline.
-    pub fn measured_share(&self) -> f64 {
+    pub fn measured_fraction(&self) -> f64 {
         if self.outline_from == OutlineFrom::Scan {
             return 1.0;
         }
@@ -268,7 +268,7 @@ pub struct TaughtCorner {
 impl TaughtCorner {
     /// Returns the fraction (0…1) of a motion along the panel's normal that is visible as a sideways motion in the
     /// taught picture: the sine of the angle between the normal and the viewing direction.
-    pub fn visible_normal_share(&self) -> f64 {
+    pub fn visible_normal_fraction(&self) -> f64 {
         let towards = (self.point - self.teaching_data.panel_from_camera.origin()).mm.normalize();
         towards.cross(&self.normal.mm).norm()
     }

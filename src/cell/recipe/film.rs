@@ -69,7 +69,7 @@ settings! {
 
 pub(in crate::recipe) fn parse_region(section: &Section<'_, '_>) -> Option<Region> {
     let region = Region::parse(section)?;
-    let turns: Vec<f64> = (0..4).map(|i| corner_turn(&region.corners_px(), i)).collect();
+    let turns: Vec<f64> = (0..4).map(|i| corner_cross_product(&region.corners_px(), i)).collect();
     if !(turns.iter().all(|turn| *turn > 1.0) || turns.iter().all(|turn| *turn < -1.0)) {
         section.problem(
             "corners_px",
@@ -80,7 +80,7 @@ pub(in crate::recipe) fn parse_region(section: &Section<'_, '_>) -> Option<Regio
     Some(region)
 }
 
-fn corner_turn(corners_px: &[[f64; 2]; 4], index: usize) -> f64 {
+fn corner_cross_product(corners_px: &[[f64; 2]; 4], index: usize) -> f64 {
     let [a, b, c] = [corners_px[index], corners_px[(index + 1) % 4], corners_px[(index + 2) % 4]];
     (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0])
 }

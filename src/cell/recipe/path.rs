@@ -236,11 +236,11 @@ settings! {
 impl Treat {
     /// Returns the margin around a break, mm; if the recipe does not state it, the minimum margin.
     pub fn widened_mm(&self, path: &Path) -> f64 {
-        self.margin_mm().unwrap_or_else(|| self.least_mm(path))
+        self.margin_mm().unwrap_or_else(|| self.min_margin_mm(path))
     }
 
     /// Returns the minimum margin, mm: the disc's radius plus the uncertainty of the outline.
-    fn least_mm(&self, path: &Path) -> f64 {
+    fn min_margin_mm(&self, path: &Path) -> f64 {
         path.disc_diameter_mm() / 2.0 + self.uncertainty_mm()
     }
 }

@@ -194,13 +194,13 @@ pub(in crate::recipe) fn parse_panel(top: &Section<'_, '_>) -> Option<Panel> {
             section.problem("outline_px", format!("found {found} corners, valid: 3 to {MAX_CORNERS}, or none"));
             return None;
         }
-        if let Some(problem) = polygon_problem(outline) {
+        if let Some(problem) = find_polygon_problem(outline) {
             section.problem("outline_px", format!("the outline {problem}"));
             return None;
         }
     }
     for (index, held) in panel.held_px.iter().enumerate() {
-        if let Some(problem) = polygon_problem(held) {
+        if let Some(problem) = find_polygon_problem(held) {
             section.problem("held_px", format!("item {}: the held place {problem}", index + 1));
             return None;
         }
@@ -209,7 +209,7 @@ pub(in crate::recipe) fn parse_panel(top: &Section<'_, '_>) -> Option<Panel> {
 }
 
 /// Returns the reason why these corners do not form a simple polygon; `None` if they do.
-fn polygon_problem(corners: &[[f64; 2]]) -> Option<String> {
+fn find_polygon_problem(corners: &[[f64; 2]]) -> Option<String> {
     let pixels: Vec<Pixel> = corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect();
     if let Some([first, second]) = polygon::crossing_sides(&pixels) {
         return Some(format!("crosses itself: the sides from corner {} and from corner {}", first + 1, second + 1));

@@ -150,8 +150,7 @@ pub fn states_no_part(reasons: &[Reason]) -> bool {
 fn no_part_reason() -> Reason {
     Reason::new(
         NO_PART,
-        "nothing, or another object than the taught panel, lies in the cell: the part of this cycle was not examined; \
-         put the right part in, then start again. If the right part is in the cell, let an inspector look at it",
+        "the cell is empty, or contains an object other than the taught panel: the part of this cycle was not examined. Insert the correct part and start again. If the correct part is in the cell, let an inspector examine it",
     )
 }
 
@@ -159,15 +158,15 @@ fn no_part_reason() -> Reason {
 /// number and limit; `None` if they prove it.
 pub(super) fn missing_film(findings: &[Finding]) -> Option<String> {
     let Some(last) = findings.iter().rposition(|finding| finding.kind == Kind::Inspect) else {
-        return Some("it has 0 films (minimum 1)".to_owned());
+        return Some("the record has 0 films (minimum 1)".to_owned());
     };
     let abrasions = findings.iter().skip(last).filter(|finding| finding.kind == Kind::Abrade).count();
     if abrasions > 0 {
-        return Some(format!("{abrasions} of its abrasions followed the last film (limit 0)"));
+        return Some(format!("{abrasions} sanding passes followed the last film (limit 0)"));
     }
     let verdict = findings.get(last)?.judgement.verdict;
     let found =
-        || format!("its last film, finding {}, has the verdict {} instead of pass", last + 1, verdict.keyword());
+        || format!("the last film, finding {}, has the verdict {} instead of pass", last + 1, verdict.keyword());
     (verdict != Verdict::Pass).then(found)
 }
 

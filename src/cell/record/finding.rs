@@ -16,7 +16,7 @@ pub struct PathRemoval {
 }
 
 /// Returns the material removed by each contact path; empty if the recipe requires no removal.
-pub fn removed(findings: &[Finding]) -> Vec<PathRemoval> {
+pub fn path_removals(findings: &[Finding]) -> Vec<PathRemoval> {
     let of_path = |finding: &Finding| {
         let [mean_um, bound_um] = [name::REMOVED_MEAN, name::REMOVED_BOUND].map(|name| finding.number(name));
         Some(PathRemoval { pass: finding.pass, mean_um: mean_um?, bound_um: bound_um? })
@@ -287,7 +287,7 @@ mod tests {
         };
         let known = [Some(19.5), Some(24.0)];
         let findings = [told(Kind::Plan, known), told(Kind::Abrade, known), told(Kind::Abrade, [None; 2])];
-        assert_eq!(removed(&findings), [PathRemoval { pass: 1, mean_um: 19.5, bound_um: 24.0 }]);
+        assert_eq!(path_removals(&findings), [PathRemoval { pass: 1, mean_um: 19.5, bound_um: 24.0 }]);
     }
 
     /// The removal of two passes was reported; for the third pass, only its plan is known.

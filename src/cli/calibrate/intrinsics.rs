@@ -339,7 +339,7 @@ const MIN_RELATIVE_DEPTH_RANGE: f64 = 0.05;
 pub fn run_from_scan(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
     let bytes = disk::read(scan)?;
     let cloud = files::read_any_cloud(&bytes, None).map_err(|error| Fault::file_fault(scan, error))?;
-    files::check_frame(&cloud).map_err(|error| Fault::file_fault(scan, error))?;
+    files::check_camera_frame(&cloud).map_err(|error| Fault::file_fault(scan, error))?;
     let found = fit_lens(&sample_points(&cloud), (cloud.width(), cloud.height()));
     let Some(found) = found else {
         let message = format!(

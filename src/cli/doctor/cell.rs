@@ -294,7 +294,7 @@ pub(super) fn proofs(cell: &Cell) -> Check {
     if robot.kind() == RobotKind::Mock {
         return Check::passed(name, "not needed: the mock robot inside the program moves no arm");
     }
-    match robot.requires_signed(ProofStage::C) {
+    match robot.check_stage_signed(ProofStage::C) {
         Ok(()) => {
             Check::passed(name, "stage C is signed for the accepted programs: a cycle on a panel is permitted")
         }
@@ -305,9 +305,8 @@ pub(super) fn proofs(cell: &Cell) -> Check {
                 name,
                 format!("{why}; permitted: {permitted}"),
                 format!(
-                    "test stage {next} with `panelprep robot prove --stage {next} --out FILE --by NAME`, sign its \
-                     page, store the signature with --sign, then set signed_stage = \"{next}\" in [robot]; a mock \
-                     controller needs none"
+                    "test stage {next} with `panelprep robot prove --stage {next} --out FILE --by NAME`, sign its page, store the \
+                     signature with --sign, then set signed_stage = \"{next}\" in [robot]; a mock controller needs none"
                 ),
             )
         }
@@ -399,7 +398,7 @@ mod tests {
     fn doctor_reports_each_inserted_error() {
         let [none] = &wrong(&texts())[..] else { panic!("only the sum is not kept") };
         assert!(none.contains("the cell's file states none"), "{none}");
-        let missed = missed(wrong);
+        let missed = unreported_mistakes(wrong);
         assert!(missed.is_empty(), "{} of {}:\n{}", missed.len(), MISTAKES.len(), missed.join("\n"));
     }
 

@@ -390,7 +390,7 @@ mod tests {
         );
         server.set_fault(Some(ToolFault::Errors(2)));
         let wrong = check_tool(&there, false).expect("looked at");
-        assert!(!wrong.is_passed() && wrong.found.contains("its sensor has an error"), "{wrong:?}");
+        assert!(!wrong.is_passed() && wrong.found.contains("the sensor has an error"), "{wrong:?}");
         drop(server);
         let away = check_tool(&there, false).expect("looked at");
         assert!(

@@ -36,7 +36,7 @@ pub fn link_limits(cell: &cell::Cell) -> LinkLimits {
         // The default is never used, because a cell file with too many mapped inputs is refused before.
         mapped_inputs: MappedInputs::new(cell.inputs_outputs().mapped_inputs().values().copied())
             .unwrap_or_default(),
-        harmful_outputs: cell.inputs_outputs().harmful_bits(),
+        harmful_outputs: cell.inputs_outputs().immediate_off_bits(),
     }
 }
 

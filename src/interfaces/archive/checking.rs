@@ -199,7 +199,7 @@ fn find_chain_breaks(statements: &BTreeMap<u64, Vec<Link>>) -> Vec<String> {
         let hashes: BTreeSet<&str> = links.iter().map(|(hash, _)| hash.as_str()).collect();
         if hashes.len() > 1 {
             found.push(format!(
-                "there are {} signed records with the number {number}: the chain was forked",
+                "there are {} signed records with the number {number}: the chain was forked: check whether two stores use the key of this cell",
                 hashes.len()
             ));
         }

@@ -126,7 +126,7 @@ pub(super) async fn open(database: &DatabaseSettings) -> Result<Client, ArchiveE
         Ok(client)
     };
     let silent = |_| {
-        let problem = format!("no answer within {} s", OPEN_TIMEOUT.as_secs());
+        let problem = format!("no reply within {} s", OPEN_TIMEOUT.as_secs());
         Err(ArchiveError::Connect { place: describe_address(database), problem })
     };
     timeout(OPEN_TIMEOUT, opening).await.unwrap_or_else(silent)

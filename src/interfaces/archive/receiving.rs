@@ -196,7 +196,7 @@ fn parse_message(whole: &AssembledItem<Receipt>, position: &Position) -> Result<
         true => Ok(message),
         false => {
             let problem =
-                "the cell or the record number differs from the one in the parts of the message".to_owned();
+                "the cell or the record number differs from that in the message parts".to_owned();
             Err(OfficeError::Form { what: "head of a message", problem })
         }
     }
@@ -208,9 +208,9 @@ fn check_sender(subject: &str, chunk: Chunk) -> Result<Chunk, OfficeError> {
     match subject == subject::records(&chunk.cell) {
         true => Ok(chunk),
         false => Err(OfficeError::Form {
-            what: "line of a part",
+            what: "line of a message part",
             problem: format!(
-                "the part names the cell {}, but was received on the subject {}",
+                "the message part names the cell {}, but was received on the subject {}",
                 chunk.cell,
                 subject.escape_debug()
             ),

@@ -98,7 +98,7 @@ impl Link {
             None => options,
         };
         let options = options.require_tls(broker.address.starts_with("tls://"));
-        let options = login(options, &broker.login).await?;
+        let options = apply_login(options, &broker.login).await?;
         let refused = Arc::new(Mutex::new(None));
         let hears = refused.clone();
         let options = options.event_callback(move |event| {
@@ -108,7 +108,7 @@ impl Link {
             std::future::ready(())
         });
         let failed = |problem: &str| {
-            let problem = format!("{problem}{}", advice(problem, broker));
+            let problem = format!("{problem}{}", advice_for_problem(problem, broker));
             BrokerError::Connect { address: broker.address.clone(), problem }
         };
         let client = options.connect(&broker.address).await.map_err(|error| failed(&error.to_string()))?;
@@ -136,7 +136,7 @@ impl Link {
 }
 
 /// Returns what to do about an error of the library.
-fn advice(problem: &str, broker: &Broker) -> &'static str {
+fn advice_for_problem(problem: &str, broker: &Broker) -> &'static str {
     let is_tls = broker.address.starts_with("tls://");
     let has = |words: &str| problem.contains(words);
     if has("authorization violation") || has("Authorization") {
@@ -152,7 +152,7 @@ fn advice(problem: &str, broker: &Broker) -> &'static str {
     }
 }
 
-async fn login(options: ConnectOptions, login: &BrokerLogin) -> Result<ConnectOptions, BrokerError> {
+async fn apply_login(options: ConnectOptions, login: &BrokerLogin) -> Result<ConnectOptions, BrokerError> {
     match login {
         BrokerLogin::Anybody => Ok(options),
         BrokerLogin::Credentials(path) => options
@@ -191,7 +191,7 @@ impl PendingMessage {
         match ack.stream == subject::STREAM {
             true => Ok(()),
             false => Err(refused(format!(
-                "the message was stored in the stream {}, not in {}",
+                "the message was stored in the stream {} instead of {}",
                 ack.stream,
                 subject::STREAM
             ))),

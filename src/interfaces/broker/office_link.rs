@@ -255,12 +255,12 @@ impl StateSubscription {
     /// Returns the subject and the bytes of the next state.
     ///
     /// # Errors
-    /// If the connection is lost.
+    /// If the connection was lost; a new connection is made automatically.
     pub async fn next(&mut self) -> Result<(String, Vec<u8>), BrokerError> {
         match self.subscriber.next().await {
             Some(state) => Ok((state.subject.to_string(), state.payload.into())),
             None => {
-                Err(self.link.operation_error("subscribe to the states of the cells", "the connection is lost"))
+                Err(self.link.operation_error("subscribe to the states of the cells", "the connection was lost; a new connection is made automatically"))
             }
         }
     }

@@ -92,8 +92,7 @@ use Permission::{Accept, Acknowledge, Operate};
 const STEP: Argument = Argument {
     name: "Step",
     kind: ArgumentKind::UInt32,
-    meaning: "Value of Cycle/Step when the decision was made. The call is refused if the cell is at another step \
-              now.",
+    meaning: "Value of Cycle/Step when the decision was made. The call is refused if the step has changed since then.",
 };
 
 /// All methods of the server.
@@ -102,7 +101,7 @@ pub const METHODS: &[Method] = &[
         "Reset",
         Command::Reset,
         Some(Operate),
-        "From Stopped or Complete to Idle: self-test, everything off, no motion.",
+        "From Stopped or Complete to Idle: all outputs are switched off, and a self-test without motion is performed.",
     ),
     Method {
         name: "Start",
@@ -114,13 +113,12 @@ pub const METHODS: &[Method] = &[
                 "SHA-256 of the recipe on which the decision was made, from Recipes/Hashes. The call is refused if \
                  the recipe was changed since then.",
             ),
-            text("SerialNumber", "The part's serial number; empty if it has none."),
-            text("WorkOrder", "The work order; empty if there is none."),
+            text("SerialNumber", "The serial number of the part; empty for a part without one."),
+            text("WorkOrder", "The work order of the part; empty without a work order."),
             Argument {
                 name: "AnotherPart",
                 kind: ArgumentKind::Boolean,
-                meaning: "True if the part in the fixture is not the part of the earlier cycles: its abrasions \
-                          are counted from zero. The value is recorded with the cycle.",
+                meaning: "True if a different part is in the fixture than in the earlier cycles: the sanding passes of this part are counted from zero. The value is recorded with the cycle.",
             },
         ],
         required_permission: Some(Operate),

@@ -176,7 +176,7 @@ pub const NODES: &[Node] = &[
         "number of the step to which these values belong; Unhold, Clear and Accept must state this number",
         |now| value_or_absent(now.state.and_then(|state| u32::try_from(state.step).ok()), Value::UInt32),
     ),
-    node("Cycle/Pass", Kind::UInt32, "", "number of abrasions in the cycle so far", |now| {
+    node("Cycle/Pass", Kind::UInt32, "", "number of sanding passes in the cycle so far", |now| {
         value_or_absent(now.pass, |pass| Value::UInt32(u32::from(pass)))
     }),
     node("Cycle/FilmTime", Kind::Double, "s", "elapsed time of the current film", |now| {

@@ -146,7 +146,7 @@ pub const METRICS: [MetricDefinition; 29] = [
         "phase within Execute; while held, the phase in which the cycle will continue",
         |view| Value::text(view.now.phase.as_deref()),
     ),
-    define_metric("Cycle/pass", Int64, "number of abrasions in the cycle so far", |view| {
+    define_metric("Cycle/pass", Int64, "number of sanding passes in the cycle so far", |view| {
         Value::as_integer(view.now.pass)
     }),
     define_metric("Cycle/film_s", Double, "elapsed time of the current film, s", |view| {

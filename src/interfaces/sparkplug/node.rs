@@ -163,12 +163,12 @@ impl EdgeNode {
     }
 
     /// Returns whether a birth message was published on this connection.
-    pub fn is_born(&self) -> bool {
+    pub fn has_published_birth(&self) -> bool {
         self.session == NodeSession::Born
     }
 
     /// Returns whether a rebirth is pending; no data messages are published until then.
-    pub fn waits_for_rebirth(&self) -> bool {
+    pub fn is_rebirth_pending(&self) -> bool {
         self.commands.is_waiting(NodeCommand::Rebirth)
     }
 
@@ -215,7 +215,7 @@ impl EdgeNode {
         match self.session {
             NodeSession::Waiting if may_publish => self.birth(now),
             // No data message is published between the request of a rebirth and the birth message.
-            NodeSession::Born if !self.waits_for_rebirth() => self.data(now),
+            NodeSession::Born if !self.is_rebirth_pending() => self.data(now),
             _ => None,
         }
     }
@@ -330,7 +330,7 @@ impl EdgeNode {
     fn on_host_state(&mut self, payload: &[u8], now: NodeTime) -> Vec<NodeAction> {
         let Some(state) = HostState::read(payload) else {
             let refused =
-                "the primary host's state is not a JSON object with \"online\" and \"timestamp\"".to_owned();
+                "the STATE message of the primary host is not a JSON object with \"online\" and \"timestamp\"".to_owned();
             return self.refuse("host state", None, refused);
         };
         self.host = self.host.with_state(state);

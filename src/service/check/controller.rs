@@ -214,7 +214,7 @@ mod tests {
     #[test]
     fn check_names_each_planted_mistake() {
         assert_eq!(reported(&texts()), [""; 0]);
-        let missed = missed(reported);
+        let missed = unreported_mistakes(reported);
         assert!(missed.is_empty(), "{} of {}:\n{}", missed.len(), MISTAKES.len(), missed.join("\n"));
     }
 
@@ -222,7 +222,7 @@ mod tests {
     #[test]
     fn programs_are_compared_with_each_other_without_a_cell() {
         for (from, to) in [("DECL GLOBAL INT CELL_OFF_MS[31]\n", ""), ("CELL_USER_N=1", "CELL_USER_N=2")] {
-            let mut all = edited("cell_config.dat", from, to);
+            let mut all = texts_with_edit("cell_config.dat", from, to);
             all.retain(|(name, _)| *name != "cell");
             assert!(!reported(&all).is_empty(), "{from}");
         }
@@ -235,7 +235,7 @@ mod tests {
         let recipe = recipe.lines().filter(has_line).collect::<Vec<_>>().join("\n");
         for (found_mm_s2, is_refused) in [(1_000, false), (3_000, true)] {
             let line = format!("[path]\nacceleration_mm_s2 = {found_mm_s2}");
-            let mut all = edited("cell_config.dat", "CELL_ACC_MAX=10.0", "CELL_ACC_MAX=2.0");
+            let mut all = texts_with_edit("cell_config.dat", "CELL_ACC_MAX=10.0", "CELL_ACC_MAX=2.0");
             assert_eq!(recipe.matches("\n[path]").count(), 1);
             all.push(("recipe.toml", recipe.replace("\n[path]", &format!("\n{line}"))));
             let words = "path.acceleration_mm_s2: is 3 m/s², and CELL_ACC_MAX of cell_config.dat is 2 m/s²";

@@ -258,7 +258,7 @@ impl FailedLogins {
         let is_written = lines.admit_line(true);
         // The first line that is left out requests the report of all that are left out in this minute.
         let is_first = !is_written && lines.left_out() == 1;
-        let report_after = is_first.then(|| Duration::from_millis(lines.rest_ms(now_ms)));
+        let report_after = is_first.then(|| Duration::from_millis(lines.remaining_ms(now_ms)));
         Counted { left_out, is_written, report_after }
     }
 

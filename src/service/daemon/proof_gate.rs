@@ -32,7 +32,7 @@ pub(super) fn refusal(robot: &cell::Robot, needed: ProofStage, state: Option<&St
     if state.is_some_and(State::is_simulated) {
         return None;
     }
-    let unsigned = robot.requires_signed(needed).err()?;
+    let unsigned = robot.check_stage_signed(needed).err()?;
     Some(Reason::new("stage_not_signed", unsigned.to_string()))
 }
 

@@ -164,7 +164,7 @@ impl UnrolledRegion {
     }
 
     fn edge_px(&self, region: &Region, id: GridId) -> [Pixel; 4] {
-        let [low, high] = region.unit_box(id);
+        let [low, high] = region.grid_bounds(id);
         let place = |u: f64, v: f64| Pixel::at(u * self.size_px[0], v * self.size_px[1]);
         [place(low.x, low.y), place(high.x, low.y), place(high.x, high.y), place(low.x, high.y)]
     }
@@ -181,7 +181,7 @@ fn paint_grids(
     let [width, height] = unrolled.size_px.map(|size| (size as usize).max(1));
     let mut picture = ColorPicture::uniform(width, height, ground.0);
     for (number, (id, columns, samples)) in grids.iter().enumerate() {
-        let [low, high] = region.unit_box(*id);
+        let [low, high] = region.grid_bounds(*id);
         let rows = samples / (*columns).max(1);
         let start = |low: f64, size: usize| (low * size as f64).round() as usize;
         let index = |at: usize, size: usize, low: f64, high: f64, count: usize| {

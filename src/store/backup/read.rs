@@ -108,7 +108,7 @@ impl Archive {
         let mut text = Vec::new();
         first.take(MAX_MANIFEST_BYTES).read_to_end(&mut text).map_err(|error| self.unreadable_error(&error))?;
         let no_manifest =
-            |error: serde_json::Error| self.damaged_error(&format!("the manifest cannot be read: {error}"));
+            |error: serde_json::Error| self.damaged_error(&format!("the manifest cannot be read: {error}; use another copy of the backup"));
         let FormatProbe { format } = serde_json::from_slice(&text).map_err(no_manifest)?;
         if format > MANIFEST_FORMAT {
             return Err(BackupError::NewerVersion {
@@ -157,7 +157,7 @@ impl Archive {
 
     /// Returns the error for a file that cannot be read as an archive.
     pub(super) fn unreadable_error(&self, error: &std::io::Error) -> BackupError {
-        self.damaged_error(&format!("the archive cannot be unpacked: {error}"))
+        self.damaged_error(&format!("the archive cannot be unpacked: {error}; use another copy of the backup"))
     }
 }
 

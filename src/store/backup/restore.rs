@@ -313,7 +313,7 @@ fn check_service_stopped<'c>(cells: impl Iterator<Item = (&'c Cell, &'c Path)>) 
         for socket in [cell.socket().map(Path::to_owned), Some(store.join("panelprep.sock"))].into_iter().flatten()
         {
             if UnixStream::connect(&socket).is_ok() {
-                return Err(BackupError::InUse { user: format!("a service answers on {}", socket.display()) });
+                return Err(BackupError::InUse { user: format!("a service is running on {}", socket.display()) });
             }
         }
     }

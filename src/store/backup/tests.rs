@@ -168,7 +168,7 @@ fn a_store_in_use_is_not_replaced() {
     {
         let _socket = UnixListener::bind(cell.at("store/panelprep.sock")).expect("bound");
         let error = told().expect_err("a service");
-        assert!(error.contains("a service answers on") && error.contains("systemctl stop panelprep"), "{error}");
+        assert!(error.contains("a service is running on") && error.contains("systemctl stop panelprep"), "{error}");
     }
     // An old socket file without a service does not prevent a restore.
     let store = Store::create(&cell.at("store")).expect("opens");

@@ -148,7 +148,7 @@ impl PackContent {
 
     /// Adds the store, and copies its rows to the folder `rows`. Returns the contradictions found in the store, if
     /// there are any.
-    fn store(&mut self, store: &Path, rows: &Path) -> Result<Option<Vec<String>>, BackupError> {
+    fn add_store(&mut self, store: &Path, rows: &Path) -> Result<Option<Vec<String>>, BackupError> {
         let copied = Store::copy_rows(store, rows)?;
         if !copied.deviations.is_empty() {
             return Ok(Some(copied.deviations));
@@ -177,7 +177,7 @@ impl PackContent {
         Ok((!found.is_empty()).then_some(found))
     }
 
-    fn configuration(&mut self, configuration: &Configuration) -> Result<(), BackupError> {
+    fn add_configuration(&mut self, configuration: &Configuration) -> Result<(), BackupError> {
         let mut add = |entry: Entry, bytes: Vec<u8>| {
             let said = (bytes.len() as u64, content_hash(&bytes));
             self.add(&entry, said, EntrySource::Bytes(bytes));

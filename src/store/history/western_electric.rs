@@ -12,7 +12,7 @@ use serde::Serialize;
 pub const MIN_VALUES: usize = 10;
 /// Ratio of the mean difference between consecutive values to the standard deviation, for a normal distribution: 2 /
 /// √π.
-const NEIGHBOUR_DIFFERENCE_RATIO: f64 = std::f64::consts::FRAC_2_SQRT_PI;
+const MEAN_DIFFERENCE_RATIO: f64 = std::f64::consts::FRAC_2_SQRT_PI;
 
 /// The four rules of Western Electric.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, strum::EnumIter)]
@@ -93,7 +93,7 @@ pub fn usual_range(values: &[f64]) -> Option<UsualRange> {
     }
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     let moved: f64 = values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
-    Some(UsualRange { mean, sigma: moved / (values.len() - 1) as f64 / NEIGHBOUR_DIFFERENCE_RATIO })
+    Some(UsualRange { mean, sigma: moved / (values.len() - 1) as f64 / MEAN_DIFFERENCE_RATIO })
 }
 
 /// Returns the values at which a rule is violated, in their order. Equal values violate no rule.

@@ -97,7 +97,7 @@ impl Chunk {
         let cell = self.cell.as_str().to_owned();
         let head = Head { form: FORM.to_owned(), cell, position, file, part: self.part, parts: self.parts };
         let mut bytes =
-            serde_json::to_vec(&head).map_err(|error| OfficeError::form_error("line of a part", error))?;
+            serde_json::to_vec(&head).map_err(|error| OfficeError::form_error("line of a message part", error))?;
         bytes.push(b'\n');
         bytes.extend_from_slice(&self.bytes);
         Ok(bytes)
@@ -108,7 +108,7 @@ impl Chunk {
     /// # Errors
     /// If the bytes are not a valid part, or exceed its maximum size.
     pub fn read(bytes: &[u8]) -> Result<Self, OfficeError> {
-        let wrong = |problem: String| OfficeError::form_error("line of a part", problem);
+        let wrong = |problem: String| OfficeError::form_error("line of a message part", problem);
         let end = bytes.iter().take(MAX_HEAD_BYTES).position(|byte| *byte == b'\n');
         let end = end.ok_or_else(|| wrong("the end of the line is missing".to_owned()))?;
         let head: Head = serde_json::from_slice(&bytes[..end]).map_err(|error| wrong(error.to_string()))?;
@@ -127,10 +127,10 @@ impl Chunk {
                 check_hash(&hash).map_err(wrong)?;
                 ChunkOwner::File(hash)
             }
-            _ => return Err(wrong("the part must belong either to a message or to a file".to_owned())),
+            _ => return Err(wrong("the message part must name either a message or a file".to_owned())),
         };
         if !(1..=MAX_PARTS).contains(&head.parts) || !(1..=head.parts).contains(&head.part) {
-            return Err(wrong(format!("part {} of {}; the limits are 1 to {MAX_PARTS}", head.part, head.parts)));
+            return Err(wrong(format!("invalid message part {} of {}: a message or file has 1 to {MAX_PARTS} parts", head.part, head.parts)));
         }
         let bytes = bytes[end + 1..].to_vec();
         if bytes.len() > PART_BYTES {

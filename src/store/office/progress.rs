@@ -120,7 +120,7 @@ pub fn compare(cell: &[ListEntry], office: &[ListEntry]) -> Comparison {
         match office.remove(&position) {
             Some(found) if found == line => compared.equal_items += 1,
             Some(found) => other.push(format!(
-                "{} differs: the cell has a {} with the SHA-256 {}, the office has a {} with {}",
+                "{} differs: the cell has a {} with the SHA-256 {}, the office server has a {} with {}",
                 name_position(&position),
                 line.kind.keyword(),
                 line.hash,
@@ -128,17 +128,17 @@ pub fn compare(cell: &[ListEntry], office: &[ListEntry]) -> Comparison {
                 found.hash
             )),
             None => missing.push(format!(
-                "{} is not in the office yet: {}",
+                "{} has not been received by the office server yet, it is sent again automatically: {}",
                 name_position(&position),
                 line.kind.keyword()
             )),
         }
     }
     let more =
-        office.keys().map(|position| format!("{} is in the office, but not in the cell", name_position(position)));
+        office.keys().map(|position| format!("{} is on the office server, but not in the cell; run panelprep store verify on the cell", name_position(position)));
     let more: Vec<String> = more.collect();
     for (mut words, of_all) in
-        [(other, "differ"), (missing, "are not in the office"), (more, "are not in the cell")]
+        [(other, "differ"), (missing, "are not on the office server"), (more, "are not in the cell")]
     {
         let rest = words.len().saturating_sub(MAX_MESSAGES);
         words.truncate(MAX_MESSAGES);

@@ -135,7 +135,7 @@ fn an_invalid_part_is_refused_with_the_limits() {
     for (bytes, problem) in [
         (String::new(), "the end of the line is missing"),
         (head("\"file\":\"../etc/passwd\",\"part\":1,\"parts\":1"), "valid: a SHA-256"),
-        (head(&format!("\"file\":\"{file}\",\"part\":2,\"parts\":1")), "part 2 of 1; the limits are 1 to 4096"),
+        (head(&format!("\"file\":\"{file}\",\"part\":2,\"parts\":1")), "invalid message part 2 of 1: a message or file has 1 to 4096 parts"),
         (head(&format!("\"file\":\"{file}\",\"part\":0,\"parts\":5000")), "part 0 of 5000"),
         (head("\"part\":1,\"parts\":1"), "either to a message or to a file"),
         (
@@ -185,8 +185,8 @@ fn two_lists_are_compared_by_name_and_hash() {
     assert_eq!(compared.equal_items, 1);
     for (words, part) in compared.differences.iter().zip([
         "number 2 of epoch 0123456789abcdef0123456789abcdef differs: the cell has a cycle with the SHA-256 bb",
-        "number 3 of epoch 0123456789abcdef0123456789abcdef is not in the office yet: cycle",
-        "number 9 of epoch 0123456789abcdef0123456789abcdef is in the office, but not in the cell",
+        "number 3 of epoch 0123456789abcdef0123456789abcdef has not been received by the office server yet, it is sent again automatically: cycle",
+        "number 9 of epoch 0123456789abcdef0123456789abcdef is on the office server, but not in the cell; run panelprep store verify on the cell",
     ]) {
         assert!(words.starts_with(part), "{words}");
     }

@@ -78,10 +78,10 @@ pub fn verify(all: &[Signed], keys: &[PublicKey], head: Option<&Signed>) -> Veri
             }
         }
     }
-    verified.differences.extend(broken_links(&whole));
+    verified.differences.extend(find_broken_links(&whole));
     verified.gaps = gaps(&whole);
-    verified.differences.extend(unbound_signatures(&whole));
-    verified.differences.extend(unearned_verdicts(&whole));
+    verified.differences.extend(find_unbound_signatures(&whole));
+    verified.differences.extend(find_unearned_verdicts(&whole));
     if let Some(head) = head {
         verified.differences.extend(std::mem::take(&mut verified.gaps).into_iter().map(missing_text));
         verified.differences.extend(missing_from_statements(&whole, head, keys));
@@ -137,7 +137,7 @@ fn gaps(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<(u64, u64)> {
 }
 
 /// Returns a text for each statement that does not contain the hash of the previous statement.
-fn broken_links(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
+fn find_broken_links(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
     let mut found = Vec::new();
     let mut before: Option<&ValidStatement<'_>> = None;
     for one in whole.values() {
@@ -176,7 +176,7 @@ pub fn partial_chain_text((first, last): (u64, u64)) -> String {
 }
 
 /// Returns a text for each person's signature that belongs to another version of the cycle's record.
-fn unbound_signatures(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
+fn find_unbound_signatures(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
     let mut found = Vec::new();
     for one in whole.values() {
         let StatementContent::Person(person) = &one.statement.says else { continue };
@@ -198,7 +198,7 @@ fn unbound_signatures(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> 
 }
 
 /// Returns a text for each record whose verdict is better than its findings allow.
-fn unearned_verdicts(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
+fn find_unearned_verdicts(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
     let mut found = Vec::new();
     for one in whole.values() {
         let StatementContent::Cycle(cycle) = &one.statement.says else { continue };

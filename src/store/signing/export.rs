@@ -73,7 +73,7 @@ pub fn verify_export(export: &ExportContent, keys: &[PublicKey], head: Option<&S
             }
         }
     }
-    found.extend(differing_pages(&pages, &export.pdfs, &verified, keys));
+    found.extend(find_page_differences(&pages, &export.pdfs, &verified, keys));
     VerificationResult { differences: found, ..verified }
 }
 
@@ -152,7 +152,7 @@ impl SignedPage {
 /// Returns a text for each PDF or signed page that is not valid. Each PDF needs a signed page with the hashes of this
 /// PDF and of the cell's record. `pages` are the `.json` and `.sig` files of signed pages by name, `pdfs` the SHA-256
 /// of each PDF by name.
-fn differing_pages(
+fn find_page_differences(
     pages: &BTreeMap<&str, &[u8]>,
     pdfs: &BTreeMap<String, String>,
     verified: &VerificationResult,

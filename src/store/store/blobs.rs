@@ -85,7 +85,7 @@ impl Blobs {
     }
 
     fn flush_names(&self) -> Result<(), StoreError> {
-        flush::names(&self.folder).map_err(file_error("flush", &self.folder))
+        flush::flush_folder(&self.folder).map_err(file_error("flush", &self.folder))
     }
 
     fn part(&self, name: &str) -> PathBuf {

@@ -169,7 +169,7 @@ pub(super) static HASHED_TABLES: [HashedTable; 26] = [
 ];
 
 /// Returns the table with this name in the chain.
-pub(super) fn part(name: &str) -> Option<&'static HashedTable> {
+pub(super) fn hashed_table(name: &str) -> Option<&'static HashedTable> {
     HASHED_TABLES.iter().find(|part| part.name == name)
 }
 
@@ -238,7 +238,7 @@ fn hash_with_length(hasher: &mut Sha256, bytes: &[u8]) {
 }
 
 /// Adds a link for the values that were just written to a row, and returns the new position.
-pub(super) fn add(
+pub(super) fn add_link(
     connection: &Connection,
     last: ChainPosition,
     part: &HashedTable,

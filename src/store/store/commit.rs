@@ -40,8 +40,8 @@ impl WriteTransaction<'_> {
 
     /// Adds a link to the chain for the values that were just written to this row.
     pub fn chain(&mut self, part: &'static str, row_key: i64) -> Result<(), TransactionFailure> {
-        let part = chain::part(part).ok_or_else(|| rusqlite::Error::InvalidColumnName(part.to_owned()))?;
-        self.last = chain::add(&self.transaction, self.last, part, row_key)?;
+        let part = chain::hashed_table(part).ok_or_else(|| rusqlite::Error::InvalidColumnName(part.to_owned()))?;
+        self.last = chain::add_link(&self.transaction, self.last, part, row_key)?;
         Ok(())
     }
 }

@@ -75,7 +75,7 @@ impl Store {
             HeadFile::open(to)?.close(last, Some(hash))
         };
         write_head().map_err(file_error("write the head in", to))?;
-        let removed = prune::removed(&store)?;
+        let removed = prune::removed_files(&store)?;
         let named = prune::named_files(&store, &|_| false)?;
         let files = named.into_iter().filter(|hash| !is_removed_file(&store, &removed, hash)).collect();
         let verified = Store::verify(to, false)?;
@@ -167,7 +167,7 @@ fn copy_to_free_name(
     }
     let renamed = renameat_with(CWD, part, CWD, &database, RenameFlags::NOREPLACE);
     renamed.map_err(|error| file_error("rename", part)(error.into()))?;
-    flush::names(folder).map_err(file_error("flush", folder))?;
+    flush::flush_folder(folder).map_err(file_error("flush", folder))?;
     Ok(database)
 }
 

@@ -444,7 +444,7 @@ impl Store {
     ///
     /// # Errors
     /// If a cycle cannot be read.
-    pub fn passes_by_serial(
+    pub fn sanding_passes_by_serial(
         &self,
         serial: &str,
         before: Option<CycleId>,

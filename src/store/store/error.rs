@@ -303,14 +303,14 @@ impl fmt::Display for UnknownPassCount {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let UnknownPassCount { serial, made_unix_s, restored_unix_s } = self;
         let another = if UnknownPassCount::is_another_part_sufficient(serial) {
-            "that another part than in those cycles is in the fixture (`--another-part`), or "
+            "that a different part than in those cycles is in the fixture (`--another-part`), or "
         } else {
             ""
         };
         let made = made_unix_s.map_or_else(|| "an unknown day".to_owned(), utc_day);
         write!(
             f,
-            "it is not known how often {} was abraded: the store was restored on {} from a backup of {made}, and the \
+            "the number of sanding passes on {} is unknown: the store was restored on {} from a backup of {made}, and the \
              cycles between them are missing; state at the start {another}the number of passes that this part had in \
              them (`panelprep ctl start --lost-passes NUMBER`, 0 if it had none); if the number is not known, take the \
              part out and let the inspector decide about it",
@@ -334,12 +334,12 @@ mod tests {
         };
         let passes = "the number of passes that this part had in them (`panelprep ctl start --lost-passes NUMBER`, 0 if \
                       it had none); if the number is not known, take the part out and let the inspector decide about it";
-        let named = "it is not known how often the part SN 1 was abraded: the store was restored on 2027-01-16 from a \
+        let named = "the number of sanding passes on the part SN 1 is unknown: the store was restored on 2027-01-16 from a \
                      backup of 2027-01-15, and the cycles between them are missing; state at the start";
         assert_eq!(of("SN 1", Some(1_800_000_000)).to_string(), format!("{named} {passes}"));
-        let without = "it is not known how often a part without a serial number was abraded: the store was restored on \
+        let without = "the number of sanding passes on a part without a serial number is unknown: the store was restored on \
                        2027-01-16 from a backup of an unknown day, and the cycles between them are missing; state at the \
-                       start that another part than in those cycles is in the fixture (`--another-part`), or";
+                       start that a different part than in those cycles is in the fixture (`--another-part`), or";
         assert_eq!(of("", None).to_string(), format!("{without} {passes}"));
     }
 }

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 ///
 /// # Errors
 /// If the folder does not exist, or cannot be flushed.
-pub(super) fn names(folder: &Path) -> Result<(), Error> {
+pub(super) fn flush_folder(folder: &Path) -> Result<(), Error> {
     File::open(folder)?.sync_all()
 }
 

@@ -142,7 +142,7 @@ impl ReserveFile {
                 clippy::let_underscore_must_use,
                 reason = "the space is free after the folder is flushed; if that fails, the next write reports it"
             )]
-            let _ = flush::names(folder);
+            let _ = flush::flush_folder(folder);
         }
         released
     }

@@ -105,7 +105,7 @@ impl HeadFile {
             // Allocate the disk space of the file now, because the disk may be full later.
             file.write_all_at(&[b'\n'; 2 * SLOT_BYTES], 0)?;
             file.sync_all()?;
-            flush::names(store)?;
+            flush::flush_folder(store)?;
         }
         Ok(HeadFile { file, turns: WriteQueue::for_folder(store) })
     }

@@ -85,7 +85,7 @@ fn create_key_file(file: &Path) -> Result<CellKey, StoreError> {
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::create_dir_all(folder).map_err(file_error("create", folder))?;
     match write_temporary(folder, &pem).map_err(file_error("make", file))?.persist_noclobber(file) {
-        Ok(_) => flush::names(folder).map(|()| key).map_err(file_error("make", file)),
+        Ok(_) => flush::flush_folder(folder).map(|()| key).map_err(file_error("make", file)),
         Err(error) if error.error.kind() == ErrorKind::AlreadyExists => {
             let pem = fs::read_to_string(file).map_err(file_error("read", file))?;
             CellKey::read(&pem).map_err(|source| key_error(file, source))

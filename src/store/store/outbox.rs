@@ -57,13 +57,13 @@ pub(super) fn begin_outbox(connection: &Connection, is_chained: bool) -> Result<
     }
     let mut last = chain::last_link(connection)?;
     for name in ["outbox_epochs", "outbox"] {
-        let part = chain::part(name).ok_or_else(|| rusqlite::Error::InvalidColumnName(name.to_owned()))?;
+        let part = chain::hashed_table(name).ok_or_else(|| rusqlite::Error::InvalidColumnName(name.to_owned()))?;
         let ids: Vec<i64> = connection
             .prepare(&format!("SELECT id FROM {name} ORDER BY id"))?
             .query_map([], |row| row.get(0))?
             .collect::<Result<_, _>>()?;
         for id in ids {
-            last = chain::add(connection, last, part, id)?;
+            last = chain::add_link(connection, last, part, id)?;
         }
     }
     Ok(())
@@ -199,7 +199,7 @@ impl Store {
         let OutboxRow { position, kind, row_key, unix_ms } = row;
         let unknown = || StoreError::Unreadable {
             path: self.path().to_owned(),
-            problem: format!("record {} of the office's outbox has the unknown kind \"{kind}\"", position.number),
+            problem: format!("record {} in the queue to the office server has the unknown kind \"{kind}\"; a newer version may have written it: update this program", position.number),
         };
         let body = match Kind::from_keyword(&kind).ok_or_else(unknown)? {
             Kind::Cycle => self.cycle_end_row(CycleId(row_key))?,
@@ -250,7 +250,7 @@ impl Store {
     /// Returns the files of a record that are sent to the office server: the inputs of the cycle and all pictures, but
     /// no scans and clips.
     fn files_for_office(&self, cycle: &SignedCycle) -> Result<Vec<NamedFile>, StoreError> {
-        let removed = prune::removed(self)?;
+        let removed = prune::removed_files(self)?;
         let blobs = self.blobs.folder();
         let named = |(name, hash): (String, String)| {
             let gone = match blobs.join(&hash).exists() {

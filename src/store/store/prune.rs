@@ -222,7 +222,7 @@ fn clip(store: &Store, hash: &str) -> Vec<String> {
 }
 
 /// Returns the hashes of all removed files.
-pub(super) fn removed(store: &Store) -> Result<BTreeSet<String>, StoreError> {
+pub(super) fn removed_files(store: &Store) -> Result<BTreeSet<String>, StoreError> {
     let read = |error: rusqlite::Error| store.database_error("read the list of removed files from", &error);
     let mut statement = store.connection.prepare("SELECT hash FROM pruned").map_err(read)?;
     statement.query_map([], |row| row.get(0)).map_err(read)?.collect::<Result<_, _>>().map_err(read)

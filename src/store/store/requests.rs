@@ -231,7 +231,7 @@ impl Store {
             };
             let stage = stage.parse().map_err(|_| StoreError::Unreadable {
                 path: self.path().to_owned(),
-                problem: format!("the stage of the proofs is \"{stage}\", valid: A, B, C"),
+                problem: format!("the stage of the acceptance tests is \"{stage}\", valid: A, B, C"),
             })?;
             pages.push(ProofsPage { stage, programs_sum, page_sha256, by, result });
         }

@@ -130,7 +130,7 @@ impl Store {
         let parts = search::part_differences(&self.connection, &self.blobs);
         verified
             .differences
-            .extend(parts.unwrap_or_else(|error| vec![format!("the parts cannot be read: {error}")]));
+            .extend(parts.unwrap_or_else(|error| vec![format!("the table of parts cannot be read: {error}; check the disk and verify again")]));
         if let (Some(written), Some(found)) = (database, hash)
             && written != found
         {
@@ -169,7 +169,7 @@ impl Store {
     fn verify_files(&self, verified: &mut StoreVerification) {
         match prune::named_files(self, &|_| false) {
             Ok(named) => {
-                let removed = prune::removed(self).unwrap_or_default();
+                let removed = prune::removed_files(self).unwrap_or_default();
                 let folder = self.folder().join("blobs");
                 for hash in named {
                     match self.blob(&hash) {
@@ -271,7 +271,7 @@ impl Store {
         let mut walk = ChainWalk::default();
         let walked = walk
             .chain(&self.connection, from)
-            .and_then(|()| if whole { walk.find_unlinked_rows(&self.connection) } else { Ok(()) });
+            .and_then(|()| if whole { walk.find_rows_without_one_link(&self.connection) } else { Ok(()) });
         let mut found = std::mem::take(&mut walk.links);
         let rest = found.len().saturating_sub(MAX_MESSAGES);
         found.truncate(MAX_MESSAGES);
@@ -296,7 +296,7 @@ impl ChainWalk {
             before = self.link(connection, before, row)?;
         }
         for ((name, key), row_hash) in std::mem::take(&mut self.last) {
-            if let Some(part) = chain::part(name) {
+            if let Some(part) = chain::hashed_table(name) {
                 self.row(connection, (part, key), row_hash);
             }
         }
@@ -319,7 +319,7 @@ impl ChainWalk {
         if expected.hash != hash {
             self.links.push(format!("link {link} of the chain was changed or moved"));
         }
-        match chain::part(&name) {
+        match chain::hashed_table(&name) {
             None => self.links.push(format!("link {link} of the chain names an unknown table: {name}")),
             Some(part) if part.is_replaced => {
                 self.last.insert((part.name, key), row_hash);
@@ -347,7 +347,7 @@ impl ChainWalk {
     }
 
     /// Finds rows without a link, and rows with too many links.
-    fn find_unlinked_rows(&mut self, connection: &Connection) -> Result<(), rusqlite::Error> {
+    fn find_rows_without_one_link(&mut self, connection: &Connection) -> Result<(), rusqlite::Error> {
         for part in &HASHED_TABLES {
             let mut written = self.written.remove(part.name).unwrap_or_default();
             written.sort_unstable();
@@ -385,7 +385,7 @@ impl ChainWalk {
             .take(MAX_MESSAGES)
             .collect();
         for (name, key, from) in &exchanged {
-            let words = chain::part(name).map_or(*name, |part| part.row_term);
+            let words = chain::hashed_table(name).map_or(*name, |part| part.row_term);
             sentences.push(format!("reordered: {words} {key} contains what was written as {words} {from}"));
         }
         self.faults
@@ -401,7 +401,7 @@ impl ChainWalk {
             {
                 (last, index) = (last + 1, index + 1);
             }
-            let words = chain::part(name).map_or(name, |part| part.row_term);
+            let words = chain::hashed_table(name).map_or(name, |part| part.row_term);
             let range =
                 if first == last { format!("{words} {first}") } else { format!("{words} {first} to {last}") };
             sentences.push(match wrong {

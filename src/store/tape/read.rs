@@ -58,7 +58,7 @@ impl<R: Read> EntryReader<R> {
         let mut at_ns = 0;
         let part = self.records.next(|record| match record {
             Record::Channel(channel) => {
-                topics.insert(channel.id, topic(&channel.topic)?);
+                topics.insert(channel.id, find_topic(&channel.topic)?);
                 Ok(Part::Other)
             }
             Record::Message { header, data } => {
@@ -129,10 +129,10 @@ struct Answer {
 
 fn parse_shot(topic: Topic, data: &[u8], heard: &Value) -> Result<Shot, String> {
     let answer: Result<Answer, Value> = Result::deserialize(heard).map_err(|error| error.to_string())?;
-    let size_px = answer.map_err(|_| "the entry of the picture has no response".to_owned())?.size_px;
+    let size_px = answer.map_err(|_| "the entry of the picture contains no reply".to_owned())?.size_px;
     let shot = if topic == Topic::Points {
         let cloud = PointCloud::decode(data).map_err(|error| error.to_string())?;
-        Shot::Points(Arc::new(points(&cloud, size_px)?))
+        Shot::Points(Arc::new(parse_points(&cloud, size_px)?))
     } else {
         let image = CompressedImage::decode(data).map_err(|error| error.to_string())?;
         let picture = Arc::new(read_color(&image.data).map_err(|error| error.to_string())?);
@@ -151,7 +151,7 @@ fn parse_shot(topic: Topic, data: &[u8], heard: &Value) -> Result<Shot, String> 
 /// Size of a point in format 2, which has no alpha channel, bytes.
 const FORMAT_2_STRIDE: usize = 15;
 
-fn points(cloud: &PointCloud, [width, height]: [usize; 2]) -> Result<OrganizedCloud<Camera>, String> {
+fn parse_points(cloud: &PointCloud, [width, height]: [usize; 2]) -> Result<OrganizedCloud<Camera>, String> {
     let stride = cloud.point_stride as usize;
     if ![FORMAT_2_STRIDE, STRIDE].contains(&stride) || !cloud.data.len().is_multiple_of(stride) {
         return Err(format!("the points have {stride} bytes each, expected {STRIDE}"));
@@ -217,7 +217,7 @@ impl RecordingInventory {
             Record::Attachment { header, data, .. } => self.add_file(&header.name, data)?,
             Record::Channel(channel) => {
                 self.require_own_format()?;
-                self.topics.insert(channel.id, topic(&channel.topic)?);
+                self.topics.insert(channel.id, find_topic(&channel.topic)?);
             }
             Record::Message { header, .. } => {
                 let began_ns = self.start()?.unix_ns;
@@ -293,31 +293,31 @@ impl RecordingInventory {
                 TapeError::Disk { doing: "read", source: error.into() }
             }
             error if !self.is_mcap => TapeError::NotMcap { problem: error.to_string() },
-            McapError::UnexpectedEof | McapError::UnexpectedEoc | McapError::Io(_) => self.unfinished_error(),
+            McapError::UnexpectedEof | McapError::UnexpectedEoc | McapError::Io(_) => self.unfinished_recording_error(),
             error => TapeError::Damaged { from_s: self.last_time_s(), problem: error.to_string() },
         }
     }
 
-    fn unfinished_error(&self) -> TapeError {
+    fn unfinished_recording_error(&self) -> TapeError {
         TapeError::Unfinished { entries: self.entries(), until_s: self.last_time_s() }
     }
 
     /// Checks at the end of the file that the recording is complete.
     fn check_complete(self) -> Result<CheckedRecording, TapeError> {
         let start = self.start()?.clone();
-        let Some(ended) = &self.ended else { return Err(self.unfinished_error()) };
+        let Some(ended) = &self.ended else { return Err(self.unfinished_recording_error()) };
         let text = |key: &str| ended.get(key).map_or("", String::as_str);
         let unreadable = |error: serde_json::Error| TapeError::Foreign { problem: format!("{END}: {error}") };
         let lost: Vec<(String, u64, u64)> = serde_json::from_str(text("lost")).map_err(unreadable)?;
         if let Some((name, from_ns, count)) = lost.into_iter().min_by_key(|(_, from_ns, _)| *from_ns) {
-            return Err(TapeError::Lost { topic: topic(&name)?.name(), from_s: seconds(from_ns), count });
+            return Err(TapeError::Lost { topic: find_topic(&name)?.name(), from_s: seconds(from_ns), count });
         }
         if let Some(why) = ended.get("stopped") {
             return Err(TapeError::Stopped { until_s: self.last_time_s(), why: why.clone() });
         }
         let counts: BTreeMap<String, u64> = serde_json::from_str(text("entries")).map_err(unreadable)?;
         for (name, expected) in counts {
-            let topic = topic(&name)?;
+            let topic = find_topic(&name)?;
             let found = self.counts.get(&topic).copied().unwrap_or(0);
             if found != expected {
                 return Err(TapeError::Gap { topic: topic.name(), from_s: self.last_time_s(), expected, found });
@@ -405,7 +405,7 @@ fn is_complete_attachment(body: &[u8]) -> bool {
 }
 
 /// Returns the topic with this name.
-fn topic(name: &str) -> Result<Topic, TapeError> {
+fn find_topic(name: &str) -> Result<Topic, TapeError> {
     Topic::from_name(name).ok_or_else(|| TapeError::Foreign { problem: format!("unknown topic \"{name}\"") })
 }
 

@@ -67,8 +67,8 @@ pub(super) fn areas(region: &Region, grids: &[GridId], join: bool) -> Vec<Area> 
         let grids: Vec<GridId> = (rows[0]..=rows[1])
             .flat_map(|row| (columns[0]..=columns[1]).map(move |column| GridId { row, column }))
             .collect();
-        let low = region.unit_box(GridId { row: rows[0], column: columns[0] })[0];
-        let high = region.unit_box(GridId { row: rows[1], column: columns[1] })[1];
+        let low = region.grid_bounds(GridId { row: rows[0], column: columns[0] })[0];
+        let high = region.grid_bounds(GridId { row: rows[1], column: columns[1] })[1];
         let place = |at: nalgebra::Point2<f64>| Parameter { u: at.x, v: at.y };
         let patch = ParameterPatch { low: place(low), high: place(high) };
         Area { grids, patch, treated: patch }

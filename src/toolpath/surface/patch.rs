@@ -153,7 +153,7 @@ impl ParameterPatch {
     pub fn for_grid(region: &Region, id: GridId) -> Option<Self> {
         let known = (1..=region.rows).contains(&id.row) && (1..=region.columns).contains(&id.column);
         known.then(|| {
-            let [low, high] = region.unit_box(id);
+            let [low, high] = region.grid_bounds(id);
             ParameterPatch { low: Parameter { u: low.x, v: low.y }, high: Parameter { u: high.x, v: high.y } }
         })
     }

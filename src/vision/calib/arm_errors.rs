@@ -15,11 +15,11 @@
 use super::chain::{Twist, exp_map};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep_base::geometry::{Base, Flange, Joints, Point, Rigid};
-pub use panelprep_cell::cell::SMOOTH_NUMBERS;
+pub use panelprep_cell::cell::SMOOTH_PARAMETER_COUNT;
 use panelprep_cell::cell::{ArmGeometry, CorrectionNumbers};
 
 /// The number of an arm's error parameters: six after each of the first five axes, and the sag of axes 2 and 3.
-pub const ARM_NUMBERS: usize = panelprep_cell::cell::GEOMETRY_NUMBERS;
+pub const ARM_NUMBERS: usize = panelprep_cell::cell::GEOMETRY_PARAMETER_COUNT;
 
 /// Returns the usual size of each error parameter, as a standard deviation: rotations in rad, lengths in mm, sag in
 /// rad for each mm of lever.
@@ -161,7 +161,7 @@ pub enum Correction {
         half_mm: [f64; 3],
         /// Rotations (rad) and shifts (mm) in the middle, and their changes along x, y and z from the middle to the
         /// side of the volume.
-        numbers: [f64; SMOOTH_NUMBERS],
+        numbers: [f64; SMOOTH_PARAMETER_COUNT],
     },
 }
 
@@ -275,7 +275,7 @@ impl Correction {
         match self {
             Correction::Geometry { .. } => prior_std().to_vec(),
             Correction::Smooth { .. } => {
-                (0..SMOOTH_NUMBERS).map(|i| if i % 6 < 3 { 8.7e-4 } else { 0.5 }).collect()
+                (0..SMOOTH_PARAMETER_COUNT).map(|i| if i % 6 < 3 { 8.7e-4 } else { 0.5 }).collect()
             }
         }
     }

@@ -195,7 +195,7 @@ mod tests {
             let truth = SensorLoad { payload_kg, zero_n };
             let at = |(index, noise_n): (usize, &f64)| {
                 let downwards = 1.0 - index as f64 / 3.0;
-                read(downwards, truth.zero_n - truth.presses_n(downwards) + noise_n)
+                read(downwards, truth.zero_n - truth.weight_force_n(downwards) + noise_n)
             };
             let readings: Vec<AttitudeReading> = noise.iter().enumerate().map(at).collect();
             let found = calibrate(&readings).expect("a result");

@@ -17,7 +17,7 @@
 use super::adjust::scaled_inverse;
 use super::arm_errors;
 use super::arm_errors::{ARM_NUMBERS, AxisFault};
-pub use super::arm_errors::{ArmPose, Correction, SMOOTH_NUMBERS};
+pub use super::arm_errors::{ArmPose, Correction, SMOOTH_PARAMETER_COUNT};
 use super::error::CalibError;
 use super::quantile::radius_95;
 pub use super::robot_settle::{ArmTouch, ArmView, Rig, RigKind, RobotData, TouchTarget};
@@ -46,7 +46,7 @@ fn initial_correction(data: &RobotData) -> Correction {
     Correction::Smooth {
         middle_mm: std::array::from_fn(|axis| (low[axis] + high[axis]) / 2.0),
         half_mm: std::array::from_fn(|axis| ((high[axis] - low[axis]) / 2.0).max(50.0)),
-        numbers: [0.0; SMOOTH_NUMBERS],
+        numbers: [0.0; SMOOTH_PARAMETER_COUNT],
     }
 }
 

@@ -215,7 +215,7 @@ pub(super) fn compute_evidence(
     let surface = SurfaceShares::compute(&motion, inputs);
     let outline = OutlineShares::compute(&residuals, model);
     // Points that were missing at teaching and points that are missing now are independent of each other.
-    let of_expected = |share: f64| (share / model.measured_share).min(1.0);
+    let of_expected = |share: f64| (share / model.measured_fraction).min(1.0);
     // The camera's mount is used only here: everything before is in the camera's frame and does not depend on the
     // mount's calibration.
     let base_from_panel = base_from_camera * placed;

@@ -46,7 +46,7 @@ pub(super) struct Model {
     /// Median width of the steps of brightness at the outline, px.
     pub edge_width_px: f64,
     /// Fraction of the panel that gave points at teaching, 0…1, if a person drew its outline; otherwise 1.
-    pub measured_share: f64,
+    pub measured_fraction: f64,
     /// The fractions of the outline that are seen, held and unseen.
     pub outline_evidence: OutlineEvidence,
     /// The places at which the panel is held, in the taught picture.
@@ -103,7 +103,7 @@ impl Model {
             camera_from_panel,
             nominal_pose: panel.nominal_pose,
             edge_width_px,
-            measured_share: panel.measured_share(),
+            measured_fraction: panel.measured_fraction(),
             outline_evidence: outline_seen,
             held_px: panel.held_px.clone(),
             range,
@@ -113,7 +113,7 @@ impl Model {
     /// Returns whether large parts of the panel gave no points at teaching. Points may be missing now as well,
     /// possibly at other places.
     pub fn has_missing_parts(&self) -> bool {
-        self.measured_share < MIN_COMPLETE_SHARE
+        self.measured_fraction < MIN_COMPLETE_SHARE
     }
 
     /// Returns the middle of the surface as a point of the panel.

@@ -132,14 +132,14 @@ impl Cell {
     pub fn feed(&mut self, event: Event) -> Result<(), String> {
         let before = self.state;
         let due = before.due;
-        self.happen(event);
+        self.apply_to_truth(event);
         let (state, effects) = step_with(self.rules, before, event);
         self.journal.push(event);
         self.state = state;
         if let Some(due) = due.filter(|due| state.due.is_none_or(|now| now.id != due.id)) {
             self.stale.push((due.id, due.act));
         }
-        self.follow(before, event);
+        self.update_truth(before, event);
         self.check_effects(before, event, &effects)?;
         self.check_state(before, event)?;
         self.effects = effects;
@@ -147,7 +147,7 @@ impl Cell {
     }
 
     /// Applies an event to the simulated cell, before the table receives it.
-    fn happen(&mut self, event: Event) {
+    fn apply_to_truth(&mut self, event: Event) {
         let Event::Reported(report) = event else { return };
         match report {
             Report::Answered { id, answer } => {
@@ -297,7 +297,7 @@ impl Cell {
     }
 
     /// Updates the true state after the decision of the table.
-    fn follow(&mut self, before: State, event: Event) {
+    fn update_truth(&mut self, before: State, event: Event) {
         match (event, self.state.at) {
             (Event::Asked(request @ (Request::Start { .. } | Request::AirRun { .. })), at)
                 if before.at == At::Idle && at != At::Idle =>
@@ -323,7 +323,7 @@ impl Cell {
     }
 
     /// Sends the waypoints of a motion in an open epoch, as many as the window allows.
-    pub fn pump(&mut self) -> Result<(), String> {
+    pub fn send_waypoints(&mut self) -> Result<(), String> {
         let ending = self.ending;
         let (epoch, open) = (self.epoch, self.epoch_open);
         let Some(moving) = self.moving.as_mut().filter(|_| !ending) else { return Ok(()) };

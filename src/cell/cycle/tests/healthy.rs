@@ -13,7 +13,7 @@ fn one_of<T: Copy>(random: &mut Pcg64, all: &[T]) -> T {
 
 impl Cell {
     /// Returns the next event if there is no fault; `None` is a dead end.
-    pub fn healthy(&mut self, random: &mut Pcg64) -> Option<Event> {
+    pub fn next_healthy_event(&mut self, random: &mut Pcg64) -> Option<Event> {
         if self.condition_due {
             return Some(Event::Reported(Report::Robot(Robot::GuardOpen)));
         }
@@ -35,12 +35,12 @@ impl Cell {
     }
 
     /// Returns the next event if a person clears, resets and starts, and there are no further faults.
-    pub fn recovering(&mut self, random: &mut Pcg64) -> Option<Event> {
+    pub fn next_recovery_event(&mut self, random: &mut Pcg64) -> Option<Event> {
         if self.robot != Robot::Ready && !self.condition_due {
             return Some(Event::Reported(Report::Robot(Robot::Ready)));
         }
         Some(match self.state.at {
-            at if !at.is_at_rest() || self.condition_due => return self.healthy(random),
+            at if !at.is_at_rest() || self.condition_due => return self.next_healthy_event(random),
             At::Idle => Event::Asked(Request::Start { max_passes: 1, max_moves: 1, dries: false }),
             At::Aborted { .. } => Event::Asked(Request::Clear),
             At::Held(_) => Event::Asked(Request::Stop),
@@ -217,7 +217,7 @@ pub fn answers(act: Action, id: Id) -> Vec<Report> {
 }
 
 /// Returns the name of an action, as the scenarios use it.
-fn word(act: Action) -> String {
+fn action_name(act: Action) -> String {
     match act {
         Action::Move(motion) => match motion.path {
             Path::Corner { view } => format!("to-corner-{view}"),
@@ -249,7 +249,7 @@ impl Story {
         let mut story = Story { cell: Cell::new(Rules::ALL), acts: Vec::new(), films };
         story.report(Report::Robot(Robot::Ready));
         story.asked(Request::Reset);
-        assert_eq!(story.rests(), "checkstandstill epoch tooloff wateroff extractionoff lightoff selftest");
+        assert_eq!(story.run_until_rest(), "checkstandstill epoch tooloff wateroff extractionoff lightoff selftest");
         assert_eq!(story.at(), At::Idle);
         story
     }
@@ -271,7 +271,7 @@ impl Story {
     pub fn event(&mut self, event: Event) {
         self.cell.feed(event).unwrap_or_else(|wrong| panic!("{wrong}: {:?}", self.cell.journal));
         let acts = self.cell.effects.iter().filter_map(|effect| match effect {
-            Effect::Do { act, .. } => Some(word(*act)),
+            Effect::Do { act, .. } => Some(action_name(*act)),
             _ => None,
         });
         self.acts.extend(acts);
@@ -312,9 +312,9 @@ impl Story {
     }
 
     /// Runs the cell until this action is in progress, and returns the actions so far.
-    pub fn until(&mut self, act: &str) -> String {
+    pub fn run_until(&mut self, act: &str) -> String {
         for _ in 0..200 {
-            if self.cell.state.due.is_some_and(|due| word(due.act) == act) {
+            if self.cell.state.due.is_some_and(|due| action_name(due.act) == act) {
                 return std::mem::take(&mut self.acts).join(" ");
             }
             self.next_healthy_report();
@@ -323,7 +323,7 @@ impl Story {
     }
 
     /// Runs the cell until no work is in progress, and returns the actions so far.
-    pub fn rests(&mut self) -> String {
+    pub fn run_until_rest(&mut self) -> String {
         for _ in 0..200 {
             if self.at().is_at_rest() {
                 return std::mem::take(&mut self.acts).join(" ");
@@ -336,7 +336,7 @@ impl Story {
     /// Creates a scenario in contact, after two of three waypoints.
     pub fn in_contact() -> Self {
         let mut story = Story::started(&[Film::Broken, Film::Whole]);
-        story.until("to-contact");
+        story.run_until("to-contact");
         let id = story.cell.state.due.expect("the contact path").id;
         story.report(Report::Progress { id, done: 2 });
         story.acts.clear();

@@ -166,7 +166,7 @@ impl Cell {
         }
         self.arm = None;
         self.moving = Some(Moving { id, motion, sent: 0, done: 0 });
-        self.pump()
+        self.send_waypoints()
     }
 
     /// Sets a switch. An output changes when it is commanded, but is treated as off only when its feedback has

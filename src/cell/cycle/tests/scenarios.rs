@@ -8,21 +8,21 @@ use panelprep_base::verdict::Verdict;
 #[test]
 fn a_dirty_panel_is_abraded_once_and_passes() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
-    assert_eq!(story.until("locate"), "to-park lensclear locate");
-    assert_eq!(story.until("corner-0"), "frames-camera to-corner-0 corner-0");
+    assert_eq!(story.run_until("locate"), "to-park lensclear locate");
+    assert_eq!(story.run_until("corner-0"), "frames-camera to-corner-0 corner-0");
     story.answer(Answer::LookOn);
-    assert_eq!(story.until("corner-1"), "to-corner-1 corner-1");
-    assert_eq!(story.until("drypicture"), "to-park lighton drypicture");
-    assert_eq!(story.until("film"), "lensguard spray wateroff lensclear film");
-    assert_eq!(story.until("verify"), "plan-1 lightoff to-corner-0 verify");
-    assert_eq!(story.until("to-contact"), "extractionon frames-pad to-approach toolon to-contact");
-    assert_eq!(story.until("rinse"), "tooloff to-retract assess to-park lensguard rinse");
+    assert_eq!(story.run_until("corner-1"), "to-corner-1 corner-1");
+    assert_eq!(story.run_until("drypicture"), "to-park lighton drypicture");
+    assert_eq!(story.run_until("film"), "lensguard spray wateroff lensclear film");
+    assert_eq!(story.run_until("verify"), "plan-1 lightoff to-corner-0 verify");
+    assert_eq!(story.run_until("to-contact"), "extractionon frames-pad to-approach toolon to-contact");
+    assert_eq!(story.run_until("rinse"), "tooloff to-retract assess to-park lensguard rinse");
     assert_eq!(
-        story.until("film"),
+        story.run_until("film"),
         "wateroff spray wateroff lighton lensclear film",
         "the rinse's water is no spray"
     );
-    assert_eq!(story.rests(), "extractionoff lightoff");
+    assert_eq!(story.run_until_rest(), "extractionoff lightoff");
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
     assert_eq!(story.cell.state.job.pass, 1);
 }
@@ -33,33 +33,33 @@ fn a_dirty_panel_is_abraded_once_and_passes() {
 fn both_corners_are_verified_before_contact() {
     let mut story = Story::started(&[Film::Broken, Film::Broken, Film::Whole]);
     for _ in 0..2 {
-        story.until("verify");
+        story.run_until("verify");
         story.answer(Answer::LookOn);
-        let acts = story.until("to-contact");
+        let acts = story.run_until("to-contact");
         assert!(
             acts.starts_with("to-corner-1 verify-1 ") && acts.ends_with("to-approach toolon to-contact"),
             "{acts}"
         );
     }
-    story.until("film");
-    story.rests();
+    story.run_until("film");
+    story.run_until_rest();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 
     let mut story = Story::started(&[Film::Broken]);
     for corner in ["verify", "verify-1", "verify-2", "verify-3"] {
-        story.until(corner);
+        story.run_until(corner);
         story.answer(Answer::LookOn);
     }
-    story.rests();
+    story.run_until_rest();
     assert!(matches!(story.at(), At::Held(Hold { why: Why::NotVerified, .. })), "{:?}", story.at());
     story.asked(Request::Unhold { dried: false });
-    story.until("verify");
+    story.run_until("verify");
 }
 
 #[test]
 fn a_clean_panel_passes_without_contact() {
     let mut story = Story::started(&[Film::Whole]);
-    let acts = story.rests();
+    let acts = story.run_until_rest();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
     assert!(!acts.contains("toolon") && !acts.contains("to-approach") && !acts.contains("plan"), "{acts}");
 }
@@ -69,28 +69,28 @@ fn a_clean_panel_passes_without_contact() {
 fn an_air_run_follows_the_path_in_the_air_and_passes() {
     let mut story = Story::idle(&[]);
     story.asked(Request::AirRun { max_moves: 3 });
-    assert_eq!(story.until("corner-0"), "to-park lensclear locate frames-camera to-corner-0 corner-0");
-    assert_eq!(story.until("to-air"), "plan-0 verify frames-pad to-approach to-air");
-    assert_eq!(story.rests(), "to-retract to-park");
+    assert_eq!(story.run_until("corner-0"), "to-park lensclear locate frames-camera to-corner-0 corner-0");
+    assert_eq!(story.run_until("to-air"), "plan-0 verify frames-pad to-approach to-air");
+    assert_eq!(story.run_until_rest(), "to-retract to-park");
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 }
 
 #[test]
 fn no_panel_is_a_reject_without_a_move_toward_it() {
     let mut story = Story::started(&[]);
-    story.until("locate");
+    story.run_until("locate");
     story.answer(Answer::Graded(Grade::Reject));
-    assert_eq!(story.rests(), "");
+    assert_eq!(story.run_until_rest(), "");
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Reject });
 }
 
 #[test]
 fn breaks_after_the_last_pass_fail_and_a_film_that_shows_nothing_is_invalid() {
     let mut story = Story::started(&[Film::Broken, Film::Broken, Film::Broken]);
-    story.rests();
+    story.run_until_rest();
     assert_eq!((story.at(), story.cell.state.job.pass), (At::Complete { verdict: Verdict::Fail }, 2));
     let mut story = Story::started(&[Film::Broken, Film::Invalid]);
-    story.rests();
+    story.run_until_rest();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Invalid });
 }
 
@@ -98,32 +98,32 @@ fn breaks_after_the_last_pass_fail_and_a_film_that_shows_nothing_is_invalid() {
 fn the_corner_loop_ends_in_reject_when_the_corner_is_not_reached() {
     let mut story = Story::started(&[]);
     for corner in ["corner-0", "corner-1", "corner-2", "corner-3"] {
-        story.until(corner);
+        story.run_until(corner);
         story.answer(Answer::LookOn);
     }
-    story.rests();
+    story.run_until_rest();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Reject });
 }
 
 #[test]
 fn a_doubtful_localization_waits_for_a_person() {
     let mut story = Story::started(&[Film::Whole]);
-    story.until("locate");
+    story.run_until("locate");
     story.answer(Answer::Graded(Grade::Review));
-    assert_eq!(story.rests(), "end-epoch");
+    assert_eq!(story.run_until_rest(), "end-epoch");
     assert!(matches!(story.at(), At::Held(Hold { why: Why::Review, .. })), "{:?}", story.at());
     story.asked(Request::Unhold { dried: false });
     let refusal = Effect::Refuse { request: Request::Unhold { dried: false }, refusal: Refusal::Review };
     assert_eq!(story.cell.effects, [refusal]);
     story.asked(Request::Accept);
-    assert_eq!(story.until("corner-0"), "epoch frames-camera to-corner-0 corner-0");
-    story.rests();
+    assert_eq!(story.run_until("corner-0"), "epoch frames-camera to-corner-0 corner-0");
+    story.run_until_rest();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
     // If a stop is requested instead of an accept, the verdict is review.
     let mut story = Story::started(&[]);
-    story.until("locate");
+    story.run_until("locate");
     story.answer(Answer::Graded(Grade::Review));
-    story.rests();
+    story.run_until_rest();
     story.asked(Request::Stop);
     assert!(story.cell.effects.contains(&Effect::Conclude { verdict: Verdict::Review }));
 }
@@ -132,23 +132,23 @@ fn a_doubtful_localization_waits_for_a_person() {
 fn a_doubtful_path_waits_for_a_person_and_is_verified_before_contact() {
     let doubtful = Answer::PlannedForReview { plan: 7, waypoints: 3 };
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
-    story.until("plan-1");
+    story.run_until("plan-1");
     story.answer(doubtful);
-    assert_eq!(story.rests(), "end-epoch");
+    assert_eq!(story.run_until_rest(), "end-epoch");
     assert_eq!(story.at(), At::Held(Hold { why: Why::Review, resume: Phase::Verify }));
     story.asked(Request::Accept);
-    let acts = story.until("to-contact");
+    let acts = story.run_until("to-contact");
     assert!(acts.contains("verify") && !acts.contains("plan"), "the accepted path itself, verified: {acts}");
     assert_eq!((story.cell.state.job.plan, story.cell.state.job.waypoints), (7, 3));
-    story.rests();
+    story.run_until_rest();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
     // If the panel is dried instead of accepting the result, the panel is located and the path is planned again.
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
-    story.until("plan-1");
+    story.run_until("plan-1");
     story.answer(doubtful);
-    story.rests();
+    story.run_until_rest();
     story.asked(Request::Unhold { dried: true });
-    let acts = story.until("to-contact");
+    let acts = story.run_until("to-contact");
     assert!(acts.contains("locate") && acts.contains("plan-1") && acts.contains("verify"), "{acts}");
 }
 
@@ -157,9 +157,9 @@ fn a_doubtful_path_waits_for_a_person_and_is_verified_before_contact() {
 #[test]
 fn a_contact_that_is_rejected_ends_the_cycle() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
-    assert!(story.until("assess").ends_with("tooloff to-retract assess"));
+    assert!(story.run_until("assess").ends_with("tooloff to-retract assess"));
     story.answer(Answer::Graded(Grade::Reject));
-    assert_eq!(story.rests(), "to-park extractionoff");
+    assert_eq!(story.run_until_rest(), "to-park extractionoff");
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Reject });
     assert_eq!(story.films, [Film::Whole], "no film after it");
 }
@@ -170,18 +170,18 @@ fn a_contact_that_is_rejected_ends_the_cycle() {
 fn a_new_dry_picture_waits_for_a_dried_panel() {
     let start = Request::Start { max_passes: 2, max_moves: 3, dries: true };
     let mut story = Story::started_by(start, &[Film::Broken, Film::Whole]);
-    story.until("rinse");
-    story.rests();
+    story.run_until("rinse");
+    story.run_until_rest();
     let held = At::Held(Hold { why: Why::Drying, resume: Phase::Wet });
     assert_eq!(story.at(), held);
     story.asked(Request::Unhold { dried: false });
     let refusal = Effect::Refuse { request: Request::Unhold { dried: false }, refusal: Refusal::Undried };
     assert_eq!((story.at(), &story.cell.effects[..]), (held, &[refusal][..]));
     story.asked(Request::Unhold { dried: true });
-    let acts = story.until("film");
+    let acts = story.run_until("film");
     let order = ["locate", "corner-0", "dry", "spray", "film"].map(|act| acts.find(act));
     assert!(order.iter().all(Option::is_some) && order.is_sorted(), "{acts}");
-    story.rests();
+    story.run_until_rest();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 }
 
@@ -190,9 +190,9 @@ fn a_new_dry_picture_waits_for_a_dried_panel() {
 #[test]
 fn a_doubtful_contact_waits_for_a_person() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
-    story.until("assess");
+    story.run_until("assess");
     story.answer(Answer::Graded(Grade::Review));
-    assert_eq!(story.rests(), "end-epoch");
+    assert_eq!(story.run_until_rest(), "end-epoch");
     let held = At::Held(Hold { why: Why::Review, resume: Phase::Assess { left: false } });
     assert_eq!(story.at(), held);
     for dried in [false, true] {
@@ -201,14 +201,14 @@ fn a_doubtful_contact_waits_for_a_person() {
         assert_eq!((story.at(), &story.cell.effects[..]), (held, &[refusal][..]));
     }
     story.asked(Request::Accept);
-    let acts = story.rests();
+    let acts = story.run_until_rest();
     assert!(acts.contains("rinse") && !acts.contains("plan") && !acts.contains("assess"), "{acts}");
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
     // If a stop is requested instead of an accept, the verdict is review.
     let mut story = Story::started(&[Film::Broken]);
-    story.until("assess");
+    story.run_until("assess");
     story.answer(Answer::Graded(Grade::Review));
-    story.rests();
+    story.run_until_rest();
     story.asked(Request::Stop);
     assert!(story.cell.effects.contains(&Effect::Conclude { verdict: Verdict::Review }));
 }
@@ -217,7 +217,7 @@ fn a_doubtful_contact_waits_for_a_person() {
 #[test]
 fn a_journal_folds_to_the_state_that_wrote_it() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
-    story.rests();
+    story.run_until_rest();
     let lines: Vec<String> =
         story.cell.journal.iter().map(|event| serde_json::to_string(event).expect("a line")).collect();
     assert!(lines.iter().all(|line| !line.contains('\n') && line.len() < 120), "{lines:#?}");
@@ -232,11 +232,11 @@ fn a_journal_folds_to_the_state_that_wrote_it() {
 fn a_held_air_run_is_planned_again() {
     let mut story = Story::idle(&[]);
     story.asked(Request::AirRun { max_moves: 3 });
-    story.until("to-air");
+    story.run_until("to-air");
     story.asked(Request::Hold);
-    assert_eq!(story.rests(), "end-epoch");
+    assert_eq!(story.run_until_rest(), "end-epoch");
     story.asked(Request::Unhold { dried: false });
-    let acts = story.rests();
+    let acts = story.run_until_rest();
     assert!(acts.contains("verify") && acts.contains("plan-0") && acts.contains("to-air"), "{acts}");
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 }
@@ -245,9 +245,9 @@ fn a_held_air_run_is_planned_again() {
 #[test]
 fn a_stop_of_a_held_cell_with_an_open_guard_is_immediate() {
     let mut story = Story::started(&[Film::Broken]);
-    story.until("film");
+    story.run_until("film");
     story.asked(Request::Hold);
-    story.rests();
+    story.run_until_rest();
     story.report(Report::Robot(Robot::GuardOpen));
     story.asked(Request::Stop);
     assert_eq!((story.at(), story.acts.len()), (At::Stopped, 0));
@@ -275,7 +275,7 @@ fn an_emergency_stop_outranks_its_consequences() {
         let mut story = Story::in_contact();
         story.event(first);
         robots.iter().for_each(|robot| story.report(Report::Robot(*robot)));
-        story.rests();
+        story.run_until_rest();
         let At::Aborted { cause } = story.at() else { panic!("{:?}", story.at()) };
         cause
     };
@@ -304,7 +304,7 @@ fn an_ended_epoch_leaves_no_proven_output() {
         [(Request::Hold, "to-contact"), (Request::Stop, "to-contact"), (Request::Hold, "drypicture")]
     {
         let mut story = Story::started(&[Film::Broken]);
-        story.until(station);
+        story.run_until(station);
         story.asked(request);
         assert_eq!(story.acts.last().map(String::as_str), Some("end-epoch"), "{request:?} {station}");
         let is_on = [Switch::ToolOn, Switch::ExtractionOn, Switch::LightOn];
@@ -334,11 +334,11 @@ fn a_hold_in_contact_retracts_and_unhold_verifies_and_plans_the_rest_again() {
     assert_eq!(story.cell.state, State { dropped: before.dropped + 1, ..before });
 
     story.asked(Request::Unhold { dried: false });
-    assert_eq!(story.until("verify"), "epoch frames-camera to-corner-0 verify");
-    assert_eq!(story.until("plan-1"), "assess plan-1", "what was done is graded before more is done");
+    assert_eq!(story.run_until("verify"), "epoch frames-camera to-corner-0 verify");
+    assert_eq!(story.run_until("plan-1"), "assess plan-1", "what was done is graded before more is done");
     // The controller may have switched the extraction off during the hold.
-    assert_eq!(story.until("to-contact"), "verify extractionon frames-pad to-approach toolon to-contact");
-    story.rests();
+    assert_eq!(story.run_until("to-contact"), "verify extractionon frames-pad to-approach toolon to-contact");
+    story.run_until_rest();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 }
 
@@ -348,11 +348,11 @@ fn a_path_that_was_cut_short_and_is_rejected_is_not_planned_again() {
     for dried in [false, true] {
         let mut story = Story::in_contact();
         story.asked(Request::Hold);
-        story.rests();
+        story.run_until_rest();
         story.asked(Request::Unhold { dried });
-        story.until("assess");
+        story.run_until("assess");
         story.answer(Answer::Graded(Grade::Reject));
-        let acts = story.rests();
+        let acts = story.run_until_rest();
         assert!(!acts.contains("plan") && !acts.contains("toolon"), "{acts}");
         assert_eq!(story.at(), At::Complete { verdict: Verdict::Reject }, "dried {dried}");
     }
@@ -363,15 +363,15 @@ fn a_path_that_was_cut_short_and_is_rejected_is_not_planned_again() {
 fn a_hold_after_contact_does_not_lose_the_grade() {
     for station in ["to-retract", "assess"] {
         let mut story = Story::started(&[Film::Broken, Film::Whole]);
-        story.until(station);
+        story.run_until(station);
         story.asked(Request::Hold);
-        story.rests();
+        story.run_until_rest();
         let left = Phase::Assess { left: false };
         assert_eq!(story.at(), At::Held(Hold { why: Why::Asked, resume: left }), "{station}");
         story.asked(Request::Unhold { dried: false });
-        let acts = story.until("rinse");
+        let acts = story.run_until("rinse");
         assert!(acts.contains("assess") && !acts.contains("plan"), "{acts}");
-        story.rests();
+        story.run_until_rest();
         assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass }, "{station}");
     }
 }
@@ -379,9 +379,9 @@ fn a_hold_after_contact_does_not_lose_the_grade() {
 #[test]
 fn if_verify_fails_the_panel_is_dried_and_located_again() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
-    story.until("verify");
+    story.run_until("verify");
     story.answer(Answer::Graded(Grade::Reject));
-    story.rests();
+    story.run_until_rest();
     assert_eq!(story.at(), At::Held(Hold { why: Why::NotVerified, resume: Phase::Plan }));
     // A person opens the guard to dry the panel.
     story.report(Report::Robot(Robot::GuardOpen));
@@ -390,11 +390,11 @@ fn if_verify_fails_the_panel_is_dried_and_located_again() {
     assert_eq!(story.cell.effects, [Effect::Refuse { request: Request::Unhold { dried: true }, refusal }]);
     story.report(Report::Robot(Robot::Ready));
     story.asked(Request::Unhold { dried: true });
-    let acts = story.until("to-contact");
+    let acts = story.run_until("to-contact");
     let order = ["locate", "corner-0", "drypicture", "plan-1", "verify", "to-contact"];
     let found = order.map(|act| acts.split(' ').position(|done| done == act));
     assert!(found.is_sorted() && found[0].is_some(), "{acts}");
-    story.rests();
+    story.run_until_rest();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 }
 
@@ -402,9 +402,9 @@ fn if_verify_fails_the_panel_is_dried_and_located_again() {
 #[test]
 fn accept_is_refused_if_no_result_waits() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
-    story.until("verify");
+    story.run_until("verify");
     story.answer(Answer::Graded(Grade::Reject));
-    story.rests();
+    story.run_until_rest();
     for robot in [Robot::Ready, Robot::GuardOpen] {
         story.report(Report::Robot(robot));
         story.asked(Request::Accept);
@@ -417,13 +417,13 @@ fn accept_is_refused_if_no_result_waits() {
 fn a_stop_ends_in_stopped_or_by_its_deadline_in_aborted() {
     let mut story = Story::in_contact();
     story.asked(Request::Stop);
-    assert_eq!(story.rests(), "end-epoch");
+    assert_eq!(story.run_until_rest(), "end-epoch");
     assert_eq!(story.at(), At::Stopped);
     let mut story = Story::in_contact();
     story.asked(Request::Stop);
     let At::Stopping { until } = story.at() else { panic!("{:?}", story.at()) };
     story.report(Report::Deadline { id: until, which: Deadline::Stop });
-    assert_eq!(story.rests(), "end-epoch end-epoch");
+    assert_eq!(story.run_until_rest(), "end-epoch end-epoch");
     assert_eq!(story.at(), At::Aborted { cause: Cause::StopTimedOut });
 }
 
@@ -431,20 +431,20 @@ fn a_stop_ends_in_stopped_or_by_its_deadline_in_aborted() {
 fn from_aborted_only_clear_leads_out() {
     let mut story = Story::in_contact();
     story.asked(Request::Abort);
-    assert_eq!(story.rests(), "end-epoch");
+    assert_eq!(story.run_until_rest(), "end-epoch");
     assert_eq!(story.at(), At::Aborted { cause: Cause::Asked });
     for request in REQUESTS.into_iter().filter(|request| *request != Request::Clear) {
         story.asked(request);
         assert!(matches!(story.cell.effects[..], [Effect::Refuse { .. }]), "{request:?}");
     }
     story.asked(Request::Clear);
-    assert_eq!(story.rests(), "checkstandstill");
+    assert_eq!(story.run_until_rest(), "checkstandstill");
     assert_eq!(story.at(), At::Stopped);
     // An abort during the spray: the abort frame switches the water off without waiting.
     let mut story = Story::started(&[]);
-    story.until("spray");
+    story.run_until("spray");
     story.asked(Request::Abort);
     assert!(story.cell.state.facts.water_may_run);
-    assert_eq!(story.rests(), "end-epoch");
+    assert_eq!(story.run_until_rest(), "end-epoch");
     assert!(!story.cell.state.facts.water_may_run && story.cell.state.facts.water_off());
 }

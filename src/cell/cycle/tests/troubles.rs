@@ -10,28 +10,28 @@ fn clear_and_reset_succeed_after_a_fault_within_them() {
     for trouble in [Trouble::Refused, Trouble::Sequence, Trouble::Late, Trouble::Starved, Trouble::Protocol] {
         for station in ["checkstandstill", "end-epoch"] {
             let mut story = Story::started(&[Film::Broken]);
-            story.until("spray");
+            story.run_until("spray");
             story.report(Report::Robot(Robot::LinkLost));
             story.answer(Answer::Failed(Trouble::Refused));
             story.report(Report::Robot(Robot::Ready));
             story.asked(Request::Clear);
-            story.until(station);
+            story.run_until(station);
             story.report(Report::EpochOver { trouble: Some(trouble) });
             assert!(matches!(story.at(), At::Aborted { .. }), "{trouble:?}");
             story.acts.clear();
             story.asked(Request::Clear);
             // The end of the epoch confirms that tool and water are off.
-            assert_eq!(story.rests(), "checkstandstill end-epoch", "{trouble:?}");
+            assert_eq!(story.run_until_rest(), "checkstandstill end-epoch", "{trouble:?}");
             assert_eq!(story.at(), At::Stopped);
 
             story.asked(Request::Reset);
-            story.until("lightoff");
+            story.run_until("lightoff");
             story.report(Report::EpochOver { trouble: Some(trouble) });
             assert_eq!(story.at(), At::Stopped, "{trouble:?}");
             story.asked(Request::Reset);
-            story.rests();
+            story.run_until_rest();
             story.asked(Request::Start { max_passes: 1, max_moves: 1, dries: false });
-            story.until("locate");
+            story.run_until("locate");
         }
     }
 }
@@ -43,7 +43,7 @@ fn an_epoch_that_the_link_ended_at_rest_is_not_used() {
     story.report(Report::EpochOver { trouble: Some(Trouble::Starved) });
     assert_eq!(story.at(), At::Idle);
     story.asked(Request::Start { max_passes: 1, max_moves: 1, dries: false });
-    assert_eq!(story.until("locate"), "end-epoch epoch to-park lensclear locate");
+    assert_eq!(story.run_until("locate"), "end-epoch epoch to-park lensclear locate");
 }
 
 /// If water or the tool in the air is on when a program ends, the state is Aborted, until a feedback or a person
@@ -55,7 +55,7 @@ fn outputs_that_were_on_outlive_the_program_and_the_link() {
     for (name, end) in ends {
         for (station, water, tool) in [("spray", true, false), ("rinse", true, false), ("toolon", false, true)] {
             let mut story = Story::started(&[Film::Broken]);
-            story.until(station);
+            story.run_until(station);
             story.report(end);
             if end != Report::Boot {
                 story.answer(Answer::Failed(Trouble::Refused));
@@ -72,18 +72,18 @@ fn outputs_that_were_on_outlive_the_program_and_the_link() {
             assert_eq!(facts(&proven), (false, false));
             assert!(matches!(proven.at(), At::Aborted { .. }), "a person clears it all the same");
             proven.asked(Request::Clear);
-            proven.rests();
+            proven.run_until_rest();
             assert_eq!(proven.at(), At::Stopped);
         }
     }
     // Without a feedback, a person's Clear confirms that both are off.
     let mut story = Story::started(&[]);
-    story.until("spray");
+    story.run_until("spray");
     story.report(Report::Boot);
     assert_eq!(story.at(), At::Aborted { cause: Cause::OutputsOn });
     story.report(Report::Robot(Robot::Ready));
     story.asked(Request::Clear);
-    story.rests();
+    story.run_until_rest();
     assert_eq!((story.at(), story.cell.state.facts.water_may_run), (At::Stopped, false));
 }
 
@@ -110,7 +110,7 @@ const PHASE_ACTIONS: [&str; 15] = [
 fn a_link_that_is_lost_aborts_every_phase() {
     for station in PHASE_ACTIONS {
         let mut story = Story::started(&[Film::Broken]);
-        story.until(station);
+        story.run_until(station);
         story.report(Report::Robot(Robot::LinkLost));
         let open = story.cell.state.intent.is_some();
         assert_eq!(open, station.starts_with("to-"), "{station}");
@@ -122,7 +122,7 @@ fn a_link_that_is_lost_aborts_every_phase() {
         story.report(Report::Robot(Robot::Ready));
         assert_eq!((story.acts.len(), story.cell.state.facts.token), (0, None));
         story.asked(Request::Clear);
-        story.rests();
+        story.run_until_rest();
         assert_eq!((story.at(), story.cell.state.intent), (At::Stopped, None), "{station}");
     }
 }
@@ -131,10 +131,10 @@ fn a_link_that_is_lost_aborts_every_phase() {
 fn an_emergency_stop_voids_the_localization_and_its_release_moves_nothing() {
     for station in PHASE_ACTIONS {
         let mut story = Story::started(&[Film::Broken]);
-        story.until(station);
+        story.run_until(station);
         story.report(Report::Robot(Robot::EmergencyStop));
         assert_eq!(story.cell.state.facts.token, None, "{station}");
-        story.rests();
+        story.run_until_rest();
         assert_eq!(story.at(), At::Aborted { cause: Cause::Robot(Robot::EmergencyStop) }, "{station}");
         assert_eq!(
             story.cell.state.facts.touching,
@@ -146,7 +146,7 @@ fn an_emergency_stop_voids_the_localization_and_its_release_moves_nothing() {
             assert_eq!(story.acts, [""; 0], "{station}");
         }
         story.asked(Request::Clear);
-        story.rests();
+        story.run_until_rest();
         assert_eq!((story.at(), story.cell.state.facts.touching), (At::Stopped, false), "{station}");
     }
 }
@@ -155,7 +155,7 @@ fn an_emergency_stop_voids_the_localization_and_its_release_moves_nothing() {
 fn a_restart_leads_to_aborted_after_an_open_motion_and_else_to_stopped() {
     for station in PHASE_ACTIONS {
         let mut story = Story::started(&[Film::Broken]);
-        story.until(station);
+        story.run_until(station);
         let recovered = recover(story.cell.journal.iter().copied());
         let interrupted = At::Aborted { cause: Cause::Interrupted };
         let on = At::Aborted { cause: Cause::OutputsOn };
@@ -185,7 +185,7 @@ fn a_link_that_is_lost_while_aborting_leaves_no_client_waiting() {
 #[test]
 fn a_slow_robot_is_ignored_in_air_and_held_in_contact() {
     let mut story = Story::started(&[Film::Broken]);
-    story.until("to-approach");
+    story.run_until("to-approach");
     story.report(Report::Trouble(Trouble::Slow));
     assert_eq!(story.at(), At::Execute(Phase::Abrade));
     let mut story = Story::in_contact();
@@ -197,12 +197,12 @@ fn a_slow_robot_is_ignored_in_air_and_held_in_contact() {
 fn trouble_before_the_panel_is_found_is_held_and_the_panel_is_located() {
     let mut story = Story::started(&[Film::Whole]);
     story.report(Report::Trouble(Trouble::Feedback));
-    story.rests();
+    story.run_until_rest();
     assert_eq!(story.at(), At::Held(Hold { why: Why::Trouble(Trouble::Feedback), resume: Phase::Locate }));
     story.acts.clear();
     story.asked(Request::Unhold { dried: false });
-    assert_eq!(story.until("locate"), "epoch to-park lensclear locate");
-    story.rests();
+    assert_eq!(story.run_until("locate"), "epoch to-park lensclear locate");
+    story.run_until_rest();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 }
 
@@ -210,14 +210,14 @@ fn trouble_before_the_panel_is_found_is_held_and_the_panel_is_located() {
 #[test]
 fn contact_waits_for_the_override_that_it_is_planned_for() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
-    story.until("verify");
+    story.run_until("verify");
     story.report(Report::FullOverride(false));
-    let acts = story.rests();
+    let acts = story.run_until_rest();
     assert!(!acts.contains("toolon") && !acts.contains("contact"), "{acts}");
     assert_eq!(story.at(), At::Held(Hold { why: Why::Trouble(Trouble::Override), resume: Phase::Plan }));
     story.report(Report::FullOverride(true));
     story.asked(Request::Unhold { dried: false });
-    story.until("to-contact");
+    story.run_until("to-contact");
 }
 
 /// If the override is changed at the pendant during contact, the path is interrupted, the result is graded, and the
@@ -226,7 +226,7 @@ fn contact_waits_for_the_override_that_it_is_planned_for() {
 fn a_changed_override_ends_the_contact() {
     let mut story = Story::in_contact();
     story.report(Report::FullOverride(false));
-    let acts = story.rests();
+    let acts = story.run_until_rest();
     assert_eq!(acts.split(' ').next(), Some("end-epoch"), "{acts}");
     let resume = Phase::Assess { left: true };
     assert_eq!(story.at(), At::Held(Hold { why: Why::Trouble(Trouble::Override), resume }));

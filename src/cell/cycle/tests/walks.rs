@@ -73,13 +73,13 @@ fn recovers(cell: &mut Cell, random: &mut Pcg64) -> Result<(), String> {
         }
         let works = matches!(cell.state.at, At::Execute(_) | At::Starting | At::Unholding { .. });
         let stop = (works && asked[1] == 0 && !cell.condition_due).then_some(Event::Asked(Request::Stop));
-        let event = stop.or_else(|| cell.recovering(random)).ok_or_else(|| "a dead end".to_owned())?;
+        let event = stop.or_else(|| cell.next_recovery_event(random)).ok_or_else(|| "a dead end".to_owned())?;
         asked[0] += usize::from(event == Event::Asked(Request::Clear));
         asked[1] += usize::from(matches!(event, Event::Asked(Request::Start { .. })));
         if asked[0] > 1 {
             return Err("one clear is not enough".to_owned());
         }
-        cell.feed(event).and_then(|()| cell.pump())?;
+        cell.feed(event).and_then(|()| cell.send_waypoints())?;
     }
     Err(format!("no cycle begins within {MAX_RECOVERY_EVENTS} steps of the last fault"))
 }
@@ -95,10 +95,10 @@ fn walk(rules: Rules, seed: u64, coverage: &mut Coverage) -> Result<(), String> 
         let said = if random.random_bool(surprises) {
             Some(cell.unexpected_event(&mut random))
         } else {
-            cell.healthy(&mut random)
+            cell.next_healthy_event(&mut random)
         };
         let event = said.ok_or_else(|| "a dead end".to_owned());
-        let done = event.and_then(|event| cell.feed(event)).and_then(|()| cell.pump());
+        let done = event.and_then(|event| cell.feed(event)).and_then(|()| cell.send_waypoints());
         done.map_err(|wrong| {
             let last: Vec<String> =
                 cell.journal.iter().rev().take(25).rev().map(|event| format!("  {event:?}")).collect();

@@ -12,7 +12,7 @@ const MAX_CORNERS: usize = 64;
 const MIN_NORMAL_COSINE: f64 = 0.9;
 /// Maximum distance of a corner from the plane of its face, relative to the face's size. Two triangulations of a face
 /// differ by at most twice this distance, 0.2 mm on a face of 200 mm.
-const MAX_OFF_PLANE_SHARE: f64 = 5e-4;
+const MAX_RELATIVE_PLANE_DISTANCE: f64 = 5e-4;
 
 /// Divides a face into triangles from its first corner. `None` if the number of corners is invalid, or if the face is
 /// not planar and convex, so that the triangulation would be ambiguous.
@@ -34,7 +34,7 @@ pub(in crate::files) fn triangulate(vertices: &[[f64; 3]], corners: &[u32]) -> O
         }
         let size = corners.iter().map(|&corner| (at(corner) - at(corners[0])).norm()).fold(0.0, f64::max);
         let off_plane = |corner: &u32| (at(*corner) - at(corners[0])).dot(&sum).abs() / sum.norm();
-        if sum.norm() > 0.0 && corners.iter().map(off_plane).fold(0.0, f64::max) > MAX_OFF_PLANE_SHARE * size {
+        if sum.norm() > 0.0 && corners.iter().map(off_plane).fold(0.0, f64::max) > MAX_RELATIVE_PLANE_DISTANCE * size {
             return None;
         }
     }

@@ -238,16 +238,16 @@ fn a_pass_needs_a_film_that_passed() {
     };
     assert_eq!(unearned(passed(), vec![]), [""; 0]);
     let told = |missing: &str| {
-        [format!("cycle 3 has the verdict pass, but {missing}; do not release the part, and inspect it again")]
+        [format!("cycle 3 has the verdict pass, but {missing}: do not release the part, and inspect the part again")]
     };
-    let no_film = told("it has 0 films (minimum 1)");
+    let no_film = told("the record has 0 films (minimum 1)");
     assert_eq!(unearned(vec![], vec![]), no_film);
     assert_eq!(unearned(vec![finding(Kind::Locate, Verdict::Accept, "")], vec![]), no_film);
     let mut abraded_again = passed();
     abraded_again.push(finding(Kind::Abrade, Verdict::Accept, ""));
-    assert_eq!(unearned(abraded_again, vec![]), told("1 of its abrasions followed the last film (limit 0)"));
+    assert_eq!(unearned(abraded_again, vec![]), told("1 sanding passes followed the last film (limit 0)"));
     let accepted = vec![finding(Kind::Inspect, Verdict::Accept, "")];
-    let words = "its last film, finding 1, has the verdict accept instead of pass";
+    let words = "the last film, finding 1, has the verdict accept instead of pass";
     assert_eq!(unearned(accepted, vec![]), told(words), "a film passes or does not");
     assert_eq!(unearned(vec![], vec![asked(Request::AirRun { max_moves: 3 }, Answer::Done, 0)]), [""; 0]);
     let refused = asked(Request::AirRun { max_moves: 3 }, Answer::Refused, 0);

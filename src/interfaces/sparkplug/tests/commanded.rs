@@ -1,7 +1,7 @@
 //! Tests of commands: accepted commands, refused commands, and a flood of commands.
 
 use super::super::*;
-use super::{at, born, published, values_in_state};
+use super::{at, node_after_birth, published, values_in_state};
 use prost::Message as _;
 
 /// Returns a command message that writes this value to a metric.
@@ -29,21 +29,21 @@ fn allowed_commands_are_requested() {
     for (command, alias) in [(NodeCommand::Hold, 1_001), (NodeCommand::Stop, 1_002), (NodeCommand::Abort, 1_003)] {
         let (name, yes) = (command.name(), Some(WireType::Boolean(true)));
         for (name, alias) in [(Some(name), None), (None, Some(alias)), (Some(name), Some(alias))] {
-            let acts = send_command(&mut born(true), &written(name, alias, yes.clone()), 1);
+            let acts = send_command(&mut node_after_birth(true), &written(name, alias, yes.clone()), 1);
             assert_eq!(acts, [NodeAction::Ask { command, is_noted: true }]);
         }
-        let why = refusal(&send_command(&mut born(false), &self::write_true(name), 1));
+        let why = refusal(&send_command(&mut node_after_birth(false), &self::write_true(name), 1));
         assert!(why.contains("is not permitted by [sparkplug] commands") && why.contains(name), "{why}");
     }
     for name in ["Node Control/Start", "Node Control/Reset", "Node Control/Clear", "Node Control/Unhold", "Start"] {
-        let why = refusal(&send_command(&mut born(true), &write_true(name), 1));
+        let why = refusal(&send_command(&mut node_after_birth(true), &write_true(name), 1));
         assert!(why.contains("valid: Node Control/Rebirth, Node Control/Hold"), "{why}");
     }
 }
 
 #[test]
 fn a_rebirth_publishes_all_values_under_the_same_number() {
-    let mut node = born(false);
+    let mut node = node_after_birth(false);
     node.step(NodeEvent::Seen(values_in_state("held")), at(10));
     let acts = send_command(&mut node, &write_true("Node Control/Rebirth"), 20);
     let [(kind, birth)] = &published(&acts)[..] else { panic!("{acts:?}") };
@@ -89,11 +89,11 @@ fn other_messages_are_refused() {
         (written(None, Some(999), Some(WireType::Boolean(true))), "with the alias 999"),
     ];
     for (payload, words) in cases {
-        let why = refusal(&send_command(&mut born(true), &payload, 1));
+        let why = refusal(&send_command(&mut node_after_birth(true), &payload, 1));
         assert!(why.contains(words), "{words}: {why}");
     }
     let long = "\u{1b}[31m".repeat(1_000);
-    let why = refusal(&send_command(&mut born(true), &write_true(&long), 1));
+    let why = refusal(&send_command(&mut node_after_birth(true), &write_true(&long), 1));
     assert!(why.len() < 1_000 && !why.contains('\u{1b}'), "{why}");
 }
 
@@ -103,12 +103,12 @@ fn other_messages_are_refused() {
 fn retained_commands_and_other_topics_are_refused() {
     let payload = write_true(NodeCommand::Stop.name());
     let topic = "spBv1.0/G/NCMD/cell";
-    let acts = born(true).step(NodeEvent::Received { topic, payload: &payload, is_retained: true }, at(1));
+    let acts = node_after_birth(true).step(NodeEvent::Received { topic, payload: &payload, is_retained: true }, at(1));
     assert!(refusal(&acts).contains("its age is unknown"));
     for topic in
         ["spBv1.0/G/NCMD/other", "spBv1.0/G/DCMD/cell/x", "spBv1.0/G/NBIRTH/cell", "", "spBv1.0/STATE/scada"]
     {
-        let acts = born(true).step(NodeEvent::Received { topic, payload: &payload, is_retained: false }, at(1));
+        let acts = node_after_birth(true).step(NodeEvent::Received { topic, payload: &payload, is_retained: false }, at(1));
         assert!(refusal(&acts).contains("has not subscribed"), "{topic}");
     }
 }
@@ -118,7 +118,7 @@ fn retained_commands_and_other_topics_are_refused() {
 /// number of the others.
 #[test]
 fn a_flood_of_commands_is_limited_and_loses_no_stop() {
-    let mut node = born(true);
+    let mut node = node_after_birth(true);
     let (mut asked, mut notes) = (vec![], vec![]);
     let mut keep = |acts: Vec<NodeAction>, ms: u64| {
         for act in acts {
@@ -152,7 +152,7 @@ fn a_flood_of_commands_is_limited_and_loses_no_stop() {
 #[test]
 fn waiting_commands_end_with_their_connection() {
     for command in [NodeCommand::Hold, NodeCommand::Stop, NodeCommand::Abort] {
-        let mut node = born(true);
+        let mut node = node_after_birth(true);
         let asked = |acts: &[NodeAction]| acts.iter().filter(|act| matches!(act, NodeAction::Ask { .. })).count();
         assert_eq!(asked(&send_command(&mut node, &write_true(command.name()), 1)), 1);
         assert_eq!(asked(&send_command(&mut node, &write_true(command.name()), 500)), 0, "it waits");

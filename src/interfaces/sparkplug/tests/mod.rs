@@ -49,7 +49,7 @@ fn published(acts: &[NodeAction]) -> Vec<(String, Payload)> {
 }
 
 /// Creates a node that is connected and has published its birth message.
-fn born(commands_allowed: bool) -> EdgeNode {
+fn node_after_birth(commands_allowed: bool) -> EdgeNode {
     let mut node = node(None, commands_allowed, true);
     node.step(NodeEvent::Connecting, at(0));
     node.step(NodeEvent::Seen(values_in_state("idle")), at(0));
@@ -113,7 +113,7 @@ fn a_birth_contains_every_metric() {
 /// message.
 #[test]
 fn data_messages_contain_only_changes() {
-    let mut node = born(false);
+    let mut node = node_after_birth(false);
     assert_eq!(node.step(NodeEvent::Seen(values_in_state("idle")), at(10)), []);
     let acts = node.step(NodeEvent::Seen(values_in_state("starting")), at(20));
     let (kind, payload) = &published(&acts)[0];
@@ -160,7 +160,7 @@ fn numbers_continue_at_0_after_255() {
         node.step(NodeEvent::Lost, at(connection));
         assert_eq!(node.step(NodeEvent::Seen(values_in_state("held")), at(connection)), [], "nothing is sent");
     }
-    let mut node = born(false);
+    let mut node = node_after_birth(false);
     for message in 1..600_u64 {
         let state = if message % 2 == 0 { "idle" } else { "held" };
         let acts = node.step(NodeEvent::Seen(values_in_state(state)), at(message));
@@ -171,7 +171,7 @@ fn numbers_continue_at_0_after_255() {
 /// At the end of a session the node publishes its death message, with the connection number of its birth messages.
 #[test]
 fn the_node_ends_its_session_with_its_death() {
-    let mut node = born(false);
+    let mut node = node_after_birth(false);
     let acts = node.step(NodeEvent::Leaving, at(5));
     assert_eq!(acts.last(), Some(&NodeAction::Disconnect));
     let [(kind, payload)] = &published(&acts)[..] else { panic!("{acts:?}") };
@@ -211,7 +211,7 @@ fn nothing_is_published_while_the_primary_host_is_offline() {
     let acts = host_statement(&mut node, r#"{"online":true,"timestamp":100,"more":1}"#, 4);
     assert_eq!(published(&acts)[0].0, "NBIRTH");
     assert_eq!(host_statement(&mut node, r#"{"online":false,"timestamp":99}"#, 5), [], "of an earlier connection");
-    assert!(node.is_born());
+    assert!(node.has_published_birth());
     let acts = host_statement(&mut node, r#"{"online":false,"timestamp":100}"#, 6);
     assert_eq!((published(&acts)[0].0.as_str(), acts.last()), ("NDEATH", Some(&NodeAction::Disconnect)));
     assert_eq!(node.step(NodeEvent::Seen(values_in_state("held")), at(7)), []);

@@ -107,7 +107,7 @@ proptest! {
             let event = match &step {
                 Step::Connect if connected => continue,
                 Step::Connect => NodeEvent::Connecting,
-                Step::Subscribed if !connected || node.is_born() => continue,
+                Step::Subscribed if !connected || node.has_published_birth() => continue,
                 Step::Subscribed => NodeEvent::Subscribed,
                 Step::Lose => NodeEvent::Lost,
                 Step::See(state) => {
@@ -141,7 +141,7 @@ proptest! {
                 let reported = host.values[word].clone();
                 let lags = reported != seen.map(|state| WireType::Text(state.to_owned()));
                 // Data messages are missing only while a rebirth is pending.
-                prop_assert!(!lags || node.waits_for_rebirth());
+                prop_assert!(!lags || node.is_rebirth_pending());
             }
             if ends || acts.contains(&NodeAction::Disconnect) {
                 (connected, host.born) = (false, false);

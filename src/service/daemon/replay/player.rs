@@ -13,7 +13,7 @@
 
 use super::form::{Recordable, RecordedAnswer, film_role, without_measured_times};
 use crate::daemon::ports::Port;
-use panelprep_base::verdict::LATER_CHECK_FIELDS;
+use panelprep_base::verdict::CHECK_FIELDS_ADDED_LATER;
 use panelprep_cell::record::name;
 use panelprep_kuka::eki::Time;
 use panelprep_store::tape::{Entry, TapeError, Topic};
@@ -349,10 +349,10 @@ const NAMES_SINCE_CHECKS: [&str; 12] = [
 fn convert_to_recorded_form(recorded: &Value, mut now: Value) -> Value {
     let empty = Vec::new();
     let kept = recorded["numbers"].as_array().unwrap_or(&empty);
-    let is_of_today = kept.iter().any(|number| LATER_CHECK_FIELDS.iter().any(|key| number.get(key).is_some()));
+    let is_of_today = kept.iter().any(|number| CHECK_FIELDS_ADDED_LATER.iter().any(|key| number.get(key).is_some()));
     let Some(found) = now["numbers"].as_array_mut().filter(|_| !is_of_today) else { return now };
     for number in found.iter_mut().filter_map(Value::as_object_mut) {
-        for key in LATER_CHECK_FIELDS {
+        for key in CHECK_FIELDS_ADDED_LATER {
             number.remove(key);
         }
     }

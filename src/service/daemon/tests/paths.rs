@@ -393,7 +393,7 @@ fn outside_the_correction_volume_nothing_is_measured_or_touched() {
         let smooth = CorrectionNumbers::Smooth {
             middle_mm: [540.0, 300.0, 360.0],
             half_mm: [half_mm; 3],
-            numbers: [0.0; panelprep_cell::cell::SMOOTH_NUMBERS],
+            numbers: [0.0; panelprep_cell::cell::SMOOTH_PARAMETER_COUNT],
         };
         let cell = cell.clone().with_arm_correction(smooth);
         let setup = fake::setup(&cell, &recipe, &taught, calibrations);

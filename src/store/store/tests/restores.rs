@@ -77,7 +77,7 @@ fn forge(store: &Path, sql: &str) {
     connection.execute("DELETE FROM chain", []).expect("removed");
     let mut place = ChainPosition::START;
     for (part, key) in links {
-        place = chain::add(&connection, place, chain::part(&part).expect("ours"), key).expect("forged");
+        place = chain::add_link(&connection, place, chain::hashed_table(&part).expect("ours"), key).expect("forged");
     }
     drop(connection);
     let hash = file_hash(&file).expect("read");
@@ -155,7 +155,7 @@ fn no_part_begins_with_an_unknown_pass_count() {
             counted.iter().filter(|pass| pass.is_stated && pass.grid.is_none() && pass.cycle == two).count();
         assert_eq!((counted.len(), stated, counted[0].cycle), (3, 2, one), "{counted:?}");
     }
-    let of_serial = store.passes_by_serial("SN1", None).expect("read");
+    let of_serial = store.sanding_passes_by_serial("SN1", None).expect("read");
     assert_eq!(of_serial.iter().map(|cycle| (cycle.cycle, cycle.passes)).collect::<Vec<_>>(), [(one, 1), (two, 2)]);
     assert_eq!(of_serial[1].removed_um, None, "its depth is not known");
 

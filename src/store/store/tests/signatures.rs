@@ -258,8 +258,8 @@ fn a_signed_pass_over_a_rejected_finding_does_not_verify() {
     let told = found(&folder.path().join("store"));
     let words = "signature 1: cycle 1 has the verdict pass, but its finding 2 (abrade, pass 1) is reject: 64 µm \
                  (removal_too_deep)";
-    let no_film = "signature 1: cycle 1 has the verdict pass, but 1 of its abrasions followed the last film (limit 0); do \
-                   not release the part, and inspect it again";
+    let no_film = "signature 1: cycle 1 has the verdict pass, but 1 sanding passes followed the last film (limit 0): do \
+                   not release the part, and inspect the part again";
     assert_eq!(told, [words, no_film]);
 }
 
@@ -347,7 +347,7 @@ fn passes_of_a_serial_are_counted_over_its_cycles() {
         store.conclude(id, Verdict::Pass, &[]).expect("over");
     }
     let of = |serial: &str, before: Option<i64>| -> Vec<(i64, usize)> {
-        let all = store.passes_by_serial(serial, before.map(CycleId)).expect("read");
+        let all = store.sanding_passes_by_serial(serial, before.map(CycleId)).expect("read");
         all.into_iter().map(|passes| (passes.cycle.0, passes.passes)).collect()
     };
     assert_eq!(of("SN 1", None), [(1, 2), (3, 1)]);

@@ -96,8 +96,8 @@ fn two_corners_share_the_difference() {
 #[test]
 fn a_slanted_view_sees_a_part_of_a_move_along_the_normal() {
     let corner = |y: f64| taught(Point::at(560.0, 0.0, 360.0), camera_along_x(Point::at(460.0, y, 360.0)), &CAMERA);
-    assert!((corner(100.0).visible_normal_share() - 0.5f64.sqrt()).abs() < 1e-9);
-    assert!(corner(0.0).visible_normal_share() < 1e-9);
+    assert!((corner(100.0).visible_normal_fraction() - 0.5f64.sqrt()).abs() < 1e-9);
+    assert!(corner(0.0).visible_normal_fraction() < 1e-9);
 }
 
 /// Calculated by hand: two corners are 200 mm apart, and both cameras look along X. After a rotation by 0.01 rad about
