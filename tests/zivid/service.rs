@@ -111,6 +111,6 @@ fn doctor_checks_light_warm_up_and_settings() {
     let film = folder.path().join("cell/film.yml");
     std::fs::write(&film, stub::PICTURE.replace("Brightness: 0", "Brightness: 1.8")).expect("written");
     let (ok, scanner) = check(&checks(), "scanner");
-    let words = "Settings2D.Acquisitions[0].Acquisition.Brightness: found 1.8, it must be 0";
+    let words = "Settings2D.Acquisitions[0].Acquisition.Brightness: found 1.8, the value must be 0";
     assert!(!ok && scanner.contains("film.yml:") && scanner.contains(words), "{scanner}");
 }

@@ -311,7 +311,7 @@ mod tests {
         let line = FILM_FILE.lines().position(|line| line.contains("Brightness: 0")).expect("it has one") + 1;
         let lit = problem_text(&FILM_FILE.replace("Brightness: 0", "Brightness: 1.8"), ZividUse::Film);
         let words =
-            format!("film.yml:{line}: Settings2D.Acquisitions[0].Acquisition.Brightness: found 1.8, it must be 0");
+            format!("film.yml:{line}: Settings2D.Acquisitions[0].Acquisition.Brightness: found 1.8, the value must be 0");
         assert!(lit.starts_with(&words), "{lit}");
         let unsaid = problem_text(&FILM_FILE.replace("Brightness: 0", "# Brightness: 0"), ZividUse::Film);
         assert!(unsaid.contains("Acquisition.Brightness: is missing; it must be 0"), "{unsaid}");

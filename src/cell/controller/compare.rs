@@ -423,7 +423,7 @@ fn check_cases(routine: &StatedRoutine, count: Number, found: &mut Differences) 
         let key = format!("CASE {}", case.value);
         if !(0..counted).contains(&case.value) {
             let message = format!(
-                "is never called: {COUNT} of {CONFIG} (line {}) counts {counted}, from 0; raise it, or remove the case",
+                "is never called: {COUNT} of {CONFIG} (line {}) counts {counted}, from 0; increase this number, or remove the case",
                 count.line
             );
             found.note(USER, case.line, key, message);

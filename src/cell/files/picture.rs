@@ -287,7 +287,7 @@ fn has_jpeg_end(bytes: &[u8]) -> bool {
 
 fn describe_file_kind(bytes: &[u8]) -> String {
     match bytes {
-        [] => "it is empty".to_owned(),
+        [] => "the file is empty".to_owned(),
         _ => format!("the content begins with '{}'", bytes[..bytes.len().min(8)].escape_ascii()),
     }
 }

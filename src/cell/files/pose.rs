@@ -27,18 +27,17 @@ pub enum PoseError {
     /// The panel is taught from its drawing, but the pose in the file does not refer to the drawing's frame.
     #[error(
         "the panel is taught from its drawing, and this file does not state the same pose as base_from_panel and \
-         base_from_drawing: an earlier version printed it, or it is of a panel that was taught by a scan; locate the panel again"
+         base_from_drawing: an earlier version wrote the file, or the file belongs to a panel that was taught by a scan; locate the panel again"
     )]
     NotOfDrawing,
     /// The pose in the file refers to a drawing's frame, but the panel is not taught from a drawing.
     #[error(
-        "this file states base_from_drawing, and the recipe has no [nominal]: it is of a panel that was taught from its \
-         drawing; locate the panel with this recipe"
+        "this file states base_from_drawing, but the recipe has no [nominal]: the file belongs to a panel that was taught from its drawing; locate the panel with this recipe"
     )]
     OfDrawing,
     /// The file is the output of a command with the verdict `reject`, so that its pose must not be used.
     #[error(
-        "the verdict in this file is 'reject'; its {key} must not be used: correct what its reasons name, and run the command again"
+        "the verdict in this file is 'reject', so that {key} must not be used: correct the causes that the reasons in the file state, and run the command again"
     )]
     Rejected {
         /// The key of the pose that must not be used.

@@ -108,8 +108,7 @@ impl ForceWatch {
         if no_contact {
             let ms = limits.contact_within.as_millis();
             let words = format!(
-                "the compliant tool has reported no contact for {ms} ms while it presses; check that the panel is \
-                 where it was found, and that the tool moves freely over its stroke"
+                "the compliant tool has reported no contact for {ms} ms while it presses; check that the panel has not moved since it was located, and that the tool moves freely over its stroke"
             );
             return Some(Reason::new("no_contact", words));
         }

@@ -208,7 +208,7 @@ fn check_times(number: usize, one: &Break, frame: &ClipFrame, problems: &mut Vec
         problems.push(Problem::NotLater { number, from_s: pair[1].from_s, before_s: pair[0].from_s });
     }
     if last.from_s > ends_s {
-        let what = if one.shapes.len() == 1 { "it begins at" } else { "the last shape begins at" };
+        let what = if one.shapes.len() == 1 { "the break begins at" } else { "the last shape begins at" };
         problems.push(Problem::AfterEnd { number, what, time_s: last.from_s, ends_s });
     } else if last.from_s - wet_from_s > MAX_SINCE_WET_S {
         problems.push(Problem::TooLate { number, since_wet_s: last.from_s - wet_from_s });

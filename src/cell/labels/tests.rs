@@ -97,7 +97,7 @@ fn an_impossible_statement_is_reported_with_its_break() {
         (of(vec![rectangle(f64::NAN, [1.0, 1.0], [4.0, 4.0])], None), "before the first wet picture"),
         (
             of(vec![rectangle(8.5, [1.0, 1.0], [4.0, 4.0])], None),
-            "it begins at 8.5 s, after the clip's last wet picture at 8 s",
+            "the break begins at 8.5 s, after the clip's last wet picture at 8 s",
         ),
         (of(vec![good(), rectangle(9.0, [1.0, 1.0], [4.0, 4.0])], None), "the last shape begins at 9 s"),
         (of(vec![good(), good()], None), "a shape begins at 4 s, but the previous shape begins at 4 s"),

@@ -138,15 +138,15 @@ impl std::fmt::Display for RequestAuthor {
             }
             RequestSource::Command => "who ran the command",
             RequestSource::Sparkplug => {
-                return f.write_str("a host application by MQTT Sparkplug; which one is not known");
+                return f.write_str("an unknown host application, through MQTT Sparkplug");
             }
             RequestSource::Line => return f.write_str("the line, by its digital signals"),
-            RequestSource::Signal => return f.write_str("a signal to the program; who sent it is not known"),
+            RequestSource::Signal => return f.write_str("a signal to the program; the sender is unknown"),
             RequestSource::Program => return f.write_str("the program itself"),
         };
         match (&self.user, self.uid) {
             (Some(user), Some(uid)) => write!(f, "{user} (user {uid}), {by}"),
-            (None, Some(uid)) => write!(f, "user {uid}, who has no name on this computer, {by}"),
+            (None, Some(uid)) => write!(f, "user id {uid} (without a name on this computer), {by}"),
             (_, None) => write!(f, "an unknown user, {by}"),
         }
     }

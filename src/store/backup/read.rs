@@ -100,7 +100,7 @@ impl Archive {
     fn read_manifest(&self) -> Result<Manifest, BackupError> {
         let mut archive = self.open_tar()?;
         let mut entries = archive.entries().map_err(|error| self.unreadable_error(&error))?;
-        let first = entries.next().ok_or_else(|| self.damaged_error("it is empty"))?;
+        let first = entries.next().ok_or_else(|| self.damaged_error("the archive is empty"))?;
         let first = first.map_err(|error| self.unreadable_error(&error))?;
         if *first.path_bytes() != *MANIFEST_NAME.as_bytes() || first.size() > MAX_MANIFEST_BYTES {
             return Err(self.damaged_error("the first entry is not a manifest"));

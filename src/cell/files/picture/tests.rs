@@ -58,7 +58,7 @@ fn a_truncated_picture_is_refused_at_any_cut() {
 #[test]
 fn other_files_are_refused_with_their_kind() {
     let refusal = |bytes: &[u8]| read_color(bytes).expect_err("no picture").to_string();
-    assert!(refusal(b"").contains("it is empty"));
+    assert!(refusal(b"").contains("the file is empty"));
     assert!(refusal(b"VERSION .7\n").contains("the content begins with 'VERSION '"));
     assert!(refusal(b"GIF89a,,,").contains("the content looks like gif; valid: PNG, JPEG and TIFF"));
 }
