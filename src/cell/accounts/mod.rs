@@ -8,7 +8,7 @@
 mod password;
 
 pub use password::{
-    Lockout, MAX_ATTEMPTS, MIN_CHARACTERS, PAUSE_S, PasswordError, hash_password, is_correct_password,
+    Lockout, MAX_ATTEMPTS, MIN_PASSWORD_CHARACTERS, PAUSE_S, PasswordError, hash_password, is_correct_password,
 };
 
 use panelprep_base::config::Choice;
@@ -113,7 +113,7 @@ impl AuditEntry {
 }
 
 /// Maximum length of an account name, characters.
-const MAX_CHARACTERS: usize = 40;
+const MAX_NAME_CHARACTERS: usize = 40;
 
 /// Maximum length of a printed name, characters.
 pub const MAX_PRINTED_CHARACTERS: usize = 80;
@@ -137,10 +137,10 @@ pub struct NameError {
 pub fn checked_name(name: &str) -> Result<&str, NameError> {
     let is_plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || matches!(c, '.' | '-' | '_');
     let begins = name.starts_with(|c: char| c.is_ascii_lowercase());
-    if begins && name.len() <= MAX_CHARACTERS && name.chars().all(is_plain) {
+    if begins && name.len() <= MAX_NAME_CHARACTERS && name.chars().all(is_plain) {
         return Ok(name);
     }
-    Err(NameError { found: name.chars().take(2 * MAX_CHARACTERS).collect() })
+    Err(NameError { found: name.chars().take(2 * MAX_NAME_CHARACTERS).collect() })
 }
 
 /// The role of an account, which determines its permissions.

@@ -12,18 +12,18 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// Minimum length of a password, characters. NIST SP 800-63B requires eight if the password is the only factor; here it
 /// is also used to sign.
-pub const MIN_CHARACTERS: usize = 10;
+pub const MIN_PASSWORD_CHARACTERS: usize = 10;
 /// Maximum length of a password, characters: hashing a very long password would keep the computer busy.
-const MAX_CHARACTERS: usize = 200;
+const MAX_PASSWORD_CHARACTERS: usize = 200;
 /// Memory of argon2id, KiB.
 const MEMORY_KIB: u32 = 19 * 1_024;
-const PASSES: u32 = 2;
+const HASH_PASSES: u32 = 2;
 
 /// The reason why a password is not accepted.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PasswordError {
     /// The password is too short or too long.
-    #[error("the password has {found} characters; the limits are {MIN_CHARACTERS} to {MAX_CHARACTERS}")]
+    #[error("the password has {found} characters; the limits are {MIN_PASSWORD_CHARACTERS} to {MAX_PASSWORD_CHARACTERS}")]
     Length {
         /// Number of characters in the password.
         found: usize,
@@ -44,12 +44,12 @@ pub enum PasswordError {
 /// If the password is too short, too long or easy to guess, or cannot be hashed.
 pub fn hash_password(password: &str, name: &str, salt: [u8; 16]) -> Result<String, PasswordError> {
     let found = password.chars().count();
-    if !(MIN_CHARACTERS..=MAX_CHARACTERS).contains(&found) {
+    if !(MIN_PASSWORD_CHARACTERS..=MAX_PASSWORD_CHARACTERS).contains(&found) {
         return Err(PasswordError::Length { found });
     }
     let first = password.chars().next();
     let lower = password.to_lowercase();
-    if lower.contains(&name.to_lowercase()) && found < name.chars().count() + MIN_CHARACTERS
+    if lower.contains(&name.to_lowercase()) && found < name.chars().count() + MIN_PASSWORD_CHARACTERS
         || password.chars().all(|c| Some(c) == first)
     {
         return Err(PasswordError::Obvious);
@@ -61,7 +61,7 @@ pub fn hash_password(password: &str, name: &str, salt: [u8; 16]) -> Result<Strin
 /// Returns whether the password matches the hash. The check takes a fraction of a second, even if the hash is invalid.
 pub fn is_correct_password(password: &str, hash: &str) -> bool {
     let Ok(hasher) = password_hasher() else { return false };
-    let is_short = password.chars().count() <= MAX_CHARACTERS;
+    let is_short = password.chars().count() <= MAX_PASSWORD_CHARACTERS;
     let bytes = if is_short { password.as_bytes() } else { b"" };
     match PasswordHash::new(hash) {
         Ok(hash) => hasher.verify_password(bytes, &hash).is_ok() && is_short,
@@ -75,7 +75,7 @@ pub fn is_correct_password(password: &str, hash: &str) -> bool {
 }
 
 fn password_hasher() -> Result<Argon2<'static>, PasswordError> {
-    let params = Params::new(MEMORY_KIB, PASSES, 1, None);
+    let params = Params::new(MEMORY_KIB, HASH_PASSES, 1, None);
     let params = params.map_err(|error| PasswordError::Hash(error.to_string()))?;
     Ok(Argon2::new(Algorithm::Argon2id, Version::V0x13, params))
 }

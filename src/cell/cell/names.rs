@@ -238,7 +238,7 @@ const IMMEDIATE_OFF_OUTPUTS: [&str; 3] = ["rinse", "spray", "tool"];
 /// Maximum delay after which an output is switched off, s.
 const MAX_OFF_DELAY_S: u16 = 600;
 /// Maximum number of mapped inputs: the size of the controller's list.
-const MAX_MAPPED: usize = 8;
+const MAX_MAPPED_INPUTS: usize = 8;
 
 pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
     let (outputs, feedbacks) = (section.section("outputs"), section.section("feedbacks"));
@@ -280,7 +280,7 @@ pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
     }
     let mut right = constant.is_empty() && feigned.is_empty();
     for (key, found, max_count) in
-        [("mapped_inputs", io.mapped_inputs.len(), MAX_MAPPED), ("feedbacks", io.feedbacks.len(), MAX_FEEDBACKS)]
+        [("mapped_inputs", io.mapped_inputs.len(), MAX_MAPPED_INPUTS), ("feedbacks", io.feedbacks.len(), MAX_FEEDBACKS)]
     {
         if found > max_count {
             section.problem(key, format!("found {found} names, the maximum is {max_count}"));

@@ -128,7 +128,7 @@ impl Broker {
 }
 
 /// Maximum length of a cell's name, characters.
-const MAX_CHARACTERS: usize = 40;
+const MAX_CELL_NAME_CHARACTERS: usize = 40;
 const ALARM_DELAY_RANGE_MIN: std::ops::RangeInclusive<usize> = 1..=100_000;
 
 /// The office server that receives the cell's records.
@@ -154,11 +154,11 @@ impl CellName {
     /// If the name is invalid; the error states the valid characters.
     pub fn new(name: &str) -> Result<Self, String> {
         let is_allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
-        if !name.is_empty() && name.len() <= MAX_CHARACTERS && name.chars().all(is_allowed) {
+        if !name.is_empty() && name.len() <= MAX_CELL_NAME_CHARACTERS && name.chars().all(is_allowed) {
             return Ok(CellName(name.to_owned()));
         }
         Err(format!(
-            "found \"{}\", valid: 1 to {MAX_CHARACTERS} letters, digits, '-' and '_', such as \"cell-1\"",
+            "found \"{}\", valid: 1 to {MAX_CELL_NAME_CHARACTERS} letters, digits, '-' and '_', such as \"cell-1\"",
             name.escape_debug()
         ))
     }

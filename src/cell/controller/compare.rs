@@ -350,30 +350,30 @@ fn format_resolved_addresses(host: &str, addresses: &[[u8; 4]]) -> String {
 }
 
 /// The routine that `cell_motion.src` calls to execute a subroutine.
-const DISPATCHER: &str = "CELL_USER_CALL";
+const DISPATCHER_ROUTINE: &str = "CELL_USER_CALL";
 /// The variable with the number of subroutines.
-const COUNT: &str = "CELL_USER_N";
+const COUNT_VARIABLE: &str = "CELL_USER_N";
 /// The variable with the checksum of the subroutines' text.
-const REVISION: &str = "CELL_USER_REVISION";
+const CHECKSUM_VARIABLE: &str = "CELL_USER_REVISION";
 /// Maximum number of cases that one message lists.
-const MAX_LISTED: usize = 8;
+const MAX_LISTED_CASES: usize = 8;
 
 /// Compares the cell's own subroutines with the number of subroutines and the checksum of their text in the data list.
 pub(super) fn check_subroutines(text: &str, config: Option<&DataList>, found: &mut Differences) {
-    match parse(USER, text).stated_routine(DISPATCHER) {
+    match parse(USER, text).stated_routine(DISPATCHER_ROUTINE) {
         None => {
             let message = "is missing: cell_motion calls each subroutine by this routine, and the controller would \
                            not select the program; write `GLOBAL DEF CELL_USER_CALL(N:IN)`, as in this program's own file";
-            found.note(USER, 1, DISPATCHER, message);
+            found.note(USER, 1, DISPATCHER_ROUTINE, message);
         }
         Some(routine) => {
             dispatcher(&routine, found);
-            if let Some(count) = config.and_then(|config| config.get(COUNT)) {
+            if let Some(count) = config.and_then(|config| config.get(COUNT_VARIABLE)) {
                 check_cases(&routine, count, found);
             }
         }
     }
-    let Some(stated) = config.and_then(|config| config.get(REVISION)) else { return };
+    let Some(stated) = config.and_then(|config| config.get(CHECKSUM_VARIABLE)) else { return };
     let computed = text_sum(text);
     if stated.value != computed as f64 {
         let message = format!(
@@ -381,18 +381,18 @@ pub(super) fn check_subroutines(text: &str, config: Option<&DataList>, found: &m
              so that the sum that the controller reports follows from it",
             stated.value
         );
-        found.note(CONFIG, stated.line, REVISION, message);
+        found.note(CONFIG, stated.line, CHECKSUM_VARIABLE, message);
     }
 }
 
 fn dispatcher(routine: &StatedRoutine, found: &mut Differences) {
     if !routine.global {
         let message = "is not GLOBAL: cell_motion would not find it; write `GLOBAL DEF CELL_USER_CALL(N:IN)`";
-        found.note(USER, routine.line, DISPATCHER, message);
+        found.note(USER, routine.line, DISPATCHER_ROUTINE, message);
     }
     if routine.parameters != 1 {
         let message = format!("has {} parameters, but cell_motion passes one: N:IN", routine.parameters);
-        found.note(USER, routine.line, DISPATCHER, message);
+        found.note(USER, routine.line, DISPATCHER_ROUTINE, message);
     }
     for switch in routine.switches.iter().filter(|switch| !switch.is_on_first_parameter) {
         let message = "does not branch by the first parameter of CELL_USER_CALL, which is the index that the PC calls: \
@@ -407,23 +407,23 @@ fn check_cases(routine: &StatedRoutine, count: Number, found: &mut Differences) 
     let stated: BTreeSet<i32> = routine.cases.iter().map(|case| case.value).collect();
     let missing: Vec<i32> = (0..counted).filter(|index| !stated.contains(index)).collect();
     if !missing.is_empty() {
-        let mut listed: Vec<String> = missing.iter().take(MAX_LISTED).map(i32::to_string).collect();
-        if missing.len() > MAX_LISTED {
-            listed.push(format!("{} more", missing.len() - MAX_LISTED));
+        let mut listed: Vec<String> = missing.iter().take(MAX_LISTED_CASES).map(i32::to_string).collect();
+        if missing.len() > MAX_LISTED_CASES {
+            listed.push(format!("{} more", missing.len() - MAX_LISTED_CASES));
         }
         let message = format!(
-            "has no CASE {}, and {COUNT} of {CONFIG} (line {}) counts {counted}: such a call would do nothing and be \
+            "has no CASE {}, and {COUNT_VARIABLE} of {CONFIG} (line {}) counts {counted}: such a call would do nothing and be \
              reported as executed; add the cases, or lower the number",
             listed.join(", "),
             count.line
         );
-        found.note(USER, routine.line, DISPATCHER, message);
+        found.note(USER, routine.line, DISPATCHER_ROUTINE, message);
     }
     for case in &routine.cases {
         let key = format!("CASE {}", case.value);
         if !(0..counted).contains(&case.value) {
             let message = format!(
-                "is never called: {COUNT} of {CONFIG} (line {}) counts {counted}, from 0; increase this number, or remove the case",
+                "is never called: {COUNT_VARIABLE} of {CONFIG} (line {}) counts {counted}, from 0; increase this number, or remove the case",
                 count.line
             );
             found.note(USER, case.line, key, message);

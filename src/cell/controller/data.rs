@@ -9,23 +9,23 @@ use crate::cell::{Cell, Output};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Highest valid number of an input or output.
-const MAX_SIGNAL: i32 = 4096;
+const MAX_SIGNAL_NUMBER: i32 = 4096;
 /// Highest valid number of a flag.
-const MAX_FLAG: i32 = 1024;
+const MAX_FLAG_NUMBER: i32 = 1024;
 /// Highest valid number of a timer.
-const MAX_TIMER: i32 = 64;
+const MAX_TIMER_NUMBER: i32 = 64;
 /// Maximum length of a list of signals that is sent as the bits of one INT.
-const MAX_BITS: i32 = 31;
+const MAX_SIGNALS_PER_INT: i32 = 31;
 /// Maximum length of the list of mapped inputs.
-const MAX_MAPPED: i32 = 8;
+const MAX_MAPPED_INPUTS: i32 = 8;
 /// Number of outputs to a production line.
-const LINE_OUTPUTS: i32 = 6;
+const LINE_OUTPUT_COUNT: i32 = 6;
 /// Maximum ratio between the controller's limits of speed and step length and the limits of the cell's file.
 const MAX_RATIO_TO_CELL: f64 = 1.25;
 /// Maximum distance by which the controller's workspace may extend beyond the cell's workspace, mm.
 const BOX_TOLERANCE_MM: f64 = 50.0;
 /// Maximum checksum: it is computed modulo 1000003.
-const MAX_SUM: i32 = 1_000_002;
+const MAX_CHECKSUM: i32 = 1_000_002;
 /// Relative rounding tolerance of a 32-bit REAL.
 const REAL_ROUNDING: f64 = 1e-3;
 
@@ -155,7 +155,7 @@ impl DataComparison<'_> {
     /// Compares an array of signals with those of the cell's file. The array must be in ascending order, because the
     /// signals are sent as bits in this order.
     fn compare_bit_array(&mut self, array: &str, count: &str, table: &str, named: &BTreeMap<String, u16>) -> Vec<(i32, usize)> {
-        let found = self.counted_array(array, count, MAX_BITS, (1, MAX_SIGNAL));
+        let found = self.counted_array(array, count, MAX_SIGNALS_PER_INT, (1, MAX_SIGNAL_NUMBER));
         let names = Self::names_by_number(named);
         let word = |number: i32| {
             names
@@ -198,7 +198,7 @@ impl DataComparison<'_> {
 
     /// Returns the outputs that are switched off at the end of an epoch: number, line, and delay, ms.
     fn automatic_off_outputs(&mut self) -> Vec<(i32, usize, Option<Number>)> {
-        let off = self.counted_array("CELL_OFF", "CELL_OFF_N", MAX_BITS, (1, MAX_SIGNAL));
+        let off = self.counted_array("CELL_OFF", "CELL_OFF_N", MAX_SIGNALS_PER_INT, (1, MAX_SIGNAL_NUMBER));
         let times = self.config.array("CELL_OFF_MS");
         let places = self.config.array("CELL_OFF");
         let place = |line: usize| places.iter().find(|(_, number)| number.line == line).map(|(index, _)| *index);
@@ -306,7 +306,7 @@ impl DataComparison<'_> {
 
     /// Checks the outputs to the production line, in their order.
     fn check_line_outputs(&mut self, outputs: &[(i32, usize)]) {
-        let Some(count) = self.integer_in_range("CELL_LINE_N", LINE_OUTPUTS, LINE_OUTPUTS) else { return };
+        let Some(count) = self.integer_in_range("CELL_LINE_N", LINE_OUTPUT_COUNT, LINE_OUTPUT_COUNT) else { return };
         let expected = self.cell.inputs_outputs().line_outputs();
         let words = ["ready", "cycle_done", "pass", "fail", "review", "fault"];
         for (index, (expected, word)) in (1..=count).zip(expected.iter().zip(words)) {
@@ -338,8 +338,8 @@ impl DataComparison<'_> {
 
     /// Checks the inputs that are mapped to flags.
     fn check_mapped_inputs(&mut self) {
-        let inputs = self.counted_array("CELL_VIN", "CELL_VIN_N", MAX_MAPPED, (1, MAX_SIGNAL));
-        let flags = self.counted_array("CELL_VIN_FLAG", "CELL_VIN_N", MAX_MAPPED, (1, MAX_FLAG));
+        let inputs = self.counted_array("CELL_VIN", "CELL_VIN_N", MAX_MAPPED_INPUTS, (1, MAX_SIGNAL_NUMBER));
+        let flags = self.counted_array("CELL_VIN_FLAG", "CELL_VIN_N", MAX_MAPPED_INPUTS, (1, MAX_FLAG_NUMBER));
         let mapped: BTreeSet<i32> =
             self.cell.inputs_outputs().mapped_inputs().values().map(|number| i32::from(*number)).collect();
         let found: BTreeSet<i32> = inputs.iter().map(|(number, _)| *number).collect();
@@ -374,7 +374,7 @@ impl DataComparison<'_> {
     fn check_flags(&mut self) {
         let mut seen: BTreeMap<i32, &str> = BTreeMap::new();
         for name in FLAGS {
-            let Some(flag) = self.integer_in_range(name, 1, MAX_FLAG) else { continue };
+            let Some(flag) = self.integer_in_range(name, 1, MAX_FLAG_NUMBER) else { continue };
             if let Some(first) = seen.insert(flag, name) {
                 let line = self.config.get(name).map_or(1, |number| number.line);
                 self.note(line, name, format!("is {flag}, which is already used by {first}"));
@@ -385,7 +385,7 @@ impl DataComparison<'_> {
     fn check_timers(&mut self) {
         let mut before: Option<(i32, &str)> = None;
         for name in TIMERS {
-            let timer = self.integer_in_range(name, 1, MAX_TIMER);
+            let timer = self.integer_in_range(name, 1, MAX_TIMER_NUMBER);
             if let (Some((number, first)), Some(timer)) = (before, timer)
                 && timer != number + 1
             {
@@ -516,6 +516,6 @@ impl DataComparison<'_> {
 
     fn compare_subroutines(&mut self) {
         self.integer_in_range("CELL_USER_N", 0, 1_000);
-        self.integer_in_range("CELL_USER_REVISION", 0, MAX_SUM);
+        self.integer_in_range("CELL_USER_REVISION", 0, MAX_CHECKSUM);
     }
 }

@@ -102,9 +102,9 @@ impl DataList {
 }
 
 /// The data list of this release.
-const SHIPPED: &str = include_str!("../../../config/kuka/cell_config.dat");
+const RELEASE_DATA_LIST: &str = include_str!("../../../config/kuka/cell_config.dat");
 /// Maximum number of names that one message lists.
-const MAX_LISTED: usize = 8;
+const MAX_LISTED_NAMES: usize = 8;
 
 /// Reports every declaration that differs from this release. Returns the names without declaration and value; one
 /// message reports all of them.
@@ -114,7 +114,7 @@ pub(super) fn compare_declarations(config: &DataList, found: &mut Differences) -
                        them; write `DEFDAT CELL_CONFIG PUBLIC`";
         found.note(CONFIG, line, "DEFDAT", message);
     }
-    let shipped = DataList::parse(CONFIG, SHIPPED);
+    let shipped = DataList::parse(CONFIG, RELEASE_DATA_LIST);
     let mut missing = Vec::new();
     for expected in &shipped.declared {
         match config.declared.iter().find(|declared| declared.name == expected.name) {
@@ -151,9 +151,9 @@ fn note_missing(missing: &[&DeclaredVariable], found: &mut Differences) {
             found.note(CONFIG, 1, &*only.name, message);
         }
         several => {
-            let mut names: Vec<&str> = several.iter().take(MAX_LISTED).map(|it| it.name.as_str()).collect();
-            let more = format!("{} more", several.len().saturating_sub(MAX_LISTED));
-            if several.len() > MAX_LISTED {
+            let mut names: Vec<&str> = several.iter().take(MAX_LISTED_NAMES).map(|it| it.name.as_str()).collect();
+            let more = format!("{} more", several.len().saturating_sub(MAX_LISTED_NAMES));
+            if several.len() > MAX_LISTED_NAMES {
                 names.push(&more);
             }
             let message = format!(

@@ -72,7 +72,7 @@ const FLAGS_AND_TIMERS: [&str; 13] = [
 ];
 /// Arrays of variable length in the checksum: the variable with their count, and the arrays, whose elements are added
 /// in turn.
-const LISTS: [(&str, &[&str]); 5] = [
+const VARIABLE_LENGTH_ARRAYS: [(&str, &[&str]); 5] = [
     ("CELL_OUT_N", &["CELL_OUT"]),
     ("CELL_OFF_N", &["CELL_OFF", "CELL_OFF_MS"]),
     ("CELL_IN_N", &["CELL_IN"]),
@@ -83,7 +83,7 @@ const LISTS: [(&str, &[&str]); 5] = [
 const REAL_ARRAYS: [(i32, [&str; 2]); 2] =
     [(6, ["CELL_AXIS_MIN", "CELL_AXIS_MAX"]), (3, ["CELL_BOX_MIN", "CELL_BOX_MAX"])];
 /// Single numbers of type REAL in the checksum.
-const LIMITS: [&str; 6] =
+const REAL_VALUES: [&str; 6] =
     ["CELL_STEP_MM", "CELL_VEL_MAX", "CELL_ACC_MAX", "CELL_RETRACT_MM", "CELL_RETRACT_VEL", "CELL_RETRACT_ACC"];
 /// Values for the cell's own subroutines: their number, and the checksum of their text.
 const SUBROUTINE_VALUES: [&str; 2] = ["CELL_USER_N", "CELL_USER_REVISION"];
@@ -143,7 +143,7 @@ fn checksum_of_values(programs: i64, config: &DataList) -> Result<i32, SumError>
     for name in FLAGS_AND_TIMERS {
         sum.add_integer(whole(name)?);
     }
-    for (count, arrays) in LISTS {
+    for (count, arrays) in VARIABLE_LENGTH_ARRAYS {
         let places = whole(count)?;
         sum.add_integer(places);
         for index in 1..=places {
@@ -159,7 +159,7 @@ fn checksum_of_values(programs: i64, config: &DataList) -> Result<i32, SumError>
             }
         }
     }
-    for name in LIMITS {
+    for name in REAL_VALUES {
         sum.add_real(single(name)?.value);
     }
     for name in SUBROUTINE_VALUES {
@@ -186,7 +186,7 @@ impl ChecksumMixer {
 /// Returns the names of all values in the checksum; a test compares them with the controller's programs.
 #[cfg(test)]
 pub(super) fn checksum_value_names() -> std::collections::BTreeSet<&'static str> {
-    let lists = LISTS.iter().flat_map(|(count, arrays)| std::iter::once(*count).chain(arrays.iter().copied()));
+    let lists = VARIABLE_LENGTH_ARRAYS.iter().flat_map(|(count, arrays)| std::iter::once(*count).chain(arrays.iter().copied()));
     let reals = REAL_ARRAYS.iter().flat_map(|(_, arrays)| arrays.iter().copied());
-    FLAGS_AND_TIMERS.into_iter().chain(lists).chain(reals).chain(LIMITS).chain(SUBROUTINE_VALUES).collect()
+    FLAGS_AND_TIMERS.into_iter().chain(lists).chain(reals).chain(REAL_VALUES).chain(SUBROUTINE_VALUES).collect()
 }

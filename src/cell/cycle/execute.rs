@@ -1,8 +1,8 @@
 //! The goal of each state, and the transition after the answer to an action.
 
 use super::interlocks::{
-    CLEARING, COMPLETING, LEAVE_NEEDS, LEAVING_MOTION, LEAVING_TOOL, RESETTING, Row, Rule, STARTING, UNHOLDING,
-    UNHOLDING_LOCATED,
+    CLEARING_CONDITIONS, COMPLETING_CONDITIONS, LEAVE_CONDITIONS, LEAVE_MOTION_CONDITIONS, LEAVE_TOOL_CONDITIONS, RESETTING_CONDITIONS, Row, Rule, STARTING_CONDITIONS, UNHOLDING_CONDITIONS,
+    UNHOLDING_LOCATED_CONDITIONS,
 };
 use super::turn::{Goal, TransitionStep};
 use super::{
@@ -17,17 +17,17 @@ impl TransitionStep {
         let state = &self.state;
         match state.at {
             At::Stopped | At::Idle | At::Held(_) | At::Complete { .. } | At::Aborted { .. } => Goal::Rest,
-            At::Resetting => Goal::Reach(&RESETTING, At::Idle),
-            At::Starting => Goal::Reach(&STARTING, At::Execute(Phase::Locate)),
+            At::Resetting => Goal::Reach(&RESETTING_CONDITIONS, At::Idle),
+            At::Starting => Goal::Reach(&STARTING_CONDITIONS, At::Execute(Phase::Locate)),
             At::Holding(hold) => Goal::Reach(self.needs_on_leave(), At::Held(hold)),
             At::Unholding { resume, verify } => {
-                Goal::Reach(if verify { &UNHOLDING_LOCATED } else { &UNHOLDING }, At::Execute(resume))
+                Goal::Reach(if verify { &UNHOLDING_LOCATED_CONDITIONS } else { &UNHOLDING_CONDITIONS }, At::Execute(resume))
             }
-            At::Completing { verdict } => Goal::Reach(&COMPLETING, At::Complete { verdict }),
+            At::Completing { verdict } => Goal::Reach(&COMPLETING_CONDITIONS, At::Complete { verdict }),
             At::Stopping { .. } => Goal::Reach(self.needs_on_leave(), At::Stopped),
             // An abort has no conditions, so that it never waits.
             At::Aborting { .. } => Goal::Now(Action::EndEpoch { epoch: state.epoch }),
-            At::Clearing { .. } => Goal::Reach(&CLEARING, At::Stopped),
+            At::Clearing { .. } => Goal::Reach(&CLEARING_CONDITIONS, At::Stopped),
             At::Execute(phase) => match (phase, state.facts.water) {
                 (Phase::Wet, Water::Spraying { .. }) | (Phase::Rinse, Water::Rinsing { .. }) => Goal::Rest,
                 // The rinse may have its own valve. Then the water of the rinse would be taken as proof of the spray,
@@ -57,9 +57,9 @@ impl TransitionStep {
         match (is_moving, self.state.facts.epoch, self.state.facts.tool) {
             // The end of the epoch makes the controller brake the arm and switch tool and water off, which is faster
             // than single commands.
-            (true, ..) => &LEAVING_MOTION,
-            (false, Epoch::Closed, Tool::Unknown) => &LEAVING_TOOL,
-            _ => &LEAVE_NEEDS,
+            (true, ..) => &LEAVE_MOTION_CONDITIONS,
+            (false, Epoch::Closed, Tool::Unknown) => &LEAVE_TOOL_CONDITIONS,
+            _ => &LEAVE_CONDITIONS,
         }
     }
 

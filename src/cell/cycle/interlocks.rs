@@ -226,23 +226,23 @@ pub fn open_interlocks(act: Action, facts: &Facts) -> Vec<&'static str> {
 
 /// Conditions of Stopping and Holding during a motion: the end of the epoch stops the motion and switches tool and
 /// water off.
-pub(super) const LEAVING_MOTION: [Row; 1] = [(Rule::StandsFirst, Need::EpochEnded)];
+pub(super) const LEAVE_MOTION_CONDITIONS: [Row; 1] = [(Rule::StandsFirst, Need::EpochEnded)];
 
 /// Conditions of Stopping and Holding if the tool was switched on and no epoch is open. In an open epoch, the end of
 /// the epoch would switch the tool off.
-pub(super) const LEAVING_TOOL: [Row; 3] =
+pub(super) const LEAVE_TOOL_CONDITIONS: [Row; 3] =
     [(Rule::ToolOff, Need::ToolOff), (Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
 
 /// Conditions of Stopping and Holding in all other cases. The water is switched off first, while the epoch still
 /// accepts commands.
-pub(super) const LEAVE_NEEDS: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
+pub(super) const LEAVE_CONDITIONS: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
 
 /// Conditions at the end of Clearing.
-pub(super) const CLEARING: [Row; 3] =
+pub(super) const CLEARING_CONDITIONS: [Row; 3] =
     [(Rule::StandsFirst, Need::Standing), (Rule::ToolOff, Need::ToolOff), (Rule::WaterOff, Need::WaterOff)];
 
 /// Conditions at the end of Resetting.
-pub(super) const RESETTING: [Row; 6] = [
+pub(super) const RESETTING_CONDITIONS: [Row; 6] = [
     (Rule::StandsFirst, Need::Standing),
     (Rule::ToolOff, Need::ToolOff),
     (Rule::WaterOff, Need::WaterOff),
@@ -252,18 +252,18 @@ pub(super) const RESETTING: [Row; 6] = [
 ];
 
 /// Conditions at the end of Starting.
-pub(super) const STARTING: [Row; 3] =
+pub(super) const STARTING_CONDITIONS: [Row; 3] =
     [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff), (Rule::ArmOutOfView, Need::At(Path::Park))];
 
 /// Conditions at the end of Unholding.
-pub(super) const UNHOLDING: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff)];
+pub(super) const UNHOLDING_CONDITIONS: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff)];
 
 /// Conditions at the end of Unholding if the panel was located before the hold.
-pub(super) const UNHOLDING_LOCATED: [Row; 3] =
+pub(super) const UNHOLDING_LOCATED_CONDITIONS: [Row; 3] =
     [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff), (Rule::UnholdVerifies, Need::Token)];
 
 /// Conditions at the end of Completing.
-pub(super) const COMPLETING: [Row; 5] = [
+pub(super) const COMPLETING_CONDITIONS: [Row; 5] = [
     (Rule::WaterOff, Need::WaterOff),
     (Rule::ToolOff, Need::ToolOff),
     (Rule::ArmOutOfView, Need::At(Path::Park)),

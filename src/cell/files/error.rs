@@ -231,17 +231,17 @@ pub(super) fn check_cloud_size((width, height): (u64, u64), camera: &PinholeCame
 pub const MAX_TRIANGLES: usize = 5_000_000;
 
 /// What to do with a file of any CAD system.
-const CONVERT: &str = "convert it to STL with the CAD system, or with FreeCAD (open it, select the panel's body, File → Export, \
+const CONVERT_TO_STL: &str = "convert it to STL with the CAD system, or with FreeCAD (open it, select the panel's body, File → Export, \
                        STL mesh), with a deviation of 0.01 mm or less";
 
 /// The reason why the mesh of a drawing was refused: the position, the value found, and what to do.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MeshFileError {
     /// The file has none of the supported formats.
-    #[error("the file is not an STL, PLY or OBJ file; {CONVERT}")]
+    #[error("the file is not an STL, PLY or OBJ file; {CONVERT_TO_STL}")]
     NoMesh,
     /// A file of a CAD system, whose surfaces are not triangulated.
-    #[error("the file is {kind}, whose surfaces are not triangulated: {CONVERT}")]
+    #[error("the file is {kind}, whose surfaces are not triangulated: {CONVERT_TO_STL}")]
     Surfaces {
         /// The kind of the file.
         kind: &'static str,
@@ -334,7 +334,7 @@ pub enum MeshFileError {
     Ply(#[from] CloudFileError),
 }
 
-const ORDERED: &str =
+const EXPORT_ORDERED_CLOUD: &str =
     "export it as PCD, ordered (organised): one point for each pixel, in mm, in the camera's frame";
 
 /// Returns whether the text consists of rows of at least three numbers: a list of points without pixels.
@@ -377,7 +377,7 @@ pub(super) fn check_kind(bytes: &[u8]) -> Result<(), CloudFileError> {
         );
     }
     if is_number_table(text) {
-        return other("a list of points (.xyz, .csv) without the pixel of each point", ORDERED);
+        return other("a list of points (.xyz, .csv) without the pixel of each point", EXPORT_ORDERED_CLOUD);
     }
     Ok(())
 }

@@ -23,7 +23,7 @@ const MIN_ERROR_LIMIT_PX: f64 = 1.0;
 /// [`MAX_MEDIAN_ERROR_PX`], so that smoothed scans are accepted.
 const MAX_PROJECTION_ERROR_PX: f64 = 20.0;
 /// Minimum number of points at which lens, frame and unit are checked.
-const MIN_POINTS: usize = 60;
+const MIN_CHECKED_POINTS: usize = 60;
 /// Minimum depth that a 3D camera measures, mm; smaller values are metres.
 const MIN_DISTANCE_MM: f64 = 20.0;
 /// Range of the depths that a 3D camera measures, mm; other values have another unit.
@@ -40,7 +40,7 @@ type RaySample = Vec<(Pixel, Point<Camera>)>;
 /// If the points have another unit or another frame; the error states which.
 pub fn check_camera_frame(cloud: &OrganizedCloud<Camera>) -> Result<(), CloudFileError> {
     let sample = sample_points(cloud);
-    if sample.len() < MIN_POINTS {
+    if sample.len() < MIN_CHECKED_POINTS {
         return Ok(());
     }
     check_unit_and_side(&sample)?;
@@ -123,7 +123,7 @@ fn lens_mismatch_error(
 /// If the points belong to another lens, frame, unit or order; the error states which.
 pub fn check_lens(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Result<(), CloudFileError> {
     let sample = sample_points(cloud);
-    if sample.len() < MIN_POINTS {
+    if sample.len() < MIN_CHECKED_POINTS {
         return Ok(());
     }
     check_unit_and_side(&sample)?;
@@ -149,7 +149,7 @@ pub fn check_rays(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Res
         Some(seen.map_or(f64::INFINITY, |seen| (seen.u - own.u).abs().max((seen.v - own.v).abs())))
     };
     let count = cloud.width() * cloud.height();
-    if count < MIN_POINTS {
+    if count < MIN_CHECKED_POINTS {
         return Ok(());
     }
     let elsewhere = |index: &usize| off_px(*index).is_some_and(|off_px| off_px > MAX_PROJECTION_ERROR_PX);

@@ -5,7 +5,7 @@ use super::statement::{Break, Shape, Statement};
 use panelprep_base::geometry::{Pixel, polygon};
 
 /// Maximum length of the author's name, characters.
-const MAX_CHARACTERS: usize = 200;
+const MAX_AUTHOR_CHARACTERS: usize = 200;
 /// Minimum number of corners of a polygon.
 const MIN_CORNERS: usize = 3;
 /// Maximum time that `times.png` can store, s since the first wet picture.
@@ -40,7 +40,7 @@ pub enum Problem {
     NoAuthor,
     /// The author's name is not valid.
     #[error(
-        "the name is not valid: {found} characters (limit {MAX_CHARACTERS}; control characters are not permitted)"
+        "the name is not valid: {found} characters (limit {MAX_AUTHOR_CHARACTERS}; control characters are not permitted)"
     )]
     BadAuthor {
         /// Number of characters in the name.
@@ -175,7 +175,7 @@ pub fn problems(said: &Statement, frame: &ClipFrame) -> Vec<Problem> {
     let found = said.author.chars().count();
     if said.author.trim().is_empty() {
         problems.push(Problem::NoAuthor);
-    } else if found > MAX_CHARACTERS || said.author.chars().any(char::is_control) {
+    } else if found > MAX_AUTHOR_CHARACTERS || said.author.chars().any(char::is_control) {
         problems.push(Problem::BadAuthor { found });
     }
     match (said.clean, said.breaks.len()) {

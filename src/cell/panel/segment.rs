@@ -16,7 +16,7 @@ use panelprep_base::geometry::{
 
 /// Maximum distance between adjacent points of a connected component, relative to the median distance. A steep panel
 /// causes smaller distances; the gap between a panel and its fixture is far larger.
-const MAX_STEP_RATIO: f64 = 6.0;
+const MAX_RELATIVE_POINT_DISTANCE: f64 = 6.0;
 
 /// Returns the median distance between adjacent points in the rows, mm.
 fn median_point_distance_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> Option<f64> {
@@ -31,7 +31,7 @@ fn median_point_distance_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) 
 
 /// Returns the maximum distance between adjacent points of a connected component, mm.
 pub(super) fn max_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> f64 {
-    MAX_STEP_RATIO * median_point_distance_mm(cloud, free).unwrap_or_default()
+    MAX_RELATIVE_POINT_DISTANCE * median_point_distance_mm(cloud, free).unwrap_or_default()
 }
 
 /// Returns the pixel indices of each connected component of a scan, the largest component first.

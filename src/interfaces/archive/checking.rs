@@ -13,7 +13,7 @@ use tokio_postgres::{Client, Row};
 /// Number of records that are read in one query.
 const BATCH_RECORDS: i64 = 500;
 /// Maximum number of problems that are listed for a cell; further problems are only counted.
-const MAX_MESSAGES: usize = 200;
+const MAX_LISTED_PROBLEMS: usize = 200;
 
 /// A cell, with the list of its records.
 #[derive(Debug, Clone)]
@@ -99,8 +99,8 @@ async fn check_cell(
         checked.matching = Some(compared.equal_items);
         checked.problems.extend(compared.differences);
     }
-    let rest = checked.problems.len().saturating_sub(MAX_MESSAGES);
-    checked.problems.truncate(MAX_MESSAGES);
+    let rest = checked.problems.len().saturating_sub(MAX_LISTED_PROBLEMS);
+    checked.problems.truncate(MAX_LISTED_PROBLEMS);
     checked.problems.extend((rest > 0).then(|| format!("{rest} more problems are not listed")));
     Ok(checked)
 }

@@ -24,7 +24,7 @@ const BATCH_MESSAGES: usize = 500;
 const MAX_RETRY_DELAY: Duration = Duration::from_secs(30);
 
 /// Maximum number of records in one report about records that wait for their files.
-const MAX_REPORTED: usize = 5;
+const MAX_REPORTED_RECORDS: usize = 5;
 /// Time after which a continuing failure is reported again.
 const REPORT_INTERVAL: Duration = Duration::from_secs(3_600);
 /// Maximum time until the database replies to a write. After it, the connection is treated as lost; messages that were
@@ -181,7 +181,7 @@ impl Receiver {
 
     /// Discards all messages that were not acknowledged; the broker delivers them again.
     fn forget(&mut self) {
-        for (Message { cell, envelope }, _) in self.waiting.iter().take(MAX_REPORTED) {
+        for (Message { cell, envelope }, _) in self.waiting.iter().take(MAX_REPORTED_RECORDS) {
             let Position { epoch, number } = &envelope.position;
             tracing::warn!("cell {cell}: record {number} of epoch {epoch} waits for its files");
         }

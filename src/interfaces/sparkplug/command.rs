@@ -118,7 +118,7 @@ pub enum CommandError {
 /// Maximum number of metrics in a command message; a host application needs far fewer.
 const MAX_METRICS: usize = 32;
 /// Maximum number of characters of a received name in the audit trail.
-const MAX_CHARACTERS: usize = 80;
+const MAX_REPORTED_NAME_CHARACTERS: usize = 80;
 
 /// Returns the commands in a message in their order, or for each refused one the reason.
 pub fn commands(bytes: &[u8], commands_allowed: bool) -> Vec<Result<NodeCommand, CommandError>> {
@@ -167,7 +167,7 @@ fn describe(metric: &Metric) -> String {
     let of_alias = |number: u64| METRICS.iter().enumerate().find(|(place, _)| alias(*place) == number);
     match (&metric.name, metric.alias) {
         (Some(name), _) => {
-            let name: String = name.chars().take(MAX_CHARACTERS).collect();
+            let name: String = name.chars().take(MAX_REPORTED_NAME_CHARACTERS).collect();
             format!("\"{}\"", name.escape_debug())
         }
         (None, Some(number)) => match of_alias(number) {

@@ -85,7 +85,7 @@ const HIGH_PRIORITY_CODES: [&str; 32] = [
 ];
 
 /// Codes of intended events. For example, it is the purpose of the test to find places where the film breaks.
-const NOTES: [&str; 7] = ["asked", "stopped", "robot_ready", "broken", "off_path", "running", "waypoints"];
+const NOTE_PRIORITY_CODES: [&str; 7] = ["asked", "stopped", "robot_ready", "broken", "off_path", "running", "waypoints"];
 
 /// Headings of the sections with the codes of commands and requests. A section ends at the next heading.
 const COMMAND_SECTIONS: [&str; 4] = ["Requests that are refused", "Calibration", "Teaching", "Commands and files"];
@@ -170,7 +170,7 @@ fn priority(code: &str, cause: &str, section: &str) -> Priority {
         COMMAND_SECTIONS.contains(&section) || cause.contains("A single function of `panelprep robot`");
     match code {
         _ if HIGH_PRIORITY_CODES.contains(&code) => Priority::High,
-        _ if NOTES.contains(&code) || cause.starts_with("A note on the page") => Priority::Note,
+        _ if NOTE_PRIORITY_CODES.contains(&code) || cause.starts_with("A note on the page") => Priority::Note,
         _ if is_command && !START_PREVENTING_CODES.contains(&code) => Priority::Low,
         _ => Priority::Medium,
     }
@@ -228,7 +228,7 @@ mod tests {
     fn every_listed_code_is_one_of_the_manual() {
         let unknown: Vec<&&str> = HIGH_PRIORITY_CODES
             .iter()
-            .chain(&NOTES)
+            .chain(&NOTE_PRIORITY_CODES)
             .chain(&START_PREVENTING_CODES)
             .filter(|word| code(word).is_none())
             .collect();

@@ -21,6 +21,6 @@ pub use past_cycle::{
     CheckPair, Comparison, DiscWear, Films, GridPair, GridPast, InputPair, PastCycle, Summary, compare,
     grid_row_and_column, grid_states, is_valid_film, reported_grids, summary, touched_grids, touching_passes,
 };
-pub use query::{DateError, Edge, Hit, Hits, MAX_HITS, Query, RequiredEnd, unix_s};
+pub use query::{DateError, Edge, Hit, Hits, MAX_HITS_PER_PAGE, Query, RequiredEnd, unix_s};
 pub use tables::{Cell, Table, alarm_table, comparison_table, heat_table, hits_table, summary_table, trend_table};
 pub use trend::{HeatCell, HeatMap, KnownQuantity, Quantity, Trend, TrendPoint, heat_map, trend};

@@ -9,7 +9,7 @@ use serde::Serialize;
 use thiserror::Error;
 
 /// Maximum number of cycles on one page of results.
-pub const MAX_HITS: usize = 1_000;
+pub const MAX_HITS_PER_PAGE: usize = 1_000;
 
 /// How a cycle must have ended to match a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,7 +42,7 @@ pub struct Query {
     pub words: Vec<String>,
     /// Only cycles before this one match; it is [`Hits::next`] of the previous page.
     pub before_cycle: Option<CycleId>,
-    /// Maximum number of cycles, 1 to [`MAX_HITS`]; a value outside of this range is set to the nearest limit.
+    /// Maximum number of cycles, 1 to [`MAX_HITS_PER_PAGE`]; a value outside of this range is set to the nearest limit.
     pub limit: usize,
 }
 
@@ -79,7 +79,7 @@ pub struct Hits {
 impl Query {
     /// Returns the number of cycles on a page, within its limits.
     pub fn page_size(&self) -> usize {
-        self.limit.clamp(1, MAX_HITS)
+        self.limit.clamp(1, MAX_HITS_PER_PAGE)
     }
 }
 

@@ -11,7 +11,7 @@ use panelprep_cell::files::{content_hash, is_hex};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-const FORM: &str = "panelprep-part-1";
+const PART_FORMAT: &str = "panelprep-part-1";
 /// Maximum number of content bytes in a message part. Together with its line of JSON, the part is smaller than 1 MB,
 /// the default limit of the broker.
 const PART_BYTES: usize = 512 * 1024;
@@ -95,7 +95,7 @@ impl Chunk {
             ChunkOwner::File(hash) => (None, Some(hash.clone())),
         };
         let cell = self.cell.as_str().to_owned();
-        let head = Head { form: FORM.to_owned(), cell, position, file, part: self.part, parts: self.parts };
+        let head = Head { form: PART_FORMAT.to_owned(), cell, position, file, part: self.part, parts: self.parts };
         let mut bytes =
             serde_json::to_vec(&head).map_err(|error| OfficeError::form_error("line of a message part", error))?;
         bytes.push(b'\n');
@@ -112,9 +112,9 @@ impl Chunk {
         let end = bytes.iter().take(MAX_HEAD_BYTES).position(|byte| *byte == b'\n');
         let end = end.ok_or_else(|| wrong("the end of the line is missing".to_owned()))?;
         let head: Head = serde_json::from_slice(&bytes[..end]).map_err(|error| wrong(error.to_string()))?;
-        if head.form != FORM {
+        if head.form != PART_FORMAT {
             return Err(wrong(format!(
-                "the field \"form\" is \"{}\", expected \"{FORM}\"",
+                "the field \"form\" is \"{}\", expected \"{PART_FORMAT}\"",
                 head.form.escape_debug()
             )));
         }

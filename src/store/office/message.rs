@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use strum::{EnumString, IntoStaticStr, VariantArray};
 
-const FORM: &str = "panelprep-office-1";
+const MESSAGE_FORMAT: &str = "panelprep-office-1";
 /// Maximum size of a head, bytes; the head of a record names about a hundred files.
 const MAX_HEAD_BYTES: usize = 1 << 20;
 
@@ -58,7 +58,7 @@ impl Message {
             Body::Cycle(_) | Body::Verification(_) => None,
         };
         let head = Head {
-            form: FORM.to_owned(),
+            form: MESSAGE_FORMAT.to_owned(),
             cell: self.cell.as_str().to_owned(),
             epoch: position.epoch.clone(),
             number: position.number,
@@ -86,9 +86,9 @@ impl Message {
         };
         let head = |problem: String| OfficeError::form_error("head of a message", problem);
         let read: Head = serde_json::from_slice(&bytes[..end]).map_err(|error| head(error.to_string()))?;
-        if read.form != FORM {
+        if read.form != MESSAGE_FORMAT {
             return Err(head(format!(
-                "the field \"form\" is \"{}\", expected \"{FORM}\"",
+                "the field \"form\" is \"{}\", expected \"{MESSAGE_FORMAT}\"",
                 read.form.escape_debug()
             )));
         }

@@ -10,7 +10,7 @@ use panelprep_cell::cell::CellName;
 use panelprep_cell::files::content_hash;
 use serde::{Deserialize, Serialize};
 
-const STATE_FORM: &str = "panelprep-state-1";
+const STATE_FORMAT: &str = "panelprep-state-1";
 /// Maximum size of a state, bytes.
 const MAX_STATE_BYTES: usize = 64 * 1024;
 
@@ -55,7 +55,7 @@ pub struct ReasonText {
 impl CellState {
     /// Creates the state of this cell with only its name.
     pub fn new(cell: &CellName) -> Self {
-        CellState { form: STATE_FORM.to_owned(), cell: cell.as_str().to_owned(), ..CellState::default() }
+        CellState { form: STATE_FORMAT.to_owned(), cell: cell.as_str().to_owned(), ..CellState::default() }
     }
 
     /// Encodes the state for sending.
@@ -77,9 +77,9 @@ impl CellState {
             return Err(OfficeError::Large { found, allowed });
         }
         let state: CellState = serde_json::from_slice(bytes).map_err(|error| wrong(error.to_string()))?;
-        if state.form != STATE_FORM {
+        if state.form != STATE_FORMAT {
             return Err(wrong(format!(
-                "the field \"form\" is \"{}\", expected \"{STATE_FORM}\"",
+                "the field \"form\" is \"{}\", expected \"{STATE_FORMAT}\"",
                 state.form.escape_debug()
             )));
         }
@@ -87,11 +87,11 @@ impl CellState {
     }
 }
 
-const OFFER_FORM: &str = "panelprep-offer-1";
+const OFFER_FORMAT: &str = "panelprep-offer-1";
 /// Maximum size of an offer, bytes.
 const MAX_OFFER_BYTES: usize = 256 * 1_024;
 /// Maximum length of a name or a reason, characters.
-const MAX_CHARACTERS: usize = 200;
+const MAX_TEXT_CHARACTERS: usize = 200;
 
 /// A recipe that the office offers to its cells.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -117,13 +117,13 @@ impl RecipeOffer {
     /// If the name or the reason contains unprintable characters, or a text is too long.
     pub fn new(panel: &str, text: &str, (by, why): (&str, &str), unix_ms: i64) -> Result<Self, OfficeError> {
         let [panel, text, by, why] = [panel, text, by, why].map(str::to_owned);
-        let offer = RecipeOffer { form: OFFER_FORM.to_owned(), panel, text, by, why, unix_ms };
+        let offer = RecipeOffer { form: OFFER_FORMAT.to_owned(), panel, text, by, why, unix_ms };
         offer.validated()
     }
 
     fn validated(self) -> Result<Self, OfficeError> {
         for (what, text) in [("name", &self.by), ("reason", &self.why)] {
-            panelprep_base::number_text::printable(text, MAX_CHARACTERS).map_err(|problem| {
+            panelprep_base::number_text::printable(text, MAX_TEXT_CHARACTERS).map_err(|problem| {
                 OfficeError::form_error("offer of a recipe", format!("its {what}: {problem}"))
             })?;
         }
@@ -160,9 +160,9 @@ impl RecipeOffer {
         }
         let wrong = |problem: String| OfficeError::form_error("offer of a recipe", problem);
         let offer: RecipeOffer = serde_json::from_slice(bytes).map_err(|error| wrong(error.to_string()))?;
-        if offer.form != OFFER_FORM {
+        if offer.form != OFFER_FORMAT {
             return Err(wrong(format!(
-                "the field \"form\" is \"{}\", expected \"{OFFER_FORM}\"",
+                "the field \"form\" is \"{}\", expected \"{OFFER_FORMAT}\"",
                 offer.form.escape_debug()
             )));
         }

@@ -97,7 +97,7 @@ impl Progress {
 }
 
 /// Maximum number of differences of the same kind that are listed; further ones are only counted.
-const MAX_MESSAGES: usize = 50;
+const MAX_LISTED_DIFFERENCES: usize = 50;
 
 /// The result of comparing two lists of items.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -140,8 +140,8 @@ pub fn compare(cell: &[ListEntry], office: &[ListEntry]) -> Comparison {
     for (mut words, of_all) in
         [(other, "differ"), (missing, "are not on the office server"), (more, "are not in the cell")]
     {
-        let rest = words.len().saturating_sub(MAX_MESSAGES);
-        words.truncate(MAX_MESSAGES);
+        let rest = words.len().saturating_sub(MAX_LISTED_DIFFERENCES);
+        words.truncate(MAX_LISTED_DIFFERENCES);
         compared.differences.append(&mut words);
         compared.differences.extend((rest > 0).then(|| format!("{rest} more {of_all}")));
     }

@@ -62,7 +62,7 @@ const REQUESTS_PATH: &str = "/asked";
 /// Path of the motions in a record. If a motion was open when an aborted cycle was signed, its end is stored later.
 const MOTIONS_PATH: &str = "/motions/";
 /// Paths of counts that may increase after signing.
-const GROWING_FIELDS: [&str; 1] = ["/events"];
+const GROWING_COUNT_PATHS: [&str; 1] = ["/events"];
 /// Maximum number of differences that are listed.
 const MAX_DIFFERENCES: usize = 5;
 
@@ -96,7 +96,7 @@ fn compare(at: &str, signed: &Value, now: &Value, found: &mut Vec<String>) {
             }
         }
         (Value::Number(signed), Value::Number(now))
-            if GROWING_FIELDS.contains(&at) && is_grown_count(signed, now) => {}
+            if GROWING_COUNT_PATHS.contains(&at) && is_grown_count(signed, now) => {}
         _ => found.push(format!(
             "{at}: signed value {}, present value {}",
             shorten_value(signed),

@@ -39,7 +39,7 @@ pub(super) const TABLES: &str = "
 /// Maximum number of attempts to sign if other processes sign at the same time.
 const MAX_SIGN_ATTEMPTS: usize = 10;
 /// Maximum length of a name, a user or a remark, characters.
-const MAX_CHARACTERS: usize = 200;
+const MAX_TEXT_CHARACTERS: usize = 200;
 
 const CYCLE_SIGNATURE_SQL: &str = "cycle";
 const PERSON_SIGNATURE_SQL: &str = "person";
@@ -146,7 +146,7 @@ impl Store {
         for (what, text) in texts.into_iter().chain(signs.values.named()) {
             // The texts are checked because they will be printed.
             let Some(text) = text else { continue };
-            printable(text, MAX_CHARACTERS).map_err(|problem| {
+            printable(text, MAX_TEXT_CHARACTERS).map_err(|problem| {
                 let found = text.escape_debug().to_string();
                 StoreError::Unsignable { what, found, problem }
             })?;

@@ -22,7 +22,7 @@ use std::path::Path;
 /// in a large one.
 const START_VERIFIED_LINKS: i64 = 20_000;
 /// Maximum number of differences of the same kind that are listed; further ones are only counted.
-const MAX_MESSAGES: usize = 200;
+const MAX_LISTED_DIFFERENCES: usize = 200;
 
 /// The result of verifying a store.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -273,8 +273,8 @@ impl Store {
             .chain(&self.connection, from)
             .and_then(|()| if whole { walk.find_rows_without_one_link(&self.connection) } else { Ok(()) });
         let mut found = std::mem::take(&mut walk.links);
-        let rest = found.len().saturating_sub(MAX_MESSAGES);
-        found.truncate(MAX_MESSAGES);
+        let rest = found.len().saturating_sub(MAX_LISTED_DIFFERENCES);
+        found.truncate(MAX_LISTED_DIFFERENCES);
         found.extend(
             (rest > 0).then(|| format!("{rest} further links of the chain do not match the links before them")),
         );
@@ -380,9 +380,9 @@ impl ChainWalk {
                 let from = |(other, number, written, _): &&(&'static str, i64, Hash, Hash)| {
                     other == part && number != key && written == found
                 };
-                Some((*part, *key, self.changed.iter().take(MAX_MESSAGES).find(from)?.1))
+                Some((*part, *key, self.changed.iter().take(MAX_LISTED_DIFFERENCES).find(from)?.1))
             })
-            .take(MAX_MESSAGES)
+            .take(MAX_LISTED_DIFFERENCES)
             .collect();
         for (name, key, from) in &exchanged {
             let words = chain::hashed_table(name).map_or(*name, |part| part.row_term);

@@ -13,7 +13,7 @@
 use super::entry::{Entry, RecordingStart, Shot};
 use super::error::{END, FORMAT, METADATA, OLDEST_FORMAT, START, TapeError};
 use super::topic::{CompressedImage, PointCloud, Topic};
-use super::write::STRIDE;
+use super::write::POINT_BYTES;
 use mcap::McapError;
 use mcap::records::{Metadata, Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -149,15 +149,15 @@ fn parse_shot(topic: Topic, data: &[u8], heard: &Value) -> Result<Shot, String> 
 }
 
 /// Size of a point in format 2, which has no alpha channel, bytes.
-const FORMAT_2_STRIDE: usize = 15;
+const FORMAT_2_POINT_BYTES: usize = 15;
 
 fn parse_points(cloud: &PointCloud, [width, height]: [usize; 2]) -> Result<OrganizedCloud<Camera>, String> {
     let stride = cloud.point_stride as usize;
-    if ![FORMAT_2_STRIDE, STRIDE].contains(&stride) || !cloud.data.len().is_multiple_of(stride) {
-        return Err(format!("the points have {stride} bytes each, expected {STRIDE}"));
+    if ![FORMAT_2_POINT_BYTES, POINT_BYTES].contains(&stride) || !cloud.data.len().is_multiple_of(stride) {
+        return Err(format!("the points have {stride} bytes each, expected {POINT_BYTES}"));
     }
     // In both formats a point begins with the same data.
-    let each = || cloud.data.chunks_exact(stride).filter_map(<[u8]>::first_chunk::<FORMAT_2_STRIDE>);
+    let each = || cloud.data.chunks_exact(stride).filter_map(<[u8]>::first_chunk::<FORMAT_2_POINT_BYTES>);
     let points_mm = each().map(|&[a, b, c, d, e, f, g, h, i, j, k, l, ..]| {
         [[a, b, c, d], [e, f, g, h], [i, j, k, l]].map(f32::from_le_bytes)
     });
@@ -332,7 +332,7 @@ impl RecordingInventory {
 const MAX_RECORD_BYTES: usize = 256 << 20;
 
 /// Number of bytes in one read.
-const PIECE_BYTES: usize = 1 << 20;
+const READ_BYTES: usize = 1 << 20;
 
 /// The records of an MCAP file, in order.
 struct Records<R> {
@@ -363,7 +363,7 @@ impl<R: Read> Records<R> {
                 Some(Err(error)) => return Err(RecordFault::Bytes(error)),
                 Some(Ok(LinearReadEvent::ReadRequest(needed))) => {
                     // The buffer grows only by the bytes that were read, even if a record states a larger length.
-                    let into = self.reader.insert(needed.min(PIECE_BYTES));
+                    let into = self.reader.insert(needed.min(READ_BYTES));
                     let read = loop {
                         match self.source.read(into) {
                             Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}

@@ -25,7 +25,7 @@ use std::io::Write;
 
 /// Size of a point, bytes: three coordinates, three colours, and an alpha value, without which Foxglove shows no
 /// colours.
-pub(super) const STRIDE: usize = 16;
+pub(super) const POINT_BYTES: usize = 16;
 const OPAQUE_ALPHA: u8 = 255;
 
 /// The state of a topic in the file.
@@ -220,7 +220,7 @@ fn image(picture: &ColorPicture, frame: &str, unix_ns: u64) -> Result<Vec<u8>, T
 }
 
 fn points(cloud: &OrganizedCloud<Camera>, unix_ns: u64) -> PointCloud {
-    let mut data = Vec::with_capacity(STRIDE * cloud.raw_points_mm().len());
+    let mut data = Vec::with_capacity(POINT_BYTES * cloud.raw_points_mm().len());
     for (index, point) in cloud.raw_points_mm().iter().enumerate() {
         point.iter().for_each(|mm| data.extend(mm.to_le_bytes()));
         data.extend(cloud.color_at(index));
@@ -239,7 +239,7 @@ fn points(cloud: &OrganizedCloud<Camera>, unix_ns: u64) -> PointCloud {
         timestamp: Some(to_timestamp(unix_ns)),
         frame_id: SCANNER_FRAME.to_owned(),
         pose: Some(to_pose(&KukaPose::default())),
-        point_stride: STRIDE as u32,
+        point_stride: POINT_BYTES as u32,
         fields: coordinates.into_iter().chain(colors).map(field).collect(),
         data,
     }

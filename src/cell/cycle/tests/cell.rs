@@ -5,7 +5,7 @@ use super::super::step::step_with;
 use super::super::*;
 
 /// Maximum number of waypoints that are sent and not yet executed.
-pub const WINDOW: u32 = 5;
+pub const MAX_QUEUED_WAYPOINTS: u32 = 5;
 
 /// A motion that the robot has not ended yet.
 #[derive(Debug, Clone, Copy)]
@@ -327,7 +327,7 @@ impl Cell {
         let ending = self.ending;
         let (epoch, open) = (self.epoch, self.epoch_open);
         let Some(moving) = self.moving.as_mut().filter(|_| !ending) else { return Ok(()) };
-        while moving.sent < moving.motion.waypoints && moving.sent - moving.done < WINDOW {
+        while moving.sent < moving.motion.waypoints && moving.sent - moving.done < MAX_QUEUED_WAYPOINTS {
             // I1
             if !open || moving.motion.epoch != epoch {
                 return Err(format!("a waypoint of an ended epoch is sent: {moving:?}"));

@@ -169,7 +169,7 @@ pub(super) async fn own(Extension(visitor): VisitorExtension) -> Response {
             h2 { (word("login.own")) }
             form data-post="/password" data-then="/login" {
                 label { (word("login.old_password")) input name="password" type="password" autocomplete="current-password" required maxlength="200"; }
-                label { (word("login.new_password")) input name="new" type="password" autocomplete="new-password" required maxlength="200" minlength=(accounts::MIN_CHARACTERS); }
+                label { (word("login.new_password")) input name="new" type="password" autocomplete="new-password" required maxlength="200" minlength=(accounts::MIN_PASSWORD_CHARACTERS); }
                 p.told role="status" {}
                 button.primary type="submit" { (word("save")) }
             }
