@@ -1,4 +1,4 @@
-// The page of `panelprep teach`: it draws the recipe's content and saves the drawing in the recipe.
+// The page of `panelprep teach`: draws the shapes of the recipe, and saves the changed shapes in the recipe.
 
 import { begin, now } from "./sheet.js";
 

@@ -1,16 +1,16 @@
-// The region, its grids, the masks, the panel's outline and its holders, drawn over the taught scan's picture. Places are pixels of the picture.
-// It only draws: the page around it supplies the recipe's content and receives the drawing.
+// The region, its grids, the masks, the panel's outline and its holders, drawn on the taught picture. Positions are pixels of the picture.
+// This module only draws: the page that contains it supplies the recipe's shapes and receives the changed shapes.
 
 const SVG = "http://www.w3.org/2000/svg";
 const at = (id) => document.getElementById(id);
 const overlay = at("overlay");
 const words = JSON.parse(at("sheet").dataset.words);
-/** The page's word for a key; `{1}` is replaced by the first value. */
+/** Returns the page's text for a key; `{1}` is replaced by the first value. */
 const word = (key, ...put) => put.reduce((text, one, index) => text.replace(`{${index + 1}}`, one), words[`draw.${key}`] ?? key);
 
 let size = [1, 1];
 let drawn = null;
-// The selected corner: the shape's kind, its index within its kind, and the corner.
+// The selected corner: the kind of its shape, the index of the shape within this kind, and the index of the corner.
 let chosen = null;
 let dragged = null;
 let hearsChanges = () => {};
@@ -22,7 +22,7 @@ const KINDS = {
   held: { name: (index) => word("held_number", index + 1), label: (index) => `h${index + 1}` },
 };
 
-// All shapes: the region last, so that its corners are on top.
+// Returns all shapes; the region is the last one, so that its corners are on top.
 const shapes = () => [
   ...(drawn.outline_px.length > 0 ? [{ kind: "outline", index: 0, corners: drawn.outline_px }] : []),
   ...drawn.held_px.map((corners, index) => ({ kind: "held", index, corners })),
@@ -41,13 +41,13 @@ function element(name, attributes, parent) {
 
 const points = (corners) => corners.map(([u, v]) => `${u},${v}`).join(" ");
 
-// A place inside four corners, by its fractions along the first and the last side.
+// Returns the point inside a quadrilateral with these fractions along its first and its last side.
 function inside([a, b, c, d], across, down) {
   const mix = (p, q, share) => [p[0] + (q[0] - p[0]) * share, p[1] + (q[1] - p[1]) * share];
   return mix(mix(a, b, across), mix(d, c, across), down);
 }
 
-// The size of one screen pixel, in pixels of the picture.
+// Returns the size of a screen pixel, in pixels of the picture.
 const perScreenPixel = () => size[0] / Math.max(1, overlay.getBoundingClientRect().width);
 
 function draw() {
@@ -164,7 +164,7 @@ for (const key of ["rows", "columns"]) {
   });
 }
 
-// A small rectangle about a place.
+// Returns a small rectangle around a point.
 function rectangle([u, v]) {
   const half = [size[0] / 20, size[1] / 20];
   const corner = (x, y) => [within(u + x * half[0], size[0]), within(v + y * half[1], size[1])];
@@ -224,7 +224,7 @@ at("whole").addEventListener("change", () => {
 });
 window.addEventListener("resize", () => { if (drawn) draw(); });
 
-/** Draws the recipe's content on the picture, once it is loaded; `changes` is called at each change. */
+/** Draws the recipe's shapes on the picture after it is loaded; `changes` is called after each change. */
 export async function begin(recipe, changes) {
   await at("picture").decode();
   drawn = recipe;
@@ -235,5 +235,5 @@ export async function begin(recipe, changes) {
   draw();
 }
 
-/** The present drawing. */
+/** Returns the present shapes. */
 export const now = () => drawn;

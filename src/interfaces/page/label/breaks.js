@@ -1,4 +1,4 @@
-// Breaks as polygons over time, as in labels.json: shapes with from_s and corners_px, and closes_s. Nothing here touches the page.
+// Functions for breaks (polygons over time) in the format of labels.json: shapes with from_s and corners_px, and closes_s.
 
 export const isOpen = (one, time) =>
   one.shapes.length > 0 && one.shapes[0].from_s <= time && (one.closes_s === null || time < one.closes_s);
@@ -9,11 +9,11 @@ export function stateAt(one, time) {
   return isOpen(one, time) ? "open" : "closed";
 }
 
-// The index of the shape that has begun last; -1 before the first one.
+// Returns the index of the shape that is valid at this time; -1 before the first shape.
 export const shapeIndex = (one, time) => one.shapes.findLastIndex((shape) => shape.from_s <= time);
 
-// The corners at a time: those of the shape that has begun last, interpolated to the next one if it has the same number. Before the
-// break begins they are those of its first shape.
+// Returns the corners at a time: those of the valid shape, interpolated to the next shape if both have the same number of corners.
+// Before the break begins, returns the corners of the first shape.
 export function cornersAt(one, time) {
   const index = shapeIndex(one, time);
   if (index < 0) return one.shapes[0]?.corners_px ?? [];
@@ -28,7 +28,7 @@ export function cornersAt(one, time) {
 
 export const rounded = ([u, v]) => [Math.round(u * 10) / 10, Math.round(v * 10) / 10];
 
-// The shape that begins at this time; if there is none, it is made from the shown corners.
+// Returns the shape that begins at this time; if there is none, creates it from the displayed corners.
 export function shapeFrom(one, time) {
   const index = shapeIndex(one, time);
   if (one.shapes[index]?.from_s === time) return one.shapes[index];
@@ -37,7 +37,7 @@ export function shapeFrom(one, time) {
   return made;
 }
 
-// The break begins at this time, with its present shape, or its first one if that comes later.
+// Makes the break begin at this time, with its present shape, or with its first shape if the break begins later.
 export function beginAt(one, time) {
   if (time < one.shapes[0].from_s) {
     one.shapes[0].from_s = time;
@@ -47,7 +47,7 @@ export function beginAt(one, time) {
   one.shapes = one.shapes.filter((shape) => shape.from_s >= time);
 }
 
-// The film is closed from this time on; later shapes are removed.
+// Closes the break at this time, and removes its later shapes.
 export function closeAt(one, time) {
   one.closes_s = time;
   one.shapes = one.shapes.filter((shape) => shape.from_s < time);

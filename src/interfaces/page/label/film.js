@@ -1,4 +1,4 @@
-// The clip's pictures on a canvas: loaded pictures are kept, the next ones are loaded ahead.
+// Displays the clip's pictures on a canvas. Loaded pictures are cached, and the next ones are loaded in advance.
 
 const MAX_CACHED = 60;
 const AHEAD = 6;
@@ -10,14 +10,14 @@ export class Film {
     this.dry = shots.findLastIndex((shot) => shot.phase === "dry");
   }
 
-  // A picture by its index, from 0.
+  // Returns the picture with this index, from 0.
   image(index) {
     let loading = this.kept.get(index);
     if (!loading) {
       loading = this.load(index);
       loading.catch(() => this.kept.delete(index));
     }
-    // The picture that was requested last is dropped last.
+    // Move the picture to the end, so that the least recently used one is dropped first.
     this.kept.delete(index);
     this.kept.set(index, loading);
     for (const old of this.kept.keys()) {
@@ -44,7 +44,7 @@ export class Film {
     return image;
   }
 
-  // Shows a picture, unless another one is requested before it is loaded.
+  // Displays a picture, unless another picture is requested before this one is loaded.
   async show(index, how) {
     this.wanted = index;
     const isDry = how === "dry" && this.dry >= 0;

@@ -1,8 +1,8 @@
-// The keyboard: a table has the action of each key; a focused control keeps its own actions.
+// Keyboard input: a table contains the action of each key; a focused control keeps its own keys.
 
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
-// `table` has an action for each key; `step(pictures)` moves in time, `move(du, dv)` moves the selection, `undo` reverts a change.
+// `table` contains the action of each key; `step(pictures)` moves in time, `move(du, dv)` moves the selection, `undo` reverts a change.
 function actionOf(event, { table, step, move, undo }) {
   const arrow = ARROWS[event.key];
   const times = event.shiftKey ? 10 : 1;
@@ -25,7 +25,7 @@ export function onKeys(actions) {
     act();
   });
   document.addEventListener("keyup", (event) => actions.released[event.key.toLowerCase()]?.());
-  // After a click the keys control the clip again.
+  // After a click, the focus is removed, so that the keys control the clip again.
   document.addEventListener("click", (event) => {
     if (event.detail > 0 && event.target.closest("button, input[type=checkbox], input[type=range]")) document.activeElement?.blur();
   });

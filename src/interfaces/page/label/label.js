@@ -1,5 +1,5 @@
-// Marking the breaks in a clip. `said` holds a person's labels; the program keeps every change as a draft, so that a reload
-// loses nothing. Places are pixels of the clip's pictures, whole numbers at pixel centres; times are those of the clip.
+// Labels the breaks in a clip. `said` contains the labels; the program stores every change as a draft, so that a reload of the
+// page loses nothing. Positions are pixels of the clip's pictures, with whole numbers at pixel centres; times are those of the clip.
 
 import { beginAt, closeAt, cornersAt, isOpen, rounded, seconds, shapeFrom } from "./breaks.js";
 import { Film } from "./film.js";
@@ -113,7 +113,7 @@ function step(pictures) {
   goTo(index + pictures);
 }
 
-// The picture with the number in the address, which a reload keeps; otherwise the first wet one.
+// Start with the picture whose number is in the URL, which a reload keeps; otherwise with the first wet picture.
 function goToAsked() {
   const asked = Number.parseInt(location.hash.slice(1), 10);
   if (asked >= 1) goTo(asked - 1);
@@ -126,7 +126,7 @@ function pause() {
   at("play").textContent = "Play";
 }
 
-// Plays by the clip's own times; pictures that are loaded too late are left out.
+// Plays the clip with its own times; pictures that are loaded too late are skipped.
 function play() {
   if (index === clip.shots.length - 1) goTo(0);
   playing = { since: performance.now(), from: now(), request: 0 };
@@ -160,7 +160,7 @@ function setZoom(wanted, [x, y] = [0.5, 0.5]) {
   render();
 }
 
-// Shows the grids as large as possible, or without grids the whole picture.
+// Zooms to the grids, or displays the whole picture if there are no grids.
 function lookAtGrids() {
   setZoom();
   const edges = clip.grids.flatMap(({ edge_px }) => edge_px);
@@ -222,7 +222,7 @@ function insertCorner() {
   choose(chosen, corner + 1);
 }
 
-// Moves the selected corner, or without one the whole break, of the shape that begins now.
+// Moves the selected corner of the shape at this time; without a selected corner, moves the whole shape.
 function moveBy(du, dv) {
   const shape = shapeFrom(selected(), now());
   const moved = ([u, v]) => rounded([within(u + du, clip.size_px[0]), within(v + dv, clip.size_px[1])]);
@@ -247,7 +247,7 @@ function place(event) {
   ]);
 }
 
-// Adds a corner; a click on the first corner, or a second click on the last, ends the break.
+// Adds a corner. A click on the first corner, or a second click on the last corner, completes the break.
 function drawTo(event) {
   const [u, v] = place(event);
   const last = drawn.corners_px.at(-1);
@@ -328,7 +328,7 @@ const table = {
   d: () => { if (!holdsDry) { holdsDry = true; show(); } },
 };
 
-// Moves the selected corner or break, if it is open now.
+// Moves the selected corner or break, if the break is open at this time.
 function nudge(du, dv) {
   if (selected() && isOpen(selected(), now())) change(() => moveBy(du, dv));
 }

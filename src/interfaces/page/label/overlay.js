@@ -1,4 +1,4 @@
-// The overlay on the picture, and the strip of phases and breaks below it.
+// Draws the overlay on the picture, and the time line with phases and breaks below the picture.
 
 import { cornersAt, stateAt } from "./breaks.js";
 
@@ -61,7 +61,7 @@ function drawBreak(overlay, { one, index, time, isChosen, corner, scale }) {
   });
 }
 
-// The position of a time among the pictures, from 0 to 1.
+// Returns the position of a time on the time line, from 0 to 1.
 function along(shots, time) {
   const after = shots.findIndex((shot) => shot.time_s >= time);
   if (after <= 0) return after === 0 ? 0 : 1;

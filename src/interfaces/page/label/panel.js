@@ -1,4 +1,4 @@
-// The list of breaks and the selected one, beside the picture.
+// Draws the list of breaks and the selected break, beside the picture.
 
 import { areaPx, cornersAt, inWords, isOpen, seconds, shapeIndex } from "./breaks.js";
 
@@ -35,7 +35,7 @@ function shapeLine(shape, { isShown, isOnly, onGo, onRemove }) {
   return item;
 }
 
-// The selected break, if there is one, and its possible actions at this time.
+// Draws the selected break, if there is one, with the actions that are possible at this time.
 export function drawSelected({ one, number, corner, time, wetFrom, onGo, onRemove }) {
   at("selected").hidden = !one;
   at("unselected").hidden = Boolean(one);

@@ -1,4 +1,4 @@
-// Requests to the program, which also keeps the drafts.
+// Requests to the program, which stores the drafts.
 
 export async function ask(path, options) {
   const answer = await fetch(path, options);
@@ -9,7 +9,7 @@ export async function ask(path, options) {
 
 export const posted = (body) => ({ method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) });
 
-// Keeps the drawing. While one draft is being sent, the newest one waits for it.
+// Stores the drawing as a draft. While a draft is being sent, only the newest one is kept for the next request.
 export class Drafts {
   constructor(tellProblem) {
     Object.assign(this, { tellProblem, sending: null, waiting: null });
