@@ -15,7 +15,7 @@ pub use contact::{
     AbradedGrid, AbrasionExtent, Bounds, Contact, ContactPath, EarlierPass, FirstReached, MotionRecord,
     TouchedGrid, abraded_grids, touching_passes,
 };
-pub use finding::{CycleId, Finding, KeptFile, Kind, PathRemoval, Picture, name, removed, removed_bound_um};
+pub use finding::{CycleId, Finding, KeptFile, Kind, PathRemoval, Picture, name, path_removals, removed_bound_um};
 pub use panelprep_base::verdict::{Check, Limit, LimitSource, Severity};
 pub use requests::{Answer, ProofsResult, RequestAuthor, RequestRecord, RequestSource, RequestedAction};
 

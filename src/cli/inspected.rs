@@ -8,7 +8,7 @@ use super::output::{self, Outcome};
 use panelprep_base::geometry::{Base, Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid, median};
 use panelprep_base::phase::Phase;
 use panelprep_cell::files::{self, Clip, ClipEntry, content_hash};
-use panelprep_cell::labels::{self, LABELS, MASK, TIMES_FILE, decoded};
+use panelprep_cell::labels::{self, LABELS, MASK, TIMES_FILE, color_to_time};
 use panelprep_cell::panel::GridId;
 use panelprep_cell::recipe::Recipe;
 use panelprep_service::stages::film::{FilmOutcome, FilmRun, FilmSetup};

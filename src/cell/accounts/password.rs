@@ -23,7 +23,9 @@ const HASH_PASSES: u32 = 2;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PasswordError {
     /// The password is too short or too long.
-    #[error("the password has {found} characters; the limits are {MIN_PASSWORD_CHARACTERS} to {MAX_PASSWORD_CHARACTERS}")]
+    #[error(
+        "the password has {found} characters; the limits are {MIN_PASSWORD_CHARACTERS} to {MAX_PASSWORD_CHARACTERS}"
+    )]
     Length {
         /// Number of characters in the password.
         found: usize,

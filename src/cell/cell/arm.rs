@@ -164,7 +164,11 @@ pub(super) fn parse_arm(section: &Section<'_, '_>, keep_out: &[Section<'_, '_>])
 }
 
 /// Returns the geometry and the axes of a preset. The file must not state link lengths, but may narrow the axis limits.
-fn parse_preset_arm(section: &Section<'_, '_>, table: &ArmTable, preset: &Preset) -> Option<(ArmGeometry, ArmAxes)> {
+fn parse_preset_arm(
+    section: &Section<'_, '_>,
+    table: &ArmTable,
+    preset: &Preset,
+) -> Option<(ArmGeometry, ArmAxes)> {
     let own = preset.axes();
     let given = [
         ("a1_mm", table.a1_mm.is_some()),

@@ -43,7 +43,8 @@ pub use part::{NameDemand, NameRule, PartNameError, PartRules};
 pub use proof_stage::{ProofStage, SignedPage, Unsigned, UnsignedCause};
 pub use provenance::{BoardSize, Date, Provenance};
 pub use robot_correction::{
-    CorrectionNumbers, GEOMETRY_PARAMETER_COUNT, RemovalCalibration, RemovalNumbers, RobotCorrection, SMOOTH_PARAMETER_COUNT,
+    CorrectionNumbers, GEOMETRY_PARAMETER_COUNT, RemovalCalibration, RemovalNumbers, RobotCorrection,
+    SMOOTH_PARAMETER_COUNT,
 };
 pub use servers::{Broker, BrokerLogin, CellName, Office, PushSettings, WebFolder, authority};
 pub use sparkplug::{BrokerTls, NodeCommands, SparkplugNode};

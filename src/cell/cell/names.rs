@@ -279,9 +279,10 @@ pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
         );
     }
     let mut right = constant.is_empty() && feigned.is_empty();
-    for (key, found, max_count) in
-        [("mapped_inputs", io.mapped_inputs.len(), MAX_MAPPED_INPUTS), ("feedbacks", io.feedbacks.len(), MAX_FEEDBACKS)]
-    {
+    for (key, found, max_count) in [
+        ("mapped_inputs", io.mapped_inputs.len(), MAX_MAPPED_INPUTS),
+        ("feedbacks", io.feedbacks.len(), MAX_FEEDBACKS),
+    ] {
         if found > max_count {
             section.problem(key, format!("found {found} names, the maximum is {max_count}"));
             right = false;

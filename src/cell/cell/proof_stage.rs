@@ -194,10 +194,15 @@ mod tests {
     #[test]
     fn the_refusal_names_what_is_missing_and_the_next_stage() {
         let words = refused(REAL, None, C).expect("refused");
-        let start = "[robot] signed_stage is missing, but a cycle on a panel requires a signed stage C: test stage A";
+        let start =
+            "[robot] signed_stage is missing, but a cycle on a panel requires a signed stage C: test stage A";
         assert!(words.starts_with(start), "{words}");
         for (stated, page, expected) in [
-            ("A", Some((A, 7)), "signed_stage is A, but a cycle on a panel requires a signed stage C: test stage B"),
+            (
+                "A",
+                Some((A, 7)),
+                "signed_stage is A, but a cycle on a panel requires a signed stage C: test stage B",
+            ),
             ("C", Some((A, 7)), "is for stage A, but a cycle on a panel requires a signed stage C: test stage B"),
             (
                 "C",

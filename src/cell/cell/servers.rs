@@ -96,10 +96,7 @@ impl Broker {
             (Some(name), None, None) => BrokerLogin::Credentials(file(name)),
             (None, Some(user), Some(name)) => BrokerLogin::Password { user, file: file(name) },
             _ => {
-                section.problem(
-                    "user",
-                    "state both user and password_file, or only credentials",
-                );
+                section.problem("user", "state both user and password_file, or only credentials");
                 return None;
             }
         };

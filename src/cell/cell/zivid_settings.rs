@@ -204,7 +204,9 @@ fn read(text: &str, usage: Option<ZividUse>, problems: &mut Vec<Problem>) -> Opt
         return None;
     }
     if found == ZividUse::Scan && settings.get("Color").and_then(|color| color.get(FILM)).is_none() {
-        problems.push(settings.missing_key_problem("Color.Settings2D", "a 3D shot needs the settings of its colour picture"));
+        problems.push(
+            settings.missing_key_problem("Color.Settings2D", "a 3D shot needs the settings of its colour picture"),
+        );
     }
     let exposures_us = stated_exposures(&settings, found, problems);
     Some(ZividSettings { usage: found, exposures_us })
@@ -255,10 +257,10 @@ fn projector_problem(acquisition: &Node<'_>) -> Option<Problem> {
     const WHY: &str = "the cell's own lamp lights the film: the light of the camera's projector would cause glare on \
                        the water and heat the camera";
     let Some(brightness) = acquisition.get("Brightness") else {
-        return Some(
-            acquisition
-                .missing_key_problem("Brightness", &format!("state the value 0, because the SDK's default is not 0; {WHY}")),
-        );
+        return Some(acquisition.missing_key_problem(
+            "Brightness",
+            &format!("state the value 0, because the SDK's default is not 0; {WHY}"),
+        ));
     };
     match brightness.number() {
         Some(0.0) => None,
@@ -310,8 +312,9 @@ mod tests {
     fn a_film_lit_by_the_projector_is_refused_with_its_line() {
         let line = FILM_FILE.lines().position(|line| line.contains("Brightness: 0")).expect("it has one") + 1;
         let lit = problem_text(&FILM_FILE.replace("Brightness: 0", "Brightness: 1.8"), ZividUse::Film);
-        let words =
-            format!("film.yml:{line}: Settings2D.Acquisitions[0].Acquisition.Brightness: found 1.8, the value must be 0");
+        let words = format!(
+            "film.yml:{line}: Settings2D.Acquisitions[0].Acquisition.Brightness: found 1.8, the value must be 0"
+        );
         assert!(lit.starts_with(&words), "{lit}");
         let unsaid = problem_text(&FILM_FILE.replace("Brightness: 0", "# Brightness: 0"), ZividUse::Film);
         assert!(unsaid.contains("Acquisition.Brightness: is missing; it must be 0"), "{unsaid}");

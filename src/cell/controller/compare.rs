@@ -91,7 +91,12 @@ pub fn compare(files: &ControllerFiles<'_>, cell: &Cell) -> Comparison {
             found.compare_channel_flags(file, text, (&theirs, config), flags);
         }
         if cell.robot().kind() == RobotKind::Eki {
-            not_compared.extend(found.compare_address((file, text), &theirs, cell.robot().host(), files.host_addresses));
+            not_compared.extend(found.compare_address(
+                (file, text),
+                &theirs,
+                cell.robot().host(),
+                files.host_addresses,
+            ));
             found.compare_port(file, text, &theirs, ports);
         }
     }

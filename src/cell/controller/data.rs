@@ -154,7 +154,13 @@ impl DataComparison<'_> {
 
     /// Compares an array of signals with those of the cell's file. The array must be in ascending order, because the
     /// signals are sent as bits in this order.
-    fn compare_bit_array(&mut self, array: &str, count: &str, table: &str, named: &BTreeMap<String, u16>) -> Vec<(i32, usize)> {
+    fn compare_bit_array(
+        &mut self,
+        array: &str,
+        count: &str,
+        table: &str,
+        named: &BTreeMap<String, u16>,
+    ) -> Vec<(i32, usize)> {
         let found = self.counted_array(array, count, MAX_SIGNALS_PER_INT, (1, MAX_SIGNAL_NUMBER));
         let names = Self::names_by_number(named);
         let word = |number: i32| {
@@ -306,7 +312,9 @@ impl DataComparison<'_> {
 
     /// Checks the outputs to the production line, in their order.
     fn check_line_outputs(&mut self, outputs: &[(i32, usize)]) {
-        let Some(count) = self.integer_in_range("CELL_LINE_N", LINE_OUTPUT_COUNT, LINE_OUTPUT_COUNT) else { return };
+        let Some(count) = self.integer_in_range("CELL_LINE_N", LINE_OUTPUT_COUNT, LINE_OUTPUT_COUNT) else {
+            return;
+        };
         let expected = self.cell.inputs_outputs().line_outputs();
         let words = ["ready", "cycle_done", "pass", "fail", "review", "fault"];
         for (index, (expected, word)) in (1..=count).zip(expected.iter().zip(words)) {

@@ -186,7 +186,9 @@ impl ChecksumMixer {
 /// Returns the names of all values in the checksum; a test compares them with the controller's programs.
 #[cfg(test)]
 pub(super) fn checksum_value_names() -> std::collections::BTreeSet<&'static str> {
-    let lists = VARIABLE_LENGTH_ARRAYS.iter().flat_map(|(count, arrays)| std::iter::once(*count).chain(arrays.iter().copied()));
+    let lists = VARIABLE_LENGTH_ARRAYS
+        .iter()
+        .flat_map(|(count, arrays)| std::iter::once(*count).chain(arrays.iter().copied()));
     let reals = REAL_ARRAYS.iter().flat_map(|(_, arrays)| arrays.iter().copied());
     FLAGS_AND_TIMERS.into_iter().chain(lists).chain(reals).chain(REAL_VALUES).chain(SUBROUTINE_VALUES).collect()
 }

@@ -1,7 +1,7 @@
 //! Tests of the comparison between the controller's files and the cell's file, and of the checksum. The commands
 //! `check` and `doctor` are tested with the same deliberate errors.
 
-use super::planted::{FILES, MISTAKES, edited, missed, texts};
+use super::planted::{FILES, MISTAKES, texts, texts_with_edit, unreported_mistakes};
 use super::sum::checksum_value_names;
 use super::*;
 use crate::cell::Cell;

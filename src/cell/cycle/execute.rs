@@ -1,8 +1,8 @@
 //! The goal of each state, and the transition after the answer to an action.
 
 use super::interlocks::{
-    CLEARING_CONDITIONS, COMPLETING_CONDITIONS, LEAVE_CONDITIONS, LEAVE_MOTION_CONDITIONS, LEAVE_TOOL_CONDITIONS, RESETTING_CONDITIONS, Row, Rule, STARTING_CONDITIONS, UNHOLDING_CONDITIONS,
-    UNHOLDING_LOCATED_CONDITIONS,
+    CLEARING_CONDITIONS, COMPLETING_CONDITIONS, LEAVE_CONDITIONS, LEAVE_MOTION_CONDITIONS, LEAVE_TOOL_CONDITIONS,
+    RESETTING_CONDITIONS, Row, Rule, STARTING_CONDITIONS, UNHOLDING_CONDITIONS, UNHOLDING_LOCATED_CONDITIONS,
 };
 use super::turn::{Goal, TransitionStep};
 use super::{
@@ -20,9 +20,10 @@ impl TransitionStep {
             At::Resetting => Goal::Reach(&RESETTING_CONDITIONS, At::Idle),
             At::Starting => Goal::Reach(&STARTING_CONDITIONS, At::Execute(Phase::Locate)),
             At::Holding(hold) => Goal::Reach(self.needs_on_leave(), At::Held(hold)),
-            At::Unholding { resume, verify } => {
-                Goal::Reach(if verify { &UNHOLDING_LOCATED_CONDITIONS } else { &UNHOLDING_CONDITIONS }, At::Execute(resume))
-            }
+            At::Unholding { resume, verify } => Goal::Reach(
+                if verify { &UNHOLDING_LOCATED_CONDITIONS } else { &UNHOLDING_CONDITIONS },
+                At::Execute(resume),
+            ),
             At::Completing { verdict } => Goal::Reach(&COMPLETING_CONDITIONS, At::Complete { verdict }),
             At::Stopping { .. } => Goal::Reach(self.needs_on_leave(), At::Stopped),
             // An abort has no conditions, so that it never waits.

@@ -235,7 +235,8 @@ pub(super) const LEAVE_TOOL_CONDITIONS: [Row; 3] =
 
 /// Conditions of Stopping and Holding in all other cases. The water is switched off first, while the epoch still
 /// accepts commands.
-pub(super) const LEAVE_CONDITIONS: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
+pub(super) const LEAVE_CONDITIONS: [Row; 2] =
+    [(Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
 
 /// Conditions at the end of Clearing.
 pub(super) const CLEARING_CONDITIONS: [Row; 3] =
@@ -256,7 +257,8 @@ pub(super) const STARTING_CONDITIONS: [Row; 3] =
     [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff), (Rule::ArmOutOfView, Need::At(Path::Park))];
 
 /// Conditions at the end of Unholding.
-pub(super) const UNHOLDING_CONDITIONS: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff)];
+pub(super) const UNHOLDING_CONDITIONS: [Row; 2] =
+    [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff)];
 
 /// Conditions at the end of Unholding if the panel was located before the hold.
 pub(super) const UNHOLDING_LOCATED_CONDITIONS: [Row; 3] =

@@ -95,7 +95,9 @@ pub enum CloudFileError {
         found: usize,
     },
     /// The file contains data after the last point.
-    #[error("{found} bytes follow the last point, from byte {start} on: header and data disagree; export the cloud again")]
+    #[error(
+        "{found} bytes follow the last point, from byte {start} on: header and data disagree; export the cloud again"
+    )]
     Trailing {
         /// Offset of the first byte after the points.
         start: usize,

@@ -211,7 +211,9 @@ impl PictureKind {
             Ok(format @ ImageFormat::Png) => return Ok(PictureKind { format, name: "PNG" }),
             Ok(format @ ImageFormat::Jpeg) => return Ok(PictureKind { format, name: "JPEG" }),
             Ok(format @ ImageFormat::Tiff) => return Ok(PictureKind { format, name: "TIFF" }),
-            Ok(other) => format!("the content looks like {}", other.extensions_str().first().unwrap_or(&"another format")),
+            Ok(other) => {
+                format!("the content looks like {}", other.extensions_str().first().unwrap_or(&"another format"))
+            }
             Err(_) => describe_file_kind(bytes),
         };
         Err(PictureError::Format { found })
@@ -314,9 +316,13 @@ fn encode_png(
 fn check_pixel_count(width: usize, height: usize, pixels: usize, format: &'static str) -> Result<(), PictureError> {
     match pixels != 0 && width.checked_mul(height) == Some(pixels) {
         true => Ok(()),
-        false => {
-            Err(picture_encoding_error(format, width, height, pixels, format!("{pixels} pixels do not match this size")))
-        }
+        false => Err(picture_encoding_error(
+            format,
+            width,
+            height,
+            pixels,
+            format!("{pixels} pixels do not match this size"),
+        )),
     }
 }
 

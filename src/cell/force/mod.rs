@@ -21,7 +21,9 @@ mod session;
 mod telegram;
 mod watch;
 
-pub use press::{ForcePhase, ForceSetPoint, CONTACT_STROKE_FRACTION, SetPointRamp, TOOL_STROKE, check_stroke, force_phase};
+pub use press::{
+    CONTACT_STROKE_FRACTION, ForcePhase, ForceSetPoint, SetPointRamp, TOOL_STROKE, check_stroke, force_phase,
+};
 pub use session::{LinkLossCause, Session, SessionLimits, State};
 pub use telegram::{
     Command, ErrorBits, MAX_LOGIN_ECHO_BYTES, TERMINATOR, TelegramError, ToolReading, login, parse_reply,

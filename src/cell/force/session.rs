@@ -300,7 +300,10 @@ mod tests {
             ends(&says(b"hellok")),
             "the tool's reply is not valid: the reply has 1 fields instead of five: id, force, position, contact, error"
         );
-        assert_eq!(ends(&says(b"1040 1 2 1 0k1040 1 2 1 0k")), "the tool sent data without a request: check that no other program controls it");
+        assert_eq!(
+            ends(&says(b"1040 1 2 1 0k1040 1 2 1 0k")),
+            "the tool sent data without a request: check that no other program controls it"
+        );
         assert!(ends(&says(&[b'1'; 200])).contains("bytes without an end"));
         let mut session = session();
         session.connected(Time::from_ms(0));

@@ -215,7 +215,12 @@ fn check_times(number: usize, one: &Break, frame: &ClipFrame, problems: &mut Vec
     }
     if let Some(closes_s) = one.closes_s {
         if closes_s > ends_s {
-            problems.push(Problem::AfterEnd { number, what: "the break closes again at", time_s: closes_s, ends_s });
+            problems.push(Problem::AfterEnd {
+                number,
+                what: "the break closes again at",
+                time_s: closes_s,
+                ends_s,
+            });
         }
         if !is_later(closes_s, last.from_s) {
             problems.push(Problem::ClosesEarly { number, closes_s, from_s: last.from_s });

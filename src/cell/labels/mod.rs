@@ -30,7 +30,7 @@ mod statement;
 #[cfg(test)]
 mod tests;
 
-pub use broken::{BrokenPixels, broken_pixels, decoded, time_to_color};
+pub use broken::{BrokenPixels, broken_pixels, color_to_time, time_to_color};
 pub use check::{ClipFrame, MAX_SINCE_WET_S, Problem, problems};
 pub use statement::{Break, FormError, LabelFile, Shape, Statement, VERSION, read, write};
 

@@ -140,7 +140,8 @@ impl TaughtPanel {
             self.surface_point_around(pixel).or_else(|| self.surface_point_over_hole(pixel)).ok_or(missing)
         };
         let edge = self.region.edge(id, POINTS_PER_GRID_SIDE).into_iter().map(at).collect::<Result<Vec<_>, _>>()?;
-        let corners = [edge[0], edge[POINTS_PER_GRID_SIDE], edge[2 * POINTS_PER_GRID_SIDE], edge[3 * POINTS_PER_GRID_SIDE]];
+        let corners =
+            [edge[0], edge[POINTS_PER_GRID_SIDE], edge[2 * POINTS_PER_GRID_SIDE], edge[3 * POINTS_PER_GRID_SIDE]];
         Ok(Grid { id, edge, corners })
     }
 

@@ -372,7 +372,7 @@ fn check_program_checksum(sum: i32, kept: Option<i32>) -> Check {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use panelprep_cell::controller::planted::{MISTAKES, missed, texts};
+    use panelprep_cell::controller::planted::{MISTAKES, texts, unreported_mistakes};
 
     /// Checks these files with the cell file, as if a person had copied them from the controller.
     fn checked(texts: &[(&'static str, String)]) -> Programs {

@@ -195,8 +195,7 @@ fn parse_message(whole: &AssembledItem<Receipt>, position: &Position) -> Result<
     match message.cell == whole.cell && message.envelope.position == *position {
         true => Ok(message),
         false => {
-            let problem =
-                "the cell or the record number differs from that in the message parts".to_owned();
+            let problem = "the cell or the record number differs from that in the message parts".to_owned();
             Err(OfficeError::Form { what: "head of a message", problem })
         }
     }

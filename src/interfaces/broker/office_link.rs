@@ -259,9 +259,10 @@ impl StateSubscription {
     pub async fn next(&mut self) -> Result<(String, Vec<u8>), BrokerError> {
         match self.subscriber.next().await {
             Some(state) => Ok((state.subject.to_string(), state.payload.into())),
-            None => {
-                Err(self.link.operation_error("subscribe to the states of the cells", "the connection was lost; a new connection is made automatically"))
-            }
+            None => Err(self.link.operation_error(
+                "subscribe to the states of the cells",
+                "the connection was lost; a new connection is made automatically",
+            )),
         }
     }
 }

@@ -330,7 +330,8 @@ impl EdgeNode {
     fn on_host_state(&mut self, payload: &[u8], now: NodeTime) -> Vec<NodeAction> {
         let Some(state) = HostState::read(payload) else {
             let refused =
-                "the STATE message of the primary host is not a JSON object with \"online\" and \"timestamp\"".to_owned();
+                "the STATE message of the primary host is not a JSON object with \"online\" and \"timestamp\""
+                    .to_owned();
             return self.refuse("host state", None, refused);
         };
         self.host = self.host.with_state(state);

@@ -203,7 +203,7 @@ fn unexecuted_kinds(unexecuted: &[Problem]) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::super::check_files;
-    use panelprep_cell::controller::planted::{MISTAKES, edited, missed, texts};
+    use panelprep_cell::controller::planted::{MISTAKES, texts, texts_with_edit, unreported_mistakes};
 
     fn reported(texts: &[(&'static str, String)]) -> Vec<String> {
         let named: Vec<(&str, &str)> = texts.iter().map(|(name, text)| (*name, text.as_str())).collect();

@@ -53,7 +53,8 @@ pub fn force_fits(tool: Option<&CompliantTool>, recipe: &Recipe) -> Result<(), F
         (None, Some(found_n)) => Err(ForceMismatch::ForceForSpringTool { found_n }),
         (Some(tool), Some(found_n)) => {
             // If the tool points upwards, its force must also lift its payload.
-            let (band_n, weight_n, most_n) = (tool.band_n, SensorLoad::from(tool).weight_force_n(1.0), tool.max_force_n);
+            let (band_n, weight_n, most_n) =
+                (tool.band_n, SensorLoad::from(tool).weight_force_n(1.0), tool.max_force_n);
             match found_n + band_n + weight_n > most_n {
                 true => Err(ForceMismatch::TooMuchForce { found_n, band_n, weight_n, max_force_n: most_n }),
                 false => Ok(()),

@@ -107,8 +107,9 @@ impl Archive {
         }
         let mut text = Vec::new();
         first.take(MAX_MANIFEST_BYTES).read_to_end(&mut text).map_err(|error| self.unreadable_error(&error))?;
-        let no_manifest =
-            |error: serde_json::Error| self.damaged_error(&format!("the manifest cannot be read: {error}; use another copy of the backup"));
+        let no_manifest = |error: serde_json::Error| {
+            self.damaged_error(&format!("the manifest cannot be read: {error}; use another copy of the backup"))
+        };
         let FormatProbe { format } = serde_json::from_slice(&text).map_err(no_manifest)?;
         if format > MANIFEST_FORMAT {
             return Err(BackupError::NewerVersion {

@@ -94,12 +94,12 @@ pub fn write(
         let staging = beside().map_err(BackupError::file_error("write in", folder))?;
         let mut load = PackContent::default();
         if let Some(store) = store
-            && let Some(found) = load.store(store, &staging.path().join("rows"))?
+            && let Some(found) = load.add_store(store, &staging.path().join("rows"))?
         {
             return Ok(BackupReport { differences: found, manifest: load.manifest(made_unix_s), bytes: 0 });
         }
         if let Some(configuration) = configuration {
-            load.configuration(configuration)?;
+            load.add_configuration(configuration)?;
         }
         let manifest = load.manifest(made_unix_s);
         let part = staging.path().join("archive");

@@ -85,7 +85,8 @@ const HIGH_PRIORITY_CODES: [&str; 32] = [
 ];
 
 /// Codes of intended events. For example, it is the purpose of the test to find places where the film breaks.
-const NOTE_PRIORITY_CODES: [&str; 7] = ["asked", "stopped", "robot_ready", "broken", "off_path", "running", "waypoints"];
+const NOTE_PRIORITY_CODES: [&str; 7] =
+    ["asked", "stopped", "robot_ready", "broken", "off_path", "running", "waypoints"];
 
 /// Headings of the sections with the codes of commands and requests. A section ends at the next heading.
 const COMMAND_SECTIONS: [&str; 4] = ["Requests that are refused", "Calibration", "Teaching", "Commands and files"];

@@ -130,7 +130,10 @@ impl Chunk {
             _ => return Err(wrong("the message part must name either a message or a file".to_owned())),
         };
         if !(1..=MAX_PARTS).contains(&head.parts) || !(1..=head.parts).contains(&head.part) {
-            return Err(wrong(format!("invalid message part {} of {}: a message or file has 1 to {MAX_PARTS} parts", head.part, head.parts)));
+            return Err(wrong(format!(
+                "invalid message part {} of {}: a message or file has 1 to {MAX_PARTS} parts",
+                head.part, head.parts
+            )));
         }
         let bytes = bytes[end + 1..].to_vec();
         if bytes.len() > PART_BYTES {

@@ -134,8 +134,12 @@ pub fn compare(cell: &[ListEntry], office: &[ListEntry]) -> Comparison {
             )),
         }
     }
-    let more =
-        office.keys().map(|position| format!("{} is on the office server, but not in the cell; run panelprep store verify on the cell", name_position(position)));
+    let more = office.keys().map(|position| {
+        format!(
+            "{} is on the office server, but not in the cell; run panelprep store verify on the cell",
+            name_position(position)
+        )
+    });
     let more: Vec<String> = more.collect();
     for (mut words, of_all) in
         [(other, "differ"), (missing, "are not on the office server"), (more, "are not in the cell")]

@@ -135,7 +135,10 @@ fn an_invalid_part_is_refused_with_the_limits() {
     for (bytes, problem) in [
         (String::new(), "the end of the line is missing"),
         (head("\"file\":\"../etc/passwd\",\"part\":1,\"parts\":1"), "valid: a SHA-256"),
-        (head(&format!("\"file\":\"{file}\",\"part\":2,\"parts\":1")), "invalid message part 2 of 1: a message or file has 1 to 4096 parts"),
+        (
+            head(&format!("\"file\":\"{file}\",\"part\":2,\"parts\":1")),
+            "invalid message part 2 of 1: a message or file has 1 to 4096 parts",
+        ),
         (head(&format!("\"file\":\"{file}\",\"part\":0,\"parts\":5000")), "part 0 of 5000"),
         (head("\"part\":1,\"parts\":1"), "either to a message or to a file"),
         (

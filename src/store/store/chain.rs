@@ -261,7 +261,7 @@ pub(super) fn adopt_rows(connection: &Connection) -> Result<ChainPosition, rusql
         let mut statement = connection.prepare(&sql)?;
         let mut rows = statement.query([])?;
         while let Some(row) = rows.next()? {
-            place = add(connection, place, part, row.get(0)?)?;
+            place = add_link(connection, place, part, row.get(0)?)?;
         }
     }
     Ok(place)

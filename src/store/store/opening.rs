@@ -116,7 +116,10 @@ impl Store {
         }
         store.begin_epoch_if_restored()?;
         if let Err(error) = store.reserve.allocate() {
-            tracing::warn!("the reserve for a full disk could not be created in {}: {error}; free space on this disk", folder.display());
+            tracing::warn!(
+                "the reserve for a full disk could not be created in {}: {error}; free space on this disk",
+                folder.display()
+            );
             if error.kind() == std::io::ErrorKind::StorageFull {
                 store.fullness.mark_full();
                 // If there is no space for the journal, the store is not opened, so that no cycle can begin.

@@ -199,7 +199,10 @@ impl Store {
         let OutboxRow { position, kind, row_key, unix_ms } = row;
         let unknown = || StoreError::Unreadable {
             path: self.path().to_owned(),
-            problem: format!("record {} in the queue to the office server has the unknown kind \"{kind}\"; a newer version may have written it: update this program", position.number),
+            problem: format!(
+                "record {} in the queue to the office server has the unknown kind \"{kind}\"; a newer version may have written it: update this program",
+                position.number
+            ),
         };
         let body = match Kind::from_keyword(&kind).ok_or_else(unknown)? {
             Kind::Cycle => self.cycle_end_row(CycleId(row_key))?,

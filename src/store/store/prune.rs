@@ -59,7 +59,7 @@ impl Store {
         let mut store = Store::open_beside_writer(folder)?;
         let due = store.due_cycles(keep)?;
         let needed = named_files(&store, &|id| due.contains(&id))?;
-        let gone = removed(&store)?;
+        let gone = removed_files(&store)?;
         for id in due {
             let old = removable_files(&store, id)?;
             for hashes in old.difference(&needed).cloned().collect::<Vec<_>>().chunks(BATCH_FILES) {

@@ -128,9 +128,9 @@ impl Store {
             .differences
             .extend(schema::differences(&self.connection).unwrap_or_else(|error| vec![error.to_string()]));
         let parts = search::part_differences(&self.connection, &self.blobs);
-        verified
-            .differences
-            .extend(parts.unwrap_or_else(|error| vec![format!("the table of parts cannot be read: {error}; check the disk and verify again")]));
+        verified.differences.extend(parts.unwrap_or_else(|error| {
+            vec![format!("the table of parts cannot be read: {error}; check the disk and verify again")]
+        }));
         if let (Some(written), Some(found)) = (database, hash)
             && written != found
         {

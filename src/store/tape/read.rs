@@ -293,7 +293,9 @@ impl RecordingInventory {
                 TapeError::Disk { doing: "read", source: error.into() }
             }
             error if !self.is_mcap => TapeError::NotMcap { problem: error.to_string() },
-            McapError::UnexpectedEof | McapError::UnexpectedEoc | McapError::Io(_) => self.unfinished_recording_error(),
+            McapError::UnexpectedEof | McapError::UnexpectedEoc | McapError::Io(_) => {
+                self.unfinished_recording_error()
+            }
             error => TapeError::Damaged { from_s: self.last_time_s(), problem: error.to_string() },
         }
     }

@@ -249,7 +249,10 @@ impl Story {
         let mut story = Story { cell: Cell::new(Rules::ALL), acts: Vec::new(), films };
         story.report(Report::Robot(Robot::Ready));
         story.asked(Request::Reset);
-        assert_eq!(story.run_until_rest(), "checkstandstill epoch tooloff wateroff extractionoff lightoff selftest");
+        assert_eq!(
+            story.run_until_rest(),
+            "checkstandstill epoch tooloff wateroff extractionoff lightoff selftest"
+        );
         assert_eq!(story.at(), At::Idle);
         story
     }

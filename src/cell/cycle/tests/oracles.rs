@@ -1,7 +1,7 @@
 //! Checks each effect when it is performed, and each state when it is entered, for forbidden situations.
 
 use super::super::*;
-use super::cell::{Cell, Moving, MAX_QUEUED_WAYPOINTS};
+use super::cell::{Cell, MAX_QUEUED_WAYPOINTS, Moving};
 use panelprep_base::verdict::Verdict;
 
 fn never(bad: bool, what: &str) -> Result<(), String> {
@@ -209,7 +209,10 @@ impl Cell {
         never(self.robot != Robot::Ready && !leaves, "the robot is not ready and the work continues")?;
         let trusted = self.state.facts.token.is_some() || self.state.facts.arm.is_some();
         never(self.robot == Robot::EmergencyStop && trusted, "trust after an emergency stop")?;
-        never(self.moving.is_some_and(|moving| moving.sent - moving.done > MAX_QUEUED_WAYPOINTS), "more than the window")?; // I4
+        never(
+            self.moving.is_some_and(|moving| moving.sent - moving.done > MAX_QUEUED_WAYPOINTS),
+            "more than the window",
+        )?; // I4
         // I5
         let watched = |moving: Moving| self.timers.contains(&(Deadline::Answer, moving.id)) || self.ending;
         never(self.moving.is_some_and(|moving| !watched(moving)), "motion that is not watched")?;

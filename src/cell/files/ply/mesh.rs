@@ -34,7 +34,9 @@ pub(in crate::files) fn triangulate(vertices: &[[f64; 3]], corners: &[u32]) -> O
         }
         let size = corners.iter().map(|&corner| (at(corner) - at(corners[0])).norm()).fold(0.0, f64::max);
         let off_plane = |corner: &u32| (at(*corner) - at(corners[0])).dot(&sum).abs() / sum.norm();
-        if sum.norm() > 0.0 && corners.iter().map(off_plane).fold(0.0, f64::max) > MAX_RELATIVE_PLANE_DISTANCE * size {
+        if sum.norm() > 0.0
+            && corners.iter().map(off_plane).fold(0.0, f64::max) > MAX_RELATIVE_PLANE_DISTANCE * size
+        {
             return None;
         }
     }

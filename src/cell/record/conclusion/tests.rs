@@ -238,7 +238,9 @@ fn a_pass_needs_a_film_that_passed() {
     };
     assert_eq!(unearned(passed(), vec![]), [""; 0]);
     let told = |missing: &str| {
-        [format!("cycle 3 has the verdict pass, but {missing}: do not release the part, and inspect the part again")]
+        [format!(
+            "cycle 3 has the verdict pass, but {missing}: do not release the part, and inspect the part again"
+        )]
     };
     let no_film = told("the record has 0 films (minimum 1)");
     assert_eq!(unearned(vec![], vec![]), no_film);

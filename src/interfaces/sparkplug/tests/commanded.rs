@@ -103,12 +103,14 @@ fn other_messages_are_refused() {
 fn retained_commands_and_other_topics_are_refused() {
     let payload = write_true(NodeCommand::Stop.name());
     let topic = "spBv1.0/G/NCMD/cell";
-    let acts = node_after_birth(true).step(NodeEvent::Received { topic, payload: &payload, is_retained: true }, at(1));
+    let acts =
+        node_after_birth(true).step(NodeEvent::Received { topic, payload: &payload, is_retained: true }, at(1));
     assert!(refusal(&acts).contains("its age is unknown"));
     for topic in
         ["spBv1.0/G/NCMD/other", "spBv1.0/G/DCMD/cell/x", "spBv1.0/G/NBIRTH/cell", "", "spBv1.0/STATE/scada"]
     {
-        let acts = node_after_birth(true).step(NodeEvent::Received { topic, payload: &payload, is_retained: false }, at(1));
+        let acts = node_after_birth(true)
+            .step(NodeEvent::Received { topic, payload: &payload, is_retained: false }, at(1));
         assert!(refusal(&acts).contains("has not subscribed"), "{topic}");
     }
 }

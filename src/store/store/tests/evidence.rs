@@ -168,7 +168,8 @@ fn a_rewritten_chain_contradicts_its_head() {
     connection.execute("DELETE FROM chain", []).expect("forged");
     let mut place = chain::ChainPosition::START;
     for (part, key) in links {
-        place = chain::add_link(&connection, place, chain::hashed_table(&part).expect("ours"), key).expect("forged");
+        place =
+            chain::add_link(&connection, place, chain::hashed_table(&part).expect("ours"), key).expect("forged");
     }
     drop(connection);
     let found = verify(&folder);

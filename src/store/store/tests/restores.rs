@@ -77,7 +77,8 @@ fn forge(store: &Path, sql: &str) {
     connection.execute("DELETE FROM chain", []).expect("removed");
     let mut place = ChainPosition::START;
     for (part, key) in links {
-        place = chain::add_link(&connection, place, chain::hashed_table(&part).expect("ours"), key).expect("forged");
+        place =
+            chain::add_link(&connection, place, chain::hashed_table(&part).expect("ours"), key).expect("forged");
     }
     drop(connection);
     let hash = file_hash(&file).expect("read");
