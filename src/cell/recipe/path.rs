@@ -255,9 +255,9 @@ pub(in crate::recipe) fn parse_treat(section: &Section<'_, '_>, path: Option<&Pa
         return lonely.is_empty().then_some(treat);
     }
     let Some(path) = path else { return Some(treat) };
-    let (found_mm, least_mm) = (treat.widened_mm(path), treat.least_mm(path));
-    if found_mm < least_mm {
-        let [found, least] = [found_mm, least_mm].map(shortest_text);
+    let (found_mm, min_mm) = (treat.widened_mm(path), treat.min_margin_mm(path));
+    if found_mm < min_mm {
+        let [found, least] = [found_mm, min_mm].map(shortest_text);
         let message = format!(
             "found {found} (at least {least}: half of path.disc_diameter_mm, and uncertainty_mm): a break at the area's \
              border would be under the disc for too short a time"
