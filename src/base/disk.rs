@@ -1,20 +1,21 @@
-//! Reads input files: regular files only, completely, and up to a size limit.
+//! Reads input files: only regular files, completely, and only up to a size limit.
 //!
-//! A pipe keeps its reader waiting for ever, and a device may never end. A file that is far too large uses the
-//! memory that the rest of the cell needs. Therefore the type of a file is checked before anything is read from it.
+//! Reading a pipe can block for ever, and a device may have no end. A file that is far too large would use up the
+//! memory that other parts of the program need. Therefore the type of a file is checked before the file is opened.
 
 use std::fs::{File, FileType, OpenOptions};
 use std::io::{Error, ErrorKind, Read, Result};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::Path;
 
-/// The largest file that is read completely. A full-size scan as text needs a quarter of this.
+/// Maximum size of a file that is read completely, bytes. A full-size scan as text needs a quarter of this size.
 pub const MAX_BYTES: u64 = 512 << 20;
 
-/// Opens a regular file for reading. Never waits for a writer.
+/// Opens a regular file for reading. This never blocks.
 ///
 /// # Errors
-/// If the file does not exist, is a folder, a pipe, a socket or a device, or if the system refuses.
+/// If the file does not exist, is a folder, a pipe, a socket or a device, or if the operating system refuses to open
+/// it.
 pub fn open(file: &Path) -> Result<File> {
     // Opening a device may already have an effect, so the type is checked before the file is opened, and again after
     // it is opened.
@@ -28,7 +29,7 @@ pub fn open(file: &Path) -> Result<File> {
 /// Returns the bytes of a regular file of at most [`MAX_BYTES`].
 ///
 /// # Errors
-/// As [`open`], and if the file is larger.
+/// The errors of [`open`], and if the file is larger than this.
 pub fn read(file: &Path) -> Result<Vec<u8>> {
     read_at_most(file, MAX_BYTES)
 }
@@ -44,7 +45,7 @@ fn read_at_most(file: &Path, most_bytes: u64) -> Result<Vec<u8>> {
         return Err(too_large(stated));
     }
     let mut bytes = Vec::with_capacity(usize::try_from(stated).unwrap_or_default());
-    // The file may grow while it is read.
+    // The limit is applied again, because the file may grow while it is read.
     opened.take(most_bytes + 1).read_to_end(&mut bytes)?;
     match bytes.len() as u64 {
         found if found > most_bytes => Err(too_large(found)),
@@ -91,7 +92,7 @@ mod tests {
         assert_eq!(read_at_most(&file, 5).expect("fits"), b"12345");
         let error = read_at_most(&file, 4).expect_err("too large").to_string();
         assert!(error.contains("has at least 5 bytes") && error.contains("limit 4 bytes"), "{error}");
-        // Sparse: the file needs no disk space, but reading it would need the memory.
+        // A sparse file: it needs no disk space, but reading the file would need the memory.
         File::create(&file).and_then(|file| file.set_len(MAX_BYTES + 1)).expect("grown");
         assert!(read(&file).expect_err("too large").to_string().contains("limit 536870912 bytes"));
     }

@@ -1,21 +1,20 @@
 //! Formats of numbers and times in sentences for people.
 //!
-//! A measured number and the limit that it violates are printed so that they differ. A rounded zero has no sign. A NaN
-//! is named as such.
+//! A measured value and the limit that it violates are printed such that the two texts differ. A number that rounds to
+//! zero is printed without a sign. A NaN is printed as such.
 
 use jiff::Timestamp;
 use jiff::civil::DateTime;
 use jiff::tz::Offset;
 use std::fmt::{self, Display, Formatter};
 
-/// Maximum number of digits after the point that are tried: more digits of a double carry no information.
+/// Maximum number of decimals; further decimals of a double carry no information.
 const MAX_DECIMALS: usize = 15;
 
-/// Checks a name or a remark that is shown on a page unchanged.
+/// Checks a name or a remark that a page shows unchanged.
 ///
 /// # Errors
-/// States the problem: the text is empty, longer than this number of characters, or contains characters that cannot be
-/// printed.
+/// If the text is empty, longer than this number of characters, or contains characters that cannot be printed.
 pub fn printable(text: &str, most_characters: usize) -> Result<(), String> {
     match text.chars().count() {
         _ if text.trim() != text || text.is_empty() => {
@@ -29,20 +28,20 @@ pub fn printable(text: &str, most_characters: usize) -> Result<(), String> {
     }
 }
 
-/// A number with a given number of digits after the point, without a sign if it rounds to zero.
+/// A number with a given number of decimals, without a sign if it rounds to zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FixedDecimals {
     value: f64,
     decimals: usize,
 }
 
-/// Returns a number with this number of digits after the point: see [`FixedDecimals`].
+/// Returns a number with this number of decimals: see [`FixedDecimals`].
 pub fn fixed_decimals(value: f64, decimals: usize) -> FixedDecimals {
     FixedDecimals { value, decimals }
 }
 
 impl Display for FixedDecimals {
-    /// Uses the given width, right-aligned as for numbers.
+    /// The width of the format is applied, right-aligned as for numbers.
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let text = text(self.value, self.decimals);
         let width = f.width().unwrap_or(0);
@@ -69,12 +68,12 @@ pub fn shortest_text(value: f64) -> String {
     if !value.is_finite() {
         return text(value, 0);
     }
-    // Adding zero removes the sign of a negative zero.
+    // Adding zero changes a negative zero to zero.
     (value + 0.0).to_string()
 }
 
-/// Returns the found value and the limit that it violates, as texts that differ: `decimals` digits after the point,
-/// and more if the two cannot be distinguished otherwise. The limit has no zeros at its end.
+/// Returns the measured value and the limit that it violates, as texts that differ: with `decimals` decimals, and with
+/// more if the two texts would be equal. The limit has no trailing zeros.
 pub fn distinguishable_texts(found: f64, limit: f64, decimals: usize) -> [String; 2] {
     let at = |decimals: usize| [text(found, decimals), text(limit, decimals)];
     let differ = |decimals: &usize| {
@@ -91,7 +90,7 @@ pub fn list(numbers: &[f64]) -> String {
     format!("[{}]", numbers.iter().map(|number| shortest_text(*number)).collect::<Vec<_>>().join(", "))
 }
 
-/// Returns the same as [`distinguishable_texts`] for fractions 0…1, in percent.
+/// Returns two fractions 0…1 in percent, as [`distinguishable_texts`] does.
 pub fn distinguishable_percents(found: f64, limit: f64, decimals: usize) -> [String; 2] {
     distinguishable_texts(100.0 * found, 100.0 * limit, decimals)
 }
@@ -107,13 +106,13 @@ pub fn utc_text(unix_s: i64) -> String {
     format!("{} {} UTC", time.date(), time.time())
 }
 
-/// Converts to a calendar time; a time beyond the years ±9999 becomes the last or first possible one.
+/// Converts to a calendar time. Times beyond the years ±9999 are limited to the last or first possible time.
 fn civil_time(unix_s: i64) -> DateTime {
     let beyond = if unix_s < 0 { Timestamp::MIN } else { Timestamp::MAX };
     Offset::UTC.to_datetime(Timestamp::from_second(unix_s).unwrap_or(beyond))
 }
 
-/// Removes the zeros at the end of the number's fraction.
+/// Removes trailing zeros after the decimal point.
 fn trim_zeros(text: &str) -> &str {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { text }
 }
@@ -144,7 +143,7 @@ mod tests {
         assert_eq!(distinguishable_texts(f64::NAN, 0.25, 3), ["unknown", "0.25"]);
     }
 
-    /// Calculated by hand: 8.2 % compared with 8 % needs one digit, 0.5004 compared with 0.5 needs four.
+    /// Expected values, determined by hand: 8.2 % and 8 % differ with one decimal, 0.5004 and 0.5 with four.
     #[test]
     fn a_value_and_its_violated_limit_are_distinguishable() {
         assert_eq!(distinguishable_percents(0.082, 0.08, 0), ["8.2", "8"]);
@@ -155,8 +154,8 @@ mod tests {
         assert_eq!(distinguishable_texts(0.5, 0.5, 1), ["0.5", "0.5"], "the limit itself, where it is not allowed");
     }
 
-    /// Expected values from `date -u -d @…`: leap days, also in a century year that is a leap year, and the last
-    /// second before 1970.
+    /// Expected values from `date -u -d @…`: leap days, also in a century year that is a leap year, and the last second
+    /// before 1970.
     #[test]
     fn times_are_formatted_as_calendar_dates() {
         for (unix_s, words) in [

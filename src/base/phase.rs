@@ -1,4 +1,4 @@
-//! The phases of the water-break test: what is done to the panel while a picture is taken.
+//! The phases of the water-break test: the state of the panel while a picture is captured.
 
 use strum::{Display, EnumString, IntoStaticStr, VariantArray};
 
@@ -6,11 +6,11 @@ use strum::{Display, EnumString, IntoStaticStr, VariantArray};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Display, EnumString, IntoStaticStr, VariantArray)]
 #[strum(serialize_all = "lowercase")]
 pub enum Phase {
-    /// Before the water is on.
+    /// Before the water is turned on.
     Dry,
-    /// Under the spray: not yet fully wet; such pictures are not examined.
+    /// The water spray is on and the panel is not yet fully wet; pictures of this phase are not examined.
     Spray,
-    /// The water is off; the first such picture is the first fully wet one.
+    /// The water is off; the first picture of this phase is the first one with a fully wet panel.
     Wet,
 }
 

@@ -6,7 +6,7 @@ use std::io::{Error, ErrorKind};
 /// Returns `N` random bytes.
 ///
 /// # Errors
-/// If the operating system cannot provide them yet, or provides fewer.
+/// If the operating system cannot provide random bytes yet, or provides fewer than `N`.
 pub fn bytes<const N: usize>() -> std::io::Result<[u8; N]> {
     let mut bytes = [0; N];
     match getrandom(&mut bytes, GetRandomFlags::empty())? {
@@ -18,7 +18,7 @@ pub fn bytes<const N: usize>() -> std::io::Result<[u8; N]> {
 /// Returns a token that cannot be guessed: 64 hexadecimal digits.
 ///
 /// # Errors
-/// As [`bytes`].
+/// The errors of [`bytes`].
 pub fn token() -> std::io::Result<String> {
     Ok(bytes::<32>()?.iter().map(|byte| format!("{byte:02x}")).collect())
 }

@@ -1,9 +1,9 @@
-//! Supervises the program's threads. Each thread that the cell depends on reports that it works, and one place checks
-//! all of them.
+//! Supervises the program's threads. Each thread that the cell depends on reports regularly that it works, and a
+//! [`Supervisor`] checks all reports.
 //!
 //! A report from one thread proves nothing about the others. Therefore systemd's watchdog is triggered, and the cycle
-//! continues, only while every thread has answered. A thread that panics, ends or is silent for longer than allowed is
-//! a [`ThreadFault`]; the program then stops the robot and ends.
+//! continues, only while every thread reports. A thread that panics, ends unexpectedly or is silent for too long is a
+//! [`ThreadFault`]; the program then stops the robot and ends.
 
 use std::cell::Cell;
 use std::fmt;
@@ -11,23 +11,23 @@ use std::panic;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// A fault of a thread.
+/// A fault of a thread: its name and its failure.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ThreadFault {
     /// The thread's name.
     pub thread: String,
-    /// Failure of the thread.
+    /// The way in which the thread failed.
     pub failure: ThreadFailure,
 }
 
-/// Failures of a thread.
+/// The ways in which a thread fails.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ThreadFailure {
-    /// The thread panicked; the panic was reported where it occurred.
+    /// The thread panicked; the panic hook has already logged the panic.
     Panicked,
     /// The thread ended without a request to end.
     Ended,
-    /// The thread has not answered for this time.
+    /// The thread has not reported for this time.
     Silent(Duration),
 }
 
@@ -47,16 +47,16 @@ impl fmt::Display for ThreadFault {
 
 impl std::error::Error for ThreadFault {}
 
-/// A thread's last report about itself.
+/// The last report of a thread about its state.
 #[derive(Debug, Clone, Copy)]
 enum ThreadReport {
-    /// The thread worked at this time, and will report this again.
+    /// The thread worked at this time, and must report again.
     Works(Instant),
-    /// The thread waits until it is given work; it may be silent.
+    /// The thread waits for work and need not report.
     Rests,
-    /// The thread ended normally.
+    /// The thread ended on request.
     Done,
-    /// The thread ended otherwise, for example by a panic.
+    /// The thread ended without a request, for example by a panic.
     Lost,
 }
 
@@ -83,17 +83,17 @@ impl Thread {
     }
 }
 
-/// The supervised thread's handle, which moves into the thread. If it is dropped without
-/// [`SupervisedThread::report_done`], the thread counts as lost.
+/// The handle with which a supervised thread reports; it moves into the thread. If it is dropped without
+/// [`SupervisedThread::report_done`], the thread has failed.
 #[derive(Debug)]
 pub struct SupervisedThread(Arc<Thread>);
 
-/// The [`Supervisor`]'s handle of the thread.
+/// The handle with which the [`Supervisor`] checks a thread.
 #[derive(Debug, Clone)]
 pub struct WatchedThread(Arc<Thread>);
 
-/// Creates both handles for a thread of this name. The thread reports at least once in `longest_silence` that it works,
-/// or reports that it rests.
+/// Creates both handles for a thread of this name. The thread must report at least once in `longest_silence` that it
+/// works, or report that it rests.
 pub fn supervise(name: &'static str, longest_silence: Duration) -> (SupervisedThread, WatchedThread) {
     #[cfg(debug_assertions)]
     let longest_silence = injected::limit_silence(longest_silence);
@@ -102,19 +102,19 @@ pub fn supervise(name: &'static str, longest_silence: Duration) -> (SupervisedTh
 }
 
 impl SupervisedThread {
-    /// Reports that the thread works. The thread calls this in each round of its loop.
+    /// Reports that the thread works. The thread calls this in each iteration of its loop.
     pub fn report_working(&self) {
         *self.0.sign() = ThreadReport::Works(Instant::now());
         #[cfg(debug_assertions)]
         injected::inject_fault(self.0.name);
     }
 
-    /// Reports that the thread has nothing to do until it is given work.
+    /// Reports that the thread waits for work.
     pub fn report_resting(&self) {
         *self.0.sign() = ThreadReport::Rests;
     }
 
-    /// Reports that the thread ends because this was requested.
+    /// Reports that the thread ends on request.
     pub fn report_done(&self) {
         *self.0.sign() = ThreadReport::Done;
     }
@@ -130,10 +130,10 @@ impl Drop for SupervisedThread {
 }
 
 impl WatchedThread {
-    /// Checks whether the thread fails.
+    /// Checks whether the thread has failed.
     ///
     /// # Errors
-    /// If the thread ended by itself or is silent for too long.
+    /// If the thread panicked, ended without a request, or is silent for too long.
     pub fn check_thread(&self) -> Result<(), ThreadFault> {
         self.0
             .current_failure()
@@ -142,17 +142,17 @@ impl WatchedThread {
 }
 
 thread_local! {
-    /// Whether a panic of this thread is not a fault of the cell.
+    /// Whether panics of this thread are not faults of the cell.
     static IS_EXEMPT: Cell<bool> = const { Cell::new(false) };
 }
 
 /// Exempts the calling thread: from now on its panics are not faults of the cell. This is for a thread that runs
-/// foreign code on any network input and catches the panics: no input from there may stop the robot.
+/// foreign code on input from the network and catches its panics: such input must not stop the robot.
 pub fn exempt_thread() {
     IS_EXEMPT.set(true);
 }
 
-/// Checks all threads. Clones share the same state.
+/// The list of all supervised threads. Clones share the same list.
 #[derive(Debug, Clone, Default)]
 pub struct Supervisor(Arc<Mutex<SupervisorState>>);
 
@@ -163,15 +163,15 @@ struct SupervisorState {
 }
 
 impl Supervisor {
-    /// Adds this thread to those that are checked. A thread that is done is removed.
+    /// Adds a thread to the list. The thread is removed when it has ended on request.
     pub fn add_thread(&self, thread: WatchedThread) {
         let mut inside = self.lock();
         inside.threads.retain(|watched| !matches!(*watched.0.sign(), ThreadReport::Done));
         inside.threads.push(thread);
     }
 
-    /// Records panics: from now on a panic of any thread of this process, named or not, is a fault that
-    /// [`Supervisor::check_threads`] reports.
+    /// Installs a panic hook: from now on a panic of any thread of this process, with or without a name, is a fault
+    /// that [`Supervisor::check_threads`] reports.
     pub fn record_all_panics(&self) {
         let (supervisor, report) = (self.clone(), panic::take_hook());
         panic::set_hook(Box::new(move |panicked| {
@@ -188,7 +188,7 @@ impl Supervisor {
         self.lock().panicked.get_or_insert_with(|| thread.to_owned());
     }
 
-    /// Checks that all threads have answered.
+    /// Checks that no thread has failed.
     ///
     /// # Errors
     /// The first fault that is found.
@@ -205,10 +205,9 @@ impl Supervisor {
     }
 }
 
-/// Faults on demand, for tests of the whole program; a release build has none. `PANELPREP_INJECT` names a file. Once
-/// the file contains `panic NAME` or `hang NAME`, the supervised thread of that name panics or hangs when it next
-/// reports that it works. The limit of every thread's silence is then three seconds at most, so that the test need not
-/// wait.
+/// Injects faults for tests of the whole program; a release build does not contain this. `PANELPREP_INJECT` names a
+/// file. If the file contains `panic NAME` or `hang NAME`, the supervised thread of that name panics or hangs at its
+/// next report. The limit of every thread's silence is then at most three seconds, to keep the test short.
 #[cfg(debug_assertions)]
 mod injected {
     use std::sync::LazyLock;
@@ -222,7 +221,7 @@ mod injected {
 
     #[expect(clippy::panic, reason = "the requested test fault")]
     pub(super) fn inject_fault(thread: &str) {
-        // A second panic while the first one unwinds would end the process before it could report.
+        // A second panic during unwinding would abort the process before it could report the first one.
         if std::thread::panicking() {
             return;
         }
@@ -262,7 +261,7 @@ mod tests {
             drop(thread.spawn(run).expect("a thread").join());
         };
         panics(true);
-        // Other tests panic too, in threads of other names.
+        // Other tests panic at the same time, in threads of other names.
         let is_recorded = || supervisor.lock().panicked.as_deref() == Some("apart");
         assert!(!is_recorded());
         supervisor.lock().panicked = None;
@@ -305,7 +304,7 @@ mod tests {
         assert_eq!(supervisor.check_threads(), Ok(()));
     }
 
-    /// A panic is a fault even if the runtime of the thread catches it.
+    /// A panic is a fault even if the thread's runtime catches it.
     #[test]
     fn a_panic_is_a_fault_in_every_thread() {
         let supervisor = Supervisor::default();

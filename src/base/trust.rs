@@ -1,5 +1,5 @@
-//! Trust on a network: the accepted certificate authorities, the program's own certificate, and secrets, each from a
-//! file.
+//! Trust on a network: the accepted certificate authorities, the program's own certificate, and secrets. Each is read
+//! from a file.
 
 use crate::disk;
 use rustls::pki_types::pem::PemObject;
@@ -8,13 +8,13 @@ use rustls::{ClientConfig, RootCertStore};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// A file that cannot be used.
+/// A certificate, key or secret file that cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{}: {problem}", path.display())]
 pub struct TrustError {
     /// The file.
     pub path: PathBuf,
-    /// The problem in the file.
+    /// The problem of the file, as a sentence.
     pub problem: String,
 }
 
@@ -24,7 +24,7 @@ impl TrustError {
     }
 }
 
-/// Returns the password or token that is alone in the first line of a file.
+/// Returns the password or token in the first line of a file.
 ///
 /// # Errors
 /// If the file cannot be read, or its first line is empty.
@@ -40,11 +40,11 @@ pub fn secret(file: &Path) -> Result<String, TrustError> {
     }
 }
 
-/// Configures TLS to a server with a certificate that the authorities in this PEM file have signed, and no others.
-/// If both are given, this program presents its own certificate with its key.
+/// Configures a TLS client that accepts only servers with a certificate signed by the authorities in this PEM file.
+/// With `own`, the client also presents its own certificate, which is given with its key.
 ///
 /// # Errors
-/// If a file cannot be read, or does not contain what it must.
+/// If a file cannot be read, or does not contain certificates or a key.
 pub fn client_config(authorities: &Path, own: Option<&[PathBuf; 2]>) -> Result<ClientConfig, TrustError> {
     let mut roots = RootCertStore::empty();
     for certificate in certificates(authorities)? {

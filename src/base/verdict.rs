@@ -1,9 +1,9 @@
-//! Verdicts, their reasons and the checks that they come from: what a gate reports, in words a person can act on.
+//! Verdicts, their reasons and the checks that lead to them.
 //!
-//! A check is one number with its unit, its limit and the source of the limit, and the consequence if the limit is
-//! not met. A gate lists its checks; the verdict, the page, the JSON and the recording are all made from that one
-//! list. A limit that is not met always has a consequence: the page prints "not allowed" beside such a value, and
-//! nothing with such a row is accepted.
+//! A check is one number with its unit, its limit, the source of the limit, and the consequence if the limit is
+//! violated. The verdict, the page, the JSON and the recording are all generated from the list of checks. A violated
+//! limit always has a consequence: the page prints "not allowed" beside the value, and a result with such a check is
+//! never accepted.
 
 use serde::{Deserialize, Serialize, Serializer};
 use std::borrow::Cow;
@@ -13,30 +13,30 @@ use std::borrow::Cow;
 #[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
 pub enum Verdict {
-    /// The evidence permits continuing.
+    /// The evidence is sufficient to continue.
     Accept,
     /// A person must decide.
     Review,
     /// The result must not be used.
     Reject,
-    /// The test was passed.
+    /// The panel passed the water-break test.
     Pass,
-    /// The test was not passed.
+    /// The panel failed the water-break test.
     Fail,
-    /// The test has no result; repeat it.
+    /// The water-break test has no result; it must be repeated.
     Invalid,
-    /// A fault of the cell ended the work.
+    /// The work was ended because of a fault of the cell.
     Aborted,
 }
 
 impl Verdict {
-    /// Returns the verdict's keyword, on which scripts of users depend.
+    /// Returns the verdict's keyword. Users' scripts depend on it.
     pub fn keyword(self) -> &'static str {
         self.into()
     }
 
-    /// Returns how bad the verdict is: of two verdicts on one object the larger number applies. A review is worse than
-    /// a fail, since no person has decided whether the evidence holds.
+    /// Returns the severity of the verdict: of two verdicts on one object the one with the larger severity applies. A
+    /// review is worse than a fail, because no person has decided yet whether the evidence is valid.
     pub fn severity(self) -> u8 {
         match self {
             Verdict::Accept | Verdict::Pass => 0,
@@ -67,9 +67,9 @@ impl Serialize for Verdict {
 /// One reason for a verdict.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Reason {
-    /// A stable lower-case word, `shift_limit`; owned if it was read back from a store.
+    /// A stable lower-case keyword such as `shift_limit`; owned if it was read from a store.
     pub code: Cow<'static, str>,
-    /// The measurement, the limit and the required action.
+    /// The measured value, the limit and the required action.
     pub message: String,
 }
 
@@ -80,18 +80,18 @@ impl Reason {
     }
 }
 
-/// A verdict with its reasons; an acceptance needs none.
+/// A verdict with its reasons; an acceptance has none.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Judgement {
     /// The verdict.
     pub verdict: Verdict,
-    /// Reasons of the verdict.
+    /// Reasons for the verdict.
     pub reasons: Vec<Reason>,
 }
 
 impl Judgement {
-    /// Creates a rejection if there is a reason to reject, else a review if there is a reason for one, else an
-    /// acceptance.
+    /// Creates a rejection if there is a reason to reject, otherwise a review if there is a reason to review, otherwise
+    /// an acceptance.
     pub fn new(reject: Vec<Reason>, review: Vec<Reason>) -> Self {
         let verdict = match (reject.is_empty(), review.is_empty()) {
             (true, true) => Verdict::Accept,
@@ -101,7 +101,7 @@ impl Judgement {
         Judgement { verdict, reasons: reject.into_iter().chain(review).collect() }
     }
 
-    /// Combines the verdicts of two gates on one object: the worse verdict counts, and its reasons are first.
+    /// Combines the verdicts of two gates on one object: the worse verdict applies, and its reasons come first.
     pub fn combined_with(self, other: Judgement) -> Self {
         let is_worse = other.verdict.severity() > self.verdict.severity();
         let (worse, better) = if is_worse { (other, self) } else { (self, other) };
@@ -109,17 +109,17 @@ impl Judgement {
     }
 }
 
-/// The limit of a number.
+/// The limit of a check's value.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Limit {
-    /// No limit: the number is for information.
+    /// No limit: the value is for information.
     Unlimited,
-    /// The value may be at most the limit; the limit itself is allowed.
+    /// The value must be at most the limit.
     AtMost(f64),
-    /// The value must be at least the limit; the limit itself is allowed.
+    /// The value must be at least the limit.
     AtLeast(f64),
-    /// The value must be below the limit; the limit itself is not allowed.
+    /// The value must be below the limit, and not equal to it.
     Below(f64),
 }
 
@@ -134,7 +134,7 @@ impl Limit {
         }
     }
 
-    /// Returns the limit's number.
+    /// Returns the limit's value; `None` if there is no limit.
     pub fn value(self) -> Option<f64> {
         match self {
             Limit::Unlimited => None,
@@ -147,114 +147,115 @@ impl Limit {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LimitSource {
-    /// The recipe sets the limit, with this key.
+    /// The recipe, with the key of the limit.
     Recipe(Cow<'static, str>),
-    /// The cell's file sets the limit, with this key.
+    /// The cell's file, with the key of the limit.
     Cell(Cow<'static, str>),
-    /// The program: one of its constants, or its own measurement.
+    /// The program: a constant, or a value that the program measured.
     Program,
 }
 
 impl LimitSource {
-    /// Returns the recipe as source, with this key, such as `locate.max_rms_mm`.
+    /// Creates the recipe as source, with this key, such as `locate.max_rms_mm`.
     pub const fn recipe(key: &'static str) -> Self {
         LimitSource::Recipe(Cow::Borrowed(key))
     }
 
-    /// Returns the cell's file as source, with this key, such as `limits.min_break_mm2`.
+    /// Creates the cell's file as source, with this key, such as `limits.min_break_mm2`.
     pub const fn cell(key: &'static str) -> Self {
         LimitSource::Cell(Cow::Borrowed(key))
     }
 }
 
-/// The consequence if a check's limit is not met.
+/// The consequence of a violated limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// Nothing: the number is reported beside its limit, and decides nothing.
+    /// No consequence: the value and its limit are reported for information.
     #[default]
     None,
     /// A person must decide.
     Review,
-    /// The object is rejected; a rejected test of the water film counts as invalid.
+    /// The object is rejected; in the water-break test, the result is invalid.
     Reject,
 }
 
-/// A number with its limit and the consequence.
+/// A check: a measured value with its limit, and the consequence if the limit is violated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Check {
-    /// The quantity's name, as text.
+    /// The name of the measured quantity, as text for people.
     pub name: String,
-    /// The value; `None` if it was not measured, which violates no limit.
+    /// The measured value; `None` if it was not measured. A missing value violates no limit.
     pub value: Option<f64>,
-    /// The value's unit, "mm"; empty for shares and counts.
+    /// The value's unit, such as "mm"; empty for fractions and counts.
     pub unit: String,
     /// The limit.
     pub limit: Limit,
-    /// The source of the limit; `None` if there is no limit, or if an earlier program did not store the source.
+    /// The source of the limit; `None` if there is no limit, or if an earlier version of the program stored the check
+    /// without the source.
     #[serde(default)]
     pub set_by: Option<LimitSource>,
-    /// The consequence if the limit is not met.
+    /// The consequence if the limit is violated.
     #[serde(default)]
     pub severity: Severity,
-    /// The code of the reason if the limit is not met; several checks may give the same reason.
+    /// The code of the reason if the limit is violated; several checks may have the same code.
     #[serde(default)]
     pub code: Option<Cow<'static, str>>,
-    /// The reason's words, if the limit is not met.
+    /// The message of the reason if the limit is violated.
     #[serde(default)]
     pub message: Option<String>,
 }
 
-/// Names of a check's fields that earlier versions of this program did not store.
-pub const CHECK_FIELDS_ADDED_LATER: [&str; 4] = ["set_by", "severity", "code", "message"];
+/// Names of the fields of a check that were added later: earlier versions of the program did not store them.
+pub const LATER_CHECK_FIELDS: [&str; 4] = ["set_by", "severity", "code", "message"];
 
 impl Check {
-    /// Creates a check of a number without a limit; `None` means that the number was not measured.
+    /// Creates a check of a value without a limit; `None` means that the value was not measured.
     pub fn new(name: impl Into<String>, unit: impl Into<String>, value: impl Into<Option<f64>>) -> Self {
         let (name, unit, value) = (name.into(), unit.into(), value.into());
         let (limit, severity) = (Limit::Unlimited, Severity::None);
         Check { name, value, unit, limit, set_by: None, severity, code: None, message: None }
     }
 
-    /// Returns the same number with this limit.
+    /// Returns the check with this limit.
     #[must_use]
     pub fn with_limit(self, limit: Limit, set_by: LimitSource) -> Self {
         Check { limit, set_by: Some(set_by), ..self }
     }
 
-    /// Returns the same number with this upper limit.
+    /// Returns the check with this upper limit.
     #[must_use]
     pub fn with_max(self, limit: f64, set_by: LimitSource) -> Self {
         self.with_limit(Limit::AtMost(limit), set_by)
     }
 
-    /// Returns the same number with this lower limit.
+    /// Returns the check with this lower limit.
     #[must_use]
     pub fn with_min(self, limit: f64, set_by: LimitSource) -> Self {
         self.with_limit(Limit::AtLeast(limit), set_by)
     }
 
-    /// Returns the same check with this consequence: if its limit is not met, the object is rejected for this reason.
+    /// Returns the check with this reason: if its limit is violated, the object is rejected.
     #[must_use]
     pub fn or_reject(self, code: &'static str, words: impl FnOnce() -> String) -> Self {
         self.with_consequence(Severity::Reject, code, words)
     }
 
-    /// Returns the same check with this consequence: if its limit is not met, a person decides for this reason.
+    /// Returns the check with this reason: if its limit is violated, a person must decide.
     #[must_use]
     pub fn or_review(self, code: &'static str, words: impl FnOnce() -> String) -> Self {
         self.with_consequence(Severity::Review, code, words)
     }
 
-    /// Returns the same check with this consequence, for this reason, if its limit is not met.
+    /// Returns the check with this consequence and this reason, which apply if its limit is violated.
     #[must_use]
     pub fn with_consequence(self, severity: Severity, code: &'static str, words: impl FnOnce() -> String) -> Self {
         let is_violated = !self.is_met();
         self.with_consequence_if(is_violated, severity, code, words)
     }
 
-    /// Returns the same check with this consequence, for this reason, if `is_violated`. Used for a number that had to
-    /// be measured and was not, or if the limit alone does not decide.
+    /// Returns the check with this consequence and this reason, which apply if `is_violated`. This is for a required
+    /// value that was not measured, or if more than the limit decides.
     #[must_use]
     pub fn with_consequence_if(
         self,
@@ -267,42 +268,42 @@ impl Check {
         if is_violated { check } else { check.without_failed_limit() }
     }
 
-    /// Returns the same number, without its limit if the limit is not met: the limit decides nothing here.
+    /// Returns the check without its limit if the limit is violated, because the limit decides nothing here.
     fn without_failed_limit(self) -> Self {
         if self.is_met() { self } else { Check { limit: Limit::Unlimited, set_by: None, ..self } }
     }
 
-    /// Returns the same check with the given reason, if there is one.
+    /// Returns the check with this reason, if there is one.
     #[must_use]
     pub fn with_reason(self, reason: Option<Reason>, severity: Severity) -> Self {
         let Some(Reason { code, message }) = reason else { return self };
         Check { severity, code: Some(code), message: Some(message), ..self }
     }
 
-    /// Returns the same check without consequence: another finding makes it meaningless.
+    /// Returns the check without a consequence, because another finding makes the check meaningless.
     #[must_use]
     pub fn without_consequence(self) -> Self {
         Check { severity: Severity::None, code: None, message: None, ..self }.without_failed_limit()
     }
 
-    /// Returns the same check with a consequence no worse than this.
+    /// Returns the check with a consequence that is at most this severe.
     #[must_use]
     pub fn with_max_severity(self, severity: Severity) -> Self {
         Check { severity: self.severity.min(severity), ..self }
     }
 
-    /// Returns whether the value meets its limit; a value that was not measured violates no limit.
+    /// Returns whether the value meets its limit. A value that was not measured violates no limit.
     pub fn is_met(&self) -> bool {
         self.value.is_none_or(|value| self.limit.is_met_by(value))
     }
 
-    /// Returns the reason that the check gives, if its limit is not met and this has a consequence.
+    /// Returns the reason of the check if its limit is violated and this has a consequence.
     pub fn reason(&self) -> Option<Reason> {
         let (code, message) = (self.code.clone()?, self.message.clone()?);
         (self.severity > Severity::None).then_some(Reason { code, message })
     }
 
-    /// Returns the reason for a review of a limit that is not met, if no rule states the consequence. This is a fault
+    /// Returns the reason for a review if the limit is violated but the program defines no consequence. This is a fault
     /// of the program; the review is the safe reaction.
     fn unjudged_reason(&self) -> Option<Reason> {
         let is_judged = self.is_met() || self.reason().is_some();
@@ -318,8 +319,8 @@ impl Check {
 }
 
 impl Judgement {
-    /// Returns the verdict of one gate from its checks, in their order; a reason that several checks give is listed
-    /// once.
+    /// Returns the verdict of one gate from its checks, with the reasons in the order of the checks. A reason that
+    /// several checks give is listed once.
     pub fn from_checks<'c>(checks: impl IntoIterator<Item = &'c Check>) -> Self {
         let (mut reject, mut review, mut unjudged) = (Vec::new(), Vec::new(), Vec::new());
         for check in checks {
@@ -337,8 +338,8 @@ impl Judgement {
         Judgement::new(reject, review)
     }
 
-    /// Returns the verdict with these checks added: a good verdict becomes a review if one of their limits is not
-    /// met without a stated consequence.
+    /// Returns the verdict with these checks added. A good verdict becomes a review if the limit of an added check is
+    /// violated and has no consequence.
     #[must_use]
     pub fn with_checks<'c>(self, checks: impl IntoIterator<Item = &'c Check>) -> Self {
         if self.verdict.severity() > 0 {
@@ -382,7 +383,7 @@ mod tests {
         assert_eq!(codes(rms(0.26).without_consequence()), Vec::<String>::new());
     }
 
-    /// Two numbers of the outline give the same reason: the worse consequence counts.
+    /// Two checks of the outline give the same reason: the more severe consequence applies.
     #[test]
     fn a_reason_that_two_checks_give_is_listed_once() {
         let both = |severity: Severity| {
@@ -395,9 +396,9 @@ mod tests {
         assert_eq!((judgement.verdict, judgement.reasons.len()), (Verdict::Reject, 1));
     }
 
-    /// The page prints "not allowed" beside a limit that is not met. No such row may remain on an accepted result
-    /// in these cases: a gate that tolerates more than it prints, a number with a limit but no consequence, and a
-    /// consequence that was removed.
+    /// The page prints "not allowed" beside a violated limit. An accepted result must not contain such a row. Three
+    /// causes are tested: the gate tolerates more than the printed limit, a limit has no consequence, and a consequence
+    /// was removed.
     #[test]
     fn an_accepted_result_violates_no_limit() {
         let over =
@@ -411,7 +412,7 @@ mod tests {
         }
         let kept = Check::new("overhang", "mm", 1.99).with_max(2.0, LimitSource::Program).without_consequence();
         assert_eq!(kept.limit, Limit::AtMost(2.0), "a limit that is kept stays beside its number");
-        // No rule states the consequence: a person must decide.
+        // The program defines no consequence: a person must decide.
         for number in [2.005, f64::NAN] {
             let unjudged = Check { value: Some(number), ..over() };
             let judgement = Judgement::from_checks(std::slice::from_ref(&unjudged));
@@ -428,7 +429,7 @@ mod tests {
         assert_eq!(judged.with_max_severity(Severity::Review).severity, Severity::Review);
     }
 
-    /// An earlier version of this program stored only name, value, unit and limit.
+    /// An earlier version of the program stored only name, value, unit and limit.
     #[test]
     fn a_check_of_an_earlier_version_is_read() {
         let text = r#"{"name": "residual", "value": 0.1, "unit": "mm", "limit": {"at_most": 0.25}}"#;

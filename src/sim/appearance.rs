@@ -1,8 +1,9 @@
 //! The panel's colour: dark composite with a twill weave, darker under a film of water; and the flange camera's
 //! pictures of the dry and of the wet panel.
 //!
-//! On the wet panel and beside its edge are drops. A drop is a disc: dark where it bends the light away, with a
-//! bright glint at its upper side. Drops on the panel's edge hang over it by a part of their radius.
+//! On the wet panel and beside its edge are drops. A drop is a disc that is darker, because it refracts the light away,
+//! and has a bright glint at its upper side. Drops at the panel's edge extend beyond the edge by a fraction of their
+//! radius.
 
 use super::cast::{CastView, PixelHit};
 use super::noise::{LEVEL, PixelNoise, RandomPurpose, Seed, to_bytes};
@@ -11,20 +12,21 @@ use panelprep_base::geometry::ColorPicture;
 use rand::RngExt;
 use rayon::prelude::*;
 
-/// Grey levels of the dry panel under perpendicular light of the lamp, by channel.
+/// Grey levels of the dry panel under perpendicular light of the lamp, per channel.
 const DRY_GRAY: [f64; 3] = [77.0, 72.0, 68.0];
 
-/// The share of the dry colour that remains under a film of water, by channel.
+/// Ratio of the brightness under a film of water to the dry brightness, per channel.
 const FILM_FACTORS: [f64; 3] = [0.63, 0.60, 0.58];
 
-/// Width of a tow of the weave, mm; `WEAVE_CONTRAST` is the difference in brightness of the yarns.
+/// Width of a tow of the weave, mm.
 const TOW_MM: f64 = 2.0;
+/// Relative difference in brightness between the yarns of the weave.
 const WEAVE_CONTRAST: f64 = 0.05;
 
 /// A colour in 1/128 grey levels.
 pub(super) type FixedColor = [u16; 3];
 
-/// Computes the colour of one pixel, dry and under a full film. Away from the panel both are the same.
+/// Computes the colour of one pixel when dry and under a full film. The two colours are equal beside the panel.
 pub(super) fn dry_and_wet(sight: &PixelHit) -> (FixedColor, FixedColor) {
     let background = sight.background.color;
     let Some((panel, share)) = sight.panel.map(|panel| (panel, panel.coverage)).filter(|(_, share)| *share > 0.0)
@@ -46,14 +48,14 @@ fn to_fixed_point(gray: f64) -> u16 {
     (gray * f64::from(LEVEL)).round() as u16
 }
 
-/// Computes the light of a wide lamp above the cameras: brightest where the panel faces the lamp.
+/// Computes the relative light of a wide lamp above the cameras: brightest where the panel's normal points to the lamp.
 fn lamp_light(normal: &Vector3<f64>) -> f64 {
     let lamp = Vector3::new(-0.17, 0.38, 0.91);
     0.55 + 0.47 * normal.dot(&lamp)
 }
 
-/// Computes the relative brightness of the yarn on top in a 2 × 2 twill. The pattern fades if a pixel is as wide as a
-/// tow.
+/// Computes the relative brightness of the upper yarn in a 2 × 2 twill. The contrast of the pattern decreases to zero
+/// if a pixel is as wide as a tow.
 fn weave_brightness([s, t]: [f64; 2], pixel_mm: f64) -> f64 {
     let (i, j) = (s / TOW_MM, t / TOW_MM);
     let (column, row) = (i.floor(), j.floor());
@@ -64,7 +66,7 @@ fn weave_brightness([s, t]: [f64; 2], pixel_mm: f64) -> f64 {
     WEAVE_CONTRAST * yarn / (1.0 + blur * blur)
 }
 
-/// Takes a picture of the dry scene with the flange camera; `shot` is its own seed.
+/// Renders the flange camera's picture of the dry scene; `shot` is the seed of this picture.
 pub(super) fn capture_dry(view: &CastView<'_>, pixels: &PixelNoise, shot: Seed) -> ColorPicture {
     let mut picture = ColorPicture::uniform(view.width(), view.height(), [0; 3]);
     picture.rgb.par_chunks_mut(view.width()).enumerate().for_each(|(row, colors)| {
@@ -77,16 +79,18 @@ pub(super) fn capture_dry(view: &CastView<'_>, pixels: &PixelNoise, shot: Seed) 
     picture
 }
 
-/// Side of the square that contains the centre of one drop, mm; `DROP_RADII_MM` are the radii of the drops.
+/// Side of the square that contains the centre of one drop, mm.
 const DROP_SQUARE_MM: f64 = 9.0;
+/// Range of the radii of the drops, mm.
 const DROP_RADII_MM: std::ops::Range<f64> = 0.4..2.2;
-/// Share of the film's brightness that remains in a drop; `DROP_GLINT_GRAY` is the grey level of the drop's glint.
+/// Ratio of the brightness in a drop to the brightness of the film.
 const DROP_FACTOR: f64 = 0.75;
+/// Grey level of a drop's glint.
 const DROP_GLINT_GRAY: f64 = 235.0;
-/// Largest extent of a drop beyond the panel's edge, as a share of the drop's radius.
+/// Maximum extent of a drop beyond the panel's edge, as a fraction of the drop's radius.
 const MAX_DROP_OVERHANG: f64 = 0.35;
 
-/// Takes a picture of the wet scene with the flange camera; `shot` is its own seed.
+/// Renders the flange camera's picture of the wet scene; `shot` is the seed of this picture.
 pub(super) fn capture_wet(view: &CastView<'_>, pixels: &PixelNoise, shot: Seed) -> ColorPicture {
     let mut picture = ColorPicture::uniform(view.width(), view.height(), [0; 3]);
     picture.rgb.par_chunks_mut(view.width()).enumerate().for_each(|(row, colors)| {
@@ -99,7 +103,7 @@ pub(super) fn capture_wet(view: &CastView<'_>, pixels: &PixelNoise, shot: Seed) 
     picture
 }
 
-/// Applies the drop at this pixel to the colour, if there is a drop.
+/// Returns the colour of this pixel with a drop, if there is a drop at the pixel.
 fn apply_drop(color: [u16; 3], sight: &PixelHit, shot: Seed) -> [u16; 3] {
     let Some(panel) = sight.panel else { return color };
     let cell = panel.place.map(|mm| (mm / DROP_SQUARE_MM).floor() as i64);
@@ -143,8 +147,8 @@ mod tests {
         PixelHit { ray: Vector3::z(), panel: Some(panel), background }
     }
 
-    /// On the edge itself a pixel is half panel, half background; a quarter of a pixel outside the edge it is a
-    /// quarter panel.
+    /// A pixel centred on the edge shows the panel on half of its area. A pixel whose centre is a quarter of a pixel
+    /// outside of the edge shows the panel on a quarter of its area.
     #[test]
     fn edge_pixels_are_mixed_by_their_share() {
         let dry = |edge_px: f64| f64::from(dry_and_wet(&sight(edge_px)).0[0]);

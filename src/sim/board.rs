@@ -1,12 +1,12 @@
-//! A calibration board as a camera sees it, squares and markers through a distorting lens, with pixel noise; and
-//! pictures of it for calibration with known truth: the flange's true pose, the pose that the robot reports, and the
-//! camera's picture.
+//! Rendered pictures of a calibration board: squares and markers through a lens with distortion, with pixel noise. Each
+//! picture for a calibration has its ground truth: the flange's true pose and the pose that the robot reports.
 //!
-//! Each pixel is the mean of the board over its area: 16 × 16 rays if an edge passes through it, else one ray. Grey
-//! levels of the print are not black and white, and the light falls off towards one side, as in a workshop.
+//! Each pixel is the mean of the board over the pixel's area: 16 × 16 rays if an edge passes through it, otherwise one
+//! ray. The grey levels of the print are not black and white, and the light decreases towards one side, as in a
+//! workshop.
 //!
-//! The fixed camera looks at a board on the flange, the flange camera at a board in the cell. Positions, tilts and
-//! rotations are drawn at random as a careful operator would choose them: widely spread, with the whole board in the
+//! The fixed camera sees a board on the flange, the flange camera a board in the cell. Positions, tilts and rotations
+//! are drawn at random, as a careful operator would choose them: widely distributed, with the whole board in the
 //! picture.
 
 use super::noise::{LEVEL, NormalStream, PixelNoise, RandomPurpose, Seed, to_byte};
@@ -26,15 +26,14 @@ pub struct Marker {
     pub column: usize,
     /// Row of the marker's square, from the top.
     pub row: usize,
-    /// The marker's cells with the black rim, row by row; true means white.
+    /// The marker's cells including the black border, row by row; true is white.
     pub cells: Vec<bool>,
 }
 
-/// The print of a board: squares, and markers in some of them. The origin of frame `Board` is the first inner
-/// corner.
+/// The print of a board: squares, and markers in some of them. The origin of frame `Board` is the first inner corner.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoardPrint {
-    /// Squares in a row.
+    /// Number of squares in a row.
     pub columns: usize,
     /// Rows of squares.
     pub rows: usize,
@@ -44,7 +43,7 @@ pub struct BoardPrint {
     pub is_first_square_white: bool,
     /// Side of a marker, mm.
     pub marker_mm: f64,
-    /// The markers; none on a chessboard.
+    /// The markers; a chessboard has none.
     pub markers: Vec<Marker>,
 }
 
@@ -52,11 +51,11 @@ const RAYS_PER_SIDE: usize = 16;
 const BLACK_GRAY: f64 = 35.0;
 const WHITE_GRAY: f64 = 205.0;
 const BACKGROUND_GRAY: f64 = 95.0;
-/// Width of the white rim around the squares, in squares.
+/// Width of the white border around the squares, in squares.
 const RIM_SQUARES: f64 = 0.7;
 
 impl BoardPrint {
-    /// Creates a chessboard from its number of inner corners.
+    /// Creates a chessboard with these numbers of inner corners.
     pub fn chessboard(columns: usize, rows: usize, square_mm: f64) -> Self {
         BoardPrint {
             columns: columns + 1,
@@ -75,13 +74,13 @@ impl BoardPrint {
         (0..self.rows - 1).flat_map(|row| (0..self.columns - 1).map(move |column| place(column, row))).collect()
     }
 
-    /// Returns the middle of the inner corners.
+    /// Returns the centre of the inner corners.
     pub fn centre(&self) -> Point<Board> {
         let half = |squares: usize| (squares - 2) as f64 * self.square_mm / 2.0;
         Point::at(half(self.columns), half(self.rows), 0.0)
     }
 
-    /// Returns the corners of the white rim.
+    /// Returns the outer corners of the white border.
     pub(super) fn rim(&self) -> [Point<Board>; 4] {
         let low = -(1.0 + RIM_SQUARES) * self.square_mm;
         let high = |squares: usize| (squares as f64 - 1.0 + RIM_SQUARES) * self.square_mm;
@@ -89,7 +88,7 @@ impl BoardPrint {
         [[low, low], [right, low], [right, down], [low, down]].map(|[x, y]| Point::at(x, y, 0.0))
     }
 
-    /// Returns the grey level at a point of the board; `None` beside the board.
+    /// Returns the grey level at a point of the board; `None` outside of the board.
     fn gray_at(&self, x_mm: f64, y_mm: f64) -> Option<f64> {
         let (x, y) = (x_mm / self.square_mm + 1.0, y_mm / self.square_mm + 1.0);
         let (columns, rows) = (self.columns as f64, self.rows as f64);
@@ -109,7 +108,7 @@ impl BoardPrint {
         Some(if white { WHITE_GRAY } else { BLACK_GRAY })
     }
 
-    /// Returns the colour of the marker's cell at a point of its square, 0…1 in each direction; `None` around the
+    /// Returns whether the marker is white at a position in its square, 0…1 in each direction; `None` around the
     /// marker.
     fn cell(&self, marker: &Marker, x: f64, y: f64) -> Option<bool> {
         let side = (marker.cells.len() as f64).sqrt();
@@ -121,7 +120,7 @@ impl BoardPrint {
         Some(marker.cells[at(y)? * side as usize + at(x)?])
     }
 
-    /// Renders a picture of the board; `shot` is the picture's own seed.
+    /// Renders a picture of the board; `shot` is the seed of the picture's noise.
     pub(super) fn picture<C: Frame>(
         &self,
         camera: &PinholeCamera,
@@ -146,8 +145,9 @@ impl BoardPrint {
         picture
     }
 
-    /// Returns the points that the 3D camera measures on the board. Points are missing beside the board and where its
-    /// projector does not reach. The noise lies along the ray and depends on the place on the board and its depth.
+    /// Returns the points that the 3D camera measures on the board. A point is missing if its pixel does not see the
+    /// board, or if the projector does not light it. The noise lies along the ray and depends on the position on the
+    /// board and the depth.
     pub(super) fn points(
         &self,
         camera: &PinholeCamera,
@@ -176,7 +176,7 @@ impl BoardPrint {
         points
     }
 
-    /// Returns the columns and rows of the picture that the board may cover.
+    /// Returns the ranges of columns and rows of the picture that the board may cover.
     fn span<C: Frame>(
         &self,
         camera: &PinholeCamera,
@@ -187,7 +187,7 @@ impl BoardPrint {
         let range = |value: fn(&Pixel) -> f64, size: usize| {
             let (low, high) =
                 rim.iter().map(value).fold((f64::INFINITY, 0.0_f64), |(l, h), n| (l.min(n), h.max(n)));
-            // The lens bends the rim's edges outwards by less than 30 pixels.
+            // The lens distortion moves the border's edges outwards by less than 30 pixels.
             (low - 30.0).clamp(0.0, size as f64) as usize..(high + 30.0).clamp(0.0, size as f64) as usize
         };
         (range(|pixel| pixel.u, camera.width_px), range(|pixel| pixel.v, camera.height_px))
@@ -217,7 +217,7 @@ impl BoardPrint {
     }
 }
 
-/// The board's plane in front of the camera.
+/// The plane of the board in the camera's frame.
 struct Plane {
     origin: nalgebra::Vector3<f64>,
     axes: [nalgebra::Vector3<f64>; 3],
@@ -230,7 +230,7 @@ impl Plane {
         Plane { origin: camera_from_board.origin().mm.coords, axes }
     }
 
-    /// Returns the intersection of a pixel's ray with the plane, in the board's x and y.
+    /// Returns the intersection of a pixel's ray with the plane, as the board's x and y.
     fn intersect_ray(&self, camera: &PinholeCamera, pixel: Pixel) -> Option<[f64; 2]> {
         let ray: Vector<Camera> = camera.unproject(pixel)?;
         let depth = self.axes[2].dot(&self.origin) / self.axes[2].dot(&ray.mm);
@@ -239,7 +239,8 @@ impl Plane {
     }
 }
 
-/// The robot's deviation from the pose that it reports, standard deviations about and along each axis.
+/// The error of the pose that the robot reports: standard deviations of the rotation about and the translation along
+/// each axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RobotNoise {
     /// Place, mm.
@@ -251,7 +252,7 @@ pub struct RobotNoise {
 /// One picture's poses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoardShot<C: Frame> {
-    /// The picture's number; each number has its own noise.
+    /// The picture's number, which selects the picture's noise.
     pub index: u64,
     /// The flange's pose that the robot reports.
     pub base_from_flange: Rigid<Base, Flange>,
@@ -269,15 +270,15 @@ pub struct BoardCell {
     reduction: usize,
 }
 
-/// Returns the board's pose on the flange. A bracket holds the board beside the arm, facing back over the arm, because
-/// the fixed camera is behind the arm. The bracket does not hold it straight.
+/// Returns the board's pose on the flange. A bracket holds the board beside the arm with its print facing backwards
+/// along the arm, because the fixed camera is behind the arm. The bracket is slightly tilted.
 fn flange_from_board(print: &BoardPrint) -> Rigid<Flange, Board> {
-    // The board's Z points away from the viewer, as the flange's Z does.
+    // The board's Z axis points away from the viewer, like the flange's Z axis.
     let turn = UnitQuaternion::from_scaled_axis(Vector3::new(1.5, 1.0, 2.0).map(f64::to_radians));
     board_pose_in_hand(Vector3::new(BRACKET_DISTANCE_MM, -9.0, 55.0), turn, print)
 }
 
-/// Distance from the flange's axis to the board's middle, mm: at this distance the arm does not hide the board.
+/// Distance from the flange's axis to the board's centre, mm: at this distance the arm does not hide the board.
 const BRACKET_DISTANCE_MM: f64 = 190.0;
 
 /// Returns the board's pose in the cell: in front of the robot, facing up.
@@ -305,23 +306,24 @@ fn organized_cloud(camera: &PinholeCamera, points: Vec<[f32; 3]>, picture: &Gray
 }
 
 const MAX_DRAWS: usize = 10_000;
-/// First index of the pictures for the lens: they have their own noise.
+/// First index of the pictures for the lens calibration, so that these have noise of their own.
 const LENS_INDEX: u64 = 1_000;
-/// First index of the scans for the 3D camera's own errors: they have their own noise.
+/// First index of the scans for the calibration of the 3D camera's depth error, so that these have noise of their own.
 const SCANNER_INDEX: u64 = 2_000;
-/// Largest distance of the board's middle from the optical axis, as shares of its depth, across and down.
+/// Maximum distance of the board's centre from the optical axis along the picture's width and height, as fractions of
+/// the depth.
 const MAX_CENTRE_OFFSET: [f64; 2] = [0.22, 0.14];
 const MAX_CENTRE_OFFSET_WIDE: [f64; 2] = [0.42, 0.25];
-/// Minimum distance of the rim from the picture's edge, px.
+/// Minimum distance of the board's border from the picture's edge, px.
 const MIN_RIM_MARGIN_PX: f64 = 12.0;
 
 impl BoardCell {
-    /// Creates a board cell with this print and a robot with these errors.
+    /// Creates a cell with a board of this print and a robot with these errors.
     pub fn new(seed: u64, print: BoardPrint, robot: RobotNoise) -> Self {
         BoardCell { seed: Seed(seed), print, robot, pixels: PixelNoise::new(Seed(seed)), reduction: 1 }
     }
 
-    /// Returns the same cell with cameras that have fewer pixels in each direction, by this factor.
+    /// Returns the same cell with cameras whose pictures are smaller by this factor in each direction.
     pub fn with_reduction(self, reduction: usize) -> Self {
         BoardCell { reduction, ..self }
     }
@@ -346,7 +348,7 @@ impl BoardCell {
         scene::flange_from_camera()
     }
 
-    /// Returns the true pose of the board that the flange camera looks at.
+    /// Returns the true pose of the board in the cell, which the flange camera sees.
     pub fn base_from_board(&self) -> Rigid<Base, Board> {
         base_from_board(&self.print)
     }
@@ -364,7 +366,7 @@ impl BoardCell {
         })
     }
 
-    /// Returns shots of the fixed camera with the board held by hand at positions all over the picture.
+    /// Returns shots of the fixed camera of a hand-held board at positions all over the picture.
     pub fn scanner_shots(&self, count: usize) -> Vec<BoardShot<Camera>> {
         let nowhere = |_: &Rigid<Camera, Board>| Rigid::from_isometry_unchecked(Isometry3::identity());
         let mut shots = self.take_shots(count, 3, (&self.scanner(), 700.0, MAX_CENTRE_OFFSET_WIDE), nowhere);
@@ -380,7 +382,7 @@ impl BoardCell {
         })
     }
 
-    /// Returns the fixed camera's view of the board on the flange at this true pose of the flange; the robot reports
+    /// Returns the fixed camera's shot of the board on the flange at this true pose of the flange; the robot reports
     /// this pose without an error.
     pub fn fixed_view(&self, index: u64, base_from_flange: Rigid<Base, Flange>) -> BoardShot<Camera> {
         let camera_from_board =
@@ -388,17 +390,16 @@ impl BoardCell {
         BoardShot { index, base_from_flange, camera_from_board }
     }
 
-    /// Returns the flange camera's shot of the board in the cell from this flange pose.
+    /// Returns the flange camera's shot of the board in the cell at this pose of the flange.
     pub fn flange_view(&self, index: u64, base_from_flange: Rigid<Base, Flange>) -> BoardShot<FlangeCamera> {
         let base_from_camera = base_from_flange * scene::flange_from_camera();
         let camera_from_board = base_from_camera.inverse() * base_from_board(&self.print);
         BoardShot { index, base_from_flange, camera_from_board }
     }
 
-    /// Returns shots for the calibration of the lens: the board is held by hand near this camera and fills the
-    /// picture.
+    /// Returns shots for the lens calibration: the hand-held board is near this camera and fills the picture.
     pub fn lens_shots<C: Frame>(&self, camera: &PinholeCamera, count: usize) -> Vec<BoardShot<C>> {
-        // The whole rim fills about 0.8 of the picture's width if it faces the camera.
+        // If the board faces the camera, its border fills about 0.8 of the picture's width.
         let [low, right, ..] = self.print.rim();
         let distance_mm = low.distance_mm(right) * camera.fx_px / (0.8 * camera.width_px as f64);
         let nowhere = |_: &Rigid<C, Board>| Rigid::from_isometry_unchecked(Isometry3::identity());
@@ -407,7 +408,7 @@ impl BoardCell {
         shots
     }
 
-    /// Returns the panel's middle in the frame of the fixed camera.
+    /// Returns the panel's centre in the frame of the fixed camera.
     pub fn panel_middle(&self) -> Point<Camera> {
         scene::base_from_camera().inverse() * Point::new(super::shape::CENTRE_MM.into())
     }
@@ -456,13 +457,13 @@ impl BoardCell {
         unreachable!("a board of this size fits into the picture somewhere")
     }
 
-    /// Renders the shot as a picture.
+    /// Renders the picture of the shot.
     pub fn picture<C: Frame>(&self, camera: &PinholeCamera, shot: &BoardShot<C>) -> GrayPicture {
         let seed = self.seed.child(RandomPurpose::BoardPicture, shot.index);
         self.print.picture(camera, &shot.camera_from_board, (&self.pixels, seed))
     }
 
-    /// Computes the shot's corners without rendering, with noise of this size in each direction.
+    /// Computes the corners of the shot without rendering, with noise of this standard deviation in each direction.
     pub fn corners<C: Frame>(
         &self,
         camera: &PinholeCamera,
@@ -480,7 +481,7 @@ impl BoardCell {
         corners.collect()
     }
 
-    /// Returns the fixed camera's shot with its measured points, with white noise along the ray.
+    /// Returns the fixed camera's shot as a scan, with white noise along the ray.
     pub fn scan(&self, shot: &BoardShot<Camera>, noise_mm: f64) -> OrganizedCloud<Camera> {
         let (camera, picture) = (self.scanner(), self.picture(&self.scanner(), shot));
         let mut normal = NormalStream::new(self.seed.stream(RandomPurpose::BoardScan, shot.index));
@@ -488,8 +489,8 @@ impl BoardCell {
         organized_cloud(&camera, points, &picture)
     }
 
-    /// Returns the fixed camera's shot with all errors of a panel's scan: white noise that grows with the depth,
-    /// noise that is similar over centimetres, and this camera's constant distortion.
+    /// Returns the fixed camera's shot as a scan with all errors of a panel's scan: white noise that increases with the
+    /// depth, noise that is correlated over centimetres, and this camera's constant distortion.
     pub fn real_scan(&self, shot: &BoardShot<Camera>, distortion: &ScannerDistortion) -> OrganizedCloud<Camera> {
         let (camera, picture) = (self.scanner(), self.picture(&self.scanner(), shot));
         let seed = self.seed.child(RandomPurpose::BoardScan, shot.index);
@@ -502,8 +503,8 @@ impl BoardCell {
         distortion.distort_scan(&organized_cloud(&camera, points, &picture))
     }
 
-    /// Returns the points of the board as a person touches them with a pointer, in the base, with noise of this
-    /// size along each axis.
+    /// Returns points of the board in the base frame, as measured by touching them with the tool's tip, with noise of
+    /// this standard deviation along each axis.
     pub fn touch_points(
         &self,
         base_from_board: &Rigid<Base, Board>,

@@ -1,12 +1,15 @@
 //! Determines what each pixel of a camera sees: panel or fixture, and the distance from the panel's edge, to a fraction
 //! of a pixel.
 //!
-//! A pixel's ray o + λ r (r = (x, y, 1) in the camera's frame, so λ is the depth) meets the height field where
+//! A pixel's ray is o + λ r, with r = (x, y, 1) in the camera's frame, so λ is the depth. It intersects the height
+//! field at
 //!     F(λ) = o_h + λ r_h − h(o_s + λ r_s, o_t + λ r_t) = 0,   F′ = r_h − ∂h/∂s r_s − ∂h/∂t r_t,           (1)
-//! solved by Newton's method from the neighbour's depth. The surface continues smoothly beyond its outline, so the
-//! outline's distance d at the intersection changes sign at the edge; with its gradient in the picture, g,
+//! which Newton's method solves from the neighbour's depth. The surface continues smoothly beyond its outline, so the
+//! distance d of the intersection from the outline changes its sign at the edge. With the gradient g of d in the
+//! picture,
 //!     edge = d / |g| px,                                                                                 (2)
-//! and the panel's share of the pixel is the part of a square pixel on the inner side of that straight line.
+//! and the fraction of the pixel that the panel covers is the part of a square pixel on the inner side of this straight
+//! line.
 
 use super::sanding::{Appearance, Sanding};
 use super::scene;
@@ -16,7 +19,7 @@ use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use panelprep_base::geometry::{Base, Camera, Frame, Panel, PinholeCamera, Pixel, Rigid};
 use std::ops::Range;
 
-/// The undistorted rays of a camera's pixels: exact at every few pixels, interpolated linearly in between.
+/// The undistorted rays of a camera's pixels: exact at the nodes of a lattice, interpolated linearly between the nodes.
 ///
 /// With the lenses of this cell the second derivative of the distortion is below 0.5. Therefore the error stays below
 /// 0.5 · (8 px)² / (8 f) = 0.002 px.
@@ -42,7 +45,7 @@ impl Rays {
         Rays { columns, nodes: (0..columns * rows).map(node).collect() }
     }
 
-    /// Returns the nodes of the lattice on one row of the picture.
+    /// Returns the nodes of the lattice along one row of the picture.
     fn row(&self, row: usize) -> Vec<[f64; 2]> {
         let (above, down) = (row / RAY_STEP_PX * self.columns, (row % RAY_STEP_PX) as f64 / RAY_STEP_PX as f64);
         (above..above + self.columns)
@@ -56,10 +59,10 @@ fn interpolate(a: [f64; 2], b: [f64; 2], share: f64) -> [f64; 2] {
     [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])]
 }
 
-/// The intersection of a ray with the panel's surface, on the panel or just beside it.
+/// The intersection of a pixel's ray with the panel's surface, which is continued slightly beyond the panel.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PanelHit {
-    /// Position on the sheet, mm.
+    /// Position of the intersection on the sheet, mm.
     pub place: [f64; 2],
     /// Depth, mm.
     pub depth_mm: f64,
@@ -67,19 +70,19 @@ pub(super) struct PanelHit {
     pub cos_incidence: f64,
     /// Outward normal in sheet coordinates.
     pub normal: Vector3<f64>,
-    /// Distance to the panel's edge, px, negative inside the panel. (2)
+    /// Distance from the panel's edge by (2), px, negative inside of the panel.
     pub edge_px: f64,
-    /// The share of the pixel that shows the panel, 0…1.
+    /// The fraction of the pixel that the panel covers, 0…1.
     pub coverage: f64,
-    /// The width of one pixel on the panel here, mm.
+    /// The width of one pixel on the panel's surface, mm.
     pub pixel_mm: f64,
     /// The effect of sanding on the appearance at this position.
     pub appearance: Appearance,
 }
 
-/// Computes the part of a square pixel on the inner side of a straight edge. `edge_px` is the distance from its
-/// centre to the edge, negative inside; `growth` is the unit vector across the edge. As a function of distance, the
-/// density of the pixel's area is a trapezoid of the widths |g_u| and |g_v|.
+/// Computes the fraction of a square pixel on the inner side of a straight edge. `edge_px` is the distance from the
+/// pixel's centre to the edge, negative inside; `growth` is the unit vector across the edge. As a function of distance,
+/// the density of the pixel's area is a trapezoid of the widths |g_u| and |g_v|.
 fn covered_share(edge_px: f64, growth: Vector2<f64>) -> f64 {
     let (long, short) = (growth.abs().max(), growth.abs().min());
     let (reach, flat) = ((long + short) / 2.0, (long - short) / 2.0);
@@ -99,13 +102,13 @@ fn covered_share(edge_px: f64, growth: Vector2<f64>) -> f64 {
 pub(super) struct PixelHit {
     /// The undistorted ray (x, y, 1) in the camera's frame.
     pub ray: Vector3<f64>,
-    /// The panel at this pixel; present on the panel and up to some pixels beside it.
+    /// The panel at this pixel; present on the panel and up to `MAX_EDGE_REACH_PX` beside it.
     pub panel: Option<PanelHit>,
-    /// The background behind the panel, or beside it.
+    /// The background behind or beside the panel.
     pub background: Background,
 }
 
-/// A camera somewhere in the cell, and optionally a panel in front of it.
+/// A camera at a pose in the cell, with an optional panel in its view.
 pub(super) struct CastView<'a> {
     camera: &'a PinholeCamera,
     rays: &'a Rays,
@@ -114,7 +117,7 @@ pub(super) struct CastView<'a> {
     sanding: Option<&'a Sanding>,
 }
 
-/// A panel in front of a camera or of a projector, which is treated as a camera.
+/// A panel in the view of a camera. A projector is treated as a camera.
 pub(super) struct PanelView<'a> {
     shape: &'a Shape,
     /// The camera's centre and axes in sheet coordinates.
@@ -125,7 +128,7 @@ pub(super) struct PanelView<'a> {
     rows: Range<usize>,
 }
 
-/// Largest distance from the panel's edge at which a pixel is searched for the panel, px.
+/// Maximum distance from the panel's edge at which the ray of a pixel is intersected with the panel's surface, px.
 const MAX_EDGE_REACH_PX: f64 = 3.0;
 
 impl<'a> CastView<'a> {
@@ -143,7 +146,7 @@ impl<'a> CastView<'a> {
         CastView { camera, rays, base_from_camera: *base_from_camera.isometry(), panel, sanding: None }
     }
 
-    /// Returns the same view of a panel after sanding.
+    /// Returns the same view with the panel sanded.
     pub fn with_sanding(self, sanding: &'a Sanding) -> Self {
         CastView { sanding: Some(sanding).filter(|sanding| !sanding.is_empty()), ..self }
     }
@@ -158,12 +161,12 @@ impl<'a> CastView<'a> {
         self.camera.height_px
     }
 
-    /// Returns the focal length across, px.
+    /// Returns the focal length along the picture's width, px.
     pub fn focal_px(&self) -> f64 {
         self.camera.fx_px
     }
 
-    /// Visits one row of pixels, from left to right.
+    /// Calls `seen` for each pixel of a row, from left to right.
     pub fn cast_row(&self, row: usize, mut seen: impl FnMut(usize, PixelHit)) {
         let nodes = self.rays.row(row);
         let origin = Point3::from(self.base_from_camera.translation.vector);
@@ -216,8 +219,8 @@ impl<'a> PanelView<'a> {
         self.axes[0] * direction.x + self.axes[1] * direction.y + self.axes[2] * direction.z
     }
 
-    /// Returns the intersection of a ray (x, y, 1) with the surface (1), found by a search that starts at the
-    /// neighbour's depth, or else at the sheet's plane.
+    /// Returns the intersection of a ray (x, y, 1) with the surface by (1). The iteration starts at `guess_mm`, the
+    /// depth of the neighbouring pixel; without it, at the plane of the sheet.
     pub fn intersect_ray(&self, ray: Vector3<f64>, guess_mm: Option<f64>) -> Option<PanelHit> {
         const STEPS: usize = 20;
         let r = self.to_sheet_direction(&ray);
@@ -227,7 +230,7 @@ impl<'a> PanelView<'a> {
             let (s, t) = (o.x + depth * r.x, o.y + depth * r.y);
             let [height, slope_s, slope_t] = self.shape.height(s, t);
             let slope = r.z - slope_s * r.x - slope_t * r.y;
-            // The ray meets the surface from behind or almost parallel to it: the panel's front is not visible.
+            // The ray meets the surface from behind or at a grazing angle: the panel's front is not visible.
             if slope > -0.02 * r.norm() {
                 return None;
             }
@@ -244,8 +247,7 @@ impl<'a> PanelView<'a> {
     fn surface_hit(&self, place: [f64; 2], depth: f64, r: &Vector3<f64>, slopes: [f64; 2]) -> PanelHit {
         let across = Vector3::new(-slopes[0], -slopes[1], 1.0);
         let (distance, growth) = self.shape.outline().distance(Vector2::new(place[0], place[1]));
-        // The shift of the ray's point on the sheet when the ray moves by one pixel and the point stays on the
-        // surface.
+        // The derivative of the intersection's position on the sheet with respect to the pixel.
         let per_px = |axis: usize| {
             let step = self.axes[axis] * (depth / self.focal_px[axis]);
             let moved = step - r * (across.dot(&step) / across.dot(r));
@@ -266,7 +268,7 @@ impl<'a> PanelView<'a> {
     }
 }
 
-/// Returns the columns and rows that may show the panel: those around its projected outline.
+/// Returns the ranges of columns and rows that may show the panel: those around its projected outline.
 fn bounds(
     camera: &PinholeCamera,
     shape: &Shape,
@@ -276,7 +278,7 @@ fn bounds(
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for place in shape.outline().polyline(10.0) {
         let point = camera_from_sheet * Point3::new(place.x, place.y, shape.height(place.x, place.y)[0]);
-        // A lens model is valid only near its picture; a panel that extends far outside is searched for everywhere.
+        // A lens model is valid only near its picture. If the panel extends far outside, the whole picture is searched.
         let wide = point.x.abs().max(point.y.abs()) > 1.2 * point.z;
         let Some(pixel) = camera.project(panelprep_base::geometry::Point::<Camera>::new(point)).filter(|_| !wide)
         else {
@@ -299,8 +301,8 @@ mod tests {
     use super::super::scene;
     use super::*;
 
-    /// A point of the panel, projected by the camera model, is the point that the nearest pixel sees. The edge's
-    /// distance in the picture agrees with the projected distance to a hundredth of a pixel.
+    /// Projects points of the panel with the camera model: the nearest pixel must see the same point. The distance to
+    /// the edge in the picture must agree with the projected distance to a hundredth of a pixel.
     #[test]
     fn a_pixel_sees_the_point_that_projects_onto_it() {
         let camera = scene::scanner(2);
@@ -326,9 +328,9 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: an upright edge a quarter of a pixel from the centre leaves ¾. A diagonal edge through a
-    /// corner of the pixel, √½ away, leaves the whole pixel. Half-way there it cuts off a triangle of base √½ and
-    /// height √⅛: ⅛.
+    /// Expected fractions, calculated by hand. A vertical edge a quarter of a pixel from the centre: ¾. A diagonal edge
+    /// through a corner of the pixel, at the distance √½: the whole pixel. A diagonal edge at half of this distance
+    /// cuts off a triangle of base √½ and height √⅛: ⅛.
     #[test]
     fn shares_of_a_pixel_by_hand() {
         let diagonal = Vector2::new(1.0, -1.0).normalize();
@@ -339,8 +341,8 @@ mod tests {
         assert!((covered_share(0.0, diagonal) - 0.5).abs() < 1e-12);
     }
 
-    /// The sum of all shares is the area of the projected outline: averaged over its length, the edge is exact to
-    /// 0.01 px.
+    /// The sum of all pixels' fractions is the area of the projected outline: the mean error of the edge over its
+    /// length is below 0.01 px.
     #[test]
     fn the_edge_lies_on_the_projected_outline() {
         let camera = scene::scanner(2);
@@ -360,8 +362,8 @@ mod tests {
         let area_px2 = panelprep_base::geometry::polygon::signed_area_px2(&outline).abs();
         let error_px = (shares.iter().sum::<f64>() - area_px2) / length_px;
         assert!(length_px > 1_000.0 && error_px.abs() < 0.01, "{error_px} px");
-        // The same holds for each row away from corners: the length of the row inside the outline is the sum of its
-        // pixels' shares.
+        // In each row away from corners, the sum of the pixels' fractions is the length of the row inside of the
+        // outline.
         for row in [240, 300, 360] {
             let crossings: Vec<f64> = (0..outline.len())
                 .map(|i| (outline[i], outline[(i + 1) % outline.len()]))

@@ -1,7 +1,7 @@
 //! The simulated cell: the poses of all its objects, and the pictures of its two cameras.
 //!
-//! Stationary boards in the cell, one for each camera, serve to verify the cameras' calibrations every day. The
-//! stated poses of the boards contain the error of the pointer that touched them.
+//! Two fixed boards in the cell, one for each camera, serve to verify the cameras' calibrations every day. The poses
+//! given for the boards contain the error of touching them with the tool's tip.
 
 #[cfg(test)]
 mod tests;
@@ -26,7 +26,7 @@ use panelprep_base::geometry::{
     OrganizedCloud, Panel, PinholeCamera, Pixel, Point, Rigid, TriangleMesh,
 };
 
-/// One of the two poses of the panel at which a camera looks.
+/// One of the two poses at which a camera sees the panel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PanelPosition {
     /// The taught panel at its nominal pose.
@@ -38,7 +38,7 @@ pub enum PanelPosition {
 /// A region for the recipe: its corners in the taught scan's picture, and its number of grids.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Region {
-    /// The corners: top left, top right, bottom right, bottom left.
+    /// The region's corners: top left, top right, bottom right, bottom left.
     pub corners_px: [Pixel; 4],
     /// Rows of grids.
     pub rows: usize,
@@ -46,10 +46,10 @@ pub struct Region {
     pub columns: usize,
 }
 
-/// A box of the base frame in which to search for the panel, mm: all poses of the panel lie inside, the fixture
-/// outside.
+/// The search box of the panel in the base frame, mm: it contains the panel at all its poses, but no part of the
+/// fixture.
 pub const SEARCH_BOX_MM: [[f64; 3]; 2] = [[465.0, -240.0, 180.0], [638.0, 240.0, 540.0]];
-/// Distance of the region from the outline, mm.
+/// Distance between the region and the outline, mm.
 const REGION_INSET_MM: f64 = 15.0;
 
 /// A simulated cell.
@@ -58,7 +58,7 @@ pub struct Cell {
     pub(super) seed: Seed,
     scene: Scene,
     taught: Shape,
-    /// The panel of the scene; `None` if there is none.
+    /// The panel of the scene; `None` if the scene has no panel.
     present: Option<Shape>,
     spots: Vec<GreasySpot>,
     film: FilmSpec,
@@ -71,7 +71,8 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// Creates the cell of this seed and scene, with camera pictures `reduction` times smaller than the real ones.
+    /// Creates the cell of this seed and scene. The cameras' pictures are smaller than the real ones by the factor
+    /// `reduction`.
     ///
     /// # Panics
     /// If `reduction` is not 1…8.
@@ -107,7 +108,7 @@ impl Cell {
         Cell { arm, ..self }
     }
 
-    /// Returns the same cell with a poorly calibrated 3D camera.
+    /// Returns the same cell with a 3D camera that has this distortion.
     pub fn with_distortion(self, distortion: Option<ScannerDistortion>) -> Self {
         Cell { distortion, ..self }
     }
@@ -117,8 +118,8 @@ impl Cell {
         self.arm.as_ref()
     }
 
-    /// Returns the pose that the controller reports if this is the flange's true pose; `None` if the arm cannot reach
-    /// it.
+    /// Returns the pose that the controller reports if the flange is at this true pose; `None` if the arm cannot reach
+    /// the pose.
     pub fn reported_pose(&self, base_from_flange: &Rigid<Base, Flange>) -> Option<ReportedFlangePose> {
         match &self.arm {
             None => Some(ReportedFlangePose { base_from_flange: *base_from_flange, joints: None }),
@@ -126,38 +127,38 @@ impl Cell {
         }
     }
 
-    /// Returns the same cell with films of the difficulty that `spec` states.
+    /// Returns the same cell with films of this difficulty.
     pub fn with_films(self, spec: FilmSpec) -> Self {
         Cell { film: spec, ..self }
     }
 
-    /// Returns the same cell with a panel that has a bow of this height, mm, since it was taught: the panel's middle
-    /// lies in front of its taught position.
+    /// Returns the same cell with a panel that has been bent to a bow of this height, mm, after it was taught: the
+    /// panel's middle lies in front of its taught position.
     pub fn with_bow(self, bow_mm: f64) -> Self {
         Cell { present: self.present.map(|panel| panel.with_bow(bow_mm)), ..self }
     }
 
-    /// Returns the cell with the same panel at another pose; 0 is its pose after [`Cell::new`].
+    /// Returns the same cell with the panel at another displaced pose; number 0 is the pose after [`Cell::new`].
     pub fn with_pose(self, place: u32) -> Self {
         Cell { base_from_panel: scene::displaced_pose(self.seed, place), ..self }
     }
 
-    /// Returns the true intrinsic parameters of the 3D camera; its calibration estimates them.
+    /// Returns the true intrinsic parameters of the 3D camera, which its calibration estimates.
     pub fn scanner(&self) -> &PinholeCamera {
         &self.scanner.0
     }
 
-    /// Returns the true intrinsic parameters of the colour camera on the flange; its calibration estimates them.
+    /// Returns the true intrinsic parameters of the colour camera on the flange, which its calibration estimates.
     pub fn flange_camera(&self) -> &PinholeCamera {
         &self.flange_camera.0
     }
 
-    /// Returns the 3D camera's pose in the calibration: 0.1 mm and 0.01° off.
+    /// Returns the calibrated pose of the 3D camera, with an error of 0.1 mm and 0.01°.
     pub fn calibrated_base_from_camera(&self) -> Rigid<Base, Camera> {
         scene::calibrated_mount(self.seed, 0, &scene::base_from_camera())
     }
 
-    /// Returns the flange camera's mounting in the calibration: 0.1 mm and 0.01° off.
+    /// Returns the calibrated mount of the flange camera, with an error of 0.1 mm and 0.01°.
     pub fn calibrated_flange_from_camera(&self) -> Rigid<Flange, FlangeCamera> {
         scene::calibrated_mount(self.seed, 1, &scene::flange_from_camera())
     }
@@ -167,19 +168,19 @@ impl Cell {
         self.render_scan(Some((&self.taught, &scene::nominal())), 0)
     }
 
-    /// Returns the drawing of the taught panel, and the place of its frame while the panel is at its nominal place.
+    /// Returns the drawing of the taught panel, and the pose of the drawing's frame while the panel is at its nominal
+    /// pose.
     pub fn drawing(&self) -> (TriangleMesh, Rigid<Base, Drawing>) {
         let base_from_drawing = scene::nominal().isometry() * self.taught.panel_from_sheet();
         (shape::drawing_mesh(&self.taught), Rigid::from_isometry_unchecked(base_from_drawing))
     }
 
-    /// Returns the dry scan of the objects that are in the cell after teaching.
+    /// Returns the scan of the dry scene, with the panel at its displaced pose.
     pub fn scan(&self) -> OrganizedCloud<Camera> {
         self.render_scan(self.present.as_ref().map(|shape| (shape, &self.base_from_panel)), 1)
     }
 
-    /// Returns a scan with the scene's panel at another pose; `shot` distinguishes exposures, since each has its
-    /// own noise.
+    /// Returns a scan with the scene's panel at another pose. Each number `shot` gives another noise.
     pub fn scan_at(&self, base_from_panel: &Rigid<Base, Panel>, shot: u64) -> OrganizedCloud<Camera> {
         self.render_scan(self.present.as_ref().map(|shape| (shape, base_from_panel)), shot + 2)
     }
@@ -203,7 +204,7 @@ impl Cell {
         scene::corner_views(&self.taught)
     }
 
-    /// Returns the taught flange pose, moved with the panel to its true pose and changed by up to 5 mm and 1°. A
+    /// Returns the taught flange pose, moved with the panel to its displaced pose and changed by up to 5 mm and 1°. A
     /// robot reaches such a pose after a rough localization.
     pub fn displaced_corner_pose(&self, view: &CornerView) -> Rigid<Base, Flange> {
         let moved: Rigid<Base, Base> = Rigid::from_isometry_unchecked(*self.base_from_panel.isometry());
@@ -214,7 +215,7 @@ impl Cell {
         )
     }
 
-    /// Returns the flange camera's picture from this pose, dry. The same pose gives the same picture.
+    /// Returns the flange camera's picture of the dry panel from this pose. The noise depends only on the pose.
     pub fn flange_picture(&self, base_from_flange: &Rigid<Base, Flange>, place: PanelPosition) -> ColorPicture {
         match place {
             PanelPosition::Nominal => self.flange_shot(base_from_flange, Some((&self.taught, &scene::nominal()))),
@@ -222,7 +223,7 @@ impl Cell {
         }
     }
 
-    /// Returns the flange camera's picture with the scene's panel at another pose.
+    /// Returns the flange camera's picture of the dry panel at another pose of the panel.
     pub fn flange_picture_at(
         &self,
         base_from_flange: &Rigid<Base, Flange>,
@@ -231,7 +232,7 @@ impl Cell {
         self.flange_shot(base_from_flange, self.present.as_ref().map(|shape| (shape, base_from_panel)))
     }
 
-    /// Returns the flange camera's picture of a wet panel, with drops on it, at another pose.
+    /// Returns the flange camera's picture of the wet panel, with drops, at another pose of the panel.
     pub fn wet_flange_picture_at(
         &self,
         base_from_flange: &Rigid<Base, Flange>,
@@ -264,30 +265,29 @@ impl Cell {
         )
     }
 
-    /// Returns the water-break test of the panel in the cell.
+    /// Returns the film of the water-break test of the panel in the cell.
     pub fn film(&self) -> Film {
         self.film_with_spots(&self.spots)
     }
 
-    /// Returns the water-break test of the panel with other spots, for example without an abraded spot.
+    /// Returns the film of a panel with other greasy spots, for example without a spot that was sanded.
     pub fn film_with_spots(&self, spots: &[GreasySpot]) -> Film {
         self.film_with_spec(spots, &self.film, 0)
     }
 
-    /// Returns a water-break test of the panel with these spots, with the difficulty that `spec` states; `index`
-    /// distinguishes the films of one cell.
+    /// Returns the film of a panel with these greasy spots and this difficulty. Each number `index` gives another film.
     pub fn film_with_spec(&self, spots: &[GreasySpot], spec: &FilmSpec, index: u64) -> Film {
         let view = self.scanner_view(self.present.as_ref().map(|shape| (shape, &self.base_from_panel)));
         let seed = self.seed.child(RandomPurpose::Film, spots.len() as u64 + (index << 8));
         Film::new(&view, PanelCondition { spots, stained: spots, washed: false }, spec, &self.pixels, seed)
     }
 
-    /// Returns a test after sanding: with the grease that is left, and with the stains of all earlier grease.
+    /// Returns the film after sanding: with the grease that remains, and with the stains of all earlier grease.
     pub fn sanded_film(&self, left: &[GreasySpot], sanding: &Sanding, index: u64) -> Film {
         self.sanded_film_with_spec((left, &self.spots), sanding, &self.film, index)
     }
 
-    /// Returns a test after sanding with the difficulty that `spec` states; `stained` is the grease before sanding.
+    /// Returns the film after sanding, with this difficulty; `stained` is the grease before sanding.
     pub fn sanded_film_with_spec(
         &self,
         (left, stained): (&[GreasySpot], &[GreasySpot]),
@@ -301,22 +301,22 @@ impl Cell {
         Film::new(&view.with_sanding(sanding), on_panel, spec, &self.pixels, seed)
     }
 
-    /// Adds a pass of a disc of this radius; the points of the panel are the positions of the disc's centre.
+    /// Adds a sanding pass of a disc of this radius whose centre moves through these points of the panel.
     pub fn sand(&self, sanding: &mut Sanding, centres: &[Point<Panel>], radius_mm: f64, strength: SandingStrength) {
         let shape = self.present.as_ref().unwrap_or(&self.taught);
         let places: Vec<[f64; 2]> = centres.iter().map(|centre| shape.nearest(*centre).0).collect();
         sanding.add_track(&places, radius_mm, (self.seed, strength));
     }
 
-    /// Adds a pass over these areas of the panel, each given by the corners of a quadrilateral.
+    /// Adds a sanding pass over these areas of the panel, each given by the corners of a quadrilateral.
     pub fn sand_areas(&self, sanding: &mut Sanding, areas: &[[Point<Panel>; 4]], strength: SandingStrength) {
         let shape = self.present.as_ref().unwrap_or(&self.taught);
         let quads: Vec<_> = areas.iter().map(|area| area.map(|corner| shape.nearest(corner).0)).collect();
         sanding.add_quads(&quads, (self.seed, strength));
     }
 
-    /// Returns the ground truth: the pixels of the taught scan that show a sanded point, or a point nearer to it
-    /// than `margin_mm`.
+    /// Returns the ground truth: the pixels of the taught scan that show a sanded point, or a point within `margin_mm`
+    /// of a sanded point.
     pub fn sanded_taught_pixels(&self, sanding: &Sanding, margin_mm: f64) -> Mask {
         let view = self.scanner_view(Some((&self.taught, &scene::nominal())));
         let mut mask = Mask::all_outside(view.width(), view.height());
@@ -329,22 +329,22 @@ impl Cell {
         mask
     }
 
-    /// Draws other grease on this panel than its scene has; `index` distinguishes the random draws of one cell.
+    /// Draws greasy spots on this panel that differ from those of its scene. Each number `index` gives other spots.
     pub fn with_other_grease(&self, grease: &Grease, index: u64) -> Vec<GreasySpot> {
         let shape = self.present.as_ref().unwrap_or(&self.taught);
         film_defects::draw_spots(self.seed.child(RandomPurpose::Grease, index), shape, WET_FROM_S, grease)
     }
 
-    /// Returns the greasy spots.
+    /// Returns the greasy spots of the scene.
     pub fn spots(&self) -> &[GreasySpot] {
         &self.spots
     }
 
-    /// Returns a region of grids of 42 to 50 mm, 15 mm inside the taught panel's outline.
+    /// Returns a region with grids of 42 to 50 mm, 15 mm inside of the taught panel's outline.
     pub fn region(&self) -> Region {
         let inner = self.taught.outline().inset_corners(REGION_INSET_MM);
-        // The outline's corners are listed from the bottom left; the fifth is the top left, the third is the end of
-        // the right side.
+        // The outline's corners are numbered from the bottom left; number 4 is the top left, number 3 the end of the
+        // right side.
         let corners_px = [4, 3, 1, 0].map(|index: usize| {
             let seen =
                 scene::base_from_camera().inverse() * (scene::nominal() * self.taught.point(inner[index].into()));
@@ -369,31 +369,32 @@ impl Cell {
     }
 }
 
-/// Error of the touched position of a board along each axis, mm.
+/// Standard deviation of a touched point of a board along each axis, mm.
 const TOUCH_NOISE_MM: f64 = 0.03;
 
-/// A board in front of a camera.
+/// A fixed board in the cell, as one of the cameras sees it.
 #[derive(Debug, Clone)]
 pub struct Target {
     /// Its true pose.
     pub base_from_board: Rigid<Base, Board>,
     /// Its known pose.
     pub known_base_from_board: Rigid<Base, Board>,
-    /// The flange's pose at which the flange camera takes its picture; not used for the fixed camera.
+    /// The flange's pose at which the flange camera captures its picture; not used for the fixed camera.
     pub base_from_flange: Rigid<Base, Flange>,
     /// The camera's picture of the board.
     pub picture: GrayPicture,
 }
 
 impl Target {
-    /// Returns the print of the board: 5 × 4 inner corners, squares of 40 mm.
+    /// Returns the print of these boards: 5 × 4 inner corners, squares of 40 mm.
     pub fn target_print() -> BoardPrint {
         BoardPrint::chessboard(5, 4, 40.0)
     }
 }
 
 impl Cell {
-    /// Returns the board beside the middle of the fixed camera's view, within reach of the arm that touches it.
+    /// Returns the board of the fixed camera, beside the middle of its picture and within the reach of the arm that
+    /// touches the board.
     pub fn scanner_target(&self) -> Target {
         let camera_from_board = board_pose_at([120.0, 90.0, 690.0], [0.15, -0.2, 0.05]);
         let base_from_board = scene::base_from_camera() * camera_from_board;
@@ -405,7 +406,7 @@ impl Cell {
         )
     }
 
-    /// Returns the board that lies in the cell, seen by the flange camera above it.
+    /// Returns the board of the flange camera: it lies in the cell below the camera.
     pub fn flange_target(&self) -> Target {
         let base_from_board: Rigid<Base, Board> =
             board_pose_at([540.0, 60.0, 200.0], [std::f64::consts::PI, 0.02, 0.0]);
@@ -415,7 +416,7 @@ impl Cell {
         self.target(1, &self.flange_camera.0, &camera_from_board, (base_from_board, base_from_flange))
     }
 
-    /// Returns points of a target's board as measured with the tool's tip, in the base.
+    /// Returns points of a fixed board in the base frame, as measured by touching them with the tool's tip.
     pub fn touched_target(&self, target: &Target, places: &[Point<Board>]) -> Vec<Point<Base>> {
         let mut normal = NormalStream::new(self.seed.stream(RandomPurpose::Touch, 2));
         let mut touch = |&place: &Point<Board>| {
@@ -446,7 +447,7 @@ impl Cell {
     }
 }
 
-/// Returns the board's pose with its middle at a position, rotated by a rotation vector, rad.
+/// Returns the pose of a board whose centre is at a position, rotated by a rotation vector, rad.
 fn board_pose_at<To: Frame>(middle_mm: [f64; 3], turn: [f64; 3]) -> Rigid<To, Board> {
     let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn));
     let shift = Vector3::from(middle_mm) - turn * Target::target_print().centre().mm.coords;

@@ -1,12 +1,12 @@
-//! The water film as the 3D camera's colour picture shows it: dry, sprayed, whole, breaking.
+//! The water film as the 3D camera's colour picture shows it: dry, sprayed, unbroken, breaking.
 //!
-//! All that does not change is computed once: the dry and the fully wet colour of each pixel, and the effect of
-//! water on it ([`super::wetting`]). A picture at time t then is
+//! Everything that does not change with time is computed once: the dry and the fully wet colour of each pixel, and the
+//! effect of water on the pixel ([`super::wetting`]). A picture at time t then is
 //!     exposure · light(t) · (bare + (wet − bare) w r (1 + n) + glints w) + noise,
-//! with `bare` the colour of the place without a film: dry and dusty until water has reached it, washed afterwards.
-//! w is the film's presence, r the run-off, a streaky pattern that travels down the panel, and n how much thicker
-//! the new film is. A drop is thick film, also over a break, if water has reached the place. A picture is a
-//! function of its time: any frame rate shows the same film.
+//! with `bare` the colour without a film: dry and dusty until water has reached the pixel, washed afterwards. w is the
+//! presence of the film, r the run-off, a streaky pattern that moves down the panel, and n the additional thickness of
+//! a new film. A drop is thick film, also over a break if water has reached the pixel. A picture depends only on its
+//! time, so that any frame rate shows the same film.
 
 use super::appearance::{FixedColor, dry_and_wet};
 use super::cast::CastView;
@@ -24,14 +24,14 @@ const THINNING_TIME_S: f64 = 12.0;
 /// Additional darkening by a drop, compared with the film.
 const DROP_THICKNESS: f32 = 1.2;
 
-/// The pixels of one row that show the panel.
+/// The pixels of one row of the picture that show the panel.
 #[derive(Debug, Clone, Default)]
 struct Row {
     first_column: usize,
     wetted: Vec<WetPixel>,
 }
 
-/// A clip of one panel at one pose.
+/// The water film on one panel at one pose, from which pictures at any time are rendered.
 #[derive(Debug, Clone)]
 pub struct Film {
     width: usize,
@@ -52,13 +52,13 @@ pub struct Film {
 pub(super) struct PanelCondition<'a> {
     /// The grease now.
     pub spots: &'a [GreasySpot],
-    /// The present and the earlier grease: each spot leaves a stain.
+    /// The present and the earlier greasy spots, each of which leaves a stain.
     pub stained: &'a [GreasySpot],
     /// Whether water has already washed the dust off.
     pub washed: bool,
 }
 
-/// Dust lies in patches of this size, mm.
+/// Size of the patches of dust, mm.
 const DUST_MM: f64 = 18.0;
 
 impl Film {
@@ -81,7 +81,7 @@ impl Film {
                 let (dry_color, wet) = dry_and_wet(&sight);
                 dry[column] = apply_exposure(dry_color, spec.exposure);
                 let Some(panel) = sight.panel.filter(|panel| panel.coverage > 0.0) else { return };
-                // A pixel that shows the panel only in part changes only in proportion to that part.
+                // A pixel that the panel covers partly changes only in proportion to the covered fraction.
                 let stained = 1.0 + panel.coverage * (stains.brightness_factor(panel.place) - 1.0);
                 let dusty = 1.0 + panel.coverage * most_dust * dust.value_at(panel.place).clamp(-1.0, 1.0);
                 let [washed, wet] = [dry_color, wet].map(|color| apply_exposure(color, spec.exposure * stained));
@@ -90,7 +90,8 @@ impl Film {
                 if row.wetted.is_empty() {
                     row.first_column = column;
                 }
-                // Outlines are convex, so the panel's pixels in a row are neighbours; a gap would be dry.
+                // Outlines are convex, so the panel's pixels in a row are contiguous. Pixels in a gap are rendered as
+                // dry background.
                 row.wetted.resize(column - row.first_column, WetPixel::background(washed));
                 row.wetted.push(water.wetting_at(panel.place, panel.pixel_mm, colors));
             });
@@ -123,18 +124,18 @@ impl Film {
         }
     }
 
-    /// Returns the picture taken at this time, s.
+    /// Returns the picture captured at this time, s.
     pub fn picture(&self, time_s: f64) -> ColorPicture {
         let mut picture = ColorPicture::uniform(self.width, self.height, [0; 3]);
         self.render_rows(&mut picture, time_s, 0..self.height, 0..self.width);
         picture
     }
 
-    /// Renders the picture of this time over an earlier one of this film, only around the panel. This is several
-    /// times faster; beyond 16 px from the panel the earlier picture remains.
+    /// Renders this film at another time into one of its pictures, only within 16 px of the panel. This is several
+    /// times faster than a new picture; outside of this area the picture is unchanged.
     ///
     /// # Panics
-    /// If the picture has another size.
+    /// If the picture has another size than the film's pictures.
     pub fn renew(&self, picture: &mut ColorPicture, time_s: f64) {
         const MARGIN_PX: usize = 16;
         assert_eq!((picture.width, picture.height), (self.width, self.height), "a picture of this film");
@@ -183,12 +184,12 @@ impl Film {
         });
     }
 
-    /// Returns the ground truth: the pixels with a film that has broken by this time, s, even if it closed again.
+    /// Returns the ground truth: the pixels at which the film has broken by this time, s, even if it has closed again.
     pub fn broken_pixels(&self, time_s: f64) -> Mask {
         self.truth(|wetted| f64::from(wetted.breaks_at_s) <= time_s)
     }
 
-    /// Returns the ground truth: the pixels with a film that had broken by this time, s, and has closed since.
+    /// Returns the ground truth: the pixels at which the film has broken and closed again by this time, s.
     pub fn closed_pixels(&self, time_s: f64) -> Mask {
         self.truth(|wetted| f64::from(wetted.closes_at_s) <= time_s)
     }
@@ -204,8 +205,8 @@ impl Film {
         mask
     }
 
-    /// Returns the ground truth: the colours of each pixel, dry and under an unbroken film, grey levels. Both are
-    /// equal beside the panel.
+    /// Returns the ground truth: the colours of each pixel, dry and under an unbroken film, grey levels. The two
+    /// colours are equal beside the panel.
     pub fn dry_and_wet_levels(&self) -> Vec<[[f64; 3]; 2]> {
         let levels = |color: FixedColor| color.map(|level| f64::from(level) / f64::from(super::noise::LEVEL));
         let mut both: Vec<[[f64; 3]; 2]> = self.dry.iter().map(|dry| [levels(*dry); 2]).collect();
@@ -217,8 +218,8 @@ impl Film {
         both
     }
 
-    /// Returns the ground truth: the time at which the film breaks at each pixel, s of the film, row by row; infinite
-    /// if it holds.
+    /// Returns the ground truth: the time at which the film breaks at each pixel, s from the start of the film, row by
+    /// row; infinite if the film does not break.
     pub fn break_times_s(&self) -> Vec<f32> {
         let mut times_s = vec![f32::INFINITY; self.width * self.height];
         for (index, row) in self.rows.iter().enumerate() {
@@ -230,13 +231,13 @@ impl Film {
     }
 }
 
-/// Stains of grease on the panel, each with the factor of its brightness.
+/// Stains of grease on the panel: each spot with the factor of its brightness.
 struct GreaseStains<'a>(Vec<(&'a GreasySpot, f64)>);
 
 impl<'a> GreaseStains<'a> {
     fn new(spots: &'a [GreasySpot], spec: &FilmSpec, seed: Seed) -> Self {
         let factor = |(index, spot): (usize, &'a GreasySpot)| {
-            // A spot has the same stain in each film of a cell: the stain belongs to the spot.
+            // The stain belongs to the spot: it is the same in each film of a cell.
             let [s, t] = spot.centre_mm();
             let mut random = seed.stream(RandomPurpose::Condition, Seed::index_of(&[s, t]) ^ index as u64);
             (spot, 1.0 + spec.stain * random.random_range(-1.0..1.0))
@@ -248,7 +249,7 @@ impl<'a> GreaseStains<'a> {
         let factor = |(spot, factor): &(&GreasySpot, f64)| {
             let [s, t] = spot.centre_mm();
             let is_near = (place[0] - s).hypot(place[1] - t) < spot.radius_mm();
-            // A stain has a soft edge: it reaches its full strength at a tenth of the distance from the outline to the
+            // A stain has a soft edge: it has its full strength from a tenth of the distance from the outline to the
             // centre.
             let share = if is_near { ((1.0 - spot.reach(place).0) / 0.1).clamp(0.0, 1.0) } else { 0.0 };
             1.0 + share * (factor - 1.0)
@@ -266,7 +267,7 @@ fn to_pixel(color: [f32; 3], row_noise: &[i16], column: usize) -> [u8; 3] {
     std::array::from_fn(|channel| to_byte(color[channel] as u16, row_noise[3 * column + channel]))
 }
 
-/// Computes the light of glints and the coverage by drops on one row of the panel.
+/// Computes the light of the glints and the coverage by drops along one row of the panel.
 fn travelling_effects(
     row: &Row,
     index: usize,
@@ -279,7 +280,7 @@ fn travelling_effects(
     (shine, covered)
 }
 
-/// Returns the panel's extent in the picture.
+/// Returns the extent of the panel in the picture.
 fn panel_extent(rows: &[Row], view: &CastView<'_>) -> PanelExtent {
     let shown = || rows.iter().enumerate().filter(|(_, row)| !row.wetted.is_empty());
     let (top, bottom) = (shown().next().map_or(0, |row| row.0), shown().next_back().map_or(1, |row| row.0 + 1));

@@ -1,7 +1,7 @@
 //! Greasy spots: where and when the water film breaks, and how the break grows.
 //!
-//! A spot's outline is an ellipse with a radius that varies in waves with the angle. Its break opens at the centre
-//! at t₀ and reaches the share ρ of the way to the outline at t₀ + T ρ^1.5: fast at first, and never beyond the
+//! A spot's outline is an ellipse whose radius varies with the angle in waves. The film breaks at the centre at t₀. The
+//! break reaches the fraction ρ of the distance to the outline at t₀ + T ρ^1.5: fast at first, and never beyond the
 //! outline.
 
 use super::noise::{RandomPurpose, Seed};
@@ -11,19 +11,19 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use std::f64::consts::{PI, TAU};
 
-/// A greasy spot of the panel; the same at every place of the panel.
+/// A greasy spot, which belongs to the panel and moves with it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GreasySpot {
     centre: Vector2<f64>,
     half_axes_mm: Vector2<f64>,
     turn: Rotation2<f64>,
-    /// Count, share and phase of the waves around the outline: two, three and five waves.
+    /// Number, relative amplitude and phase of the waves around the outline: two, three and five waves.
     waves: [(f64, f64, f64); 3],
-    /// Time at which the film opens at the centre, s of the film.
+    /// Time at which the film breaks at the centre, s from the start of the film.
     pub breaks_at_s: f64,
-    /// Time in which the break grows from the centre to the outline, s.
+    /// Time that the break needs to grow from the centre to the outline, s.
     pub grows_s: f64,
-    /// Time at which the film closes over the spot again, s of the film; infinite if it does not.
+    /// Time at which the film closes over the spot again, s from the start of the film; infinite if it does not close.
     pub closes_at_s: f64,
     /// The kind of the spot: how its film differs from the break described above.
     pub kind: SpotKind,
@@ -32,26 +32,26 @@ pub struct GreasySpot {
 /// The behaviour of the film on a greasy spot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SpotKind {
-    /// The spot's film breaks while it is observed.
+    /// The film breaks while it is observed.
     Breaks,
-    /// The spot becomes wet and dries half a second later, during the spray.
+    /// The spot becomes wet and dries half a second later, while the spray is still on.
     UnderSpray,
     /// Water never stays on the spot.
     NeverWets,
 }
 
-/// The grease of a film.
+/// The greasy spots that are drawn for a film.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Grease {
-    /// `count` spots from 25 to 600 mm², of every kind. A film that breaks on a spot has broken there completely by
-    /// `until_s`, s of the film.
+    /// `count` spots from 25 to 600 mm², of all kinds. Each break has reached its outline by `until_s`, s from the
+    /// start of the film.
     Mixed {
         /// Places.
         count: usize,
-        /// Time by which the last film is completely broken, s of the film.
+        /// Time by which the last break has reached its outline, s from the start of the film.
         until_s: f64,
     },
-    /// One spot that covers this share of the panel, 0…1.
+    /// One spot that covers this fraction of the panel, 0…1.
     Share {
         /// The share.
         share: f64,
@@ -60,10 +60,10 @@ pub enum Grease {
     },
 }
 
-/// Minimum distance of a spot's outline from the panel's outline, mm, so that the spot lies inside the region.
+/// Minimum distance of a spot's outline from the panel's outline, mm, so that the spot lies inside of the region.
 const MIN_MIXED_EDGE_MM: f64 = 18.0;
 
-/// Returns the spots that `grease` specifies on this panel; the panel's film is whole from `wet_from_s` on.
+/// Returns the spots that `grease` specifies on this panel; the panel is fully wet from `wet_from_s` on.
 pub(super) fn draw_spots(seed: Seed, shape: &Shape, wet_from_s: f64, grease: &Grease) -> Vec<GreasySpot> {
     match *grease {
         Grease::Mixed { count, until_s } => mixed_spots(seed, shape, count, (wet_from_s, until_s)),
@@ -113,8 +113,8 @@ fn mixed_spots(seed: Seed, shape: &Shape, count: usize, (wet_from_s, until_s): (
 }
 
 fn covering_spot(share: f64, kind: SpotKind) -> GreasySpot {
-    // The panel is about 334 × 228 mm without a corner; for shares from nine tenths, the ellipse is larger than the
-    // panel.
+    // Approximate area of the panel, mm²: 334 × 228 mm without a corner. From a fraction of nine tenths on, the ellipse
+    // is larger than the panel.
     const PANEL_MM2: f64 = 73_000.0;
     const ASPECT: f64 = 1.45;
     let area_mm2 = if share < 0.9 { share * PANEL_MM2 } else { 6.0 * PANEL_MM2 };
@@ -130,12 +130,12 @@ fn covering_spot(share: f64, kind: SpotKind) -> GreasySpot {
     }
 }
 
-/// Minimum distance of a spot's centre from the panel's outline, mm; `MIN_SPOT_DISTANCE_MM` is that between two
-/// centres.
+/// Minimum distance of a spot's centre from the panel's outline, mm.
 const MIN_SPOT_EDGE_MM: f64 = 42.0;
+/// Minimum distance between the centres of two spots, mm.
 const MIN_SPOT_DISTANCE_MM: f64 = 52.0;
 
-/// Draws two to four spots on this panel at random; the panel's film is whole from `wet_from_s` on.
+/// Draws two to four spots on this panel at random; the panel is fully wet from `wet_from_s` on.
 pub(super) fn draw(seed: Seed, shape: &Shape, wet_from_s: f64) -> Vec<GreasySpot> {
     let mut random = seed.stream(RandomPurpose::Spots, 0);
     let count = random.random_range(2..=4);
@@ -144,7 +144,7 @@ pub(super) fn draw(seed: Seed, shape: &Shape, wet_from_s: f64) -> Vec<GreasySpot
         let centre = Vector2::new(random.random_range(-170.0..170.0), random.random_range(-120.0..120.0));
         let apart = spots.iter().all(|spot| (spot.centre - centre).norm() > MIN_SPOT_DISTANCE_MM);
         if apart && shape.outline().distance(centre).0 < -MIN_SPOT_EDGE_MM {
-            // The first spot breaks early, so that a film that is observed for a short time also shows a break.
+            // The first spot breaks early, so that a film that is observed for a short time also has a break.
             let latest_s = if spots.is_empty() { 6.0 } else { 25.0 };
             spots.push(spot(&mut random, centre, wet_from_s + 1.5, latest_s));
         }
@@ -172,8 +172,8 @@ impl GreasySpot {
         self.centre.into()
     }
 
-    /// Returns the position between the spot's centre and its outline as a fraction of that distance, and the
-    /// remaining distance to the outline in mm, negative outside.
+    /// Returns the distance of a point from the spot's centre as a fraction of the distance from the centre to the
+    /// outline, and the remaining distance to the outline in mm, negative outside.
     pub(super) fn reach(&self, place: [f64; 2]) -> (f64, f64) {
         let away = Vector2::from(place) - self.centre;
         let flat = (self.turn.inverse() * away).component_div(&self.half_axes_mm);
@@ -183,13 +183,14 @@ impl GreasySpot {
         (reached, left_mm)
     }
 
-    /// Returns the time at which the film breaks at this share of the way from the centre to the outline, s of the
-    /// film.
+    /// Returns the time at which the film breaks at this fraction of the distance from the centre to the outline, s
+    /// from the start of the film.
     pub(super) fn opening_time_s(&self, reached: f64) -> f64 {
         self.breaks_at_s + self.grows_s * reached.powf(1.5)
     }
 
-    /// Returns the time at which the film breaks at a point of the spot that water reaches at `wet_from_s`.
+    /// Returns the time at which the film breaks at a point of the spot that becomes wet at `wet_from_s`, s from the
+    /// start of the film.
     pub(super) fn break_time_at_s(&self, reached: f64, wet_from_s: f64) -> f64 {
         const WET_DURATION_S: f64 = 0.5;
         match self.kind {
@@ -204,7 +205,7 @@ impl GreasySpot {
         self.half_axes_mm.max() * (1.0 + self.waves.iter().map(|(_, share, _)| share).sum::<f64>())
     }
 
-    /// Returns the smallest distance of the spot's outline from its centre, or a slightly smaller value, mm.
+    /// Returns a lower bound of the distance of the spot's outline from its centre, mm.
     pub(super) fn min_radius_mm(&self) -> f64 {
         self.half_axes_mm.min() * (1.0 - self.waves.iter().map(|(_, share, _)| share).sum::<f64>())
     }
@@ -253,7 +254,8 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: the break reaches a quarter of the way after an eighth of the time: 0.25^1.5 = 0.125.
+    /// Expected value, calculated by hand: the break reaches a quarter of the distance after an eighth of the time:
+    /// 0.25^1.5 = 0.125.
     #[test]
     fn a_break_grows_from_the_centre() {
         let shape = Shape::taught(Seed(1));

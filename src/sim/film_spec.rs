@@ -1,11 +1,12 @@
-//! Disturbances of the view of a film: light, glints, drops, exposure.
+//! Disturbances in the pictures of a film: varying light, glints, drops, exposure.
 //!
 //! The light varies over time: a drift of the lamp, its flicker, and a shadow that passes.
-//!     gain(u, v, t) = (1 + d sin(2π t / T)) (1 + f ξ_t) (1 − s p(x)),   p = smoothstep from 1 at |x| = w to 0 at |x| = w + e,
-//! x is the distance across the shadow's band, which travels over the picture; d, f, s are set in the film's spec.
+//!     gain(u, v, t) = (1 + d sin(2π t / T)) (1 + f ξ_t) (1 − s p(x)),   p = smoothstep from 1 at |x| = w to 0 at |x| = w + e.
+//! x is the distance from the centre line of the shadow's band, which moves across the picture; the film's spec
+//! contains d, f and s.
 //!
-//! Glints, which are additive and bright, and drops, which are thick film that runs down, move over the film. Each
-//! exists for a while and then appears elsewhere; its position is a function of time only. Its speed varies
+//! Glints, which add light, and drops, which are thick film that runs down, move over the film. Each exists for a
+//! limited time and then appears at another position; its position depends only on the time. Its speed varies
 //! periodically: x(t) = x₀ + v (t + b sin(ω t)/ω), b < 1.
 
 use super::noise::{RandomPurpose, Seed, smoothstep};
@@ -13,40 +14,41 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
 
-/// The difficulty of reading a film. All random values come from the film's seed; the fields are their limits.
+/// The difficulty of a film for its evaluation. All random values are drawn from the film's seed; the fields are their
+/// limits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FilmSpec {
-    /// Brightness of the whole picture; if it is 1, the dry panel has about 72 grey levels.
+    /// Brightness factor of the whole picture; with 1, the dry panel has about 72 grey levels.
     pub exposure: f64,
-    /// The lamp drifts from its initial light by up to this share, up or down.
+    /// Maximum drift of the lamp from its initial light, up or down, as a fraction.
     pub drift: f64,
-    /// The lamp flickers from picture to picture by up to this share.
+    /// Maximum flicker of the lamp from picture to picture, as a fraction of its light.
     pub flicker: f64,
-    /// A shadow with soft edges passes and removes this share of the light; 0 is none.
+    /// Fraction of the light that a passing shadow with soft edges removes; 0 is no shadow.
     pub shadow: f64,
-    /// Time at which the shadow's middle is at the panel's centre, s.
+    /// Time at which the shadow's centre line passes the panel's centre, s.
     pub shadow_at_s: f64,
-    /// Number of glints on the film at a time: bright, additive, travelling.
+    /// Number of glints that move over the film at any time.
     pub glints: usize,
-    /// Number of drops at a time that run down the panel.
+    /// Number of drops that run down the panel at any time.
     pub drops: usize,
-    /// Number of beads that stay on each place with a broken film.
+    /// Number of beads of water that remain on each spot with a broken film.
     pub beads: usize,
-    /// Additional darkening by a new film compared with an older film, as a share.
+    /// Additional darkening by a new film compared with an old film, as a fraction.
     pub thinning: f64,
-    /// A place with a broken film returns to at least this share of its dry brightness: 1 is wholly dry.
+    /// Minimum brightness of a spot with a broken film, as a fraction of its dry brightness: 1 is completely dry.
     pub damp: f64,
-    /// Number of droplets per 100 mm² that stay on a place with a broken film.
+    /// Number of droplets per 100 mm² that remain on a spot with a broken film.
     pub droplets: f64,
-    /// Dust on the panel before the first water, which washes it off: it changes the brightness by up to this share.
+    /// Maximum relative change of the brightness by dust, which the first water washes off.
     pub dust: f64,
-    /// Grease makes its spot darker or lighter by up to this share, dry or wet, also after the grease was sanded
-    /// off.
+    /// Maximum relative change of the brightness of a spot, darker or lighter, by the stain of its grease. The stain is
+    /// visible dry and wet, and also after the grease was sanded off.
     pub stain: f64,
 }
 
 impl FilmSpec {
-    /// Steady light, no glints: only the run-off.
+    /// A film under constant light, with run-off but without glints.
     pub const CALM_FILM: FilmSpec = FilmSpec {
         exposure: 1.0,
         drift: 0.0,
@@ -80,8 +82,8 @@ impl FilmSpec {
         stain: 0.04,
     };
 
-    /// Draws a film of the highest difficulty from its seed: exposures from dark to bright, ±15 % of drift, a
-    /// shadow in every second film, places that stay damp, droplets, dust and stains.
+    /// Draws a film of the highest difficulty from a seed: exposures from dark to bright, ±15 % of drift, a shadow in
+    /// every second film, spots that stay damp, droplets, dust and stains.
     pub fn hardest(seed: u64) -> FilmSpec {
         let mut random = Seed(seed).stream(RandomPurpose::Light, 1);
         let mut between = |low: f64, high: f64| random.random_range(low..high);
@@ -105,7 +107,7 @@ impl FilmSpec {
     }
 }
 
-/// The lamp and the shadow that passes.
+/// The lamp's light over time, and the shadow that passes.
 #[derive(Debug, Clone)]
 pub(super) struct Lamp {
     drift: f64,
@@ -115,7 +117,7 @@ pub(super) struct Lamp {
     seed: Seed,
 }
 
-/// A band of shadow that travels across the picture.
+/// A band of shadow that moves across the picture.
 #[derive(Debug, Clone, Copy)]
 struct ShadowBand {
     share: f64,
@@ -127,16 +129,17 @@ struct ShadowBand {
     edge_px: f64,
 }
 
-/// The light at one time.
+/// The light at one time, for all pixels.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LampLight {
-    /// Gain of the whole picture.
+    /// Gain of the whole picture, without the shadow.
     gain: f64,
     shadow: Option<(ShadowBand, f64)>,
 }
 
 impl Lamp {
-    /// Draws the lamp from the seed. `centre_px` is the panel's middle in a picture of `width_px`.
+    /// Draws the lamp and the shadow from the seed. `centre_px` is the panel's centre in a picture of the width
+    /// `width_px`.
     pub fn new(spec: &FilmSpec, seed: Seed, centre_px: [f64; 2], width_px: f64) -> Self {
         let mut random = seed.stream(RandomPurpose::Light, 0);
         let mut between = |low: f64, high: f64| random.random_range(low..high);
@@ -169,7 +172,7 @@ impl Lamp {
 }
 
 impl LampLight {
-    /// Returns the light on one pixel.
+    /// Returns the gain of the light at one pixel.
     pub fn gain(&self, column: usize, row: usize) -> f32 {
         let Some((shadow, come_px)) = self.shadow else { return self.gain as f32 };
         let (du, dv) = (column as f64 - shadow.centre_px[0], row as f64 - shadow.centre_px[1]);
@@ -179,7 +182,7 @@ impl LampLight {
     }
 }
 
-/// The panel's pixels: the area in which glints and drops start, and the size of a millimetre in pixels.
+/// The panel's extent in the picture, in which glints and drops start, and the number of pixels per millimetre.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PanelExtent {
     pub low_px: [f64; 2],
@@ -192,7 +195,7 @@ pub(super) struct PanelExtent {
 pub(super) struct TravellingSpot {
     pub centre_px: [f32; 2],
     pub radius_px: f32,
-    /// Grey levels at exposure 1; 0 for a drop.
+    /// Brightness at its centre at exposure 1, grey levels; 0 for a drop.
     pub peak_gray: f32,
 }
 
@@ -256,7 +259,7 @@ impl TravellingSpot {
         }
     }
 
-    /// Computes the share of each pixel of one row that a drop covers, 0…1.
+    /// Computes the fraction of each pixel of one row that a drop covers, 0…1.
     pub fn drop_coverage(&self, row: usize, first_column: usize, shares: &mut [f32]) {
         let dv = row as f32 - self.centre_px[1];
         for (column, share) in self.columns(dv, self.radius_px + 1.0, first_column, shares) {
@@ -284,7 +287,8 @@ impl TravellingSpot {
 mod tests {
     use super::*;
 
-    /// Calculated by hand: in the middle of a shadow of 0.3, the light is 0.7 of the light far from the shadow.
+    /// Expected value, calculated by hand: in the middle of a shadow of 0.3, the light is 0.7 of the light far from the
+    /// shadow.
     #[test]
     fn a_shadow_passes_and_the_drift_stays_within_its_limit() {
         let spec = FilmSpec { drift: 0.15, shadow: 0.3, shadow_at_s: 10.0, ..FilmSpec::CALM_FILM };
@@ -308,12 +312,12 @@ mod tests {
             .iter()
             .zip(&soon)
             .map(|(a, b)| (a.centre_px[0] - b.centre_px[0]).hypot(a.centre_px[1] - b.centre_px[1]));
-        // At most 40 mm/s, and twice this speed at the peak of the variation: 1.6 px in 10 ms.
+        // The speed is at most 40 mm/s, and twice this at the peak of its variation: 1.6 px in 10 ms.
         assert!(steps.clone().filter(|step| *step < 1.6).count() >= 29 && steps.clone().any(|step| step > 0.0));
         assert_eq!(glints.at_time(7.0), now);
     }
 
-    /// Calculated by hand: with a radius of 2 px, a pixel beside the centre has exp(−1/8) of the peak.
+    /// Expected value, calculated by hand: with a radius of 2 px, a pixel beside the centre has exp(−1/8) of the peak.
     #[test]
     fn a_glint_is_gaussian_and_a_drop_is_a_disc() {
         let spotted = TravellingSpot { centre_px: [10.0, 5.0], radius_px: 2.0, peak_gray: 100.0 };

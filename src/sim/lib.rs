@@ -1,19 +1,19 @@
-//! The simulated cell: panel, fixture, both cameras and the water film, rendered from one seed, with known truth.
+//! The simulated cell: panel, fixture, both cameras and the water film, rendered from one seed, with ground truth.
 //!
-//! Pure functions from seed and scene to data: no files, no clock. It uses `geometry` alone and shares nothing else
-//! with the code under test. The panel's frame is the base at the nominal place (thesis 3.8).
+//! Pure functions from seed and scene to data: no files, no clock. This crate uses only `geometry` and shares no other
+//! code with the code under test. The panel's frame coincides with the base at the nominal pose (thesis 3.8).
 //!
-//! - `shape`: the panel as a height field cut along an outline, and the same as a mesh
+//! - `shape`: the panel as a height field with an outline, and as a mesh
 //! - `scene`: the poses of all objects, and the fixture
-//! - `cast`: what each pixel sees · `appearance`: its colour · `noise`: every random number
+//! - `cast`: the surface that each pixel sees · `appearance`: its colour · `noise`: random numbers
 //! - `variety`, `trial`: panels of many shapes among other objects, for the localization
 //! - `board`: calibration boards in front of both cameras
-//! - `real_arm`: an arm that differs from the drawing
-//! - `cell`: all of it together
-//! - `scanner`, `appearance`, `film`, `wetting`, `sanding`: the cameras' data · `film_spec`: how hard films are to
-//!   read · `film_defects`: grease · `truth`: the truth about all of this
+//! - `real_arm`: an arm that differs from its nominal geometry
+//! - `cell`: the whole cell
+//! - `scanner`, `appearance`, `film`, `wetting`, `sanding`: the cameras' data · `film_spec`: the difficulty of films ·
+//!   `film_defects`: grease · `truth`: the ground truth
 //!
-//! Not simulated: focus, the arm in view; glints and drops on the fixture.
+//! Not simulated: focus, the arm in the picture, glints and drops on the fixture.
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 // Every result is handled, or an `expect` attribute next to it states why it is ignored.
 #![cfg_attr(not(test), deny(clippy::let_underscore_must_use))]

@@ -1,10 +1,11 @@
-//! Random numbers of the simulated cell: one stream for each purpose and index, so that a new consumer changes no
-//! other stream.
+//! Random numbers of the simulated cell. Each purpose and index has its own stream, so that a new use of random numbers
+//! changes no other stream.
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// The purpose of a stream of random numbers. The order affects every rendered picture: append only.
+/// The purpose of a stream of random numbers. Add new purposes only at the end, because their order affects every
+/// rendered picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum RandomPurpose {
     Shape,
@@ -33,17 +34,17 @@ pub(super) enum RandomPurpose {
     Condition,
 }
 
-/// The seed of all random numbers.
+/// The seed from which all random numbers of a cell are derived.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Seed(pub u64);
 
 impl Seed {
-    /// Creates a separate generator for this purpose and index.
+    /// Creates the random number generator of this purpose and index.
     pub fn stream(self, purpose: RandomPurpose, index: u64) -> Pcg64 {
         Pcg64::seed_from_u64(mix_seed(mix_seed(mix_seed(self.0) ^ purpose as u64) ^ index))
     }
 
-    /// Creates a separate seed for this purpose and index, from which other seeds can be derived.
+    /// Creates the seed of this purpose and index, from which further seeds can be derived.
     pub fn child(self, purpose: RandomPurpose, index: u64) -> Seed {
         Seed(self.stream(purpose, index).random())
     }
@@ -54,7 +55,7 @@ impl Seed {
     }
 }
 
-/// Mixes a seed with SplitMix64's finaliser (Steele, Lea & Flood, OOPSLA 2014): neighbouring seeds give unrelated
+/// Mixes a seed with SplitMix64's finaliser (Steele, Lea & Flood, OOPSLA 2014), so that similar seeds give independent
 /// streams.
 fn mix_seed(state: u64) -> u64 {
     let z = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
@@ -89,16 +90,16 @@ impl NormalStream {
         })
     }
 
-    /// Draws a number from 0 to 1.
+    /// Draws a number that is uniformly distributed from 0 to 1.
     pub fn share(&mut self) -> f64 {
         self.random.random()
     }
 }
 
-/// Value noise: normal numbers at the nodes of a square lattice, smoothstep between them.
+/// Value noise: normal random numbers at the nodes of a square lattice, interpolated with smoothstep between the nodes.
 ///
 /// With weights w = 3x² − 2x³ the mean of w² + (1 − w)² over a cell is 26/35 for each axis. Overall, the noise
-/// therefore has 26/35 = 0.743 of the nodes' standard deviation.
+/// therefore has 26/35 = 0.743 of the standard deviation at the nodes.
 #[derive(Debug, Clone)]
 pub(super) struct ValueNoise {
     spacing_mm: f64,
@@ -108,7 +109,7 @@ pub(super) struct ValueNoise {
 }
 
 impl ValueNoise {
-    /// Creates noise of 1 rms at the nodes on the square −`half_width_mm`…`half_width_mm`, with a random phase.
+    /// Creates noise of 1 rms at the nodes over the square −`half_width_mm`…`half_width_mm`, with a random phase.
     pub fn new(random: Pcg64, spacing_mm: f64, half_width_mm: f64) -> Self {
         let mut normal = NormalStream::new(random);
         let corner_mm = [0, 1].map(|_| -half_width_mm - spacing_mm * normal.share());
@@ -121,7 +122,7 @@ impl ValueNoise {
         }
     }
 
-    /// Returns the noise at a place of the sheet. Beyond the lattice, the values at its border continue.
+    /// Returns the noise at a point of the sheet. Beyond the lattice, the values at its border continue.
     pub fn value_at(&self, [s_mm, t_mm]: [f64; 2]) -> f64 {
         let (i, across) = self.cell(s_mm - self.corner_mm[0]);
         let (j, up) = self.cell(t_mm - self.corner_mm[1]);
@@ -138,13 +139,13 @@ impl ValueNoise {
     }
 }
 
-/// Computes 3x² − 2x³ between 0 and 1; the value is constant beyond.
+/// Computes 3x² − 2x³ for x from 0 to 1; the result is constant outside.
 pub(super) fn smoothstep(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
 }
 
-/// Colours inside the renderer are whole numbers of 1/128 grey level.
+/// Number of steps per grey level in the renderer's integer colours.
 pub(super) const LEVEL: f32 = 128.0;
 
 /// Standard deviation of the pixel noise of both cameras, grey levels.
@@ -152,7 +153,7 @@ pub(super) const PIXEL_NOISE_GRAY: f64 = 2.0;
 
 const TABLE_LENGTH: usize = 1 << 18;
 
-/// Pixel noise from a table: each row of each picture starts at its own position in the table.
+/// A table of pixel noise: each row of each picture starts at its own position in the table.
 #[derive(Debug, Clone)]
 pub(super) struct PixelNoise {
     table: Vec<i16>,
@@ -165,7 +166,7 @@ impl PixelNoise {
         PixelNoise { table: (0..TABLE_LENGTH).map(|_| (normal.next() * level).round() as i16).collect() }
     }
 
-    /// Returns the noise of one row, three numbers per pixel.
+    /// Returns the noise of one row of a picture, three values per pixel.
     pub fn row(&self, picture: Seed, row: usize, width: usize) -> &[i16] {
         let last = TABLE_LENGTH - 3 * width;
         let start = picture.stream(RandomPurpose::Pixels, row as u64).random_range(0..=last);
@@ -173,13 +174,13 @@ impl PixelNoise {
     }
 }
 
-/// Returns the 8-bit value of a colour in 1/128 grey levels with its noise.
+/// Returns a colour in 1/128 grey levels, plus its noise, as an 8-bit value.
 #[inline]
 pub(super) fn to_byte(color: u16, noise: i16) -> u8 {
     ((i32::from(color) + i32::from(noise) + 64) >> 7).clamp(0, 255) as u8
 }
 
-/// Returns the 8-bit colour of a pixel with its part of the row's noise.
+/// Returns a pixel's colour, plus its part of the row's noise, as 8-bit values.
 pub(super) fn to_bytes(color: [u16; 3], row_noise: &[i16], column: usize) -> [u8; 3] {
     std::array::from_fn(|channel| to_byte(color[channel], row_noise[3 * column + channel]))
 }
@@ -192,7 +193,8 @@ mod tests {
         (numbers.iter().map(|n| n * n).sum::<f64>() / numbers.len() as f64).sqrt()
     }
 
-    /// By hand: the mean over a cell is 26/35 of the nodes' rms; 0.06 mm becomes 0.0446 mm.
+    /// Expected value, calculated by hand: the rms over a cell is 26/35 of the rms at the nodes; 0.06 mm becomes 0.0446
+    /// mm.
     #[test]
     fn value_noise_has_26_35_of_the_rms_at_its_nodes() {
         let samples: Vec<f64> = (0..400)
@@ -217,7 +219,8 @@ mod tests {
         assert_ne!(noise.row(Seed(2), 5, 10), noise.row(Seed(3), 5, 10));
     }
 
-    /// Calculated by hand: 70 + 2.5 = 72.5 rounds up to 73; no value exceeds the range of a byte.
+    /// Expected values, calculated by hand: 70 + 2.5 = 72.5 is rounded to 73; values are limited to the range of a
+    /// byte.
     #[test]
     fn values_are_rounded_and_limited_to_a_byte() {
         assert_eq!(to_byte(70 * 128, 320), 73);

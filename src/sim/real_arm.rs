@@ -1,10 +1,10 @@
-//! An arm as it was built: it differs from its nominal geometry by a stated error at the tool.
+//! An arm with manufacturing errors: it differs from its nominal geometry by a given error at the tool.
 //!
-//! The simulated controller computes with the nominal geometry of a KUKA KR 6 R700-2; this file gives the true pose
-//! of the flange. Errors of the links' lengths, axis zeros and twists are drawn for each seed. The weights of upper
-//! arm, forearm and wrist bend the drives of axes 2, 3 and 5, and the gears of axes 1 to 3 have a periodic error.
-//! Sagging by moments and gear errors are not part of the model that a calibration of the arm estimates. The
-//! calibration is therefore judged on an arm that its model does not describe exactly.
+//! The simulated controller computes with the nominal geometry of a KUKA KR 6 R700-2; this module computes the true
+//! pose of the flange. Errors of the links' lengths, axis zeros and twists are drawn for each seed. The weights of
+//! upper arm, forearm and wrist bend the drives of axes 2, 3 and 5, and the gears of axes 1 to 3 have a periodic error.
+//! The model that a calibration of the arm estimates does not contain this bending and the gear errors. Therefore the
+//! calibration is tested on an arm that its model does not describe exactly.
 //!
 //! Chain: with q = (−A1, A2 + 90°, A3, −A4, A5, −A6), each plus its zero, and small rotations Tᵢ,
 //!     Rz(q1) T₁ (a1, b, c1) Ry(q2) T₂ (0, 0, c2) Ry(q3) T₃ (a2, 0, c3) Rz(q4) T₄ Ry(q5) T₅ Rz(q6) (0, 0, c4)
@@ -14,30 +14,32 @@ use super::noise::{NormalStream, RandomPurpose, Seed};
 use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 use panelprep_base::geometry::{Base, Flange, Joints, Rigid, Tool};
 
-/// The distance of the simulated tool's pad from the flange, along the flange's axis, mm.
+/// The distance of the simulated tool's pad from the flange along the flange's axis, mm.
 pub const TOOL_LENGTH_MM: f64 = 120.0;
 
 /// Nominal lengths a1, b, c1, c2, a2, c3, c4, mm.
 const NOMINAL_LENGTHS_MM: [f64; 7] = [25.0, 0.0, 400.0, 335.0, -25.0, 365.0, 90.0];
-/// Largest errors of an arm of this class before they are scaled to the stated error: zeros (rad), then twists (rad)
-/// and lengths (mm).
+/// Maximum error of an axis zero, rad, before all errors are scaled to the requested error at the tool.
 const MAX_ZERO_ERROR_RAD: f64 = 8.7e-4;
+/// Maximum error of a twist between two axes, rad, before scaling.
 const MAX_TWIST_ERROR_RAD: f64 = 5e-4;
+/// Maximum error of a link's length, mm, before scaling.
 const MAX_LENGTH_ERROR_MM: f64 = 0.4;
-/// Weights of upper arm, forearm, and wrist with tool, N. `COMPLIANCE` is that of the drives of axes 2, 3 and 5,
-/// rad/(N mm).
+/// Weights of upper arm, forearm, and wrist with tool, N.
 const WEIGHTS_N: [f64; 3] = [90.0, 60.0, 45.0];
+/// Mean compliance of the drives of axes 2, 3 and 5, rad/(N mm), before scaling.
 const COMPLIANCE: f64 = 6e-9;
-/// Amplitude of the gears' error, rad; `GEAR_PERIODS` is the number of its periods in one rotation of each axis.
+/// Maximum amplitude of the gears' error, rad, before all errors are scaled.
 const GEAR_ERROR_RAD: f64 = 3e-5;
+/// Number of periods of the gears' error in one rotation of axes 1 to 3.
 const GEAR_PERIODS: [f64; 3] = [3.0, 4.0, 5.0];
 
-/// The controller's report of a pose of the flange.
+/// A pose of the flange as the controller reports it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReportedFlangePose {
-    /// The flange's pose that the controller reports.
+    /// The reported pose of the flange.
     pub base_from_flange: Rigid<Base, Flange>,
-    /// The axis angles, if the arm differs from the nominal geometry.
+    /// The axis angles; `None` if the arm has the nominal geometry.
     pub joints: Option<Joints>,
 }
 
@@ -52,7 +54,7 @@ pub struct RealArm {
 }
 
 impl RealArm {
-    /// Creates the arm of this seed. `error_mm` is the error of its tool, rms over poses in front of the panel, mm.
+    /// Creates the arm of this seed. `error_mm` is the error at its tool, rms over poses in front of the panel, mm.
     pub fn new(seed: u64, error_mm: f64) -> Self {
         let mut normal = NormalStream::new(Seed(seed).stream(RandomPurpose::Arm, 0));
         let mut even = |most: f64| (2.0 * normal.share() - 1.0) * most;
@@ -77,7 +79,7 @@ impl RealArm {
         }
     }
 
-    /// Returns the error of a tool of 120 mm, rms over poses in front of the panel, mm.
+    /// Returns the error at a tool of 120 mm, rms over poses in front of the panel, mm.
     pub fn error_mm(&self) -> f64 {
         let tip = nalgebra::Point3::new(0.0, 0.0, TOOL_LENGTH_MM);
         let mut off_mm2 = Vec::new();
@@ -95,7 +97,7 @@ impl RealArm {
         (off_mm2.iter().sum::<f64>() / off_mm2.len() as f64).sqrt()
     }
 
-    /// Returns the flange's true pose.
+    /// Returns the flange's true pose at these axis angles.
     pub fn base_from_flange(&self, joints: &Joints) -> Rigid<Base, Flange> {
         let mut q = axis_angles_rad(joints);
         for (axis, periods) in GEAR_PERIODS.iter().enumerate() {
@@ -110,14 +112,15 @@ impl RealArm {
         chain(&q, &lengths_mm, &self.twists_rad)
     }
 
-    /// Returns the true pose of the simulated tool's pad, whatever length a calibration assumes for the tool.
+    /// Returns the true pose of the simulated tool's pad at these axis angles. The length of the tool is
+    /// [`TOOL_LENGTH_MM`], independent of any calibration.
     pub fn base_from_tool(&self, joints: &Joints) -> Rigid<Base, Tool> {
         self.base_from_flange(joints)
             * Rigid::from_isometry_unchecked(Isometry3::translation(0.0, 0.0, TOOL_LENGTH_MM))
     }
 
-    /// Returns the axis angles at which the flange truly has this pose, searched from `near`, without regard to the
-    /// axes' limits; `None` if the search does not converge.
+    /// Returns the axis angles at which the flange truly has this pose. The search starts at `near` and ignores the
+    /// axes' limits; `None` if it does not converge.
     pub fn solve_true_joints(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Option<Joints> {
         let wanted = base_from_flange.isometry();
         let off = |joints: &Joints| -> SVector<f64, 6> {
@@ -149,8 +152,8 @@ impl RealArm {
 }
 
 impl RealArm {
-    /// Returns the pose that the controller reports if this is the flange's true pose. `None` if the arm cannot reach
-    /// it with its elbow up and its wrist not turned over, within the limits of its axes.
+    /// Returns the pose that the controller reports if the flange is at this true pose. `None` if the arm cannot reach
+    /// the pose with its elbow up and its wrist not flipped, within the limits of its axes.
     pub fn reported_pose(&self, base_from_flange: &Rigid<Base, Flange>) -> Option<ReportedFlangePose> {
         let within = |joints: &Joints| {
             joints
@@ -170,8 +173,8 @@ impl RealArm {
 const WORKING_RANGE_DEG: [[f64; 2]; 6] =
     [[-160.0, 160.0], [-180.0, 40.0], [-60.0, 150.0], [-120.0, 120.0], [-115.0, 115.0], [-340.0, 340.0]];
 
-/// Start values (axis angles) of the search for the axis angles of a pose: in front of the panel, over a table, and
-/// with the flange upward.
+/// Start values of the search for the axis angles of a pose, degrees: in front of the panel, over a table, and with the
+/// flange upward.
 const STARTS: [[f64; 6]; 4] = [
     [0.0, -120.0, 145.0, 0.0, -25.0, 90.0],
     [0.0, -75.0, 95.0, 0.0, 60.0, 0.0],
@@ -183,10 +186,10 @@ const STARTS: [[f64; 6]; 4] = [
 const LEVER_MM: f64 = 300.0;
 const STEPS: usize = 100;
 const CONVERGENCE_MM: f64 = 1e-7;
-/// Largest rotation of an axis in one step.
+/// Maximum rotation of an axis in one step of the search, degrees.
 const MAX_STEP_DEG: f64 = 15.0;
 
-/// Returns the flange's pose according to the nominal geometry: the pose that the controller reports.
+/// Returns the flange's pose according to the nominal geometry, which is the pose that the controller reports.
 pub fn nominal_flange(joints: &Joints) -> Rigid<Base, Flange> {
     chain(&axis_angles_rad(joints), &NOMINAL_LENGTHS_MM, &[[0.0; 2]; 5])
 }
@@ -196,12 +199,12 @@ fn axis_angles_rad(joints: &Joints) -> [f64; 6] {
     [-a1, a2 + 90.0, a3, -a4, a5, -a6].map(f64::to_radians)
 }
 
-/// Computes the moments of the weights about axes 2, 3 and 5, N mm, each in its axis's own sense of rotation.
+/// Computes the moments of the weights about axes 2, 3 and 5, N mm, each positive in the axis's direction of rotation.
 fn moments(q: &[f64; 6]) -> [f64; 3] {
     let [_, _, _, c2, a2, c3, c4] = NOMINAL_LENGTHS_MM;
     let lean = q[1] + q[2];
     let (elbow, wrist) = (c2 * q[1].sin(), a2 * lean.cos() + c3 * lean.sin());
-    // The weight of the wrist acts at the flange; the angles of axes 4 and 5 determine its lever arm.
+    // The weight of the wrist acts at the flange; its lever arm depends on the angles of axes 4 and 5.
     let tool = c4 * (lean.sin() * q[4].cos() + lean.cos() * q[4].sin() * q[3].cos());
     let [upper, fore, hand] = WEIGHTS_N;
     let about_3 = fore * wrist / 2.0 + hand * (wrist + tool);
@@ -212,7 +215,7 @@ fn moments(q: &[f64; 6]) -> [f64; 3] {
 fn chain(q: &[f64; 6], lengths_mm: &[f64; 7], twists_rad: &[[f64; 2]; 5]) -> Rigid<Base, Flange> {
     let [a1, b, c1, c2, a2, c3, c4] = *lengths_mm;
     let about = |axis: Vector3<f64>, angle: f64| UnitQuaternion::from_scaled_axis(axis * angle);
-    // The two directions across each axis; for axes about y these are x and z.
+    // The two axes of a twist are perpendicular to the joint's axis: x and z for joints that rotate about y.
     let tilt = |axis: usize| {
         let [one, other] = twists_rad[axis];
         match axis {
@@ -243,7 +246,8 @@ fn chain(q: &[f64; 6], lengths_mm: &[f64; 7], twists_rad: &[[f64; 2]; 5]) -> Rig
 mod tests {
     use super::*;
 
-    /// Calculated by hand: upper arm upright, forearm level: x = 25 + 365 + 90, z = 400 + 335 + 25.
+    /// Expected values, calculated by hand for a vertical upper arm and a horizontal forearm: x = 25 + 365 + 90, z =
+    /// 400 + 335 + 25.
     #[test]
     fn the_nominal_geometry_is_that_of_the_kr_6() {
         let home = Joints::from([0.0, -90.0, 90.0, 0.0, 0.0, 0.0]);
@@ -251,8 +255,8 @@ mod tests {
         assert_eq!(RealArm::new(1, 1.0).with_scaled_errors(0.0).base_from_flange(&home), nominal_flange(&home));
     }
 
-    /// Calculated by hand: in the home position no moment acts on the upper arm. The forearm has 60 N at 182.5 mm,
-    /// the wrist 45 N at 455 mm.
+    /// Expected values, calculated by hand: in the home position no moment acts on the upper arm. The forearm has 60 N
+    /// at 182.5 mm, the wrist 45 N at 455 mm.
     #[test]
     fn moments_of_the_weights_by_hand() {
         let [about_2, about_3, about_5] =

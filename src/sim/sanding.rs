@@ -1,28 +1,28 @@
 //! The change of the panel's appearance by sanding.
 //!
-//! A disc removes the gloss and the weave and leaves scratches: the place becomes lighter or darker, and a film
-//! removes a different share of its light. Each pass of the disc has its own factors, and they differ between the rim
-//! and the middle of the pass. The factors are drawn from harmless to worse than reported of real panels: no
-//! measurements of sanded composite under a film are known.
+//! A disc removes the gloss and the weave and leaves scratches. The sanded area becomes lighter or darker, and a film
+//! darkens it by a different factor. Each pass of the disc has its own factors, and they differ between the border and
+//! the middle of the pass. The factors are drawn from a range that extends from harmless to worse than reported for
+//! real panels: no measurements of sanded composite under a film are known.
 
 use super::noise::{RandomPurpose, Seed};
 use rand::RngExt;
 
-/// Number of cells along each side of the sheet's lattice: a cell is 1 mm wide, from −256 to 256 mm in both
-/// directions.
+/// Number of cells along each side of the lattice over the sheet. A cell is 1 mm wide; the lattice covers −256 to 256
+/// mm in both directions.
 const LATTICE_CELLS: usize = 512;
 const HALF_MM: f64 = 256.0;
-/// Width of the transition of the appearance at the edge of the area that the disc covered, mm.
+/// Width of the transition of the appearance at the border of the sanded area, mm.
 const EDGE_TRANSITION_MM: f64 = 0.8;
 
-/// The appearance of one point compared with the panel as made.
+/// The appearance of a point relative to the panel before sanding.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Appearance {
-    /// Factor of the dry brightness, by channel.
+    /// Factor of the dry brightness, per channel.
     pub albedo: [f64; 3],
-    /// Share of the weave's contrast that is left.
+    /// Fraction of the weave's contrast that remains.
     pub weave: f64,
-    /// Exponent that is applied to the usual share of light that a film leaves.
+    /// Exponent of the film factor: the factor by which a film darkens the unsanded panel is raised to this power.
     pub film: f64,
 }
 
@@ -40,39 +40,39 @@ impl Appearance {
     }
 }
 
-/// One pass of the disc: its place and its effect.
+/// One pass of the disc: the area that it covered, and its effect.
 #[derive(Debug, Clone)]
 struct SandingPass {
-    /// Distance to the edge of the area that the disc covered, mm, positive inside; row by row from the lower left.
+    /// Distance of each cell to the border of the sanded area, mm, positive inside; row by row from the lower left.
     depth_mm: Vec<f32>,
     middle: Appearance,
     rim: Appearance,
     rim_mm: f64,
 }
 
-/// All passes of the disc over one panel, in order.
+/// All sanding passes over one panel, in their order.
 #[derive(Debug, Clone, Default)]
 pub struct Sanding {
     passes: Vec<SandingPass>,
 }
 
-/// The strength with which sanding changes the appearance.
+/// The range of the factors by which sanding changes the appearance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SandingStrength {
-    /// The least and the largest factor of the dry brightness.
+    /// Minimum and maximum factor of the dry brightness.
     pub albedo: [f64; 2],
 }
 
 impl SandingStrength {
-    /// The expected appearance after the work of a real disc.
+    /// The range that is expected of a real disc.
     pub const TYPICAL: SandingStrength = SandingStrength { albedo: [0.7, 1.4] };
-    /// Factors from less than half of the brightness to almost twice the brightness.
+    /// Factors from less than half of the dry brightness to almost twice the dry brightness.
     pub const EXTREME: SandingStrength = SandingStrength { albedo: [0.4, 1.8] };
 }
 
 impl Sanding {
-    /// Adds a pass of a disc of this radius; the places of the sheet, mm, are the positions of the disc's centre.
-    /// Everything else is drawn from the seed and the number of the pass.
+    /// Adds a pass of a disc of this radius whose centre moves through these points of the sheet, mm. The effect of the
+    /// pass is drawn from the seed and the number of the pass.
     pub(super) fn add_track(
         &mut self,
         centres_mm: &[[f64; 2]],
@@ -118,17 +118,18 @@ impl Sanding {
         self.passes.push(SandingPass { depth_mm, middle, rim, rim_mm: between(1.5, 6.0) });
     }
 
-    /// Returns whether nothing was sanded.
+    /// Returns whether no point was sanded.
     pub fn is_empty(&self) -> bool {
         self.passes.is_empty()
     }
 
-    /// Returns whether the disc was at this point of the sheet, or nearer to it than `margin_mm`.
+    /// Returns whether the disc was at this point of the sheet, or within `margin_mm` of it.
     pub(super) fn was_touched(&self, place: [f64; 2], margin_mm: f64) -> bool {
         self.passes.iter().any(|pass| pass.depth_at(place) > -margin_mm)
     }
 
-    /// Returns the present appearance of a point of the sheet: a later pass covers the earlier passes.
+    /// Returns the appearance of a point of the sheet after all passes. The last pass over a point determines its
+    /// appearance.
     pub(super) fn appearance_at(&self, place: [f64; 2]) -> Appearance {
         self.passes.iter().fold(Appearance::UNTREATED, |appearance, pass| {
             let depth = pass.depth_at(place);
@@ -139,14 +140,15 @@ impl Sanding {
 }
 
 impl SandingPass {
-    /// Interpolates the depth between the centres of four cells.
+    /// Returns the distance of a point to the border of the sanded area, mm, interpolated between the centres of four
+    /// cells.
     fn depth_at(&self, place: [f64; 2]) -> f64 {
         let [(column, across), (row, up)] = place.map(|mm| {
             let at = (mm + HALF_MM - 0.5).clamp(0.0, (LATTICE_CELLS - 2) as f64);
             (at as usize, at.fract())
         });
         let cell = |dc: usize, dr: usize| {
-            // Far from the disc the depth is the same as without a disc: any negative number is correct.
+            // The values of cells far from the disc are infinite and are limited: any large negative number is correct.
             f64::from(self.depth_mm[(row + dr) * LATTICE_CELLS + column + dc].max(-1_000.0))
         };
         let low = cell(0, 0) + across * (cell(1, 0) - cell(0, 0));
@@ -173,8 +175,8 @@ fn cross([a, b]: [f64; 2], [c, d]: [f64; 2]) -> f64 {
 mod tests {
     use super::*;
 
-    /// By hand: a disc of 20 mm at (0, 0) and at (30, 0) is 20 mm deep at its centres and 5 mm at the middle
-    /// between both, (15, 0).
+    /// Expected values, calculated by hand: a disc of 20 mm radius at (0, 0) and at (30, 0) has the depth 20 mm at
+    /// these centres and 5 mm at the middle between them, (15, 0).
     #[test]
     fn the_depth_in_a_track_is_that_of_the_nearest_disc() {
         let mut sanding = Sanding::default();
@@ -193,8 +195,8 @@ mod tests {
         );
     }
 
-    /// By hand: in a square of 40 mm about (0, 0) a place at (15, 5) is 5 mm from its right side, in either order
-    /// of its corners.
+    /// Expected value, calculated by hand: in a square of 40 mm about (0, 0) the point (15, 5) is 5 mm from the right
+    /// side, for either order of the corners.
     #[test]
     fn depth_in_a_square_by_hand() {
         let quad = [[-20.0, -20.0], [20.0, -20.0], [20.0, 20.0], [-20.0, 20.0]];

@@ -1,33 +1,36 @@
-//! The 3D camera: its projector, a shot with its noise and the colour picture on the same pixels, and the error of a
-//! poorly calibrated camera.
+//! The 3D camera: its projector, a scan with noise and the colour picture on the same pixels, and the error of a poorly
+//! calibrated camera.
 //!
-//! A pixel has a point if the projector lights the surface that the pixel sees. Noise along the ray: white, σ = 0.055
-//! mm · (z / 700 mm)² / cos(incidence); on the panel also correlated, value noise of 0.06 mm rms at the nodes of a
-//! square lattice of 50–85 mm, drawn anew for each shot. At the panel's edge a tenth of the pixels have a flying point
-//! between panel and background if both are lit, and most others are missing; 0.2 % drop out anywhere.
+//! A pixel has a point if the projector lights the surface that the pixel sees. The noise along the ray is white with σ
+//! = 0.055 mm · (z / 700 mm)² / cos(incidence). On the panel, correlated noise is added: value noise of 0.06 mm rms at
+//! the nodes of a square lattice of 50–85 mm, drawn anew for each scan. At the panel's edge a tenth of the pixels have
+//! a flying point between panel and background if both are lit, and most others are missing. Of all other points, 0.2 %
+//! are missing.
 //!
-//! A Zivid measures a point only if both its camera and its projector see it. The projector of a Two M70 is b = 111 mm
-//! to the right of the lens and is rotated by 0.113 rad towards its axis. A pixel has no point if its surface
+//! A Zivid measures a point only if both its camera and its projector see the point. The projector of a Two M70 is b =
+//! 111 mm to the right of the lens and is rotated by 0.113 rad towards the camera's axis. A pixel has no point if its
+//! surface
 //! - lies outside of the projector's picture,
-//! - looks away from the projector, or
+//! - faces away from the projector, or
 //! - is in shadow: another object is on the line to the projector, nearer to it by over 0.5 % of the depth.
 //!
-//! The edge of an object at the distance d in front of a wall at the depth z leaves a strip of the wall without points,
+//! An object whose edge is at the distance d in front of a wall at the depth z leaves a strip of the wall without
+//! points, with the width
 //!     w ≈ b d / (z − d),                                                                                  (1)
-//! on the side that faces away from the projector. Colours have the room's light and no such shadows.
+//! on the side that faces away from the projector. The colours come from the room's light and have no such shadows.
 //!
-//! Lines of sight end at the surfaces themselves, not at a depth map. Therefore rims are not ragged, and no slanted
-//! surface is in its own shadow. Not simulated: penumbras, light from surface to surface, and the panel's shadow on
-//! itself, because the panel is too shallow for it. Source: geometry and rule of the vendor's own simulation,
-//! github.com/zivid/zivid-isaac-sim (camera_calibration.py, zivid_camera.py); for the M70 the vendor's simulation
-//! computes the projector's picture four times coarser.
+//! Lines of sight are intersected with the surfaces themselves, not with a depth map. Therefore edges are not jagged,
+//! and no slanted surface is in its own shadow. Not simulated: penumbras, light reflected between surfaces, and the
+//! panel's shadow on itself, because the panel is too shallow for it. Source of the geometry and the shadow rule: the
+//! vendor's own simulation, github.com/zivid/zivid-isaac-sim (camera_calibration.py, zivid_camera.py); for the M70 the
+//! vendor's simulation computes the projector's picture with a four times coarser resolution.
 //!
 //! The error of a poor calibration is a smooth error of 1/z over the picture, the same in each scan. With the picture's
 //! half width and half height as units, the depth error at 700 mm is
 //!     c = A (X² − 0.6 Y² + 0.5 sin(2.2 X + 1.3 Y + φ)),   1/z_measured = 1/z − c / (700 mm)²,
-//! a bow with opposite signs along X and Y, and a wave added to it. Zivid states a dimension trueness of 0.2 %, and
-//! 0.06 mm of local planarity, for the Two M70; public scans of a poorly calibrated camera bow by 1.5 to 3.4 mm. The
-//! program does not use this formula.
+//! a bow with opposite signs along X and Y, plus a wave. Zivid specifies a dimension trueness of 0.2 %, and 0.06 mm of
+//! local planarity, for the Two M70; public scans of a poorly calibrated camera show bows of 1.5 to 3.4 mm. The program
+//! under test does not use this formula.
 
 use super::appearance::dry_and_wet;
 use super::cast::{CastView, PanelHit, PanelView, PixelHit};
@@ -44,39 +47,42 @@ const WHITE_NOISE_MM: f64 = 0.055;
 const WHITE_NOISE_DEPTH_MM: f64 = 700.0;
 const CORRELATED_NOISE_MM: f64 = 0.06;
 const LATTICE_SPACING_MM: std::ops::Range<f64> = 50.0..85.0;
-/// Half the side of the square that the lattice covers: more than the largest panel.
+/// Half the side of the square that the lattice covers, mm: larger than half of the largest panel.
 pub(super) const LATTICE_HALF_WIDTH_MM: f64 = 260.0;
 /// Width of the zone on both sides of the panel's edge in which a pixel sees both surfaces, px.
 const EDGE_ZONE_PX: f64 = 1.0;
+/// Fraction of the pixels at the panel's edge that have a flying point.
 const FLYING_SHARE: f64 = 0.10;
+/// Fraction of the pixels at the panel's edge that have no point.
 const EDGE_MISSING_SHARE: f64 = 0.75;
+/// Fraction of all other pixels that have no point.
 const DROPOUT_SHARE: f64 = 0.002;
 
-/// The simulator's noise, for reports.
+/// The parameters of the simulated noise, for reports.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct NoiseFigures {
-    /// White range noise at 700 mm, square to the surface, mm.
+    /// White range noise at 700 mm at perpendicular incidence, mm.
     pub range_white_mm: f64,
     /// Correlated range noise at the nodes of its lattice, rms, mm.
     pub range_correlated_mm: f64,
-    /// Smallest and largest spacing of that lattice, mm.
+    /// Minimum and maximum spacing of the lattice of the correlated noise, mm.
     pub range_lattice_mm: [f64; 2],
-    /// Share of the edge's pixels with a flying point.
+    /// Fraction of the pixels at the panel's edge that have a flying point.
     pub edge_flying_share: f64,
-    /// Share of the edge's pixels without a point.
+    /// Fraction of the pixels at the panel's edge that have no point.
     pub edge_missing_share: f64,
-    /// Share of all other pixels without a point.
+    /// Fraction of all other pixels that have no point.
     pub drop_out_share: f64,
-    /// Distance from the camera to its projector, mm: a surface that only one of the two sees has no points.
+    /// Distance from the camera to its projector, mm. A surface that only one of the two sees has no points.
     pub projector_baseline_mm: f64,
-    /// An object that is nearer to the projector than a point by more than this share of the point's depth casts a
-    /// shadow on the point.
+    /// Minimum distance between an object and a point behind it, as a fraction of the point's depth from the projector,
+    /// at which the object casts a shadow on the point.
     pub projector_shadow_share: f64,
     /// Pixel noise of both cameras, grey levels.
     pub pixel_gray: f64,
 }
 
-/// Returns the noise of every rendered shot.
+/// Returns the parameters of the noise of every rendered scan.
 pub fn scanner_noise() -> NoiseFigures {
     NoiseFigures {
         range_white_mm: WHITE_NOISE_MM,
@@ -91,7 +97,7 @@ pub fn scanner_noise() -> NoiseFigures {
     }
 }
 
-/// Takes a shot; `shot` is its own seed.
+/// Renders a scan; `shot` is the seed of its noise.
 pub(super) fn capture(
     view: &CastView<'_>,
     projector: &Projector<'_>,
@@ -120,7 +126,7 @@ pub(super) fn capture(
     }
 }
 
-/// Draws the correlated noise of a shot, in units of its rms, on a lattice of this spacing, mm. `None` selects the
+/// Draws the correlated noise of a scan, in units of its rms, on a lattice of this spacing, mm. `None` selects the
 /// camera's usual spacing.
 pub(super) fn correlated_noise(shot: Seed, spacing_mm: Option<f64>) -> ValueNoise {
     let usual_mm = || shot.stream(RandomPurpose::Scan, 0).random_range(LATTICE_SPACING_MM);
@@ -128,13 +134,13 @@ pub(super) fn correlated_noise(shot: Seed, spacing_mm: Option<f64>) -> ValueNois
     ValueNoise::new(shot.stream(RandomPurpose::Scan, 1), lattice_mm, LATTICE_HALF_WIDTH_MM)
 }
 
-/// Computes the range error of a pixel whose ray is perpendicular to the surface, mm, from its white and its correlated
-/// noise in units of their rms.
+/// Computes the range error of a pixel at perpendicular incidence, mm, from its white and its correlated noise in units
+/// of their rms.
 pub(super) fn range_error_mm(white: f64, depth_mm: f64, correlated: f64) -> f64 {
     white * WHITE_NOISE_MM * (depth_mm / WHITE_NOISE_DEPTH_MM).powi(2) + CORRELATED_NOISE_MM * correlated
 }
 
-/// A lit surface on which a ray may end.
+/// A lit surface at which a pixel's ray may end.
 struct Surface {
     depth_mm: f64,
     cos_incidence: f64,
@@ -165,14 +171,15 @@ impl Surface {
     }
 }
 
-/// Returns the point that a pixel measures.
+/// Returns the point that a pixel measures; `None` if the point is missing.
 pub(super) fn measured(
     sight: &PixelHit,
     projector: &Projector<'_>,
     correlated: &ValueNoise,
     normal: &mut NormalStream,
 ) -> Option<[f32; 3]> {
-    // Drawn for every pixel, so that the surface seen by one pixel does not change the noise of the next.
+    // These random numbers are drawn for every pixel, so that the surface seen by one pixel does not change the noise
+    // of the next.
     let (white, chance, between) = (normal.next(), normal.share(), normal.share());
     let near = sight.panel.filter(|panel| panel.edge_px < EDGE_ZONE_PX);
     let at_edge = near.is_some_and(|panel| panel.edge_px > -EDGE_ZONE_PX);
@@ -195,7 +202,7 @@ pub(super) fn measured(
     Some([point.x as f32, point.y as f32, point.z as f32])
 }
 
-/// The projector's lens; it has no distortion in the vendor's simulation.
+/// The projector's lens, without distortion as in the vendor's simulation.
 const PROJECTOR_LENS: PinholeCamera = PinholeCamera {
     width_px: 1280,
     height_px: 720,
@@ -210,12 +217,13 @@ const PROJECTOR_LENS: PinholeCamera = PinholeCamera {
     k3: 0.0,
 };
 
-/// The projector's position in the camera's frame, mm, and its rotation about the camera's y, rad.
+/// The projector's position in the camera's frame, mm.
 const PROJECTOR_POSITION_MM: [f64; 3] = [111.2, 0.0, 9.7];
+/// The projector's rotation about the camera's y axis, rad.
 const PROJECTOR_ROTATION_RAD: f64 = -0.113;
 
-/// An object that is nearer to the projector than a point by more than this share of the point's depth casts a shadow
-/// on the point.
+/// Minimum distance between an object and a point behind it, as a fraction of the point's depth from the projector, at
+/// which the object casts a shadow on the point.
 const PROJECTOR_SHADOW_SHARE: f64 = 0.005;
 
 /// Returns the distance from the camera's lens to the projector's lens, mm.
@@ -227,7 +235,7 @@ fn camera_from_projector() -> Isometry3<f64> {
     Isometry3::new(PROJECTOR_POSITION_MM.into(), Vector3::y() * PROJECTOR_ROTATION_RAD)
 }
 
-/// The projector in front of the objects in the cell.
+/// The projector and the objects that can block its light.
 pub(super) struct Projector<'a> {
     projector_from_camera: Isometry3<f64>,
     panel: Option<PanelView<'a>>,
@@ -235,7 +243,8 @@ pub(super) struct Projector<'a> {
 }
 
 impl<'a> Projector<'a> {
-    /// Creates the projector of a camera at this pose, in front of the fixture, a panel and these objects.
+    /// Creates the projector of a camera at this pose. Its light can be blocked by the fixture, a panel and these
+    /// objects.
     pub fn new(
         base_from_camera: &Rigid<Base, Camera>,
         panel: Option<(&'a Shape, &Rigid<Base, Panel>)>,
@@ -252,13 +261,13 @@ impl<'a> Projector<'a> {
         Projector { panel, screens, ..Projector::without_occluders() }
     }
 
-    /// Creates the projector with no object in front of it.
+    /// Creates the projector without objects that block its light.
     pub fn without_occluders() -> Self {
         Projector { projector_from_camera: camera_from_projector().inverse(), panel: None, screens: Vec::new() }
     }
 
-    /// Returns whether the projector's light reaches this point of the camera's frame. If the point is on the
-    /// panel, `on_panel` is the panel as the camera sees it there.
+    /// Returns whether the projector's light reaches this point of the camera's frame. If the point is on the panel,
+    /// `on_panel` is the panel's surface at the point.
     pub fn is_lit(&self, point: &Vector3<f64>, on_panel: Option<&PanelHit>) -> bool {
         let point = self.projector_from_camera * Point3::from(*point);
         let Some((column, row)) = projector_pixel(&point) else { return false };
@@ -290,8 +299,8 @@ struct OccludingScreen {
     centre: Vector3<f64>,
     axes: [Vector3<f64>; 3],
     half_mm: [f64; 2],
-    /// The rectangle blocks the light to a point if the line from the projector to the point meets the rectangle
-    /// before this fraction of its length.
+    /// The rectangle blocks the light to a point if the line from the projector to the point intersects the rectangle
+    /// before this fraction of the line's length.
     reach: f64,
 }
 
@@ -301,7 +310,7 @@ impl OccludingScreen {
         let centre = projector_from_slab.translation.vector;
         let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| projector_from_slab * axis);
         let same_side = axes[2].dot(&(eye.coords - centre)) * axes[2].dot(&-centre) > 0.0;
-        // If the camera sees the side that faces away from the projector, all of that side is dark.
+        // If the camera sees the side that faces away from the projector, this whole side is in shadow.
         let reach = if same_side { 1.0 - PROJECTOR_SHADOW_SHARE } else { 1.0 + 1e-6 };
         OccludingScreen { centre, axes, half_mm: slab.half_mm, reach }
     }
@@ -320,7 +329,7 @@ impl OccludingScreen {
 const REFERENCE_DEPTH_OF_DISTORTION_MM: f64 = 700.0;
 const HALF: [f64; 2] = [0.54, 0.33];
 
-/// The error of one camera.
+/// The constant depth error of one poorly calibrated camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScannerDistortion {
     /// A, mm.
@@ -330,18 +339,18 @@ pub struct ScannerDistortion {
 }
 
 impl ScannerDistortion {
-    /// Creates a camera's error; each seed gives a different camera.
+    /// Creates the depth error of a camera. Each seed gives another camera; `depth_mm` is the amplitude A.
     pub fn new(seed: u64, depth_mm: f64) -> Self {
         ScannerDistortion { depth_mm, phase: (seed % 628) as f64 / 100.0 }
     }
 
-    /// Computes c for a direction (X/Z, Y/Z), mm.
+    /// Computes the depth error c for a direction (X/Z, Y/Z), mm.
     pub fn distortion_at_mm(&self, [x, y]: [f64; 2]) -> f64 {
         let (x, y) = (x / HALF[0], y / HALF[1]);
         self.depth_mm * (x * x - 0.6 * y * y + 0.5 * (2.2 * x + 1.3 * y + self.phase).sin())
     }
 
-    /// Returns the scan as this camera measures it.
+    /// Returns the scan as this camera would measure it.
     pub fn distort_scan(&self, scan: &OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
         scan.scaled_along_rays(|[x, y, z]| {
             1.0 / (1.0
@@ -357,9 +366,10 @@ pub(super) mod tests {
     use crate::noise::Seed;
     use crate::scene;
 
-    /// Calculated by hand, with sin 0.113 = 0.11276 and cos 0.113 = 0.99362: the point (0, 210, 700) is (210,
-    /// 698.4) down and along in the projector's frame. Its v is 360 + 1170 · 210 / 698.4 = 711.8 of 720; 220 mm
-    /// down, v is 728.5. The point (−370, 0, 700) is (−400.3, 740.2) across and along, u = 7.2; at −380, u is −7.5.
+    /// Expected values, calculated by hand with sin 0.113 = 0.11276 and cos 0.113 = 0.99362. The point (0, 210, 700)
+    /// has y = 210 and z = 698.4 in the projector's frame: v = 360 + 1170 · 210 / 698.4 = 711.8 of 720. At y = 220 mm,
+    /// v is 728.5. The point (−370, 0, 700) has x = −400.3 and z = 740.2 in the projector's frame: u = 7.2. At x = −380
+    /// mm, u is −7.5.
     #[test]
     fn the_frustum_by_hand() {
         let lit = |x: f64, y: f64| Projector::without_occluders().is_lit(&Vector3::new(x, y, 700.0), None);
@@ -368,16 +378,16 @@ pub(super) mod tests {
         assert!(!Projector::without_occluders().is_lit(&Vector3::new(0.0, 0.0, -700.0), None), "behind");
     }
 
-    /// Returns a camera pose at (−35, 0, 360) that looks straight at the plate, 700 mm away; the camera's x is the
-    /// base's −Y.
+    /// Returns a camera pose at (−35, 0, 360), 700 mm from the plate and perpendicular to it; the camera's x axis is
+    /// the base's −Y axis.
     pub fn before_the_plate() -> Rigid<Base, Camera> {
         let axes = [-Vector3::y(), -Vector3::z(), Vector3::x()].map(panelprep_base::geometry::Vector::new);
         Rigid::from_axes(axes, Point::at(-35.0, 0.0, 360.0))
     }
 
-    /// Calculated by hand: an object of ±40 mm, 100 mm in front of the plate. The line from the projector past its
-    /// left edge meets the plate at x = 111.2 − 151.2 · 690.3 / 590.3 = −65.61 mm, the line from the camera at
-    /// −46.67. On the right the projector's line meets the plate at 27.94, behind the object.
+    /// Expected values, calculated by hand for an object of ±40 mm, 100 mm in front of the plate. The line from the
+    /// projector past the object's left edge meets the plate at x = 111.2 − 151.2 · 690.3 / 590.3 = −65.61 mm, the line
+    /// from the camera at −46.67. On the right the projector's line meets the plate at 27.94, behind the object.
     #[test]
     fn a_shadow_by_hand() {
         let thing = Slab::facing(Point3::new(565.0, 0.0, 360.0), -Vector3::x(), 0.0, [40.0, 40.0], [100.0; 3]);
@@ -385,12 +395,13 @@ pub(super) mod tests {
         let lit = |x: f64| projector.is_lit(&Vector3::new(x, 0.0, 700.0), None);
         assert!(lit(-65.7) && !lit(-65.5) && !lit(-46.0) && !lit(27.8) && lit(28.1));
         assert!(projector.is_lit(&Vector3::new(-39.0, 0.0, 600.0), None), "not in its own shadow");
-        // 3 mm of 700 mm are less than 0.5 %.
+        // 3 mm of 700 mm are less than the 0.5 % at which an object casts a shadow.
         let thin = Slab::facing(Point3::new(662.0, 0.0, 360.0), -Vector3::x(), 0.0, [40.0, 40.0], [100.0; 3]);
         assert!(Projector::new(&before_the_plate(), None, &[thin]).is_lit(&Vector3::new(0.0, 0.0, 700.0), None));
     }
 
-    /// An object between lens and projector, with its edge towards the camera, shows the lens its unlit side.
+    /// The object is between lens and projector with its edge towards the camera: the lens sees the object's unlit
+    /// side.
     #[test]
     fn the_unlit_side_of_an_object_has_no_points() {
         let seen_from = |y_mm: f64| {
@@ -401,7 +412,7 @@ pub(super) mod tests {
         assert!(seen_from(50.0) && seen_from(-150.0));
     }
 
-    /// For a shadow on the plate beside the panel, the line to the projector passes through the panel's inside. The
+    /// A point of the plate beside the panel is in shadow if the line to the projector passes through the panel. The
     /// panel has no object in front of it and is lit everywhere, at every pose.
     #[test]
     fn a_panel_is_lit_and_casts_its_shadow_to_the_left() {
@@ -414,8 +425,7 @@ pub(super) mod tests {
                 for at in shape.outline().polyline(10.0) {
                     assert!(projector.is_lit(&seen(at.into()), None), "seed {seed}: {at}");
                 }
-                // The points of the plate that the lens sees just beside the middles of the left and the right
-                // side.
+                // The points of the plate that the lens sees just beside the middle of the panel's left and right side.
                 let eye = base_from_camera.origin().mm;
                 let behind = |s: f64| {
                     let ray = (place * shape.point([s, 0.0])).mm - eye;

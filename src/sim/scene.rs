@@ -1,9 +1,9 @@
-//! The poses of all objects: both cameras, their calibrations, the panel's two places and the taught corner poses;
-//! and the objects around the panel, which do not move with it.
+//! The poses of all objects: both cameras, their calibrations, the panel's nominal and displaced pose and the taught
+//! corner poses; and the objects around the panel, which do not move with it.
 //!
-//! These are the fixture behind the panel, a light back plate and two posts, and flat slabs beside and in front of
-//! the panel at fixed poses in the cell. Every part of the fixture is an upright rectangle that faces the robot, at
-//! a constant X of the base frame.
+//! The objects around the panel are the fixture behind it, which is a light back plate with two posts, and flat slabs
+//! beside and in front of the panel at fixed poses in the cell. Every part of the fixture is a vertical rectangle that
+//! faces the robot, at a constant X of the base frame.
 
 use super::noise::{NormalStream, RandomPurpose, Seed};
 use super::shape::{CENTRE_MM, Shape};
@@ -13,17 +13,17 @@ use panelprep_base::geometry::{
 };
 use strum::{IntoStaticStr, VariantArray};
 
-/// The objects in the cell.
+/// The scenes: which panel is in the cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr, VariantArray)]
 #[strum(serialize_all = "kebab-case")]
 pub enum Scene {
-    /// The taught panel, displaced, with greasy spots.
+    /// The taught panel at its displaced pose, with greasy spots.
     Good,
-    /// The taught panel, displaced, without grease.
+    /// The taught panel at its displaced pose, without grease.
     Clean,
     /// The fixture alone.
     NoPanel,
-    /// A panel other than the taught panel.
+    /// A panel that differs from the taught panel.
     WrongPanel,
 }
 
@@ -31,13 +31,13 @@ impl Scene {
     /// Every scene.
     pub const ALL: &'static [Scene] = <Self as VariantArray>::VARIANTS;
 
-    /// Returns the scene's keyword, on which scripts of users depend.
+    /// Returns the scene's keyword. Users' scripts depend on it.
     pub fn keyword(self) -> &'static str {
         self.into()
     }
 }
 
-/// Returns the fixed 3D camera, a Zivid Two, with its picture made smaller by a whole factor.
+/// Returns the fixed 3D camera, a Zivid Two, with a picture that is smaller by a whole factor.
 pub(super) fn scanner(reduction: usize) -> PinholeCamera {
     let camera = PinholeCamera {
         width_px: 1944,
@@ -55,7 +55,7 @@ pub(super) fn scanner(reduction: usize) -> PinholeCamera {
     reduce_camera(camera, reduction)
 }
 
-/// Returns the colour camera on the flange, with its picture made smaller by a whole factor.
+/// Returns the colour camera on the flange, with a picture that is smaller by a whole factor.
 pub(super) fn flange_camera(reduction: usize) -> PinholeCamera {
     let camera = PinholeCamera {
         width_px: 2048,
@@ -86,7 +86,7 @@ fn reduce_camera(camera: PinholeCamera, reduction: usize) -> PinholeCamera {
     }
 }
 
-/// Returns the 3D camera's pose: beside and above the robot, with the panel's centre in the middle of its picture.
+/// Returns the 3D camera's pose: beside and above the robot, with the panel's centre in the middle of the picture.
 pub(super) fn base_from_camera() -> Rigid<Base, Camera> {
     let eye = Point3::new(-100.0, -250.0, 700.0);
     let forward = (Point3::from(CENTRE_MM) - eye).normalize();
@@ -95,19 +95,19 @@ pub(super) fn base_from_camera() -> Rigid<Base, Camera> {
     Rigid::from_axes(axes, Point::new(eye))
 }
 
-/// Returns the flange camera's mounting: beside the tool along the flange's X, slightly tilted, looking in the tool's
+/// Returns the flange camera's mount: beside the tool along the flange's X axis, slightly tilted, looking in the tool's
 /// direction.
 pub(super) fn flange_from_camera() -> Rigid<Flange, FlangeCamera> {
     let tilt = UnitQuaternion::from_scaled_axis(Vector3::new(0.8, -3.0, 0.6).map(f64::to_radians));
     Rigid::from_isometry_unchecked(Isometry3::from_parts(Translation3::new(80.0, 4.0, 30.0), tilt))
 }
 
-/// The error of a calibrated mount: a shift of this length and a rotation by this angle, each in a random
-/// direction.
+/// Error of a calibrated mount, mm: a shift of this length in a random direction.
 const MOUNT_ERROR_MM: f64 = 0.1;
+/// Error of a calibrated mount, degrees: a rotation by this angle about a random axis.
 const MOUNT_ERROR_DEG: f64 = 0.01;
 
-/// Returns the mount that a calibration would find, with its error. `index` distinguishes the mounts of a cell.
+/// Returns the mount that a calibration would find, with its error. Each number `index` gives another error.
 pub(super) fn calibrated_mount<To: Frame, C: Frame>(
     seed: Seed,
     index: u64,
@@ -123,19 +123,19 @@ fn direction(normal: &mut NormalStream) -> Vector3<f64> {
     Vector3::from_fn(|_, _| normal.next()).normalize()
 }
 
-/// Returns the panel's nominal pose: its frame is the base's (thesis 3.8).
+/// Returns the panel's nominal pose: the panel's frame coincides with the base (thesis 3.8).
 pub(super) fn nominal() -> Rigid<Base, Panel> {
     Rigid::from_isometry_unchecked(Isometry3::identity())
 }
 
 const MAX_SHIFT_MM: f64 = 25.0;
 const MAX_ROTATION_DEG: f64 = 8.0;
-/// Factor of the shift along the panel's normal: it is smaller than sideways, so that the panel stays clear of the
-/// fixture.
+/// Ratio of the maximum shift along the panel's normal to the maximum sideways shift: smaller than 1, so that the panel
+/// stays clear of the fixture.
 const NORMAL_SHIFT_FACTOR: f64 = 0.6;
 
-/// Returns the panel's displaced pose: shifted by up to 25 mm and rotated by up to 8° about its centre; different for
-/// each number.
+/// Returns a displaced pose of the panel: shifted by up to 25 mm and rotated by up to 8° about its centre. Each number
+/// `place` gives another pose.
 pub(super) fn displaced_pose(seed: Seed, place: u32) -> Rigid<Base, Panel> {
     let mut normal = NormalStream::new(seed.stream(RandomPurpose::Placement, u64::from(place)));
     let mut shift = direction(&mut normal) * (MAX_SHIFT_MM * (0.3 + 0.7 * normal.share()));
@@ -149,21 +149,21 @@ pub(super) fn displaced_pose(seed: Seed, place: u32) -> Rigid<Base, Panel> {
     ))
 }
 
-/// The view of a panel's corner from which the corner is taught to the flange camera.
+/// The taught view of a panel's corner by the flange camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CornerView {
-    /// The name of the corner in the picture: the direction from the panel's inside to the corner.
+    /// The name of the corner: its direction in the picture as seen from the inside of the panel.
     pub name: &'static str,
-    /// The corner: the intersection of its two extended straight edges, on the surface.
+    /// The corner: the intersection of its two straight edges, extended, on the surface.
     pub corner: Point<Panel>,
-    /// The flange's pose for the panel at its nominal pose.
+    /// The flange's pose for this view while the panel is at its nominal pose.
     pub base_from_flange: Rigid<Base, Flange>,
 }
 
-/// Distance from which the flange camera looks at a corner, mm.
+/// Distance between the flange camera and a corner, mm.
 const CORNER_DISTANCE_MM: f64 = 235.0;
 
-/// Returns two corners, far apart, in the order in which they are to be used.
+/// Returns two corners that are far apart, in the order in which they are used.
 pub(super) fn corner_views(shape: &Shape) -> Vec<CornerView> {
     let corners = shape.outline().corners();
     let named = [("top-left", corners.len() - 1, [9.0, -6.0]), ("bottom-right", 1, [-7.0, 5.0])];
@@ -175,14 +175,14 @@ fn corner_view(shape: &Shape, name: &'static str, place: [f64; 2], aside_mm: [f6
     let forward = -normal.mm;
     let right = (-Vector3::z()).cross(&forward).normalize();
     let down = forward.cross(&right);
-    // The corner is not quite central: no result may depend on a corner in the middle.
+    // The corner is not exactly in the middle of the picture, so that no result depends on a central corner.
     let eye = corner.mm - forward * CORNER_DISTANCE_MM + right * aside_mm[0] + down * aside_mm[1];
     let base_from_camera: Rigid<Base, FlangeCamera> =
         Rigid::from_axes([right, down, forward].map(Vector::new), Point::new(eye));
     CornerView { name, corner, base_from_flange: base_from_camera * flange_from_camera().inverse() }
 }
 
-/// Returns the flange pose, changed by up to 5 mm and 1°, as a robot reaches it after a rough localization.
+/// Returns the flange pose, changed at random by up to 5 mm and 1°, as a robot reaches it after a rough localization.
 pub(super) fn perturbed_flange_pose(
     seed: Seed,
     index: u64,
@@ -194,7 +194,7 @@ pub(super) fn perturbed_flange_pose(
     *base_from_flange * Rigid::<Flange, Flange>::from_isometry_unchecked(Isometry3::new(shift, turn))
 }
 
-/// An upright rectangle at one X, mm in the base frame; grey level as lit from the front.
+/// A vertical rectangle of the fixture at one X of the base frame, mm; its grey level applies to perpendicular light.
 #[derive(Debug, Clone, Copy)]
 struct FixtureBoard {
     x_mm: f64,
@@ -203,7 +203,7 @@ struct FixtureBoard {
     color: [f64; 3],
 }
 
-/// The boards, the nearest first.
+/// The rectangles of the fixture, from the nearest to the farthest.
 const FIXTURE_BOARDS: [FixtureBoard; 3] = [
     FixtureBoard { x_mm: 650.0, y_mm: [78.0, 112.0], z_mm: [-40.0, 760.0], color: [158.0, 161.0, 166.0] },
     FixtureBoard { x_mm: 650.0, y_mm: [-118.0, -84.0], z_mm: [-40.0, 760.0], color: [158.0, 161.0, 166.0] },
@@ -220,21 +220,22 @@ pub(super) fn occluders() -> [Slab; 3] {
     })
 }
 
-/// Colour of the hall behind the fixture: out of focus, and too far away for points.
+/// Colour of the hall behind the fixture, which is out of focus and too far away for points.
 const HALL_COLOR: [f64; 3] = [52.0, 55.0, 60.0];
 
-/// The surface that a ray meets if it misses the panel.
+/// The surface that a ray meets if it misses the panel: the fixture or the hall.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Background {
-    /// Length along the ray in units of its direction; `None` in the hall.
+    /// Distance along the ray in units of its direction vector; `None` in the hall.
     pub depth_mm: Option<f64>,
     /// Cosine of the angle between ray and the surface's normal.
     pub cos_incidence: f64,
-    /// Colour as seen, with edges spread over the pixels they cross, grey levels.
+    /// Colour, grey levels; at an edge it is mixed according to the fraction of the pixel that each surface covers.
     pub color: [f64; 3],
 }
 
-/// Returns the fixture or the hall as a ray of the base frame meets it. `pixel_rad` is the angle of one pixel.
+/// Intersects a ray of the base frame with the fixture; a ray that misses the fixture ends in the hall. `pixel_rad` is
+/// the angle of one pixel.
 pub(super) fn intersect_fixture(origin: &Point3<f64>, ray: &Vector3<f64>, pixel_rad: f64) -> Background {
     let mut color = [0.0; 3];
     let mut open = 1.0;
@@ -263,7 +264,7 @@ pub(super) fn intersect_fixture(origin: &Point3<f64>, ray: &Vector3<f64>, pixel_
     Background { depth_mm, cos_incidence: ray.x.abs() / ray.norm(), color }
 }
 
-/// Returns the lamp's light on the fixture, a few percent brighter in the middle.
+/// Returns the relative light of the lamp on the fixture, a few percent brighter in the middle.
 fn fixture_light(y_mm: f64, z_mm: f64) -> f64 {
     let (across, up) = (y_mm / 500.0, (z_mm - 380.0) / 500.0);
     1.03 - 0.09 * (across * across + up * up)
@@ -273,19 +274,19 @@ fn fixture_light(y_mm: f64, z_mm: f64) -> f64 {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Slab {
     pub base_from_slab: Isometry3<f64>,
-    /// Half the slab's width and height, mm.
+    /// Half of the slab's width and height, mm.
     pub half_mm: [f64; 2],
     /// Grey levels.
     pub color: [f64; 3],
 }
 
-/// The point where a ray meets a slab.
+/// The intersection of a ray with a slab.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SlabHit {
-    /// Length along the ray in units of its direction.
+    /// Distance along the ray in units of its direction vector.
     pub depth_mm: f64,
     pub cos_incidence: f64,
-    /// The share of the pixel that the slab fills, 0…1.
+    /// The fraction of the pixel that the slab covers, 0…1.
     pub share: f64,
     pub color: [f64; 3],
 }
@@ -333,8 +334,8 @@ fn up_direction(normal: &Vector3<f64>) -> Vector3<f64> {
 mod tests {
     use super::*;
 
-    /// Calculated by hand: the panel's centre is √(660² + 250² + 340²) = √613700 = 783.39 mm in front of the
-    /// camera, in the middle of its picture.
+    /// Expected value, calculated by hand: the panel's centre is √(660² + 250² + 340²) = √613700 = 783.39 mm in front
+    /// of the camera, in the middle of its picture.
     #[test]
     fn the_scanner_looks_at_the_panels_centre() {
         let centre = base_from_camera().inverse() * Point::<Base>::at(560.0, 0.0, 360.0);
@@ -370,7 +371,7 @@ mod tests {
         }
     }
 
-    /// The fixture begins at X = 650 mm.
+    /// The panel stays in front of the fixture, which begins at X = 650 mm.
     #[test]
     fn a_displaced_panel_stays_in_the_search_box() {
         let [low, high] = super::super::SEARCH_BOX_MM;
@@ -400,7 +401,8 @@ mod tests {
         }
     }
 
-    /// By hand: from (0, 0, 360) straight ahead the plate is 665 mm away; at Y = 95 a post, 650 mm away.
+    /// Expected values, calculated by hand: from (0, 0, 360) in the direction of X the plate is 665 mm away; at Y = 95
+    /// a post, 650 mm away.
     #[test]
     fn rays_meet_the_plate_and_a_post() {
         let from = |y: f64| Point3::new(0.0, y, 360.0);
@@ -410,8 +412,8 @@ mod tests {
         assert!((post.depth_mm.expect("a post") - 650.0).abs() < 1e-9 && post.color[0] < 170.0);
     }
 
-    /// The x of a slab's frame is the base's Y, and its y points upwards: corners of a part are corners of its
-    /// slab.
+    /// The x axis of a slab's frame is the base's Y axis, and its y axis points upwards: the corners of a fixture part
+    /// are the corners of its slab.
     #[test]
     fn each_fixture_part_is_a_slab_of_its_size() {
         for (board, slab) in FIXTURE_BOARDS.iter().zip(occluders()) {
@@ -429,8 +431,8 @@ mod tests {
         assert_eq!(intersect_fixture(&Point3::new(0.0, 0.0, 360.0), &-Vector3::x(), 1e-3).depth_mm, None);
     }
 
-    /// Calculated by hand: a slab of 40 × 20 mm, 500 mm ahead along X and square to it. Its edge is 20 mm aside;
-    /// there it fills half a pixel.
+    /// Expected values, calculated by hand: a slab of 40 × 20 mm, perpendicular to X at 500 mm. Its edge is 20 mm from
+    /// the middle; a pixel centred on the edge is covered by one half.
     #[test]
     fn a_ray_meets_a_slab_up_to_its_edge() {
         let slab = Slab::facing(Point3::new(500.0, 0.0, 0.0), -Vector3::x(), 0.0, [20.0, 10.0], [100.0; 3]);

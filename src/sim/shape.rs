@@ -1,14 +1,14 @@
-//! The panel's shape: a smooth height field over a plane sheet, cut along an outline; and its drawing.
+//! The panel's shape: a smooth height field over a plane sheet, bounded by an outline; and its drawing.
 //!
-//! Sheet coordinates (s, t, h): s to the right and t up as seen from the robot, h towards the robot, mm, origin at
-//! the panel's centre. The visible side is h(s, t), its outward normal ∝ (−∂h/∂s, −∂h/∂t, 1). The height is
+//! Sheet coordinates (s, t, h): s to the right and t up as seen from the robot, h towards the robot, mm, origin at the
+//! panel's centre. The visible side is h(s, t), its outward normal ∝ (−∂h/∂s, −∂h/∂t, 1). The height is
 //!     h = h₀ + a s²/2 + b s t + c t²/2 + d s³/6 + e s t²/2 + A sin(s/λ + φ) cos(t/μ + ψ).                  (1)
 //!
-//! The outline is a convex polygon of straight edges with rounded corners. With outward unit normals nᵢ and offsets
-//! cᵢ the straight edges are nᵢ·p = cᵢ. The rounded outline is the set of points at distance r from the polygon
-//! moved inwards by r, which keeps every edge where it is.
+//! The outline is a convex polygon of straight edges with rounded corners. With outward unit normals nᵢ and offsets cᵢ
+//! the straight edges are nᵢ·p = cᵢ. The rounded outline is the set of points at distance r from the polygon that is
+//! moved inwards by r; every straight edge keeps its position.
 //!
-//! The drawing is the visible surface as triangles, cut along the outline. Its frame is the sheet's.
+//! The drawing is a triangle mesh of the visible surface inside of the outline. Its frame is the sheet's frame.
 
 use super::noise::{RandomPurpose, Seed};
 use nalgebra::{Isometry3, Matrix2, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
@@ -17,11 +17,10 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use std::collections::HashMap;
 
-/// The panel's centre, in the panel's frame. If this frame coincides with the base, it is the panel's position in
-/// front of the robot.
+/// The panel's centre in the panel's frame, mm. At the nominal pose this frame coincides with the base.
 pub(super) const CENTRE_MM: [f64; 3] = [560.0, 0.0, 360.0];
 
-/// Distance from the middle of the taught panel to its ends along s, mm, approximate.
+/// Approximate distance from the middle of the taught panel to its ends along s, mm.
 const HALF_LENGTH_MM: f64 = 165.0;
 
 /// Radius of the outline's corners, mm.
@@ -85,27 +84,27 @@ impl Relief {
     }
 }
 
-/// The bend of a panel since it was taught: its middle lies in front of both its ends, with a wave over the panel.
+/// The bend of a panel after it was taught: a bow, with the middle in front of both ends, and a wave.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PanelBend {
-    /// Distance of the middle in front of the ends, mm.
+    /// Distance of the panel's middle in front of its ends, mm.
     pub bow_mm: f64,
-    /// Distance from the middle to the ends, mm.
+    /// Distance from the panel's middle to its ends, mm.
     pub half_mm: f64,
-    /// The direction from one end to the other on the sheet, measured from the sheet's s axis, rad.
+    /// The direction from one end to the other, as an angle from the sheet's s axis, rad.
     pub along_rad: f64,
-    /// Half the wave's height, mm.
+    /// Amplitude of the wave, mm.
     pub wave_mm: f64,
-    /// Wavelength from crest to crest, mm.
+    /// Wavelength of the wave, mm.
     pub length_mm: f64,
-    /// The wave's direction, from the s axis, rad.
+    /// The wave's direction, as an angle from the sheet's s axis, rad.
     pub runs_rad: f64,
     /// The wave's phase at the panel's centre, rad.
     pub phase_rad: f64,
 }
 
 impl PanelBend {
-    /// Returns the height and its two slopes at a point of the sheet.
+    /// Returns the height of the bend at a point of the sheet, mm, and its two slopes.
     fn height(&self, [s, t]: [f64; 2]) -> [f64; 3] {
         let (mut height, mut slope_s, mut slope_t) = (0.0, 0.0, 0.0);
         if self.half_mm > 0.0 {
@@ -126,7 +125,7 @@ impl PanelBend {
     }
 }
 
-/// A panel: surface and outline.
+/// A panel: its surface and its outline.
 #[derive(Debug, Clone)]
 pub(super) struct Shape {
     relief: Relief,
@@ -157,14 +156,14 @@ impl Shape {
         Shape::new(relief, &corners, &mut random)
     }
 
-    /// Returns the same panel bent: its middle lies in front of its ends along s by this distance, mm.
+    /// Returns the same panel with a bow: its middle lies in front of its ends along s by this distance, mm.
     pub fn with_bow(self, bow_mm: f64) -> Self {
         let bend_ss = self.relief.bend_ss - 2.0 * bow_mm / HALF_LENGTH_MM.powi(2);
         let relief = Relief { bend_ss, lift_mm: self.relief.lift_mm + bow_mm, ..self.relief };
         Shape { relief, ..self }
     }
 
-    /// Returns the same panel, bent since it was taught.
+    /// Returns the same panel with this bend added to its surface.
     pub fn with_bend(self, bend: PanelBend) -> Self {
         Shape { bend: Some(bend), ..self }
     }
@@ -216,7 +215,7 @@ impl Shape {
         &self.panel_from_sheet
     }
 
-    /// Returns the height above the sheet and its two slopes ∂h/∂s, ∂h/∂t.
+    /// Returns the height of the surface above the sheet, mm, and its two slopes ∂h/∂s, ∂h/∂t.
     pub fn height(&self, s: f64, t: f64) -> [f64; 3] {
         let r = &self.relief;
         let bent = self.bend.map_or([0.0; 3], |bend| bend.height([s, t]));
@@ -240,7 +239,7 @@ impl Shape {
         Point::new(self.panel_from_sheet * Point3::new(s, t, self.height(s, t)[0]))
     }
 
-    /// Returns the outward normal above a point of the sheet, of length 1.
+    /// Returns the outward unit normal above a point of the sheet.
     pub fn normal(&self, [s, t]: [f64; 2]) -> Vector<Panel> {
         Vector::new(self.panel_from_sheet * self.sheet_normal([s, t]))
     }
@@ -250,9 +249,9 @@ impl Shape {
         Vector3::new(-slope_s, -slope_t, 1.0).normalize()
     }
 
-    /// Returns the nearest point of the surface, in sheet coordinates, and the signed distance of the given point from
-    /// this nearest point along the outward normal, mm. Valid for points within about 100 mm of the surface, which
-    /// have only one nearest point.
+    /// Returns the point of the surface that is nearest to a point, in sheet coordinates, and the signed distance
+    /// between the two points along the outward normal, mm. Valid for points within about 100 mm of the surface,
+    /// because these have only one nearest point.
     pub fn nearest(&self, point: Point<Panel>) -> ([f64; 2], f64) {
         let target = self.panel_from_sheet.inverse() * point.mm;
         let (mut s, mut t) = (target.x, target.y);
@@ -276,19 +275,19 @@ struct Edge {
     offset_mm: f64,
 }
 
-/// A convex outline, with its corners counter-clockwise as seen from outside the panel.
+/// A convex outline; its corners are counter-clockwise as seen from the outside of the panel.
 #[derive(Debug, Clone)]
 pub(super) struct Outline {
     corners: Vec<Vector2<f64>>,
     rounding_mm: f64,
     edges: Vec<Edge>,
     core: Vec<Vector2<f64>>,
-    /// Windows and cut-off parts.
+    /// Windows and notches.
     cuts: Vec<Outline>,
 }
 
 impl Outline {
-    /// Creates an outline from the corners at which its extended straight edges would meet.
+    /// Creates an outline from the corners at which its straight edges would meet without rounding.
     pub fn new(corners: Vec<Vector2<f64>>, rounding_mm: f64) -> Self {
         let edges: Vec<Edge> = edge_pairs(&corners)
             .map(|(a, b)| {
@@ -312,13 +311,13 @@ impl Outline {
         &self.corners
     }
 
-    /// Returns the corners of the same polygon with every edge moved inwards.
+    /// Returns the corners of the polygon whose edges are moved inwards by this distance.
     pub fn inset_corners(&self, by_mm: f64) -> Vec<Vector2<f64>> {
         inset_corners_from(&self.edges, by_mm)
     }
 
-    /// Returns the signed distance to the outline, negative inside, mm, and the direction in which the distance
-    /// grows. With cuts, it is the distance to the nearest of all edges.
+    /// Returns the signed distance to the outline, negative inside, mm, and the direction in which this distance
+    /// increases. If there are windows or notches, their edges are included.
     pub fn distance(&self, point: Vector2<f64>) -> (f64, Vector2<f64>) {
         let outer = self.outer_distance(point);
         self.cuts.iter().fold(outer, |farthest, cut| {
@@ -343,7 +342,7 @@ impl Outline {
         if distance < 1e-9 { (-self.rounding_mm, normal) } else { (distance - self.rounding_mm, away / distance) }
     }
 
-    /// Returns the vector from the nearest point of the inner polygon to a point outside this polygon.
+    /// Returns the vector from the nearest point of the inner polygon to a point outside of the inner polygon.
     fn vector_from_core(&self, point: Vector2<f64>) -> Vector2<f64> {
         let mut nearest = Vector2::repeat(f64::INFINITY);
         for (a, b) in edge_pairs(&self.core) {
@@ -363,8 +362,8 @@ impl Outline {
             let steps = ((b - a).norm() / spacing_mm).ceil().max(1.0) as usize;
             (0..steps).map(move |i| a + (b - a) * (i as f64 / steps as f64))
         });
-        // Near a corner the straight edges lie outside the rounding: these points are moved back along the direction
-        // of the distance.
+        // Near a corner the straight edges lie outside of the rounding: these points are moved inwards onto the
+        // rounding, against the gradient of the distance.
         dense
             .map(|point| {
                 let (distance, direction) = self.outer_distance(point);
@@ -389,14 +388,15 @@ fn inset_corners_from(edges: &[Edge], by_mm: f64) -> Vec<Vector2<f64>> {
         .collect()
 }
 
-/// Side of the lattice that is cut, mm: its chords deviate from the surface by less than a micrometre.
+/// Spacing of the lattice from which the drawing is made, mm: its chords deviate from the surface by less than a
+/// micrometre.
 const DRAWING_STEP_MM: f64 = 1.0;
-/// Half the length of the lattice, mm: more than any panel.
+/// Half of the lattice's side, mm: larger than half of any panel.
 const DRAWING_HALF_MM: f64 = 260.0;
-/// Number of bisections until a side's crossing with the outline is known to a nanometre.
+/// Number of bisections after which the intersection of a lattice side with the outline is known to a nanometre.
 const DRAWING_BISECTIONS: usize = 30;
 
-/// The lattice with the vertices that were made so far.
+/// The lattice with the vertices that were created so far.
 struct CutLattice<'a> {
     shape: &'a Shape,
     mesh: TriangleMesh,
@@ -427,7 +427,7 @@ impl CutLattice<'_> {
         vertex
     }
 
-    /// Returns the vertex at which a side crosses the outline, from its node inside to its node outside.
+    /// Returns the vertex at which a lattice side intersects the outline, from its inner to its outer node.
     fn outline_crossing(&mut self, inside: [i32; 2], outside: [i32; 2]) -> u32 {
         let side = [inside, outside];
         if let Some(&known) = self.of_side.get(&side) {
@@ -464,7 +464,7 @@ impl CutLattice<'_> {
     }
 }
 
-/// Returns the surface of a panel, mm, in sheet coordinates.
+/// Returns the surface of a panel as a mesh, mm, in sheet coordinates.
 pub(super) fn drawing_mesh(shape: &Shape) -> TriangleMesh {
     let mesh = TriangleMesh { unit: Some(LengthUnit::Millimetre), ..TriangleMesh::default() };
     let mut cut = CutLattice { shape, mesh, of_node: HashMap::new(), of_side: HashMap::new() };
@@ -521,7 +521,7 @@ mod tests {
         }
     }
 
-    /// The panel is shallow enough to stay clear of the fixture, and no two corners are alike.
+    /// The panel is shallow enough to stay clear of the fixture, and no symmetry maps a corner to another corner.
     #[test]
     fn panels_are_shallow_and_have_no_symmetry() {
         for seed in 0..50 {
@@ -548,8 +548,8 @@ mod tests {
         Outline::new(corners.map(|(s, t)| Vector2::new(s, t)).to_vec(), 4.0)
     }
 
-    /// Calculated by hand for a square of 20 mm with rounding 4 mm: the middle is 10 mm inside; (12, 0) is 2 mm
-    /// outside. The corner (10, 10) is √2·4 − 4 = 1.657 mm outside the arc about (6, 6).
+    /// Expected values, calculated by hand for a square of 20 mm with the rounding radius 4 mm: the centre is 10 mm
+    /// inside; (12, 0) is 2 mm outside. The corner (10, 10) is √2·4 − 4 = 1.657 mm outside of the arc about (6, 6).
     #[test]
     fn distances_by_hand() {
         let at = |s, t| square().distance(Vector2::new(s, t)).0;
@@ -566,8 +566,8 @@ mod tests {
         }
     }
 
-    /// Calculated by hand for a window of 4 mm about the middle: (4, 0) is 2 mm from the window's edge, (0, 0) is 2
-    /// mm outside the panel's material.
+    /// Expected values, calculated by hand for a window of 4 mm about the centre: (4, 0) is 2 mm from the window's
+    /// edge, (0, 0) is 2 mm outside of the panel's material.
     #[test]
     fn a_window_is_outside_of_the_panel() {
         let window = [(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)].map(|(s, t)| Vector2::new(s, t));

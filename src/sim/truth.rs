@@ -1,4 +1,4 @@
-//! The ground truth of a simulated cell: for scores and tests, never as input of a stage.
+//! The ground truth of a simulated cell: for evaluation and tests, never as input of a stage.
 
 use super::film_defects::GreasySpot;
 use super::scene::{CornerView, Scene};
@@ -13,7 +13,7 @@ pub struct CellTruth {
     pub seed: u64,
     /// Its scene.
     pub scene: Scene,
-    /// The displaced panel's pose; without a panel, the pose that it would have.
+    /// The displaced panel's pose; if the scene has no panel, the pose that a panel would have.
     pub base_from_panel: Rigid<Base, Panel>,
     /// The 3D camera's pose.
     pub base_from_camera: Rigid<Base, Camera>,
@@ -31,13 +31,13 @@ pub struct CellTruth {
 pub struct TrueSpot {
     /// The spot's centre on the surface.
     pub centre: Point<Panel>,
-    /// The spot's outline on the surface, closed, the last point not repeated.
+    /// The spot's outline on the surface, closed; the last point is not repeated.
     pub outline: Vec<Point<Panel>>,
     /// The spot's area on the surface, mm².
     pub area_mm2: f64,
-    /// Time at which the film opens at the spot's centre, s of the film.
+    /// Time at which the film breaks at the spot's centre, s from the start of the film.
     pub breaks_at_s: f64,
-    /// Time at which the break fills the spot's outline, s of the film.
+    /// Time at which the break has reached the spot's outline, s from the start of the film.
     pub grown_at_s: f64,
 }
 
@@ -59,23 +59,22 @@ impl CellTruth {
         self.shape.nearest(point).1
     }
 
-    /// Returns the outward normal of the surface nearest to a point.
+    /// Returns the outward normal of the displaced panel's surface at the point that is nearest to a given point.
     pub fn normal(&self, point: Point<Panel>) -> Vector<Panel> {
         self.shape.normal(self.shape.nearest(point).0)
     }
 
-    /// Returns the signed distance of a point from the panel's outline, negative inside, mm on the panel's flat
-    /// sheet.
+    /// Returns the signed distance of a point from the panel's outline on the sheet, negative inside, mm.
     pub fn outline_distance_mm(&self, point: Point<Panel>) -> f64 {
         self.shape.outline().distance(self.shape.nearest(point).0.into()).0
     }
 
-    /// Returns the panel's outline on its surface, one point every 5 mm.
+    /// Returns the panel's outline on its surface, with one point every 5 mm.
     pub fn outline(&self) -> Vec<Point<Panel>> {
         self.shape.outline().polyline(5.0).into_iter().map(|place| self.shape.point(place.into())).collect()
     }
 
-    /// Returns the points of the surface on a lattice of 10 mm: the error of a pose is evaluated at these points.
+    /// Returns the points of the surface on a lattice of 10 mm, at which the error of a pose is evaluated.
     pub fn surface_points(&self) -> Vec<Point<Panel>> {
         let lattice = (-20..=20).flat_map(|j| (-20..=20).map(move |i| [f64::from(i) * 10.0, f64::from(j) * 10.0]));
         lattice
@@ -84,7 +83,7 @@ impl CellTruth {
             .collect()
     }
 
-    /// Returns the mean and largest distance between the surface at a found pose and the true surface, mm.
+    /// Returns the mean and the largest distance between the panel's surface at a found pose and the true surface, mm.
     pub fn placement_error_mm(&self, found: &Rigid<Base, Panel>) -> PlacementError {
         let points = self.surface_points();
         let errors = points.iter().map(|&point| self.base_from_panel.distance_at_mm(*found, point));
@@ -92,7 +91,7 @@ impl CellTruth {
         PlacementError { mean_mm: sum_mm / points.len() as f64, max_mm }
     }
 
-    /// Returns the ground truth as numbers, for a file.
+    /// Returns the ground truth in the form in which it is written to a file.
     pub fn numbers(&self) -> TruthNumbers {
         let point = |point: Point<Panel>| point.mm.coords.into();
         TruthNumbers {
@@ -122,7 +121,7 @@ impl CellTruth {
     }
 }
 
-/// The error of a found pose, over the panel's surface.
+/// The error of a found pose: distances over the panel's surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlacementError {
     /// Mean, mm.
@@ -131,7 +130,8 @@ pub struct PlacementError {
     pub max_mm: f64,
 }
 
-/// The truth as it is written to a file; coordinates in the panel's frame unless the name states otherwise.
+/// The ground truth in the form in which it is written to a file; coordinates are in the panel's frame unless the name
+/// states another frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TruthNumbers {
     /// The seed of the cell.
@@ -152,34 +152,34 @@ pub struct TruthNumbers {
     pub spots: Vec<SpotNumbers>,
 }
 
-/// A corner in the form for a file.
+/// A corner in the form in which it is written to a file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CornerNumbers {
     /// Name of the corner.
     pub name: String,
-    /// The intersection of its straight edges.
+    /// The intersection of the corner's straight edges, mm.
     pub corner_mm: [f64; 3],
 }
 
-/// A greasy spot in the form for a file.
+/// A greasy spot in the form in which it is written to a file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SpotNumbers {
     /// Centre, mm.
     pub centre_mm: [f64; 3],
-    /// Corners of the outline, mm.
+    /// Corners of the spot's outline, mm.
     pub outline_mm: Vec<[f64; 3]>,
     /// The spot's area on the surface, mm².
     pub area_mm2: f64,
-    /// Time at which the film opens at the spot's centre, s of the film.
+    /// Time at which the film breaks at the spot's centre, s from the start of the film.
     pub breaks_at_s: f64,
-    /// Time at which the break fills the spot's outline, s of the film.
+    /// Time at which the break has reached the spot's outline, s from the start of the film.
     pub grown_at_s: f64,
 }
 
 fn true_spot(shape: &Shape, spot: &GreasySpot) -> TrueSpot {
     let outline: Vec<Point<Panel>> = spot.outline_mm().into_iter().map(|place| shape.point(place)).collect();
     let centre = shape.point(spot.centre_mm());
-    // A fan of triangles about the centre: the surface is nearly flat within a spot.
+    // The area is the sum of a fan of triangles about the centre, because the surface is nearly flat within a spot.
     let next = outline.iter().cycle().skip(1);
     let area_mm2 =
         outline.iter().zip(next).map(|(&a, &b)| (a - centre).mm.cross(&(b - centre).mm).norm() / 2.0).sum();
@@ -192,7 +192,7 @@ mod tests {
     use super::super::Cell;
     use super::*;
 
-    /// Calculated by hand: shifting the found pose by 0.3 mm shifts every point by 0.3 mm.
+    /// Expected value, calculated by hand: shifting the found pose by 0.3 mm shifts every point by 0.3 mm.
     #[test]
     fn the_error_of_a_pose_is_measured_over_the_surface() {
         let truth = Cell::new(1, Scene::Good, 8).truth();

@@ -1,6 +1,6 @@
-//! Panels of many shapes: outlines of four to eight straight sides with windows and notches, surfaces from flat to
-//! deeply bent. They are drawn from a seed. On each panel one corner is cut off more than the others, so that only
-//! one placement fits.
+//! Panels of many shapes, drawn from a seed: outlines of four to eight straight sides with windows and notches,
+//! surfaces from flat to deeply curved. On each panel one corner is cut off more than the others, so that only one pose
+//! fits.
 
 use super::noise::Seed;
 use super::shape::{Outline, ROUNDING_MM, Relief, Shape};
@@ -8,24 +8,25 @@ use nalgebra::Vector2;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
-/// Smallest and largest length, mm; `WIDTH_RANGE_MM` is the same for the width.
+/// Minimum and maximum length of a panel, mm.
 const LENGTH_RANGE_MM: [f64; 2] = [140.0, 390.0];
+/// Minimum and maximum width of a panel, mm.
 const WIDTH_RANGE_MM: [f64; 2] = [100.0, 260.0];
-/// Largest rise of a surface at its ends, mm.
+/// Maximum height of a surface at its ends, mm.
 const MAX_RISE_MM: f64 = 22.0;
 
-/// A panel with the parts from which it was made.
+/// A panel with the parts of which it consists.
 #[derive(Debug, Clone)]
 pub(super) struct Panel {
     relief: Relief,
     corners: Vec<Vector2<f64>>,
     cuts: Vec<Vec<Vector2<f64>>>,
-    /// Length and width of the rectangle from which the panel was cut, mm.
+    /// Length and width of the rectangle from which the panel is cut, mm.
     pub size_mm: [f64; 2],
 }
 
 impl Panel {
-    /// Draws a panel of any shape.
+    /// Draws a panel at random.
     pub fn random(random: &mut Pcg64) -> Panel {
         let length = random.random_range(LENGTH_RANGE_MM[0]..LENGTH_RANGE_MM[1]);
         let width = random.random_range(WIDTH_RANGE_MM[0]..WIDTH_RANGE_MM[1]).min(0.95 * length);
@@ -55,12 +56,12 @@ impl Panel {
         Panel { relief, corners, cuts: Vec::new(), size_mm: [length, width] }
     }
 
-    /// Returns the same outline on a flat plate.
+    /// Returns a flat panel with the same outline.
     pub fn flat_copy(&self) -> Panel {
         Panel { relief: Relief::FLAT, ..self.clone() }
     }
 
-    /// Returns the renderer's shape.
+    /// Returns the panel's shape for the renderer.
     pub fn shape(&self) -> Shape {
         let mut outline = Outline::new(self.corners.clone(), ROUNDING_MM);
         for cut in &self.cuts {
@@ -82,12 +83,12 @@ impl Panel {
         }
     }
 
-    /// Returns the panel's back, turned to the viewer.
+    /// Returns the panel turned over: its back faces the viewer.
     pub fn turned_over(&self) -> Panel {
         Panel { relief: self.relief.mirror_s().negated(), ..self.mirror_image() }
     }
 
-    /// Returns the same outline, scaled.
+    /// Returns the panel with its outline scaled by this factor.
     pub fn scaled_copy(&self, factor: f64) -> Panel {
         let larger = |corners: &[Vector2<f64>]| corners.iter().map(|corner| corner * factor).collect::<Vec<_>>();
         Panel {
@@ -98,13 +99,13 @@ impl Panel {
         }
     }
 
-    /// Returns the same panel, bent up at both ends of its length, mm.
+    /// Returns the panel with both ends of its length bent up by this height, mm.
     pub fn bent_copy(&self, rise_mm: f64) -> Panel {
         let bend = 8.0 * rise_mm / (self.size_mm[0] * self.size_mm[0]);
         Panel { relief: Relief { bend_ss: self.relief.bend_ss + bend, ..self.relief }, ..self.clone() }
     }
 
-    /// Returns the same panel without a strip of its length, mm.
+    /// Returns the panel without a strip of this length, mm.
     pub fn trimmed_copy(&self, cut_mm: f64) -> Panel {
         let [length, width] = self.size_mm;
         let reach = self.corners.iter().map(|corner| corner.x).fold(0.0, f64::max);
@@ -117,7 +118,7 @@ impl Panel {
 }
 
 fn corners(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
-    // One corner is cut off more than the others.
+    // The corner that is cut off more than the others.
     let marked = random.random_range(0..4);
     let mut corners = Vec::new();
     for (index, [s, t]) in [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].into_iter().enumerate() {
@@ -141,13 +142,13 @@ fn corners(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
     order_corners(corners)
 }
 
-/// Sorts the corners counter-clockwise about the middle: a convex outline has only one such order.
+/// Sorts the corners counter-clockwise about the middle. For a convex outline this order is unique.
 fn order_corners(mut corners: Vec<Vector2<f64>>) -> Vec<Vector2<f64>> {
     corners.sort_by(|a, b| a.y.atan2(a.x).total_cmp(&b.y.atan2(b.x)));
     corners
 }
 
-/// Draws an eight-sided window outside the panel's middle.
+/// Draws an eight-sided window away from the panel's middle.
 fn window(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
     let radius = random.random_range(7.0..0.09 * width);
     let side = if random.random::<bool>() { 1.0 } else { -1.0 };
@@ -158,7 +159,7 @@ fn window(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
         .collect()
 }
 
-/// Draws a notch in a long side.
+/// Draws a notch in one of the long sides.
 fn draw_notch(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
     let side = if random.random::<bool>() { 1.0 } else { -1.0 };
     let (middle, half) = (random.random_range(-0.3..0.3) * length, random.random_range(0.04..0.08) * length);
@@ -193,7 +194,7 @@ fn draw_relief(random: &mut Pcg64, [length, width]: [f64; 2]) -> Relief {
     }
 }
 
-/// Creates the generator for a trial's panel.
+/// Creates the random number generator for a trial's panel.
 pub(super) fn generator(seed: Seed, index: u64) -> Pcg64 {
     seed.stream(super::noise::RandomPurpose::Trial, index)
 }
@@ -202,7 +203,7 @@ pub(super) fn generator(seed: Seed, index: u64) -> Pcg64 {
 mod tests {
     use super::*;
 
-    /// A polygon that turns left at every corner is convex.
+    /// A polygon is convex if it turns to the left at every corner.
     #[test]
     fn outlines_are_convex_and_have_their_size() {
         for seed in 0..200 {
@@ -219,8 +220,8 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: in the mirror image the point (30, 10) has the height of (−30, 10); the back has minus
-    /// that height.
+    /// Expected values, calculated by hand: in the mirror image the point (30, 10) has the height of (−30, 10); the
+    /// back has the negative of that height.
     #[test]
     fn mirror_image_and_back_have_the_correct_heights() {
         let panel = Panel::random(&mut generator(Seed(3), 0));

@@ -1,13 +1,13 @@
-//! Water on the panel: the phases of a film and the times at which they begin; one pixel under water, when it
-//! becomes wet, and when its film breaks and closes again; and the run-off.
+//! Water on the panel: the phases of a film and the times at which they begin; when a pixel becomes wet, and when its
+//! film breaks and closes again; and the run-off.
 //!
-//! Let r be the share of the pixel that water has reached, q the share that is greasy, and b the share that a bead
-//! or droplet covers. Let o and c be the degrees to which the film has opened and closed. Each is 0…1 and linear in
-//! time. The film of the pixel is  r (1 − q (1 − b) o (1 − c)). The part without film is the bare surface: under
-//! dust until water has reached it, then washed, and as damp as its spot is.
+//! Let r be the fraction of the pixel that water has reached, q the fraction that is greasy, and b the fraction that a
+//! bead or droplet covers. Let o and c be the degrees to which the film has opened and closed. Each is 0…1 and linear
+//! in time. The film covers the fraction  r (1 − q (1 − b) o (1 − c))  of the pixel. The rest of the pixel is the bare
+//! surface: dusty until water has reached it, then washed, and as damp as its spot.
 //!
-//! The run-off are streaks of thicker film that travel down the panel and fade as the water thins out: two copies
-//! of one streaky pattern, periodic in both directions, travel at their own speeds.
+//! The run-off consists of streaks of thicker film that move down the panel and fade as the water becomes thinner: two
+//! copies of one streaky pattern, periodic in both directions, move at their own speeds.
 
 use super::appearance::FixedColor;
 use super::film_defects::{GreasySpot, SpotKind};
@@ -21,7 +21,7 @@ use rand::RngExt;
 pub enum Phase {
     /// Before the spray.
     Dry,
-    /// Water runs down over the panel.
+    /// The spray is on, and water runs down over the panel.
     Spray,
     /// Water has reached the whole panel; the film is observed.
     Wet,
@@ -34,43 +34,44 @@ impl Phase {
     }
 }
 
-/// Time from which the panel is fully wet and its film is observed, s.
+/// Time from which the panel is fully wet and its film is observed, s from the start of the film.
 pub const WET_FROM_S: f64 = 4.0;
-/// Time at which the spray begins, s.
+/// Time at which the spray begins, s from the start of the film.
 pub const SPRAY_FROM_S: f64 = 1.0;
 
-/// Time that the water's front needs from the panel's top to its bottom, s; `FRONT_UNEVEN_S` is the unevenness of its
-/// arrival.
+/// Time that the water's front needs from the panel's top to its bottom, s.
 const FRONT_TIME_S: f64 = 2.3;
+/// Random delay of the front at a point, rms at the nodes of the value noise, s.
 const FRONT_UNEVEN_S: f64 = 0.12;
-/// Time in which a place becomes wet, s; `OPENING_S` and `CLOSING_S` are the times in which its film opens and closes
-/// again.
+/// Time in which a point becomes wet after the front has reached it, s.
 const WETTING_S: f64 = 0.2;
+/// Time in which the film opens at a point, s.
 const OPENING_S: f64 = 0.15;
+/// Time in which the film closes again at a point, s.
 const CLOSING_S: f64 = 0.4;
-/// Maximum number of droplets on a spot: more droplets on a large spot would only cost computing time.
+/// Maximum number of droplets on a spot: more droplets on a large spot would only need computing time.
 const MAX_DROPLETS: usize = 60;
 
 /// A pixel of the panel.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct WetPixel {
     pub wet: FixedColor,
-    /// Colour after the dust was washed off, without a film; that of a damp place if the pixel is greasy.
+    /// Colour after the dust was washed off, without a film. If the pixel is greasy, the colour of the damp spot.
     pub bare: FixedColor,
     wet_from_s: f32,
     /// Time at which the film breaks, s; infinite if there is no grease.
     pub breaks_at_s: f32,
     pub closes_at_s: f32,
-    /// The share of this pixel that lies in the spot.
+    /// The fraction of this pixel that lies in the spot.
     greasy: f32,
-    /// The share of this pixel that a bead keeps wet after the film around it has broken.
+    /// The fraction of this pixel that a bead keeps wet after the film around it has broken.
     bead: f32,
-    /// Column and row of the run-off pattern.
+    /// Column and row of this pixel in the run-off pattern.
     pub streak: [u16; 2],
 }
 
 impl WetPixel {
-    /// Creates a pixel beside the panel, which has one colour and no water.
+    /// Creates a pixel beside the panel, which has a constant colour and no water.
     pub fn background(color: FixedColor) -> Self {
         WetPixel {
             wet: color,
@@ -89,12 +90,12 @@ impl WetPixel {
         self.greasy >= 0.5
     }
 
-    /// Returns the share of this pixel that water has reached at this time, 0…1.
+    /// Returns the fraction of this pixel that water has reached at this time, 0…1.
     pub fn wetted_share(&self, time_s: f32) -> f32 {
         ((time_s - self.wet_from_s) / WETTING_S as f32).clamp(0.0, 1.0)
     }
 
-    /// Returns the share of this pixel that has its film at this time, 0…1.
+    /// Returns the fraction of this pixel that the film covers at this time, 0…1.
     pub fn film(&self, time_s: f32) -> f32 {
         let reached = self.wetted_share(time_s);
         let open = ((time_s - self.breaks_at_s) / OPENING_S as f32 + 0.5).clamp(0.0, 1.0);
@@ -103,27 +104,27 @@ impl WetPixel {
     }
 }
 
-/// A small area that stays wet in a break.
+/// A bead or droplet: a small area of a broken film that stays wet.
 struct WaterBead {
     centre_mm: [f64; 2],
     radius_mm: f64,
 }
 
-/// The water on one panel: its front, and the greasy spots.
+/// The water on one panel: its front, and the greasy spots with their beads.
 pub(super) struct Water<'a> {
     front: ValueNoise,
     spots: Vec<GreasyWater<'a>>,
 }
 
-/// A spot with the water that remains on it when its film has broken.
+/// A spot with the beads that remain on it after its film has broken.
 struct GreasyWater<'a> {
     spot: &'a GreasySpot,
     beads: Vec<WaterBead>,
-    /// Brightness of the bare spot as a share of its dry brightness.
+    /// Brightness of the spot without a film, as a fraction of its dry brightness.
     damp: f64,
 }
 
-/// A pixel's colours: wet, under a whole film, and washed, without film.
+/// A pixel's colours: `wet` under an unbroken film, and `washed` without a film.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PixelColors {
     pub wet: FixedColor,
@@ -141,7 +142,7 @@ impl<'a> Water<'a> {
         Water { front, spots: spots.iter().enumerate().map(greasy).collect() }
     }
 
-    /// Computes the wetting of the pixel that shows this point of the panel, mm, and is `pixel_mm` wide there.
+    /// Computes the wetting of a pixel at this point of the sheet, mm; `pixel_mm` is the pixel's width on the panel.
     pub fn wetting_at(&self, place: [f64; 2], pixel_mm: f64, PixelColors { wet, washed }: PixelColors) -> WetPixel {
         let wet_from_s = self.reached_s(place);
         let wetted = WetPixel {
@@ -169,7 +170,7 @@ impl<'a> Water<'a> {
                     breaks_at_s: spot.break_time_at_s(reached, f64::from(wetted.wet_from_s)) as f32,
                     closes_at_s: spot.closes_at_s as f32,
                     greasy: greasy as f32,
-                    // A place where water never stays has no bead.
+                    // A spot that never becomes wet has no bead.
                     bead: if spot.kind == SpotKind::NeverWets { 0.0 } else { bead as f32 },
                     ..wetted
                 };
@@ -178,7 +179,7 @@ impl<'a> Water<'a> {
         wetted
     }
 
-    /// Returns the time at which the spray's front reaches a point, s.
+    /// Returns the time at which the water's front reaches a point, s from the start of the film.
     fn reached_s(&self, place: [f64; 2]) -> f64 {
         const TOP_MM: f64 = 130.0;
         const HEIGHT_MM: f64 = 260.0;
@@ -204,15 +205,17 @@ fn draw_beads(spot: &GreasySpot, index: usize, spec: &FilmSpec, seed: Seed) -> V
     (0..spec.beads + droplets.min(MAX_DROPLETS)).map(bead).collect()
 }
 
-/// The pattern repeats after this number of columns, and after `STREAK_ROWS` rows; both are powers of two. A cell
-/// is 1 mm wide and 1 mm high.
+/// Number of columns after which the pattern repeats, a power of two. A cell of the pattern is 1 mm wide and 1 mm high.
 const STREAK_COLUMNS: usize = 512;
+/// Number of rows after which the pattern repeats, a power of two.
 const STREAK_ROWS: usize = 1_024;
-/// Additional thickness of the film in a streak at first; `STREAK_FINAL_THICKNESS` is the later value.
+/// Additional relative thickness of the film in a streak at the start.
 const STREAK_INITIAL_THICKNESS: f32 = 0.14;
+/// Additional relative thickness of the film in a streak at the end.
 const STREAK_FINAL_THICKNESS: f32 = 0.05;
+/// Time constant with which the thickness of the streaks decreases, s.
 const STREAK_FADES_S: f32 = 12.0;
-/// Speeds of the two copies, mm/s.
+/// Speeds of the two copies of the pattern, mm/s.
 const STREAK_SPEEDS: [f64; 2] = [17.0, 41.0];
 
 /// The pattern.
@@ -221,7 +224,7 @@ pub(super) struct RunoffPattern {
     pattern: Vec<f32>,
 }
 
-/// The pattern at one time.
+/// The run-off pattern at one time.
 pub(super) struct ShiftedPattern<'a> {
     pattern: &'a [f32],
     shifts: [usize; 2],
@@ -229,7 +232,7 @@ pub(super) struct ShiftedPattern<'a> {
 }
 
 impl RunoffPattern {
-    /// Creates the pattern at random: its streaks are narrow across the panel and long from top to bottom.
+    /// Creates the pattern from a seed: its streaks are narrow across the panel and long from top to bottom.
     pub fn new(seed: Seed) -> Self {
         const PATTERN_COLUMNS: usize = 4;
         const PATTERN_ROWS: usize = 64;
@@ -246,18 +249,18 @@ impl RunoffPattern {
             let mix = |a: f64, b: f64, share: f64| a + share * (b - a);
             let low = mix(node(i, j), node(i + 1, j), across);
             let high = mix(node(i, j + 1), node(i + 1, j + 1), across);
-            // Streaks are rare: only the peaks of the pattern.
+            // Only the peaks of the pattern become streaks, so that streaks are rare.
             ((mix(low, high, down) - 0.6).max(0.0) / 1.2).min(1.0) as f32
         };
         RunoffPattern { pattern: (0..STREAK_COLUMNS * STREAK_ROWS).map(value).collect() }
     }
 
-    /// Returns the column and row of the pattern for a point of the sheet; rows grow upwards.
+    /// Returns the column and row of the pattern for a point of the sheet; the row increases upwards.
     pub fn pattern_position([s, t]: [f64; 2]) -> [u16; 2] {
         [s, t].map(|mm| (mm + 256.0).round().clamp(0.0, 511.0) as u16)
     }
 
-    /// Returns the pattern as it has moved by this time of the film, s.
+    /// Returns the pattern, moved to its position at this time, s from the start of the film.
     pub fn thickness_at(&self, time_s: f64) -> ShiftedPattern<'_> {
         let since_wet_s = (time_s - WET_FROM_S).max(0.0) as f32;
         let amplitude = STREAK_FINAL_THICKNESS
@@ -268,7 +271,8 @@ impl RunoffPattern {
 }
 
 impl ShiftedPattern<'_> {
-    /// Returns the factor by which the film darkens here, about 1.
+    /// Returns the relative thickness of the film at a cell of the pattern, about 1; it multiplies the film's
+    /// darkening.
     pub fn thickness(&self, [column, row]: [u16; 2]) -> f32 {
         let (column, row) = (usize::from(column), usize::from(row));
         let cell = |column: usize, shift: usize| {
@@ -283,8 +287,8 @@ impl ShiftedPattern<'_> {
 mod tests {
     use super::*;
 
-    /// Calculated by hand: after one second the first copy has moved down by 17 mm: the value of row 100 is now at
-    /// row 83.
+    /// Expected value, calculated by hand: after one second the first copy has moved down by 17 mm, so the value of row
+    /// 100 is at row 83.
     #[test]
     fn streaks_travel_down_and_thin_out() {
         let runoff = RunoffPattern::new(Seed(1));

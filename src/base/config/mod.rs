@@ -1,13 +1,14 @@
-//! Strict reading of configuration: every problem of a file at once, each with line, key and the nearest valid name.
+//! Strict reading of configuration files: all problems of a file are reported at once, each with line, key and the
+//! nearest valid name.
 //!
 //! `serde` stops at the first unknown field. Therefore a file is parsed to toml's spanned tree, and each known key is
-//! *taken* from it; a key that was not taken is unknown. Nothing is corrected: a value out of range is a problem, and
-//! a file with one problem gives no checked form. The input is a text, the result is its values; the caller reads the
-//! file. All findings become a list of problems.
+//! *taken* from the tree; a key that was not taken is unknown. Nothing is corrected: a value out of range is a problem,
+//! and a file with a problem gives no checked form. The input is the file's text, which the caller reads; the result is
+//! either the checked values or the list of problems.
 //!
 //! The reader takes keys from a [`Section`], one table of the file. [`settings!`](crate::settings) defines a table's
-//! settings with one line for each key: name, kind, range, default and meaning. The checked struct, its accessors and
-//! its reader are made from these lines, so that they cannot differ.
+//! settings with one line for each key: name, kind, range, default and meaning. The macro generates the checked struct,
+//! its accessors and its reader from these lines, so that they always agree.
 
 mod problem;
 #[cfg(test)]
@@ -24,9 +25,8 @@ use toml::de::{DeTable, DeValue};
 use value::describe_value;
 pub use value::{Choice, Setting, set_value};
 
-/// Checks a file: `parse` reads its keys and returns the checked form if it found no problem. `parse` is called
-/// twice: the first reading finds the misspelt tables, so that the second one can also list the problems inside
-/// them.
+/// Checks a file: `parse` reads its keys and returns the checked form if it found no problem. `parse` is called twice:
+/// the first call finds the misspelt tables, so that the second call can also list the problems inside them.
 ///
 /// # Errors
 /// All problems in the order of their lines.
@@ -45,7 +45,7 @@ pub fn parse_file<T>(file: &str, text: &str, parse: impl Fn(&Section<'_, '_>) ->
     }
 }
 
-/// Returns the keys at the top of a file, as far as the file can be parsed.
+/// Returns the keys of the file's top level. If the file has a syntax error, only the keys that could be parsed.
 pub fn top_keys(text: &str) -> Vec<String> {
     let (root, _) = DeTable::parse_recoverable(text);
     root.get_ref().keys().map(|key| key.get_ref().to_string()).collect()
@@ -70,8 +70,8 @@ impl<'d, 't> Section<'d, 't> {
         self.table.is_some()
     }
 
-    /// Handles a missing required key: an absent table disables the feature; a table without its required key is a
-    /// problem.
+    /// Handles a missing required key. If the whole table is absent, its feature is disabled; if only the key is
+    /// absent, this is a problem.
     pub fn missing_required<T>(&self, key: &str, what: &str) -> Option<Option<T>> {
         if self.is_present() {
             self.problem(key, format!("is missing: {what}; to turn the function off, remove the whole table"));
@@ -90,7 +90,7 @@ impl<'d, 't> Section<'d, 't> {
         self.entry(key).is_some_and(|(_, value)| value.is_table())
     }
 
-    /// Notes a problem with one key of this table, at the key's line if the key exists.
+    /// Adds a problem with one key of this table, at the key's line if the key exists.
     pub fn problem(&self, key: &str, message: impl Into<String>) {
         let line = self.entry(key).map_or(self.line, |(line, _)| line);
         self.note(Finding::Wrong(Problem { line, key: path(&self.path, key), message: message.into() }));
@@ -109,7 +109,7 @@ impl<'d, 't> Section<'d, 't> {
         T::parse(value, limits).map_err(|message| self.problem(key, message)).ok()
     }
 
-    /// Reads a key; without it the default applies, and without a default the key is reported as missing.
+    /// Reads a key. If it is absent, the default applies; if there is no default, the key is reported as missing.
     pub fn parse<T: Setting>(&self, key: &'static str, limits: T::Limits, default: Option<T>) -> Option<T> {
         self.known.borrow_mut().push(key);
         match self.entry(key) {
@@ -173,18 +173,18 @@ impl<'d, 't> Section<'d, 't> {
         self.table.into_iter().flatten().map(|(name, _)| name.get_ref().as_ref())
     }
 
-    /// Reads all entries of a table whose names the user chooses.
+    /// Reads all entries of a table whose keys the user chooses freely, such as names of poses.
     pub fn parse_named_entries<T: Setting>(&self, limits: &T::Limits) -> BTreeMap<String, T> {
         let parsed = |name: &str| Some((name.to_owned(), self.parse_value(name, self.entry(name)?.1, limits)?));
         self.names().filter_map(parsed).collect()
     }
 
-    /// Returns all tables in a table whose names the user chooses.
+    /// Returns all tables inside a table whose keys the user chooses freely, each with its name.
     pub fn named_sections(&self) -> Vec<(String, Section<'d, 't>)> {
         self.names().map(|name| (name.to_owned(), self.subsection(name, name))).collect()
     }
 
-    /// Ends the reading of this table: every key that was not taken is a problem.
+    /// Ends the reading of this table: every key of the table that was not taken is reported as unknown.
     pub fn finish(&self) {
         let known = self.known.take();
         for key in self.names().filter(|name| !known.contains(name)) {
@@ -221,7 +221,7 @@ macro_rules! settings {
         impl $name {
             $($(#[$key_doc])* pub fn $key(&self) -> $kind { $crate::config::copy_value(&self.$key) })*
 
-            /// Reads this table's keys; `None` if one of them has a problem, which is then noted.
+            /// Reads this table's keys; `None` if one of them has a problem, which is then in the document's list.
             pub fn parse(section: &$crate::config::Section<'_, '_>) -> Option<Self> {
                 $(let $key = section.parse::<$kind>(
                     stringify!($key), $limits, $crate::config::settings!(@$word $($default)?));)*
@@ -234,12 +234,12 @@ macro_rules! settings {
     (@default $value:expr) => { Some($value) };
 }
 
-/// Returns a copy, whether or not the type is `Copy`; used by the accessors that the macro makes.
+/// Returns a copy of a value, for types with and without `Copy`; the generated accessors use this function.
 pub fn copy_value<T: Clone>(value: &T) -> T {
     value.clone()
 }
 
-/// A parsed file while its keys are read.
+/// A parsed file, with the keys read so far and the problems found so far.
 struct Document<'t> {
     text: &'t str,
     root: Spanned<DeTable<'t>>,
@@ -250,24 +250,24 @@ struct Document<'t> {
     misspelt: BTreeMap<String, String>,
 }
 
-/// A problem that was found while the file was read. The possible meaning of an unknown key is only known when the
-/// whole file has been read.
+/// A problem that was found while the file was read. An unknown key is stored without a suggestion, because all valid
+/// keys are only known when the whole file has been read.
 enum Finding {
     Wrong(Problem),
     Unknown { line: usize, table: String, key: String, is_table: bool },
     Missing { line: usize, table: String, key: &'static str, table_is_there: bool },
 }
 
-/// Returns the path of a key with its table.
+/// Returns the dotted path of a key: the path of its table, then the key.
 fn path(table: &str, key: &str) -> String {
     if table.is_empty() { key.to_owned() } else { format!("{table}.{key}") }
 }
 
 /// The probable meaning of an unknown key.
 enum KeyMeaning {
-    /// A key of the same table, with another name or another unit.
+    /// A key of the same table with a similar name. If only the unit is wrong, also the unit.
     Near(&'static str, Option<&'static str>),
-    /// A key of other tables.
+    /// The same key in other tables, by their paths.
     Elsewhere(Vec<String>),
     Nothing,
 }
@@ -277,8 +277,7 @@ impl<'t> Document<'t> {
         Section::new(self, String::new(), Some(self.root.get_ref()), 1)
     }
 
-    /// Finds the probable meaning of an unknown key. A number or a text under the name of a whole table is not
-    /// meant for that table.
+    /// Finds the probable meaning of an unknown key. A number or a text is not compared with names of tables.
     fn guess_meaning(&self, table: &str, key: &str, is_table: bool) -> KeyMeaning {
         let known = self.known.borrow();
         let homes = known.iter().filter(|(_, keys)| keys.contains(&key)).map(|(home, _)| path(home, key));
@@ -324,8 +323,8 @@ impl<'t> Document<'t> {
                 Finding::Missing { line, table, key, .. } => missing.entry((line, table)).or_default().push(key),
             }
         }
-        // The parser invents a value for a broken line and skips others: problems that result from this are not
-        // reported.
+        // The parser replaces a line with a syntax error by an invented value, or skips it. The resulting problems of
+        // that line are not reported.
         list.retain(|problem| !syntax.iter().any(|error| error.line == problem.line));
         missing.retain(|(_, key), _| syntax.is_empty() && !explained.contains(key));
         list.extend(missing.into_iter().map(|((line, key), needs)| missing_problem(line, key, &needs)));

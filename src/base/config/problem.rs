@@ -1,16 +1,16 @@
-//! The problems of a configuration file, for a person with an editor: the line of a key or of a syntax error, and the
-//! known name that the user most probably meant.
+//! The problems of a configuration file: the line of a key or of a syntax error, and the known name that the user most
+//! probably meant.
 
 use toml::de::{DeTable, DeValue};
 
-/// One problem: its place, what was found, and what is allowed.
+/// One problem of a file: its line and key, the value found, and the valid values.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Problem {
-    /// Line in the file, from 1; 1 if the file as a whole is meant.
+    /// Line in the file, from 1; also 1 if the problem concerns the whole file.
     pub line: usize,
-    /// The key with its tables, `locate.max_shift_mm`; empty if the file as a whole is meant.
+    /// The key with its tables, such as `locate.max_shift_mm`; empty if the problem concerns the whole file.
     pub key: String,
-    /// The value that was found, what is allowed, and what to do.
+    /// The value that was found, the valid values, and what to do.
     pub message: String,
 }
 
@@ -60,7 +60,7 @@ pub fn key_line(text: &str, key: &str) -> usize {
     line
 }
 
-/// Returns the line of an offset, from 1.
+/// Returns the line, from 1, of a byte offset in the text.
 pub(super) fn line_number(text: &str, offset: usize) -> usize {
     1 + text.as_bytes()[..offset.min(text.len())].iter().filter(|&&byte| byte == b'\n').count()
 }
@@ -81,8 +81,8 @@ fn decimal_comma(line: &str) -> Option<(String, String)> {
         .next()
 }
 
-/// Returns the key at the start of a line, under the last table header above it. The parsed tree cannot state this: it
-/// does not contain broken or duplicate keys.
+/// Returns the key at the start of a line, with the last table header above the line. The key is read from the text,
+/// because the parsed tree does not contain broken or duplicate keys.
 fn key_at(text: &str, line: usize) -> Option<String> {
     let header = |line: &str| Some(line.trim().strip_prefix('[')?.trim_matches(['[', ']', ' ']).to_owned());
     let written = text.lines().nth(line - 1)?;
@@ -95,7 +95,7 @@ fn key_at(text: &str, line: usize) -> Option<String> {
     key.chars().all(is_plain).then(|| table.map_or(key.to_owned(), |table| format!("{table}.{key}")))
 }
 
-/// Units at the end of a key, each with its quantity in words. Longer units come first, since `_mm_s` also ends in
+/// Units at the end of a key, each with its quantity in words. Longer endings come first, because `_mm_s` also ends in
 /// `_s`.
 const UNITS: [(&str, &str); 24] = [
     ("_mm_min", "this speed is in mm/min"),
@@ -124,7 +124,7 @@ const UNITS: [(&str, &str); 24] = [
     ("_h", "this time is in hours"),
 ];
 
-/// Minimum similarity of two names, 0…1, for one to be proposed instead of the other.
+/// Minimum similarity of two names, 0…1, at which one is proposed instead of the other.
 const MIN_SIMILARITY: f64 = 0.8;
 
 fn stem_and_unit(key: &str) -> (&str, Option<&'static str>) {
@@ -132,7 +132,8 @@ fn stem_and_unit(key: &str) -> (&str, Option<&'static str>) {
     UNITS.iter().find_map(split).unwrap_or((key, None))
 }
 
-/// Returns the known name that the user most likely meant, with the unit of that name if only the unit is wrong.
+/// Returns the known name that the user most probably meant. If the two names differ only in their unit, also the unit
+/// of the known name.
 pub fn nearest<'k>(unknown: &str, known: &[&'k str]) -> Option<(&'k str, Option<&'static str>)> {
     let written = unknown.to_lowercase().replace(['-', ' '], "_");
     let (stem, unit) = stem_and_unit(&written);

@@ -1,4 +1,4 @@
-//! One small kind of file, and the reader's messages for every possible mistake in it.
+//! Tests of the reader with a small kind of file: its message for each possible mistake.
 
 use super::*;
 use proptest::prelude::*;
@@ -40,7 +40,7 @@ fn parse(top: &Section<'_, '_>) -> Option<Checked> {
     Some((panel?, locate?, region?, extra.into_iter().collect::<Option<_>>()?))
 }
 
-/// Returns the problems of a text as a person sees them, without the file's name.
+/// Returns the messages for the problems of a text, without the file's name.
 fn problems(text: &str) -> Vec<String> {
     match parse_file("f", text, parse) {
         Ok(_) => vec![],
@@ -50,8 +50,8 @@ fn problems(text: &str) -> Vec<String> {
     }
 }
 
-/// Returns the problems of a file that begins with four correct lines and continues with this text: it is in line 5 and
-/// below, inside `[region]` or after it.
+/// Returns the problems of a file with four correct lines followed by this text, which begins in line 5 inside
+/// `[region]`.
 fn after_good(text: &str) -> Vec<String> {
     problems(&format!("panel = 'door'\n[region]\nrows = 4\ncolumns = 6\n{text}"))
 }
@@ -230,7 +230,8 @@ fn all_problems_of_a_file_are_listed_in_the_order_of_lines() {
     );
 }
 
-/// The parser cannot know the meaning of a broken line: nothing is reported as missing then, other problems stay.
+/// After a syntax error nothing is reported as missing, because the parser does not know the meaning of a broken line.
+/// Other problems are still reported.
 #[test]
 fn a_syntax_error_neither_hides_nor_adds_other_problems() {
     assert_eq!(

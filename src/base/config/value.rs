@@ -1,21 +1,21 @@
-//! One value of a file: its kind, its range, and the description of allowed values.
+//! One value of a file: its type, its range, and the description of its valid values.
 //!
-//! [`set_value`] sets a value in a file's text and keeps the comments.
+//! [`set_value`] changes a value in a file's text and keeps the comments.
 
 use std::ops::RangeInclusive;
 use toml::de::DeValue;
 use toml_edit::{Item, TableLike, Value};
 
-/// A kind of value with its limits.
+/// A type of value that can be read from a file and checked against limits.
 pub trait Setting: Sized {
     /// The limits for values of this kind.
     type Limits;
 
-    /// Reads the value; the error states the value that was found and what is allowed.
+    /// Reads the value. The error contains the value that was found and the valid values.
     fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String>;
 }
 
-/// Describes a value briefly.
+/// Describes a value of the file briefly, for a message.
 pub(super) fn describe_value(value: &DeValue<'_>) -> String {
     match value {
         DeValue::String(text) => format!("the text \"{text}\""),
@@ -28,7 +28,7 @@ pub(super) fn describe_value(value: &DeValue<'_>) -> String {
     }
 }
 
-/// Returns the number in a value; `None` if it is something else. NaN and infinite numbers are returned as they are.
+/// Returns a value as a number; `None` if the value is not a number. NaN and infinite numbers are returned unchanged.
 fn number(value: &DeValue<'_>) -> Option<f64> {
     match value {
         DeValue::Integer(number) => i64::from_str_radix(number.as_str(), number.radix()).ok().map(|n| n as f64),
@@ -41,7 +41,7 @@ impl Setting for f64 {
     type Limits = RangeInclusive<f64>;
 
     fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String> {
-        // A NaN is outside every range.
+        // A NaN is outside of every range, because `contains` compares.
         number(value).filter(|number| limits.contains(number)).ok_or_else(|| {
             format!("found {}, valid: a number from {} to {}", describe_value(value), limits.start(), limits.end())
         })
@@ -96,7 +96,7 @@ impl<T: Setting, const N: usize> Setting for [T; N] {
         let items = value.as_array().map(|list| list.len());
         let list = value.as_array().filter(|list| list.len() == N);
         let list = list.ok_or_else(|| {
-            // A list of twice the length: the comma in each number divided it in two.
+            // If the list has twice the expected length, a decimal comma has probably split each number in two.
             let comma = if N > 1 && items == Some(2 * N) { "; a number has a decimal point, no comma" } else { "" };
             format!("found {}, valid: a list of {N} items{comma}", describe_value(value))
         })?;
@@ -108,7 +108,7 @@ impl<T: Setting, const N: usize> Setting for [T; N] {
     }
 }
 
-/// A list of any length.
+/// A list with any number of items.
 impl<T: Setting> Setting for Vec<T> {
     type Limits = T::Limits;
 
@@ -121,7 +121,7 @@ impl<T: Setting> Setting for Vec<T> {
     }
 }
 
-/// A key that may be absent; then its value is `None`.
+/// An optional key; its value is `None` if the key is absent.
 impl<T: Setting> Setting for Option<T> {
     type Limits = T::Limits;
 
@@ -130,9 +130,9 @@ impl<T: Setting> Setting for Option<T> {
     }
 }
 
-/// A value that is one of a few keywords.
+/// An enumeration whose values are written as keywords.
 pub trait Choice: Sized + Copy + 'static {
-    /// The keywords with their values.
+    /// Each keyword with the value that it stands for.
     const KEYWORDS: &'static [(&'static str, Self)];
 }
 
@@ -147,7 +147,7 @@ impl<C: Choice> Setting for C {
     }
 }
 
-/// One of a few keywords, which the limits list.
+/// A text that must be one of the keywords in `limits`.
 impl Setting for &'static str {
     type Limits = Vec<&'static str>;
 
@@ -160,7 +160,7 @@ impl Setting for &'static str {
     }
 }
 
-/// Sets a value of a table; an existing value is replaced, and its position and its comment are kept.
+/// Sets a value of a table. An existing value is replaced; its position in the file and its comment are kept.
 pub fn set_value(table: &mut dyn TableLike, key: &str, value: impl Into<Value>) {
     let mut value = value.into();
     match table.get_mut(key) {

@@ -16,10 +16,10 @@ pub const MAX_DEGREE: usize = 5;
 /// Degree of fitted surfaces and fields along each parameter.
 pub const DEGREE: usize = 3;
 
-/// One number for each of the `degree + 1` functions of a span; the numbers behind them are zero.
+/// One value for each of the `degree + 1` functions of a span; the rest of the array is zero.
 pub type SpanValues = [f64; MAX_DEGREE + 1];
 
-/// The reason why numbers are not a valid knot vector.
+/// The reason why a list of knots is not a valid knot vector.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum KnotError {
     /// The degree is not supported.
@@ -28,7 +28,7 @@ pub enum KnotError {
         /// The requested degree.
         found: usize,
     },
-    /// The knots are not open, decrease, or contain an inner knot that is repeated too often.
+    /// The knots are not open, decrease, or an inner knot has too high a multiplicity.
     #[error(
         "{} is not an open knot vector of degree {degree}: knots must be finite and must not decrease, both end \
          knots must occur degree + 1 times, and no other knot more than degree times",
@@ -49,25 +49,25 @@ pub struct KnotVector {
     knots: Vec<f64>,
 }
 
-/// The basis functions that are not zero at a parameter.
+/// The basis functions that are not zero at a parameter, with their derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Basis {
-    /// Index of the first function's control point.
+    /// Index of the control point that belongs to the first of these functions.
     pub first_control_index: usize,
-    /// Values; they sum to 1.
+    /// Values of the functions; they sum to 1.
     pub values: SpanValues,
-    /// First derivatives; they sum to 0.
+    /// First derivatives of the functions; they sum to 0.
     pub first_derivatives: SpanValues,
-    /// Second derivatives; they sum to 0.
+    /// Second derivatives of the functions; they sum to 0.
     pub second_derivatives: SpanValues,
 }
 
-/// The functions of one span as polynomials of t = (u − start) / length: N_r = Σ_k c_rk t^k.
+/// The basis functions of one span as polynomials of t = (u − start) / length: N_r = Σ_k c_rk t^k.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpanFunctions {
     /// The parameter where the span begins.
     pub start: f64,
-    /// The length of the span.
+    /// The length of the span in the parameter u.
     pub length: f64,
     /// The coefficients c_rk, function by function.
     pub coefficients: [SpanValues; MAX_DEGREE + 1],
@@ -88,7 +88,7 @@ impl KnotVector {
             && knots.windows(2).all(|pair| pair[0] <= pair[1])
             && knots[degree] == knots[0]
             && knots[count - 1 - degree] == knots[count - 1]
-            // p + 1 neighbouring knots are all equal only at the two ends.
+            // The multiplicity p + 1 is allowed only for the two end knots.
             && knots[1..count - 1].windows(degree + 1).all(|run| run[0] < run[degree]);
         if open { Ok(KnotVector { degree, knots }) } else { Err(KnotError::NotOpen { degree, knots }) }
     }
@@ -107,7 +107,7 @@ impl KnotVector {
         Self::new(degree, ends(low).chain(inner).chain(ends(high)).collect())
     }
 
-    /// Returns the degree p.
+    /// Returns the degree p of the spline.
     pub fn degree(&self) -> usize {
         self.degree
     }
@@ -122,16 +122,18 @@ impl KnotVector {
         self.knots[0]..=self.knots[self.knots.len() - 1]
     }
 
-    /// Returns the number of spans with one polynomial each, including empty spans.
+    /// Returns the number of spans between successive knots, including empty spans. The spline is one polynomial on
+    /// each span.
     pub fn spans(&self) -> usize {
         self.controls() - self.degree
     }
 
-    /// Returns the span of a parameter, from 0. Beyond the domain the first and the last polynomial continue.
+    /// Returns the index, from 0, of the span that contains a parameter. Outside of the domain, the index of the first
+    /// or the last span.
     pub fn span(&self, at: f64) -> usize {
         let inner = &self.knots[self.degree + 1..self.controls()];
         let (low, high) = (self.knots[0], self.knots[self.knots.len() - 1]);
-        // Spans are usually equal: the first guess is correct, or one or two spans away.
+        // Spans are usually equal: the first guess is wrong by at most two spans.
         let mut span = ((at - low) / (high - low) * self.spans() as f64).max(0.0) as usize;
         span = span.min(inner.len());
         while span < inner.len() && inner[span] <= at {
@@ -143,7 +145,7 @@ impl KnotVector {
         span
     }
 
-    /// Returns the functions of one span as polynomials.
+    /// Returns the basis functions of one span as polynomials.
     pub fn span_polynomials(&self, span: usize) -> SpanFunctions {
         let knot = span + self.degree;
         let (start, length) = (self.knots[knot], self.knots[knot + 1] - self.knots[knot]);
@@ -174,13 +176,13 @@ impl KnotVector {
         (0..self.controls()).map(mean).collect()
     }
 
-    /// Returns only the values.
+    /// Returns the values of the basis functions at a parameter, without derivatives.
     pub fn values(&self, at: f64) -> SpanValues {
         let knot = self.span(at) + self.degree;
         (1..=self.degree).fold(constant_values(), |lower, degree| self.raise(lower, degree, knot, at))
     }
 
-    /// Calculates values and first derivatives; the second derivatives stay zero.
+    /// Returns the values and first derivatives at a parameter; the second derivatives are left zero.
     pub fn with_first_derivatives(&self, at: f64) -> Basis {
         let (span, top) = (self.span(at), self.degree);
         let knot = span + top;
@@ -193,7 +195,7 @@ impl KnotVector {
         }
     }
 
-    /// Calculates values, first and second derivatives.
+    /// Returns the values, first and second derivatives at a parameter.
     pub fn with_second_derivatives(&self, at: f64) -> Basis {
         let (span, top) = (self.span(at), self.degree);
         let knot = span + top;
@@ -210,7 +212,8 @@ impl KnotVector {
         }
     }
 
-    // Applies Eq. 4.10: from degree − 1 to degree on the span that begins at this knot.
+    // Applies one step of the recursion, Eq. 4.10: computes the functions of a degree from those of degree − 1, on the
+    // span that begins at this knot.
     fn raise(&self, lower: SpanValues, degree: usize, knot: usize, at: f64) -> SpanValues {
         let mut raised = [0.0; MAX_DEGREE + 1];
         for (r, value) in lower.iter().enumerate().take(degree) {
@@ -244,8 +247,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Evaluates the recursion exactly as it is written above, with 0/0 = 0 and the last non-empty span closed: a
-    /// reference that shares no code with the functions under test.
+    /// Evaluates the recursion exactly as the documentation of this module states it, with 0/0 = 0 and the last
+    /// non-empty span closed. This reference shares no code with the functions under test.
     fn cox_de_boor(knots: &[f64], i: usize, p: usize, u: f64) -> f64 {
         let last = knots[knots.len() - 1];
         if p == 0 {
@@ -258,8 +261,8 @@ mod tests {
             + over(knots[i + p + 1] - u, knots[i + p + 1] - knots[i + 1]) * cox_de_boor(knots, i + 1, p - 1, u)
     }
 
-    /// Calculated by hand: inside a uniform cubic the values at a knot are 1/6, 4/6, 1/6, 0. The first derivatives are
-    /// −1/2, 0, 1/2, 0 per span, and the second derivatives 1, −2, 1, 0.
+    /// Expected values, calculated by hand: inside a uniform cubic spline the values at a knot are 1/6, 4/6, 1/6, 0.
+    /// The first derivatives are −1/2, 0, 1/2, 0 per span, and the second derivatives 1, −2, 1, 0.
     #[test]
     fn uniform_cubic_at_a_knot() {
         let knots = KnotVector::uniform(3, 8, 0.0..=8.0).expect("open");
@@ -276,8 +279,8 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: without inner knots the functions are the cubic Bernstein polynomials. At u = 1/2 they are
-    /// 1/8, 3/8, 3/8, 1/8.
+    /// Expected values, calculated by hand: without inner knots the functions are the cubic Bernstein polynomials. At u
+    /// = 1/2 they are 1/8, 3/8, 3/8, 1/8.
     #[test]
     fn without_inner_knots_the_functions_are_bernstein_polynomials() {
         let knots = KnotVector::uniform(3, 1, 0.0..=1.0).expect("open");

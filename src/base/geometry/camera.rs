@@ -1,16 +1,16 @@
 //! The pinhole camera with Brown–Conrady distortion (thesis Eq. 3.5–3.13).
 //!
-//! A point (X, Y, Z) in the camera's frame has the undistorted image coordinates x = X/Z, y = Y/Z (Eq. 3.10) and,
-//! with r² = x² + y² and the radial factor ρ = 1 + k1 r² + k2 r⁴ + k3 r⁶ (Eq. 3.13), the distorted ones
-//!     x' = x ρ + 2 p1 x y + p2 (r² + 2x²),   y' = y ρ + p1 (r² + 2y²) + 2 p2 x y,                       (3.12)
-//! where the tangential terms use the undistorted coordinates, as OpenCV defines the coefficients it returns and
-//! unlike the thesis's print. Pixel: u = fx x' + cx, v = fy y' + cy (Eq. 3.11). Unprojection inverts (3.12) by
-//! Newton's method. One model for the whole program; equal to `cv::projectPoints`.
+//! A point (X, Y, Z) in the camera's frame has the undistorted image coordinates x = X/Z, y = Y/Z (Eq. 3.10). With r² =
+//! x² + y² and the radial factor ρ = 1 + k1 r² + k2 r⁴ + k3 r⁶ (Eq. 3.13), its distorted image coordinates are
+//!     x' = x ρ + 2 p1 x y + p2 (r² + 2x²),   y' = y ρ + p1 (r² + 2y²) + 2 p2 x y.                       (3.12)
+//! The tangential terms use the undistorted coordinates, as in OpenCV's definition of the coefficients; the equation
+//! printed in the thesis differs. The pixel is u = fx x' + cx, v = fy y' + cy (Eq. 3.11). Unprojection inverts (3.12)
+//! by Newton's method. The whole program uses this one model; its results equal those of `cv::projectPoints`.
 
 use super::rigid::{Frame, Pixel, Point, Vector};
 use nalgebra::{Matrix2, Matrix2x3, SMatrix, Vector2, Vector3};
 
-/// Intrinsic parameters of a camera, which a calibration determines.
+/// Intrinsic parameters of a camera; the result of its lens calibration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PinholeCamera {
     /// Width of the picture, px.
@@ -21,9 +21,9 @@ pub struct PinholeCamera {
     pub fx_px: f64,
     /// Focal length along v, px.
     pub fy_px: f64,
-    /// Principal point, u, px.
+    /// Principal point along u, px.
     pub cx_px: f64,
-    /// Principal point, v, px.
+    /// Principal point along v, px.
     pub cy_px: f64,
     /// Radial coefficient of r².
     pub k1: f64,
@@ -41,7 +41,8 @@ pub struct PinholeCamera {
 const MAX_NEWTON_STEPS: usize = 20;
 
 impl PinholeCamera {
-    /// Returns the pixel that sees this point; `None` behind the camera. The pixel may lie outside the picture.
+    /// Returns the pixel onto which a point is projected; `None` if the point is behind the camera. The pixel may lie
+    /// outside of the picture.
     pub fn project<F: Frame>(&self, point: Point<F>) -> Option<Pixel> {
         let p = point.mm;
         (p.z > 1e-6).then(|| {
@@ -50,8 +51,8 @@ impl PinholeCamera {
         })
     }
 
-    /// Returns the pixel that sees this point, and its derivative with respect to the point, px per mm along x, y, z;
-    /// `None` behind the camera.
+    /// Returns the pixel onto which a point is projected, and the derivative of the pixel with respect to the point, px
+    /// per mm along x, y, z; `None` if the point is behind the camera.
     pub fn project_with_jacobian<F: Frame>(&self, point: Point<F>) -> Option<(Pixel, Matrix2x3<f64>)> {
         let (p, pixel) = (point.mm, self.project(point)?);
         let (x, y) = (p.x / p.z, p.y / p.z);
@@ -60,8 +61,8 @@ impl PinholeCamera {
         Some((pixel, focal * self.distortion_jacobian(Vector2::new(x, y)) * flat))
     }
 
-    /// Returns the derivative of the pixel that sees this point with respect to fx, fy, cx, cy, k1, k2, p1, p2, k3, in
-    /// this order; `None` behind the camera.
+    /// Returns the derivative of a point's pixel with respect to fx, fy, cx, cy, k1, k2, p1, p2, k3, in this order;
+    /// `None` if the point is behind the camera.
     pub fn lens_jacobian<F: Frame>(&self, point: Point<F>) -> Option<SMatrix<f64, 2, 9>> {
         let p = point.mm;
         (p.z > 1e-6).then(|| {
@@ -76,13 +77,14 @@ impl PinholeCamera {
         })
     }
 
-    /// Returns the pixel that sees this point, or `None` if it lies outside the picture or behind the camera.
+    /// Returns the pixel onto which a point is projected; `None` if it lies outside of the picture, or the point is
+    /// behind the camera.
     pub fn project_inside<F: Frame>(&self, point: Point<F>) -> Option<Pixel> {
         self.project(point).filter(|pixel| pixel.nearest_whole(self.width_px, self.height_px).is_some())
     }
 
-    /// Returns the ray through a pixel, as the vector (x, y, 1): multiply by a depth to get a point. `None` if the
-    /// distortion has no inverse, far outside of the picture.
+    /// Returns the ray through a pixel, as the vector (x, y, 1): multiplied by a depth it is a point. `None` if the
+    /// distortion cannot be inverted at this pixel, which happens only far outside of the picture.
     pub fn unproject<F: Frame>(&self, pixel: Pixel) -> Option<Vector<F>> {
         let distorted = Vector2::new((pixel.u - self.cx_px) / self.fx_px, (pixel.v - self.cy_px) / self.fy_px);
         let mut undistorted = distorted;
@@ -97,8 +99,8 @@ impl PinholeCamera {
     }
 
     /// Returns the largest undistorted radius within the circle around the principal point that contains the whole
-    /// picture. `None` if the distortion has no inverse there, that is, if, from the middle outwards, the distorted
-    /// radius grows by less than `least_slope` times the undistorted one.
+    /// picture. `None` if the distortion cannot be inverted in this circle: at some radius, the distorted radius grows
+    /// by less than `least_slope` times the undistorted radius.
     pub fn max_undistorted_radius(&self, least_slope: f64) -> Option<f64> {
         const DIRECTIONS: usize = 24;
         const STEPS: usize = 40;
@@ -128,13 +130,13 @@ impl PinholeCamera {
         Some(largest)
     }
 
-    /// Returns how far pixel (u, v) moves when the point moves by 1 mm along camera x and y, at this depth in mm.
-    /// This is the diagonal of the image Jacobian, without distortion.
+    /// Returns the displacement of the pixel, along u and v, for a displacement of the point by 1 mm along the camera's
+    /// x and y at this depth, mm. This is the diagonal of the image Jacobian, without distortion.
     pub fn px_per_mm_at(&self, depth_mm: f64) -> (f64, f64) {
         (self.fx_px / depth_mm, self.fy_px / depth_mm)
     }
 
-    // Applies the lens distortion: Eq. 3.12 and 3.13 at the top of this file.
+    // Applies the lens distortion: Eq. 3.12 and 3.13 in the documentation of this module.
     fn distort(&self, undistorted: Vector2<f64>) -> Vector2<f64> {
         let (x, y) = (undistorted.x, undistorted.y);
         let r2 = x * x + y * y;
@@ -180,8 +182,7 @@ mod tests {
         k3: -0.02,
     };
 
-    /// Comparison with finite differences: if a parameter changes by a small amount, the pixel moves as the derivative
-    /// states.
+    /// Compares the derivative with finite differences: each parameter is changed by a small amount.
     #[test]
     fn the_lens_jacobian_agrees_with_finite_differences() {
         let point = Point::<Camera>::at(-170.0, 95.0, 700.0);
@@ -210,8 +211,8 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: x = 0.2, y = 0.1, r² = 0.05. With only k1 = −0.1, p1 = 0.01: ρ = 0.995, x' = 0.199 +
-    /// 2·0.01·0.02 = 0.1994, y' = 0.0995 + 0.01·(0.05 + 0.02) = 0.1002; u = 1000·x' + 500.
+    /// Expected values, calculated by hand: x = 0.2, y = 0.1, r² = 0.05. With only k1 = −0.1, p1 = 0.01: ρ = 0.995, x'
+    /// = 0.199 + 2·0.01·0.02 = 0.1994, y' = 0.0995 + 0.01·(0.05 + 0.02) = 0.1002; u = 1000·x' + 500.
     #[test]
     fn distortion_by_hand() {
         let camera = PinholeCamera {
@@ -230,9 +231,9 @@ mod tests {
         assert!((pixel.u - 699.4).abs() < 1e-9 && (pixel.v - 500.2).abs() < 1e-9, "{pixel:?}");
     }
 
-    /// By hand: with k1 = −1 the distorted radius r − r³ stops growing at r = 0.577 and never exceeds 0.385; the
-    /// corner of this picture lies at 0.64. With k1 = −0.1 the corner is reached at r − 0.1 r³ = 0.64, which is r =
-    /// 0.669.
+    /// Expected values, calculated by hand. With k1 = −1 the distorted radius r − r³ has its maximum, 0.385, at r =
+    /// 0.577; the corner of this picture lies at 0.64. With k1 = −0.1 the corner is reached at r − 0.1 r³ = 0.64, which
+    /// is r = 0.669.
     #[test]
     fn a_distortion_without_inverse_is_detected() {
         let plain = PinholeCamera { k1: -0.1, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0, ..LENS };
@@ -248,8 +249,7 @@ mod tests {
         assert_eq!(LENS.project_inside(Point::<Camera>::at(500.0, 0.0, 700.0)), None);
     }
 
-    /// Comparison with central differences: if a point moves by ±0.01 mm along each axis, its pixel moves as the
-    /// derivative states.
+    /// Compares the derivative with central differences: the point is moved by ±0.01 mm along each axis.
     #[test]
     fn the_projection_jacobian_agrees_with_finite_differences() {
         let at = nalgebra::Point3::new(130.0, -90.0, 620.0);

@@ -1,12 +1,13 @@
-//! The organised cloud: one point and one colour for each pixel of a 3D camera; and the lens that recorded it.
+//! The organised cloud: one point and one colour for each pixel of a 3D camera. Also the fit of the camera's lens to
+//! such a cloud.
 //!
-//! A missing point is stored as NaN, and NaN is never returned: every access returns an `Option`. A point that a file
-//! or camera delivers as NaN, infinite or (0, 0, 0) is missing.
+//! A missing point is stored as NaN, but NaN is never returned: every access returns an `Option`. A point that a file
+//! or a camera delivers as NaN, infinite or (0, 0, 0) is missing.
 //!
 //! Every point lies on the ray of its pixel, so the cloud determines the lens. With pixels (u, v) and points (x, y, z),
-//! the nine parameters of a lens minimise Σ |(u, v) − π(x, y, z)|². First a pinhole is computed, whose normal equations
-//! are linear in x/z and y/z; then Gauss–Newton runs on all nine. It runs a second time without the points whose
-//! projection error is large, such as points that filters moved across edges.
+//! the nine parameters of a lens minimise Σ |(u, v) − π(x, y, z)|². The first estimate is a pinhole without distortion,
+//! whose normal equations are linear in x/z and y/z. Gauss–Newton then refines all nine parameters. A second run
+//! excludes the points with a large projection error, such as points that a filter moved across an edge.
 
 use super::camera::PinholeCamera;
 use super::picture::ColorPicture;
@@ -30,7 +31,7 @@ pub struct OrganizedCloud<F: Frame> {
 /// The reason why points do not form an organised cloud.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CloudError {
-    /// The numbers of points, colours and pixels differ.
+    /// The number of points or of colours is not the number of pixels.
     #[error("a cloud of {width}×{height} needs {} points and colours, found {points} and {colors}", width * height)]
     Size {
         /// Requested columns.
@@ -42,7 +43,7 @@ pub enum CloudError {
         /// Colours found.
         colors: usize,
     },
-    /// A single row is a list of points, not a picture.
+    /// The cloud has a single row or column: it is a list of points without a pixel grid.
     #[error(
         "the cloud is not organised ({width}×{height}); export it as an ordered cloud, one point for each pixel"
     )]
@@ -131,7 +132,8 @@ impl<F: Frame> OrganizedCloud<F> {
         }
     }
 
-    /// Returns the cloud with each point moved along its ray: its coordinates are multiplied by a factor.
+    /// Returns the cloud with each point moved along its ray: the point's coordinates are multiplied by the factor that
+    /// `factor` returns for them.
     pub fn scaled_along_rays(&self, factor: impl Fn([f64; 3]) -> f64 + Sync) -> OrganizedCloud<F> {
         let moved = |&point: &[f32; 3]| {
             if point[0].is_nan() {
@@ -147,20 +149,20 @@ impl<F: Frame> OrganizedCloud<F> {
         }
     }
 
-    /// Returns the coordinates of each pixel for functions that write files, NaN if missing.
+    /// Returns the coordinates of each pixel's point, NaN if missing; for functions that write files.
     pub fn raw_points_mm(&self) -> &[[f32; 3]] {
         &self.points_mm
     }
 
-    /// Returns the surface area that one pixel represents, mm²: the cross product of half the steps between its
+    /// Returns the surface area of one pixel, mm²: the cross product of half of the vectors between its opposite
     /// neighbours. `None` at the border of the picture or next to a missing point.
     pub fn pixel_area_mm2(&self, column: usize, row: usize) -> Option<f64> {
         self.smoothed_pixel_area_mm2(column, row, 1)
     }
 
-    /// Calculates the area of a pixel from neighbours `reach_px` away. Noise in depth tilts the steps and so makes
-    /// every surface larger, by about (noise / step)²: 1.4 % for neighbours of a scan with 0.44 mm a pixel and
-    /// 0.055 mm of noise.
+    /// Calculates the area of a pixel from neighbours at the distance `reach_px`. Noise in depth tilts the vectors
+    /// between neighbours and so increases every area, by about (noise / distance)²: 1.4 % for direct neighbours in a
+    /// scan with 0.44 mm per pixel and 0.055 mm of noise.
     pub fn smoothed_pixel_area_mm2(&self, column: usize, row: usize, reach_px: usize) -> Option<f64> {
         let inside = |at: usize, length: usize| at >= reach_px && at + reach_px < length;
         if reach_px == 0 || !inside(column, self.width) || !inside(row, self.height) {
@@ -178,7 +180,7 @@ const LENS_SAMPLE_SIZE: usize = 4_000;
 /// Minimum number of points that determine a lens.
 const MIN_LENS_POINTS: usize = 60;
 const MAX_LENS_STEPS: usize = 12;
-/// Limit of a point's projection error as a multiple of the median error; a point with a larger error is left out.
+/// Maximum projection error of a point, as a multiple of the median error, at which the second run uses the point.
 const MAX_ERROR_IN_MEDIANS: f64 = 6.0;
 
 /// A cloud's lens.
@@ -193,7 +195,7 @@ pub struct CloudLens {
 /// Returns about [`LENS_SAMPLE_SIZE`] points with their pixels, evenly distributed over the picture.
 pub fn sample_points<F: Frame>(cloud: &OrganizedCloud<F>) -> Vec<(Pixel, Point<F>)> {
     let count = cloud.width() * cloud.height();
-    // The stride has no common factor with the width, so that the columns vary.
+    // The stride has no common factor with the width, so that the sample contains all columns.
     let mut stride = (count / LENS_SAMPLE_SIZE).max(1);
     while stride > 1 && (cloud.width().is_multiple_of(stride) || stride.is_multiple_of(2)) {
         stride -= 1;
@@ -202,8 +204,8 @@ pub fn sample_points<F: Frame>(cloud: &OrganizedCloud<F>) -> Vec<(Pixel, Point<F
     (0..count).step_by(stride).filter_map(|index| Some((pixel(index), cloud.point_at(index)?))).collect()
 }
 
-/// Returns the median distance between the projections of these points and their pixels, px; a point behind the camera
-/// is at infinity. `None` without points.
+/// Returns the median distance between the projections of these points and their pixels, px; the distance of a point
+/// behind the camera is infinite. `None` without points.
 pub fn median_projection_error_px<F: Frame>(sample: &[(Pixel, Point<F>)], camera: &PinholeCamera) -> Option<f64> {
     let off = |(pixel, point): &(Pixel, Point<F>)| {
         camera.project(*point).map_or(f64::INFINITY, |seen| seen.distance_px(*pixel))
@@ -211,7 +213,7 @@ pub fn median_projection_error_px<F: Frame>(sample: &[(Pixel, Point<F>)], camera
     median(&mut sample.iter().map(off).collect::<Vec<f64>>())
 }
 
-/// Computes the lens from these points, for a picture of this size; `None` if the points do not determine it.
+/// Computes the lens from these points, for a picture of this size; `None` if the points do not determine the lens.
 pub fn fit_lens<F: Frame>(
     sample: &[(Pixel, Point<F>)],
     (width_px, height_px): (usize, usize),
@@ -267,7 +269,7 @@ fn refine_lens<F: Frame>(kept: &[(Pixel, Point<F>)], start: PinholeCamera) -> Op
             normal += slope.transpose() * slope;
             pull += slope.transpose() * Vector2::new(pixel.u - seen.u, pixel.v - seen.v);
         }
-        // Scaled so that the diagonal is one: focal lengths and k3 differ by many powers of ten.
+        // The matrix is scaled to a diagonal of ones, because focal lengths and k3 differ by many powers of ten.
         let scale = normal.diagonal().map(|entry| if entry > 0.0 { entry.sqrt().recip() } else { 0.0 });
         let scaled = SMatrix::<f64, 9, 9>::from_fn(|row, column| {
             normal[(row, column)] * scale[row] * scale[column] + if row == column { 1e-12 } else { 0.0 }
@@ -302,7 +304,8 @@ mod tests {
             .expect("counts agree")
     }
 
-    /// By hand: pixels 2 mm apart across and 3 mm down represent 6 mm² each.
+    /// Expected value, calculated by hand: pixels 2 mm apart along a row and 3 mm along a column have an area of 6 mm²
+    /// each.
     #[test]
     fn a_pixel_represents_its_share_of_the_surface() {
         let cloud = grid(4, 4);
@@ -310,8 +313,8 @@ mod tests {
         assert_eq!(cloud.pixel_area_mm2(0, 2), None);
     }
 
-    /// Calculated by hand: pixels of 0.4 × 0.4 mm are 0.16 mm²; ±0.06 mm of noise in depth makes the steps between
-    /// neighbours longer.
+    /// Expected value, calculated by hand: pixels of 0.4 × 0.4 mm have 0.16 mm². Depth noise of ±0.06 mm makes the
+    /// vectors between direct neighbours longer.
     #[test]
     fn a_longer_reach_reduces_the_noise_of_an_area() {
         let noise = |i: usize| if (i * i * 7 + i / 5) % 11 < 5 { 0.06 } else { -0.06 };
@@ -349,7 +352,8 @@ mod tests {
         assert!(moved.point(2, 1).expect("there").distance_mm(Point::at(4.0, 3.0, 800.0)) < 1e-4);
     }
 
-    /// The parameters of a lens are found from points on its rays; points that were moved across an edge are left out.
+    /// The parameters of a lens are found from points on its rays; points that were moved across an edge are excluded
+    /// from the fit.
     #[test]
     fn the_lens_is_computed_from_a_cloud() {
         let lens = PinholeCamera {

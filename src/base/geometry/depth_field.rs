@@ -1,16 +1,18 @@
-//! The part of a 3D camera's depth error that is the same in each scan, over the directions in its picture.
+//! The systematic depth error of a 3D camera as a function of the direction in its picture: the error that is the same
+//! in each scan.
 //!
-//! A camera with structured light measures 1/z by triangulation. An error of its lens, its projector or their poses
-//! is therefore an error of 1/z that depends only on the direction (x, y) = (X/Z, Y/Z). With the error c mm at the
+//! A camera with structured light measures 1/z by triangulation. An error of its lens, its projector or their poses is
+//! therefore an error of 1/z that depends only on the direction (x, y) = (X/Z, Y/Z). With the error c mm at the
 //! reference depth z₀,
-//!     1/z_true = 1/z + c(x, y) / z₀²,   δz = c(x, y) (z / z₀)²,                                          (1)
-//! with c a uniform cubic B-spline over a rectangle of directions, constant beyond its edges. The part that is
-//! linear in (x, y) turns planes into other planes: no flat object can show it, but distances on a flat object can.
+//!     1/z_true = 1/z + c(x, y) / z₀²,   δz = c(x, y) (z / z₀)².                                          (1)
+//! c is a uniform cubic B-spline over a rectangle of directions, constant beyond the rectangle's edges. The part of c
+//! that is linear in (x, y) maps planes to other planes: it cannot be measured with a flat object alone, but with known
+//! distances on a flat object.
 
 use super::cloud::OrganizedCloud;
 use super::rigid::{Camera, Point};
 
-/// z₀ of (1), mm.
+/// The reference depth z₀ of (1), mm.
 pub const REFERENCE_DEPTH_MM: f64 = 700.0;
 /// Number of coefficients along the picture's width.
 pub const FIELD_COLUMNS: usize = 9;
@@ -38,7 +40,8 @@ pub struct FieldRectangle {
 }
 
 impl FieldRectangle {
-    /// Returns the coefficients that have an effect at a direction, with their weights, whose sum is one.
+    /// Returns the indices of the coefficients that have an effect at a direction, with their weights; the weights sum
+    /// to 1.
     pub fn weights(&self, direction: [f64; 2]) -> [(usize, f64); 16] {
         let along = |axis: usize, count: usize| {
             let span = (self.max[axis] - self.min[axis]).max(f64::MIN_POSITIVE);
@@ -55,7 +58,7 @@ impl FieldRectangle {
     }
 }
 
-/// Returns the four cubic B-splines that are not zero at `t` of an interval, 0…1.
+/// Returns the values of the four cubic B-splines that are not zero in an interval, at the position `t`, 0…1.
 fn cubic_bsplines(t: f64) -> [f64; 4] {
     let (t2, t3) = (t * t, t * t * t);
     [
@@ -73,8 +76,7 @@ impl DepthField {
     }
 
     /// Returns the field plus a linear term with this slope, mm at the reference depth for each unit of the direction.
-    /// If the coefficients of a spline are the values of a linear function at the coefficients' positions, the spline
-    /// is that function.
+    /// A linear function is added to the spline by adding the function's values at the coefficients' positions.
     #[must_use]
     pub fn with_linear_term(mut self, slope_mm: [f64; 2]) -> Self {
         let place = |axis: usize, index: usize, count: usize| {
@@ -89,23 +91,23 @@ impl DepthField {
         self
     }
 
-    /// Returns c at a direction, mm at the reference depth.
+    /// Returns the error c at a direction, mm at the reference depth.
     pub fn at_mm(&self, direction: [f64; 2]) -> f64 {
         self.rectangle.weights(direction).iter().map(|(index, weight)| weight * self.coefficients_mm[*index]).sum()
     }
 
-    /// Returns the factor for a point's coordinates that removes this error, by (1).
+    /// Returns the factor by which a point's coordinates are multiplied to remove this error, by (1).
     pub fn correction_factor(&self, [x, y, z]: [f64; 3]) -> f64 {
         1.0 / (1.0 + z * self.at_mm([x / z, y / z]) / REFERENCE_DEPTH_MM.powi(2))
     }
 
-    /// Returns the point without this error.
+    /// Returns the point with this depth error removed.
     pub fn corrected_point(&self, point: Point<Camera>) -> Point<Camera> {
         let mm = point.mm.coords;
         Point::new((mm * self.correction_factor([mm.x, mm.y, mm.z])).into())
     }
 
-    /// Returns the scan without this error.
+    /// Returns the scan with this depth error removed.
     pub fn correct_cloud(&self, scan: &OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
         scan.scaled_along_rays(|mm| self.correction_factor(mm))
     }
@@ -123,9 +125,9 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: all coefficients 0.5 give 0.5 everywhere. Coefficients that increase linearly give a linear
-    /// field, here 0.1 mm from one column to the next, of which six intervals cover the width. In the middle, at
-    /// interval 3, the coefficients 3, 4, 5 have the weights 1/6, 4/6, 1/6.
+    /// Expected values, calculated by hand: all coefficients 0.5 give 0.5 everywhere. Coefficients that increase
+    /// linearly give a linear field, here 0.1 mm from one column to the next; six intervals cover the width. In the
+    /// middle, at interval 3, the coefficients 3, 4, 5 have the weights 1/6, 4/6, 1/6.
     #[test]
     fn constant_and_linear_coefficients_give_such_fields() {
         assert!((field(|_, _| 0.5).at_mm([0.12, -0.05]) - 0.5).abs() < 1e-12);
@@ -138,8 +140,8 @@ mod tests {
         assert!((sloped.at_mm([0.12, -0.05]) - 0.31).abs() < 1e-12, "{}", sloped.at_mm([0.12, -0.05]));
     }
 
-    /// Calculated by hand: an error of 0.7 mm in depth at 700 mm is 0.7·(350/700)² = 0.175 mm at 350 mm, to first
-    /// order.
+    /// Expected value, calculated by hand: a depth error of 0.7 mm at 700 mm is 0.7·(350/700)² = 0.175 mm at 350 mm, to
+    /// first order.
     #[test]
     fn a_scan_is_moved_along_its_rays() {
         let points = vec![[0.0, 0.0, 350.0], [70.0, 35.0, 700.0], [f32::NAN; 3], [0.0, 0.0, 700.0]];

@@ -2,8 +2,8 @@
 //!
 //! `R = Rz(A)·Ry(B)·Rx(C)` (thesis Eq. 3.4 as corrected: r22 = cA cC + sA sB sC). The inverse is `A = atan2(r21, r11)`,
 //! `B = atan2(−r31, hypot(r11, r21))`, `C = atan2(r32, r33)` (Eq. 3.3 as corrected). At |B| = 90° only A ± C is
-//! defined: A is set to 0, and C contains the whole rotation. A pose is never multiplied; it is converted to a
-//! [`Rigid`] first. Near |B| = 90° small errors change A and C by large amounts: compare rotations, not angles.
+//! determined: A is then set to 0, and C contains the whole rotation. Near |B| = 90° small errors change A and C by
+//! large amounts. Therefore compare rotations, not angles, and convert a pose to a [`Rigid`] before multiplying it.
 
 use super::rigid::{Degrees, Frame, Rigid};
 use crate::number_text::fixed_decimals;
@@ -28,11 +28,11 @@ pub struct KukaPose {
     pub c_deg: f64,
 }
 
-/// Below this cosine of B the angles A and C cannot be separated.
+/// Minimum cosine of B at which the angles A and C can be separated.
 const MIN_COS_B: f64 = 1e-9;
 
 impl KukaPose {
-    /// Returns the transform that this pose represents, between the frames that the caller states.
+    /// Returns the transform of this pose. The caller states the frames.
     pub fn to_rigid<To: Frame, From: Frame>(self) -> Rigid<To, From> {
         let turn = |axis: nalgebra::Unit<Vector3<f64>>, deg: f64| {
             UnitQuaternion::from_axis_angle(&axis, Degrees(deg).to_rad())
@@ -46,7 +46,7 @@ impl KukaPose {
         ))
     }
 
-    /// Returns the pose that represents this transform.
+    /// Returns the pose of this transform.
     pub fn from_rigid<To: Frame, From: Frame>(rigid: &Rigid<To, From>) -> Self {
         let position = rigid.origin().mm;
         let [a_deg, b_deg, c_deg] = angles_deg(&rigid.rotation());
@@ -81,8 +81,8 @@ fn angles_deg(rotation: &Rotation3<f64>) -> [f64; 3] {
     [a_rad, b_rad, c_rad].map(f64::to_degrees)
 }
 
-/// The positions of the six axes, degrees, as the controller writes them. They are never wrapped, because A4 and A6
-/// turn past ±180°.
+/// The angles of the six axes, degrees, as the controller writes them. The angles are never wrapped, because A4 and A6
+/// can rotate beyond ±180°.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Joints {
@@ -106,7 +106,7 @@ impl Joints {
         [self.a1_deg, self.a2_deg, self.a3_deg, self.a4_deg, self.a5_deg, self.a6_deg]
     }
 
-    /// Returns the largest difference between the axis angles of the two postures, degrees.
+    /// Returns the largest difference between the corresponding axis angles of two postures, degrees.
     pub fn max_difference_deg(&self, other: &Joints) -> f64 {
         self.degrees().iter().zip(other.degrees()).map(|(own, other)| (own - other).abs()).fold(0.0, f64::max)
     }
@@ -126,7 +126,8 @@ mod tests {
     use nalgebra::Point3;
     use proptest::prelude::*;
 
-    /// Calculated by hand: Ry(90)·ẑ = x̂, then Rz(90)·x̂ = ŷ. The wrong order would give x̂; A and C swapped, −ŷ.
+    /// Expected value, calculated by hand: Ry(90)·ẑ = x̂, then Rz(90)·x̂ = ŷ. The wrong order of the rotations would
+    /// give x̂; with A and C exchanged the result would be −ŷ.
     #[test]
     fn the_tool_axis_is_rotated_by_b_and_then_by_a() {
         let pose = KukaPose { x_mm: 100.0, a_deg: 90.0, b_deg: 90.0, ..KukaPose::default() };
@@ -134,7 +135,8 @@ mod tests {
         assert!((tip.mm - Point3::new(100.0, 10.0, 0.0)).norm() < 1e-9, "{tip:?}");
     }
 
-    /// By hand, A = 30°, B = 20°, C = 10°: r22 = cA cC + sA sB sC = 0.8529 + 0.0297 = 0.8826, not 0.8232 as printed.
+    /// Expected value, calculated by hand for A = 30°, B = 20°, C = 10°: r22 = cA cC + sA sB sC = 0.8529 + 0.0297 =
+    /// 0.8826. The equation printed in the thesis gives 0.8232.
     #[test]
     fn equation_3_4_has_the_corrected_sign() {
         let pose = KukaPose { a_deg: 30.0, b_deg: 20.0, c_deg: 10.0, ..KukaPose::default() };
@@ -143,7 +145,8 @@ mod tests {
         assert!((r.matrix()[(2, 0)] + 0.342_020).abs() < 1e-6);
     }
 
-    /// At B = 90° the pose (40, 90, 10) has the same rotation as (0, 90, −30): only C − A counts.
+    /// At B = 90° the pose (40, 90, 10) has the same rotation as (0, 90, −30), because the rotation depends only on C −
+    /// A.
     #[test]
     fn at_b_of_90_degrees_a_is_zero_and_the_rotation_is_kept() {
         for (b_deg, c_expected_deg) in [(90.0, -30.0), (-90.0, 50.0)] {

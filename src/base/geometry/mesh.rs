@@ -1,10 +1,10 @@
-//! A triangle mesh as its file states it: vertices, triangles, and the objects that they form.
+//! A triangle mesh as read from its file: vertices, triangles, and the objects to which the triangles belong.
 //!
-//! A drawing's file may state no unit, so the numbers are lengths only together with a [`LengthUnit`].
+//! A drawing's file may contain no unit. Therefore coordinates become lengths only together with a [`LengthUnit`].
 
-/// Words between "unit" and the unit itself.
+/// Words that may stand between "unit" and the name of the unit.
 const UNIT_FILLER_WORDS: [&str; 4] = ["in", "is", "are", "all"];
-/// Names of units of length that are not supported in a drawing.
+/// Names of length units that are recognised but not supported in a drawing.
 const OTHER_UNITS: [&str; 16] = [
     "cm",
     "centimeter",
@@ -29,7 +29,7 @@ fn is_length_unit(word: &str) -> bool {
     LengthUnit::from_name(word).is_some() || OTHER_UNITS.iter().any(|other| other.eq_ignore_ascii_case(word))
 }
 
-/// The unit of a drawing.
+/// The unit of length of a drawing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LengthUnit {
     /// Millimetres.
@@ -41,25 +41,25 @@ pub enum LengthUnit {
 }
 
 impl LengthUnit {
-    /// All units, with the words by which options and files name them; the first word is the short one.
+    /// All units, each with its names in options and files; the first name is the abbreviation.
     pub const ALL: [(LengthUnit, &'static [&'static str]); 3] = [
         (LengthUnit::Millimetre, &["mm", "millimeter", "millimeters", "millimetre", "millimetres"]),
         (LengthUnit::Inch, &["in", "inch", "inches"]),
         (LengthUnit::Metre, &["m", "meter", "meters", "metre", "metres"]),
     ];
 
-    /// Returns the unit with this name; upper and lower case are alike.
+    /// Returns the unit with this name, in upper or lower case.
     pub fn from_name(name: &str) -> Option<Self> {
         let is_named = |names: &[&str]| names.iter().any(|known| known.eq_ignore_ascii_case(name));
         LengthUnit::ALL.into_iter().find(|(_, names)| is_named(names)).map(|(unit, _)| unit)
     }
 
-    /// Returns the unit that a comment states, as in "units: mm", "units in mm" or "unit = inches"; `None` if it states
-    /// none.
+    /// Returns the unit that a comment of the file contains, as in "units: mm", "units in mm" or "unit = inches";
+    /// `None` if the comment contains no unit.
     ///
     /// # Errors
-    /// If the comment states a unit that is not supported: another one, as in "units: cm", or a multiple, as in "unit:
-    /// 0.001 m". The error contains its words.
+    /// If the comment contains a unit that is not supported: another unit, as in "units: cm", or a multiple, as in
+    /// "unit: 0.001 m". The error contains the unit's text.
     pub fn from_comment(comment: &str) -> Result<Option<Self>, String> {
         let is_of_word = |c: char| c.is_alphanumeric() || c == '.';
         let mut words = comment.split(|c: char| !is_of_word(c)).map(|word| word.trim_matches('.'));
@@ -67,7 +67,7 @@ impl LengthUnit {
             return Ok(None);
         }
         let mut rest = words.filter(|word| !word.is_empty());
-        // In "units in mm" the word "in" is not an inch: it is one only if no unit follows.
+        // The word "in" means inch only if no unit follows: in "units in mm" it is a preposition.
         let is_filler = |word: &str| UNIT_FILLER_WORDS.iter().any(|filler| filler.eq_ignore_ascii_case(word));
         let mut ahead = rest.clone();
         while ahead.next().is_some_and(is_filler)
@@ -94,7 +94,7 @@ impl LengthUnit {
         }
     }
 
-    /// Returns the short name.
+    /// Returns the unit's abbreviation.
     pub fn abbreviation(self) -> &'static str {
         match self {
             LengthUnit::Millimetre => "mm",
@@ -104,30 +104,31 @@ impl LengthUnit {
     }
 }
 
-/// An object of a file: the triangles from its first one to that of the next object.
+/// An object of a mesh file. It consists of the triangles from its first triangle to the first triangle of the next
+/// object.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MeshObject {
-    /// Its name; empty if the file names none.
+    /// The object's name; empty if the file does not name it.
     pub name: String,
-    /// The index of its first triangle.
+    /// The index of the object's first triangle.
     pub first_triangle: usize,
 }
 
-/// A mesh as its file states it.
+/// A mesh as read from its file.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TriangleMesh {
-    /// The vertices, in the file's unit and frame; all numbers are finite.
+    /// The vertices, in the file's unit and frame; all coordinates are finite.
     pub vertices: Vec<[f64; 3]>,
-    /// The indices of three vertices each.
+    /// The triangles, each as the indices of its three vertices.
     pub triangles: Vec<[u32; 3]>,
     /// The objects in the order of the file.
     pub objects: Vec<MeshObject>,
-    /// The unit, if the file states one.
+    /// The unit, if the file contains one.
     pub unit: Option<LengthUnit>,
 }
 
 impl TriangleMesh {
-    /// Begins a further object at the next triangle, and removes the previous one if it has no triangles.
+    /// Begins another object at the next triangle. If the previous object has no triangles, it is removed.
     pub fn begin_object(&mut self, name: &str) {
         let first_triangle = self.triangles.len();
         if self.objects.last().is_some_and(|last| last.first_triangle == first_triangle) {
@@ -156,7 +157,7 @@ impl TriangleMesh {
 mod tests {
     use super::*;
 
-    /// Three triangles: the first before any object, an object without triangles, then two objects.
+    /// Three triangles and three objects: the first triangle comes before any object, and the first object is empty.
     #[test]
     fn triangles_belong_to_the_object_before_them() {
         let mut mesh = TriangleMesh { triangles: vec![[0, 1, 2]], ..TriangleMesh::default() };

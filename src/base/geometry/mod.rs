@@ -1,7 +1,7 @@
 //! Geometry: frames, units, transforms, KUKA poses, the camera model, organised clouds, meshes, pictures.
 //!
-//! Pure types and their algebra; the rest of the program uses these and adds no second version. Lengths in mm,
-//! angles in degrees, pixels with whole numbers at pixel centres.
+//! The types and their algebra have no side effects; no other module defines a second version. Lengths are in mm,
+//! angles in degrees; pixel coordinates are whole numbers at pixel centres.
 
 pub mod basis;
 mod camera;

@@ -1,13 +1,13 @@
-//! Pictures as plain bytes: colour, grey and masks, row by row from the top left; neighbouring cells of such a
-//! raster, and connected components of its cells.
+//! Pictures as plain bytes: colour, grey and masks, row by row from the top left. Also the neighbours of a cell of such
+//! a raster, and the connected components of its cells.
 
-/// The steps, column and row, to the four direct neighbours of a cell.
+/// The offsets (column, row) of the four direct neighbours of a cell.
 pub const DIRECT_NEIGHBOURS: [(isize, isize); 4] = [(-1, 0), (1, 0), (0, -1), (0, 1)];
-/// The steps, column and row, to the eight cells around a cell.
+/// The offsets (column, row) of the eight neighbours of a cell.
 pub const ALL_NEIGHBOURS: [(isize, isize); 8] =
     [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
 
-/// The size of a raster whose cells are counted row by row.
+/// The size of a raster. Its cells are numbered row by row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RasterSize {
     /// Number of cells in a row.
@@ -17,7 +17,7 @@ pub struct RasterSize {
 }
 
 impl RasterSize {
-    /// Returns a cell's neighbours by these steps, in the order of the steps.
+    /// Returns a cell's neighbours at these offsets, in the order of the offsets, without those outside of the raster.
     pub fn neighbours<'a>(
         self,
         index: usize,
@@ -30,8 +30,8 @@ impl RasterSize {
         })
     }
 
-    /// Returns for each cell the side of the largest square that has this cell as its lower right corner and in which
-    /// `holds` is true everywhere; 0 if it is false for the cell itself.
+    /// Returns for each cell the side, in cells, of the largest square with this cell as its lower right corner in
+    /// which `holds` is true everywhere; 0 if `holds` is false for the cell.
     pub fn largest_squares(self, holds: impl Fn(usize) -> bool) -> Vec<u32> {
         let width = self.width;
         let mut squares = vec![0_u32; width * self.height];
@@ -46,14 +46,14 @@ impl RasterSize {
         squares
     }
 
-    /// Returns the connected components of the cells for which `holds` is true, ordered by their first cells. Each
-    /// component is in the order of a breadth-first search from its first cell.
+    /// Returns the connected components of the cells for which `holds` is true, ordered by their first cells. The cells
+    /// of a component are in the order of a breadth-first search from its first cell.
     pub fn connected_components(self, steps: &[(isize, isize)], holds: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
         self.joined_components(steps, holds, |_, _| true)
     }
 
-    /// Returns the connected components as [`RasterSize::connected_components`] does, but two neighbours for which
-    /// `holds` is true are connected only if `joined` is also true for the pair.
+    /// Returns the connected components as [`RasterSize::connected_components`] does, but two neighbours are connected
+    /// only if `joined` is also true for the pair.
     pub fn joined_components(
         self,
         steps: &[(isize, isize)],
@@ -84,7 +84,7 @@ impl RasterSize {
     }
 }
 
-/// A colour picture, 8 bits a channel, sRGB.
+/// A colour picture, 8 bits per channel, sRGB.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ColorPicture {
     /// Columns.
@@ -101,7 +101,7 @@ impl ColorPicture {
         ColorPicture { width, height, rgb: vec![rgb; width * height] }
     }
 
-    /// Calculates the brightness with the weights of ITU-R BT.601, as `cv::cvtColor` does.
+    /// Converts the picture to grey with the weights of ITU-R BT.601, as `cv::cvtColor` does.
     pub fn to_gray(&self) -> GrayPicture {
         let gray = |&[r, g, b]: &[u8; 3]| {
             ((4_899 * u32::from(r) + 9_617 * u32::from(g) + 1_868 * u32::from(b) + 8_192) >> 14) as u8
@@ -110,19 +110,19 @@ impl ColorPicture {
     }
 }
 
-/// A grey picture, 8 bits.
+/// A grey picture, 8 bits per pixel.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GrayPicture {
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Brightness of each pixel.
+    /// Grey level of each pixel.
     pub gray: Vec<u8>,
 }
 
 impl GrayPicture {
-    /// Returns the grey picture as a colour picture.
+    /// Returns the grey picture as a colour picture with three equal channels.
     pub fn to_color(&self) -> ColorPicture {
         ColorPicture {
             width: self.width,
@@ -131,26 +131,25 @@ impl GrayPicture {
         }
     }
 
-    /// Creates a picture of one brightness.
+    /// Creates a picture of one grey level.
     pub fn uniform(width: usize, height: usize, gray: u8) -> Self {
         GrayPicture { width, height, gray: vec![gray; width * height] }
     }
 }
 
-/// The pixels that belong to a region.
+/// A mask: the pixels of a picture that belong to a region.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mask {
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// One flag a pixel.
+    /// One flag per pixel: true inside of the region.
     pub inside: Vec<bool>,
 }
 
 impl Mask {
-    /// Returns the mask's connected components, as indices of pixels; pixels that touch at a corner belong to the same
-    /// component.
+    /// Returns the mask's connected components, as indices of pixels; pixels that touch only at a corner are connected.
     pub fn connected_components(&self) -> Vec<Vec<usize>> {
         RasterSize { width: self.width, height: self.height }
             .connected_components(&ALL_NEIGHBOURS, |index| self.inside[index])
@@ -171,13 +170,13 @@ impl Mask {
         self.inside[row * self.width + column]
     }
 
-    /// Returns a picture that is white inside, black outside.
+    /// Returns the mask as a picture that is white inside and black outside.
     pub fn to_gray(&self) -> GrayPicture {
         let gray = self.inside.iter().map(|&inside| if inside { 255 } else { 0 }).collect();
         GrayPicture { width: self.width, height: self.height, gray }
     }
 
-    /// Creates a mask of the pixels whose brightness is at least half of the maximum.
+    /// Creates a mask of the pixels whose grey level is at least half of the maximum.
     pub fn from_gray(picture: &GrayPicture) -> Self {
         let inside = picture.gray.iter().map(|&gray| gray >= 128).collect();
         Mask { width: picture.width, height: picture.height, inside }
@@ -188,7 +187,7 @@ impl Mask {
 mod tests {
     use super::*;
 
-    /// By hand: 0.299·255 = 76.2, 0.587·255 = 149.7, 0.114·255 = 29.1.
+    /// Expected values, calculated by hand: 0.299·255 = 76.2, 0.587·255 = 149.7, 0.114·255 = 29.1.
     #[test]
     fn the_gray_value_has_the_weights_of_bt_601() {
         let picture = ColorPicture { width: 3, height: 1, rgb: vec![[255, 0, 0], [0, 255, 0], [0, 0, 255]] };
@@ -197,7 +196,7 @@ mod tests {
 
     const SMALL: RasterSize = RasterSize { width: 4, height: 3 };
 
-    /// Calculated by hand; `holds` is true for the cells with `#`:
+    /// Expected components, determined by hand; `holds` is true for the cells with `#`:
     /// ```text
     /// # . # #
     /// # . # .

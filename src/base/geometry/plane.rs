@@ -1,26 +1,29 @@
-//! Planes of points: the local plane of a pixel's neighbourhood, and the flatness of points.
+//! Planes through points: the local plane of a pixel's neighbourhood, and the flatness of points.
 //!
-//! The local plane gives a point and a normal of an organised cloud. The normal is the direction of least scatter
-//! of the neighbours (the eigenvector of the smallest eigenvalue of their covariance), turned towards the viewer.
+//! The local plane gives a point and a normal of an organised cloud. The normal is the direction in which the
+//! neighbours scatter least (the eigenvector of the smallest eigenvalue of their covariance), oriented towards the
+//! viewer.
 //!
-//! The flatness is the least distance between two parallel planes that contain all points. With x and y along the
-//! points' plane and z across it, the planes z = a x + b y + c and z = a x + b y + c + f have the least
+//! The flatness is the least distance between two parallel planes that contain all points. Let x and y be coordinates
+//! along the points' plane and z across it. The planes z = a x + b y + c and z = a x + b y + c + f contain all points
+//! with the least
 //! f(a, b) = max (z − a x − b y) − min (z − a x − b y), which is convex. For each pair (i, j) of points
 //!     f(a, b) ≥ (z_i − z_j) − a (x_i − x_j) − b (y_i − y_j),                                                 (1)
 //! with equality at the highest and the lowest point for this a and b. The least f is the linear program over (1) for
-//! all pairs. It is solved by cutting planes (Kelley, J. SIAM 8(4), 1960): the program over the pairs that were found
-//! so far gives a lower bound of f and the next a and b, f there is an upper bound, and its pair is added. There are
-//! finitely many pairs, so the bounds meet. The distance across the planes is f / √(1 + a² + b²).
+//! all pairs. It is solved by cutting planes (Kelley, J. SIAM 8(4), 1960). In each step, the program over the pairs
+//! found so far gives a lower bound of f and the next a and b. The value of f at this a and b is an upper bound, and
+//! the pair of its highest and lowest point is added to the program. There are finitely many pairs, so the bounds meet.
+//! The distance across the planes is f / √(1 + a² + b²).
 //!
-//! This is the minimum zone of ISO 12781-1 (reference planes MZPL) and ASME Y14.5. Of all tilts it minimises f, not
-//! the distance across: for slopes up to 0.01 the two differ by less than 10⁻⁴ of the distance. The zone about the
-//! plane of least squares (LSPL) is never narrower, and is stated beside it as an upper bound.
+//! This is the minimum zone of ISO 12781-1 (reference planes MZPL) and ASME Y14.5. Of all tilts it minimises f, not the
+//! distance across: for slopes up to 0.01 the two differ by less than 10⁻⁴ of the distance. The zone about the plane of
+//! least squares (LSPL) is never narrower, and is given as an upper bound.
 
 use super::cloud::OrganizedCloud;
 use super::rigid::{Frame, Point, Vector};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-/// Limit of a neighbour's distance from the middle point, as a multiple of the first quartile of these distances; a
+/// Maximum distance of a neighbour from the central point, as a multiple of the first quartile of these distances; a
 /// neighbour that is farther away belongs to another surface. The limit is based on the quartile because at an edge up
 /// to three quarters of the neighbours may belong to another surface. It is a ratio, so that it applies to coarse and
 /// fine scans alike.
@@ -29,22 +32,22 @@ const MAX_DISTANCE_RATIO: f64 = 4.0;
 const MIN_PLANE_POINTS: usize = 8;
 /// Maximum leverage of a pixel. A few points in a row do not determine a plane at a pixel beside them. With the mean
 /// and scatter S of the points' pixels, a pixel at the distance d from the mean has the leverage 1 + dᵀ S⁻¹ d: 7 at the
-/// corner of an evenly filled square, 9 at the corner of a triangle. Above this limit the pixel is too far beside the
+/// corner of a uniformly filled square, 9 at the corner of a triangle. Above this limit the pixel is too far beside the
 /// points.
 const MAX_LEVERAGE: f64 = 12.0;
 
-/// A plane by a point on it and its normal, a direction.
+/// A plane, given by a point on it and its unit normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plane<F: Frame> {
     /// The centroid of the neighbours.
     pub point: Point<F>,
-    /// Unit normal, towards the viewer.
+    /// Unit normal, oriented towards the viewer.
     pub normal: Vector<F>,
 }
 
 impl<F: Frame> Plane<F> {
     /// Returns the point where the ray from `origin` along `ray` intersects the plane; `None` if the ray runs parallel
-    /// to it or away from it.
+    /// to the plane or away from it.
     pub fn intersect_ray(&self, origin: Point<F>, ray: Vector<F>) -> Option<Point<F>> {
         let slope = self.normal.mm.dot(&ray.mm);
         let distance = self.normal.mm.dot(&(self.point - origin).mm) / slope;
@@ -52,8 +55,9 @@ impl<F: Frame> Plane<F> {
     }
 }
 
-/// Returns the plane through the points within `half_width_px` pixels of a pixel. `None` if there are too few points,
-/// or if they lie far beside the pixel compared with the area that they cover. `viewer` is the camera's position.
+/// Returns the plane through the points within `half_width_px` pixels of a pixel, with its normal oriented towards the
+/// camera's position, `viewer`. `None` if there are too few points, or if the pixel's leverage exceeds
+/// `MAX_LEVERAGE`.
 pub fn local_plane<F: Frame>(
     cloud: &OrganizedCloud<F>,
     at: (usize, usize),
@@ -63,8 +67,8 @@ pub fn local_plane<F: Frame>(
     local_plane_where(cloud, at, half_width_px, viewer, |_| true)
 }
 
-/// Fits the plane as [`local_plane`] does, but only through points for which `belongs` is true for the index of their
-/// pixel: the points of one surface.
+/// Fits the plane as [`local_plane`] does, but only through the points of one surface: those for whose pixel index
+/// `belongs` is true.
 pub fn local_plane_where<F: Frame>(
     cloud: &OrganizedCloud<F>,
     (column, row): (usize, usize),
@@ -104,7 +108,8 @@ pub fn local_plane_where<F: Frame>(
     Some(Plane { point, normal: Vector::new(outward) })
 }
 
-/// Returns whether the pixel at the origin lies too far beside points with this mean and this mean square.
+/// Returns whether the leverage of the pixel at the origin, for points with this mean and this mean square, exceeds
+/// `MAX_LEVERAGE`.
 fn is_outside_of_points(mean: Vector2<f64>, square: Matrix2<f64>) -> bool {
     let scatter = square - mean * mean.transpose();
     scatter.try_inverse().is_none_or(|inverse| 1.0 + mean.dot(&(inverse * mean)) > MAX_LEVERAGE)
@@ -123,16 +128,16 @@ fn nearest_valid_pixel<F: Frame>(
     })
 }
 
-/// Maximum difference between the two bounds of f at which the solution is accepted, mm.
+/// Maximum difference between the lower and the upper bound of f at which the solution is accepted, mm.
 const MAX_GAP_MM: f64 = 1e-7;
-/// Largest number of cutting planes; twenty are usual.
+/// Maximum number of cutting planes; twenty are usual.
 const MAX_CUTS: usize = 60;
-/// Largest slope of the planes against the plane of least squares: a multiple of the zone about that plane, divided by
-/// the points' scatter.
+/// Maximum slope of the planes against the plane of least squares, as a multiple of the zone about that plane divided
+/// by the points' scatter.
 const MAX_SLOPE: f64 = 4.0;
 /// Minimum scatter of the points in each direction of their plane, mm; with less scatter they do not determine a plane.
 const MIN_SCATTER_MM: f64 = 1e-3;
-/// Relative tolerance for rounding errors when a corner of the linear program is checked against its rows.
+/// Relative tolerance for rounding errors when a vertex of the linear program is checked against the constraints.
 const ROUNDING_TOLERANCE: f64 = 1e-10;
 
 /// The zone between two parallel planes that contain all points.
@@ -145,8 +150,8 @@ pub struct PlaneZone {
 }
 
 impl PlaneZone {
-    /// Computes the zone of these points; `None` if they do not determine a plane. If the bounds do not meet, the
-    /// zone is the narrowest that was found: an upper bound.
+    /// Computes the zone of these points; `None` if the points do not determine a plane. If the bounds do not meet, the
+    /// result is the narrowest zone that was found: an upper bound.
     pub fn compute<F: Frame>(points: &[Point<F>]) -> Option<PlaneZone> {
         let (local, scatter_mm) = along_plane(points)?;
         let level = Zone::at(&local, [0.0; 2]);
@@ -173,10 +178,10 @@ impl PlaneZone {
     }
 }
 
-/// Returns the points along their plane of least squares, x and y divided by their scatter, and this scatter, mm;
-/// `None` if they lie on a line.
+/// Returns the points in coordinates along their plane of least squares, with x and y divided by their scatter, and
+/// this scatter, mm; `None` if the points lie on a line.
 fn along_plane<F: Frame>(points: &[Point<F>]) -> Option<(Vec<Vector3<f64>>, [f64; 2])> {
-    // The eigenvalue decomposition does not terminate for numbers that are not finite.
+    // The eigenvalue decomposition would not terminate for numbers that are not finite.
     if points.len() < 3 || !points.iter().all(|point| point.mm.coords.iter().all(|mm| mm.is_finite())) {
         return None;
     }
@@ -194,7 +199,7 @@ fn along_plane<F: Frame>(points: &[Point<F>]) -> Option<(Vec<Vector3<f64>>, [f64
     is_plane.then(|| (arms.iter().map(local).collect(), scatter_mm))
 }
 
-/// f for one tilt, with its highest and its lowest point.
+/// The value of f for one tilt (a, b), with the highest and the lowest point at this tilt.
 #[derive(Clone, Copy)]
 struct Zone {
     slopes: [f64; 2],
@@ -218,22 +223,22 @@ impl Zone {
         Zone { slopes, width_mm: highest.1 - lowest.1, highest: highest.0, lowest: lowest.0 }
     }
 
-    /// Returns the row (1) of the highest and the lowest point.
+    /// Returns the constraint (1) of the highest and the lowest point.
     fn cut(&self, points: &[Vector3<f64>]) -> Row {
         let between = points[self.highest] - points[self.lowest];
         Row { of: Vector3::new(between.x, between.y, 1.0), least: between.z }
     }
 }
 
-/// A row of the linear program over (a, b, f): `of` · (a, b, f) ≥ `least`.
+/// A constraint of the linear program over (a, b, f): `of` · (a, b, f) ≥ `least`.
 #[derive(Clone, Copy)]
 struct Row {
     of: Vector3<f64>,
     least: f64,
 }
 
-/// Returns the point (a, b, f) with the least f that satisfies all rows: a corner, at which three rows hold with
-/// equality.
+/// Returns the vertex (a, b, f) with the least f that satisfies all constraints. Three constraints hold with equality
+/// at a vertex.
 fn lowest_corner(rows: &[Row]) -> Option<Vector3<f64>> {
     let scale = rows.iter().map(|row| row.least.abs()).fold(MAX_GAP_MM, f64::max);
     let meets_all =
@@ -261,7 +266,8 @@ mod tests {
     use super::*;
     use crate::geometry::Panel;
 
-    /// By hand: on z = 700 + x/2 the normal towards the viewer at the origin is (1/2, 0, −1)/√1.25.
+    /// Expected value, calculated by hand: on z = 700 + x/2 the normal towards the viewer at the origin is (1/2, 0,
+    /// −1)/√1.25.
     #[test]
     fn a_tilted_plane_is_fitted_and_intersected_by_a_ray() {
         let point = |i: usize| {
@@ -280,9 +286,9 @@ mod tests {
         assert!((met.mm.z - 700.700_700).abs() < 1e-3, "{met:?}");
     }
 
-    /// Calculated by hand: two columns of a 21 × 21 grid, 4 and 5 px beside the pixel, have their mean 4.5 px from
-    /// it and a scatter of 0.5 px: 1 + (4.5/0.5)² = 82. For half of a window with the pixel at its edge, the value
-    /// is 4.
+    /// Expected values, calculated by hand. Two columns of a 21 × 21 grid, 4 and 5 px beside the pixel, have their mean
+    /// 4.5 px from the pixel and a scatter of 0.5 px: the leverage is 1 + (4.5/0.5)² = 82. For half of a window with
+    /// the pixel at its edge, the leverage is 4.
     #[test]
     fn a_few_points_in_a_row_give_no_plane_for_a_pixel_beside_them() {
         let cloud = |columns: std::ops::Range<usize>| {
@@ -298,8 +304,8 @@ mod tests {
         assert!(plane(10..21).is_some());
     }
 
-    /// Returns the zone of heights over 41 × 21 places of 400 × 200 mm, x from 0 to 1, on a plane that is tilted by a
-    /// tenth and a twentieth.
+    /// Returns the zone of heights at 41 × 21 points of 400 × 200 mm, x from 0 to 1, on a plane with the slopes 1/10
+    /// and 1/20.
     fn zone(height_mm: impl Fn(f64, f64) -> f64) -> PlaneZone {
         let normal = Vector3::new(-0.1, -0.05, 1.0).normalize();
         let point = |n: usize| {
@@ -316,8 +322,8 @@ mod tests {
         assert!(minimum_mm < 1e-6 && least_squares_mm < 1e-6, "{minimum_mm} {least_squares_mm}");
     }
 
-    /// By hand: a cylinder of radius 10 m over 400 mm has the sagitta 10000 − √(10000² − 200²) = 2.0002 mm, all of
-    /// which is its zone.
+    /// Expected value, calculated by hand: a cylinder of radius 10 m over 400 mm has the sagitta 10000 − √(10000² −
+    /// 200²) = 2.0002 mm; this is its minimum zone.
     #[test]
     fn the_flatness_of_a_cylinder_is_its_sagitta() {
         let radius_mm = 1e4_f64;
@@ -326,8 +332,8 @@ mod tests {
         assert!((found.least_squares_mm - 2.0002).abs() < 1e-3, "{found:?}");
     }
 
-    /// By hand: x³ lies between the lines x and x − 2/3^1.5, which are 0.3849 apart. The line of least squares of
-    /// dense points has the slope 0.9 and the zone 0.1 + 2 · 0.3^1.5 = 0.4286.
+    /// Expected values, calculated by hand: x³ lies between the lines x and x − 2/3^1.5, which are 0.3849 apart. The
+    /// least-squares line of dense points has the slope 0.9 and the zone 0.1 + 2 · 0.3^1.5 = 0.4286.
     #[test]
     fn the_minimum_zone_is_narrower_than_that_of_least_squares() {
         let found = zone(|x, _| x.powi(3));
@@ -335,8 +341,8 @@ mod tests {
         assert!((found.least_squares_mm - 0.4286).abs() < 0.012, "{found:?}");
     }
 
-    /// By hand: in a twist each edge is a line, and the heights at the corners are 0, 0, 0 and 1. The planes through
-    /// the two diagonals are 0.5 apart.
+    /// Expected value, calculated by hand: each edge of a twisted surface is a straight line, and the heights at the
+    /// corners are 0, 0, 0 and 1. The planes through the two diagonals are 0.5 apart.
     #[test]
     fn the_flatness_of_a_twist_is_half_of_its_corner_height() {
         let found = zone(|x, y| x * y);

@@ -1,11 +1,11 @@
-//! Plane polygons of pixels: inside or outside, signed area.
+//! Plane polygons of pixels: whether a point is inside, signed area, crossing sides, distance to a side.
 
 use super::picture::Mask;
 use super::rigid::Pixel;
 
-/// Returns true for a point inside by the even–odd rule.
+/// Returns whether a point is inside of the polygon by the even–odd rule.
 ///
-/// Repeated corners are allowed; the polygon closes itself.
+/// Repeated corners are allowed; the last corner is connected with the first one.
 pub fn contains(polygon: &[Pixel], point: Pixel) -> bool {
     let mut inside = false;
     for (a, b) in edges(polygon) {
@@ -16,7 +16,8 @@ pub fn contains(polygon: &[Pixel], point: Pixel) -> bool {
     inside
 }
 
-/// Returns the pixels of a picture of this size whose centres lie inside by the even–odd rule.
+/// Returns the mask of the pixels whose centres lie inside of the polygon by the even–odd rule, for a picture of this
+/// size.
 pub fn fill_polygon(polygon: &[Pixel], width: usize, height: usize) -> Mask {
     let mut mask = Mask::all_outside(width, height);
     for row in 0..height {
@@ -35,13 +36,13 @@ pub fn fill_polygon(polygon: &[Pixel], width: usize, height: usize) -> Mask {
     mask
 }
 
-/// Returns the area in px², positive if the corners run clockwise as seen on a screen (v down).
+/// Returns the polygon's area, px², positive if the corners run clockwise as seen on a screen (v down).
 pub fn signed_area_px2(polygon: &[Pixel]) -> f64 {
     edges(polygon).map(|(a, b)| (a.u * b.v - b.u * a.v) / 2.0).sum()
 }
 
-/// Finds two sides that meet at a point other than a common corner. A side is identified by the number of its first
-/// corner, from 0; `None` for a simple polygon.
+/// Finds two sides that meet at a point other than a common corner. A side has the number of its first corner, from 0.
+/// Returns `None` for a simple polygon.
 pub fn crossing_sides(polygon: &[Pixel]) -> Option<[usize; 2]> {
     let count = polygon.len();
     let side = |i: usize| (polygon[i], polygon[(i + 1) % count]);
@@ -49,7 +50,7 @@ pub fn crossing_sides(polygon: &[Pixel]) -> Option<[usize; 2]> {
     pairs.filter(|[i, j]| (j + 1) % count != *i).find(|&[i, j]| cross(side(i), side(j)))
 }
 
-/// Returns the distance of a point from the nearest side, px.
+/// Returns the distance of a point from the nearest side of the polygon, px.
 pub fn distance_to_side_px(polygon: &[Pixel], point: Pixel) -> f64 {
     let to_side = |(a, b): (Pixel, Pixel)| {
         let (du, dv) = (b.u - a.u, b.v - a.v);
@@ -81,7 +82,7 @@ fn edges(polygon: &[Pixel]) -> impl Iterator<Item = (Pixel, Pixel)> + '_ {
 mod tests {
     use super::*;
 
-    /// By hand: a right triangle of 4 × 2 px has 4 px².
+    /// Expected value, calculated by hand: a right triangle of 4 × 2 px has 4 px².
     #[test]
     fn triangle() {
         let triangle = [Pixel::at(0.0, 0.0), Pixel::at(4.0, 0.0), Pixel::at(0.0, 2.0)];
@@ -90,9 +91,9 @@ mod tests {
         assert!(!contains(&triangle, Pixel::at(3.0, 1.5)));
     }
 
-    /// Calculated by hand: sides 0 and 2 of an hourglass cross in its middle. A side that touches a corner counts as a
-    /// crossing. (2, 1) is 1 px from the upper side of a rectangle of 4 × 4 px, and (6, 7) is √(2² + 3²) px from its
-    /// corner.
+    /// Expected values, calculated by hand: sides 0 and 2 of an hourglass cross in its middle. A side that touches a
+    /// corner is a crossing. The point (2, 1) is 1 px from the upper side of a rectangle of 4 × 4 px, and (6, 7) is
+    /// √(2² + 3²) px from its corner.
     #[test]
     fn crossing_sides_and_distances_to_sides_by_hand() {
         let of = |corners: &[[f64; 2]]| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect::<Vec<_>>();

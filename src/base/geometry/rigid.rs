@@ -1,19 +1,19 @@
-//! Frames, angles and pixels as types; frame-tagged points, directions and rigid transforms; and the uncertainty of a
-//! pose, expressed as the uncertainty of the points that it maps.
+//! Frames, angles and pixels as types; points, directions and rigid transforms with their frames; and the uncertainty
+//! of a pose, stated as the uncertainty of the points that the pose maps.
 //!
-//! A frame is the reference of a measurement. Every point, direction and transform carries its frame, so that adding a
-//! camera point to a base point does not compile. Types cannot distinguish the same frame at two times: if a person
-//! bumps the panel, `Panel` before and after is one type but two poses. For this reason the cycle uses a localization
-//! only for a limited time, until the phase Verify renews it.
+//! Every point, direction and transform has its frame in its type, so that adding a camera point to a base point does
+//! not compile. Types cannot distinguish the same frame at two times: if a person bumps the panel, `Panel` before and
+//! after is one type but two poses. For this reason the cycle uses a localization only for a limited time, until the
+//! phase Verify renews it.
 //!
-//! `Rigid<To, From>` is the thesis's `ᵀᵒT_From` (Eq. 3.1): it maps a point of frame `From` to frame `To`. In products
-//! neighbouring frames cancel, `base_from_panel = base_from_camera * camera_from_panel`; every other order does not
-//! compile. [`Rigid::from_isometry_unchecked`] is the only function that declares numbers to be a transform between two
-//! frames: a search for its name gives the list to review.
+//! `Rigid<To, From>` is the thesis's `ᵀᵒT_From` (Eq. 3.1): it maps a point of frame `From` to frame `To`. In a product
+//! adjacent frames must match, `base_from_panel = base_from_camera * camera_from_panel`; every other order does not
+//! compile. [`Rigid::from_isometry_unchecked`] is the only function that creates a transform from plain numbers. A
+//! search for its name finds every place where the frames are not checked by the compiler.
 //!
-//! No public function accepts two bare numbers side by side. Lengths are `f64` in mm with the unit in their name,
-//! inside tagged points and transforms. Angles cross every boundary in degrees; [`Degrees::to_rad`] is the only
-//! conversion to radians for a kernel.
+//! No public function accepts two bare numbers side by side. Lengths are `f64` in mm with the unit in their name, or
+//! are inside of points and transforms with frames. Angles are passed in degrees; [`Degrees::to_rad`] is the only
+//! conversion to radians, for numerical code.
 
 use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
@@ -22,7 +22,7 @@ use std::ops::{Add, Mul, Sub};
 
 /// A coordinate frame; implemented only by the markers of this module.
 pub trait Frame: Copy + std::fmt::Debug + PartialEq + Send + Sync + 'static {
-    /// The name used in messages.
+    /// The frame's name in messages.
     const NAME: &'static str;
 }
 
@@ -80,7 +80,7 @@ impl std::fmt::Display for Degrees {
     }
 }
 
-/// A position in a picture, px. Whole numbers are pixel centres, as in OpenCV; u to the right, v down.
+/// A position in a picture, px. Whole numbers are pixel centres, as in OpenCV; u points to the right, v down.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Pixel {
     /// Column, px.
@@ -100,7 +100,7 @@ impl Pixel {
         (self.u - other.u).hypot(self.v - other.v)
     }
 
-    /// Returns the nearest whole pixel in a picture of this size; `None` outside of the picture.
+    /// Returns the column and row of the nearest pixel of a picture of this size; `None` outside of the picture.
     pub fn nearest_whole(self, width: usize, height: usize) -> Option<(usize, usize)> {
         let (column, row) = (self.u.round(), self.v.round());
         let inside = column >= 0.0 && row >= 0.0 && column < width as f64 && row < height as f64;
@@ -147,7 +147,7 @@ impl<F: Frame> Vector<F> {
         Vector { mm, frame: PhantomData }
     }
 
-    /// Returns the direction of this vector; `None` if it is too short to have one.
+    /// Returns the unit vector along this vector; `None` if this vector is too short to have a direction.
     pub fn direction(self) -> Option<Self> {
         self.mm.try_normalize(1e-12).map(Self::new)
     }
@@ -187,7 +187,7 @@ pub struct Rigid<To: Frame, From: Frame> {
 }
 
 impl<To: Frame, From: Frame> Rigid<To, From> {
-    /// Declares that these numbers map points of `From` to `To`.
+    /// Creates a transform from plain numbers. The caller ensures that they map points of `From` to `To`.
     pub fn from_isometry_unchecked(isometry: Isometry3<f64>) -> Self {
         Rigid { isometry, frames: PhantomData }
     }
@@ -202,7 +202,7 @@ impl<To: Frame, From: Frame> Rigid<To, From> {
         &self.isometry
     }
 
-    /// Returns only the rotation.
+    /// Returns the rotation of the transform, without its translation.
     pub fn rotation(&self) -> Rotation3<f64> {
         self.isometry.rotation.to_rotation_matrix()
     }
@@ -222,22 +222,22 @@ impl<To: Frame, From: Frame> Rigid<To, From> {
         Self::from_isometry_unchecked(Translation3::from(step.mm) * self.isometry)
     }
 
-    /// Returns the distance between a point of `From` as this transform maps it and as `other` maps it, mm.
+    /// Returns the distance between the images of a point of `From` under this transform and under `other`, mm.
     pub fn distance_at_mm(self, other: Self, point: Point<From>) -> f64 {
         (self * point).distance_mm(other * point)
     }
 }
 
 impl<F: Frame> Rigid<F, F> {
-    /// Returns the transform that moves nothing.
+    /// Returns the identity transform.
     pub fn identity() -> Self {
         Self::from_isometry_unchecked(Isometry3::identity())
     }
 }
 
 impl<To: Frame, From: Frame> Rigid<To, From> {
-    /// Creates the transform whose columns are the axes of `From` seen in `To` (thesis Eq. 3.17). The axes must be
-    /// orthonormal and right-handed; the caller ensures this.
+    /// Creates the transform whose rotation has the axes of `From`, measured in `To`, as its columns (thesis Eq. 3.17).
+    /// The caller ensures that the axes are orthonormal and right-handed.
     pub fn from_axes(axes: [Vector<To>; 3], origin: Point<To>) -> Self {
         let basis = nalgebra::Matrix3::from_columns(&axes.map(|axis| axis.mm));
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(basis));
@@ -266,11 +266,11 @@ impl<To: Frame, From: Frame> Mul<Vector<From>> for Rigid<To, From> {
     }
 }
 
-/// Computes the rigid motion that maps points best onto others (Kabsch, Acta Cryst. A32, 1976): with the centroids p̄,
-/// q̄ and the singular value decomposition U S Vᵀ = Σ (p − p̄)(q − q̄)ᵀ,
-///     R = U diag(1, 1, det(U Vᵀ)) Vᵀ,   t = p̄ − R q̄,
-/// where the determinant keeps R a rotation if the pairs fit a reflection better (Umeyama, IEEE PAMI 13(4), 1991).
-/// Returns `None` for fewer than three pairs, for points on a line and for numbers that are not finite.
+/// Computes the rigid motion with the least squared distances between two lists of points (Kabsch, Acta Cryst. A32,
+/// 1976). With the centroids p̄, q̄ and the singular value decomposition U S Vᵀ = Σ (p − p̄)(q − q̄)ᵀ,
+///     R = U diag(1, 1, det(U Vᵀ)) Vᵀ,   t = p̄ − R q̄.
+/// The determinant ensures that R is a rotation even if a reflection fits the points better (Umeyama, IEEE PAMI 13(4),
+/// 1991). Returns `None` for fewer than three pairs, for points on a line and for numbers that are not finite.
 pub fn fit_rigid_motion<From: Frame, To: Frame>(pairs: &[(Point<From>, Point<To>)]) -> Option<Rigid<To, From>> {
     let count = pairs.len() as f64;
     let (sum_from, sum_to) = pairs.iter().fold((Vector3::zeros(), Vector3::zeros()), |(from, to), pair| {
@@ -279,12 +279,13 @@ pub fn fit_rigid_motion<From: Frame, To: Frame>(pairs: &[(Point<From>, Point<To>
     let (mean_from, mean_to) = (sum_from / count, sum_to / count);
     let spread: Matrix3<f64> =
         pairs.iter().map(|(from, to)| (to.mm.coords - mean_to) * (from.mm.coords - mean_from).transpose()).sum();
-    // The decomposition does not terminate for values that are not finite.
+    // The decomposition would not terminate for values that are not finite.
     if !spread.iter().all(|number| number.is_finite()) {
         return None;
     }
     let svd = spread.try_svd(true, true, f64::EPSILON, 0)?;
-    // Three pairs span a plane; if the second singular value is zero, the rotation about a line is not determined.
+    // If the second singular value is zero, the points lie on a line, and the rotation about this line is not
+    // determined.
     if pairs.len() < 3 || svd.singular_values[1] <= 1e-9 * svd.singular_values[0] {
         return None;
     }
@@ -298,26 +299,28 @@ pub fn fit_rigid_motion<From: Frame, To: Frame>(pairs: &[(Point<From>, Point<To>
     )))
 }
 
-/// The covariance of a pose: a small twist (ω, v) about a centre, in the camera's frame, rad and mm.
+/// The covariance of a pose, as the covariance of a small twist (ω, v) about a centre, in the camera's frame, rad and
+/// mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseUncertainty {
     /// The pose.
     pub camera_from_panel: Rigid<Camera, Panel>,
-    /// The point about which the twist rotates.
+    /// The point of the panel about which the twist rotates.
     pub centre: Point<Panel>,
     /// The covariance of the twist.
     pub covariance: Matrix6<f64>,
 }
 
 impl PoseUncertainty {
-    /// Returns one standard deviation of a point along a direction of length 1, mm; NaN if the covariance is not known.
-    /// A twist moves the point, whose lever arm from the centre is r, by ω × r + v, and along n by ω · (r × n) + v · n.
+    /// Returns the standard deviation of a point of the panel along a unit vector, mm; NaN if the covariance is not
+    /// known. With the lever arm r from the centre to the point, a twist moves the point by ω × r + v, and along n by ω
+    /// · (r × n) + v · n.
     pub fn along_mm(&self, place: Point<Panel>, direction: Vector<Panel>) -> f64 {
         let arm = (self.camera_from_panel * place - self.camera_from_panel * self.centre).mm;
         let along = (self.camera_from_panel * direction).mm;
         let turning = arm.cross(&along);
         let moves = Vector6::new(turning.x, turning.y, turning.z, along.x, along.y, along.z);
-        // Not `max`: it would make 0 of a NaN.
+        // `max` would replace a NaN by 0; `clamp` keeps it.
         (self.covariance * moves).dot(&moves).clamp(0.0, f64::INFINITY).sqrt()
     }
 }
@@ -333,7 +336,8 @@ mod tests {
         Rigid::from_isometry_unchecked(Isometry3::new(Vector3::new(x, y, z), Vector3::new(rx, ry, rz)))
     }
 
-    /// Calculated by hand: a rotation by 90° about Z maps x̂ to ŷ, then the translation (100, 0, 0) is added.
+    /// Expected value, calculated by hand: a rotation by 90° about Z maps x̂ to ŷ, then the translation (100, 0, 0) is
+    /// added.
     #[test]
     fn a_transform_rotates_first_and_then_translates() {
         let base_from_panel: Rigid<Base, Panel> = rigid([100.0, 0.0, 0.0, 0.0, 0.0, std::f64::consts::FRAC_PI_2]);
@@ -368,7 +372,8 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: a rotation by 90° about Z and a shift of (10, 0, 0) map (1, 0, 0) to (10, 1, 0).
+    /// Expected value, calculated by hand: a rotation by 90° about Z and a shift of (10, 0, 0) map (1, 0, 0) to (10, 1,
+    /// 0).
     #[test]
     fn the_rigid_motion_of_a_quarter_turn_is_fitted() {
         let pairs: [(Point<Panel>, Point<Base>); 3] = [
@@ -391,8 +396,8 @@ mod tests {
     }
 
     proptest! {
-        /// Points in a plane do not determine the sign of the third singular vectors: without the determinant every
-        /// other rotation here would result in a reflection.
+        /// Points in a plane do not determine the sign of the third singular vectors. Without the determinant, every
+        /// second rotation in this test would result in a reflection.
         #[test]
         fn a_plane_panel_is_never_mirrored(turn in prop::array::uniform3(-2.0..2.0f64), shift in prop::array::uniform3(-99.0..99.0f64)) {
             let truth: Rigid<Base, Panel> = Rigid::from_isometry_unchecked(Isometry3::new(shift.into(), turn.into()));
@@ -405,13 +410,14 @@ mod tests {
         }
     }
 
-    /// By hand: a tilt of 1 mrad about y moves a place that is 100 mm away along x by 0.1 mm along the normal, which
-    /// together with a shift of 0.05 mm is 0.1118 mm. Along x it does not move.
+    /// Expected values, calculated by hand: a tilt of 1 mrad about y moves a point that is 100 mm away along x by 0.1
+    /// mm along the normal. Together with a shift of 0.05 mm, the standard deviation is 0.1118 mm. Along x the point
+    /// does not move.
     #[test]
     fn a_tilt_is_multiplied_by_its_lever_arm() {
         let turned = Isometry3::rotation(Vector3::new(0.0, 0.0, std::f64::consts::FRAC_PI_2));
         let mut covariance = Matrix6::zeros();
-        // The panel's y is the camera's −x.
+        // The panel's y axis is the camera's −x axis.
         covariance[(0, 0)] = 1e-6;
         covariance[(5, 5)] = 0.0025;
         let camera_from_panel = Rigid::from_isometry_unchecked(turned);
@@ -429,14 +435,14 @@ mod tests {
         assert!(pose.along_mm(Point::at(1.0, 0.0, 0.0), Vector::new(Vector3::z())).is_nan());
     }
 
-    /// By hand: 180° is π.
+    /// 180° is π rad.
     #[test]
     fn degrees_and_radians_convert_into_each_other() {
         assert!((Degrees(180.0).to_rad() - std::f64::consts::PI).abs() < 1e-15);
         assert!((Degrees::from_rad(std::f64::consts::FRAC_PI_6).0 - 30.0).abs() < 1e-12);
     }
 
-    /// Pixel (−0.4, 1.6) is column 0, row 2; half a pixel beyond the last column is outside.
+    /// Pixel (−0.4, 1.6) is in column 0, row 2; a pixel more than half a pixel beyond the last column is outside.
     #[test]
     fn whole_pixels_end_half_a_pixel_outside_the_centres() {
         assert_eq!(Pixel::at(-0.4, 1.6).nearest_whole(4, 3), Some((0, 2)));

@@ -1,41 +1,42 @@
-//! A smooth field over a rectangle: it follows heights measured at some places, but changes no faster than a panel
-//! bends.
+//! A smooth field over a rectangle, fitted to heights that were measured at some points. The field follows the bending
+//! of a panel, but no smaller features.
 //!
-//! c(u, v) over the unit square is a bicubic spline with spans of 70 mm at most that minimises
-//!     Σ_q w_q (c(u_q, v_q) − r_q)² + n̄ (λ Σ |Δ²c|² + μ Σ c²),                                              (1)
-//! with n̄ the mean number of heights r_q for each coefficient and Δ² second differences of the coefficients along u
-//! and along v. If heights are missing, the field continues smoothly and fades to 0. Heights have Tukey's weights
-//! (Beaton & Tukey, Technometrics 16, 1974). The first weights come from a single patch, so that a clamp or a flying
-//! point has no weight. Sums are computed over fixed chunks in their order, so that the result is bit-identical for any
-//! number of threads.
+//! c(u, v) over the unit square is a bicubic spline with spans of at most 70 mm that minimises
+//!     Σ_q w_q (c(u_q, v_q) − r_q)² + n̄ (λ Σ |Δ²c|² + μ Σ c²).                                              (1)
+//! n̄ is the mean number of heights r_q for each coefficient, and Δ² are the second differences of the coefficients
+//! along u and along v. Where heights are missing, the field continues smoothly and decreases to 0. The heights have
+//! Tukey's weights w_q (Beaton & Tukey, Technometrics 16, 1974). The first weights come from a single patch, so that
+//! points on a clamp and outliers have no weight. Sums are computed over fixed chunks in a fixed order, so that the
+//! result is bit-identical for any number of threads.
 
 use super::basis::{DEGREE, KnotVector};
 use super::statistics::{SIGMA_OF_MEDIAN, TUKEY_CONSTANT, median, tukey_weight};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-/// Largest length of a span, mm: longer than a weave, a seam or the camera's noise, shorter than the bending of a
-/// panel.
+/// Maximum length of a span, mm: longer than the structures of a weave, a seam or the camera's noise, shorter than the
+/// bending of a panel.
 const MAX_SPAN_MM: f64 = 70.0;
-/// λ of (1); `MAGNITUDE_WEIGHT` is μ. Between measured places both together change the field by less than a hundredth.
+/// λ of (1); `MAGNITUDE_WEIGHT` is μ. Between measured points the two terms together change the field by less than 1 %.
 const SMOOTHNESS_WEIGHT: f64 = 1e-3;
+/// μ of (1).
 const MAGNITUDE_WEIGHT: f64 = 1e-4;
-/// Lower limit of σ, mm, for heights without noise.
+/// Minimum value of σ, mm; it applies to heights without noise.
 const MIN_SIGMA_MM: f64 = 0.01;
 /// Number of fits with Tukey's weights.
 const FIT_ROUNDS: usize = 4;
-/// A height farther than this from the best single patch does not belong to the field, mm; the waves of a panel are
-/// smaller.
+/// Maximum distance of a height from the best single patch, mm, at which the height belongs to the field; the waves of
+/// a panel are smaller.
 const MAX_PATCH_DISTANCE_MM: f64 = 1.5;
 /// Number of basis functions that are non-zero at a point, along each axis.
 const BASIS_ORDER: usize = DEGREE + 1;
 /// Number of heights that one task sums.
 const CHUNK_HEIGHTS: usize = 2_048;
 
-/// A height that was measured at a place.
+/// A measured height and its position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeightSample {
-    /// The place in the unit square.
+    /// The position in the unit square.
     pub position: [f64; 2],
     /// The height, mm.
     pub height_mm: f64,
@@ -45,24 +46,24 @@ pub struct HeightSample {
 #[derive(Debug, Clone)]
 pub struct SmoothField {
     knots: [KnotVector; 2],
-    /// One coefficient for each pair of functions, mm, v running fastest.
+    /// One coefficient for each pair of basis functions, mm; v is the fastest index.
     coefficients: DVector<f64>,
 }
 
-/// A field, and the heights to which it was fitted.
+/// A field, with the limit that decided which heights it follows.
 #[derive(Debug, Clone)]
 pub struct RobustField {
     /// The field.
     pub field: SmoothField,
-    /// A height farther than this from the field has no weight, mm.
+    /// Maximum distance of a height from the field, mm, at which the height has a weight.
     pub limit_mm: f64,
 }
 
 impl SmoothField {
-    /// Computes the field from these heights over a rectangle of this size, mm; `None` if (1) has no solution.
+    /// Computes the field from these heights over a rectangle with these sides, mm; `None` if (1) has no solution.
     pub fn fit_robust(sides_mm: [f64; 2], seen: &[HeightSample]) -> Option<RobustField> {
-        // A single patch cannot follow a clamp; a field with many spans would follow it if the fit started with that
-        // field.
+        // The first weights come from a single patch, because it cannot follow a clamp. A field with many spans would
+        // follow the clamp and give weight to its points.
         let patch = SmoothField::fit_weighted(&knots([1, 1])?, seen, vec![1.0; seen.len()])?.field;
         let is_near = |height: &HeightSample| {
             (height.height_mm - patch.height_at(height.position)).abs() <= MAX_PATCH_DISTANCE_MM
@@ -72,7 +73,7 @@ impl SmoothField {
         SmoothField::fit_weighted(&knots(spans)?, seen, weights)
     }
 
-    /// Returns the height at a place, mm; outside the square, the height of its border.
+    /// Returns the height of the field at a position, mm; outside of the unit square, the height at its border.
     pub fn height_at(&self, at: [f64; 2]) -> f64 {
         basis_values(&self.knots, at)
             .iter()
@@ -96,7 +97,7 @@ impl SmoothField {
         Some(RobustField { field, limit_mm })
     }
 
-    /// Minimises (1) for these weights.
+    /// Minimises (1) with these weights.
     fn solve_weighted(knots: &[KnotVector; 2], seen: &[HeightSample], weights: &[f64]) -> Option<SmoothField> {
         let [rows, columns] = [knots[0].controls(), knots[1].controls()];
         let count = rows * columns;
@@ -125,7 +126,7 @@ impl SmoothField {
     }
 }
 
-/// The normal equations of (1); Cholesky's decomposition reads only the lower half.
+/// The normal equations of (1); the Cholesky decomposition reads only the lower triangle.
 struct Equations {
     normal: DMatrix<f64>,
     rhs: DVector<f64>,
@@ -140,7 +141,7 @@ impl Equations {
         if weight <= 0.0 {
             return;
         }
-        // The indices increase along the list.
+        // The indices increase along the list, so only the lower triangle is filled.
         let functions = basis_values(knots, height.position);
         for (n, one) in functions.iter().enumerate() {
             let weighted = weight * one.value;
@@ -158,20 +159,20 @@ impl Equations {
     }
 }
 
-/// A function that is not 0 at a place: the index of its coefficient, and its value at the place.
+/// A basis function that is not 0 at a position: the index of its coefficient, and its value.
 #[derive(Clone, Copy)]
 struct BasisValue {
     index: usize,
     value: f64,
 }
 
-/// Creates the knots of this number of equal spans along each axis; `None` for zero spans.
+/// Creates two knot vectors with these numbers of equal spans, along u and v; `None` for zero spans.
 fn knots(spans: [usize; 2]) -> Option<[KnotVector; 2]> {
     let along = |spans| KnotVector::uniform(DEGREE, spans, 0.0..=1.0).ok();
     Some([along(spans[0])?, along(spans[1])?])
 }
 
-/// Returns the functions that are not 0 at a place, by increasing index.
+/// Returns the basis functions that are not 0 at a position, by increasing index.
 fn basis_values(knots: &[KnotVector; 2], at: [f64; 2]) -> [BasisValue; BASIS_ORDER * BASIS_ORDER] {
     let along = |axis: usize| {
         let way = at[axis].clamp(0.0, 1.0);
@@ -185,7 +186,7 @@ fn basis_values(knots: &[KnotVector; 2], at: [f64; 2]) -> [BasisValue; BASIS_ORD
     })
 }
 
-/// Returns, for each second difference, its first coefficient and the step from one coefficient to the next.
+/// Returns, for each second difference, the index of its first coefficient and the index step to the next coefficient.
 fn second_differences(rows: usize, columns: usize) -> impl Iterator<Item = (usize, usize)> {
     let along_u = (0..rows.saturating_sub(2) * columns).map(move |index| (index, columns));
     let along_v =
@@ -197,15 +198,15 @@ fn second_differences(rows: usize, columns: usize) -> impl Iterator<Item = (usiz
 mod tests {
     use super::*;
 
-    /// Returns heights on a lattice of 60 × 40 places of a rectangle of 300 × 200 mm.
+    /// Returns heights on a lattice of 60 × 40 points of a rectangle of 300 × 200 mm.
     fn heights(mm: impl Fn([f64; 2]) -> f64) -> Vec<HeightSample> {
         let places = (0..60).flat_map(|i| (0..40).map(move |j| [f64::from(i) / 59.0, f64::from(j) / 39.0]));
         places.map(|at| HeightSample { position: at, height_mm: mm(at) }).collect()
     }
 
-    /// A bow of 1.5 mm with a wave of 200 mm is followed to 0.041 mm at most, at the border, and 0.010 mm rms. A
-    /// clamp of 30 mm at a corner, 3 mm high, is not followed: there the field continues to 0.11 mm. These numbers
-    /// come from another program for the same equations.
+    /// Expected values from an independent program for the same equations. The field follows a bow of 1.5 mm with a
+    /// wave of 200 mm with an error of at most 0.041 mm, at the border, and 0.010 mm rms. It does not follow a clamp of
+    /// 30 mm at a corner, 3 mm high: its error there is 0.11 mm.
     #[test]
     fn a_bow_is_followed_and_a_clamp_is_not() {
         let bow = |at: [f64; 2]| {

@@ -1,27 +1,28 @@
 //! The median, statistical constants that all modules share, and the meaning of "95 %" for errors on a panel.
 //!
 //! An error in one direction lies within 1.96 standard deviations with a probability of 95 %. The largest error over
-//! the whole panel exceeds this limit more often. A plane-to-plane error is a shift v along the normal and two tilts
-//! with the parts t₁ and t₂ at the panel's edges. At the four corners the error is v ± t₁ ± t₂, at most |v| + |t₁| +
-//! |t₂|. Noise that is the same all over a rectangle gives
+//! the whole panel exceeds this limit more often. A plane-to-plane error consists of a shift v along the normal and two
+//! tilts, which move the panel's edges by t₁ and t₂. At the four corners the error is v ± t₁ ± t₂, at most |v| + |t₁| +
+//! |t₂|. Uniform noise over a rectangle gives
 //!     var v = s², var t₁ = var t₂ = 3 s²,   σ at a corner = √7 s,                                                     (1)
-//! and (|v| + |t₁| + |t₂|) / (√7 s) stays below 2.35 with a probability of 94 %. Rectangles of other proportions give
-//! the same, since both tilts are counted at the edges. With all six degrees of freedom, the three in the plane add to
-//! σ but hardly to the largest error. For six degrees of freedom, Monte Carlo of the localization's covariance gives 95
-//! % at 2.34 on panels of 250 × 180 to 600 × 400 mm. One degree of freedom alone would give 1.96.
+//! and (|v| + |t₁| + |t₂|) / (√7 s) is below 2.35 with a probability of 94 %. The result is the same for rectangles of
+//! other proportions, since t₁ and t₂ are displacements at the edges. The three degrees of freedom in the plane
+//! increase σ but hardly the largest error. For all six degrees of freedom, a Monte Carlo simulation with the
+//! localization's covariance gives 95 % at 2.34 on panels of 250 × 180 to 600 × 400 mm. A single degree of freedom
+//! would give 1.96.
 
-/// An error in one direction lies within this number of standard deviations with a probability of 95 %.
+/// Limit of an error in one direction, in standard deviations, with a probability of 95 %.
 pub const NORMAL_TWO_SIDED_95: f64 = 1.96;
-/// The largest error over a panel lies within this number of standard deviations of its worst point. The probability is
-/// 95 % according to the localization's covariance, and 94 % according to (1).
+/// Limit of the largest error over a panel, in standard deviations of the panel's worst point. The probability is 95 %
+/// according to the localization's covariance, and 94 % according to (1).
 pub const PANEL_MAX_95: f64 = 2.35;
-/// Factor from the median of |x| to the standard deviation of normal noise.
+/// Ratio of the standard deviation of normal noise to the median of its absolute values.
 pub const SIGMA_OF_MEDIAN: f64 = 1.4826;
-/// Tukey's constant: 95 % of the efficiency of plain least squares on normal noise (Beaton & Tukey, Technometrics
-/// 16, 1974).
+/// Tukey's constant, in standard deviations: the fit has 95 % of the efficiency of ordinary least squares for normal
+/// noise (Beaton & Tukey, Technometrics 16, 1974).
 pub const TUKEY_CONSTANT: f64 = 4.685;
 
-/// Returns Tukey's weight, 0…1, of a deviation that is given in standard deviations.
+/// Returns Tukey's weight, 0…1, of a residual in standard deviations.
 pub fn tukey_weight(deviation_in_sigma: f64) -> f64 {
     let inner = 1.0 - (deviation_in_sigma / TUKEY_CONSTANT).powi(2);
     if inner > 0.0 { inner * inner } else { 0.0 }
@@ -29,7 +30,7 @@ pub fn tukey_weight(deviation_in_sigma: f64) -> f64 {
 
 /// A number with a total order.
 pub trait TotalOrder: Copy {
-    /// Compares by the total order of the IEEE standard, in which NaN is the largest.
+    /// Compares by the total order of IEEE 754, in which NaN is the largest value.
     fn order(&self, other: &Self) -> std::cmp::Ordering;
 }
 
@@ -67,7 +68,8 @@ mod tests {
     use super::*;
     use statrs::distribution::{ContinuousCDF, Normal};
 
-    /// Evaluates (1) by a sum over 80³ equally likely triples.
+    /// Evaluates equation (1) of the module documentation numerically: the sum over 80³ equally probable triples (v,
+    /// t₁, t₂) gives the probability.
     #[test]
     fn the_largest_corner_error_lies_within_the_factor() {
         let normal = Normal::new(0.0, 1.0).expect("a distribution");

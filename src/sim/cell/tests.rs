@@ -16,8 +16,8 @@ fn panel_points(cell: &Cell, cloud: &OrganizedCloud<Camera>) -> usize {
         .count()
 }
 
-/// 300,000 points in the full picture are 18,750 points at a quarter of its width and height. Calculated by hand:
-/// about 334 × 228 mm without the cut corner, 73,000 mm², seen at 33° with 2.28 px/mm.
+/// Expected values, calculated by hand. 300,000 points in the full picture are 18,750 points at a quarter of its width
+/// and height. The panel has about 334 × 228 mm without the cut corner, 73,000 mm², seen at 33° with 2.28 px/mm.
 #[test]
 fn a_panel_has_about_300_000_points() {
     for seed in 0..4 {
@@ -37,7 +37,7 @@ fn scenes_differ_in_the_objects_in_front_of_the_fixture() {
     assert_eq!(panel_points(&empty, &empty.scan()), 0);
     assert!(panel_points(&wrong, &wrong.scan()) > 10_000);
     assert_eq!(good.scan().picture(), clean.scan().picture(), "grease does not show on a dry panel");
-    // The taught panel is the same in all scenes; the wrong panel differs by millimetres.
+    // The taught panel is the same in all scenes; the panel of the scene "wrong panel" differs from it by millimetres.
     assert_eq!(good.taught_scan().picture(), wrong.taught_scan().picture());
     let (right, other) = (good.truth(), wrong.truth());
     let off_mm = other.surface_points().iter().map(|&point| right.distance_mm(point).abs()).fold(0.0, f64::max);
@@ -46,8 +46,8 @@ fn scenes_differ_in_the_objects_in_front_of_the_fixture() {
     assert!(!good.truth().spots.is_empty());
 }
 
-/// The plate is at X = 665 mm, so a point's error in X is its error along the ray times the cosine of incidence:
-/// 0.055 mm · (z/700)², independent of the incidence.
+/// The plate is at X = 665 mm. A point's error in X is its error along the ray times the cosine of incidence, 0.055 mm
+/// · (z/700)², which does not depend on the incidence.
 #[test]
 fn white_noise_of_the_scanner() {
     let cell = Cell::new(1, Scene::NoPanel, 4);
@@ -65,8 +65,8 @@ fn white_noise_of_the_scanner() {
     assert!((errors.iter().sum::<f64>() / errors.len() as f64).abs() < 0.01);
 }
 
-/// 0.06 mm at the nodes is 0.06 · 26/35 = 0.0446 mm overall. The error along the ray is the distance divided by the
-/// cosine of incidence. The known white part is subtracted from its square.
+/// Noise of 0.06 mm at the nodes is 0.06 · 26/35 = 0.0446 mm overall. The error along the ray is the distance divided
+/// by the cosine of incidence. The known variance of the white noise is subtracted.
 #[test]
 fn correlated_noise_of_the_scanner() {
     let cell = Cell::new(1, Scene::Clean, 8);
@@ -97,8 +97,8 @@ fn rms(numbers: &[f64]) -> f64 {
     (numbers.iter().map(|n| n * n).sum::<f64>() / numbers.len() as f64).sqrt()
 }
 
-/// Shares of all pixels within 1 px of the edge with a lit surface behind: 75 % missing, 10 % flying. Of all other
-/// pixels, 0.2 % of the lit ones and all unlit ones are missing.
+/// Expected fractions: of the pixels within 1 px of the edge with a lit surface behind it, 75 % are missing and 10 %
+/// have flying points. Of all other pixels, 0.2 % of the lit ones and all unlit ones are missing.
 #[test]
 fn edges_have_missing_and_flying_points() {
     let cell = Cell::new(2, Scene::Clean, 2);
@@ -164,7 +164,8 @@ fn each_seed_shot_and_time_has_its_own_noise() {
     assert_ne!(cell.film().picture(0.2), cell.film().picture(0.4));
 }
 
-/// The panel fills the quadrant opposite to the corner's name; 110 separates the panel from the background.
+/// The panel fills the quadrant opposite to the corner's name; the grey level 110 separates the panel from the
+/// background.
 #[test]
 fn corner_pictures_show_the_panel_in_one_quadrant() {
     let cell = Cell::new(4, Scene::Good, 4);
@@ -222,7 +223,7 @@ fn breaks_open_and_grow_until_they_fill_their_spots() {
     let counts: Vec<usize> = (0..80).map(|second| film.broken_pixels(f64::from(second)).count()).collect();
     assert!(counts.windows(2).all(|pair| pair[0] <= pair[1]));
     assert_eq!(counts[79], film.broken_pixels(last_s + 0.1).count());
-    // The final mask is the projected outlines, except for pixels on their edges.
+    // The final mask agrees with the projected outlines, except for pixels on their edges.
     let camera_from_panel = truth.base_from_camera.inverse() * truth.base_from_panel;
     let project = |&point: &Point<Panel>| cell.scanner().project(camera_from_panel * point).expect("in front");
     let outlines: Vec<Vec<Pixel>> =
@@ -237,8 +238,8 @@ fn breaks_open_and_grow_until_they_fill_their_spots() {
     assert!(inside.count() as f64 > 0.97 * counts[79] as f64);
 }
 
-/// Broken film looks dry. Whole film has 0.58 to 0.63 of the dry colour, less in streaks. The fixture does not
-/// change.
+/// A broken film has the dry colour. An unbroken film has 0.58 to 0.63 of the dry colour, less in streaks. The fixture
+/// does not change.
 #[test]
 fn a_whole_film_is_darker_than_a_broken_film() {
     let cell = Cell::new(6, Scene::Good, 4).with_films(FilmSpec::CALM_FILM);
@@ -247,7 +248,7 @@ fn a_whole_film_is_darker_than_a_broken_film() {
     let mut means = [(0.0, 0.0, 0); 3];
     for index in 0..mask.inside.len() {
         let kind = if mask.inside[index] { 0 } else { 1 + usize::from(dry.gray[index] > 130) };
-        // Pixels of the panel, neither of the hall nor of the edge.
+        // Excludes pixels of the hall and of the panel's edge.
         if kind == 1 && !(63..90).contains(&dry.gray[index]) {
             continue;
         }
@@ -262,7 +263,7 @@ fn a_whole_film_is_darker_than_a_broken_film() {
     assert!((ratio(2) - 1.0).abs() < 1e-3, "{}", ratio(2));
 }
 
-/// One panel at several places: shape, grease and teaching stay, only its pose changes.
+/// The same panel at several poses: shape, grease and taught scan do not change.
 #[test]
 fn another_pose_shows_the_same_panel() {
     let at = |place: u32| Cell::new(3, Scene::Good, 8).with_pose(place);

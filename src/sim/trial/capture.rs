@@ -1,9 +1,9 @@
 //! A trial's scan: the panel among other objects, with glints, water or motion blur.
 //!
-//! It may have two properties of real scans of a dark plate on an adapter: a holder in the panel's own plane that
-//! touches its edge, and large patches without points, which differ from scan to scan. A structured-light camera
-//! 1.1 m above such a plate, 300×300 mm, measured points on 54 to 79 % of the plate. Large patches and whole
-//! corners were missing, and the adapter at the upper edge caused no step of depth.
+//! A trial can have two properties of real scans of a dark plate on an adapter. A holder in the panel's own plane
+//! touches the panel's edge, and large patches without points differ from scan to scan. A structured-light camera 1.1 m
+//! above such a plate, 300×300 mm, measured points on 54 to 79 % of the plate. Large patches and whole corners were
+//! missing, and the adapter at the upper edge caused no step of depth.
 
 use super::TrialScene;
 use super::contents::{MissingPatches, PrintedDiscs, SceneContents, sheet_points};
@@ -96,7 +96,7 @@ impl TrialScene {
     }
 }
 
-/// Returns the mean of a pixel and its neighbours along the row.
+/// Returns the mean of a pixel and its neighbours along the row: the motion blur.
 fn smear_pixel(line: &[[u16; 3]], column: usize, smear_px: usize) -> [u16; 3] {
     let (from, to) = (column.saturating_sub(smear_px / 2), (column + smear_px / 2).min(line.len() - 1));
     let count = (to - from + 1) as u32;
@@ -105,15 +105,15 @@ fn smear_pixel(line: &[[u16; 3]], column: usize, smear_px: usize) -> [u16; 3] {
     })
 }
 
-/// Adds slabs in front of and behind the panel to a pixel. Returns the pixel, and the share that the nearest slab
-/// in front of the panel fills.
+/// Adds slabs in front of and behind the panel to a pixel. Returns the pixel, and the fraction of the pixel that the
+/// nearest slab in front of the panel covers.
 fn add_occluders(mut sight: PixelHit, hits: &[SlabHit]) -> (PixelHit, Option<f64>) {
     let panel_mm = sight.panel.map_or(f64::INFINITY, |panel| panel.depth_mm);
     let paint = |under: [f64; 3], slab: &SlabHit| {
         std::array::from_fn(|channel| under[channel] + slab.share * (slab.color[channel] - under[channel]))
     };
     let mut veil: Option<f64> = None;
-    // Far slabs first, so that near slabs are painted over them.
+    // The farthest slab is drawn first, so that near slabs cover far ones.
     let mut sorted: Vec<&SlabHit> = hits.iter().collect();
     sorted.sort_by(|a, b| b.depth_mm.total_cmp(&a.depth_mm));
     for slab in sorted {
@@ -124,8 +124,7 @@ fn add_occluders(mut sight: PixelHit, hits: &[SlabHit]) -> (PixelHit, Option<f64
         }
         if !behind {
             veil = Some(slab.share);
-            // A pixel that a slab half fills shows one of the two surfaces, with the slab's colour mixed over the
-            // background.
+            // A pixel that a slab covers partly has the depth of one of the two surfaces, and the mixed colour.
             if slab.share < 0.5 {
                 continue;
             }
@@ -141,24 +140,25 @@ fn add_occluders(mut sight: PixelHit, hits: &[SlabHit]) -> (PixelHit, Option<f64
     (sight, veil)
 }
 
-/// Half the holder's size along and across the panel's edge, mm.
+/// Half of the holder's size along and across the panel's edge, mm.
 const HOLDER_HALF_MM: [f64; 2] = [32.0, 45.0];
-/// Distance of the holder behind the panel's surface, mm: so small that the scan shows no step of depth;
-/// `HOLDER_UNDER_MM` is how far the holder reaches under the panel's edge.
+/// Distance of the holder behind the panel's surface, mm: so small that the scan shows no step of depth.
 const HOLDER_DISTANCE_MM: f64 = 0.15;
+/// Width of the part of the holder under the panel's edge, mm.
 const HOLDER_UNDER_MM: f64 = 1.5;
-/// Width that a person marks beside the holder, mm; `MARKED_ACROSS_MM` is the width on each side of the edge.
+/// Width of the area beside the holder that a person marks, mm.
 const MARKED_MARGIN_MM: f64 = 6.0;
+/// Width of the area that a person marks on each side of the panel's edge, mm.
 const MARKED_ACROSS_MM: f64 = 9.0;
 /// Grey level of the holder.
 const HOLDER_GRAY: f64 = 120.0;
-/// Approximate size of a patch without points, mm: the lattice spacing of the noise that forms the patches.
+/// Approximate size of a patch without points, mm: the lattice spacing of the noise from which the patches are made.
 const PATCH_MM: f64 = 55.0;
-/// Standard deviation of a corner of the outline that a person draws, px.
+/// Standard deviation of the corners of the outline that a person draws, px.
 const DRAWING_ERROR_PX: f64 = 1.0;
 
-/// A straight side of the panel's outline on its sheet: its middle, the directions along the side and outwards, and
-/// its length, mm.
+/// A straight side of the panel's outline on the sheet: its middle, the directions along the side and outwards, and its
+/// length, mm.
 struct PanelSide {
     centre: Vector2<f64>,
     direction: Vector2<f64>,
@@ -166,17 +166,17 @@ struct PanelSide {
 }
 
 impl TrialScene {
-    /// Returns the same panel with a holder at its longest side, which moves with the panel.
+    /// Returns the same trial with a holder at the panel's longest side, which moves with the panel.
     pub fn with_holder(self) -> TrialScene {
         TrialScene { is_held: true, ..self }
     }
 
-    /// Returns the same panel with this share of points missing, 0…1, in patches that differ from scan to scan.
+    /// Returns the same trial with this fraction of the points missing, 0…1, in patches that differ from scan to scan.
     pub fn with_missing_patches(self, missing: f64) -> TrialScene {
         TrialScene { missing_share: missing, ..self }
     }
 
-    /// Returns the areas without points in a scan.
+    /// Returns the patches without points of one scan.
     pub(super) fn missing_patches(&self, shot: u64) -> Option<MissingPatches> {
         if self.missing_share <= 0.0 {
             return None;
@@ -189,32 +189,30 @@ impl TrialScene {
         Some(MissingPatches { noise, threshold: below })
     }
 
-    /// Returns the same panel with marks on it.
+    /// Returns the same trial with marks on the panel.
     pub fn with_marks(self) -> TrialScene {
         let marks = Some(PrintedDiscs::random_on_panel(&self.taught, self.seed.stream(RandomPurpose::Trial, 60)));
         TrialScene { taught_marks: marks.clone(), present_marks: marks, ..self }
     }
 
-    /// Returns the same panel with marks on it, but with the mirrored marks on the panel that is present.
+    /// Returns the same trial with marks on the taught panel, and their mirror image on the panel that is present.
     pub(super) fn with_mirrored_marks(self) -> TrialScene {
         let marked = self.with_marks();
         TrialScene { present_marks: marked.taught_marks.as_ref().map(PrintedDiscs::mirrored_discs), ..marked }
     }
 
-    /// Returns the same panel, scanned by a camera with a smooth error that is correlated within squares of this side,
-    /// mm.
+    /// Returns the same trial with a camera whose smooth error is correlated over this distance, mm.
     pub fn with_correlated_error(self, alike_mm: f64) -> TrialScene {
         TrialScene { correlation_length_mm: Some(alike_mm), ..self }
     }
 
-    /// Returns the same panel, scanned by a camera that measures distances too long by these fractions, at teaching
-    /// and now.
+    /// Returns the same trial with a camera that measures distances too long by these fractions, at teaching and now.
     pub fn with_scale_error(self, scale: [f64; 2]) -> TrialScene {
         TrialScene { scale, ..self }
     }
 
-    /// Returns the holder of a panel at this pose: at the panel's longest side or, if the holder was moved, at the
-    /// second longest side.
+    /// Returns the holder of a panel at this pose: at the panel's longest side, or at the second longest side if the
+    /// holder was moved.
     pub(super) fn holder_of(&self, base_from_panel: &Rigid<Base, Panel>, is_moved: bool) -> Option<Slab> {
         if !self.is_held {
             return None;
@@ -244,7 +242,7 @@ impl TrialScene {
         })
     }
 
-    /// Returns the area that a person marks in the taught scan's picture because the holder touches the panel there.
+    /// Returns the areas around the holder that a person marks in the taught scan's picture.
     pub fn marked_holder_px(&self) -> Vec<[Pixel; 4]> {
         if !self.is_held {
             return Vec::new();
@@ -260,7 +258,7 @@ impl TrialScene {
         vec![[corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)]]
     }
 
-    /// Returns the outline as a person draws it on the taught scan's picture.
+    /// Returns the outline as a person would draw it in the taught scan's picture.
     pub fn outline_px(&self) -> Vec<Pixel> {
         let mut hand = NormalStream::new(self.seed.stream(RandomPurpose::Trial, 50));
         let off = |pixel: Pixel, hand: &mut NormalStream| {
@@ -275,7 +273,7 @@ impl TrialScene {
     }
 }
 
-/// Returns the sides of a panel, the longest first.
+/// Returns the sides of a panel, the longest side first.
 fn sides(shape: &Shape) -> impl Iterator<Item = PanelSide> {
     let corners = shape.outline().corners();
     let mut sides: Vec<[Vector2<f64>; 2]> =
@@ -295,16 +293,16 @@ mod tests {
     use nalgebra::{Point3, Vector3};
     use panelprep_base::geometry::{Pixel, Point};
 
-    /// Returns the share of a column's pixels without a point, among these rows.
+    /// Returns the fraction of the pixels without a point in a column, among these rows.
     fn missing(scan: &OrganizedCloud<Camera>, column: usize, rows: std::ops::Range<usize>) -> f64 {
         let count = rows.len() as f64;
         rows.filter(|&row| scan.point(column, row).is_none()).count() as f64 / count
     }
 
-    /// Calculated by hand, as in `scanner`: an object of ±40 mm, 600 mm in front of the lens and 100 mm in front of
-    /// the plate, hides the plate to the right of x = −46.67 mm. Its shadow begins at −65.61: 18.95 mm or 48.3 px;
-    /// equation (1) there gives 18.5 mm. On the right there is no shadow. Up and down, at x = 0, the light ends
-    /// 0.30769 · 698.44 = 214.9 mm from the middle.
+    /// Expected values, calculated by hand as in `scanner` for an object of ±40 mm, 600 mm in front of the lens and 100
+    /// mm in front of the plate. On the left the object hides the plate to x = −46.67 mm, and its shadow extends to
+    /// −65.61 mm: 18.95 mm or 48.3 px; equation (1) there gives 18.5 mm. On the right there is no shadow. Vertically,
+    /// at x = 0, the light ends 0.30769 · 698.44 = 214.9 mm from the middle.
     #[test]
     fn an_object_in_front_of_a_wall_casts_a_shadow_away_from_the_projector() {
         let trial = TrialScene::good_scene(1, 1);
@@ -320,7 +318,7 @@ mod tests {
         };
         let (left, right) = (pixel(-40.0, 0.0, 600.0).u, pixel(40.0, 0.0, 600.0).u);
         let rows = 560..640;
-        // Columns between the fixture's posts, which have their own shadows.
+        // Only columns between the fixture's posts, because the posts have their own shadows.
         let dark: Vec<usize> = (790..1_160).filter(|&u| missing(&scan, u, rows.clone()) > 0.9).collect();
         let shadow = (pixel(-65.61, 0.0, 700.0).u, left);
         assert!((shadow.1 - shadow.0 - 48.3).abs() < 0.3, "{shadow:?}");
@@ -328,7 +326,7 @@ mod tests {
         assert!((dark[0] as f64 - shadow.0).abs() <= 1.0 && dark[dark.len() - 1] as f64 <= left, "{dark:?}");
         assert!(missing(&scan, right.ceil() as usize + 2, rows.clone()) < 0.1);
         assert!(missing(&scan, 972, rows) < 0.1, "the thing itself is lit");
-        // The plate's colour is also seen in its shadow, and above the projector's light.
+        // The plate has its colour also in the shadow, and above the projector's light.
         let colors = scan.picture();
         let gray = |column: usize, row: usize| colors.rgb[row * scan.width() + column][0];
         assert!(gray(dark[20], 600) > 150 && gray(972, 20) > 150);
@@ -353,8 +351,8 @@ mod tests {
         assert!(scan(1) == scan(2));
     }
 
-    /// A third of a good scan's points on the panel are missing, and the holder continues the panel's surface beyond
-    /// its end, without a step.
+    /// A third of the points that a good scan has on the panel are missing. The holder continues the panel's surface
+    /// beyond its edge, without a step.
     #[test]
     fn a_held_dark_panel_has_missing_patches_and_no_step_at_its_holder() {
         let trial = TrialScene::flat_scene(3, 4).with_holder().with_missing_patches(0.33);

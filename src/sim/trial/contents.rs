@@ -1,8 +1,8 @@
-//! What a trial's scene contains: the space in which the panel may be, objects, missing patches, printed marks and
+//! The contents of a trial's scene: the space in which the panel may be, objects, missing patches, printed marks and
 //! defects.
 //!
-//! The marks are bright discs, as on the dark plate of public scans: the camera sees and measures them, while it
-//! measures hardly a point of the dark surface around them.
+//! The marks are bright discs, as on the dark plate of public scans: the camera measures the discs, but hardly a point
+//! of the dark surface around them.
 
 use crate::appearance::FixedColor;
 use crate::noise::{LEVEL, ValueNoise};
@@ -13,16 +13,18 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use strum::{IntoStaticStr, VariantArray};
 
-/// The box that contains a trial's panel, mm in the base frame; the fixture lies behind it.
+/// The box that contains a trial's panel, mm in the base frame; the fixture lies behind the box.
 pub const TRIAL_BOX_MM: [[f64; 3]; 2] = [[250.0, -420.0, 10.0], [640.0, 420.0, 720.0]];
 
-/// Grey level of a disc; `DISC_RADII_MM` are the radii of the discs.
+/// Grey level of a disc.
 const DISC_GRAY: f64 = 185.0;
+/// Range of the radii of the discs, mm.
 const DISC_RADII_MM: std::ops::Range<f64> = 3.5..8.0;
-/// Minimum distance between two discs, mm; `MIN_DISC_EDGE_DISTANCE_MM` is that from the panel's edge.
+/// Minimum distance between two discs, mm.
 const MIN_DISC_DISTANCE_MM: f64 = 10.0;
+/// Minimum distance between a disc and the panel's edge, mm.
 const MIN_DISC_EDGE_DISTANCE_MM: f64 = 16.0;
-/// Maximum number of discs.
+/// Maximum number of discs on a panel.
 const MAX_DISCS: usize = 24;
 
 /// The objects of a scene besides the panel.
@@ -40,7 +42,7 @@ pub(super) struct SceneContents<'a> {
 #[derive(Debug, Clone)]
 pub(super) struct MissingPatches {
     pub noise: ValueNoise,
-    /// Points are missing where the noise is below this.
+    /// Points are missing where the noise is below this value.
     pub threshold: f64,
 }
 
@@ -50,7 +52,7 @@ impl MissingPatches {
     }
 }
 
-/// Discs on the sheet: centre and radius, mm.
+/// Bright discs on the sheet, each with centre and radius, mm.
 #[derive(Debug, Clone)]
 pub(super) struct PrintedDiscs {
     discs: Vec<([f64; 2], f64)>,
@@ -79,19 +81,20 @@ impl PrintedDiscs {
         PrintedDiscs { discs }
     }
 
-    /// Returns the discs as seen in a mirror.
+    /// Returns the mirror image of the discs.
     pub fn mirrored_discs(&self) -> PrintedDiscs {
         PrintedDiscs { discs: self.discs.iter().map(|([s, t], radius_mm)| ([-s, *t], *radius_mm)).collect() }
     }
 
-    /// Returns the share of a pixel of this size at a point that is covered by a mark, 0…1.
+    /// Returns the fraction of a pixel of this width that a disc covers at this point of the sheet, 0…1.
     pub fn share(&self, [s, t]: [f64; 2], pixel_mm: f64) -> f64 {
         let inside_mm = |([x, y], radius_mm): &([f64; 2], f64)| radius_mm - (s - x).hypot(t - y);
         let deepest = self.discs.iter().map(inside_mm).fold(f64::NEG_INFINITY, f64::max);
         (deepest / pixel_mm + 0.5).clamp(0.0, 1.0)
     }
 
-    /// Returns a colour of the panel when a mark covers this share of the pixel.
+    /// Returns a colour of the panel mixed with the discs' colour; `share` is the fraction of the pixel that a disc
+    /// covers.
     pub fn blend_paint(color: FixedColor, share: f64) -> FixedColor {
         color.map(|level| {
             (f64::from(level) + share * (DISC_GRAY * f64::from(LEVEL) - f64::from(level))).round() as u16
@@ -102,7 +105,7 @@ impl PrintedDiscs {
 /// Defects of a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr, VariantArray)]
 pub enum SceneDefect {
-    /// No panel, only other objects.
+    /// There is no panel, only other objects.
     #[strum(serialize = "no panel")]
     Nothing,
     /// Another panel is in the fixture.
@@ -114,40 +117,40 @@ pub enum SceneDefect {
     /// The panel shows its back.
     #[strum(serialize = "its back")]
     Back,
-    /// A panel that is 2 to 5 % larger or smaller.
+    /// The panel is 2 to 5 % larger or smaller.
     #[strum(serialize = "2 to 5 % off in size")]
     Size,
-    /// A panel that is bent by 2 to 5 mm.
+    /// The panel is bent by 2 to 5 mm.
     #[strum(serialize = "bent by 2 to 5 mm")]
     Bent,
-    /// A panel from which a strip of its length is cut off.
+    /// A strip of the panel's length is cut off.
     #[strum(serialize = "a strip cut off")]
     Trimmed,
     /// More than 40 % of the panel is hidden.
     #[strum(serialize = "over 40 % hidden")]
     Hidden,
-    /// More than 35 % of the panel is outside the picture.
+    /// More than 35 % of the panel is outside of the picture.
     #[strum(serialize = "over 35 % out of view")]
     OutOfView,
-    /// A panel that looks the same after a rotation by 180°.
+    /// The panel looks the same after a rotation by 180°.
     #[strum(serialize = "symmetric")]
     Symmetric,
     /// The camera has moved since teaching, by 1 to 10 mm.
     #[strum(serialize = "camera moved")]
     CameraMoved,
-    /// Water on the panel: most points are missing, many are wrong.
+    /// Water is on the panel: most points are missing, many are wrong.
     #[strum(serialize = "wet")]
     Wet,
-    /// The panel moved during the scan: the picture is smeared.
+    /// The panel moved during the scan: the picture has motion blur.
     #[strum(serialize = "moved while scanned")]
     Smeared,
     /// Two panels of the same kind are present.
     #[strum(serialize = "two panels")]
     TwoPanels,
-    /// A flat panel, equal to its mirror image, that has the marks of its mirror image.
+    /// The panel is flat and has the outline of its mirror image, and its marks are those of the mirror image.
     #[strum(serialize = "mirrored marks")]
     MirroredMarks,
-    /// A flat panel that is held at a side other than at teaching.
+    /// The panel is flat and is held at a side other than at teaching.
     #[strum(serialize = "holder moved")]
     HolderMoved,
     /// The panel's warp has grown by 1 to 2 mm.
@@ -159,13 +162,13 @@ impl SceneDefect {
     /// Every kind.
     pub const ALL: &'static [SceneDefect] = <Self as VariantArray>::VARIANTS;
 
-    /// Returns the description for messages.
+    /// Returns the defect's description for messages.
     pub fn describe(self) -> &'static str {
         self.into()
     }
 }
 
-/// Returns points of the sheet on the panel, 8 mm apart.
+/// Returns a lattice of points of the sheet inside of the panel's outline, 8 mm apart.
 pub(super) fn sheet_points(shape: &Shape) -> Vec<[f64; 2]> {
     let places = (-26..=26).flat_map(|j| (-26..=26).map(move |i| [f64::from(i) * 8.0, f64::from(j) * 8.0]));
     places.filter(|&at| shape.outline().distance(Vector2::from(at)).0 < 0.0).collect()
@@ -176,7 +179,8 @@ mod tests {
     use super::*;
     use crate::noise::{RandomPurpose, Seed};
 
-    /// By hand: a pixel of 0.4 mm with its middle 0.1 mm inside a disc's border is three quarters mark.
+    /// Expected value, calculated by hand: a pixel of 0.4 mm whose middle is 0.1 mm inside of a disc's border is
+    /// covered by three quarters.
     #[test]
     fn a_pixel_at_a_marks_border_is_covered_by_its_share() {
         let marks = PrintedDiscs { discs: vec![([10.0, 0.0], 5.0)] };
@@ -186,7 +190,7 @@ mod tests {
         assert_eq!(PrintedDiscs::blend_paint([0, 0, 12_800], 0.5), [11_840, 11_840, 18_240]);
     }
 
-    /// Marks lie on the panel and apart from its edge; a mirror moves them.
+    /// Discs lie on the panel with a distance from its edge; the mirror image has them at other positions.
     #[test]
     fn marks_lie_on_the_panel_and_a_mirror_moves_them() {
         let shape = Shape::taught(Seed(2));

@@ -1,11 +1,11 @@
-//! Trials of a localization: a panel of any shape, at any pose in a search box, in front of a cluttered fixture. They
-//! also contain the defects that such a scene can have. The calibration is the true one: only the localization is
-//! measured.
+//! Trials of a localization: a panel of any shape, at any pose in a search box, in front of a cluttered fixture. A
+//! trial may have one of the defects that such a scene can have. The camera's calibration has no error, so that only
+//! the localization is tested.
 //!
 //! A good trial has the taught panel, dry, in the box, rotated by up to ±180° about its normal and tilted by up to 30°.
-//! At most 20 % of the panel has no points: occluded, in shadow, or outside the field of view of the camera or the
-//! projector. Glints remove points and overexpose the picture. A panel may be bent after it was taught, by a bow and a
-//! wave, and the bend is known.
+//! At most 20 % of the panel has no points: occluded, in shadow, or outside of the field of view of the camera or the
+//! projector. Glints remove points and overexpose the picture. A panel may be bent after it was taught, by a known bow
+//! and wave.
 
 mod capture;
 mod contents;
@@ -25,10 +25,10 @@ use panelprep_base::geometry::{
     fit_rigid_motion,
 };
 
-/// Factor of the panels' size, compared with other trials, if two panels are in the box.
+/// Scale of the panels, compared with other trials, if two panels are in the box.
 const REDUCED_PANEL_SCALE: f64 = 0.55;
 
-/// A scene with its ground truth.
+/// The scene of a trial, with its ground truth.
 #[derive(Debug, Clone)]
 pub struct TrialScene {
     seed: Seed,
@@ -37,7 +37,7 @@ pub struct TrialScene {
     size_mm: [f64; 2],
     place: Rigid<Base, Panel>,
     slabs: Vec<Slab>,
-    /// Positions of glints on the panel, and their radii, mm.
+    /// Glints on the panel: positions on the sheet and radii, mm.
     glints: Vec<([f64; 2], f64)>,
     wet: bool,
     smear_px: usize,
@@ -47,28 +47,28 @@ pub struct TrialScene {
     pixels: PixelNoise,
     hidden_share: f64,
     is_held: bool,
-    /// Share of the panel without points, in patches.
+    /// Fraction of the panel's points that are missing in patches.
     missing_share: f64,
-    /// The print on the taught panel, and on the panel that is present.
+    /// The marks on the taught panel.
     taught_marks: Option<PrintedDiscs>,
     present_marks: Option<PrintedDiscs>,
-    /// The correlation length of the scanner's smooth error, mm, if it is not the usual one.
+    /// The correlation length of the scanner's smooth error, mm; `None` for the usual length.
     correlation_length_mm: Option<f64>,
-    /// Scale error of the scanner's distances, at teaching and now: positive if they are too long.
+    /// Relative error of the scanner's distances, at teaching and now: positive if the distances are too long.
     scale: [f64; 2],
-    /// A second panel of the same kind.
+    /// The pose of a second panel of the same kind.
     second_panel: Option<Rigid<Base, Panel>>,
-    /// Whether the holder is at a side other than at teaching.
+    /// Whether the holder is at another side than at teaching.
     is_holder_moved: bool,
 }
 
 impl TrialScene {
-    /// Creates a good scene, with camera pictures `reduction` times smaller than the real ones.
+    /// Creates a good scene. The camera's pictures are smaller than the real ones by the factor `reduction`.
     pub fn good_scene(seed: u64, reduction: usize) -> TrialScene {
         TrialScene::new(Seed(seed), None, reduction)
     }
 
-    /// Creates a good scene with a flat plate; only its outline determines its sideways position.
+    /// Creates a good scene with a flat plate, whose sideways position only its outline determines.
     pub fn flat_scene(seed: u64, reduction: usize) -> TrialScene {
         let mut trial = TrialScene::good_scene(seed, reduction);
         let panel = variety::Panel::random(&mut generator(Seed(seed), 0)).flat_copy();
@@ -77,7 +77,7 @@ impl TrialScene {
         trial
     }
 
-    /// Creates a scene with a defect.
+    /// Creates a scene with this defect.
     pub fn defective_scene(seed: u64, wrong: SceneDefect, reduction: usize) -> TrialScene {
         TrialScene::new(Seed(seed), Some(wrong), reduction)
     }
@@ -89,7 +89,7 @@ impl TrialScene {
             Some(SceneDefect::Symmetric) => variety::Panel::random_symmetric(&mut random),
             Some(SceneDefect::MirroredMarks) => variety::Panel::random_symmetric(&mut random).flat_copy(),
             Some(SceneDefect::HolderMoved) => variety::Panel::random(&mut random).flat_copy(),
-            // There is no room for two large panels.
+            // The box is too small for two panels of full size.
             Some(SceneDefect::TwoPanels) => variety::Panel::random(&mut random).scaled_copy(REDUCED_PANEL_SCALE),
             _ => variety::Panel::random(&mut random),
         };
@@ -129,7 +129,7 @@ impl TrialScene {
         &self.camera
     }
 
-    /// Returns the camera's pose, as its calibration states.
+    /// Returns the camera's pose according to its calibration.
     pub fn base_from_camera(&self) -> Rigid<Base, Camera> {
         scene::base_from_camera()
     }
@@ -139,17 +139,18 @@ impl TrialScene {
         self.size_mm
     }
 
-    /// Returns the share of the panel that the 3D camera does not see: hidden, in shadow, or out of view.
+    /// Returns the fraction of the panel that the 3D camera does not see: hidden, in shadow, or outside of the picture.
     pub fn hidden_share(&self) -> f64 {
         self.hidden_share
     }
 
-    /// Returns the panel's pose.
+    /// Returns the true pose of the panel.
     pub fn base_from_panel(&self) -> Rigid<Base, Panel> {
         self.place
     }
 
-    /// Returns a region in the middle of the taught scan's picture: top left, top right, bottom right, bottom left.
+    /// Returns a region in the middle of the panel in the taught scan's picture, px: top left, top right, bottom right,
+    /// bottom left.
     pub fn region_px(&self) -> [Pixel; 4] {
         self.middle_px(0.4)
     }
@@ -162,7 +163,7 @@ impl TrialScene {
         PlacementError { mean_mm: sum_mm / points.len() as f64, max_mm }
     }
 
-    /// Returns the scan that teaches the panel, at its nominal pose and without clutter.
+    /// Returns the scan with which the panel is taught, at its nominal pose and without other objects.
     pub fn taught_scan(&self) -> OrganizedCloud<Camera> {
         let taught = Some((&self.taught, &scene::nominal()));
         let holder: Vec<Slab> = self.holder_of(&scene::nominal(), false).into_iter().collect();
@@ -197,7 +198,8 @@ impl TrialScene {
     }
 }
 
-/// Combines two scans of one view: at each pixel the nearer point, or the only one if a scan has no point there.
+/// Combines two scans of one view. Each pixel has the nearer of the two points; if one of the scans has no point there,
+/// the point of the other scan.
 fn combine_nearer(scan: OrganizedCloud<Camera>, other: OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
     let count = scan.width() * scan.height();
     let depth = |cloud: &OrganizedCloud<Camera>, index: usize| {
@@ -214,19 +216,20 @@ fn combine_nearer(scan: OrganizedCloud<Camera>, other: OrganizedCloud<Camera>) -
 }
 
 impl TrialScene {
-    /// Returns the same scene with its panel bent since it was taught.
+    /// Returns the same trial with the panel bent after it was taught.
     pub fn with_bend(self, bend: PanelBend) -> TrialScene {
         TrialScene { present: self.present.map(|shape| shape.with_bend(bend)), ..self }
     }
 
-    /// Returns the drawing of the taught panel, and the place of its frame while the panel is at its nominal place.
+    /// Returns the drawing of the taught panel, and the pose of the drawing's frame while the panel is at its nominal
+    /// pose.
     pub fn drawing(&self) -> (TriangleMesh, Rigid<Base, Drawing>) {
         let base_from_drawing = scene::nominal().isometry() * self.taught.panel_from_sheet();
         (shape::drawing_mesh(&self.taught), Rigid::from_isometry_unchecked(base_from_drawing))
     }
 
-    /// Returns a region in the middle of the taught scan's picture that covers this share of the panel's length and
-    /// width: top left, top right, bottom right, bottom left.
+    /// Returns a region in the middle of the taught scan's picture that covers the fraction `share` of the panel's
+    /// length and width: top left, top right, bottom right, bottom left.
     pub fn middle_px(&self, share: f64) -> [Pixel; 4] {
         let [s, t] = self.size_mm.map(|mm| share / 2.0 * mm);
         [[-s, t], [s, t], [s, -t], [-s, -t]].map(|at| {
@@ -235,22 +238,23 @@ impl TrialScene {
         })
     }
 
-    /// Returns how far a point lies in front of the surface of today's panel, along the surface's normal, mm; `None`
+    /// Returns the height of a point above the surface of the present panel, along the surface's normal, mm; `None`
     /// without a panel.
     pub fn height_over_surface_mm(&self, point: Point<Base>) -> Option<f64> {
         Some(self.present.as_ref()?.nearest(self.place.inverse() * point).1)
     }
 
-    /// Returns the pose that brings the taught panel nearest to today's panel, point by point. For a panel without
-    /// a bend it is the panel's pose, for a bent panel it is the correct result. `None` without a panel.
+    /// Returns the pose at which the taught panel fits the present panel best, by corresponding points. For a panel
+    /// that was not bent this is the panel's pose; for a bent panel it is the correct result of a localization. `None`
+    /// without a panel.
     pub fn best_fit_pose(&self) -> Option<Rigid<Base, Panel>> {
         let present = self.present.as_ref()?;
         let pair = |at: [f64; 2]| (self.taught.point(at), self.place * present.point(at));
         fit_rigid_motion(&sheet_points(&self.taught).into_iter().map(pair).collect::<Vec<_>>())
     }
 
-    /// Returns the largest distance of a point of the panel between a found pose and [`Trial::best_fit_pose`], in the
-    /// panel's plane, mm.
+    /// Returns the largest distance in the panel's plane, over all points of the panel, between a found pose and
+    /// [`TrialScene::best_fit_pose`], mm.
     pub fn max_point_distance_mm(&self, found: &Rigid<Base, Panel>) -> Option<f64> {
         let right = self.best_fit_pose()?;
         let aside = |at: [f64; 2]| {
@@ -267,8 +271,8 @@ mod tests {
     use super::*;
     use nalgebra::Vector3;
 
-    /// A good panel is in the box, in front of the fixture, and most of its surface is seen; the scan has points at
-    /// its position.
+    /// A good panel is in the box, in front of the fixture, and most of its surface is seen. The scan has points at its
+    /// position.
     #[test]
     fn good_trials_meet_their_conditions() {
         for seed in 0..6 {
@@ -301,8 +305,8 @@ mod tests {
         assert_eq!(twins.count(), 12, "both panels have room");
     }
 
-    /// The nearest pose of a panel that is not bent is its own pose; the middle of a bowed panel lies in front of
-    /// its ends by the bow.
+    /// The best-fit pose of a panel that was not bent is its true pose. The middle of a bowed panel lies in front of
+    /// its ends by the height of the bow.
     #[test]
     fn a_bend_has_its_ground_truth() {
         let trial = TrialScene::good_scene(3, 8);

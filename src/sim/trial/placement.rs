@@ -1,5 +1,5 @@
-//! Draws the panel's pose of a trial: in the box, in front of the fixture, among other objects, and with the
-//! required visible share; and adds a defect to a good scene.
+//! Draws the panel's pose of a trial: in the box, in front of the fixture, among other objects, and with the required
+//! visible fraction. Also adds a defect to a good scene.
 
 use super::TrialScene;
 use super::contents::{SceneDefect, TRIAL_BOX_MM, sheet_points};
@@ -13,17 +13,17 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use std::ops::Range;
 
-/// Largest X of the panel's points, mm: they stay in front of the fixture.
+/// Maximum X of the panel's points, mm, so that the panel is in front of the fixture.
 const MAX_X_MM: f64 = 628.0;
 const MAX_HIDDEN: f64 = 0.195;
 
 impl TrialScene {
-    /// Draws poses until one is valid: in front of the fixture, in the box, and with the required visible share.
+    /// Draws poses until one is valid: in front of the fixture, in the box, and with the required visible fraction.
     pub(super) fn draw_valid_pose(&mut self, random: &mut Pcg64, wrong: Option<SceneDefect>) {
         let share = match wrong {
             Some(SceneDefect::Hidden) => 0.42..0.65,
             Some(SceneDefect::OutOfView) => 0.36..0.6,
-            // The camera must be able to see that the cut-off strip is missing.
+            // The cut-off strip must be in the camera's view, so that the camera can detect that it is missing.
             Some(SceneDefect::Trimmed) => 0.0..1e-9,
             _ => 0.0..MAX_HIDDEN,
         };
@@ -38,7 +38,7 @@ impl TrialScene {
                 360.0 + random.random_range(-aside / 1.6..aside / 1.6),
             );
             self.place = make_pose(centre, turn_deg, tilt_deg, random.random_range(0.0..std::f64::consts::TAU));
-            // A panel that is out of view may be out of the box as well.
+            // A panel that is partly out of view may also be partly outside of the box.
             let axes = if wrong == Some(SceneDefect::OutOfView) { 0..1 } else { 0..3 };
             if !self.is_valid_place(&self.place, &lattice, axes) {
                 continue;
@@ -73,7 +73,7 @@ impl TrialScene {
         })
     }
 
-    /// Returns a slab somewhere between the camera and a point of the panel.
+    /// Returns a slab at a random position between the camera and a point of the panel.
     fn occluding_slab(&self, random: &mut Pcg64, lattice: &[[f64; 2]], large: bool) -> Slab {
         let eye = scene::base_from_camera().origin().mm;
         let at = lattice[random.random_range(0..lattice.len())];
@@ -86,8 +86,8 @@ impl TrialScene {
         Slab::facing(centre, towards, random.random_range(0.0..3.0), half, [gray, gray, gray * 0.95])
     }
 
-    /// Returns whether a panel at this pose is in the box along these axes, in front of the fixture, and facing the
-    /// camera.
+    /// Returns whether a panel at this pose is inside of the box along these axes, in front of the fixture, and facing
+    /// the camera.
     fn is_valid_place(&self, place: &Rigid<Base, Panel>, lattice: &[[f64; 2]], axes: Range<usize>) -> bool {
         let [low, high] = TRIAL_BOX_MM;
         let is_inside = |&at: &[f64; 2]| {
@@ -97,7 +97,7 @@ impl TrialScene {
         lattice.iter().all(is_inside) && self.faces_camera(place, lattice)
     }
 
-    /// Returns the share of these points of a panel at this pose that the camera or the projector does not see.
+    /// Returns the fraction of these points of a panel at this pose that the camera or the projector does not see.
     fn hidden_share_at(&self, place: &Rigid<Base, Panel>, lattice: &[[f64; 2]]) -> f64 {
         let base_from_camera = scene::base_from_camera();
         let camera_from_base = base_from_camera.inverse();
@@ -114,7 +114,7 @@ impl TrialScene {
     }
 }
 
-/// Returns whether a slab is between the eye and the end of a ray.
+/// Returns whether a slab is between the camera and the end of a ray.
 fn is_occluded_by(slab: &Slab, eye: &Point3<f64>, ray: &Vector3<f64>) -> bool {
     let length_mm = ray.norm();
     let met = slab.intersect(eye, &(ray / length_mm), 1e-6);
@@ -133,7 +133,7 @@ fn make_pose(centre: Vector3<f64>, turn_deg: f64, tilt_deg: f64, about_rad: f64)
     ))
 }
 
-/// Draws objects beside and behind the panel, in the box; few hide a part of the panel.
+/// Draws objects in the box beside and behind the panel; few of them hide a part of the panel.
 fn add_distractors(random: &mut Pcg64, place: &Rigid<Base, Panel>) -> Vec<Slab> {
     let middle = place.isometry() * Point3::from(CENTRE_MM);
     let count = random.random_range(2..6);
@@ -154,11 +154,12 @@ fn add_distractors(random: &mut Pcg64, place: &Rigid<Base, Panel>) -> Vec<Slab> 
         .collect()
 }
 
-/// Number of poses that are tried for a second panel.
+/// Maximum number of poses that are tried for a second panel.
 const MAX_DRAWS: usize = 2_000;
 
 impl TrialScene {
-    /// Adds this defect to a good scene. For defects that hide a part of the panel, the scene is already prepared.
+    /// Adds this defect to a good scene. If the defect hides a part of the panel, the scene already has the objects
+    /// that hide it.
     pub(super) fn add_defect(&mut self, panel: &variety::Panel, wrong: SceneDefect, random: &mut Pcg64) {
         let sign = if random.random::<bool>() { 1.0 } else { -1.0 };
         self.present = match wrong {
@@ -186,7 +187,7 @@ impl TrialScene {
             self.second_panel = self.second_panel_pose(random);
         }
         if wrong == SceneDefect::Nothing {
-            // A flat object of the panel's size.
+            // A flat object of the panel's size replaces the panel.
             let [length, width] = self.size_mm;
             let centre = (self.place * self.taught.point([0.0, 0.0])).mm;
             let normal = (self.place * self.taught.normal([0.0, 0.0])).mm;
@@ -197,7 +198,8 @@ impl TrialScene {
         }
     }
 
-    /// Returns a pose beside the panel at which a second panel of the same kind is as visible as a good panel must be.
+    /// Returns a pose beside the panel at which a second panel of the same kind has the visible fraction of a good
+    /// panel.
     fn second_panel_pose(&self, random: &mut Pcg64) -> Option<Rigid<Base, Panel>> {
         let lattice = sheet_points(&self.taught);
         let middle = self.place.isometry() * Point3::from(CENTRE_MM);
