@@ -1,8 +1,9 @@
-//! The axis angles before contact, from the arm's motion from its park pose through the views of the taught corners.
+//! Computes the arm's motion before contact: from its park pose through the views of the taught corners. Its end is the
+//! start of the contact path.
 //!
 //! Before contact the arm is at the last corner that the stage Verify views. The arm moves from the park pose through
-//! the ready pose, unless the park pose lies inside the box, and then by lines from corner to corner. Lines do not
-//! change the arm's configuration. These motions, too, are checked by the same gate with the same obstacles. Each
+//! the ready pose, unless the park pose lies inside of the box, and then by lines from corner to corner. Linear motions
+//! do not change the arm's configuration. The same checks with the same obstacles apply to these planned motions. Each
 //! actual motion is checked again from the actual axis angles: see `routes`.
 
 use super::Kinematics;
@@ -15,7 +16,7 @@ use panelprep_cell::cell::{self, Limits};
 use panelprep_cell::panel::TaughtCorner;
 use std::sync::Arc;
 
-/// The arm, its start, and the corners to which its camera can be moved.
+/// The arm with its start pose, its camera and its sander, for the motion to the taught corners.
 #[derive(Debug, Clone, Copy)]
 pub struct CornerTour<'a> {
     /// The cell's limits.
@@ -24,34 +25,33 @@ pub struct CornerTour<'a> {
     pub arm: &'a cell::Arm,
     /// Its park pose.
     pub park: Joints,
-    /// `[poses.ready]`: an intermediate pose on the way to and from the park pose, if the cell names one.
+    /// `[poses.ready]`: an intermediate pose on the way to and from the park pose, if the cell's file has one.
     pub ready: Option<Joints>,
-    /// Mounting of the flange camera.
+    /// Mount of the flange camera.
     pub flange_from_camera: Rigid<Flange, FlangeCamera>,
-    /// The sander, which must keep its distances from the obstacles while the camera is moved.
+    /// The sander, which must keep its distances from the obstacles during the camera's motion.
     pub sander: Sander,
     /// The taught corners.
     pub corners: &'a [TaughtCorner],
 }
 
-/// The panel's pose, the corners that are viewed before contact, in this order, and the obstacles that the arm avoids
-/// on the way to these corners.
+/// The panel's pose, the corners that are viewed before contact, and the obstacles on the way to these corners.
 #[derive(Debug, Clone, Copy)]
 pub struct Approach<'a> {
     /// The place.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// Numbers of the taught corners, from 0.
+    /// Numbers of the taught corners, from 0, in the order in which they are viewed.
     pub corners: &'a [usize],
-    /// The panel and everything else that a scan showed; `None` without a scan.
+    /// The panel and all other objects that a scan showed; `None` without a scan.
     pub obstacles: Option<&'a Arc<Obstacles>>,
 }
 
 impl<'a> CornerTour<'a> {
-    /// Returns the set-up for the reach check: the panel, the sanding tool, and the arm as it will be after it has
-    /// viewed all corners.
+    /// Returns the set-up for the reach check: the panel, the sanding tool, and the arm at the axis angles that it has
+    /// after the view of the last corner.
     ///
     /// # Errors
-    /// If there is no corner, or the arm does not reach one of them.
+    /// If there is no corner, or if the arm cannot reach one of the corners.
     pub fn reach_setup<'k>(
         &self,
         kinematics: &'k Kinematics,
@@ -68,11 +68,11 @@ impl<'a> CornerTour<'a> {
         Ok(ReachSetup { arm: kinematics, flange_from_tool, base_from_panel, start_joints: Some(at) })
     }
 
-    /// Returns the first corners that the arm reaches, at most this number of them, if only the obstacles of the cell's
-    /// file are considered.
+    /// Returns the first corners that the arm can reach, at most this number of them. Only the obstacles of the cell's
+    /// file are taken into account.
     ///
     /// # Errors
-    /// If no corner was taught, or the arm reaches none of them.
+    /// If no corner was taught, or if the arm can reach none of the corners.
     pub fn reachable_corners(
         &self,
         kinematics: &Kinematics,
@@ -96,12 +96,12 @@ impl<'a> CornerTour<'a> {
         if chosen.is_empty() { Err(why.unwrap_or_else(no_corner_reason)) } else { Ok(chosen) }
     }
 
-    /// Returns the camera as the arm's tool on this path.
+    /// Returns the pose of the camera on the flange, as the arm's tool for this motion.
     fn camera(&self) -> Rigid<Flange, Tool> {
         Rigid::from_isometry_unchecked(*self.flange_from_camera.isometry())
     }
 
-    /// Returns the axis angles at the start of the first line.
+    /// Returns the axis angles at the start of the first linear motion.
     fn line_start_joints(
         &self,
         kinematics: &Kinematics,
@@ -125,7 +125,7 @@ impl<'a> CornerTour<'a> {
         Ok(ready)
     }
 
-    /// Returns the axis angles at a corner that is reached by a line from `at`.
+    /// Returns the axis angles at a corner, after a linear motion from the axis angles `at`.
     fn joints_at_corner(
         &self,
         kinematics: &Kinematics,

@@ -1,12 +1,12 @@
-//! Combines grids that are abraded together, orders these areas, and lays the lines of each area.
+//! Combines grids that are sanded together into areas, orders the areas, and lays the lines of each area.
 //!
-//! Neighbouring grids in one row become a strip; strips of the same columns in neighbouring rows become a rectangle. A
-//! rectangle is one patch of the surface, with one path. An L becomes two rectangles. The order keeps the path through
-//! the air short: for each possible first area, the area with the nearest end always comes next; then parts of the
-//! order are reversed as long as this shortens the path. An area may be worked from either end.
+//! Adjacent grids in one row become a strip; strips of the same columns in adjacent rows become a rectangle. A
+//! rectangle is one patch of the surface, with one path. An L-shape becomes two rectangles. The order keeps the path
+//! through the air short. For each possible first area, the area with the nearest end always comes next; then parts of
+//! the order are reversed as long as this shortens the path. An area may be sanded from either end.
 //!
-//! The lines of an area are laid again until the disc stays within the outline and reaches the whole area, and no two
-//! lines are farther apart than the recipe's step-over.
+//! The lines of an area are laid again until the disc stays inside of the outline and reaches the whole area, and no
+//! two adjacent lines are farther apart than the recipe's step-over.
 
 use super::coverage::{GridCoverage, MIN_COVERAGE, Outline, coverage, step_overs_mm, strokes};
 use super::lines::{Lines, lines};
@@ -17,41 +17,43 @@ use panelprep_base::geometry::{Panel, Point};
 use panelprep_cell::panel::{GridId, Region};
 use panelprep_cell::recipe;
 
-/// Largest number of times that the lines of an area are laid again, if the disc reaches too far beyond the outline or
-/// lines are too far apart.
+/// Maximum number of times that the lines of an area are laid again because the disc reaches too far beyond the
+/// outline, or because lines are too far apart.
 const MAX_RELAY_ROUNDS: usize = 16;
-/// Additional distance by which lines are moved inwards beyond the excess of the disc, mm: the excess that remains
-/// after a round is less than this.
+/// Distance by which lines are moved inwards in addition to the disc's overhang beyond its limit, mm. The overhang that
+/// remains after a round must be less than this.
 const OUTLINE_CLEAR_MM: f64 = 0.01;
-/// Factor by which the spacing of lines is reduced further than calculated if they are too far apart.
+/// Additional factor on the calculated distance between lines if they are too far apart.
 const SPACING_REDUCTION: f64 = 0.999;
-/// Number of places on each side of a patch at which its curvature is checked.
+/// Number of points along each side of a patch at which its curvature is evaluated.
 const CURVATURE_PLACES: usize = 6;
-/// If the disc covers a whole patch from one place, it moves over this place by this fraction of its radius, so that it
-/// does not land and lift off at the same place.
+/// Length of the motion over a patch that the disc covers from one point, in disc radii. The disc moves, so that it
+/// does not land and lift off at the same point.
 const STROKE_RADII: f64 = 0.5;
-/// Number of times that this motion is halved if the disc would reach beyond the outline.
+/// Maximum number of times that the length of this motion is halved because the disc would reach too far beyond the
+/// outline.
 const MAX_STROKE_HALVINGS: usize = 3;
 
-/// One patch of the surface with one path.
+/// A patch of the surface that is sanded with one path.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Area {
-    /// The grids into which the area extends.
+    /// The grids that the area covers completely or in part.
     pub grids: Vec<GridId>,
     /// The patch on which the lines are laid.
     pub patch: ParameterPatch,
-    /// The patch that is treated; the lines may extend beyond it.
+    /// The patch that is treated; the lines may extend beyond this patch.
     pub treated: ParameterPatch,
 }
 
 impl Area {
-    /// Returns the treated part of each of its grids.
+    /// Returns for each of the area's grids the part that is treated.
     pub fn parts(&self, region: &Region) -> Vec<(GridId, ParameterPatch)> {
         self.grids.iter().filter_map(|id| Some((*id, self.treated.part_in(region, *id)?))).collect()
     }
 }
 
-/// Returns the areas that are treated: areas around breaks unchanged, whole grids combined into rectangles.
+/// Returns the areas that are treated. Areas around breaks are returned unchanged; whole grids are combined into
+/// rectangles.
 pub(super) fn treated_areas(region: &Region, treated: &Treated, join: bool) -> Vec<Area> {
     let Some(patches) = treated.areas() else { return areas(region, treated.grids(), join) };
     let area = |patch: &ParameterPatch| {
@@ -61,7 +63,7 @@ pub(super) fn treated_areas(region: &Region, treated: &Treated, join: bool) -> V
     patches.iter().map(area).collect()
 }
 
-/// Combines these grids, which the region must have, into rectangles. Without joining, each grid is one rectangle.
+/// Combines grids of the region into rectangles. Without `join`, each grid is its own rectangle.
 pub(super) fn areas(region: &Region, grids: &[GridId], join: bool) -> Vec<Area> {
     let area = |[rows, columns]: [[usize; 2]; 2]| {
         let grids: Vec<GridId> = (rows[0]..=rows[1])
@@ -96,7 +98,8 @@ pub(super) fn areas(region: &Region, grids: &[GridId], join: bool) -> Vec<Area> 
     rectangles.into_iter().map(area).collect()
 }
 
-/// Returns the order in which the pieces with these ends are abraded, and whether each piece begins at its second end.
+/// Returns the order in which pieces with these two ends are sanded, and for each piece whether it begins at its second
+/// end.
 pub(super) fn visit_order(ends: &[[Point<Panel>; 2]]) -> Vec<(usize, bool)> {
     let best = (0..ends.len())
         .flat_map(|start| [false, true].map(|turned| nearest_neighbour_order(ends, (start, turned))))
@@ -134,7 +137,7 @@ fn nearest_neighbour_order(ends: &[[Point<Panel>; 2]], start: (usize, bool)) -> 
     order
 }
 
-/// Returns the order with one part reversed, if the path becomes shorter.
+/// Returns the order with one part reversed if this makes the path shorter.
 fn shorten_order(ends: &[[Point<Panel>; 2]], order: &[(usize, bool)]) -> Option<Vec<(usize, bool)>> {
     let now_mm = travel_length_mm(ends, order);
     for from in 0..order.len() {
@@ -150,15 +153,15 @@ fn shorten_order(ends: &[[Point<Panel>; 2]], order: &[(usize, bool)]) -> Option<
     None
 }
 
-/// A function that returns whether there is panel at a place.
+/// A function that returns whether there is panel material at a point.
 pub(super) type IsPanelAt<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
 
-/// The lines of one area and their results, before paths are joined.
+/// The lines of one area, with their coverage, distances and overhangs, before the areas are joined to a path.
 #[derive(Debug, Clone)]
 pub(super) struct Piece {
     pub area: Area,
     pub track: Vec<Parameter>,
-    /// Whether each place of the track has panel below it.
+    /// Whether each point of the track has panel material below it.
     pub contact: Vec<bool>,
     pub spacing_mm: f64,
     pub coverage: Vec<GridCoverage>,
@@ -229,7 +232,7 @@ pub(super) fn make_piece(
     }
 }
 
-/// Returns a short motion over one place, along u or v, in the direction in which more of the disc stays on the panel.
+/// Returns a short motion over one point, along u or v: the direction in which less of the disc leaves the panel.
 fn short_motion(
     surface: &BSplineSurface,
     at: Parameter,
@@ -260,8 +263,8 @@ fn short_motion(
     best.to_vec()
 }
 
-/// Returns the recipe's spacing, or less if a chord of this length would leave the surface by more than the recipe
-/// allows: a chord of length s deviates from a curvature κ by κ s² / 8.
+/// Returns the recipe's distance between waypoints, or less if a chord of this length would deviate from the surface by
+/// more than the recipe's limit. A chord of length s deviates from a curvature κ by κ s² / 8.
 fn spacing_mm(surface: &BSplineSurface, patch: &ParameterPatch, settings: &recipe::Path) -> f64 {
     let mut bend: f64 = 0.0;
     for n in 0..=CURVATURE_PLACES * CURVATURE_PLACES {
@@ -305,8 +308,8 @@ mod tests {
         assert_eq!(areas(&region(), &block[0].grids, false).len(), 2);
     }
 
-    /// Calculated by hand: pieces from 0 to 10, 50 to 60 and 20 to 30 on a line are abraded from left to right or back:
-    /// 10 + 20 mm.
+    /// Expected value, calculated by hand: pieces from 0 to 10, 50 to 60 and 20 to 30 on a line are sanded from left to
+    /// right or from right to left, with 10 + 20 mm between them.
     #[test]
     fn the_path_through_the_air_is_short() {
         let ends =

@@ -1,21 +1,22 @@
-//! Finds the areas around breaks, so that only the places with breaks are abraded.
+//! Finds the areas around breaks, so that only these areas are sanded instead of whole grids.
 //!
-//! Each connected break of the taught picture becomes the smallest box of the surface, along the region's columns and
-//! rows, that contains its outline and the margin around it. So every pattern can be laid over an area as over a grid,
-//! and an area contains more than the break and never less. Areas that overlap or nearly touch are merged if the merged
-//! area costs no more than both; otherwise one is cut at the border of the other. An area ends at the region's border,
-//! and at the border of a grid that must not be abraded again.
+//! Each break is a connected component of pixels in the taught picture. Its area is the smallest box of the surface
+//! along the region's columns and rows that contains the break's outline and a margin. Every pattern can be laid over a
+//! box as over a grid. An area may contain more than the break, but never less. Areas that overlap or are close
+//! together are merged if the merged area costs no more than the two areas; otherwise one area is cut at the border of
+//! the other. An area ends at the region's border, and at the border of a grid that must not be sanded again.
 //!
-//! Breaks that share failed grids are one group. If the areas of a group are not smaller than its grids, the grids are
-//! treated as a whole. The group's grids are the failed ones, and those into which its breaks extend farther than the
-//! disc reaches beyond the failed ones.
+//! Breaks that share failed grids are one group. A group's grids are its failed grids, and those into which its breaks
+//! extend farther than the disc reaches beyond the failed grids. If the areas of a group are not smaller than its
+//! grids, the grids are treated completely.
 //!
-//! A break across several grids is one area; the record lists these grids for it. A failed grid whose breaks do not
-//! explain its broken area is treated as a whole: as the broken place is not known, no part is left out.
+//! A break across several grids is one area; the record lists these grids for the area. A failed grid whose breaks do
+//! not explain its broken area is treated completely: the position of the break is not known, so no part may be
+//! omitted.
 //!
-//! The cost of a box is the surface over which the disc moves: the box and the disc's reach around it. So one box may
-//! cost less than two, although it contains the surface between them; it costs more if most of it is surface without
-//! breaks.
+//! The cost of a box is the surface over which the disc moves: the box with a margin of the disc's reach. Therefore one
+//! box may cost less than two boxes, although it contains the surface between them; it costs more if the surface
+//! without breaks predominates.
 
 use super::areas::areas as rectangles;
 use crate::surface::{BSplineSurface, Parameter, ParameterPatch, Treated};
@@ -23,32 +24,32 @@ use panelprep_base::geometry::{Mask, Pixel};
 use panelprep_cell::panel::{GridId, Region};
 use std::collections::BTreeSet;
 
-/// Smallest length by which an area extends into a grid, mm: the grid's samples are 1 mm apart, and a part of a grid
-/// must contain some of them.
+/// Minimum length by which an area extends into a grid, mm. The grid's sample points are 1 mm apart, and a part of a
+/// grid must contain some of them.
 const MIN_PART_MM: f64 = 2.0;
 
-/// Number of places on each side of a box at which the surface's scale is measured.
+/// Number of points along each side of a box at which the surface's scale is evaluated.
 const SCALE_STEPS: usize = 4;
-/// Smallest side of a part of a box, in units of the region's sides; a narrower part is a rounding error.
+/// Minimum side of a part of a box, as a fraction of the region's sides; a narrower part is a rounding error.
 const MIN_PART_SIDE: f64 = 1e-9;
 
-/// The breaks of a film, and the grids that are to be treated because of them.
+/// The breaks of a film, and the grids that are treated because of the breaks.
 #[derive(Debug, Clone, Copy)]
 pub struct Breaks<'a> {
     /// Pixels of the taught picture at which the film broke.
     pub broken: &'a Mask,
-    /// Grids that failed and are to be treated.
+    /// Grids that failed the water-break test and are treated.
     pub failed: &'a [GridId],
-    /// The failed grids whose breaks are not known well enough: they are treated as a whole, as are failed grids
-    /// without a broken pixel.
+    /// The failed grids in which the positions of the breaks are not known well enough. These grids are treated
+    /// completely, and so are failed grids without a broken pixel.
     pub whole: &'a [GridId],
-    /// Grids that must not be abraded again.
+    /// Grids that must not be sanded again.
     pub spared: &'a [GridId],
-    /// Whether neighbouring grids that are treated as a whole become one area.
+    /// Whether adjacent grids that are treated completely become one area.
     pub join_grids: bool,
 }
 
-/// The surface and the settings with which areas are laid.
+/// The surface and the settings from which areas are computed.
 #[derive(Clone, Copy)]
 struct AreaSettings<'a> {
     surface: &'a BSplineSurface,
@@ -60,9 +61,9 @@ struct AreaSettings<'a> {
 /// Breaks that share failed grids.
 #[derive(Debug, Clone, Default)]
 struct Group {
-    /// A box around each break, and each grid that must be treated as a whole.
+    /// The box of each break, and each grid that must be treated completely.
     boxes: Vec<ParameterPatch>,
-    /// The grids that would be treated in place of the boxes.
+    /// The grids that would be treated instead of the boxes.
     grids: BTreeSet<GridId>,
 }
 
@@ -73,7 +74,8 @@ impl Group {
         self
     }
 
-    /// Returns the areas of these breaks: boxes around them, or whole grids if they are not larger.
+    /// Returns the areas of the group's breaks: boxes around the breaks, or the group's whole grids if the boxes are
+    /// not smaller.
     fn areas(&self, on: AreaSettings<'_>) -> Vec<ParameterPatch> {
         let boxes = lay_boxes(on.surface, self.boxes.clone(), on.distances);
         on.cheaper_of(boxes, &self.grids)
@@ -81,7 +83,7 @@ impl Group {
 }
 
 impl AreaSettings<'_> {
-    /// Returns these areas, or the grids if they are not larger.
+    /// Returns `areas`, or the grids if the areas are not smaller and cheaper.
     fn cheaper_of(&self, areas: Vec<ParameterPatch>, grids: &BTreeSet<GridId>) -> Vec<ParameterPatch> {
         let grids: Vec<GridId> = grids.iter().copied().collect();
         let grids = rectangles(self.region, &grids, self.join_grids);
@@ -90,8 +92,8 @@ impl AreaSettings<'_> {
     }
 }
 
-/// Returns the areas around the breaks that lie in a failed grid or extend into it. Their total area is not larger than
-/// that of the grids that they replace.
+/// Returns the areas around the breaks that lie in a failed grid or extend into one. The total surface of these areas
+/// is not larger than that of the grids that they replace.
 pub fn around_breaks(
     surface: &BSplineSurface,
     region: &Region,
@@ -127,7 +129,7 @@ fn replaced(on: AreaSettings<'_>, pixels: &[Pixel], failed: &[GridId]) -> BTreeS
     let grids: BTreeSet<GridId> = pixels.iter().filter_map(|pixel| region.grid_at(*pixel)).collect();
     let (mut found, others): (BTreeSet<GridId>, BTreeSet<GridId>) =
         grids.into_iter().partition(|id| failed.contains(id));
-    // Grids that share only a corner do not count: the disc is round.
+    // Only grids that share a side are neighbours: the disc is round and does not reach a diagonal neighbour.
     let beside = |id: &GridId| {
         let own = ParameterPatch::for_grid(region, *id)?;
         let wide = enlarge_box(on.surface, own, on.distances.reach_mm);
@@ -145,11 +147,11 @@ fn replaced(on: AreaSettings<'_>, pixels: &[Pixel], failed: &[GridId]) -> BTreeS
     found
 }
 
-/// Merges groups until no two of them belong together.
+/// Merges groups until `belong` is false for every pair of groups.
 fn merge_groups(groups: Vec<Group>, belong: impl Fn(&Group, &Group) -> bool) -> Vec<Group> {
     let mut all: Vec<Group> = Vec::new();
     for mut next in groups {
-        // After a merge, the larger group may belong together with a third one.
+        // The merged group is compared with all other groups again.
         while let Some(near) = all.iter().position(|other| belong(other, &next)) {
             next = all.remove(near).and(next);
         }
@@ -158,7 +160,8 @@ fn merge_groups(groups: Vec<Group>, belong: impl Fn(&Group, &Group) -> bool) -> 
     all
 }
 
-/// Returns the areas of all groups. Groups are merged if this costs less, or if their areas cannot be cut at each other.
+/// Returns the areas of all groups. Two groups are merged if this costs less, or if their areas cannot be cut at each
+/// other.
 fn arrange_groups(on: AreaSettings<'_>, groups: Vec<Group>) -> Vec<ParameterPatch> {
     let cost = |areas: &[ParameterPatch]| cost_mm2(on.surface, areas, on.distances.reach_mm);
     let is_near = |one: &[ParameterPatch], other: &[ParameterPatch]| {
@@ -179,11 +182,11 @@ fn arrange_groups(on: AreaSettings<'_>, groups: Vec<Group>) -> Vec<ParameterPatc
             }
         }
     };
-    // Neighbouring grids of different groups may cost less if they are treated together.
+    // Adjacent grids of different groups may cost less if they are treated together.
     on.cheaper_of(areas, &groups.into_iter().flat_map(|group| group.grids).collect())
 }
 
-/// Returns the pixels of each break that concerns a failed grid; pixels of grids that are spared are left out.
+/// Returns the pixels of each break that concerns a failed grid, without the pixels of grids that are spared.
 fn pieces(region: &Region, breaks: &Breaks<'_>) -> Vec<Vec<Pixel>> {
     let pixel =
         |index: usize| Pixel::at((index % breaks.broken.width) as f64, (index / breaks.broken.width) as f64);
@@ -201,7 +204,7 @@ fn parameter(region: &Region, pixel: Pixel) -> Parameter {
     Parameter { u: unit.x, v: unit.y }
 }
 
-/// Returns the corners of these pixels, each of which is a square with sides of 1 px around its centre.
+/// Returns the corners of these pixels. A pixel is a square with sides of 1 px around its centre.
 fn corners(region: &Region, pixels: &[Pixel]) -> Vec<Parameter> {
     let around = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)];
     let of_pixel = |pixel: &Pixel| around.map(|(u, v)| parameter(region, Pixel::at(pixel.u + u, pixel.v + v)));
@@ -215,14 +218,14 @@ fn bounds(places: &[Parameter]) -> ParameterPatch {
         .fold(ParameterPatch { low, high }, |patch, at| union(patch, ParameterPatch { low: *at, high: *at }))
 }
 
-/// Returns a box with sides of at least this length, mm, inside of the region: it grows equally on both sides, or only
-/// inwards at the region's border.
+/// Enlarges a box inside of the region so that its sides have at least this length, mm. The box grows equally on both
+/// sides; at the region's border it grows only inwards.
 fn at_least(surface: &BSplineSurface, patch: ParameterPatch, side_mm: f64) -> ParameterPatch {
     let [least_u, least_v] = least_scale(surface, patch).map(|mm| side_mm / mm);
     let side = |low: f64, high: f64, least: f64| {
         let by = ((least - (high - low)) / 2.0).max(0.0);
         let (low, high) = (low - by, high + by);
-        // The length that lies beyond one border is added on the opposite side.
+        // The length that would extend beyond one border is added on the opposite side.
         let (beyond_low, beyond_high) = ((-low).max(0.0), (high - 1.0).max(0.0));
         ((low - beyond_high).max(0.0), (high + beyond_low).min(1.0))
     };
@@ -231,8 +234,9 @@ fn at_least(surface: &BSplineSurface, patch: ParameterPatch, side_mm: f64) -> Pa
     ParameterPatch { low: Parameter { u: low_u, v: low_v }, high: Parameter { u: high_u, v: high_v } }
 }
 
-/// Returns a box that extends into each of its grids by at least [`MIN_PART_MM`], and leaves either at least this
-/// length of the grid or none: a box that is cut at its border then has no narrower part in a grid either.
+/// Enlarges a box so that it extends into each of its grids by at least [`MIN_PART_MM`], and leaves either at least
+/// this length of a grid or nothing. If the box is cut at its border later, the parts in the grids are then not
+/// narrower either.
 fn with_whole_parts(surface: &BSplineSurface, region: &Region, patch: ParameterPatch) -> ParameterPatch {
     let [least_u, least_v] = least_scale(surface, patch).map(|mm| MIN_PART_MM / mm);
     let low = |at: f64, count: usize, least: f64| {
@@ -260,7 +264,7 @@ fn with_whole_parts(surface: &BSplineSurface, region: &Region, patch: ParameterP
     }
 }
 
-/// Returns the parts of a box in the grids that are not spared; the box itself if none of its grids is spared.
+/// Returns the parts of an area in the grids that are not spared; the whole area if none of its grids is spared.
 fn without(region: &Region, area: ParameterPatch, spared: &[GridId]) -> Vec<ParameterPatch> {
     let spared: BTreeSet<GridId> = spared.iter().copied().collect();
     let parts: Vec<(GridId, ParameterPatch)> =
@@ -271,14 +275,15 @@ fn without(region: &Region, area: ParameterPatch, spared: &[GridId]) -> Vec<Para
     parts.into_iter().filter(|(id, _)| !spared.contains(id)).map(|(_, part)| part).collect()
 }
 
-/// The distances with which boxes are laid, measured on the surface, mm.
+/// The distances from which boxes are computed, measured on the surface, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Distances {
     /// Margin that is added around a break.
     pub margin_mm: f64,
-    /// Largest gap between areas that may be merged.
+    /// Maximum gap between areas that may be merged.
     pub join_mm: f64,
-    /// Smallest side of an area: in a smaller area the ends of the pattern make the time under the disc uneven.
+    /// Minimum side of an area: in a smaller area the dwell time would not be uniform because of the ends of the
+    /// pattern.
     pub least_mm: f64,
     /// Distance by which the disc always reaches beyond an area.
     pub reach_mm: f64,
@@ -296,7 +301,7 @@ fn clipped(patch: ParameterPatch) -> ParameterPatch {
     ParameterPatch { low: inside(patch.low), high: inside(patch.high) }
 }
 
-/// Returns a box that is enlarged on each side by at least this length on the surface, mm.
+/// Returns a box, enlarged on each side by at least this length on the surface, mm.
 fn enlarge_box(surface: &BSplineSurface, patch: ParameterPatch, by_mm: f64) -> ParameterPatch {
     let by = |scale: [f64; 2]| {
         let [by_u, by_v] = scale.map(|mm| by_mm / mm);
@@ -305,33 +310,34 @@ fn enlarge_box(surface: &BSplineSurface, patch: ParameterPatch, by_mm: f64) -> P
             high: Parameter { u: patch.high.u + by_u, v: patch.high.v + by_v },
         }
     };
-    // The scale is measured again over the larger box: beside a break, the surface may be smaller for a unit of the
-    // parameters.
+    // The scale is evaluated again over the larger box, because the surface beside a break may be smaller per unit of
+    // the parameters.
     by(least_scale(surface, clipped(by(least_scale(surface, patch)))))
 }
 
-/// Returns the least length on the surface for one unit of u across the lines of constant u, and the same for v, mm.
+/// Returns the minimum length on the surface per unit of u, perpendicular to the lines of constant u, and the same for
+/// v, mm.
 fn least_scale(surface: &BSplineSurface, patch: ParameterPatch) -> [f64; 2] {
     let share = |index: usize| index as f64 / SCALE_STEPS as f64;
     let count = SCALE_STEPS + 1;
     let at = |place: usize| patch.parameter_at(Parameter { u: share(place % count), v: share(place / count) });
     (0..count * count).map(at).fold([f64::INFINITY; 2], |[least_u, least_v], at| {
         let tangents = surface.tangents(at);
-        // The distance perpendicular to the line is used, since with slanted parameters a step along u leaves the line
-        // of constant u at an angle.
+        // The length is measured perpendicular to the line, because with slanted parameter lines a step along u is not
+        // perpendicular to the line of constant u.
         let [across_u, across_v] =
             [&tangents.s_v, &tangents.s_u].map(|along| tangents.area_mm2() / along.mm.norm());
         [least_u.min(across_u), least_v.min(across_v)]
     })
 }
 
-/// Returns whether boxes have a smaller area than other boxes and also cost less.
+/// Returns whether `boxes` have a smaller area than `others` and also cost less.
 fn is_less(surface: &BSplineSurface, boxes: &[ParameterPatch], others: &[ParameterPatch], reach_mm: f64) -> bool {
     let sum = |all: &[ParameterPatch]| all.iter().map(|patch| area_mm2(surface, *patch)).sum::<f64>();
     sum(boxes) < sum(others) && cost_mm2(surface, boxes, reach_mm) < cost_mm2(surface, others, reach_mm)
 }
 
-/// Returns the cost of boxes, mm²: the surface of each in the region with the disc's reach around it.
+/// Returns the cost of boxes, mm²: the surface of each box with a margin of the disc's reach, inside of the region.
 fn cost_mm2(surface: &BSplineSurface, boxes: &[ParameterPatch], reach_mm: f64) -> f64 {
     boxes.iter().map(|patch| area_mm2(surface, clipped(enlarge_box(surface, *patch, reach_mm)))).sum()
 }
@@ -344,8 +350,8 @@ fn area_mm2(surface: &BSplineSurface, patch: ParameterPatch) -> f64 {
     per_unit / count as f64 * (patch.high.u - patch.low.u) * (patch.high.v - patch.low.v)
 }
 
-/// Joins boxes and cuts them at each other, so that they overlap by no more than the disc reaches beyond them. Together
-/// they contain all of the original boxes.
+/// Merges boxes and cuts them at each other, so that they overlap by at most the disc's reach. Together they contain
+/// all original boxes.
 pub(super) fn lay_boxes(
     surface: &BSplineSurface,
     mut boxes: Vec<ParameterPatch>,
@@ -363,7 +369,7 @@ pub(super) fn lay_boxes(
     }
 }
 
-/// Joins boxes that overlap, or between which the gap is small, if the joined box costs no more than they do.
+/// Merges boxes that overlap or are close together if the merged box costs no more than the two boxes.
 fn joined(surface: &BSplineSurface, boxes: Vec<ParameterPatch>, distances: Distances) -> Vec<ParameterPatch> {
     let cost = |boxes: &[ParameterPatch]| cost_mm2(surface, boxes, distances.reach_mm);
     let is_joined = |one: ParameterPatch, other: ParameterPatch| {
@@ -371,7 +377,7 @@ fn joined(surface: &BSplineSurface, boxes: Vec<ParameterPatch>, distances: Dista
     };
     let mut all: Vec<ParameterPatch> = Vec::new();
     for mut next in boxes {
-        // After a merge, the larger box may be near a third one.
+        // The merged box is compared with all other boxes again.
         while let Some(near) = all.iter().position(|other| is_joined(*other, next)) {
             next = union(next, all.swap_remove(near));
         }
@@ -380,7 +386,7 @@ fn joined(surface: &BSplineSurface, boxes: Vec<ParameterPatch>, distances: Dista
     all
 }
 
-/// Returns whether the gap between two boxes is so small that they may become one.
+/// Returns whether the gap between two boxes is small enough for a merge.
 fn is_near(surface: &BSplineSurface, one: ParameterPatch, other: ParameterPatch, distances: Distances) -> bool {
     meets(enlarge_box(surface, one, distances.join_mm), other)
 }
@@ -389,11 +395,10 @@ fn meets(a: ParameterPatch, b: ParameterPatch) -> bool {
     a.low.u < b.high.u && b.low.u < a.high.u && a.low.v < b.high.v && b.low.v < a.high.v
 }
 
-/// Cuts boxes at each other. Boxes of the same owner do not overlap.
+/// Cuts boxes of different owners at each other. Boxes of one owner do not overlap.
 ///
 /// # Errors
-/// Returns the two owners, the lower one first, if their boxes cannot be cut without a part that is too narrow for the
-/// disc.
+/// Returns the two owners, the lower one first, if a cut would leave a part that is too narrow for the disc.
 fn cut_apart(
     surface: &BSplineSurface,
     mut all: Vec<(usize, ParameterPatch)>,
@@ -418,7 +423,7 @@ fn cut_apart(
     Ok(all.into_iter().map(|(_, patch)| patch).collect())
 }
 
-/// Returns whether two boxes overlap by more than this on both sides, mm.
+/// Returns whether two boxes overlap by more than this distance on both sides, mm.
 fn is_deep(surface: &BSplineSurface, a: ParameterPatch, b: ParameterPatch, reach_mm: f64) -> bool {
     meets(a, b) && {
         let both = ParameterPatch {
@@ -434,8 +439,8 @@ fn least_side_mm(surface: &BSplineSurface, patch: ParameterPatch) -> f64 {
     (scale_u * (patch.high.u - patch.low.u)).min(scale_v * (patch.high.v - patch.low.v))
 }
 
-/// Returns whether the first of two boxes is cut at the second one, and its parts beside the second one; otherwise the
-/// second one is cut. `None` if each way leaves a part with a side below this, mm.
+/// Decides which of two overlapping boxes is cut: true for the first, false for the second. Also returns the parts of
+/// the cut box beside the other box. `None` if each cut leaves a part with a side below this length, mm.
 fn cut(
     surface: &BSplineSurface,
     [first, second]: [ParameterPatch; 2],
@@ -451,8 +456,8 @@ fn cut(
     best.filter(|(side_mm, _)| *side_mm >= least_mm).map(|(_, way)| way)
 }
 
-/// Returns the parts of a box that lie beside another one: `by_rows` first those above and below over the whole width,
-/// otherwise first those on the left and on the right over the whole height.
+/// Returns the parts of a box beside another box. With `by_rows`, the parts above and below have the full width;
+/// otherwise the parts on the left and on the right have the full height.
 fn beside(own: ParameterPatch, other: ParameterPatch, by_rows: bool) -> Vec<ParameterPatch> {
     let within = |low: f64, high: f64, at: f64| at.max(low).min(high);
     let [u_low, u_high] = [other.low.u, other.high.u].map(|u| within(own.low.u, own.high.u, u));

@@ -1,12 +1,13 @@
-//! Calculates which part of a grid the disc covers, and how far it reaches beyond the panel's outline.
+//! Calculates the part of a grid that the disc covers, and the disc's overhang beyond the panel's outline.
 //!
-//! Coverage is the fraction of a grid that the disc reaches. A sample of the surface is covered if its distance to the
-//! contact track is at most the disc's radius. Samples are about 1 mm apart and weigh |S_u × S_v| each. The whole disc
-//! is assumed to be in contact: a compliant pad. The distance between neighbouring rows follows from the same track.
+//! Coverage is the fraction of a grid that the disc reaches. A sample point of the surface is covered if its distance
+//! to the contact track is at most the disc's radius. Sample points are about 1 mm apart and have the weight |S_u ×
+//! S_v|. The pad is compliant, so the whole disc is assumed to be in contact. The distance between adjacent rows is
+//! calculated from the same track.
 //!
-//! The overhang at a contact point is R − d inside the outline and R + d outside the outline, d being the distance
-//! to the nearest outline point. Inside or outside is determined in the outline's mean plane, so a panel must not
-//! bend by 180°.
+//! The overhang at a contact point is R − d inside of the outline and R + d outside, where d is the distance to the
+//! nearest outline point. Inside or outside is determined in the outline's mean plane, so a panel must not bend by
+//! 180°.
 
 use crate::surface::{BSplineSurface, Parameter, ParameterPatch};
 use nalgebra::Vector3;
@@ -14,22 +15,22 @@ use panelprep_base::geometry::{Panel, Pixel, Point, polygon};
 use panelprep_cell::panel::GridId;
 use rayon::prelude::*;
 
-/// Smallest covered fraction of each grid, 0…1.
+/// Minimum covered fraction of each grid, 0…1.
 pub const MIN_COVERAGE: f64 = 0.995;
-/// Approximate distance between samples, mm.
+/// Approximate distance between sample points, mm.
 const SAMPLE_MM: f64 = 1.0;
 
 /// Number of outline points in one bounding sphere.
 const BLOCK: usize = 32;
 
-/// The coverage of a grid, or of its part that is treated, by a path.
+/// The coverage of a grid, or of the treated part of a grid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GridCoverage {
     /// The grid.
     pub id: GridId,
-    /// The area on the surface, mm².
+    /// The area of the grid or part on the surface, mm².
     pub area_mm2: f64,
-    /// The part of this area that the disc touches, mm².
+    /// The part of this area that the disc covers, mm².
     pub covered_mm2: f64,
 }
 
@@ -43,14 +44,14 @@ impl GridCoverage {
 /// A straight segment of a track in contact.
 pub(super) type ContactSegment = (Point<Panel>, Point<Panel>);
 
-/// Returns the straight segments between neighbouring places that are both in contact. A single place is not a segment:
-/// the disc abrades only while it moves, and the time under the disc counts only motion.
+/// Returns the straight segments between successive points of the track that are both in contact. A single point is not
+/// a segment: the disc sands only while it moves, and the dwell time counts only motion.
 pub(super) fn strokes(track: &[Point<Panel>], contact: impl Fn(usize) -> bool) -> Vec<ContactSegment> {
     let pairs = track.windows(2).enumerate().filter(|(index, _)| contact(*index) && contact(index + 1));
     pairs.map(|(_, pair)| (pair[0], pair[1])).collect()
 }
 
-/// Calculates the part of a grid that strokes of the disc cover.
+/// Calculates the part of a grid that these strokes of the disc cover.
 pub(super) fn coverage(
     surface: &BSplineSurface,
     (id, patch): (GridId, &ParameterPatch),
@@ -61,7 +62,7 @@ pub(super) fn coverage(
     let samples = |length_mm: f64| (length_mm / SAMPLE_MM).ceil().max(1.0) as usize;
     let across = samples(middle.s_u.mm.norm() * (patch.high.u - patch.low.u));
     let down = samples(middle.s_v.mm.norm() * (patch.high.v - patch.low.v));
-    // For a long track, only the segments near the grid are used.
+    // Only the segments near the grid are used, because the track may be long.
     let corners = [0.0, 1.0].map(|u| [0.0, 1.0].map(|v| surface.point(patch.parameter_at(Parameter { u, v }))));
     let reach_mm = corners.iter().flatten().map(|corner| corner.distance_mm(middle.point)).fold(0.0, f64::max);
     let near = |piece: &&ContactSegment| {
@@ -70,7 +71,7 @@ pub(super) fn coverage(
     let track: Vec<&ContactSegment> = strokes.iter().filter(near).collect();
     let cell = (patch.high.u - patch.low.u) * (patch.high.v - patch.low.v) / (across * down) as f64;
     let mut found = GridCoverage { id, area_mm2: 0.0, covered_mm2: 0.0 };
-    // Neighbouring samples are usually covered by the same segment of the track.
+    // Adjacent sample points are usually covered by the same segment of the track, so the last segment is tried first.
     let mut last = 0;
     for sample in 0..across * down {
         let share = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;
@@ -90,7 +91,7 @@ pub(super) fn coverage(
     found
 }
 
-/// Returns the fraction of these places that the disc reaches, 0…1; `None` if there are none.
+/// Returns the fraction of these points that the disc reaches, 0…1; `None` without points.
 pub(super) fn reached_share(places: &[Point<Panel>], strokes: &[ContactSegment], radius_mm: f64) -> Option<f64> {
     let is_reached =
         |place: &&Point<Panel>| strokes.iter().any(|(from, to)| foot_fraction(**place, *from, *to).1 <= radius_mm);
@@ -98,8 +99,8 @@ pub(super) fn reached_share(places: &[Point<Panel>], strokes: &[ContactSegment],
     (!places.is_empty()).then(|| reached as f64 / places.len() as f64)
 }
 
-/// Returns the fraction 0…1 along a straight piece at which the piece is nearest to a point, and the distance there,
-/// mm.
+/// Returns the point of a segment that is nearest to a given point, as a fraction 0…1 of the segment, and the distance
+/// between the two points, mm.
 fn foot_fraction(point: Point<Panel>, from: Point<Panel>, to: Point<Panel>) -> (f64, f64) {
     let (piece, offset) = ((to - from).mm, (point - from).mm);
     let length2 = piece.norm_squared();
@@ -107,8 +108,8 @@ fn foot_fraction(point: Point<Panel>, from: Point<Panel>, to: Point<Panel>) -> (
     (share, (offset - piece * share).norm())
 }
 
-/// Returns the distances of a row's waypoints to the next row, mm, if the next row runs beside them; the connections
-/// between rows are left out.
+/// Returns the distances, mm, from the waypoints of a row to the next row. Waypoints beside which the next row does not
+/// run, and the connections between rows, are excluded.
 pub fn step_overs_mm(row: &[Point<Panel>], next: &[Point<Panel>]) -> Vec<f64> {
     if let ([point], [other]) = (row, next) {
         return vec![point.distance_mm(*other)];
@@ -132,19 +133,19 @@ pub struct DiscOverhang {
     pub share_beyond: f64,
 }
 
-/// The panel's outline, prepared for many distance calculations.
+/// The panel's outline with data for fast distance calculations.
 #[derive(Debug, Clone)]
 pub struct Outline {
     points: Vec<Point<Panel>>,
-    // Bounding sphere of each block of outline points: centre, and radius, mm.
+    // Bounding sphere of each block of outline points: centre, and radius in mm.
     blocks: Vec<(Point<Panel>, f64)>,
-    // Directions that span the mean plane, and the outline in it, mm.
+    // Two directions that span the outline's mean plane.
     plane_axes: [Vector3<f64>; 2],
     plane_outline: Vec<Pixel>,
 }
 
 impl Outline {
-    /// Creates the outline from its points in order, closed.
+    /// Creates the closed outline from its points in order.
     pub fn new(points: &[Point<Panel>]) -> Self {
         let block = |block: &[Point<Panel>]| {
             let sum = block.iter().fold(Vector3::zeros(), |sum, point| sum + point.mm.coords);
@@ -160,19 +161,20 @@ impl Outline {
         }
     }
 
-    /// Returns whether an outline is known.
+    /// Returns whether the outline is known.
     pub(super) fn is_present(&self) -> bool {
         !self.points.is_empty()
     }
 
-    /// Returns how far a disc of this radius around a contact point reaches beyond the outline, mm; 0 if it does not.
+    /// Returns the overhang beyond the outline of a disc of this radius around a contact point, mm; 0 if there is no
+    /// overhang.
     pub fn overhang_mm(&self, contact: Point<Panel>, radius_mm: f64) -> f64 {
         let (_, distance_mm) = self.nearest(contact);
         if self.contains(contact) { (radius_mm - distance_mm).max(0.0) } else { radius_mm + distance_mm }
     }
 
-    /// Returns the direction from a contact point that leads out of the outline at its nearest point; `None` without
-    /// an outline.
+    /// Returns the direction from a contact point that leads out of the panel at the nearest outline point; `None`
+    /// without an outline.
     pub(super) fn outward_direction(&self, contact: Point<Panel>) -> Option<Vector3<f64>> {
         let towards = (self.nearest(contact).0? - contact).mm;
         Some(if self.contains(contact) { towards } else { -towards })
@@ -197,7 +199,7 @@ impl Outline {
     }
 }
 
-/// Returns two directions perpendicular to the polygon's area vector.
+/// Returns two directions that span the polygon's mean plane: both are perpendicular to its area vector.
 fn mean_plane(points: &[Point<Panel>]) -> [Vector3<f64>; 2] {
     let Some(first) = points.first() else { return [Vector3::x(), Vector3::y()] };
     let cross = |pair: &[Point<Panel>]| (pair[0] - *first).mm.cross(&(pair[1] - *first).mm);
@@ -217,8 +219,8 @@ fn to_plane([x, y]: [Vector3<f64>; 2], point: Point<Panel>) -> Pixel {
 mod tests {
     use super::*;
 
-    /// By hand: in an upright square of ±50 mm, a disc of 15 mm at 40 mm reaches 5 mm over the edge. In the middle
-    /// it does not reach over the edge, and 10 mm beyond the edge it reaches 25.
+    /// Expected values, calculated by hand: in a vertical square of ±50 mm, a disc of 15 mm radius at 40 mm has an
+    /// overhang of 5 mm. In the middle it has none, and at 10 mm outside of the edge it has 25 mm.
     #[test]
     fn a_disc_at_the_edge_of_an_upright_square() {
         let corner = |n: usize| {

@@ -1,14 +1,14 @@
-//! Converts a planned path to poses with their times, for [`simulate`], and finds the feeds that make the time under
-//! the disc even.
+//! Converts a planned path to poses with their times, for [`simulate`], and calculates the feeds that make the dwell
+//! time uniform.
 //!
-//! A line travelled at w = 1 / feed keeps a place within the disc's radius R under the disc for the time c w, c being
-//! the length of the line within R of the place. For all places together: t = C w. Near the border of the treated area
-//! fewer lines pass than in its middle, so there the feed is lower. With a target time t₀,
+//! On a line with the feed f the disc dwells on a point for the time c w, with w = 1 / f and c the length of the line
+//! within the disc's radius R of the point. For all points together: t = C w. Fewer lines pass near the border of the
+//! treated area than in its middle, so the feed must be lower there. With a target time t₀ the iteration
 //!     w ← w · Cᵀ(t₀ / C w) / Cᵀ1                                                  (Richardson and Lucy)
 //! brings C w close to t₀ and keeps w positive. The lower limit of w follows from the recipe's feed, or from the feed
 //! that the controller can plan. The upper limit is [`MAX_SLOWDOWN`] times the value at the recipe's feed. t₀ is a high
-//! quantile of the times at a uniform feed, and at least the time under adjacent rows of infinite length. All areas of
-//! a plan are treated together, because neighbouring areas influence each other.
+//! quantile of the dwell times at a uniform feed, and at least the dwell time between adjacent rows of infinite length.
+//! All areas of a plan are calculated together, because adjacent areas influence each other.
 
 use super::areas::Piece;
 use super::planned::Plan;
@@ -21,14 +21,14 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-/// Largest ratio of the recipe's feed to the lowered feed.
+/// Maximum ratio of the recipe's feed to the reduced feed.
 const MAX_SLOWDOWN: f64 = 3.0;
-/// Number of iterations towards an even time; more iterations change only the third digit.
+/// Number of iterations; more iterations change only the third digit of the dwell times.
 const STEPS: usize = 15;
-/// Fraction of the places whose time at a uniform feed is at most the target time.
+/// Quantile of the dwell times at a uniform feed that is used as the target time.
 const TARGET_QUANTILE: f64 = 0.9;
-/// Limit of the ratio between the target time and a place's time, in either direction: a single place must not
-/// determine the feed of a line.
+/// Maximum ratio between the target time and the dwell time of a point, in either direction, so that a single point
+/// does not determine the feed of a line.
 const MAX_WEIGHT: f64 = 3.0;
 
 /// Returns the plan as poses with their times.
@@ -39,25 +39,25 @@ pub fn timed_poses(plan: &Plan) -> Vec<ExecutedPose> {
         let panel_from_tool = waypoint.panel_from_tool;
         let before = executed.last().map_or(panel_from_tool, |last| last.panel_from_tool);
         let seconds = before.origin().distance_mm(panel_from_tool.origin()) / waypoint.feed_mm_s;
-        // During the descent to the first waypoint in contact, the disc touches the panel only at the end.
+        // The descent to the first waypoint in contact is not in contact: the disc touches the panel only at its end.
         let contact = waypoint.contact && index > 0 && all[index - 1].contact;
         executed.push(ExecutedPose { panel_from_tool, seconds, contact, force_n: None });
     }
     executed
 }
 
-/// The feeds along the lines of each piece, and the resulting times.
+/// The feeds along the lines of each piece, and the resulting dwell times.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct EvenFeeds {
-    /// For each piece, the feed on the way to each place of its track, mm/s.
+    /// For each piece, the feed of the motion to each point of its track, mm/s.
     pub feeds_mm_s: Vec<Vec<f64>>,
-    /// Spread of the times over the whole treated area; `None` if nothing is treated.
+    /// Spread of the dwell times over the whole treated area; `None` if no area is treated.
     pub all: Option<DwellSpread>,
-    /// Spread of the times in each grid.
+    /// Spread of the dwell times in each grid.
     pub grids: Vec<(GridId, DwellSpread)>,
 }
 
-/// Lowers the feed at places at which this makes the times under the disc more even.
+/// Reduces the feed of the lines for which this makes the dwell times more uniform.
 pub(super) fn even_out_feeds(
     surface: &BSplineSurface,
     region: &Region,
@@ -78,13 +78,13 @@ pub(super) fn even_out_feeds(
         Some(_) => next.next().map_or(settings.feed_mm_s(), |slowness| 1.0 / slowness),
         None => settings.feed_mm_s(),
     };
-    // The first place of a track is reached through the air, at the recipe's feed.
+    // The motion to the first point of a track is through the air, at the recipe's feed.
     let feeds_mm_s = lines
         .iter()
         .map(|lines| std::iter::once(settings.feed_mm_s()).chain(lines.iter().map(&mut feed)).collect())
         .collect();
-    // The result is measured on a finer grid of samples than the one with which the feeds were found, so that it is not
-    // even only at those samples.
+    // The result is evaluated on a finer grid of sample points than the calculation of the feeds, to show that the
+    // dwell time is uniform also between the coarse sample points.
     let spacing_mm = (radius_mm / 10.0).clamp(0.5, 1.5);
     let of_part = |(id, part): &(GridId, ParameterPatch)| {
         let places = SpreadPlaces::new(surface, *part, spacing_mm);
@@ -112,13 +112,13 @@ struct Line {
     reach: [f64; 2],
 }
 
-/// Returns the lines between neighbouring places of a track; `None` if the tool is lifted.
+/// Returns the lines between successive points of a track; `None` for a line with the tool lifted.
 fn lines(surface: &BSplineSurface, piece: &Piece, radius_mm: f64) -> Vec<Option<Line>> {
     let line = |(ends, contact): (&[Parameter], &[bool])| {
         let [from, to] = [ends[0], ends[1]];
         let tangents = surface.tangents(from);
-        // With slanted parameter lines, the reach is larger than the radius: the height of a rhombus is its side times
-        // the sine.
+        // With slanted parameter lines the reach is larger than the radius: the height of a rhombus is its side times
+        // the sine of its angle.
         let [lu, lv] = [tangents.s_u.mm.norm(), tangents.s_v.mm.norm()];
         let sine = tangents.area_mm2() / (lu * lv);
         let points = [tangents.point, surface.point(to)];
@@ -132,11 +132,11 @@ fn lines(surface: &BSplineSurface, piece: &Piece, radius_mm: f64) -> Vec<Option<
     piece.track.windows(2).zip(piece.contact.windows(2)).map(line).collect()
 }
 
-/// Places spread evenly over a grid.
+/// Sample points that are uniformly distributed over a grid.
 struct SpreadPlaces {
     net: SampleGrid,
     points: Vec<Point<Panel>>,
-    /// Area of the surface at each place, mm².
+    /// Area of the surface that each point represents, mm².
     area_mm2: Vec<f64>,
 }
 
@@ -151,8 +151,8 @@ impl SpreadPlaces {
         SpreadPlaces { net, points, area_mm2 }
     }
 
-    /// Calls `add` for each place under the disc on a line, with the length of the line within the radius of the
-    /// place, mm.
+    /// Calls `add` for each point that the disc passes on a line, with the length of the line within the radius of the
+    /// point, mm.
     fn for_places_under(&self, line: &Line, radius_mm: f64, mut add: impl FnMut(usize, f64)) {
         let ([from, to], [reach_u, reach_v]) = (line.ends, line.reach);
         let least = Parameter { u: from.u.min(to.u) - reach_u, v: from.v.min(to.v) - reach_v };
@@ -166,7 +166,7 @@ impl SpreadPlaces {
     }
 }
 
-/// Returns the length of the part of a line within the radius of a point, mm.
+/// Returns the length of the part of a line that lies within the radius of a point, mm.
 fn chord_mm(line: &Line, point: Point<Panel>, radius_mm: f64) -> f64 {
     let [from, to] = line.points;
     let (way, offset) = ((to - from).mm, (point - from).mm);
@@ -179,7 +179,7 @@ fn chord_mm(line: &Line, point: Point<Panel>, radius_mm: f64) -> f64 {
     ((along_mm + half_mm).min(line.length_mm) - (along_mm - half_mm).max(0.0)).max(0.0)
 }
 
-/// Calculates 1 / feed for each line, s/mm.
+/// Calculates 1 / feed of each line, s/mm.
 fn inverse_feeds(lines: &[&Line], places: &[SpreadPlaces], radius_mm: f64, settings: &recipe::Path) -> Vec<f64> {
     let (fastest, planning_s) = (1.0 / settings.feed_mm_s(), settings.planning_time_ms() / 1_000.0);
     let shortest: Vec<f64> = lines.iter().map(|line| fastest.max(planning_s / line.length_mm)).collect();
@@ -207,8 +207,8 @@ fn inverse_feeds(lines: &[&Line], places: &[SpreadPlaces], radius_mm: f64, setti
         }
         times_s
     };
-    // The target is never below the time under rows of infinite length: places near a border are under the disc for a
-    // shorter time, and must not lower the target.
+    // The target time is at least the dwell time between rows of infinite length, because points near a border have
+    // shorter dwell times, which must not reduce the target.
     let wanted_s =
         target_time_s(times_s(&shortest), PI * radius_mm * radius_mm / settings.step_over_mm() * fastest);
     let mut slowness = shortest.clone();
@@ -222,7 +222,7 @@ fn inverse_feeds(lines: &[&Line], places: &[SpreadPlaces], radius_mm: f64, setti
                 (weighted + chord_mm * weights[*place], all + chord_mm)
             });
             if sums.1 > 0.0 {
-                // The feed is never higher than the recipe's feed, which a person chose for the disc.
+                // The feed is never higher than the recipe's feed, which a person selected for the disc.
                 *slowness = (*slowness * sums.0 / sums.1).clamp(*shortest, shortest.max(MAX_SLOWDOWN * fastest));
             }
         }

@@ -1,16 +1,17 @@
-//! The gates before a motion: a plan, and each motion before it starts, is accepted or rejected as a whole and never
-//! clipped.
+//! The acceptance checks (gates) before a motion: a plan, or a motion before its start, is accepted or rejected as a
+//! whole and never modified.
 //!
-//! The gate of a plan checks the poses as they would be sent, and not how they were calculated: every number is finite,
-//! no step and no rotation between neighbours is too large, and each path begins and ends in the air. Then it checks
-//! the plan's results: coverage, evenness, and the disc's overhang beyond the panel's outline. It does not know the
-//! robot: reach, speed of the axes and keep-out boxes are checked in the modules that know it.
+//! The gate of a plan checks the poses that will be sent, and not the calculation that led to them. Every number is
+//! finite, no step and no rotation between successive waypoints is too large, and each path begins and ends in the air.
+//! Then the gate checks the plan's results: coverage, uniformity of the dwell time, and the disc's overhang beyond the
+//! panel's outline. This gate does not know the robot: reach, axis speeds and keep-out boxes are checked in the modules
+//! with the arm's kinematics.
 //!
-//! The gate of a motion checks the tool's tip in the robot's base, with the base and tool that the controller will use:
-//! every number is finite, every point lies inside the cell's box, the first point is near the arm's current pose, and
-//! no step and no rotation between neighbours is too large. Near the panel it also limits the tilt against the tool's
-//! direction at teaching, since a wrong base causes a large tilt. It does not know the arm: reach is checked in the
-//! modules that have its kinematics.
+//! The gate of a motion checks the tool's tip in the robot's base, with the base and tool that the controller will use.
+//! Every number is finite, every point lies inside of the cell's box, the first point is near the arm's current pose,
+//! and no step and no rotation between successive points is too large. Near the panel it also limits the tilt against
+//! the tool's direction at teaching, because a wrong base causes a large tilt. The reach is checked in the modules with
+//! the arm's kinematics.
 
 use super::coverage::{GridCoverage, MIN_COVERAGE};
 use super::planned::{Plan, ToolPath, Waypoint};
@@ -24,29 +25,28 @@ use panelprep_cell::cell::{Limits, Workspace};
 use panelprep_cell::recipe;
 use panelprep_cell::record::name;
 
-/// Largest rotation of the tool from one waypoint to the next.
+/// Maximum rotation of the tool from one waypoint to the next.
 const MAX_STEP_ROTATION: Degrees = Degrees(15.0);
-/// Factor by which the distance between waypoints may exceed the recipe's spacing, because rows are resampled along
-/// chords.
+/// Tolerance factor on the distance between waypoints, because rows are resampled along chords.
 const STEP_TOLERANCE: f64 = 1.02;
 
-/// Name of the check of the tool's error if there is a press-in.
+/// Name of the check of the error at the tool, which applies to paths with a press-in.
 pub const TOOL_ERROR: &str = "error at the tool, against what the pad takes up";
-/// Beginning of the name of the check for a grid with too little coverage.
+/// Start of the name of the check for a grid with too little coverage.
 pub const GRID_CHECK_PREFIX: &str = "coverage of grid ";
 
-/// Largest fraction of the pad's stroke that the error at the tool may use.
+/// Maximum error at the tool, as a fraction of the pad's stroke.
 const MAX_ERROR_SHARE_OF_STROKE: f64 = 1.0 / 3.0;
 
-/// Largest absolute value of a commanded axis angle.
+/// Maximum absolute value of a commanded axis angle, degrees.
 const MAX_AXIS_DEG: f64 = 360.0;
 
-/// Accepts a plan, requests a person's decision, or rejects it, with reasons.
+/// Returns the verdict on a plan: accepted, rejected, or to be decided by a person, with the reasons.
 pub fn judge(plan: &Plan, settings: &recipe::Path) -> Judgement {
     judge_plan(plan, settings).1
 }
 
-/// Returns the checks of all numbers of a plan, and the judgement of the plan.
+/// Returns all checks of a plan, and the verdict that follows from the checks.
 pub fn judge_plan(plan: &Plan, settings: &recipe::Path) -> (Vec<Check>, Judgement) {
     let mut of_motion: Vec<Check> = plan.paths.iter().flat_map(|path| broken_steps(path, settings)).collect();
     if of_motion.is_empty() && !plan.is_finite() {
@@ -58,16 +58,16 @@ pub fn judge_plan(plan: &Plan, settings: &recipe::Path) -> (Vec<Check>, Judgemen
     (checks, judgement)
 }
 
-/// The panel's pose now, and at its nominal place.
+/// The panel's present pose, and its nominal pose.
 #[derive(Debug, Clone, Copy)]
 pub struct PanelPoses {
-    /// The pose that was found.
+    /// The present pose, as the localization found it.
     pub now: Rigid<Base, Panel>,
     /// The nominal pose.
     pub nominal: Rigid<Base, Panel>,
 }
 
-/// Returns the mean direction of the tool's Z over the plan, with the panel at its nominal pose.
+/// Returns the mean direction of the tool's Z axis over the plan, with the panel at its nominal pose.
 pub fn taught_axis(plan: &Plan, nominal_pose: Rigid<Base, Panel>) -> Option<Vector<Base>> {
     let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
     let z = |waypoint: &Waypoint| (waypoint.panel_from_tool * Vector::<Tool>::new(Vector3::z())).mm;
@@ -75,30 +75,30 @@ pub fn taught_axis(plan: &Plan, nominal_pose: Rigid<Base, Panel>) -> Option<Vect
     (nominal_pose * mean).direction()
 }
 
-/// Applies the gate that checks each motion to a whole plan at the panel's pose, from its first waypoint on: the cell's
-/// box, steps, rotations, and the tilt against the taught direction. Returns the violations.
+/// Applies the checks of a motion (box, steps, rotations, tilt against the taught direction) to a whole plan at the
+/// panel's present pose. Returns the violated checks.
 pub fn violated_in_base(plan: &Plan, panel: PanelPoses, limits: &WaypointLimits) -> Vec<Check> {
     let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
     let poses: Vec<Rigid<Base, Tool>> = waypoints.map(|waypoint| panel.now * waypoint.panel_from_tool).collect();
-    // While a path is planned, the arm's pose at its start is not known, so the first step gets no length here. The
-    // gate before the motion checks this step from the actual pose.
+    // During planning, the arm's pose before the path is not known, so the length of the first step is 0 here. The gate
+    // before the motion checks this step from the actual pose.
     let from = poses.first().copied().unwrap_or_else(|| Rigid::from_isometry_unchecked(Isometry3::identity()));
     violated_by_route(&Route { from, waypoints: &poses, taught_axis: taught_axis(plan, panel.nominal) }, limits)
 }
 
-/// Accepts or rejects a press-in: the pad's stroke must be at least three times the error at the tool (`[limits]
+/// Returns the verdict on a press-in: the pad's stroke must be at least three times the error at the tool (`[limits]
 /// tool_error_mm`).
 pub fn judge_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Judgement {
     Judgement::from_checks(&check_pad(settings, tool_error_mm))
 }
 
-/// Checks the error at the tool against the error that the pad absorbs; `None` if there is no press-in.
+/// Checks the error at the tool against the error that the pad can absorb; `None` if the path has no press-in.
 pub fn check_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Option<Check> {
     let stroke_mm = settings.pad_stroke_mm().filter(|_| settings.press_in_mm() > 0.0)?;
     let allowed_mm = MAX_ERROR_SHARE_OF_STROKE * stroke_mm;
     let check =
         Check::new(TOOL_ERROR, "mm", tool_error_mm).with_max(allowed_mm, LimitSource::recipe("path.pad_stroke_mm"));
-    // If the error is not stated, the pad does not count as absorbing it.
+    // If the cell's file does not contain the error, the check fails.
     let is_absorbed = tool_error_mm.is_some() && check.is_met();
     Some(check.with_consequence_if(!is_absorbed, Severity::Reject, "pad_stroke", || match tool_error_mm {
         Some(error_mm) => {
@@ -114,12 +114,12 @@ pub fn check_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Option<
     }))
 }
 
-/// Creates the check for a number of the path that is not finite.
+/// Creates the failed check for a number of the path that is not finite.
 fn not_finite_check(what: &str, words: impl FnOnce() -> String) -> Check {
     Check::new(what, "", f64::NAN).with_consequence_if(true, Severity::Reject, "not_finite", words)
 }
 
-/// Returns a failed check for each step and rotation between waypoints that exceeds its limit.
+/// Returns a failed check for each step or rotation between waypoints that exceeds its limit.
 fn broken_steps(path: &ToolPath, settings: &recipe::Path) -> Vec<Check> {
     let name = path.grids.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
     if let Some(index) = path.waypoints.iter().position(|waypoint| !waypoint.is_finite()) {
@@ -128,7 +128,7 @@ fn broken_steps(path: &ToolPath, settings: &recipe::Path) -> Vec<Check> {
     }
     let mut broken = Vec::new();
     let in_air = |waypoint: Option<&Waypoint>| waypoint.is_some_and(|waypoint| !waypoint.contact);
-    // The tool starts and stops at these ends; on the panel it would dig into the surface.
+    // The tool starts and stops at the ends of the path; on the panel it would sand too deep there.
     if !(in_air(path.waypoints.first()) && in_air(path.waypoints.last())) {
         let words = || format!("grid {name}: the path does not begin and end above the panel");
         let ends = Check::new("ends of the path above the panel", "", None);
@@ -137,8 +137,8 @@ fn broken_steps(path: &ToolPath, settings: &recipe::Path) -> Vec<Check> {
     for (index, pair) in path.waypoints.windows(2).enumerate() {
         let (from, to) = (pair[0].panel_from_tool, pair[1].panel_from_tool);
         let (step_mm, turn) = (from.origin().distance_mm(to.origin()), rotation_between(from, to));
-        // A descent or a lift covers the approach height in one step; on the panel the chord between two waypoints must
-        // be short.
+        // A descent or a lift covers the approach height in one step; only on the panel must the chord between two
+        // waypoints be short.
         let limit_mm = if pair[0].contact && pair[1].contact {
             settings.waypoint_spacing_mm() * STEP_TOLERANCE
         } else {
@@ -170,7 +170,7 @@ fn rotation_between(from: Rigid<Panel, Tool>, to: Rigid<Panel, Tool>) -> Degrees
     (from.inverse() * to).rotation_angle()
 }
 
-/// Checks the coverage of the grids; a grid with too little coverage gets its own check.
+/// Checks the coverage of the grids: one check for the worst grid, and a check for each grid with too little coverage.
 fn coverage(plan: &Plan) -> Vec<Check> {
     let check = |name: String, share: f64, words: &dyn Fn() -> String| {
         Check::new(name, "", share).with_min(MIN_COVERAGE, LimitSource::Program).or_review("coverage", words)
@@ -185,7 +185,7 @@ fn coverage(plan: &Plan) -> Vec<Check> {
     };
     let worst = plan.grids.iter().min_by(|a, b| a.share().total_cmp(&b.share()));
     let least = worst.map_or(1.0, GridCoverage::share);
-    // The check uses the worst grid and not the mean: in a large region the mean hides a grid of which a tenth is not
+    // The value is that of the worst grid, because in a large region the mean would hide a grid of which a tenth is not
     // covered.
     let of_worst = check(name::COVERAGE.to_owned(), least, &|| worst.map_or(String::new(), words));
     let short = plan.grids.iter().filter(|grid| grid.share().is_nan() || grid.share() < MIN_COVERAGE);
@@ -193,8 +193,8 @@ fn coverage(plan: &Plan) -> Vec<Check> {
     [Check::new("coverage of these grids", "", plan.coverage), of_worst].into_iter().chain(short).collect()
 }
 
-/// Checks that the disc reaches every break; returns no check if no break's place is known, since the grids are then
-/// treated as a whole.
+/// Checks that the disc reaches every break. Returns no check if the position of no break is known, because the grids
+/// are then treated completely.
 fn breaks(plan: &Plan) -> Vec<Check> {
     let Some(share) = plan.breaks_reached else { return vec![] };
     let check = Check::new(name::BREAKS_REACHED, "", share).with_min(1.0, LimitSource::Program);
@@ -208,7 +208,7 @@ fn breaks(plan: &Plan) -> Vec<Check> {
     })]
 }
 
-/// Checks how evenly the disc treats the grids, and how far it reaches beyond the outline.
+/// Checks the uniformity of the dwell time, and the disc's overhang beyond the outline.
 fn evenness_checks(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
     let steps = plan.step_over_mm;
     let (largest_mm, allowed_mm) = (plan.overhang.largest_mm, settings.edge_overhang_mm());
@@ -253,16 +253,16 @@ fn evenness_checks(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
     ]
 }
 
-/// The limits of a path.
+/// The limits of a path of linear motions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WaypointLimits {
-    /// The box that the tip must not leave; without a box, no linear motion is allowed.
+    /// The box that the tip must not leave; without a box, no linear motion is permitted.
     pub workspace: Option<Workspace>,
     /// Longest step, mm.
     pub max_step_mm: f64,
-    /// Largest rotation in one step.
+    /// Maximum rotation in one step.
     pub max_turn: Degrees,
-    /// Largest angle between the tool's axis and the taught axis.
+    /// Maximum angle between the tool's axis and its taught direction.
     pub max_tilt: Degrees,
 }
 
@@ -277,18 +277,18 @@ impl From<&Limits> for WaypointLimits {
     }
 }
 
-/// A path of linear motions as it would be executed.
+/// A path of linear motions from the arm's current pose.
 #[derive(Debug, Clone, Copy)]
 pub struct Route<'a> {
-    /// The arm's pose, as reported.
+    /// The arm's current pose, as reported by the controller.
     pub from: Rigid<Base, Tool>,
-    /// The poses to move to.
+    /// The target poses of the motions.
     pub waypoints: &'a [Rigid<Base, Tool>],
-    /// The direction of the tool's Z on the panel at its nominal pose; `None` away from the panel.
+    /// The direction of the tool's Z axis on the panel at its nominal pose; `None` for a path away from the panel.
     pub taught_axis: Option<Vector<Base>>,
 }
 
-/// Accepts or rejects a path of linear motions as a whole.
+/// Returns the verdict on a path of linear motions as a whole.
 pub fn judge_route(route: &Route<'_>, limits: &WaypointLimits) -> Judgement {
     Judgement::from_checks(&violated_by_route(route, limits))
 }
@@ -306,7 +306,7 @@ pub fn violated_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Chec
     if route.waypoints.is_empty() {
         return nothing_moves("waypoints", "no_waypoints", "the path has no waypoint".to_owned());
     }
-    // The reported pose of the arm comes first, because a wrong current pose causes the longest step.
+    // The current pose of the arm comes first, because a wrong current pose causes the longest step.
     let all = || std::iter::once(&route.from).chain(route.waypoints);
     if let Some(index) = all().position(|pose| !is_finite_pose(pose)) {
         return nothing_moves(
@@ -325,10 +325,10 @@ pub fn violated_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Chec
     broken
 }
 
-/// Accepts or rejects axis angles.
+/// Returns the verdict on axis angles: each must be finite and within ±360°.
 pub fn judge_joints(joints: &Joints) -> Judgement {
     let angles = joints.degrees();
-    // NaN compares false with every limit, so it is checked explicitly.
+    // A comparison with NaN is always false, so NaN is checked explicitly.
     let wrong = angles.iter().position(|angle| !angle.is_finite() || angle.abs() > MAX_AXIS_DEG);
     let check = |axis: usize| {
         Check::new(format!("axis {}", axis + 1), "°", angles[axis].abs())
@@ -345,10 +345,10 @@ fn is_finite_pose(pose: &Rigid<Base, Tool>) -> bool {
     pose.isometry().to_homogeneous().iter().all(|number| number.is_finite())
 }
 
-/// Returns a failed check if a waypoint is outside the box.
+/// Returns a failed check if a waypoint is outside of the box.
 fn box_violation(index: usize, pose: &Rigid<Base, Tool>, workspace: Workspace) -> Option<Check> {
     let tip = pose.origin().mm;
-    // Formats a coordinate with enough digits to distinguish it from the nearer side of the box.
+    // Formats a coordinate with enough digits to distinguish it from the nearer limit of the box.
     let beside = |mm: f64, axis: usize| {
         let (low, high) = (workspace.min.mm[axis], workspace.max.mm[axis]);
         let [mm, _] = distinguishable_texts(mm, if (mm - low).abs() < (mm - high).abs() { low } else { high }, 1);
@@ -424,7 +424,7 @@ mod tests {
         }
     }
 
-    /// The tool points along the base's X; `turn_deg` tilts it downwards.
+    /// The tool points along the base's X axis; `turn_deg` tilts it downwards.
     fn at(x_mm: f64, turn_deg: f64) -> Rigid<Base, Tool> {
         KukaPose { x_mm, z_mm: 300.0, b_deg: 90.0 + turn_deg, ..KukaPose::default() }.to_rigid()
     }
@@ -454,8 +454,8 @@ mod tests {
         assert!(planted(below).contains(&"outside_box".to_owned()));
     }
 
-    /// Calculated by hand: at y = −100.5 mm the tip is 0.5 mm below the box, at x = 502 mm it is 2 mm above the box.
-    /// Each violation names the key of its limit; limits that are met are not listed.
+    /// Expected values, calculated by hand: at y = −100.5 mm the tip is 0.5 mm below the box, at x = 502 mm it is 2 mm
+    /// above the box. Each violation contains the key of its limit; limits that are met are not listed.
     #[test]
     fn a_check_states_how_far_and_whose_limit() {
         let broken = |bad: Rigid<Base, Tool>| {

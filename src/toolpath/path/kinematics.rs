@@ -1,10 +1,11 @@
-//! Finds the axis angles for a flange pose of the cell's arm, with an analytic solver.
+//! Computes the axis angles for a flange pose of the cell's arm, with an analytic solver.
 //!
 //! A pose has up to eight solutions: arm forward or reaching over axis 1, elbow up or down, wrist normal or flipped.
-//! Each axis may also be rotated by a further 360°. The solver is `rs-opw-kinematics`; it checks its results against
-//! its own forward solution. If the arm's own errors were measured, all poses here are the true poses of the flange;
-//! the controller, which knows only the nominal geometry, receives corrected poses: `sent_flange`. Speed limits, paths
-//! and panels are handled in `reach`. Source: Brandstötter, Angerer, Hofbaur, Proc. Austrian Robotics Workshop 2014.
+//! Each axis may also be rotated by a further 360°. The solver is `rs-opw-kinematics`; it checks its results with its
+//! own forward kinematics. If the arm's own errors were calibrated, all poses here are the true poses of the flange.
+//! The controller, which knows only the nominal geometry, then receives corrected poses: `sent_flange`. Speed limits,
+//! paths and panels are handled in `reach`. Source: Brandstötter, Angerer, Hofbaur, Proc. Austrian Robotics Workshop
+//! 2014.
 
 use super::obstacles::Obstacles;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
@@ -17,7 +18,7 @@ use rs_opw_kinematics::kinematics_impl::OPWKinematics;
 use rs_opw_kinematics::parameters::opw_kinematics::Parameters;
 use std::sync::Arc;
 
-/// Angles of the axes, degrees, axis 1 first.
+/// Angles of axes 1 to 6, degrees.
 pub(super) type JointAngles = [f64; 6];
 
 /// The kinematic model of an arm.
@@ -30,7 +31,7 @@ pub struct Kinematics {
     least_mm: Option<Arc<Vec<[f64; 4]>>>,
 }
 
-/// Accuracy to which the axis angles converge if a correction depends on them, degrees.
+/// Maximum change of an axis angle, degrees, at which the iteration for a corrected arm has converged.
 const CONVERGENCE_DEG: f64 = 1e-9;
 const MAX_STEPS: usize = 10;
 
@@ -63,14 +64,14 @@ impl Kinematics {
         }
     }
 
-    /// Returns the arm together with the obstacles that a scan showed.
+    /// Returns the arm with these obstacles, which a scan showed.
     #[must_use]
     pub fn with_obstacles(self, obstacles: Arc<Obstacles>) -> Self {
         Kinematics { obstacles: Some(obstacles), ..self }
     }
 
-    /// Returns the arm with these required distances from the obstacles in place of the configured ones, mm: for each
-    /// obstacle, one for each part of the arm.
+    /// Returns the arm with these required distances from the obstacles instead of the configured ones, mm: for each
+    /// obstacle, one distance for each part of the arm.
     #[must_use]
     pub(super) fn with_least_distances(self, least_mm: Vec<[f64; 4]>) -> Self {
         Kinematics { least_mm: Some(Arc::new(least_mm)), ..self }
@@ -92,7 +93,7 @@ impl Kinematics {
         &self.arm
     }
 
-    /// Returns the flange pose; `None` if an angle is not finite.
+    /// Returns the true flange pose at these axis angles; `None` if an angle is not finite.
     pub fn base_from_flange(&self, joints: &Joints) -> Option<Rigid<Base, Flange>> {
         let drawn = self.nominal_flange(joints)?;
         match &self.correction {
@@ -103,7 +104,7 @@ impl Kinematics {
         }
     }
 
-    /// Returns the flange pose of the arm with its nominal geometry: the pose that the controller computes.
+    /// Returns the flange pose of the arm with its nominal geometry, which is the pose that the controller computes.
     pub fn nominal_flange(&self, joints: &Joints) -> Option<Rigid<Base, Flange>> {
         let pose = self.solver.try_forward(&joints.degrees().map(f64::to_radians)).ok()?;
         let (t, q) = (pose.translation, pose.rotation);
@@ -117,8 +118,8 @@ impl Kinematics {
         self.correction.as_ref().and_then(|correction| correction.base_from_flange(&pose)).unwrap_or(reported)
     }
 
-    /// Returns the pose to send to the controller so that the flange reaches this pose, and the axis angles there, in
-    /// the configuration of `near`; `None` if no axis angles lead there.
+    /// Returns the pose to send to the controller so that the flange truly reaches this pose, and the axis angles at
+    /// that pose, in the configuration of `near`; `None` if the pose cannot be reached.
     pub fn sent_flange(
         &self,
         base_from_flange: &Rigid<Base, Flange>,
@@ -141,13 +142,14 @@ impl Kinematics {
         None
     }
 
-    /// Returns whether the arm's correction was measured at this pose; always true without a correction.
+    /// Returns whether this pose lies in the volume in which the arm's correction was measured; always true without a
+    /// correction.
     pub fn is_correction_measured(&self, base_from_flange: &Rigid<Base, Flange>) -> bool {
         self.correction.as_ref().is_none_or(|correction| correction.covers(base_from_flange))
     }
 
-    /// Returns all axis solutions for this flange pose, regardless of the axes' limits, each axis within ±180°; none if
-    /// the pose is out of reach.
+    /// Returns all solutions for this flange pose, with each axis within ±180°, regardless of the axes' limits. The
+    /// list is empty if the pose is out of reach.
     pub(super) fn inverse_solutions(&self, base_from_flange: &Rigid<Base, Flange>) -> Vec<JointAngles> {
         let drawn = self.nominal_solutions(base_from_flange);
         if self.correction.is_none() {
@@ -164,18 +166,18 @@ impl Kinematics {
         self.solver.inverse(&pose).into_iter().map(|way| way.map(f64::to_degrees)).collect()
     }
 
-    /// Returns how far the wrist's centre lies outside the arm's reach, mm; 0 if it lies inside.
+    /// Returns the distance of the wrist's centre beyond the arm's reach, mm; 0 if it is within reach.
     pub(super) fn reach_excess_mm(&self, base_from_flange: &Rigid<Base, Flange>) -> f64 {
         let g = self.arm.geometry();
         let wrist = wrist_centre(base_from_flange, g);
-        // Coordinates from axis 2, in the plane of the arm when the arm faces the wrist.
+        // Coordinates relative to axis 2, in the plane of the arm when the arm faces the wrist.
         let forward = (wrist.x.hypot(wrist.y).powi(2) - g.b_mm * g.b_mm).max(0.0).sqrt() - g.a1_mm;
         let distance_mm = forward.hypot(wrist.z - g.c1_mm);
         let forearm_mm = g.a2_mm.hypot(g.c3_mm);
         (distance_mm - g.c2_mm - forearm_mm).max((g.c2_mm - forearm_mm).abs() - distance_mm).max(0.0)
     }
 
-    /// Returns the angle by which the elbow is bent from the extended arm, degrees.
+    /// Returns the angle between the elbow and the extended arm, degrees.
     pub(super) fn elbow_deg(&self, angles: &JointAngles) -> f64 {
         let g = self.arm.geometry();
         let q3_deg = angles[2] * f64::from(g.signs[2]) - g.offsets_deg[2];
@@ -188,7 +190,7 @@ impl Kinematics {
         wrist_centre(base_from_flange, self.arm.geometry()).xy().norm()
     }
 
-    /// Returns the points at which the arm's centre line bends.
+    /// Returns the points at which the arm's centre line bends, in the base.
     pub(super) fn centre_line(&self, angles: &JointAngles) -> CentreLine {
         let g = self.arm.geometry();
         let q = |axis: usize| (angles[axis] * f64::from(g.signs[axis]) - g.offsets_deg[axis]).to_radians();
@@ -208,7 +210,7 @@ impl Kinematics {
     }
 }
 
-/// Returns the solution nearest to the current axes, with each axis shifted by multiples of 360°.
+/// Returns the solution nearest to the current axis angles, with each axis shifted by a multiple of 360°.
 pub(super) fn nearest_solution(ways: &[JointAngles], at: &JointAngles) -> Option<JointAngles> {
     let wound = |way: &JointAngles| -> JointAngles {
         std::array::from_fn(|axis| way[axis] + 360.0 * ((at[axis] - way[axis]) / 360.0).round())
@@ -232,10 +234,10 @@ mod tests {
         Kinematics::new(Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}")).arm())
     }
 
-    /// Calculated by hand. (1) Home, A = (0, −90, 90, 0, 0, 0): upper arm vertical, forearm horizontal: x = 25 + 365 +
-    /// 90 = 480, z = 400 + 335 + 25 = 760, flange Z along base X, flange X down. (2) A = (90, 0, 90, 0, 0, 0): rotated
-    /// clockwise to −y, upper arm horizontal, forearm vertically down: 25 + 335 + 25 = 385 from axis 1, z = 400 − 365 −
-    /// 90 = −55, flange Z down.
+    /// Expected values, calculated by hand. (1) Home, A = (0, −90, 90, 0, 0, 0): upper arm vertical, forearm
+    /// horizontal: x = 25 + 365 + 90 = 480, z = 400 + 335 + 25 = 760, flange Z along base X, flange X down. (2) A =
+    /// (90, 0, 90, 0, 0, 0): rotated clockwise to −y, upper arm horizontal, forearm vertically down: 25 + 335 + 25 =
+    /// 385 from axis 1, z = 400 − 365 − 90 = −55, flange Z down.
     #[test]
     fn two_flange_poses_by_hand() {
         let kr6 = kr6();
@@ -254,8 +256,8 @@ mod tests {
         }
     }
 
-    /// The flange's position and its Z axis in public models of the named arms at some axis angles: computed from the
-    /// joint frames of those models (URDF) by another program.
+    /// Expected values from public models (URDF) of these arms: the flange's position and its Z axis at some axis
+    /// angles, computed from the joint frames of the models with another program.
     #[test]
     fn named_arms_agree_with_their_public_models() {
         const MODELS: [(&str, JointAngles, [f64; 3], [f64; 3]); 21] = [
@@ -394,14 +396,14 @@ mod tests {
             let cell = Cell::check("cell.toml", &format!("[arm]\nmodel = \"{name}\"\n"));
             let arm = Kinematics::new(cell.unwrap_or_else(|problems| panic!("{problems}")).arm());
             let pose = arm.base_from_flange(&Joints::from(angles)).expect("numbers");
-            // The models' published numbers are rounded, to 0.01 mm and some of them to 1e-5 rad.
+            // The published lengths of the models are rounded to 0.01 mm, and some of the angles to 1e-5 rad.
             assert!((pose.origin().mm.coords - Vector3::from(origin_mm)).norm() < 0.02, "{name}: {pose:?}");
             assert!((pose.rotation() * Vector3::z() - Vector3::from(z)).norm() < 3e-5, "{name}: {pose:?}");
         }
     }
 
-    /// By hand: the wrist's centre reaches 335 + hypot(25, 365) = 700.855 mm from axis 2. At 1000 mm in front of
-    /// axis 2, 299.145 mm are missing.
+    /// Expected values, calculated by hand: the wrist's centre reaches 335 + hypot(25, 365) = 700.855 mm from axis 2.
+    /// At 1000 mm in front of axis 2, the distance beyond the reach is 299.145 mm.
     #[test]
     fn the_distance_beyond_the_reach_by_hand() {
         let level = kr6().base_from_flange(&Joints::from([0.0; 6])).expect("numbers").rotation();
@@ -411,7 +413,7 @@ mod tests {
         assert_eq!(kr6().inverse_solutions(&far), Vec::<JointAngles>::new());
     }
 
-    /// Errors of an arm of this class, and a smooth correction over a panel.
+    /// Two corrections: the errors of an arm of this class, and a smooth correction over a panel.
     fn corrections() -> [CorrectionNumbers; 2] {
         let geometry = std::array::from_fn(|index| match index {
             30 | 31 => 8e-7,
@@ -423,8 +425,8 @@ mod tests {
         [CorrectionNumbers::Geometry(geometry), CorrectionNumbers::Smooth { middle_mm, half_mm, numbers: smooth }]
     }
 
-    /// By hand: an error of 0.001 rad in the zero of axis 1 rotates the whole arm. At 480 mm in front of axis 1, that
-    /// is 0.48 mm.
+    /// Expected value, calculated by hand: an error of 0.001 rad in the zero of axis 1 rotates the whole arm. At 480 mm
+    /// in front of axis 1, this is 0.48 mm.
     #[test]
     fn an_axis_zero_error_rotates_the_corrected_arm() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
@@ -440,7 +442,7 @@ mod tests {
     }
 
     proptest! {
-        /// The pose sent to the controller brings the corrected arm to the wanted pose, in the requested
+        /// The pose that is sent to the controller brings the corrected arm to the required pose, in the requested
         /// configuration.
         #[test]
         fn sent_poses_bring_the_corrected_flange_to_the_required_pose(angles in prop::array::uniform6(-60.0..60.0f64)) {

@@ -1,7 +1,7 @@
-//! A plan as a KRL program that a person runs by hand: pure text, `.src`.
+//! Writes a plan as a KRL program (`.src`) that a person starts manually.
 //!
-//! The program sets `$TOOL` and `$BASE` itself, so that nothing depends on the values that were active before. It
-//! begins with a PTP to the axis angles from which the arm can follow the path, in the air above its first place. A PTP
+//! The program sets `$TOOL` and `$BASE` itself, so that it does not depend on the values that were active before. It
+//! begins with a PTP to the axis angles from which the arm can follow the path, in the air above the first point. A PTP
 //! to axis angles gives the block coincidence (BCO) that a controller requires, and defines the configuration
 //! unambiguously. All other motions are linear motions in the panel's frame. The program switches no outputs: the
 //! person who runs it in T1 controls tool, water and extraction.
@@ -12,13 +12,13 @@ use panelprep_cell::recipe;
 use panelprep_kuka::krl::RESERVED_WORDS;
 use std::fmt::Write;
 
-/// Smallest rounding of a corner, mm; a smaller value means no rounding.
+/// Minimum rounding of a corner, mm; a smaller rounding is written as none.
 const MIN_BLEND_MM: f64 = 0.1;
-/// Largest number of characters in the name of a KRL module.
+/// Maximum number of characters in the name of a KRL module.
 const MAX_NAME: usize = 24;
-/// Speed and acceleration of the axes on the motion to the first point, %.
+/// Speed and acceleration of the axes on the motion to the first point, percent.
 const AXIS_PERCENT: u8 = 20;
-/// Further keywords of the language, in addition to [`RESERVED_WORDS`], that cannot be the name of a program.
+/// Keywords of KRL, in addition to [`RESERVED`], that cannot be the name of a program.
 const ADDITIONAL_KEYWORDS: [&str; 38] = [
     "ANIN", "ANOUT", "AXIS", "BAS", "BOOL", "CCLOSE", "CHANNEL", "CIRC_REL", "CONFIRM", "COPEN", "CREAD", "CWRITE",
     "C_DIS", "C_ORI", "C_PTP", "C_VEL", "DIGIN", "E6AXIS", "E6POS", "FRAME", "IMPORT", "INT", "IS", "LIN_REL",
@@ -55,16 +55,16 @@ impl std::str::FromStr for ProgramName {
     }
 }
 
-/// The data from which a program is made.
+/// The contents of a KRL program.
 #[derive(Debug, Clone)]
 pub struct Program<'a> {
     /// Its name.
     pub name: &'a ProgramName,
     /// The paths.
     pub plan: &'a Plan,
-    /// The sanding tool on the flange: `$TOOL`.
+    /// The sanding tool on the flange, written as `$TOOL`.
     pub flange_from_tool: KukaPose,
-    /// The panel's pose: `$BASE`.
+    /// The panel's pose, written as `$BASE`.
     pub base_from_panel: KukaPose,
     /// The axis angles at the plan's first waypoint, from which the arm can follow the plan.
     pub start: Joints,
@@ -105,8 +105,8 @@ pub fn to_krl(program: &Program<'_>, settings: &recipe::Path) -> String {
                 contact = waypoint.contact;
                 text.push_str(if contact { "; contact\n" } else { "; air\n" });
             }
-            // The advance run processes these assignments without a stop; an assignment is written only if its value
-            // changes.
+            // The controller's advance run processes these assignments without a stop. An assignment is written only if
+            // its value changes.
             let next_feed = format!("$VEL.CP = {:.4} ; m/s\n", waypoint.feed_mm_s / 1_000.0);
             let next_blend = format!("$APO.CDIS = {:.1} ; mm\n", waypoint.blend_mm);
             change(&mut text, &mut feed, next_feed);
@@ -147,7 +147,7 @@ fn axes(joints: &Joints) -> String {
     format!("{{{}}}", words.join(", "))
 }
 
-/// Returns a number with this number of decimals, and without a minus sign for zero.
+/// Formats a number with this number of decimals, and without a minus sign for zero.
 fn number(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     let is_nothing = text.chars().all(|c| !('1'..='9').contains(&c));

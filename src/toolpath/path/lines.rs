@@ -1,15 +1,15 @@
-//! Lays the lines over one patch in the recipe's pattern, as one continuous track from the first place in contact to
-//! the last: rows in any direction, offset contours and spirals (thesis Fig. 4.26 b–d).
+//! Lays the lines of the recipe's pattern over one patch, as one continuous track from the first to the last point in
+//! contact: rows in any direction, offset contours and spirals (thesis Fig. 4.26 b–d).
 //!
-//! Rows at an angle: in the patch's middle u and v are scaled to mm and rotated by the feed angle, (a, b) along and
-//! across the rows. Rows begin at the inset corner of the patch that is lowest in b. Each row continues from the row
-//! before it by r' along b, measured on the surface as ∫ |F × D| / |F| db with F = S_a and D = S_b. Parts of rows
-//! outside of the inset patch use the measure of the nearest place in the patch, and are then cut off.
+//! Rows at an angle: in the patch's middle u and v are scaled to mm and rotated by the feed angle, to (a, b) along and
+//! across the rows. Rows begin at the inset corner of the patch that is lowest in b. The distance from each row to the
+//! next is r' along b, measured on the surface as ∫ |F × D| / |F| db with F = S_a and D = S_b. Outside of the inset
+//! patch, rows use the measure at the nearest point of the patch; these parts are then cut off.
 //!
-//! A ring at depth d has the distance d, measured on the surface as for rows, from each of the patch's four borders
-//! beyond that border's inset. Let h be half of the patch's shorter side without the insets. The depth increases by
-//! equal steps r' = h / (n + ½) ≤ r − e, so that the sides of the innermost ring are also r' apart in the middle. At
-//! places at which the patch is longer by e, they are at most r apart; no line is travelled twice. If h is zero, there
+//! Rings: a ring at depth d has the distance d from each of the patch's four borders, after the border's inset,
+//! measured on the surface as for rows. Let h be half of the patch's shorter side without the insets. The depth
+//! increases by equal steps r' = h / (n + ½) ≤ r − e, so that the sides of the innermost ring are also r' apart in the
+//! middle. Where the patch is wider by e, these sides are at most r apart; no line is sanded twice. If h is zero, there
 //! is one line, or one point, in the middle.
 
 use super::raster::{
@@ -20,46 +20,49 @@ use crate::surface::{BSplineSurface, Parameter, ParameterPatch};
 use panelprep_base::geometry::{Degrees, Panel, Point};
 use panelprep_cell::recipe::{self, Pattern};
 
-/// Feed angles that differ from 0° or 90° by less than this count as along u or v.
+/// Maximum difference from 0° or 90° at which a feed angle is treated as along u or v, degrees.
 const AXIS_ANGLE_TOLERANCE_DEG: f64 = 0.01;
 
-/// Factor by which the step between the windings of a spiral is reduced: neighbouring windings are not parallel, and
-/// near the middle their distance exceeds the difference of their depths by up to 15 %.
+/// Factor on the step between the windings of a spiral: adjacent windings are not parallel, and near the middle their
+/// distance exceeds the difference of their depths by up to 15 %.
 const SPIRAL_STEP_FACTOR: f64 = 0.85;
 
-/// A line that is shorter than this, mm, and than [`MIN_SPACING_SHARE`] of the spacing is merged with the next line.
-/// Such a short line would be travelled slowly, because the controller needs time to plan each line.
+/// Minimum length of a line, mm. A line that is shorter, and also shorter than [`MIN_SPACING_SHARE`] of the distance
+/// between waypoints, is merged with the next line. The feed on such a short line would be low, because the controller
+/// needs time to plan each line.
 const MIN_LINE_MM: f64 = 1.0;
+/// Minimum length of a line as a fraction of the distance between waypoints: see [`MIN_LINE_MM`].
 const MIN_SPACING_SHARE: f64 = 0.25;
 
-/// Distance between points of a row before resampling, mm.
+/// Distance between the points of a row before resampling, mm.
 const COLUMN_MM: f64 = 4.0;
 /// Number of integration steps for the distance from one row to the next; the integrand hardly changes over this
 /// distance.
 const ACROSS_STEPS: usize = 2;
 
-/// Number of steps of the search for a ring's corner, the intersection of two borders; each step adds about three
-/// correct digits.
+/// Number of iterations for a ring's corner, the intersection of two borders; each iteration adds about three correct
+/// digits.
 const CORNER_STEPS: usize = 4;
 /// Number of points along one side of a ring before resampling.
 const SIDE_STEPS: usize = 24;
-/// Smallest half of a ring's shorter side, mm; a smaller ring becomes a line.
+/// Minimum half of a ring's shorter side, mm; a smaller ring becomes a line.
 const MIN_HALF_MM: f64 = 0.5;
 
-/// Number of sides of a ring, in this order: from the corner at lowest u and v along u, along v, back along u, back
-/// along v.
+/// Number of sides of a ring. Their order: from the corner at lowest u and v along u, along v, back along u, back along
+/// v.
 const SIDES: usize = 4;
 
-/// Lines over a patch.
+/// The lines over a patch.
 #[derive(Debug, Clone)]
 pub(super) struct Lines {
-    /// All places in contact, in order.
+    /// All points in contact, in order.
     pub track: Vec<Parameter>,
-    /// Neighbouring lines, for measuring their distance.
+    /// Pairs of adjacent lines, for measuring the distance between them.
     pub neighbours: Vec<[Vec<Parameter>; 2]>,
 }
 
-/// Lays the lines, at most `step_over_mm` apart; waypoints are at most `spacing_mm` apart.
+/// Lays the lines over a patch: adjacent lines are at most `step_over_mm` apart, successive waypoints at most
+/// `spacing_mm`.
 pub(super) fn lines(
     surface: &BSplineSurface,
     patch: &ParameterPatch,
@@ -74,8 +77,8 @@ pub(super) fn lines(
     })
 }
 
-/// Removes places from the track that are nearer to the previous place than this distance; the ends of the track
-/// stay.
+/// Removes the points of a track that are nearer to the previous point than this distance, mm, except for the ends of
+/// the track.
 fn drop_short_steps(surface: &BSplineSurface, track: &[Parameter], least_mm: f64) -> Vec<Parameter> {
     let mut kept: Vec<(Parameter, Point<Panel>)> = Vec::with_capacity(track.len());
     for (index, at) in track.iter().enumerate() {
@@ -84,7 +87,8 @@ fn drop_short_steps(surface: &BSplineSurface, track: &[Parameter], least_mm: f64
             kept.last().is_some_and(|(_, last)| last.distance_mm(point) < least_mm)
         };
         if index + 1 == track.len() {
-            // The end of the track stays and earlier places are removed: the last line must reach the border.
+            // The end of the track is kept and points before it are removed instead, because the last line must reach
+            // the border.
             while kept.len() > 1 && is_near(&kept) {
                 kept.pop();
             }
@@ -121,7 +125,7 @@ fn lay_lines(
         }
         Pattern::CrossHatch => {
             let angle_deg = settings.feed_angle_deg();
-            // The angle stays within ±90°, the range that the recipe accepts.
+            // The angle stays within ±90°, the range of the recipe's key.
             let other_deg = if angle_deg > 0.0 { angle_deg - 90.0 } else { angle_deg + 90.0 };
             let first = alternate_rows(surface, lay_rows(surface, patch, &laying, angle_deg)?, spacing_mm);
             let second = alternate_rows(surface, lay_rows(surface, patch, &laying, other_deg)?, spacing_mm);
@@ -137,7 +141,7 @@ fn lay_lines(
     if !(in_rows && is_slanted_angle(settings.feed_angle_deg())) {
         return Ok(laid);
     }
-    // Rows that meet the border at an angle leave a jagged edge there, so a contour along the border is abraded first.
+    // Rows that meet the border at an angle leave a jagged edge, so a contour along the border is sanded first.
     let contour = around([0, 0], rings(1.0).closed()?.into_iter().take(1).collect());
     Ok(Lines { track: join_lines(surface, &[contour.track, laid.track], spacing_mm), ..laid })
 }
@@ -166,7 +170,7 @@ fn alternate_rows(surface: &BSplineSurface, rows: Vec<Vec<Parameter>>, spacing_m
     Lines { track, neighbours: rows.windows(2).map(|pair| [pair[0].clone(), pair[1].clone()]).collect() }
 }
 
-/// Joins two sets of rows; the second set begins at the end that is nearer.
+/// Joins two sets of rows; the second set begins at its end that is nearer to the end of the first.
 fn join_row_sets(surface: &BSplineSurface, first: Lines, second: Lines, spacing_mm: f64) -> Lines {
     let (mut track, mut across) = (first.track, second.track);
     let from = track.last().map(|at| surface.point(*at));
@@ -183,7 +187,7 @@ fn join_row_sets(surface: &BSplineSurface, first: Lines, second: Lines, spacing_
 
 struct Chart {
     middle: Parameter,
-    /// Change of (u, v) for 1 mm along and across.
+    /// Change of (u, v) for 1 mm along and for 1 mm across the rows.
     direction: [f64; 2],
     normal_direction: [f64; 2],
 }
@@ -213,7 +217,7 @@ impl Chart {
         ]
     }
 
-    /// Returns the distance on the surface, mm, for 1 mm across in the chart.
+    /// Returns the distance on the surface, mm, for 1 mm across the rows in the chart.
     fn measure(&self, surface: &BSplineSurface, patch: &ParameterPatch, at: Parameter) -> Result<f64, RasterError> {
         let at = Parameter { u: at.u.clamp(patch.low.u, patch.high.u), v: at.v.clamp(patch.low.v, patch.high.v) };
         let tangents = surface.tangents(at);
@@ -224,7 +228,7 @@ impl Chart {
     }
 }
 
-/// Lays rows at an angle to u; neighbouring rows run in opposite directions.
+/// Lays rows at an angle to u; successive rows run in opposite directions.
 fn slanted_rows(
     surface: &BSplineSurface,
     patch: &ParameterPatch,
@@ -275,7 +279,7 @@ fn slanted_rows(
     Ok(rows)
 }
 
-/// Returns the corners of the patch, moved inwards by the insets, in order.
+/// Returns the four corners of the patch, moved inwards by the insets, in order.
 fn inset_corners(
     surface: &BSplineSurface,
     patch: &ParameterPatch,
@@ -297,7 +301,7 @@ fn inset_corners(
     Ok([corner(false, false)?, corner(true, false)?, corner(true, true)?, corner(false, true)?])
 }
 
-/// Returns the part of a line inside a convex quadrilateral.
+/// Returns the part of a line inside of a convex quadrilateral.
 fn clip_line(line: &[Parameter], corners: &[Parameter; 4]) -> Vec<Parameter> {
     // The value is positive on the inner side of a border; the corners are in the order of a rotation from u to v.
     let sides = |at: Parameter| -> [f64; 4] {
@@ -312,7 +316,7 @@ fn clip_line(line: &[Parameter], corners: &[Parameter; 4]) -> Vec<Parameter> {
         let (before, after) = (sides(pair[0]), sides(pair[1]));
         let (mut from, mut to) = (0.0, 1.0_f64);
         for (b, a) in before.into_iter().zip(after) {
-            // A point just outside counts as inside, because the first and the last row touch a corner.
+            // The tolerance includes points just outside, because the first and the last row touch a corner.
             let (b, a) = (b + 1e-9 * size, a + 1e-9 * size);
             if b < 0.0 && a < 0.0 {
                 to = -1.0;
@@ -340,10 +344,10 @@ pub(super) struct PatchRings<'a> {
     patch: &'a ParameterPatch,
     insets: Insets,
     step_mm: f64,
-    /// Number of rings inside the outermost ring.
+    /// Number of rings inside of the outermost ring.
     steps: usize,
     shorter: RowDirection,
-    /// Whether the patch is so narrow that the ring is only a line.
+    /// Whether the patch is so narrow that the ring is a line.
     is_line: bool,
 }
 
@@ -354,7 +358,7 @@ impl<'a> PatchRings<'a> {
             (0..8).map(|n| place(n).distance_mm(place(n + 1))).sum::<f64>()
         };
         let (u_mm, v_mm) = (length(RowDirection::U, 0.5), length(RowDirection::V, 0.5));
-        // If there is no space for both insets, the ring shrinks to a line or a point between them.
+        // If the patch is too small for both insets, the ring becomes a line or a point between them.
         let shrunk = |length_mm: f64, inset: [f64; 2]| {
             let low_mm = squeezed_position_mm(length_mm, inset);
             if inset[0] + inset[1] < length_mm { inset } else { [low_mm, length_mm - low_mm] }
@@ -366,9 +370,9 @@ impl<'a> PatchRings<'a> {
         let shorter = if left_u_mm < left_v_mm { RowDirection::U } else { RowDirection::V };
         let middle_mm = if shorter == RowDirection::U { u_mm } else { v_mm };
         let longest_mm = (0..=4).map(|n| length(shorter, n as f64 / 4.0)).fold(middle_mm, f64::max);
-        // By this length, the sides of the innermost ring are farther apart at the longest part of the patch than in
-        // the middle. If it is more than half of a step, more rings do not help, and the gate reports the distance
-        // between the lines.
+        // Difference e between the patch's largest and middle width. Where the patch is widest, the sides of the
+        // innermost ring are farther apart by this length. If the length is more than half of a step, more rings do not
+        // help, and the gate reports the distance between the lines.
         let excess_mm = Some(longest_mm - middle_mm).filter(|excess_mm| *excess_mm < step_over_mm / 2.0);
         let within_mm = step_over_mm - excess_mm.unwrap_or(0.0);
         let steps = (half_mm / within_mm - 0.5 - 1e-9).ceil().max(0.0) as usize;
@@ -380,18 +384,18 @@ impl<'a> PatchRings<'a> {
         self.step_mm * ring as f64
     }
 
-    /// Returns the two sides of the innermost ring that lie beside one another: those across its shorter side.
+    /// Returns the indices of the two long sides of the innermost ring, which are opposite each other.
     pub fn innermost_sides(&self) -> [usize; 2] {
         if self.shorter == RowDirection::U { [1, 3] } else { [0, 2] }
     }
 
-    /// Returns each ring's four sides, the outermost ring first.
+    /// Returns the four sides of each ring, the outermost ring first.
     pub fn closed(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
         (0..=self.steps).map(|ring| self.sides([self.depth(ring); SIDES + 1])).collect()
     }
 
-    /// Returns the rings as [`PatchRings::closed`] does, but the last side of each ring leads to the corner of the next
-    /// ring, at the place where it meets that ring.
+    /// Returns the rings as [`PatchRings::closed`] does, except that the last side of each ring ends on the next ring,
+    /// where that ring begins.
     pub fn stepped_rings(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
         let mut rings = self.closed()?;
         for (ring, sides) in rings.iter_mut().take(self.steps).enumerate() {
@@ -410,7 +414,7 @@ impl<'a> PatchRings<'a> {
         Ok(rings)
     }
 
-    /// Returns the outermost ring, then windings that lead continuously inwards, then the innermost ring.
+    /// Returns the outermost ring, then the windings of a spiral inwards, then the innermost ring.
     pub fn winding_rings(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
         let mut all = vec![self.sides([0.0; SIDES + 1])?];
         for ring in 0..self.steps {
@@ -424,7 +428,7 @@ impl<'a> PatchRings<'a> {
         Ok(all)
     }
 
-    /// Returns four sides between corners of these depths; the fifth depth is that of the first corner after one full
+    /// Returns four sides between corners at these depths. The fifth depth is that of the first corner after one full
     /// winding, at which the line continues.
     fn sides(&self, depths_mm: [f64; SIDES + 1]) -> Result<[Vec<Parameter>; SIDES], RasterError> {
         let corner =
@@ -436,7 +440,7 @@ impl<'a> PatchRings<'a> {
         let mut sides = [const { Vec::new() }; SIDES];
         for (n, side) in sides.iter_mut().enumerate() {
             let along = if n % 2 == 0 { RowDirection::U } else { RowDirection::V };
-            // Sides 0 and 3 follow the low border of the other parameter.
+            // Sides 1 and 2 follow the high border of the other parameter, sides 0 and 3 the low border.
             let high = n == 1 || n == 2;
             for step in 0..=SIDE_STEPS {
                 let share = step as f64 / SIDE_STEPS as f64;
@@ -446,14 +450,14 @@ impl<'a> PatchRings<'a> {
             }
         }
         if self.is_line {
-            // If the ring is a line, the opposite side would repeat the same line.
+            // If the ring is a line, the opposite side would repeat this line.
             sides[2].clear();
             sides[3].clear();
         }
         Ok(sides)
     }
 
-    /// Finds the point on the column of `at` at this depth from the low or high border.
+    /// Finds the point on the column through `at` that has this depth from the low or the high border.
     fn point_at_depth(
         &self,
         along: RowDirection,

@@ -1,16 +1,16 @@
 //! Tool paths over the grids of a surface (thesis 4.6–4.8, Fig. 4.29), in the panel's frame.
 //!
-//! - `areas`: the grids that form one area, the order of the areas, and the lines of each, laid again until they meet
-//!   their limits · `raster`, `lines`: the lines over a patch
-//! - `breaks`: the areas around breaks, if these are abraded and not whole grids
-//! - `orientation`: the tool's orientation · `plan`: lands, moves and retracts the tool, and combines all of these ·
-//!   `planned`: the data of a plan
-//! - `dwell`: the times under the disc, and the feeds that make them even · `coverage`, `disc`, `touching`: the other
-//!   results of a plan, and of its execution
-//! - `gate`: judges a plan, and a motion before it starts, in the base frame
+//! - `areas`: combines grids to areas, orders the areas, and lays the lines of each area until they meet their limits ·
+//!   `raster`, `lines`: the lines over a patch
+//! - `breaks`: the areas around breaks, which are sanded instead of whole grids
+//! - `orientation`: the tool's orientation · `plan`: a whole plan with landing, lines and retraction · `planned`: the
+//!   data of a plan
+//! - `dwell`: the dwell times, and the feeds that make them uniform · `coverage`, `disc`, `touching`: the other results
+//!   of a plan, and of its execution
+//! - `gate`: the acceptance checks of a plan, and of a motion before its start, in the base frame
 //! - `kinematics`, `reach`, `panel_reach`: whether the arm can follow a path at the panel's pose
-//! - `approach`: the axis angles before contact · `routes`: paths as they are sent, each through the gates · `trace`:
-//!   where the tool was · `krl`: a program that a person runs by hand
+//! - `approach`: the motion before contact · `routes`: paths as they are sent, after their acceptance checks · `trace`:
+//!   the executed path of the tool · `krl`: a program that a person runs manually
 
 pub mod approach;
 mod areas;

@@ -1,21 +1,21 @@
-//! Objects in the cell as a scan shows them: points to which no part of the arm may come near.
+//! Objects in the cell as a scan shows them: points from which all parts of the arm must keep their distances.
 //!
-//! The boxes of the cell's file describe the objects that are always there. These points describe the objects that are
-//! there now: the panel at its measured place, and everything else that the scan saw. Objects that the scan did not see
-//! are not known: behind obstacles the arm is protected only by the boxes.
+//! The boxes of the cell's file describe the permanent objects. These points describe the present objects: the panel at
+//! its measured pose, and all other objects that the scan saw. Objects that the scan did not see are not known: behind
+//! an object only the boxes protect the arm.
 
 use panelprep_base::geometry::{Base, Point};
 use std::collections::BTreeMap;
 
-/// Side of a cube in which only one point is stored, mm.
+/// Side of a cube of which only one point is stored, mm.
 const CUBE_MM: f64 = 8.0;
 
-/// Side of a cube in which points are checked together, mm.
+/// Side of a cube whose points are checked together, mm.
 const BLOCK_MM: f64 = 64.0;
-/// Largest rounding error of a distance, mm.
+/// Maximum rounding error of a distance, mm.
 const ROUNDING_MM: f64 = 1e-6;
 
-/// Points of obstacles, grouped by the obstacle's name.
+/// Points of all obstacles, grouped by the obstacle.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Obstacles(Vec<Obstacle>);
 
@@ -26,7 +26,7 @@ pub(super) struct Obstacle {
     blocks: Vec<Block>,
 }
 
-/// Neighbouring points, and their bounding sphere.
+/// Points of one block, and their bounding sphere.
 #[derive(Debug, Clone, PartialEq)]
 struct Block {
     points: Vec<Point<Base>>,
@@ -35,7 +35,7 @@ struct Block {
 }
 
 impl Obstacles {
-    /// Adds the points of another obstacle, thinned.
+    /// Returns the obstacles with another obstacle added, whose points are thinned.
     #[must_use]
     pub fn with_points_of(
         mut self,
@@ -45,7 +45,7 @@ impl Obstacles {
         let cube = |point: &Point<Base>| [0, 1, 2].map(|axis| (point.mm[axis] / CUBE_MM).floor() as i64);
         let (mut kept, mut last) = (BTreeMap::new(), None);
         for point in points {
-            // Neighbouring points of a scan are usually in the same cube.
+            // Adjacent points of a scan are usually in the same cube, so the cube of the last point is compared first.
             let at = Some(cube(&point)).filter(|at| last != Some(*at));
             if let Some(at) = at {
                 kept.entry(at).or_insert(point);
@@ -63,9 +63,9 @@ impl Obstacles {
 }
 
 impl Obstacle {
-    /// Returns the smallest distance of the obstacle's points, mm, calculated with `distance_mm`, which returns a
-    /// point's distance; `None` if all points are farther away than `needed_mm`. Blocks whose bounding sphere is too
-    /// far away are skipped.
+    /// Returns the smallest distance of the obstacle's points, mm; `distance_mm` returns the distance of one point.
+    /// `None` if all points are farther away than `needed_mm`. Blocks whose bounding sphere is too far away are
+    /// skipped.
     pub(super) fn smallest_distance_mm(
         &self,
         needed_mm: f64,
@@ -102,7 +102,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Of the points in one cube, only the first is stored, whether or not they are consecutive.
+    /// Only the first point in a cube is stored, also if the points in the cube are not consecutive.
     #[test]
     fn points_are_thinned() {
         let obstacles =
@@ -112,7 +112,7 @@ mod tests {
     }
 
     proptest! {
-        /// The search by blocks finds the same nearest point as a search of all points.
+        /// The search by blocks finds the same nearest point as a search over all points.
         #[test]
         fn the_nearest_point_is_the_nearest_of_all(
             points in prop::collection::vec(prop::array::uniform3(-300.0..300.0f64), 1..300),

@@ -1,21 +1,22 @@
 //! The tool's orientation on the surface (thesis 4.7).
 //!
-//! Tool Z = −N, out of the pad and into the panel (4.17). The thesis uses Y = Z × (0, 0, −1), which does not exist if
-//! the normal is vertical, and rotates rapidly near that direction. Here X is a reference direction projected
+//! Tool Z = −N, out of the pad and into the panel (4.17). The thesis uses Y = Z × (0, 0, −1), which is not defined if
+//! the normal is vertical, and changes rapidly near that direction. Here X is a reference direction projected
 //! perpendicular to Z, so that
 //!     X = (e − (e·Z) Z) / |…|,   Y = Z × X.                                              (4.18, 4.19 replaced)
 //! The reference e is the recipe's axis, or the feed *axis* S_u with one sign for the whole path: the feed direction
-//! itself would rotate the wrist by 180° at every row. If e lies along the normal, the path is refused.
+//! itself would rotate the wrist by 180° at every row. If e is nearly parallel to the normal, the path is rejected.
 
 use crate::surface::{BSplineSurface, Parameter};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep_base::geometry::{Degrees, Panel, Point, Rigid, Tool, Vector};
 use panelprep_cell::recipe;
 
-/// Smallest angle between a reference and the normal; below this, the reference does not determine the tool's spin.
+/// Minimum angle between a reference and the normal at which the reference determines the tool's rotation about the
+/// normal.
 const MIN_ANGLE: Degrees = Degrees(6.0);
 
-/// The reference that determines the tool's spin about the normal.
+/// The reference direction for the tool's rotation about the normal (spin).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SpinReference {
     /// The axis along which rows run, S_u of the surface.
@@ -32,20 +33,20 @@ impl SpinReference {
     }
 }
 
-/// The tool's orientation: its spin, and its inclination.
+/// The settings of the tool's orientation: its spin, and its inclination.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ToolOrientation {
-    /// The reference for the spin.
+    /// The reference direction for the spin.
     pub reference: SpinReference,
-    /// Rotation about the tool's own Y: the tool leans along its X. It has one sign for the whole path, in both
-    /// directions of a row.
+    /// Rotation about the tool's own Y axis: the tool leans along its X axis. The sign is the same for the whole path,
+    /// in both directions of the rows.
     pub lead: Degrees,
-    /// Rotation about the tool's own X, after the lead.
+    /// Rotation about the tool's own X axis, after the lead.
     pub tilt: Degrees,
 }
 
 impl ToolOrientation {
-    /// Creates the orientation that the recipe states.
+    /// Creates the orientation from the recipe's settings.
     pub fn from_settings(settings: &recipe::Path) -> Self {
         ToolOrientation {
             reference: SpinReference::from_settings(settings),
@@ -63,7 +64,7 @@ impl ToolOrientation {
     }
 }
 
-/// Errors when the pose of the tool at a place is computed.
+/// The reasons why the tool has no pose at a point of the surface.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum OrientationError {
     /// The surface has no normal.
@@ -72,22 +73,22 @@ pub enum OrientationError {
         /// The place.
         at: Parameter,
     },
-    /// The reference does not determine the spin.
+    /// The reference is nearly parallel to the normal and does not determine the spin.
     #[error(
         "reference_axis is {angle} from the normal, at least {MIN_ANGLE} are needed; choose an axis along the \
          panel, or [0, 0, 0] for the feed axis"
     )]
     ReferenceAlongNormal {
-        /// Angle between the axis and the normal, 0…90°.
+        /// Angle between the reference and the normal, 0…90°.
         angle: Degrees,
     },
 }
 
-/// Returns the tool's pose on the surface, with its tip `height_mm` above the surface along the normal; the tool leans
-/// about its tip.
+/// Returns the tool's pose at a point of the surface, with its tip `height_mm` above the surface along the normal; lead
+/// and tilt rotate the tool about its tip.
 ///
 /// # Errors
-/// If the surface has no normal or the reference lies along it.
+/// If the surface has no normal at this point, or the reference is nearly parallel to the normal.
 pub fn panel_from_tool(
     surface: &BSplineSurface,
     at: Parameter,
@@ -101,8 +102,8 @@ pub fn panel_from_tool(
         SpinReference::Axis(axis) => axis.mm,
     };
     let z = -normal.mm; // Eq. 4.17
-    // Z follows the normal exactly, and only the spin follows the reference: the pad must lie flat, but may have any
-    // spin.
+    // Z follows the normal exactly and only the spin follows the reference: the pad must lie flat, but its spin has no
+    // influence.
     let across = axis - z * axis.dot(&z);
     let sine = across.norm();
     if sine < MIN_ANGLE.to_rad().sin() {

@@ -1,11 +1,10 @@
-//! Checks whether the arm reaches the panel at its pose: a plan as a whole, and, before the panel is wetted, every
-//! grid.
+//! Checks whether the arm can reach the panel at its pose: a whole plan, and, before the panel is wetted, every grid.
 //!
-//! A round tool may have any rotation about its own axis (spin), so twelve spins of the whole path are tried: the first
-//! one with enough room is used, otherwise the one with the most room. Room is the smallest distance of an axis or a
-//! singularity from its limit beyond the margin. The result applies only to the plan with this spin, [`turned_plan`]. A
-//! refusal states the grid, the waypoint, the axis, the amount by which it exceeds its limit, and a shift of the panel
-//! with which the arm could follow.
+//! A round tool may have any rotation about its own axis (spin). Therefore twelve spins are tried for the whole path:
+//! the first one with sufficient room is used, otherwise the one with the most room. *Room* is the smallest distance of
+//! an axis or a singularity from its limit, after the configured margin is subtracted. The result applies only to the
+//! plan with this spin, [`turned_plan`]. If the arm cannot follow, the message contains the grid, the waypoint, the
+//! axis, the amount by which the axis exceeds its limit, and a shift of the panel with which the arm could follow.
 
 use super::disc::DiscWearPlan;
 use super::gate::judge_plan;
@@ -24,15 +23,15 @@ use panelprep_cell::panel::{GridId, Region};
 use panelprep_cell::recipe;
 use rayon::prelude::*;
 
-/// Spins that are tried, degrees, in this order.
+/// Spins that are tried in this order, degrees.
 const TRIED_SPINS_DEG: [f64; 12] =
     [0.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0, 120.0, -120.0, 150.0, -150.0, 180.0];
-/// Room beyond the margins that is sufficient, degrees: with this room no other spin is tried.
+/// Sufficient room after the margins, degrees: a spin with this room is used without trying the others.
 const SUFFICIENT_ROOM_DEG: f64 = 10.0;
-/// Largest number of waypoints that are checked to find a shift.
+/// Maximum number of waypoints that are checked in the search for a shift.
 const MAX_SHIFT_WAYPOINTS: usize = 60;
 
-/// The panel's pose in front of an arm with its tool.
+/// The panel's pose relative to the arm, and the arm's tool.
 #[derive(Debug, Clone, Copy)]
 pub struct ReachSetup<'a> {
     /// The arm.
@@ -41,35 +40,36 @@ pub struct ReachSetup<'a> {
     pub flange_from_tool: Rigid<Flange, Tool>,
     /// The panel.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// The axis angles from which a linear motion leads to the plan's first point: the arm keeps their configuration.
-    /// Without them the configuration with the most room is used.
+    /// The axis angles before the linear motion to the plan's first point: the arm keeps their configuration. Without
+    /// them the configuration with the most room is used.
     pub start_joints: Option<Joints>,
 }
 
 /// A plan that the arm can follow.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReachablePlan {
-    /// Rotation of the tool about its own Z, for the whole plan.
+    /// Rotation of the tool about its own Z axis, for the whole plan.
     pub spin: Degrees,
-    /// The axis angles at each waypoint, and the smallest room beyond the margins.
+    /// The axis angles at each waypoint, and the smallest room after the margins.
     pub arm_travel: ArmTravel,
 }
 
 /// A plan that the arm cannot follow.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UnreachablePlan {
-    /// The place and the reason, for the spin with which the arm comes farthest along the plan.
+    /// The waypoint and the reason, for the spin with which the arm follows the plan farthest.
     pub fault: ReachFault,
-    /// The point on the panel.
+    /// The point on the panel at which the arm cannot follow.
     pub at: Point<Panel>,
-    /// A shift of the panel after which the arm can follow the plan.
+    /// A shift of the panel with which the arm could follow the plan.
     pub shift: Option<Vector<Base>>,
 }
 
-/// Follows a plan with the arm's kinematics.
+/// Finds a spin with which the arm can follow a plan.
 ///
 /// # Errors
-/// If the arm cannot follow the plan, with the reason for the spin with which it comes farthest.
+/// If the arm cannot follow the plan with any spin. The error contains the reason for the spin with which the arm
+/// follows the plan farthest.
 ///
 /// # Panics
 /// If a number of the plan is not finite: see [`plan`].
@@ -81,7 +81,7 @@ pub fn follow_plan(
     first_spin_with_room(plan, stand, settings, SUFFICIENT_ROOM_DEG)
 }
 
-/// Returns the first spin with at least this room beyond the margins; otherwise the spin with the most room.
+/// Returns the first spin with at least this room after the margins; otherwise the spin with the most room.
 fn first_spin_with_room(
     plan: &Plan,
     stand: &ReachSetup<'_>,
@@ -111,7 +111,7 @@ fn first_spin_with_room(
     match (best, farthest) {
         (Some(best), _) => Ok(best),
         (None, Some((spin_deg, fault))) => Err(Box::new(unreachable_plan(plan, stand, spin_deg, fault))),
-        // Without a waypoint, the arm has nothing to follow.
+        // A plan without waypoints can always be followed.
         (None, None) => Ok(ReachablePlan {
             spin: Degrees(0.0),
             arm_travel: ArmTravel { joints: Vec::new(), room_deg: f64::INFINITY },
@@ -119,7 +119,7 @@ fn first_spin_with_room(
     }
 }
 
-/// Checks whether the arm can follow the path, and the retract after a stop from each waypoint in contact.
+/// Checks whether the arm can follow the path with this spin, and can retract after a stop at each waypoint in contact.
 fn check_follow(plan: &Plan, stand: &ReachSetup<'_>, spin_deg: f64) -> Result<ArmTravel, ReachFault> {
     let legs = plan_legs(plan, stand, spin_deg);
     let travel = follow_path(stand.arm, stand.flange_from_tool, stand.start_joints.as_ref(), &legs)?;
@@ -134,11 +134,12 @@ fn unreachable_plan(plan: &Plan, stand: &ReachSetup<'_>, spin_deg: f64, fault: R
     let legs = plan_legs(plan, stand, spin_deg);
     let thinned: Vec<PathLine> =
         legs.iter().step_by(legs.len().div_ceil(MAX_SHIFT_WAYPOINTS).max(1)).copied().collect();
-    // The waypoints of a thinned path are far apart and do not show the axis speeds, so the path is followed slowly.
+    // The waypoints of a thinned path are far apart, so axis speeds cannot be checked: the path is followed at a low
+    // feed.
     let mut slow: Vec<PathLine> =
         thinned.iter().map(|leg| PathLine { feed_mm_s: 5.0, blend_mm: 0.0, ..*leg }).collect();
     if matches!(fault.cause, Infeasibility::Retract { .. }) {
-        // With the shift, the retract must be possible, too.
+        // With the shift, the retraction must be possible as well.
         slow = slow
             .iter()
             .flat_map(|leg| [*leg, PathLine { feed_mm_s: 5.0, ..retract(leg.base_from_tool) }, *leg])
@@ -150,7 +151,7 @@ fn unreachable_plan(plan: &Plan, stand: &ReachSetup<'_>, spin_deg: f64, fault: R
     UnreachablePlan { fault, at, shift: helpful_shift(stand.arm, stand.flange_from_tool, &slow) }
 }
 
-/// Returns the plan's motions as the arm would receive them, with the tool rotated about its own axis.
+/// Returns the plan's motions as the arm receives them, with the tool rotated by this spin.
 pub fn plan_legs(plan: &Plan, stand: &ReachSetup<'_>, spin_deg: f64) -> Vec<PathLine> {
     let spin = own_axis_rotation(Degrees(spin_deg));
     let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
@@ -162,7 +163,7 @@ pub fn plan_legs(plan: &Plan, stand: &ReachSetup<'_>, spin_deg: f64) -> Vec<Path
     waypoints.map(leg).collect()
 }
 
-/// Returns the plan with the tool rotated about its own axis, as [`ReachablePlan::spin`] requires.
+/// Returns the plan with the tool rotated by this spin: see [`ReachablePlan::spin`].
 pub fn turned_plan(plan: &Plan, spin: Degrees) -> Plan {
     let mut plan = plan.clone();
     for waypoint in plan.paths.iter_mut().flat_map(|path| &mut path.waypoints) {
@@ -181,22 +182,22 @@ fn own_axis_rotation(spin: Degrees) -> Rigid<Tool, Tool> {
 pub struct GridReach {
     /// The grid.
     pub id: GridId,
-    /// The room beyond the margins, degrees, or the reason why the arm cannot follow the path.
+    /// The room after the margins, degrees, or the reason why the arm cannot follow the path.
     pub outcome: Result<f64, Box<UnreachablePlan>>,
-    /// Area of the panel that the disc sweeps on the path over only this grid, mm².
+    /// Area of the panel that the disc sweeps on the path over this grid alone, mm².
     pub swept_mm2: f64,
-    /// The checks with which the gate rejects that path; empty if it accepts the path.
+    /// The violated checks of the path over this grid alone; empty if the path is accepted.
     pub refused: Vec<Check>,
 }
 
-/// Checks for every grid of a region whether the arm reaches it, with the path that would abrade only this grid: the
-/// result is known before the panel is wetted.
+/// Checks for every grid of a region whether the arm can follow the path over this grid alone. The result is known
+/// before the panel is wetted.
 ///
 /// # Errors
-/// If the surface allows no path over a grid.
+/// If the surface permits no path over a grid.
 ///
 /// # Panics
-/// As [`follow_plan`].
+/// If a number of a plan is not finite: see [`follow_plan`].
 pub fn check_grids(
     surface: &BSplineSurface,
     (region, outline): (&Region, &[Point<Panel>]),
@@ -206,7 +207,8 @@ pub fn check_grids(
     let ids: Vec<GridId> = region.ids().collect();
     let of_grid = |id: &GridId| {
         let plan = plan(surface, region, &[*id], outline, settings)?;
-        // A room of 0° is enough here: only reachability is checked, and the spin of the final path is chosen later.
+        // A room of 0° is sufficient: only reachability is checked here, and the spin of the final path is chosen
+        // later.
         let outcome = first_spin_with_room(&plan, stand, settings, 0.0).map(|reached| reached.arm_travel.room_deg);
         let mut refused = judge_plan(&plan, settings).0;
         refused.retain(|check| check.severity == Severity::Reject && check.reason().is_some());
@@ -221,15 +223,16 @@ pub fn check_grids(
     all.into_iter().collect()
 }
 
-/// Accepts a region if every grid is reached. If some are not, a person decides, since these grids may pass the test
-/// and need no abrasion; if no grid is reached, the panel is at a wrong place and is rejected. A path that the gate
-/// rejects is rejected for every grid: no person can accept a path that would never be sent.
+/// Returns the verdict on a region. It is accepted if the arm reaches every grid. If some grids are not reached, a
+/// person decides, because these grids may pass the test and need no sanding. If no grid is reached, the panel is at a
+/// wrong pose and is rejected. The region is also rejected if the plan checks reject the path over a grid, because no
+/// person can accept a path that would never be sent.
 pub fn judge_grids(grids: &[GridReach]) -> Judgement {
     Judgement::from_checks(&grid_violations(grids))
 }
 
-/// Returns the grids that are not reached, and the gate's rejections of the path over one grid; empty if there are
-/// none.
+/// Returns a failed check for grids that are not reached, and the violated plan checks of the path over one grid; empty
+/// if there are none.
 pub fn grid_violations(grids: &[GridReach]) -> Vec<Check> {
     let is_none_reached = grids.iter().all(|grid| grid.outcome.is_err());
     let severity = if is_none_reached { Severity::Reject } else { Severity::Review };
@@ -245,8 +248,8 @@ pub fn grid_violations(grids: &[GridReach]) -> Vec<Check> {
     refused.chain(grids.iter().filter_map(unreached)).collect()
 }
 
-/// Checks the room that is left if the arm follows a plan. If the arm cannot follow, the plan is rejected with a
-/// message that states grid, waypoint, axis, the excess, and what helps.
+/// Checks the room that remains if the arm follows a plan. If the arm cannot follow, the plan is rejected; the message
+/// contains the grid, the waypoint, the axis, the excess, and a remedy.
 pub fn check_plan(
     reached: &Result<ReachablePlan, Box<UnreachablePlan>>,
     (surface, region): (&BSplineSurface, &Region),
@@ -261,10 +264,10 @@ pub fn check_plan(
     Check::new(ROOM_NUMBER, "°", room_deg).with_reason(refused, Severity::Reject)
 }
 
-/// Name of the number that [`check_plan`] reports.
+/// Name of the check of [`check_plan`].
 pub const ROOM_NUMBER: &str = "room beyond the arm's margins";
 
-/// Returns the grid below a point; `None` outside the region.
+/// Returns the grid at a point of the panel; `None` outside of the region.
 pub fn grid_below(surface: &BSplineSurface, region: &Region, point: Point<Panel>) -> Option<GridId> {
     let at = surface_foot(surface, Parameter { u: 0.5, v: 0.5 }, point)?;
     region.grid_at(region.pixel(nalgebra::Point2::new(at.u, at.v)))

@@ -1,20 +1,20 @@
-//! Plans tool paths over chosen grids, with the numbers that the gate judges (thesis Fig. 4.29).
+//! Plans tool paths over chosen grids, with the results that are checked (thesis Fig. 4.29).
 //!
-//! Neighbouring grids form one area, and each area has one path: through the air to a place above its lines, down,
-//! along the lines in contact, and up. The areas are ordered so that the path between them is short. Between areas the
-//! tool moves through the air along the surface at the approach height: a linear motion could pass through a bulge. If
-//! the disc would reach too far beyond the panel's outline, lines keep more distance from that side of their area; the
-//! coverage shows the part that is then not reached. The feed is lower at places that would be under the disc for less
-//! time (`dwell`). Poses are the tool's in the panel's frame. The result is in `planned`.
+//! Adjacent grids form one area, and each area has one path: through the air to a point above its lines, down, along
+//! the lines in contact, and up. The areas are ordered so that the motions between them are short. Between areas the
+//! tool moves through the air along the surface at the approach height, because a straight motion could pass through a
+//! bulge. If the disc would reach too far beyond the panel's outline, the lines keep a larger distance from that side
+//! of their area; the coverage then shows the part that is not reached. The feed is lower where the dwell time would be
+//! too short (`dwell`). Poses are the tool's in the panel's frame. The result is in `planned`.
 //!
-//! The tool moves through the air to a place beside the first contact place and down to the landing height. Then it
-//! moves along the surface to the first contact place while it descends the last millimetres: the disc is already
-//! moving when it touches. The retraction is the same in reverse. The landing runs over the area's own middle, so
-//! nothing outside the area is touched. Over a hole the path continues at the landing height. In contact the commanded
-//! tool point lies below the surface by the press-in, which the pad absorbs. In contact the feed is chosen so that the
-//! time under the disc is even; in the air it is the recipe's feed. The feed is lower if the controller could not plan
+//! The tool moves through the air to a point beside the first contact point and down to the landing height. Then it
+//! moves along the surface to the first contact point while it descends the last millimetres, so that the disc is
+//! already moving when it touches. The retraction is the same in reverse. The landing runs over the middle of the area,
+//! so that no part outside of the area is touched. Over a hole the path continues at the landing height. In contact the
+//! commanded tool point lies below the surface by the press-in, which the pad absorbs. In contact the feed is chosen
+//! for a uniform dwell time; in the air it is the recipe's feed. The feed is lower if the controller could not plan
 //! such short lines in time (`eki` 4.2). Corners are rounded by a fraction of the shorter adjacent line, and never by
-//! more than half of that line. A path stops only at its ends, and on the panel if it comes straight down.
+//! more than half of this line. A path stops only at its ends, and on the panel if the tool lands vertically.
 
 use super::areas::{Area, IsPanelAt, Piece, first_grid, make_piece, treated_areas, visit_order};
 use super::coverage::{DiscOverhang, GridCoverage, Outline, reached_share, strokes};
@@ -28,14 +28,13 @@ use panelprep_cell::panel::{GridId, Region};
 use panelprep_cell::recipe;
 use rayon::prelude::*;
 
-/// Plans paths over these grids. `outline` is the panel's, closed.
+/// Plans paths over these grids. `outline` is the panel's closed outline.
 ///
 /// # Errors
-/// If a grid is unknown or named twice, or the surface allows no rows or poses there.
+/// If a grid is unknown or named twice, or the surface permits no rows or poses on a grid.
 ///
 /// # Panics
-/// If a number of the plan is not finite: that is a fault of this program, and a person at the cell cannot correct
-/// it.
+/// If a number of the plan is not finite: this is a fault of the program, which a person at the cell cannot correct.
 pub fn plan(
     surface: &BSplineSurface,
     region: &Region,
@@ -49,10 +48,10 @@ pub fn plan(
 /// Plans paths as [`plan`] does, with the tool lifted over holes of the panel.
 ///
 /// # Errors
-/// As [`plan`].
+/// The errors of [`plan`].
 ///
 /// # Panics
-/// As [`plan`].
+/// If a number of the plan is not finite.
 pub fn plan_over_holes(
     surface: &BSplineSurface,
     region: &Region,
@@ -64,14 +63,14 @@ pub fn plan_over_holes(
     plan_paths(surface, region, &treated, (outline, &|at| !holes.is_hole(at)), (settings, 0.0))
 }
 
-/// Plans paths over these places as [`plan_over_holes`] does, with the lines laid this far beyond the border of the
-/// treated area, mm: for an even removal up to the border, the disc must move beyond it.
+/// Plans paths over these areas as [`plan_over_holes`] does, with lines that extend beyond the border of the treated
+/// area by this length, mm. For a uniform removal up to the border, the disc must move beyond the border.
 ///
 /// # Errors
-/// As [`plan`].
+/// The errors of [`plan`].
 ///
 /// # Panics
-/// As [`plan`].
+/// If a number of the plan is not finite.
 pub fn plan_beyond_borders(
     surface: &BSplineSurface,
     region: &Region,
@@ -94,7 +93,7 @@ fn plan_paths(
     let areas = treated_areas(region, treated, settings.join_grids());
     let areas = match beyond_mm > 0.0 {
         true => {
-            // The inset at the border, which is applied later, removes its own length again.
+            // The border inset is added here because it is subtracted again when the lines are laid.
             areas.into_iter().map(|area| widen_area(surface, area, beyond_mm + border_inset_mm(settings))).collect()
         }
         false => areas,
@@ -102,18 +101,18 @@ fn plan_paths(
     let pieces: Vec<Result<Piece, PlanError>> =
         areas.into_par_iter().map(|area| make_piece(surface, region, area, (&outline, there), settings)).collect();
     let pieces: Vec<Piece> = pieces.into_iter().collect::<Result<_, _>>()?;
-    // The pieces are ordered after their lines are laid, because the path between two pieces depends on where their
-    // tracks begin and end.
+    // The pieces are ordered after their lines are laid, because the motion between two pieces depends on the ends of
+    // their tracks.
     let pieces = order_pieces(surface, pieces);
-    // The feeds of all pieces are calculated together, because the disc at the border of one piece also treats its
-    // neighbour.
+    // The feeds of all pieces are calculated together, because the disc at the border of one piece also sands the
+    // adjacent piece.
     let even = even_out_feeds(surface, region, &pieces, settings);
     let mut before = None;
     let mut paths = Vec::with_capacity(pieces.len());
     for (piece, feeds_mm_s) in pieces.iter().zip(&even.feeds_mm_s) {
         let path = tool_path(surface, (piece, feeds_mm_s), before, settings)
             .map_err(|cause| PlanError::Orientation { grid: first_grid(&piece.area), cause })?;
-        // The next path begins above the end of this one, so that the tool crosses the gap in the air.
+        // The next path begins above the end of this path, so that the tool moves through the air between them.
         before = path.1;
         paths.push(path.0);
     }
@@ -123,9 +122,9 @@ fn plan_paths(
     Ok(plan)
 }
 
-/// Returns the fraction of the broken places that the disc reaches even if each lies anywhere within its uncertainty,
-/// 0…1; `None` if no place is known. The required coverage allows a small part of an area to be missed, and this part
-/// must not contain the break.
+/// Returns the fraction of the break points that the disc reaches for any position of the point within its uncertainty,
+/// 0…1; `None` without break points. This is checked in addition to the coverage, because the coverage permits a small
+/// part of an area to be missed, and this part must not contain a break.
 fn breaks_reached(
     surface: &BSplineSurface,
     treated: &Treated,
@@ -142,7 +141,7 @@ fn breaks_reached(
     reached_share(&broken, &all, surely_mm)
 }
 
-/// Returns the area with the patch for its lines enlarged by this length on each side, mm.
+/// Returns the area with the patch of its lines enlarged by this length on each side, mm.
 fn widen_area(surface: &BSplineSurface, area: Area, by_mm: f64) -> Area {
     let middle = surface.tangents(area.patch.parameter_at(Parameter { u: 0.5, v: 0.5 }));
     let (by_u, by_v) = (by_mm / middle.s_u.mm.norm(), by_mm / middle.s_v.mm.norm());
@@ -167,7 +166,7 @@ fn refuse_unknown(region: &Region, grids: &[GridId]) -> Result<(), PlanError> {
     Ok(())
 }
 
-/// Returns the pieces in the order of travel, each in its direction.
+/// Returns the pieces in the order in which they are sanded, each with its direction.
 fn order_pieces(surface: &BSplineSurface, pieces: Vec<Piece>) -> Vec<Piece> {
     let end = |at: Option<&Parameter>| at.map_or(Point::at(0.0, 0.0, 0.0), |at| surface.point(*at));
     let ends: Vec<[Point<Panel>; 2]> =
@@ -214,7 +213,8 @@ fn assemble_plan(paths: Vec<ToolPath>, pieces: &[Piece], even: EvenFeeds, settin
     }
 }
 
-/// Returns the coverage of each grid, row by row, as the sum over its parts: one grid may contain parts of two areas.
+/// Returns the coverage of each grid, row by row, as the sum of its parts, because a grid may contain parts of two
+/// areas.
 fn of_grids(mut parts: Vec<GridCoverage>) -> Vec<GridCoverage> {
     parts.sort_by_key(|part| part.id);
     let sum = |parts: &[GridCoverage]| {
@@ -228,18 +228,18 @@ fn of_grids(mut parts: Vec<GridCoverage>) -> Vec<GridCoverage> {
     parts.chunk_by(|a, b| a.id == b.id).map(sum).collect()
 }
 
-/// A place of the tool on the path.
+/// A point of the tool's path, with its height and feed.
 #[derive(Clone, Copy)]
 struct Station {
     at: Parameter,
     height_mm: f64,
     contact: bool,
-    /// The highest feed on the way to this point, mm/s.
+    /// Maximum feed of the motion to this point, mm/s.
     feed_mm_s: f64,
 }
 
-/// Returns the path over one area's lines, and its end. The feeds apply on the way to each place of its track. The
-/// path begins above the end of the previous path.
+/// Returns the path over the lines of one area, and its end. The path begins above the end of the previous path. Each
+/// feed applies to the motion to one point of the track.
 fn tool_path(
     surface: &BSplineSurface,
     (piece, feeds_mm_s): (&Piece, &[f64]),
@@ -265,7 +265,7 @@ fn tool_path(
         .into_iter()
         .flat_map(|from| intermediate_points(surface, from, down.unwrap_or(first), piece.spacing_mm));
     stations.extend(flown.map(air));
-    // The first station is in the air, because the interlocks start the tool there.
+    // The first station is in the air, because the tool is started there.
     stations.push(air(down.unwrap_or(first)));
     stations.extend(down.map(low));
     stations.extend(piece.track.iter().zip(&piece.contact).zip(feeds_mm_s).map(on));
@@ -274,8 +274,8 @@ fn tool_path(
     Ok((ToolPath { grids, waypoints: waypoints(surface, &stations, settings)? }, Some(up.unwrap_or(last))))
 }
 
-/// Returns a place at the landing's length from an end of the track, towards the middle of the area; if the end lies
-/// in the middle, towards the farthest corner. `None` if the recipe lands straight down.
+/// Returns the point at which the landing begins: at the landing's length from an end of the track, towards the middle
+/// of the area. If the end lies in the middle, towards the farthest corner. `None` if the tool lands vertically.
 fn landing_point(
     surface: &BSplineSurface,
     piece: &Piece,
@@ -308,12 +308,12 @@ fn waypoints(
     let waypoint = |(index, station): (usize, &Station)| {
         let before_mm = index.checked_sub(1).and_then(|before| lengths_mm.get(before)).copied();
         let after_mm = lengths_mm.get(index).copied();
-        // The controller plans one line at a time: a line that takes less time than its planning would stop the tool on
+        // The controller plans one line at a time. If a line took less time than its planning, the tool would stop on
         // the panel.
         let feed_mm_s = before_mm.map_or(station.feed_mm_s, |mm| station.feed_mm_s.min(mm / planning_s));
         let touches_down = |other: Option<&Station>| other.is_some_and(|other| other.contact != station.contact);
-        // If the tool comes straight down, the corner at the panel is not rounded: with a rounded corner the pad would
-        // touch too early, during a sideways motion.
+        // If the tool lands vertically, the corner at the panel is not rounded: with a rounding the pad would touch too
+        // early, during a sideways motion.
         let straight_down = settings.landing_mm() == 0.0
             && station.contact
             && (touches_down(index.checked_sub(1).and_then(|n| stations.get(n)))

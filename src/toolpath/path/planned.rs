@@ -1,5 +1,4 @@
-//! The data of a plan: waypoints, the paths that they form, and the area that these paths cover; and the reason why
-//! there is no plan.
+//! The data of a plan: waypoints, paths, and the results of these paths; and the reasons why a plan is not possible.
 
 use super::coverage::{DiscOverhang, GridCoverage};
 use super::orientation::OrientationError;
@@ -10,16 +9,16 @@ use panelprep_base::geometry::{KukaPose, Panel, Rigid, Tool};
 use panelprep_cell::panel::GridId;
 use panelprep_cell::recipe;
 
-/// One pose that is reached by a linear motion.
+/// A pose that the tool reaches with a linear motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Waypoint {
-    /// The tool in the panel's frame.
+    /// The tool's pose in the panel's frame.
     pub panel_from_tool: Rigid<Panel, Tool>,
-    /// Whether the disc is in contact with the panel here. A motion is in contact if both its ends are.
+    /// Whether the disc is in contact with the panel at this pose. A motion is in contact if both its ends are.
     pub contact: bool,
     /// Speed of the tool centre point on the motion to this pose, mm/s.
     pub feed_mm_s: f64,
-    /// Rounding of the corner here, mm; with 0 the arm stops.
+    /// Rounding of the corner at this pose, mm; with 0 the arm stops.
     pub blend_mm: f64,
 }
 
@@ -30,29 +29,29 @@ impl Waypoint {
         fed && self.pose().is_finite() && self.blend_mm.is_finite()
     }
 
-    /// Returns the tool's pose in the panel's frame as commands, programs and files state it.
+    /// Returns the tool's pose in the panel's frame in KUKA's form, for commands, programs and files.
     pub fn pose(&self) -> KukaPose {
         KukaPose::from_rigid(&self.panel_from_tool)
     }
 
     /// Returns the tool's pose in the panel's frame as the controller reads it. It differs from
-    /// [`Waypoint::panel_from_tool`] by the rounding of three angles. The path that is checked and the path that is
-    /// sent both use this pose.
+    /// [`Waypoint::panel_from_tool`] by the rounding of three angles. Both the checks and the commands to the
+    /// controller use this pose.
     pub fn as_sent(&self) -> Rigid<Panel, Tool> {
         self.pose().to_rigid()
     }
 }
 
-/// The waypoints over one or more grids; the first and the last are in the air.
+/// The path over one or more grids; its first and last waypoints are in the air.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ToolPath {
-    /// The grids that the path abrades.
+    /// The grids that the path sands.
     pub grids: Vec<GridId>,
     /// The waypoints of the tool.
     pub waypoints: Vec<Waypoint>,
 }
 
-/// Smallest and largest distance between neighbouring rows, on the surface.
+/// Minimum and maximum distance between adjacent rows, on the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepOver {
     /// Smallest, mm.
@@ -61,10 +60,10 @@ pub struct StepOver {
     pub max_mm: f64,
 }
 
-/// Paths, and the result that they achieve.
+/// A plan: its paths, and the results that they achieve.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
-    /// One path for each area of neighbouring grids, in the order of travel.
+    /// One path for each area, in the order of motion.
     pub paths: Vec<ToolPath>,
     /// Length of all motions, mm.
     pub length_mm: f64,
@@ -76,40 +75,40 @@ pub struct Plan {
     pub coverage: f64,
     /// Covered fraction of each grid.
     pub grids: Vec<GridCoverage>,
-    /// Time under the disc over the whole treated area; `None` if nothing is treated.
+    /// Dwell time over the whole treated area; `None` if no area is treated.
     pub dwell: Option<DwellSpread>,
-    /// Time under the disc in each grid.
+    /// Dwell time in each grid.
     pub grid_dwell: Vec<(GridId, DwellSpread)>,
-    /// Distance between neighbouring rows, without the connections between them; `None` if no path has two rows.
+    /// Distance between adjacent rows, without the connections between them; `None` if no path has two rows.
     pub step_over_mm: Option<StepOver>,
     /// Overhang of the disc beyond the panel's outline.
     pub overhang: DiscOverhang,
-    /// The places that the plan treats.
+    /// The areas that the plan treats.
     pub treated: Treated,
-    /// Fraction of the broken places that the disc reaches, 0…1; `None` if no place is known, or if the recipe states
-    /// that whole grids are treated.
+    /// Fraction of the break points that the disc reaches, 0…1; `None` if no break point is known, or if the recipe
+    /// requires that whole grids are treated.
     pub breaks_reached: Option<f64>,
-    /// The costs of areas around breaks and of whole grids; `None` if they were not compared.
+    /// The costs of areas around breaks and of whole grids; `None` if the two were not compared.
     pub costs: Option<TreatmentCosts>,
 }
 
 impl Plan {
-    /// Returns the largest ratio of the longest to the shortest time under the disc. The ratios of all grids together
-    /// and of each single grid are compared; if that of a single grid is the largest, this grid is also returned.
-    /// `None` if nothing is treated.
+    /// Returns the largest ratio of the longest to the shortest dwell time, and the grid to which it belongs. The ratio
+    /// of all grids together is compared with the ratios of single grids; if the former is the largest, the grid is
+    /// `None`. Returns `None` if no area is treated.
     pub fn dwell_ratio(&self) -> Option<(f64, Option<GridId>)> {
         let all = self.dwell.map(|dwell| (dwell.ratio(), None));
         let grids = self.grid_dwell.iter().map(|(id, dwell)| (dwell.ratio(), Some(*id)));
         all.into_iter().chain(grids).max_by(|a, b| a.0.total_cmp(&b.0))
     }
 
-    /// Returns the area on the surface that is treated, mm².
+    /// Returns the treated area on the surface, mm².
     pub fn treated_mm2(&self) -> f64 {
-        // The sum starts at 0 explicitly, since an empty sum of floats is −0.
+        // The sum starts at 0 explicitly, because an empty sum of floats is −0.
         self.grids.iter().fold(0.0, |sum, grid| sum + grid.area_mm2)
     }
 
-    /// Returns the plan with other feeds, one for each waypoint of all its paths in order, mm/s.
+    /// Returns the plan with other feeds, mm/s: one for each waypoint, in the order of the plan.
     #[must_use]
     pub fn with_feeds(mut self, feeds_mm_s: &[f64], settings: &recipe::Path) -> Self {
         let all = self.paths.iter_mut().flat_map(|path| &mut path.waypoints);
@@ -118,7 +117,7 @@ impl Plan {
         self
     }
 
-    /// Returns the plan with these times under the disc, which result from its feeds.
+    /// Returns the plan with these dwell times, which were calculated for its feeds.
     #[must_use]
     pub fn with_dwell(mut self, dwell: &Dwell) -> Self {
         self.dwell = dwell.spread();
@@ -131,32 +130,32 @@ impl Plan {
         let moves = self.paths.iter().flat_map(|path| &path.waypoints).all(Waypoint::is_finite);
         let dwell = self.dwell_ratio().is_none_or(|(ratio, _)| ratio.is_finite());
         let sums = [self.length_mm, self.contact_mm, self.duration_s, self.coverage];
-        // Without an outline, the overhang is infinite.
+        // Without an outline, the overhang is infinite, which is a valid value.
         moves && dwell && sums.iter().all(|sum| sum.is_finite()) && !self.overhang.largest_mm.is_nan()
     }
 }
 
-/// The cost of a plan.
+/// The cost of a plan: the sanded area and the duration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TreatmentCost {
-    /// Area of the region's surface that comes under the disc, mm².
+    /// Area of the region's surface that the disc covers, mm².
     pub under_disc_mm2: f64,
     /// Time for all motions, s.
     pub duration_s: f64,
 }
 
-/// The costs of the two ways to treat the same breaks; `None` if there is no path.
+/// The costs of the two ways to treat the same breaks; each is `None` if it has no path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TreatmentCosts {
-    /// Areas around the breaks.
+    /// The cost of treating areas around the breaks.
     pub around_breaks: Option<TreatmentCost>,
-    /// The failed grids as a whole.
+    /// The cost of treating the failed grids completely.
     pub whole_grids: Option<TreatmentCost>,
 }
 
 impl TreatmentCosts {
-    /// Returns whether treating areas around the breaks puts less surface under the disc and also takes less time than
-    /// treating whole grids; true as well if a path exists only for the areas around the breaks.
+    /// Returns whether areas around the breaks sand less surface in less time than whole grids. Also true if a path
+    /// exists only for the areas around the breaks.
     pub fn is_less_around_breaks(&self) -> bool {
         match (self.around_breaks, self.whole_grids) {
             (Some(around), Some(whole)) => {
@@ -167,7 +166,7 @@ impl TreatmentCosts {
     }
 }
 
-/// Length and duration of paths, in mm and s.
+/// Length, mm, and duration, s, of paths.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct PathExtent {
     pub length_mm: f64,
@@ -184,17 +183,18 @@ pub(super) fn extent(paths: &[ToolPath], settings: &recipe::Path) -> PathExtent 
         sum.length_mm += step_mm;
         sum.contact_mm += if pair[0].contact && pair[1].contact { step_mm } else { 0.0 };
         sum.duration_s += step_mm / pair[1].feed_mm_s;
-        // At each stop, deceleration and acceleration each take additional time of half of feed / acceleration.
+        // Each stop takes additional time: half of feed / acceleration for the deceleration, and the same for the
+        // acceleration.
         let stops = [pair[0], pair[1]].iter().filter(|waypoint| waypoint.blend_mm == 0.0).count();
         sum.duration_s += stops as f64 * pair[1].feed_mm_s / settings.acceleration_mm_s2() / 2.0;
     }
     sum
 }
 
-/// Errors of a plan.
+/// The reasons why a plan is not possible.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
-    /// No grid is to be planned.
+    /// The list of requested grids is empty.
     #[error("no grid was requested")]
     NoGrids,
     /// The region does not have the requested grid.
@@ -202,18 +202,18 @@ pub enum PlanError {
     UnknownGrid {
         /// The requested grid.
         grid: GridId,
-        /// Rows of the region.
+        /// Number of rows of the region.
         rows: usize,
-        /// Columns of the region.
+        /// Number of columns of the region.
         columns: usize,
     },
-    /// A grid would be abraded twice.
+    /// A grid was requested twice and would be sanded twice.
     #[error("grid {grid} was requested twice")]
     Repeated {
         /// The grid.
         grid: GridId,
     },
-    /// No raster can be laid over the grid.
+    /// No rows can be laid over the grid.
     #[error("grid {grid}: {cause}")]
     Raster {
         /// The grid.
@@ -221,7 +221,7 @@ pub enum PlanError {
         /// The cause.
         cause: RasterError,
     },
-    /// The tool has no valid pose on the grid.
+    /// The tool has no pose at a point of the grid.
     #[error("grid {grid}: {cause}")]
     Orientation {
         /// The grid.
@@ -235,7 +235,7 @@ pub enum PlanError {
 mod tests {
     use super::*;
 
-    /// A smaller area in more time, or a larger area in less time, does not count as lower costs.
+    /// A smaller area in more time, and a larger area in less time, are not lower costs.
     #[test]
     fn areas_around_breaks_must_cost_less_area_and_time() {
         let cost = |under_disc_mm2: f64, duration_s: f64| Some(TreatmentCost { under_disc_mm2, duration_s });

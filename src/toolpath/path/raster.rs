@@ -2,18 +2,19 @@
 //!
 //! With rows along u, F = S_u / |S_u| and D = N × F across, a step r along D has
 //!     Q − P ≈ S_u Δu + S_v Δv,   [[S_u·D, S_v·D], [S_u·F, S_v·F]] (Δu, Δv)ᵀ = (r, 0)ᵀ,          (4.20–4.23)
-//! and with this F  Δv = r / (S_v·D),  |S_v·D| = |S_u × S_v| / |S_u|. A row continues from each point of the row before
-//! it, on columns of constant u: sliding Q back along F to its column does not change v. This gives the start value;
-//! then v is corrected until the distance across, measured on the surface,
+//! and with this F  Δv = r / (S_v·D),  |S_v·D| = |S_u × S_v| / |S_u|. Each row is computed from the points of the row
+//! before it, on columns of constant u: moving Q back along F to its column does not change v. This gives the start
+//! value. Then v is corrected until the distance across the rows, measured on the surface,
 //!     a(v) = ∫ |S_u × S_v| / |S_u| dv,
-//! equals the required distance. Rows along v are the same with u and v exchanged. Rows have the equal distance r' = w
-//! / ceil(w / r) ≤ r, w being the patch's width between the first and the last row. If a patch is narrower on one
-//! side, each column divides its own width by the number of rows, so that the last row follows the far border.
+//! equals the required distance. Rows along v are computed in the same way with u and v exchanged. Rows have the equal
+//! distance r' = w / ceil(w / r) ≤ r, where w is the patch's width between the first and the last row. If a patch is
+//! narrower on one side, each column divides its own width by the number of rows, so that the last row follows the far
+//! border.
 //!
 //! Rows and their ends are inset from the patch's border by 0.2 of the disc's radius R, or more if the panel's outline
-//! requires it. So the disc overlaps neighbouring grids by 0.8 R: if its middle stayed farther inside, the border
-//! would be under the disc for too short a time. A patch narrower than two insets gets one row in its middle; a patch
-//! shorter than two insets gets rows of one point.
+//! requires this. So the disc overlaps adjacent grids by 0.8 R; with a larger inset the dwell time at the border would
+//! be too short. A patch narrower than two insets has one row in its middle; a patch shorter than two insets has rows
+//! of one point.
 
 use crate::surface::{BSplineSurface, Parameter, ParameterPatch, PointTangents};
 use nalgebra::Vector3;
@@ -21,38 +22,38 @@ use panelprep_cell::recipe;
 
 /// Distance of the outer rows and of the rows' ends from the patch's border, in disc radii.
 const INSET_RADII: f64 = 0.2;
-/// Distance of the columns on which points of rows are calculated, mm; between them rows are straight in (u, v).
+/// Distance between the columns on which points of rows are calculated, mm; between them rows are straight in (u, v).
 const COLUMN_SPACING_MM: f64 = 5.0;
 /// Tolerance of a distance across the rows, mm.
 const TOLERANCE_MM: f64 = 1e-6;
-/// Newton steps before the calculation of a row is abandoned; a smooth patch needs two or three.
+/// Maximum number of Newton steps for a point of a row; a smooth patch needs two or three.
 const MAX_NEWTON_STEPS: usize = 20;
-/// Number of intervals in which the width of a patch is integrated, with three nodes each.
+/// Number of intervals over which the width of a patch is integrated, with three nodes each.
 const WIDTH_PIECES: usize = 4;
-/// Gauss–Legendre nodes and weights on 0…1.
+/// Gauss–Legendre nodes and weights on the interval 0…1.
 const GAUSS: [(f64, f64); 3] =
     [(0.112_701_665_379_258_3, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
 
-/// Rows in the order and direction of motion; neighbouring rows run in opposite directions.
+/// Rows in the order and direction of motion; successive rows run in opposite directions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Raster {
     /// The rows' waypoints.
     pub rows: Vec<Vec<Parameter>>,
 }
 
-/// Errors of a raster.
+/// The reasons why rows cannot be laid over a patch.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RasterError {
-    /// The surface is degenerate at this place.
+    /// The surface is degenerate at this point.
     #[error("the surface has no area at (u, v) = ({:.4}, {:.4})", at.u, at.v)]
     Degenerate {
         /// The place.
         at: Parameter,
     },
-    /// The correction did not converge.
+    /// The Newton iteration for a point of a row did not converge.
     #[error("no row can be placed {distance_mm:.3} mm beside (u, v) = ({:.4}, {:.4})", from.u, from.v)]
     NoRow {
-        /// Point of the previous row, or of the border.
+        /// The point of the previous row, or of the border, from which the iteration started.
         from: Parameter,
         /// Requested distance, mm.
         distance_mm: f64,
@@ -67,7 +68,7 @@ pub(super) enum RowDirection {
 }
 
 impl RowDirection {
-    /// Returns the point at `a` along the rows and `b` across them.
+    /// Returns the point at the parameter `a` along the rows and `b` across them.
     pub fn point(self, a: f64, b: f64) -> Parameter {
         match self {
             RowDirection::U => Parameter { u: a, v: b },
@@ -89,28 +90,28 @@ pub(super) fn border_inset_mm(settings: &recipe::Path) -> f64 {
     INSET_RADII * settings.disc_diameter_mm() / 2.0
 }
 
-/// Distances from the patch's four borders, mm.
+/// Distances of rows and their ends from the patch's four borders, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Insets {
-    /// Distances from the borders at lowest and highest u.
+    /// Distances from the borders at minimum and maximum u.
     pub u: [f64; 2],
-    /// Distances from the borders at lowest and highest v.
+    /// Distances from the borders at minimum and maximum v.
     pub v: [f64; 2],
-    /// Additional distance required from each side: lowest u, highest u, lowest v, highest v.
+    /// Additional distance that is required from each side: minimum u, maximum u, minimum v, maximum v.
     pub extra_mm: [f64; 4],
-    /// Whether each side was already moved farther inwards.
+    /// Whether each side was already moved inwards because of the outline.
     pub is_pushed: [bool; 4],
 }
 
 impl Insets {
-    /// Returns the insets that the disc alone requires.
+    /// Returns the insets without a panel outline: only the disc's radius determines them.
     pub fn for_disc(settings: &recipe::Path) -> Self {
         let inset_mm = border_inset_mm(settings);
         Insets { u: [inset_mm; 2], v: [inset_mm; 2], extra_mm: [0.0; 4], is_pushed: [false; 4] }
     }
 
-    /// Records that the disc reaches too far at this place: the rows must keep a larger distance from the side towards
-    /// which it reaches.
+    /// Records that the disc reaches too far beyond the outline at a point: the rows must keep a larger distance from
+    /// the side in the direction `outward`.
     pub fn require_distance(&mut self, tangents: &PointTangents, outward: Vector3<f64>, excess_mm: f64) {
         let (along_u, along_v) =
             (outward.dot(&tangents.s_u.mm.normalize()), outward.dot(&tangents.s_v.mm.normalize()));
@@ -119,7 +120,7 @@ impl Insets {
         self.extra_mm[side] = self.extra_mm[side].max(excess_mm);
     }
 
-    /// Applies the recorded distances.
+    /// Adds the recorded distances to the insets.
     pub fn apply_distances(&mut self) {
         for (side, more) in std::mem::take(&mut self.extra_mm).into_iter().enumerate() {
             let insets = if side < 2 { &mut self.u } else { &mut self.v };
@@ -128,8 +129,8 @@ impl Insets {
         }
     }
 
-    /// Sets the insets of the sides that the outline did not move inwards to 0: there, the disc overlaps the
-    /// neighbouring grids by its radius. Returns false if no side was moved inwards, or if these insets were already 0.
+    /// Sets the insets of the sides that were not moved inwards to 0, so that the disc overlaps the adjacent grids by
+    /// its full radius there. Returns false if this changed no inset.
     pub fn release_sides(&mut self) -> bool {
         let free: Vec<usize> = (0..4).filter(|side| !self.is_pushed[*side]).collect();
         let mut gave = false;
@@ -150,7 +151,7 @@ impl Insets {
     }
 }
 
-/// The settings by which rows are laid.
+/// The settings with which rows are laid.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RasterSettings {
     pub along: RowDirection,
@@ -162,7 +163,7 @@ pub(super) struct RasterSettings {
 /// Returns rows along u over one patch.
 ///
 /// # Errors
-/// If the surface is degenerate.
+/// If the surface of the patch is degenerate.
 pub fn raster(
     surface: &BSplineSurface,
     patch: &ParameterPatch,
@@ -177,7 +178,7 @@ pub fn raster(
     Ok(Raster { rows: rows(surface, patch, &laying)? })
 }
 
-/// Lays rows along one parameter.
+/// Returns rows over one patch along one of the parameters.
 pub(super) fn rows(
     surface: &BSplineSurface,
     patch: &ParameterPatch,
@@ -212,13 +213,13 @@ pub(super) fn rows(
 }
 
 impl Raster {
-    /// Returns all waypoints as one track: the rows and the turns between them, in contact throughout.
+    /// Returns all waypoints as one track in contact: the rows and the connections between them.
     pub fn to_track(&self, surface: &BSplineSurface, spacing_mm: f64) -> Vec<Parameter> {
         join_lines(surface, &self.rows, spacing_mm)
     }
 }
 
-/// Joins lines, one after the other, by connecting lines; no step is longer than the spacing.
+/// Connects successive lines with straight lines; no step is longer than the given distance between waypoints.
 pub(super) fn join_lines(surface: &BSplineSurface, lines: &[Vec<Parameter>], spacing_mm: f64) -> Vec<Parameter> {
     let mut track: Vec<Parameter> = Vec::new();
     for line in lines {
@@ -234,7 +235,7 @@ pub(super) fn join_lines(surface: &BSplineSurface, lines: &[Vec<Parameter>], spa
     track
 }
 
-/// Returns points between two others, without these two, so that no step exceeds the spacing.
+/// Returns points between two points, without these two, so that no step exceeds the given distance between waypoints.
 pub(super) fn intermediate_points(
     surface: &BSplineSurface,
     from: Parameter,
@@ -248,7 +249,7 @@ pub(super) fn intermediate_points(
         points.zip(ends).map(|(from, to)| from.distance_mm(to)).fold(0.0, f64::max)
     };
     let fewest = (surface.point(from).distance_mm(surface.point(to)) / spacing_mm - 1e-9).ceil().max(1.0) as usize;
-    // Equal steps in the parameters give unequal steps on the surface.
+    // The limit is doubled, because equal steps in the parameters give unequal steps on the surface.
     let most = 2 * fewest + 8;
     let steps = (fewest..most).find(|steps| longest_mm(*steps) <= spacing_mm * (1.0 + 1e-9)).unwrap_or(most);
     (1..steps).map(move |step| interpolate(from, to, step as f64 / steps as f64))
@@ -260,9 +261,9 @@ pub(super) fn interpolate(from: Parameter, to: Parameter, share: f64) -> Paramet
 
 struct Column {
     at: f64,
-    /// Distance from the low border to the first row.
+    /// Distance from the low border to the first row, mm.
     first_mm: f64,
-    /// Distance from the first row to the last one.
+    /// Distance from the first to the last row, mm.
     left_mm: f64,
 }
 
@@ -284,20 +285,20 @@ fn columns(
             width_mm += column_length_mm(surface, along, border(piece), along.cross_coordinate(border(piece + 1)))?;
         }
         let left_mm = width_mm - low_mm - high_mm;
-        // If there is no space for both insets, there is one row, equally far beyond each inset.
+        // If the width is too small for both insets, there is one row at a position that violates both insets equally.
         let first_mm = if left_mm > 0.0 { low_mm } else { squeezed_position_mm(width_mm, [low_mm, high_mm]) };
         Ok(Column { at: along.row_coordinate(border(0)), first_mm, left_mm: left_mm.max(0.0) })
     };
     (0..=pieces).map(column).collect()
 }
 
-/// Returns the position of a line that has no space for both insets, from the low border, mm: equally far beyond each
-/// inset.
+/// Returns the distance from the low border, mm, of a line in a width that is too small for both insets: the line
+/// violates both insets equally.
 pub(super) fn squeezed_position_mm(width_mm: f64, [low_mm, high_mm]: [f64; 2]) -> f64 {
     ((width_mm + low_mm - high_mm) / 2.0).clamp(0.0, width_mm)
 }
 
-/// Finds the point on the column of `from` at this distance across the rows, towards larger parameters.
+/// Finds the point on the column through `from` at this distance across the rows, towards larger parameters.
 pub(super) fn point_across(
     surface: &BSplineSurface,
     along: RowDirection,
@@ -316,7 +317,7 @@ pub(super) fn point_across(
     Err(RasterError::NoRow { from, distance_mm })
 }
 
-/// Calculates ∫ |S_u × S_v| / |S_u| dv along a column, mm.
+/// Calculates the length ∫ |S_u × S_v| / |S_u| dv along a column, mm.
 fn column_length_mm(
     surface: &BSplineSurface,
     along: RowDirection,
@@ -331,7 +332,7 @@ fn column_length_mm(
     Ok(sum * (to - b))
 }
 
-/// Calculates |S_v·D| of Eq. 4.23 with F along S_u, mm for a unit of v; for rows along v, u and v are exchanged.
+/// Calculates |S_v·D| of Eq. 4.23 with F along S_u, mm per unit of v; for rows along v, u and v are exchanged.
 fn mm_per_unit(surface: &BSplineSurface, along: RowDirection, at: Parameter) -> Result<f64, RasterError> {
     let tangents = surface.tangents(at);
     surface.unit_normal(&tangents).ok_or(RasterError::Degenerate { at })?;
@@ -339,17 +340,17 @@ fn mm_per_unit(surface: &BSplineSurface, along: RowDirection, at: Parameter) -> 
     Ok(tangents.area_mm2() / feed.mm.norm())
 }
 
-/// Returns waypoints at equal distances along a row, from inset to inset.
+/// Returns waypoints at equal distances along a row, from one end inset to the other.
 fn trim_row(surface: &BSplineSurface, row: &[Parameter], laying: &RasterSettings) -> Vec<Parameter> {
-    // The inset is measured perpendicular to the border; a row that meets the border at an angle needs a longer
+    // The inset is measured perpendicular to the border, so a row that meets the border at an angle is cut by a longer
     // distance.
     let [low_mm, high_mm] = laying.insets.end_insets(laying.along);
     let (start, end) = (surface.tangents(row[0]), surface.tangents(row[row.len() - 1]));
     resampled(surface, row, [low_mm / tangent_sine(&start), high_mm / tangent_sine(&end)], laying.spacing_mm)
 }
 
-/// Returns places at equal distances along a line, without these lengths at its two ends, mm; one place in the
-/// middle if nothing would be left.
+/// Returns points at equal distances along a line after cutting these lengths off its two ends, mm; one point in the
+/// middle if the line is too short for the cuts.
 pub(super) fn resampled(
     surface: &BSplineSurface,
     line: &[Parameter],

@@ -1,8 +1,8 @@
-//! Builds the paths that are sent, each checked as a whole by the gate.
+//! Builds the paths that are sent to the controller. Each path passes the acceptance checks as a whole.
 //!
-//! A motion through air is a straight line divided into steps, so that the gate checks all parts. A contact path is the
-//! plan's path in the panel's frame, which is set as the base. Each path is checked with the arm's kinematics from the
-//! current axis angles.
+//! A motion through air is a straight line that is divided into steps, so that all its parts are checked. A contact
+//! path is the plan's path in the panel's frame, which is set as the base. Each path is checked with the arm's
+//! kinematics from the current axis angles.
 
 use super::gate::{PanelPoses, Route, WaypointLimits, check_pad, judge_plan, taught_axis, violated_by_route};
 use super::kinematics::Kinematics;
@@ -18,21 +18,23 @@ use panelprep_cell::recipe;
 use std::f64::consts::FRAC_PI_4;
 use std::sync::Arc;
 
-/// Largest step and rotation of a motion through air.
+/// Maximum length of a step of a motion through air, mm.
 const AIR_STEP_MM: f64 = 40.0;
+/// Maximum rotation in a step of a motion through air.
 const AIR_TURN: Degrees = Degrees(8.0);
-/// Rounding between the steps of a motion through air, as a fraction of a step; `AIR_BLEND_MM` is its upper limit.
+/// Rounding between the steps of a motion through air, as a fraction of a step.
 const BLEND_SHARE: f64 = 0.2;
+/// Maximum rounding between the steps of a motion through air, mm.
 const AIR_BLEND_MM: f64 = 5.0;
-/// Speed through air, mm/s, if the cell allows it.
+/// Speed of motions through air, mm/s, unless the cell's limit is lower.
 const AIR_MM_S: f64 = 200.0;
 
-/// Limits of the difference between the tip's pose calculated with the cell's arm and the one that the controller
-/// reports, mm and degrees. A larger difference means another arm, another tool or another mastering of an axis.
+/// Maximum distance between the tip calculated with the cell's arm and the tip that the controller reports, mm. A
+/// larger distance means another arm, another tool or another mastering of an axis.
 const MAX_MODEL_DEVIATION_MM: f64 = 3.0;
 const MODEL: Degrees = Degrees(1.0);
 
-/// The state of the arm before a path.
+/// The state of the arm before a path, and the limits for the path.
 #[derive(Debug, Clone, Copy)]
 pub struct StartState<'a> {
     /// The cell's limits.
@@ -43,20 +45,20 @@ pub struct StartState<'a> {
     pub flange_from_tool: Rigid<Flange, Tool>,
     /// The current axes.
     pub joints: Joints,
-    /// The obstacles that the arm avoids, if the motion does not lead to the panel.
+    /// The obstacles that the arm avoids; `None` if the motion leads to the panel.
     pub obstacles: Option<&'a Arc<Obstacles>>,
 }
 
 /// A linear motion to a point, in the active base.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinearMotion {
-    /// The pose at its end.
+    /// The pose at the end of the motion.
     pub pose: KukaPose,
     /// Rounding at the end of the motion, mm; with 0 the arm stops there.
     pub blend_mm: f64,
     /// Whether the tool is in contact at the end of the motion.
     pub contact: bool,
-    /// The motion's own speed, m/s; `None` selects the path's speed.
+    /// The speed of this motion, m/s; `None` for the path's speed.
     pub speed_m_s: Option<f64>,
 }
 
@@ -69,18 +71,18 @@ pub struct PathSpeed {
     pub acceleration_m_s2: f64,
 }
 
-/// A path with the result of its gate.
+/// A path with the result of its acceptance checks.
 #[derive(Debug, Clone)]
 pub struct GatedPath {
-    /// The violations; empty if the path may be sent.
+    /// The violated checks; empty if the path may be sent.
     pub violations: Vec<Check>,
     /// The motions.
     pub points: Vec<LinearMotion>,
     /// Speed and acceleration of the motions.
     pub speed: PathSpeed,
-    /// The tip's pose at the end, in the robot's base.
+    /// The tip's pose at the end of the path, in the robot's base.
     pub end_pose: Option<Rigid<Base, Tool>>,
-    /// The axis angles at the end; `None` if the path is refused.
+    /// The axis angles at the end of the path; `None` if the path is rejected.
     pub joints: Option<Joints>,
 }
 
@@ -95,19 +97,19 @@ impl GatedPath {
         Judgement::from_checks(&self.violations)
     }
 
-    /// Returns the same path with additional violations.
+    /// Returns the path with additional violated checks.
     fn refused_for(self, mut broken: Vec<Check>) -> Self {
         broken.extend(self.violations);
         GatedPath { violations: broken, joints: None, ..self }
     }
 }
 
-/// Returns the plan's waypoints, one path after the other.
+/// Returns the waypoints of all paths of the plan, in order.
 pub fn waypoints(plan: &Plan) -> Vec<Waypoint> {
     plan.paths.iter().flat_map(|path| path.waypoints.iter().copied()).collect()
 }
 
-/// Checks a linear motion through air from the arm's current pose, in a base whose pose is `base_from_active`.
+/// Checks a linear motion through air from the arm's current pose. `base_from_active` is the pose of the active base.
 pub fn gate_air_motion<Active: panelprep_base::geometry::Frame>(
     standing: &StartState<'_>,
     base_from_active: Rigid<Base, Active>,
@@ -117,7 +119,7 @@ pub fn gate_air_motion<Active: panelprep_base::geometry::Frame>(
     gate_air_motion_at(standing, base_from_active, ends, taught_axis, AIR_MM_S)
 }
 
-/// Checks a motion through air at a given speed.
+/// Checks a linear motion through air at a given speed.
 pub fn gate_air_motion_at<Active: panelprep_base::geometry::Frame>(
     standing: &StartState<'_>,
     base_from_active: Rigid<Base, Active>,
@@ -132,7 +134,7 @@ pub fn gate_air_motion_at<Active: panelprep_base::geometry::Frame>(
         .collect();
     let points = poses.iter().enumerate().map(|(index, pose)| LinearMotion {
         pose: KukaPose::from_rigid(pose),
-        // The last point is not rounded: a picture is taken or the tool is started there.
+        // The last point is not rounded, because a picture is captured or the tool is started there.
         blend_mm: if index + 1 == steps { 0.0 } else { AIR_BLEND_MM.min(BLEND_SHARE * length_mm / steps as f64) },
         contact: false,
         speed_m_s: None,
@@ -146,22 +148,24 @@ pub fn gate_air_motion_at<Active: panelprep_base::geometry::Frame>(
     )
 }
 
-/// Returns the plan with every contact point lifted off the panel, along the tool's axis.
+/// Returns the plan with every contact point moved off the panel along the tool's axis.
 pub fn lift_contact_points(plan: &Plan, height_mm: f64) -> Plan {
     let mut lifted = plan.clone();
     for waypoint in lifted.paths.iter_mut().flat_map(|path| &mut path.waypoints).filter(|waypoint| waypoint.contact)
     {
         let up = Rigid::<Tool, Tool>::identity().followed_by_displacement(Vector::new(Vector3::z() * -height_mm));
-        // The pose as sent is lifted, so that an air run tests exactly the poses that the contact path will send.
+        // The displacement is applied to the pose as sent, so that a run in air tests exactly the poses of the contact
+        // path.
         waypoint.panel_from_tool = waypoint.as_sent() * up;
         waypoint.contact = false;
     }
     lifted
 }
 
-/// Checks the path over the panel: the whole plan without its first point, which is in the air and at which the arm
-/// already is. Feed and rounding are each waypoint's own. A plan that its own gate rejects is not sent, even if a
-/// person accepted the previous steps. A person has already made the decisions that this gate requires.
+/// Checks the contact path over the panel: the whole plan without its first point, which is in the air and at which the
+/// arm already is. Feed and rounding are those of each waypoint. A plan that the plan checks reject is not sent, even
+/// if a person accepted the previous steps. Decisions that the plan checks request from a person have already been
+/// made.
 pub fn contact(
     standing: &StartState<'_>,
     panel: PanelPoses,
@@ -199,20 +203,20 @@ pub fn contact(
 pub struct Sander {
     /// The contact point of the disc.
     pub flange_from_tip: Rigid<Flange, Tool>,
-    /// The radius of the disc, mm. Its rim reaches farther than the line from the flange to the contact point.
+    /// The radius of the disc, mm. The disc's rim is farther away from the flange's axis than the contact point.
     pub radius_mm: f64,
-    /// The distance along its axis by which the sander is lifted off the panel, mm.
+    /// The distance by which the sander is retracted from the panel along its axis, mm.
     pub lift_mm: f64,
 }
 
 impl Sander {
-    /// The sander that is mounted at this contact point and used as the recipe states.
+    /// Creates the sander with this contact point and the disc of the recipe.
     pub fn new(flange_from_tip: Rigid<Flange, Tool>, settings: &recipe::Path) -> Self {
         Sander { flange_from_tip, radius_mm: settings.disc_diameter_mm() / 2.0, lift_mm: settings.approach_mm() }
     }
 
     /// Returns the points of the sander whose distances from obstacles are checked: the contact point, and eight points
-    /// of the rim.
+    /// on the disc's rim.
     pub fn tips(&self) -> Vec<Rigid<Flange, Tool>> {
         let rim = |number: u32| {
             let (sine, cosine) = (f64::from(number) * FRAC_PI_4).sin_cos();
@@ -222,16 +226,16 @@ impl Sander {
         std::iter::once(self.flange_from_tip).chain((0..8).map(rim)).collect()
     }
 
-    /// Returns whether the whole sander keeps the configured distances from the obstacles.
+    /// Returns whether all these points of the sander keep the configured distances from the obstacles.
     fn is_clear(&self, arm: &Kinematics, at: &Joints) -> bool {
         self.tips().into_iter().all(|tip| reach::is_clear(arm, tip, at))
     }
 }
 
 /// Checks the motion to a view of a corner. The end of the motion must lie in the volume in which the arm's correction
-/// was measured. The camera is the tool of this motion; the sander beside it must keep its distances, too. If the
-/// sander is at the panel, as after a hold in contact, it is first lifted off along its axis: on a linear motion of the
-/// camera it would move across the surface.
+/// was measured. The camera is the tool of this motion; the sander beside the camera must keep its distances, too. If
+/// the sander is at the panel, for example after a hold in contact, the sander is first retracted along its axis,
+/// because a linear motion of the camera would drag it across the surface.
 pub fn view(
     standing: &StartState<'_>,
     (from, to): (Rigid<Base, Tool>, Rigid<Base, Tool>),
@@ -244,8 +248,8 @@ pub fn view(
     };
     let back = tip.isometry().rotation * Vector3::z() * -sander.lift_mm;
     let lifted = from.followed_by_displacement(Vector::new(back));
-    // For the sander, which moves away from the panel, the panel is not an obstacle; for the arm and its camera,
-    // everything is an obstacle.
+    // The panel is no obstacle for the sander, which moves away from the panel. For the arm and its camera, everything
+    // is an obstacle.
     let leaving = StartState { obstacles: None, ..*standing };
     let lift = gate_air_motion(&leaving, Rigid::<Base, Base>::identity(), (from, lifted), None);
     let Some(joints) = lift.joints else { return lift };
@@ -274,7 +278,7 @@ fn view_from(
     let arm = standing.kinematics();
     let is_clear = sander.is_clear(&arm, &standing.joints);
     let follows_with = |tip: Rigid<Flange, Tool>| {
-        // If the angles are not finite, the configured distances apply, and the motion is refused below.
+        // If the angles are not finite, the configured distances apply, and the motion is rejected below.
         let departing = reach::departing(&arm, &standing.joints, tip).filter(|_| !is_clear);
         follows(departing.as_ref().unwrap_or(&arm), standing, (Rigid::identity(), &gated.points), tip)
     };
@@ -290,14 +294,14 @@ fn gate_path<Active: panelprep_base::geometry::Frame>(
     (from, points): (Rigid<Active, Tool>, Vec<LinearMotion>),
     (taught_axis, speed_mm_s, acceleration_m_s2): (Option<Vector<Base>>, f64, f64),
 ) -> GatedPath {
-    // The poses are checked exactly as they will be sent, with rounded numbers.
+    // The poses are checked exactly as they are sent, with rounded numbers.
     let poses: Vec<Rigid<Base, Tool>> =
         points.iter().map(|point| base_from_active * point.pose.to_rigid::<Active, Tool>()).collect();
     let from = base_from_active * from;
     let route = Route { from, waypoints: &poses, taught_axis };
     let (mut broken, mut joints) = (violated_by_route(&route, &WaypointLimits::from(standing.limits)), None);
-    // The arm's motion is checked last: this takes the most time, and a step that is too long would only be reported
-    // again as an axis that is too fast.
+    // The arm's motion is checked only if all other checks pass, because it takes the most time, and because a step
+    // that is too long would be reported a second time as an axis that is too fast.
     if broken.is_empty() {
         let legs = poses.iter().zip(&points).map(|(pose, point)| PathLine {
             base_from_tool: *pose,
@@ -335,7 +339,7 @@ impl StartState<'_> {
         }
     }
 
-    /// Checks that the arm's correction was measured at these tip poses, because the tip must be exact there.
+    /// Checks that the arm's correction was measured at these tip poses, which must be exact.
     fn check_correction_measured(&self, tips: impl IntoIterator<Item = Rigid<Base, Tool>>) -> Option<Check> {
         let (arm, tool_from_flange) = (Kinematics::new(self.arm), self.flange_from_tool.inverse());
         let outside =
@@ -351,7 +355,7 @@ impl StartState<'_> {
         })
     }
 
-    /// Checks whether the arm could leave the panel from each waypoint in contact.
+    /// Checks whether the arm can retract from the panel from each waypoint in contact.
     fn check_retracts(
         &self,
         points: &[LinearMotion],
@@ -363,8 +367,8 @@ impl StartState<'_> {
         check_retracts(&Kinematics::new(self.arm), self.flange_from_tool, all).map_err(|fault| refused(&fault))
     }
 
-    /// Returns the axis angles at the end of each of these lines, followed from the current axis angles, or the reason
-    /// why the arm cannot follow.
+    /// Returns the axis angles at the end of each of these lines, from the current axis angles on, or the reason why
+    /// the arm cannot follow.
     fn follow_lines(&self, from: Rigid<Base, Tool>, legs: &[PathLine]) -> Result<Vec<Joints>, Reason> {
         let arm = self.kinematics();
         // This is checked first, because all other checks compute with this model of the arm: for another arm their
@@ -377,12 +381,11 @@ impl StartState<'_> {
     }
 }
 
-/// Checks whether the tip's pose computed from the axis angles and the cell's arm agrees with the pose that the
-/// controller reports. The two differ for another arm, for angles in another unit, or for another robot base
-/// (`$ROBROOT`).
+/// Checks that the tip's pose computed from the axis angles and the cell's arm agrees with the pose that the controller
+/// reports. The two poses differ for another arm, for angles in another unit, or for another robot base (`$ROBROOT`).
 ///
 /// # Errors
-/// If the two differ by more than the limits, with the distance between them.
+/// If the two poses differ by more than the limits. The error contains the distance between them.
 pub fn check_arm_identity(
     arm: &Kinematics,
     joints: &Joints,
@@ -411,10 +414,10 @@ pub fn check_arm_identity(
     Err(Reason::new("arm_model", message))
 }
 
-/// Checks whether another object that is mounted on the flange keeps its distances on the same linear motion.
+/// Checks whether another object that is mounted on the flange keeps its distances during the same linear motion.
 ///
 /// # Errors
-/// If it does not, with the number of the waypoint.
+/// If the object comes too near to an obstacle. The error contains the number of the waypoint.
 pub fn mounted_follows(
     standing: &StartState<'_>,
     base_from_active: Rigid<Base, Base>,
@@ -436,7 +439,7 @@ fn follows(
         .iter()
         .map(|point| PathLine {
             base_from_tool: base_from_active * point.pose.to_rigid::<Base, Tool>() * tool_from_mounted,
-            // The speed of the axes was checked with the active tool: this checks only distances and configuration.
+            // The axis speeds were checked with the active tool; only distances and configuration are checked here.
             feed_mm_s: 1.0,
             blend_mm: point.blend_mm,
         })
@@ -444,7 +447,7 @@ fn follows(
     follow_path(arm, flange_from_mounted, Some(&standing.joints), &legs).map(drop).map_err(|fault| refused(&fault))
 }
 
-/// Converts a fault to a reason. The fault's index counts from 0, the message counts waypoints from 1.
+/// Converts a fault to a reason. The fault's index counts waypoints from 0, the message counts them from 1.
 fn refused(fault: &ReachFault) -> Reason {
     Reason::new(fault.cause.code(), format!("waypoint {}: {}", fault.index + 1, fault.cause))
 }

@@ -1,4 +1,4 @@
-//! Surface and paths on the simulated cell, compared with its true values.
+//! Tests of surface and paths on the simulated cell, compared with the cell's ground truth.
 
 use super::panel_reach::{self, ReachSetup};
 use super::{Kinematics, Plan, judge, plan};
@@ -14,14 +14,14 @@ use std::f64::consts::FRAC_PI_2;
 struct Measured {
     plan: Plan,
     verdict: &'static str,
-    /// Mean, p95 and largest distance of the contact waypoints from the true surface, mm.
+    /// Mean, 95 % quantile and maximum of the contact waypoints' distance from the true surface, mm.
     surface_mm: [f64; 3],
-    /// p95 and largest angle between the tool and the true normal, degrees.
+    /// 95 % quantile and maximum of the angle between the tool's axis and the true normal, degrees.
     normal_deg: [f64; 2],
 }
 
-/// Rotations of the whole cell about the base: the panel upright in front of the robot, face up, face down, and
-/// upright at the side.
+/// Rotations of the whole cell about the base: the panel vertical in front of the robot, face up, face down, and
+/// vertical at the side.
 const ATTITUDES: [(&str, [f64; 3]); 4] = [
     ("upright", [0.0, 0.0, 0.0]),
     ("face up", [0.0, FRAC_PI_2, 0.0]),
@@ -50,12 +50,12 @@ fn measured(seed: u64, reduction: usize, [roll, pitch, yaw]: [f64; 3]) -> Measur
     let turn = Rotation3::from_euler_angles(roll, pitch, yaw);
     let cell = Cell::new(seed, Scene::Good, reduction);
     let (recipe, truth) = (recipe(&cell, &turn), cell.truth());
-    // The rotated cell's panel frame, seen from the frame of the ground truth.
+    // The panel's frame of the rotated cell, in the frame of the ground truth.
     let turned_from_panel: Rigid<Panel, Panel> =
         Rigid::from_isometry_unchecked(Isometry3::from_parts(Translation3::identity(), turn.into()));
     let base_from_camera =
         Rigid::<Base, Base>::from_isometry_unchecked(*turned_from_panel.isometry()) * truth.base_from_camera;
-    // The camera's true pose is used: this test measures fit and path, not the calibration.
+    // The camera's true pose is used, because this test measures the fit and the path, not the calibration.
     let panel = TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), base_from_camera, &recipe)
         .unwrap_or_else(|e| panic!("{e}"));
     let Fit { surface, .. } = fit(&panel, recipe.surface()).unwrap_or_else(|e| panic!("{e}"));
@@ -108,9 +108,9 @@ fn a_quarter_size_scan_is_planned_in_every_attitude() {
     }
 }
 
-/// The arm of the simulated cell follows the plan over all grids at the panel's pose, and over each grid alone. With
-/// the panel 400 mm farther away the arm cannot follow, and the message states the place, the distance and what would
-/// help.
+/// The arm of the simulated cell can follow the plan over all grids at the panel's pose, and over each grid alone. If
+/// the panel is 400 mm farther away, the arm cannot follow, and the message contains the waypoint, the distance and a
+/// remedy.
 #[test]
 fn the_simulated_arm_follows_or_reports_the_cause() {
     let cell = Cell::new(1, Scene::Good, 4);
@@ -130,14 +130,14 @@ fn the_simulated_arm_follows_or_reports_the_cause() {
     println!("room {:.1}°, spin {}", reached.arm_travel.room_deg, reached.spin);
     let waypoints: usize = plan.paths.iter().map(|path| path.waypoints.len()).sum();
     assert_eq!(reached.arm_travel.joints.len(), waypoints);
-    // Forward kinematics: the axis angles put the tool at the pose that the plan requires.
+    // Checked with the forward kinematics: the axis angles put the tool at the poses of the plan.
     let legs = panel_reach::plan_legs(&panel_reach::turned_plan(&plan, reached.spin), &stand, 0.0);
     for (joints, leg) in reached.arm_travel.joints.iter().zip(&legs) {
         let there = arm.base_from_flange(joints).expect("numbers") * flange_from_tool;
         assert!(there.origin().distance_mm(leg.base_from_tool.origin()) < 1e-3);
         assert!((there.inverse() * leg.base_from_tool).rotation_angle().0 < 1e-3, "as the tool is turned, too");
     }
-    // The poses that the arm follows with a rotated tool are those of the plan with the rotated tool.
+    // The poses that the arm follows with a spin of the tool are those of the plan with this spin.
     let turned = panel_reach::plan_legs(&panel_reach::turned_plan(&plan, Degrees(60.0)), &stand, 0.0);
     for (written, followed) in turned.iter().zip(&panel_reach::plan_legs(&plan, &stand, 60.0)) {
         let between = written.base_from_tool.inverse() * followed.base_from_tool;
@@ -146,8 +146,8 @@ fn the_simulated_arm_follows_or_reports_the_cause() {
     let around = (&panel.region, panel.outline.as_slice());
     let all = panel_reach::check_grids(&surface, around, &stand, recipe.path()).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!((all.len(), panel_reach::judge_grids(&all).verdict), (grids.len(), Verdict::Accept));
-    // The panel is so near that the arm follows the path but could not lift off at a stop: this is reported for grids,
-    // and for the plan.
+    // The panel is so near that the arm can follow the path but cannot retract after a stop: this is reported for the
+    // grids, and for the plan.
     let nearer = ReachSetup {
         base_from_panel: truth.base_from_panel.followed_by_displacement(Vector::new(Vector3::x() * -100.0)),
         ..stand

@@ -1,5 +1,5 @@
-//! The parts of the panel that a path touches: for each grid, the waypoint from which on the disc reaches it, and the
-//! taught pixels that the disc may touch at all. The waypoints show which grids an interrupted path may have touched.
+//! The parts of the panel that a path touches: for each grid, the first waypoint at which the disc reaches the grid;
+//! and the taught pixels that the disc may touch. The waypoints show which grids an interrupted path may have touched.
 
 use super::planned::Plan;
 use crate::surface::{BSplineSurface, Parameter, ParameterPatch};
@@ -9,20 +9,20 @@ use panelprep_cell::panel::{GridId, Region, TaughtPanel};
 use panelprep_cell::recipe;
 use rayon::prelude::*;
 
-/// Number of samples along each side of a grid, including its edges.
+/// Number of sample points along each side of a grid, including its edges.
 const SAMPLES: usize = 16;
-/// Distance that is added to the disc's radius, mm: a place that the disc barely reaches counts as reached.
+/// Distance that is added to the disc's radius, mm: a point that the disc barely reaches is treated as reached.
 const MARGIN_MM: f64 = 1.0;
 
-/// A place that is up to this distance beyond the disc's edge counts as touched, mm; the errors of the panel's pose and
-/// of the tool's motion are smaller.
+/// Maximum distance of a point beyond the disc's edge at which the point is treated as touched, mm; the errors of the
+/// panel's pose and of the tool's motion are smaller.
 const TOUCH_MARGIN_MM: f64 = 1.5;
-/// Largest distance between the sampled points of the line between two waypoints, mm; a place is farther from a
-/// sampled point than from the line by at most half of this.
+/// Maximum distance between the sampled points of the line between two waypoints, mm; a point is farther from the
+/// nearest sampled point than from the line by at most half of this.
 const STEP_MM: f64 = 0.5;
 
-/// Returns the taught pixels that the disc may touch on a plan's path, for any part of the plan that may be executed. A
-/// pixel of the panel without a scanned point counts as touched if the plan touches the panel at all.
+/// Returns the taught pixels that the disc may touch on a plan's path, whatever part of the plan is executed. A pixel
+/// of the panel without a scanned point is treated as touched if the plan touches the panel at all.
 pub fn taught_pixels(plan: &Plan, panel: &TaughtPanel, settings: &recipe::Path) -> Mask {
     let all: Vec<_> = plan.paths.iter().flat_map(|path| &path.waypoints).collect();
     let mut way: Vec<[f64; 3]> = Vec::new();
@@ -32,15 +32,15 @@ pub fn taught_pixels(plan: &Plan, panel: &TaughtPanel, settings: &recipe::Path) 
         let from = before.map_or(to, |before| before.panel_from_tool.origin());
         let steps = (from.distance_mm(to) / STEP_MM).ceil().max(1.0);
         let points = (0..=steps as usize).map(|step| from + Vector::new((to - from).mm * (step as f64 / steps)));
-        // The disc is checked along the line and not only at the waypoints: between two waypoints it passes over places
+        // The disc is checked along the line and not only at the waypoints: between two waypoints it passes over points
         // that it reaches at neither of them.
         way.extend(points.map(|point| <[f64; 3]>::from(point.mm)));
     }
     pixels_near(&way, settings.disc_diameter_mm() / 2.0 + TOUCH_MARGIN_MM + STEP_MM / 2.0, panel)
 }
 
-/// Returns the taught pixels that a disc may have touched when it abraded these grids. The disc's centre stays on
-/// or beside the grid, so its edge leaves the grid by at most its diameter.
+/// Returns the taught pixels that a disc may have touched when it sanded these grids. The disc's centre stays on the
+/// grid or at most a radius beside it, so its edge leaves the grid by at most its diameter.
 pub fn touched_pixels(grids: &[GridId], panel: &TaughtPanel, settings: &recipe::Path) -> Mask {
     let Mask { width, height, .. } = panel.mask;
     let pixels = (0..height).flat_map(|row| (0..width).map(move |column| (column, row)));
@@ -59,7 +59,7 @@ fn pixels_near(points: &[[f64; 3]], reach_mm: f64, panel: &TaughtPanel) -> Mask 
     if points.is_empty() {
         return near;
     }
-    // If the search tree cannot be built, every point of the panel counts as near.
+    // If the search tree cannot be built, every pixel of the panel is treated as near.
     let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(points) else { return panel.mask.clone() };
     near.inside.par_iter_mut().enumerate().filter(|(index, _)| panel.mask.inside[*index]).for_each(
         |(index, near)| {
@@ -73,8 +73,8 @@ fn pixels_near(points: &[[f64; 3]], reach_mm: f64, panel: &TaughtPanel) -> Mask 
     near
 }
 
-/// Returns for each planned grid the first waypoint of the motion in which the disc reaches the grid; the plan's first
-/// waypoint has the number 0. A grid that the path does not reach is left out.
+/// Returns for each planned grid the first waypoint at whose motion the disc reaches the grid; the plan's first
+/// waypoint has the number 0. Grids that the path does not reach are omitted.
 pub fn first_waypoints(
     plan: &Plan,
     surface: &BSplineSurface,
@@ -91,7 +91,7 @@ pub fn first_waypoints(
     };
     let first = |id: GridId| {
         let points = samples(surface, &ParameterPatch::for_grid(region, id)?);
-        // The first waypoint counts: if the path is interrupted after it, the grid may be partly sanded.
+        // The first waypoint is relevant, because the grid may be partly sanded if the path is interrupted after it.
         (0..all.len()).find(|index| reaches(*index, &points)).map(|index| (id, index))
     };
     plan.grids.iter().filter_map(|grid| first(grid.id)).collect()
@@ -103,7 +103,7 @@ fn samples(surface: &BSplineSurface, patch: &ParameterPatch) -> Vec<Point<Panel>
     (0..SAMPLES * SAMPLES).map(|index| surface.point(patch.parameter_at(at(index)))).collect()
 }
 
-/// Returns the distance of a point from the line between two others, mm.
+/// Returns the distance of a point from the segment between two points, mm.
 fn distance_mm(point: Point<Panel>, from: Point<Panel>, to: Point<Panel>) -> f64 {
     let (way, off) = ((to - from).mm, (point - from).mm);
     let along = (off.dot(&way) / way.norm_squared().max(1e-12)).clamp(0.0, 1.0);

@@ -1,23 +1,23 @@
-//! The path of the tool while it was in contact, as the robot reported it.
+//! The path of the tool in contact, as the robot reported it.
 //!
-//! The robot reports its pose about every 100 ms, together with the waypoints that it has executed. If more than two
-//! waypoints lie between two reports, these waypoints replace the missing reports, since the robot reported that it had
-//! executed them. The distance of the reports from the planned lines is recorded, too.
+//! The robot reports its pose about every 100 ms, together with the number of waypoints that it has executed. If more
+//! than two waypoints lie between two reports, these waypoints replace the missing reports, because the robot reported
+//! that it had executed them. The distance of the reports from the planned lines is recorded, too.
 
 use super::dwell::ExecutedPose;
 use super::planned::Waypoint;
 use panelprep_base::geometry::{KukaPose, Panel, Point, Rigid, Tool};
 
-/// A pose that the controller reported.
+/// A pose that the controller reported during a contact path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseReport {
     /// Time by the controller's clock, ms.
     pub time_ms: u32,
     /// The tool's pose in the panel's frame, which is the base set in the controller.
     pub tip: KukaPose,
-    /// Number of executed waypoints, not counting the plan's first one, at which the arm already was.
+    /// Number of executed waypoints, without the plan's first waypoint, at which the arm already was.
     pub done: u32,
-    /// The contact force that a compliant tool measured at that time, N.
+    /// The contact force that a compliant tool measured at this time, N.
     pub force_n: Option<f64>,
 }
 
@@ -28,11 +28,11 @@ pub struct Trace(Vec<PoseReport>);
 /// The executed path.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ExecutedPath {
-    /// Poses in the order of time.
+    /// The poses in the order of time.
     pub poses: Vec<ExecutedPose>,
     /// Number of the robot's reports among the poses.
     pub reports: usize,
-    /// Largest distance of a reported pose from the nearby planned lines, mm.
+    /// Largest distance of a reported pose from the planned lines nearby, mm.
     pub off_mm: f64,
     /// Length of the path in contact, mm.
     pub contact_mm: f64,
@@ -44,14 +44,15 @@ impl Trace {
         self.0.push(report);
     }
 
-    /// Adds a compliant tool's measurement to the last report, N; only the first measurement counts.
+    /// Adds the force that a compliant tool measured to the last report, N; only the first measurement of a report is
+    /// used.
     pub fn measured(&mut self, force_n: f64) {
         if let Some(last) = self.0.last_mut() {
             last.force_n.get_or_insert(force_n);
         }
     }
 
-    /// Returns the executed path; at its end, `done` of all waypoints were executed.
+    /// Returns the executed path, at whose end `done` of all waypoints were executed.
     pub fn executed_path(&self, all: &[Waypoint], done: u32) -> ExecutedPath {
         let mut walked = ExecutedPath { reports: self.0.len(), ..ExecutedPath::default() };
         // The arm starts at the first waypoint.
@@ -62,8 +63,8 @@ impl Trace {
             let reached = (report.done as usize).min(all.len().saturating_sub(1));
             let missed = reached.saturating_sub(passed);
             let mut places: Vec<(Rigid<Panel, Tool>, bool)> = Vec::new();
-            // With one or two corners between two reports, the straight line between the reports deviates by less than
-            // the rounding of the corners.
+            // With one or two corners between two reports, the straight line between the reports deviates from the path
+            // by less than the rounding of the corners.
             if missed > MAX_MISSED || !is_report {
                 let stand_in =
                     |index: usize| (all[index].panel_from_tool, all[index].contact && all[index - 1].contact);
@@ -89,9 +90,9 @@ impl Trace {
     }
 }
 
-/// If more waypoints than this lie between two reports, they replace the missing reports.
+/// Maximum number of waypoints between two reports at which no report is treated as missing.
 const MAX_MISSED: usize = 2;
-/// Number of lines before and after the current one on which a reported pose may lie, because the pose and the number
+/// Number of lines before and after the current line on which a reported pose may lie, because the pose and the number
 /// of executed waypoints are not from the same time.
 const NEIGHBOUR_LINES: usize = 3;
 
@@ -100,8 +101,8 @@ fn current_target(all: &[Waypoint], done: u32) -> usize {
     (done as usize + 1).min(all.len().saturating_sub(1)).max(1)
 }
 
-/// Returns the distance of a point from the planned lines near the line on which the arm is after this number of
-/// executed waypoints, mm; infinite if no line is planned.
+/// Returns the distance of a point from the planned lines near the arm's current line, mm; infinite if there is no
+/// planned line. The current line follows from the number of executed waypoints.
 pub fn path_deviation_mm(all: &[Waypoint], done: u32, point: Point<Panel>) -> f64 {
     let towards = current_target(all, done);
     let place = |index: usize| all[index].panel_from_tool.origin();
@@ -132,8 +133,8 @@ mod tests {
         walked.poses.iter().map(way).collect()
     }
 
-    /// By hand: down at 0, along to 50, up. Reports on the way are used as they are, half a millimetre beside the
-    /// line.
+    /// Calculated by hand: down at 0, along to 50, up. Reports on the way, half a millimetre beside the line, are used
+    /// without a change.
     #[test]
     fn reports_are_used_as_the_path() {
         let all: Vec<Waypoint> =
@@ -151,7 +152,7 @@ mod tests {
     }
 
     /// After a gap in the reports, the waypoints that were reported as executed replace the missing reports; the time
-    /// of the gap is divided among them.
+    /// of the gap is distributed over the waypoints.
     #[test]
     fn waypoints_replace_missing_reports() {
         let all: Vec<Waypoint> = (0..8).map(|n| waypoint(10.0 * f64::from(n), n > 0 && n < 7)).collect();
@@ -167,7 +168,7 @@ mod tests {
             (55.0, 0.2, true),
         ];
         assert_eq!(ways(&trace.executed_path(&all, 5)), expected);
-        // The remaining waypoints are reported with the path's end; the retraction is not contact.
+        // The remaining waypoints are reported with the path's end; the retraction is not in contact.
         let whole = trace.executed_path(&all, 7);
         assert_eq!(ways(&whole)[6..], [(60.0, 0.0, true), (70.0, 0.0, false)]);
         assert_eq!(Trace::default().executed_path(&all, 0), ExecutedPath::default(), "nothing moved");

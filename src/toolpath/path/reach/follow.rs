@@ -1,16 +1,16 @@
-//! Follows a motion of the arm step by step: a path, the retract from it, or a joint motion of all axes.
+//! Follows a motion of the arm step by step: a path, the retraction from a path, or a joint motion of all axes.
 //!
 //! A path is followed from pose to pose, in the arm's current configuration or in the one with the most room.
 //!
-//! The retract shows whether the arm could leave the panel at a stop: from each waypoint in contact, along the tool's
-//! axis, in the arm's configuration there. Distance and speed are those with which the controller's program lifts the
-//! tool off. The check applies to a path that the arm can follow; it covers only the retract, not the motion back to
-//! the park pose.
+//! The check of the retraction shows whether the arm can leave the panel after a stop: from each waypoint in contact,
+//! along the tool's axis, in the arm's configuration at this waypoint. Distance and speed are those with which the
+//! controller's program retracts the tool. The check applies to a path that the arm can follow. It covers only the
+//! retraction, not the motion back to the park pose.
 //!
 //! A joint motion rotates all axes together from one position to another, as `move_j` does. Singularities and the
 //! margins from the axis limits matter only for linear motions. A joint motion is checked against the axis limits
-//! themselves, the keep-out boxes and the obstacles of the scan, in steps of at most 0.4° of the axis that rotates
-//! farthest.
+//! themselves, the keep-out boxes and the obstacles of the scan, in steps of at most 0.4° of the axis with the largest
+//! rotation.
 
 use super::infeasible::{
     CheckedPose, Infeasibility, PathLine, ReachFault, axis_limit, check_clearance, check_keep_out,
@@ -22,17 +22,17 @@ use panelprep_base::geometry::{Base, Flange, Joints, Point, Rigid, Tool, Vector}
 use panelprep_cell::controller::{RETRACT_MM, RETRACT_MM_S};
 use rayon::prelude::*;
 
-/// Longest step between two checked poses.
+/// Maximum distance between two checked poses, mm.
 const STEP_MM: f64 = 10.0;
-/// Largest rotation between two checked poses, degrees.
+/// Maximum rotation between two checked poses, degrees.
 const STEP_DEG: f64 = 3.0;
-/// Largest rotation of an axis in one step, degrees; a larger rotation means that the configuration has changed.
+/// Maximum rotation of an axis in one step, degrees; a larger rotation means that the configuration has changed.
 const MAX_STEP_TURN_DEG: f64 = 30.0;
-/// Shifts of the panel that are tried, mm, along each axis of the base.
+/// Shifts of the panel that are tried along each axis of the base, mm.
 const SHIFTS_MM: [f64; 6] = [10.0, 20.0, 40.0, 60.0, 100.0, 150.0];
 
-/// Largest rotation of an axis between two checked poses, degrees: at a radius of 1 m the tip moves by 7 mm, which is
-/// less than the smallest required distance from a surface, 8 mm.
+/// Maximum rotation of an axis between two checked poses of a joint motion, degrees: at a radius of 1 m the tip moves
+/// by 7 mm, which is less than the smallest required distance from a surface, 8 mm.
 const AXIS_STEP_DEG: f64 = 0.4;
 
 /// The result of following a path with the arm.
@@ -40,14 +40,15 @@ const AXIS_STEP_DEG: f64 = 0.4;
 pub struct ArmTravel {
     /// The axis angles at each waypoint.
     pub joints: Vec<Joints>,
-    /// Smallest room beyond the margins, degrees, over all axes and the wrist singularity.
+    /// Smallest room after the margins, degrees, over all axes and the wrist singularity.
     pub room_deg: f64,
 }
 
-/// Follows a path from the current axis angles, or, without them, in the configuration that has the most room.
+/// Follows a path from the current axis angles; without these, in the configuration with the most room.
 ///
 /// # Errors
-/// Returns the first cause, in the configuration with which the arm comes farthest.
+/// If the arm cannot follow the path. The error is the first cause, in the configuration with which the arm follows the
+/// path farthest.
 pub fn follow_path(
     arm: &Kinematics,
     flange_from_tool: Rigid<Flange, Tool>,
@@ -81,8 +82,8 @@ pub fn follow_path(
     best.ok_or_else(|| farthest.map_or_else(missing, |(_, fault)| fault))
 }
 
-/// Returns the axis solutions for this flange pose that keep all margins and lie outside all keep-out boxes; `tip` is
-/// the tool's.
+/// Returns the axis solutions for this flange pose that keep all margins and lie outside of all keep-out boxes; `tip`
+/// is the tool's tip.
 pub fn postures(arm: &Kinematics, base_from_flange: &Rigid<Base, Flange>, tip: Point<Flange>) -> Vec<Joints> {
     let look = CheckedPose {
         index: 0,
@@ -101,8 +102,8 @@ pub fn postures(arm: &Kinematics, base_from_flange: &Rigid<Base, Flange>, tip: P
     arm.inverse_solutions(base_from_flange).into_iter().filter(may_stand).map(Joints::from).collect()
 }
 
-/// Returns the smallest shift of the panel along an axis of the base with which the arm follows the path; `None` if
-/// none of the tried shifts helps.
+/// Returns the smallest shift of the panel along an axis of the base with which the arm can follow the path; `None` if
+/// the arm cannot follow the path with any of the tried shifts.
 pub fn helpful_shift(
     arm: &Kinematics,
     flange_from_tool: Rigid<Flange, Tool>,
@@ -146,7 +147,7 @@ fn checked_poses(
     if let Some(start) = before {
         all.push(look(0, start, 0.0, None, false));
     }
-    // The previous motion is not known, so the path is assumed to begin at standstill.
+    // The motion before the path is not known, so the path is assumed to begin at standstill.
     let mut blend = 0.0;
     for (index, leg) in legs.iter().enumerate() {
         let to = leg.base_from_tool;
@@ -169,7 +170,7 @@ fn checked_poses(
     Ok(all)
 }
 
-/// Follows the poses step by step in one configuration; if this fails, returns the step and the reason.
+/// Follows the poses step by step in one configuration. If the arm cannot follow, returns the step and the reason.
 fn track_configuration(
     arm: &Kinematics,
     looks: &[CheckedPose],
@@ -202,7 +203,7 @@ fn widest_axis(turned: &JointAngles) -> usize {
     (0..6).fold(0, |widest, axis| if turned[axis].abs() > turned[widest].abs() { axis } else { widest })
 }
 
-/// Returns the axis solution for a pose that is nearest to the current axis angles, including rotations by 360°.
+/// Returns the axis solution of a pose that is nearest to the current axis angles, including rotations by 360°.
 fn nearest(arm: &Kinematics, look: &CheckedPose, at: &JointAngles) -> Result<JointAngles, Infeasibility> {
     nearest_solution(&look.solutions, at).ok_or_else(|| reach_infeasibility(arm, look))
 }
@@ -211,8 +212,8 @@ fn reach_infeasibility(arm: &Kinematics, look: &CheckedPose) -> Infeasibility {
     Infeasibility::OutOfReach { beyond_mm: arm.reach_excess_mm(&look.base_from_flange) }
 }
 
-/// Returns a solution together with its variants in which axes 4 and 6 are rotated by a further 360° in either
-/// direction, as far as the limits allow.
+/// Returns a solution together with the solutions in which axes 4 and 6 are rotated by a further 360° in either
+/// direction, as far as the axis limits permit.
 fn full_turn_variants(arm: &Kinematics, way: &JointAngles) -> Vec<JointAngles> {
     let mut all = Vec::new();
     for turn_4 in [-360.0, 0.0, 360.0] {
@@ -226,25 +227,25 @@ fn full_turn_variants(arm: &Kinematics, way: &JointAngles) -> Vec<JointAngles> {
     all
 }
 
-/// Returns the straight line away from the panel.
+/// Returns the linear retraction from the panel, along the tool's axis.
 pub fn retract(base_from_tool: Rigid<Base, Tool>) -> PathLine {
     let away = Rigid::<Tool, Tool>::identity().followed_by_displacement(Vector::new(Vector3::z() * -RETRACT_MM));
     PathLine { base_from_tool: base_from_tool * away, feed_mm_s: RETRACT_MM_S, blend_mm: 0.0 }
 }
 
-/// Checks each waypoint in contact. Each item states whether the waypoint is in contact, the tool's pose and the axis
-/// angles.
+/// Checks the retraction from each waypoint in contact. Each item contains whether the waypoint is in contact, the
+/// tool's pose and the axis angles.
 ///
 /// # Errors
-/// The first waypoint from which the arm could not lift off, as [`Infeasibility::Retract`].
+/// The first waypoint from which the arm cannot retract, as [`Infeasibility::Retract`].
 pub fn check_retracts(
     arm: &Kinematics,
     flange_from_tool: Rigid<Flange, Tool>,
     waypoints: impl IntoIterator<Item = (bool, Rigid<Base, Tool>, Joints)>,
 ) -> Result<(), ReachFault> {
     let in_contact = waypoints.into_iter().enumerate().filter(|(_, (contact, ..))| *contact);
-    // Every waypoint is checked, because an epoch can end at any of them, and the controller then retracts on its own
-    // along a line.
+    // Every waypoint is checked, because an epoch can end at any of them, and the controller then retracts the tool
+    // without a further command.
     for (index, (_, base_from_tool, joints)) in in_contact {
         if let Err(fault) = follow_path(arm, flange_from_tool, Some(&joints), &[retract(base_from_tool)]) {
             return Err(ReachFault { index, cause: Infeasibility::Retract { why: Box::new(fault.cause) } });
@@ -253,10 +254,10 @@ pub fn check_retracts(
     Ok(())
 }
 
-/// Checks a motion with this tool in which all axes rotate in proportion from the first to the second angles.
+/// Checks a joint motion with this tool: all axes rotate in proportion from the first to the second angles.
 ///
 /// # Errors
-/// Returns the obstacle or limit that prevents the motion.
+/// The obstacle or axis limit that prevents the motion.
 pub fn joint_motion(
     arm: &Kinematics,
     flange_from_tool: Rigid<Flange, Tool>,
@@ -281,7 +282,7 @@ pub fn joint_motion(
         let at: JointAngles = std::array::from_fn(|axis| from[axis] + (to[axis] - from[axis]) * share);
         let base_from_flange = arm.base_from_flange(&Joints::from(at)).ok_or(Infeasibility::NotFinite)?;
         let tip = (base_from_flange * flange_from_tool).origin();
-        // A motion that leads out of a keep-out box is permitted.
+        // The start is not checked, because a motion that leads out of a keep-out box is permitted.
         if step > 0 {
             check_keep_out(arm, tip, &at)?;
         }
@@ -298,21 +299,21 @@ mod tests {
     use panelprep_cell::cell::Cell;
     use std::sync::Arc;
 
-    /// Reads the value of a constant in the shipped program.
+    /// Returns the value of a constant in the controller's program as it is shipped.
     fn shipped(name: &str) -> f64 {
         let text = include_str!("../../../../config/kuka/cell_config.dat");
         let line = text.lines().find_map(|line| line.split_once(&format!("{name}="))).expect("a constant");
         line.1.trim().parse().expect("a number")
     }
 
-    /// The retract is the same as in the controller's program.
+    /// The retraction is the same as in the controller's program.
     #[test]
     fn the_retract_equals_that_of_the_controller_program() {
         assert_eq!((RETRACT_MM, RETRACT_MM_S), (shipped("CELL_RETRACT_MM"), 1e3 * shipped("CELL_RETRACT_VEL")));
     }
 
-    /// A case that a random walk over the controller's programs found: the tool points down, and axis 5 is so near to
-    /// its limit that the arm cannot lift it by 50 mm. In front of a panel the arm can.
+    /// A case that a random test of the controller's programs found: the tool points down, and axis 5 is so near to its
+    /// limit that the arm cannot retract by 50 mm. In front of a panel the arm can retract.
     #[test]
     fn a_contact_without_a_possible_retract_is_refused() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}"));
@@ -341,8 +342,9 @@ mod tests {
         Joints { a1_deg, a2_deg: -90.0, a3_deg: 90.0, a5_deg: 30.0, ..Joints::default() }
     }
 
-    /// A post stands beside the arm, 45° to the right (A1 = 45, as KUKA counts): a rotation from 0 to 90° passes over
-    /// it, a rotation to the left does not. Calculated by hand: the wrist moves at 25 + 365 = 390 mm from axis 1.
+    /// A post stands beside the arm, 45° to the right (A1 = 45 in KUKA's sense of rotation): a rotation from 0 to 90°
+    /// passes over the post, a rotation to the left does not. Calculated by hand: the wrist moves at 25 + 365 = 390 mm
+    /// from axis 1.
     #[test]
     fn a_joint_motion_is_checked_along_its_arc() {
         let post = "[[keep_out]]\nname = 'post'\nmin_mm = [250, -300, 0]\nmax_mm = [300, -250, 900]\n";
@@ -357,8 +359,8 @@ mod tests {
         assert_eq!(joint_motion(&arm, tool, &turn(0.0), &turn(f64::NAN)), Err(Infeasibility::NotFinite));
     }
 
-    /// The same motion over an object that a scan showed at the place of the post. By hand: at 45° the forearm passes
-    /// over it.
+    /// The same motion over an object that a scan showed at the position of the post. Expected value, calculated by
+    /// hand: the forearm passes over the object at 45°.
     #[test]
     fn a_joint_motion_keeps_its_distance_from_scanned_obstacles() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
@@ -374,9 +376,9 @@ mod tests {
     }
 
     /// A sheet of points 8 mm apart lies beside the tip; elsewhere 40 mm are required. At the end of a checked path a
-    /// motion away from it is permitted if it begins at 20 mm, and a motion through it is not, wherever it begins. By
-    /// hand: at 20 mm the nearest point is 20.8 mm away, and 10 mm must be left; at 4 mm it is 6.9 mm away, and 8 mm
-    /// must be.
+    /// motion away from the sheet is permitted if it begins at 20 mm; a motion through the sheet is never permitted.
+    /// Expected values, calculated by hand: at 20 mm the nearest point is 20.8 mm away, and the required distance is 10
+    /// mm. At 4 mm the nearest point is 6.9 mm away, and the required distance is 8 mm.
     #[test]
     fn a_departure_does_not_pass_through_a_surface() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
@@ -384,7 +386,7 @@ mod tests {
         let tool: Rigid<Flange, Tool> = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
         let tip = (arm.base_from_flange(&turn(0.0)).expect("finite") * tool).origin();
         let moves = |beside_mm: f64, to_deg: f64| {
-            // To the left of the tip; a positive rotation of A1 leads to the right.
+            // The sheet is to the left of the tip; a positive rotation of A1 leads to the right.
             let at = |x: i32, z: i32| (tip.mm.x + f64::from(8 * x), tip.mm.z + f64::from(8 * z));
             let sheet = (-12..=12).flat_map(|x| (-12..=0).map(move |z| at(x, z)));
             let points = sheet.map(|(x, z)| Point::at(x + 4.0, tip.mm.y + beside_mm, z + 4.0));
@@ -396,7 +398,7 @@ mod tests {
         assert_eq!([moves(4.0, 20.0), moves(4.0, -20.0)], [[false, false], [false, false]]);
     }
 
-    /// An object 40 mm from the forearm's centre line, and far from the tool: at the end of a path, too, the forearm
+    /// An object is 40 mm from the forearm's centre line, and far from the tool. Also at the end of a path, the forearm
     /// must keep the distance that it had at the start, which is less than the configured 80 mm.
     #[test]
     fn the_arm_body_keeps_its_distance_at_the_end_of_a_path() {

@@ -1,8 +1,8 @@
-//! The limits that every pose of a path must satisfy, and the reasons why an arm cannot follow a path, as text that
-//! states the axis or part, its value, and the limit.
+//! The limits that every pose of a path must satisfy, and the reasons why an arm cannot follow a path. As a text, a
+//! reason contains the axis or the part of the arm, its value, and the limit.
 //!
-//! The limits are those of the axes, the singularities, speeds and accelerations, the boxes that no part of the arm
-//! may enter, and the distances from the obstacles that a scan showed.
+//! The limits are those of the axes, the singularities, speeds and accelerations, the boxes that no part of the arm may
+//! enter, and the distances from the obstacles that a scan showed.
 
 use crate::path::kinematics::{JointAngles, Kinematics};
 use crate::path::obstacles::Obstacle;
@@ -11,21 +11,21 @@ use panelprep_base::geometry::{Base, Flange, Frame, Joints, Point, Rigid, Tool};
 use panelprep_base::number_text::{distinguishable_texts, shortest_text};
 use panelprep_cell::controller::RETRACT_MM;
 
-/// Name of the part of the arm that may come near to the panel.
+/// Name of the arm's part that may approach the panel.
 const TOOL: &str = "tool";
-/// Distance between points on the arm that are compared with the keep-out boxes, mm.
+/// Distance between the points of the arm that are compared with the keep-out boxes, mm.
 const SAMPLE_MM: f64 = 15.0;
 
 /// Upper limit of the tool's required distance from an obstacle on a motion away from the end of a checked path, mm.
-/// Elsewhere the configured distance is required; the joint motion that begins 40 mm above the demonstration's panel
-/// brings the rim of the disc to 11.8 mm above it. The obstacles' points are thinned to 8 mm, which makes a distance of
-/// 8 mm appear as up to 10 mm.
+/// Elsewhere the configured distance is required. The joint motion that begins 40 mm above the demonstration's panel
+/// brings the rim of the disc to 11.8 mm above the panel. The obstacles' points are thinned to 8 mm, so that a distance
+/// of 8 mm can be measured as up to 10 mm.
 const DEPARTURE_MM: f64 = 10.0;
-/// Smallest distance of the tool from the obstacle points at which it cannot pass through a surface, mm: a line that
-/// passes between points 8 mm apart comes nearer to one of them.
+/// Minimum distance of the tool from the obstacle points at which it cannot pass through a surface, mm: a line that
+/// passes between points 8 mm apart is nearer than this to one of the points.
 const MESH_MM: f64 = 8.0;
-/// Length by which the arm's body may come nearer to an obstacle on such a motion, mm. Its configured distance includes
-/// half of its thickness.
+/// Length by which the arm's body may approach an obstacle on such a motion, mm. The configured distance of the body
+/// includes half of its thickness.
 const BODY_SLACK_MM: f64 = 1.0;
 
 /// Kinds of singularities.
@@ -45,10 +45,10 @@ pub enum Infeasibility {
     /// A number is not finite.
     #[error("the pose is not a valid number")]
     NotFinite,
-    /// The pose is too far or too near.
+    /// The pose is too far from the arm, or too near to it.
     #[error("the pose is {beyond_mm:.1} mm beyond the arm's reach")]
     OutOfReach {
-        /// Distance beyond the reach, mm.
+        /// Distance of the pose beyond the reach, mm.
         beyond_mm: f64,
     },
     /// An axis exceeds its limits, which are reduced by the margin.
@@ -59,12 +59,12 @@ pub enum Infeasibility {
     AxisLimit {
         /// 1 to 6.
         axis: usize,
-        /// The angle to which the axis would rotate, degrees.
+        /// The required angle of the axis, degrees.
         angle_deg: f64,
-        /// Lowest and highest angle, reduced by the margins, degrees.
+        /// Minimum and maximum angle after the margins are subtracted, degrees.
         allowed_deg: [f64; 2],
     },
-    /// The arm is near a singularity.
+    /// The arm is too near to a singularity.
     #[error("{} ({}, needed {})", describe_singularity(*singularity), distinguishable_texts(*found, *needed, 1)[0], distinguishable_texts(*found, *needed, 1)[1])]
     Singular {
         /// Kind of the singularity.
@@ -74,7 +74,7 @@ pub enum Infeasibility {
         /// The required distance.
         needed: f64,
     },
-    /// The configuration would change.
+    /// The configuration of the arm would change.
     #[error(
         "axis {axis} would jump by {turn_deg:.0}°: the next pose is only reachable in another arm configuration"
     )]
@@ -84,7 +84,7 @@ pub enum Infeasibility {
         /// Smallest jump, degrees.
         turn_deg: f64,
     },
-    /// An axis is too fast.
+    /// The required speed of an axis is too high.
     #[error(
         "axis {axis} would turn at {} °/s (limit {} °/s); lower feed_mm_s", distinguishable_texts(*needed_deg_s, *allowed_deg_s, 0)[0],
         distinguishable_texts(*needed_deg_s, *allowed_deg_s, 0)[1]
@@ -97,7 +97,7 @@ pub enum Infeasibility {
         /// Limit of the speed, degrees per second.
         allowed_deg_s: f64,
     },
-    /// The acceleration of an axis is too high.
+    /// The required acceleration of an axis is too high.
     #[error(
         "axis {axis} would accelerate at {} °/s² (limit {} °/s²); lower feed_mm_s",
         distinguishable_texts(*needed_deg_s2, *allowed_deg_s2, 0)[0], distinguishable_texts(*needed_deg_s2, *allowed_deg_s2, 0)[1]
@@ -116,7 +116,7 @@ pub enum Infeasibility {
         distinguishable_texts(*distance_mm, *needed_mm, 0)[1]
     )]
     KeepOut {
-        /// Part of the arm or the tool.
+        /// Name of the part of the arm, or of the tool.
         part: &'static str,
         /// The box.
         name: String,
@@ -125,19 +125,19 @@ pub enum Infeasibility {
         /// Distance needed, mm.
         needed_mm: f64,
     },
-    /// After a stop in contact, the arm could not lift the tool off.
+    /// The arm could not retract the tool after a stop in contact.
     #[error(
         "at a stop the controller lifts the tool by {} mm, which is not possible from this pose: {why}",
         RETRACT_MM
     )]
     Retract {
-        /// The reason why the retract is not possible.
+        /// The reason why the retraction is not possible.
         why: Box<Infeasibility>,
     },
 }
 
 impl Infeasibility {
-    /// Returns the code of the reason for which such a path is refused.
+    /// Returns the code with which a path is rejected for this reason.
     pub fn code(&self) -> &'static str {
         match self {
             Infeasibility::Retract { .. } => "retract_out_of_reach",
@@ -160,17 +160,17 @@ fn describe_singularity(which: Singularity) -> &'static str {
     }
 }
 
-/// The place at which a path is refused, and the reason.
+/// The waypoint at which the arm cannot follow a path, and the reason.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("waypoint {index}: {cause}")]
 pub struct ReachFault {
-    /// The waypoint at which, or on the motion to which, the problem occurs, from 0.
+    /// Index of the waypoint, from 0. The cause is at the waypoint or on the motion to it.
     pub index: usize,
-    /// Cause of the fault.
+    /// The reason why the arm cannot follow.
     pub cause: Infeasibility,
 }
 
-/// Returns the first axis that exceeds its limits, which are reduced by the margin.
+/// Returns the violation by the first axis that exceeds its limits, which are reduced by the margin.
 pub(super) fn first_exceeded_axis(arm: &Kinematics, at: &JointAngles) -> Option<Infeasibility> {
     let (axes, margin_deg) = (arm.arm().axes(), arm.arm().margins().limit_margin_deg());
     (0..6).find_map(|axis| {
@@ -180,7 +180,7 @@ pub(super) fn first_exceeded_axis(arm: &Kinematics, at: &JointAngles) -> Option<
     })
 }
 
-/// Returns the reason if every solution exceeds an axis limit: the limit that is exceeded least.
+/// Returns the violation with the smallest excess, if every solution exceeds an axis limit.
 pub(super) fn axis_limit(arm: &Kinematics, ways: &[JointAngles]) -> Infeasibility {
     let far = |cause: &Infeasibility| match cause {
         Infeasibility::AxisLimit { angle_deg, allowed_deg, .. } => {
@@ -192,7 +192,7 @@ pub(super) fn axis_limit(arm: &Kinematics, ways: &[JointAngles]) -> Infeasibilit
     all.min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(Infeasibility::NotFinite)
 }
 
-/// Calculates the room beyond all margins, degrees.
+/// Calculates the room after all margins, degrees.
 pub(super) fn limit_room_deg(arm: &Kinematics, look: &CheckedPose, at: &JointAngles) -> Result<f64, Infeasibility> {
     if let Some(cause) = first_exceeded_axis(arm, at) {
         return Err(cause);
@@ -213,7 +213,7 @@ pub(super) fn limit_room_deg(arm: &Kinematics, look: &CheckedPose, at: &JointAng
     Ok(least.min(wrist_deg - margins.wrist_margin_deg()).min(arm.elbow_deg(at) - margins.elbow_margin_deg()))
 }
 
-/// Checks and returns the axes' speeds on a step, degrees per second.
+/// Checks and returns the axes' speeds in a step, degrees per second.
 pub(super) fn too_fast(
     arm: &Kinematics,
     look: &CheckedPose,
@@ -221,7 +221,7 @@ pub(super) fn too_fast(
     before: &JointAngles,
 ) -> Result<JointAngles, Infeasibility> {
     let axes = arm.arm().axes();
-    // A pure rotation takes the time that the controller plans for it.
+    // A step without a duration is a pure rotation; it takes the time that the controller plans for it.
     if look.seconds <= 0.0 {
         return Ok([0.0; 6]);
     }
@@ -257,8 +257,8 @@ fn parts(
     ]
 }
 
-/// Checks that neither a part of the arm nor the tool with its tip at this point is in a keep-out box or too near to a
-/// box.
+/// Checks that no part of the arm, and not the tool with its tip at this point, is inside of a keep-out box or too near
+/// to one.
 pub(super) fn check_keep_out(arm: &Kinematics, tip: Point<Base>, at: &JointAngles) -> Result<(), Infeasibility> {
     if arm.arm().keep_out().is_empty() {
         return Ok(());
@@ -282,41 +282,41 @@ pub(super) fn check_keep_out(arm: &Kinematics, tip: Point<Base>, at: &JointAngle
     Ok(())
 }
 
-/// One line of a path.
+/// One linear motion of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PathLine {
     /// The pose at the end of the line.
     pub base_from_tool: Rigid<Base, Tool>,
     /// Speed of the tool centre point on this line, mm/s.
     pub feed_mm_s: f64,
-    /// Rounding at the end of the line, mm; 0 stops there.
+    /// Rounding at the end of the line, mm; with 0 the arm stops there.
     pub blend_mm: f64,
 }
 
-/// One checked pose of a path.
+/// A pose of a path at which the arm is checked.
 pub(super) struct CheckedPose {
     pub index: usize,
     pub base_from_flange: Rigid<Base, Flange>,
     pub tip: Point<Base>,
     /// Time since the previous checked pose, s.
     pub seconds: f64,
-    /// Time in which the speed may change since the previous checked pose, s; `None` if the arm stops in between.
+    /// Time in which the speed changes since the previous checked pose, s; `None` if the arm stops in between.
     pub change_s: Option<f64>,
-    /// Whether a waypoint ends here.
+    /// Whether the pose is the end of a waypoint's motion.
     pub is_end: bool,
     pub solutions: Vec<JointAngles>,
 }
 
-/// Returns the pose at a fraction of a straight line, rotated by the same fraction of the angle.
+/// Returns the pose at a fraction of a linear motion; the rotation is interpolated by the same fraction.
 pub fn interpolate_pose<To: Frame>(from: Rigid<To, Tool>, to: Rigid<To, Tool>, share: f64) -> Rigid<To, Tool> {
     let (from, to) = (from.isometry(), to.isometry());
     let place = from.translation.vector.lerp(&to.translation.vector, share);
-    // Between opposite rotations the interpolation is not unique; the check at the end finds the jump.
+    // The interpolation between opposite rotations is not unique; the check at the end detects the jump.
     let turned = from.rotation.try_slerp(&to.rotation, share, 1e-9).unwrap_or(to.rotation);
     Rigid::from_isometry_unchecked(Isometry3::from_parts(place.into(), turned))
 }
 
-/// Checks that neither a part of the arm nor the tool with its tip at this point is too near to any obstacle point.
+/// Checks that no part of the arm, and not the tool with its tip at this point, is too near to an obstacle point.
 pub(super) fn check_clearance(arm: &Kinematics, tip: Point<Base>, at: &JointAngles) -> Result<(), Infeasibility> {
     let Some(obstacles) = arm.obstacles() else { return Ok(()) };
     for (index, (part, from, to, needed_mm)) in parts(arm, tip, at).into_iter().enumerate() {
@@ -338,10 +338,10 @@ pub fn is_clear(arm: &Kinematics, flange_from_tool: Rigid<Flange, Tool>, at: &Jo
     tip.is_some_and(|tip| check_clearance(arm, tip, &at.degrees()).is_ok())
 }
 
-/// Returns the arm at the end of a checked path that led near to an obstacle: on a motion that begins with these axis
-/// angles, the tool must keep half of its distance at the start, but at most [`DEPARTURE_MM`] and at least [`MESH_MM`].
-/// The body must keep its distance at the start, or the configured distance if that is smaller, less [`BODY_SLACK_MM`].
-/// `None` if the angles are not finite.
+/// Returns the arm with the required distances for a motion that begins with these axis angles, at the end of a checked
+/// path near an obstacle. The tool must keep half of its distance at the start, but at most [`DEPARTURE_MM`] and at
+/// least [`MESH_MM`]. The body must keep its distance at the start, or the configured distance if that is smaller,
+/// minus [`BODY_SLACK_MM`]. `None` if the angles are not finite.
 pub fn departing(arm: &Kinematics, from: &Joints, flange_from_tool: Rigid<Flange, Tool>) -> Option<Kinematics> {
     let tip = (arm.base_from_flange(from)? * flange_from_tool).origin();
     let Some(obstacles) = arm.obstacles() else { return Some(arm.clone()) };
@@ -360,7 +360,7 @@ pub fn departing(arm: &Kinematics, from: &Joints, flange_from_tool: Rigid<Flange
     Some(arm.clone().with_least_distances(least_mm))
 }
 
-/// Returns the distance of a point from the line between two others, mm.
+/// Returns the distance of a point from the segment between two points, mm.
 fn from_line_mm(point: Point<Base>, from: Point<Base>, to: Point<Base>) -> f64 {
     let (way, arm) = ((to - from).mm, (point - from).mm);
     let share = (arm.dot(&way) / way.norm_squared().max(1e-9)).clamp(0.0, 1.0);
@@ -377,8 +377,8 @@ mod tests {
     use panelprep_cell::cell::Cell;
     use std::sync::Arc;
 
-    /// Calculated by hand: (30, 40, 0) is 40 mm beside the line from the origin along X, (−30, 40, 0) is 50 mm from
-    /// the line's beginning.
+    /// Expected values, calculated by hand: (30, 40, 0) is 40 mm beside the segment from the origin along X, (−30, 40,
+    /// 0) is 50 mm from the segment's start.
     #[test]
     fn distances_from_a_line() {
         let line =
@@ -386,8 +386,8 @@ mod tests {
         assert!((line(30.0) - 40.0).abs() < 1e-12 && (line(-30.0) - 50.0).abs() < 1e-12);
     }
 
-    /// A tool of 120 mm moves 60 mm along its axis. An object 30 mm ahead of its end is too near for the required
-    /// 40 mm, an object 60 mm ahead is not.
+    /// A tool of 120 mm moves 60 mm along its axis; the required distance is 40 mm. An object 30 mm ahead of the end is
+    /// too near, an object 60 mm ahead is not.
     #[test]
     fn a_line_that_comes_too_near_to_the_panel_is_refused() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|error| panic!("{error}"));

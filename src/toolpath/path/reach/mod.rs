@@ -1,13 +1,13 @@
 //! Checks whether the arm can follow a path: within its limits and margins, in one configuration, at the requested
 //! speed.
 //!
-//! A path of linear motions is divided into steps of at most 10 mm and 3°. Each step continues with the axis solution
-//! nearest to the one before. So a path keeps the configuration that it begins with, and a flip of the configuration
-//! shows as a jump of an axis. The configuration is the arm's current one, or, before it is known, the one with the
-//! most room left. Every step must keep the margins of the cell's file from the axis limits and from the three
-//! singularities (wrist, stretched elbow, wrist over axis 1). It must also keep the speed and acceleration limits of
-//! each axis, and the distances from the keep-out boxes. Corners that are rounded over b mm change speed in 2 b / feed;
-//! at a stop, the controller's own acceleration ramp applies. A path is rejected as a whole.
+//! A path of linear motions is divided into steps of at most 10 mm and 3°. In each step, the axis solution nearest to
+//! the previous one is used. So the path keeps its initial configuration, and a change of the configuration is detected
+//! as a jump of an axis. The initial configuration is that of the arm, or, before this is known, the one with the most
+//! room. Every step must keep the margins of the cell's file from the axis limits and from the three singularities
+//! (wrist, extended elbow, wrist over axis 1). It must also keep the speed and acceleration limits of each axis, and
+//! the distances from the keep-out boxes. At a corner that is rounded over b mm the speed changes within 2 b / feed; at
+//! a stop, the controller's own acceleration ramp applies. A path is rejected as a whole.
 
 mod follow;
 mod infeasible;
@@ -18,7 +18,7 @@ pub use infeasible::{Infeasibility, PathLine, ReachFault, Singularity, departing
 
 #[cfg(test)]
 mod tests {
-    //! Tests of paths that are refused, at poses calculated by hand.
+    //! Tests of paths that are rejected, at poses calculated by hand.
 
     use super::infeasible::{CheckedPose, check_keep_out, first_exceeded_axis, too_fast};
     use super::*;
@@ -42,7 +42,7 @@ mod tests {
         }
     }
 
-    /// Each cause for which a path is refused, at poses calculated by hand.
+    /// Each cause for which a path is rejected, at poses calculated by hand.
     #[test]
     fn every_cause_of_a_refusal_has_its_code() {
         let gates = Gates::new();
@@ -54,14 +54,14 @@ mod tests {
         let refused = |legs: &[PathLine]| {
             follow_path(&gates.arm, gates.flange_from_tool, None, legs).expect_err("refused").cause
         };
-        // Calculated by hand: the wrist's centre is 210 mm behind the tip, at 1000 mm: 975 from axis 2, while the reach
-        // is 700.9.
+        // Expected value, calculated by hand: the wrist's centre is 210 mm behind the tip, at 1000 mm. It is 975 mm
+        // from axis 2, while the reach is 700.9 mm.
         let Infeasibility::OutOfReach { beyond_mm } = refused(&[leg(1_210.0, 0.0, 400.0)]) else {
             panic!("reached")
         };
         assert!((beyond_mm - (975.0 - 700.855)).abs() < 0.01, "{beyond_mm}");
-        // Calculated by hand: at home the wrist is straight, axis 5 at 0; the tip is at 480 + 120 mm, at a height of
-        // 760.
+        // Calculated by hand: in the home position the wrist is straight with axis 5 at 0; the tip is at 480 + 120 mm,
+        // at a height of 760 mm.
         let from = |arm: &Kinematics, angles: [f64; 6], to: PathLine| {
             follow_path(arm, gates.flange_from_tool, Some(&Joints::from(angles)), &[to]).expect_err("refused").cause
         };
@@ -79,14 +79,14 @@ mod tests {
         assert!(matches!(refused(&[leg(f64::NAN, 0.0, 400.0)]), Infeasibility::NotFinite));
         let fast = PathLine { feed_mm_s: 15_000.0, ..leg(560.0, -100.0, 400.0) };
         assert!(matches!(refused(&[leg(560.0, 60.0, 400.0), fast]), Infeasibility::AxisSpeed { .. }));
-        // A motion in one direction and back, with a corner rounded over 0.5 mm at 900 mm/s, changes the speed within
-        // the time of one step.
+        // A motion to one side and back, with a corner rounded over 0.5 mm at 900 mm/s, changes the speed within the
+        // time of one step.
         let quick = |y_mm: f64| PathLine { feed_mm_s: 900.0, blend_mm: 0.5, ..leg(560.0, y_mm, 400.0) };
         assert!(matches!(
             refused(&[quick(0.0), quick(10.0), quick(20.0), quick(10.0)]),
             Infeasibility::AxisAcceleration { .. }
         ));
-        // Behind the arm, A1 is beyond its limits, although all other angles are within theirs.
+        // Behind the arm, A1 exceeds its limits; all other angles are within their limits.
         let found = follow_path(
             &gates.arm,
             gates.flange_from_tool,
@@ -102,8 +102,9 @@ mod tests {
         CheckedPose { index: 0, base_from_flange, tip, seconds, change_s, is_end: true, solutions: Vec::new() }
     }
 
-    /// Calculated by hand: in 10 ms, each axis may rotate by a hundredth of its speed, and its speed may change by a
-    /// hundredth of its acceleration. If either is exceeded by a thousandth, the path is refused at that axis.
+    /// Calculated by hand: in 10 ms, each axis may rotate by a hundredth of its speed limit, and its speed may change
+    /// by a hundredth of its acceleration limit. If either is exceeded by a thousandth, the path is rejected because of
+    /// that axis.
     #[test]
     fn speed_and_acceleration_hold_up_to_their_limits() {
         let arm = Gates::new().arm;
@@ -120,7 +121,7 @@ mod tests {
                     matches!(refused, Infeasibility::AxisSpeed { axis: found, .. } if found == axis + 1),
                     "{refused:?}"
                 );
-                // The speed changes from 10 °/s by the acceleration times 10 ms.
+                // The speed changes from 10 °/s by the acceleration limit times 10 ms.
                 let change = axes.max_acceleration_deg_s2[axis] * 0.01;
                 let to = |share: f64| only((10.0 + sign * share * change) * 0.01);
                 let held = look(0.01, Some(0.01));
@@ -133,7 +134,8 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: ±170, −190…45, −120…156, ±185, ±120, ±350°, each reduced by the margin of 3°.
+    /// Expected limits, calculated by hand: ±170, −190…45, −120…156, ±185, ±120, ±350°, each reduced by the margin of
+    /// 3°.
     #[test]
     fn an_axis_keeps_the_margin_from_its_limits() {
         let arm = Gates::new().arm;
@@ -155,8 +157,8 @@ mod tests {
         }
     }
 
-    /// Calculated by hand: at home the forearm and the wrist lie in the plane y = 0 at z = 760, the flange at x = 480,
-    /// the tip at x = 600. A box beside the wrist must be 80 mm away, a box beside only the tip 40 mm.
+    /// Calculated by hand: in the home position the forearm and the wrist lie in the plane y = 0 at z = 760, the flange
+    /// at x = 480, the tip at x = 600. A box beside the wrist must be 80 mm away, a box beside the tip only 40 mm.
     #[test]
     fn the_arm_and_the_tool_keep_their_distances_from_a_box() {
         let distance = |x_mm: f64, y_mm: f64| {

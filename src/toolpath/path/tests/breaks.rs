@@ -1,4 +1,5 @@
-//! Tests of paths over areas around breaks: parts of grids, by hand on a plane of 280 × 168 mm with 3 × 5 grids of 56 mm.
+//! Tests of paths over areas around breaks. Expected values are calculated by hand on a plane of 280 × 168 mm with 3 ×
+//! 5 grids of 56 mm.
 
 use super::super::breaks::{Breaks, Distances, around_breaks, lay_boxes};
 use super::super::gate::judge_plan;
@@ -23,7 +24,7 @@ fn planned_over(treated: &Treated, settings: &recipe::Path) -> Plan {
     planned_on_panel(treated, 20.0, settings)
 }
 
-/// The panel ends this far beyond the region, mm.
+/// Plans paths on a panel that ends at this distance beyond the region, mm.
 fn planned_on_panel(treated: &Treated, beyond_mm: f64, settings: &recipe::Path) -> Plan {
     let region = region();
     let corner = |n: usize| {
@@ -41,8 +42,8 @@ fn id(name: &str) -> GridId {
     name.parse().expect("a grid")
 }
 
-/// An area of 44 × 44 mm = 1936 mm² in the middle of r2c3, which has 56 × 56 = 3136 mm². Lines stay 3 mm inside of its
-/// border, so every contact lies within 19 mm of its middle, (140, 84).
+/// An area of 44 × 44 mm = 1936 mm² in the middle of r2c3, which has 56 × 56 = 3136 mm². Lines are inset from the
+/// area's border by 3 mm, so every contact point lies within 19 mm of the middle, (140, 84).
 #[test]
 fn an_area_in_a_grid_is_covered_and_nothing_else_is_planned() {
     let settings = settings("");
@@ -62,7 +63,8 @@ fn an_area_in_a_grid_is_covered_and_nothing_else_is_planned() {
     assert!((whole.treated_mm2() - 3_136.0).abs() < 1e-6 && whole.breaks_reached.is_none());
 }
 
-/// Two areas of 34 × 34 = 1156 mm² in r1c1, and one of 44 × 34 mm half in r1c3 and half in r1c4, 22 · 34 = 748 mm² each.
+/// Two areas of 34 × 34 = 1156 mm² in r1c1, and one area of 44 × 34 mm of which one half, 22 · 34 = 748 mm², is in r1c3
+/// and the other half in r1c4.
 #[test]
 fn areas_are_counted_by_the_grids_in_which_they_lie() {
     let areas =
@@ -75,8 +77,8 @@ fn areas_are_counted_by_the_grids_in_which_they_lie() {
     assert_eq!(plan.paths.len(), 3);
 }
 
-/// One of two broken places lies 40 mm beside the area: half of them is reached, and a person must decide. The area's
-/// own coverage does not show this.
+/// One of two break points lies 40 mm beside the area: the disc reaches half of the break points, and a person must
+/// decide. The area's own coverage does not show this.
 #[test]
 fn a_plan_that_misses_a_break_is_not_accepted() {
     let settings = settings("");
@@ -88,9 +90,9 @@ fn a_plan_that_misses_a_break_is_not_accepted() {
     assert_eq!((judgement.verdict, codes), (Verdict::Review, vec!["break_missed"]));
 }
 
-/// The panel ends at the region's border, and the disc of 15 mm radius may not reach beyond it: contacts stay 15 mm
-/// away. A broken place 1 mm from the edge is 14 mm from them: within the radius, but not surely if the place has an
-/// uncertainty of 2 mm. If the disc may reach 2 mm beyond the edge, the place is 12 mm away.
+/// The panel ends at the region's border, and the disc of 15 mm radius may not reach beyond it: contact points are at
+/// least 15 mm from the edge. A break point 1 mm from the edge is 14 mm from the contact points: within the radius, but
+/// not if the point has an uncertainty of 2 mm. If the disc may reach 2 mm beyond the edge, the distance is 12 mm.
 #[test]
 fn a_break_at_the_edge_is_reached_or_needs_a_review() {
     let own = area([0.0, 50.0], [45.0, 95.0]);
@@ -108,9 +110,9 @@ fn a_break_at_the_edge_is_reached_or_needs_a_review() {
     assert_eq!(planned(2.0, 2.0), (Some(1.0), false));
 }
 
-/// The smallest area, three radii of the disc of 30 mm, 45 mm: in a grid, in a corner of the region, and with a strip
-/// of 2 mm in a neighbouring grid. Every pattern covers the area, and the time under the disc is even within the
-/// recipe's limit. Rows in an area of 34 mm are not even.
+/// The smallest area for a disc of 30 mm is three radii, 45 mm. It is tested in a grid, in a corner of the region, and
+/// with a strip of 2 mm in an adjacent grid. Every pattern covers the area, and the dwell time is uniform within the
+/// recipe's limit. Rows in an area of 34 mm are not uniform.
 #[test]
 fn every_pattern_covers_the_smallest_areas() {
     let smallest =
@@ -132,8 +134,8 @@ fn every_pattern_covers_the_smallest_areas() {
     assert_eq!(uneven.collect::<Vec<_>>(), ["uneven"]);
 }
 
-/// By hand: an area of 20 × 10 mm is completely covered by a disc of 5 mm radius that moves along its middle. The whole
-/// grid of 50 × 50 mm is covered on 278.5 of 2500 mm², see `dwell_by_hand`.
+/// Expected values, calculated by hand: a disc of 5 mm radius that moves along the middle of an area of 20 × 10 mm
+/// covers the area completely. Of the whole grid of 50 × 50 mm it covers 278.5 of 2500 mm², see `dwell_by_hand`.
 #[test]
 fn the_executed_path_is_compared_with_the_area() {
     let (surface, region) = (rectangle(50.0, 50.0), one_grid());
@@ -144,14 +146,15 @@ fn the_executed_path_is_compared_with_the_area() {
     let found = dwell::simulate_treated(&surface, &region, &treated, &[at(15.0), at(35.0)], 5.0);
     assert_eq!((found.share(), found.grids[0].untreated_mm2()), (1.0, 0.0));
     let half = dwell::simulate_treated(&surface, &region, &treated, &[at(15.0), at(20.0)], 5.0);
-    // Up to x = 25 at the middle, and to 20 at the sides: 5 · 10 and half a disc of 5 mm, 39.3: 89.3 of 200 mm².
+    // The disc covers up to x = 25 in the middle, and up to 20 at the sides: 5 · 10 mm² and half of a disc of 5 mm,
+    // 39.3 mm²: 89.3 of 200 mm².
     assert!((half.share() - 0.446).abs() < 0.02, "{}", half.share());
 }
 
-/// The distances of a disc of 30 mm with the default uncertainty of 2 mm.
+/// The distances for a disc of 30 mm and the default uncertainty of 2 mm.
 const DISTANCES: Distances = Distances { margin_mm: 17.0, join_mm: 15.0, least_mm: 45.0, reach_mm: 10.0 };
 
-/// Corners of boxes, mm.
+/// Returns the corners of boxes: left, top, right and bottom, mm.
 fn corners_mm(boxes: &[ParameterPatch]) -> Vec<[f64; 4]> {
     let corners = |patch: &ParameterPatch| {
         [280.0 * patch.low.u, 168.0 * patch.low.v, 280.0 * patch.high.u, 168.0 * patch.high.v].map(f64::round)
@@ -159,12 +162,14 @@ fn corners_mm(boxes: &[ParameterPatch]) -> Vec<[f64; 4]> {
     boxes.iter().map(corners).collect()
 }
 
-/// By hand: boxes of 45 mm cost 65² = 4225 mm² each. Moved by (30, 10) they become one, (75 + 20) · (55 + 20) = 7125 mm².
-/// Moved by (40, 40) they stay two, since 105² = 11 025 mm² is more than 8450 mm²; the overlap of 5 mm is less than the
-/// disc's reach. Moved by (30, 30) they would cost 95² = 9025 mm² as one, but beside the overlap of 15 mm a strip of 15 mm
-/// would be left, which is too narrow.
-/// A box of 90 mm, 110² = 12 100 mm², and one of 90 × 45 mm, 110 · 65 = 7150 mm², that overlap by 20 mm would cost
-/// 180 · 110 = 19 800 mm² as one; so the second one is cut to 70 × 45 mm.
+/// Expected results, calculated by hand. Boxes of 45 mm cost 65² = 4225 mm² each.
+/// - Moved by (30, 10), the boxes are merged: (75 + 20) · (55 + 20) = 7125 mm².
+/// - Moved by (40, 40), they remain two, since 105² = 11 025 mm² is more than 8450 mm²; the overlap of 5 mm is less
+///   than the disc's reach.
+/// - Moved by (30, 30), they are merged: this costs 95² = 9025 mm², but a cut would leave a strip of 15 mm beside the
+///   overlap of 15 mm, which is too narrow.
+/// - A box of 90 mm, 110² = 12 100 mm², and a box of 90 × 45 mm, 110 · 65 = 7150 mm², overlap by 20 mm. Merged they
+///   would cost 180 · 110 = 19 800 mm², so the second box is cut to 70 × 45 mm.
 #[test]
 fn boxes_become_one_only_if_this_costs_no_more() {
     let surface = rectangle(280.0, 168.0);
@@ -180,8 +185,7 @@ fn boxes_become_one_only_if_this_costs_no_more() {
     assert_eq!(found(&[large, area([60.0, 50.0], [105.0, 95.0])]), [[50.0, 40.0, 140.0, 130.0]]);
 }
 
-/// Returns the treatment of failed grids if the film broke in these rectangles, whose left, top, right and bottom are
-/// in mm.
+/// Returns the treatment of failed grids for breaks in these rectangles: left, top, right and bottom, mm.
 fn around(rectangles_mm: &[[f64; 4]], failed: &[&str]) -> Treated {
     let region = region();
     let mut broken = Mask::all_outside(486, 300);
@@ -204,10 +208,11 @@ fn area_mm2(treated: &Treated) -> f64 {
     areas.map(|area| 280.0 * 168.0 * (area.high.u - area.low.u) * (area.high.v - area.low.v)).sum()
 }
 
-/// By hand, with 34 mm for the margins and grids of 3136 mm². A break of 30 mm in r2c3 would be a box of 64² = 4096
-/// mm², so the grid is treated. One of 10 mm where four failed grids meet is a box of 45² = 2025 mm², to within a
-/// pixel, instead of 12 544 mm². Breaks of 12 mm in r1c1 and r2c2, whose boxes of 46 mm lie 10 mm apart, stay two
-/// areas: one box would have 102² = 10 404 mm², more than both grids.
+/// Expected results, calculated by hand with 34 mm for the margins and grids of 3136 mm². The box of a break of 30 mm
+/// in r2c3 would have 64² = 4096 mm², so the grid is treated. The box of a break of 10 mm where four failed grids meet
+/// has 45² = 2025 mm², to within a pixel, instead of 12 544 mm². The boxes of breaks of 12 mm in r1c1 and r2c2 have 46
+/// mm and lie 10 mm apart: they remain two areas, because a merged box would have 102² = 10 404 mm², more than both
+/// grids.
 #[test]
 fn areas_are_never_larger_than_the_grids_that_they_replace() {
     let large = around(&[[125.0, 69.0, 155.0, 99.0]], &["r2c3"]);
@@ -227,9 +232,9 @@ fn areas_are_never_larger_than_the_grids_that_they_replace() {
     }
 }
 
-/// Only r2c2 failed, up to x = 112 mm. A break of 35 × 20 mm extends 5 mm into r2c3, which the disc reaches from r2c2: the
-/// box would have 69 · 54 = 3726 mm², so the grid is treated. One of 45 × 20 mm extends 15 mm into r2c3: the box of
-/// 79 · 54 = 4266 mm² is treated, since r2c2 alone would leave a part of the break.
+/// Only r2c2, up to x = 112 mm, failed. A break of 35 × 20 mm extends 5 mm into r2c3, which the disc reaches from r2c2:
+/// the box would have 69 · 54 = 3726 mm², so the grid is treated. A break of 45 × 20 mm extends 15 mm into r2c3: the
+/// box of 79 · 54 = 4266 mm² is treated, because the treatment of r2c2 alone would not reach a part of the break.
 #[test]
 fn a_grid_replaces_areas_only_if_the_disc_reaches_every_break() {
     let near = around(&[[82.0, 74.0, 117.0, 94.0]], &["r2c2"]);

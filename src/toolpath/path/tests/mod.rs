@@ -1,4 +1,4 @@
-//! Tests of rasters, poses and plans on surfaces whose results can be calculated by hand, and on fitted surfaces.
+//! Tests of rasters, poses and plans, on surfaces whose results can be calculated by hand and on fitted surfaces.
 
 mod breaks;
 mod plans;
@@ -16,7 +16,8 @@ use panelprep_cell::recipe;
 const WHOLE: ParameterPatch =
     ParameterPatch { low: Parameter { u: 0.0, v: 0.0 }, high: Parameter { u: 1.0, v: 1.0 } };
 
-/// The bilinear surface between four corners in the plane z = 0, from the first to the second along u, seen from +z.
+/// Returns the bilinear surface between four corners in the plane z = 0, from the first to the second corner along u,
+/// seen from +z.
 fn quad(corners_mm: [[f64; 2]; 4]) -> BSplineSurface {
     let knots = || KnotVector::uniform(1, 1, 0.0..=1.0).expect("open");
     let [a, b, c, d] = corners_mm.map(|[x, y]| Point::at(x, y, 0.0));

@@ -1,15 +1,15 @@
-//! Tests of plans calculated by hand, of refused plans, and of the program that a person runs.
+//! Tests of plans whose expected values are calculated by hand, of rejected plans, and of the KRL program.
 //!
-//! Tests of the tool's orientation along a path: along the normal, while landing, between areas, and with lead and
-//! tilt.
+//! Also tests of the tool's orientation along a path: along the normal, during the landing, between areas, and with
+//! lead and tilt.
 
 use super::*;
 use panelprep_base::verdict::{Check, Severity};
 
-/// By hand: on a plane seen from +z with feed along x, Z = (0, 0, −1), X = (1, 0, 0), Y = Z × X = (0, −1, 0), which
-/// is C = 180°. Approach and retract are 40 mm above. 5 rows of 44 mm with 4 turns of 11 mm are 264 mm of contact,
-/// in addition to 2 · 40 mm of air at 60 mm/s. In contact the feed is 20 to 60 mm/s, so the contact lasts 4.4 to
-/// 13.2 s.
+/// Expected values, calculated by hand. On a plane seen from +z with feed along x, Z = (0, 0, −1), X = (1, 0, 0), Y = Z
+/// × X = (0, −1, 0), which is C = 180°. Approach and retraction are 40 mm above the plane. 5 rows of 44 mm with 4
+/// connections of 11 mm are 264 mm of contact, in addition to 2 · 40 mm in the air at 60 mm/s. In contact the feed is
+/// 20 to 60 mm/s, so the contact lasts 4.4 to 13.2 s.
 #[test]
 fn a_plan_over_a_plane_by_hand() {
     let (surface, settings) = (rectangle(50.0, 50.0), settings("landing_mm = 0"));
@@ -60,10 +60,10 @@ fn good_plan() -> (Plan, recipe::Path) {
     (plan(&surface, &region, &grids, &outline, &settings).expect("a plan"), settings)
 }
 
-/// The tool is running on each line of a plan, also in the air between two areas. By hand, the longest line is the lift
-/// from 3 mm, the landing height, to 40 mm, the approach height. The motion through the air has waypoints at the
-/// spacing of 10 mm. Both are below `[limits] max_step_mm`, 100 mm, and the controller's `CELL_STEP_MM`, 110 mm, which
-/// no such line may exceed.
+/// The tool runs on each line of a plan, also in the air between two areas. Calculated by hand: the longest line is the
+/// retraction from the landing height, 3 mm, to the approach height, 40 mm. The motion through the air has waypoints
+/// every 10 mm. Both are below `[limits] max_step_mm`, 100 mm, and the controller's `CELL_STEP_MM`, 110 mm, which no
+/// such line may exceed.
 #[test]
 fn the_longest_line_with_the_tool_running_is_the_lift() {
     let (plan, settings) = good_plan();
@@ -119,8 +119,8 @@ fn every_inserted_defect_has_its_reason() {
     assert_eq!(planted(|plan| plan.step_over_mm.as_mut().expect("rows").max_mm = 12.01), review("step_over"));
 }
 
-/// A path with a number that is not finite is a fault of this program: the operator is not asked to move the panel
-/// because of this.
+/// A path with a number that is not finite is a fault of the program: the message must not ask the operator to move the
+/// panel.
 #[test]
 #[should_panic(expected = "is not finite")]
 fn a_path_that_is_not_finite_is_never_followed() {
@@ -137,7 +137,7 @@ fn a_path_that_is_not_finite_is_never_followed() {
     let _ = panel_reach::follow_plan(&plan, &stand, &settings);
 }
 
-/// A person may decide on a grid out of reach, but not on a path that the gate rejects, whatever grid it is over.
+/// A person may decide on a grid that is out of reach, but not on a path that the plan checks reject.
 #[test]
 fn a_path_that_the_gate_rejects_needs_no_review() {
     let unreached = panel_reach::UnreachablePlan {
@@ -161,7 +161,7 @@ fn a_path_that_the_gate_rejects_needs_no_review() {
     assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Reject, "large_turn"));
 }
 
-/// By hand: a pad of 6 mm absorbs 2 mm of error.
+/// Expected value, calculated by hand: a pad of 6 mm stroke absorbs an error of 2 mm.
 #[test]
 fn a_press_in_needs_a_pad_that_absorbs_the_error() {
     let pressed = settings("press_in_mm = 2\npad_stroke_mm = 6");
@@ -171,9 +171,9 @@ fn a_press_in_needs_a_pad_that_absorbs_the_error() {
     assert_eq!(judge_pad(&settings(""), None).verdict, Verdict::Accept, "nothing is pressed");
 }
 
-/// Calculated by hand: on a grid of 6 mm, one place would be enough for a disc of 30 mm. The disc moves over this place
-/// by half of its radius, 7.5 mm. The feed is the lowest that is allowed, because the place would otherwise be under
-/// the disc for too short a time.
+/// Expected values, calculated by hand: on a grid of 6 mm, a disc of 30 mm covers the grid from one point. The disc
+/// moves over this point by half of its radius, 7.5 mm. The feed has its minimum, because the dwell time would
+/// otherwise be too short.
 #[test]
 fn the_krl_program_agrees_with_the_expected_text() {
     let surface = rectangle(6.0, 6.0);
@@ -248,7 +248,7 @@ fn the_tool_is_on_the_normal_and_turns_gently() {
                 let normal = shape.normal(tool(waypoint).origin());
                 angle = angle.max((-(rotation * Vector3::z())).angle(&normal).to_degrees());
                 assert!(shape.distance_mm(tool(waypoint).origin()).abs() < 0.05);
-                // X is the reference projected perpendicular to the tool's axis: Y has no component along the
+                // X is the reference projected perpendicular to the tool's axis, so Y has no component along the
                 // reference.
                 spin = spin.max((rotation * Vector3::y()).dot(&reference).abs());
                 assert!(reference.norm() == 0.0 || (rotation * Vector3::x()).dot(&reference) > 0.5);
@@ -286,7 +286,7 @@ fn a_reference_along_the_normal_is_refused() {
     );
 }
 
-/// Between two grids, the tool moves through the air at 40 mm, also above a cylinder.
+/// Between two grids, the tool moves through the air at 40 mm above the surface, also over a cylinder.
 #[test]
 fn between_grids_the_tool_stays_above_the_surface() {
     let (fit, region, outline, settings) =
@@ -300,8 +300,8 @@ fn between_grids_the_tool_stays_above_the_surface() {
     }
 }
 
-/// Calculated by hand: the chord of a cylinder of 400 mm radius deviates from the cylinder by s² / 8R; 0.02 mm
-/// allow 8 mm.
+/// Expected value, calculated by hand: a chord of length s deviates from a cylinder of 400 mm radius by s² / 8R; a
+/// limit of 0.02 mm permits 8 mm.
 #[test]
 fn waypoints_are_closer_where_the_panel_is_curved() {
     let (fit, region, outline, settings) =
@@ -313,15 +313,15 @@ fn waypoints_are_closer_where_the_panel_is_curved() {
         contact.windows(2).map(|pair| tool(pair[0]).origin().distance_mm(tool(pair[1]).origin())).collect();
     let longest = steps.iter().copied().fold(0.0, f64::max);
     assert!((7.7..8.05).contains(&longest), "{longest}");
-    // 8 mm in 200 ms are 40 mm/s: slower than the recipe's 60 mm/s.
+    // 8 mm in 200 ms are 40 mm/s, which is lower than the recipe's 60 mm/s.
     for (pair, step) in contact.windows(2).zip(&steps) {
         assert!(pair[1].feed_mm_s <= step / 0.2 + 1e-9, "{} after {step} mm", pair[1].feed_mm_s);
         assert!(pair[1].blend_mm <= 0.2 * step + 1e-9);
     }
 }
 
-/// Calculated by hand: the disc lands over 15 mm along the surface, from 3 mm above it, presses in by 1.5 mm and
-/// retracts in the same way.
+/// Expected values, calculated by hand: the disc lands over 15 mm along the surface, from 3 mm above the surface,
+/// presses in by 1.5 mm and retracts in the same way.
 #[test]
 fn the_disc_lands_and_leaves_while_it_moves() {
     let (surface, settings) = (rectangle(50.0, 50.0), settings("press_in_mm = 1.5\npad_stroke_mm = 5"));
@@ -346,7 +346,7 @@ fn the_disc_lands_and_leaves_while_it_moves() {
     assert_eq!((path[0].blend_mm, path[last].blend_mm), (0.0, 0.0));
 }
 
-/// Lead and tilt rotate the tool about its own axes, and its point does not move.
+/// Lead and tilt rotate the tool about its own axes; the tool's point does not move.
 #[test]
 fn lead_and_tilt_lean_the_tool_about_its_point() {
     let surface = rectangle(50.0, 50.0);
@@ -357,7 +357,7 @@ fn lead_and_tilt_lean_the_tool_about_its_point() {
         .expect("a pose");
     assert!(leaning.origin().distance_mm(upright.origin()) < 1e-12);
     assert!(((upright.inverse() * leaning).rotation_angle().0 - 5.0).abs() < 1e-9);
-    // Calculated by hand: Z = (0, 0, −1), X = (1, 0, 0); a lead of 5° rotates Z towards X.
+    // Expected values, calculated by hand: Z = (0, 0, −1), X = (1, 0, 0); a lead of 5° rotates Z towards X.
     let z = leaning.rotation() * Vector3::z();
     assert!((z - Vector3::new(5.0f64.to_radians().sin(), 0.0, -5.0f64.to_radians().cos())).norm() < 1e-9, "{z}");
 }

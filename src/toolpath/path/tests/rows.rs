@@ -1,13 +1,15 @@
-//! Tests of rows over patches whose results can be calculated by hand, and on surfaces with every curvature.
+//! Tests of rows over patches, on surfaces whose results can be calculated by hand and on surfaces with every
+//! curvature.
 //!
-//! Tests of the area that a disc covers and does not cover: coverage, dwell, the outline, holes, every pattern.
+//! Also tests of the area that a disc covers: coverage, dwell time, the outline, holes, every pattern.
 
 use super::super::coverage::{coverage, strokes};
 use super::*;
 use proptest::prelude::*;
 
-/// Calculated by hand: disc 30 mm, inset 3 mm; 44 mm of 50 mm remain, at 12 mm in 4 steps of 11 mm. Rows from 3 to
-/// 47 mm are in 5 steps of 8.8 mm; the second row runs back.
+/// Expected values, calculated by hand for a disc of 30 mm and an inset of 3 mm: 44 mm of 50 mm remain, which a
+/// step-over of 12 mm divides into 4 steps of 11 mm. Rows from 3 to 47 mm have 5 steps of 8.8 mm; the second row runs
+/// in the opposite direction.
 #[test]
 fn a_square_of_50_mm_has_five_rows() {
     let (surface, settings) = (rectangle(50.0, 50.0), settings(""));
@@ -21,11 +23,11 @@ fn a_square_of_50_mm_has_five_rows() {
         assert!(row[0].distance_mm(Point::at(from, y, 0.0)) < 1e-6, "{:?}", row[0]);
         assert!(row[5].distance_mm(Point::at(to, y, 0.0)) < 1e-6);
     }
-    // Each connection of 11 mm between two rows gets one waypoint in its middle.
+    // Each connection of 11 mm between two rows has one waypoint in its middle.
     assert_eq!(raster.to_track(&surface, settings.waypoint_spacing_mm()).len(), 5 * 6 + 4);
 }
 
-/// Calculated by hand: below 6 mm there is no space for two insets of 3 mm.
+/// Calculated by hand: a side below 6 mm is too short for two insets of 3 mm.
 #[test]
 fn a_patch_smaller_than_the_disc_gets_one_row_or_one_point() {
     for (width_mm, height_mm, lengths) in
@@ -41,9 +43,9 @@ fn a_patch_smaller_than_the_disc_gets_one_row_or_one_point() {
     }
 }
 
-/// Calculated by hand: a patch 50 mm wide on one side and 60 mm on the other has 54 mm at most between its outer
-/// rows, 5 steps. At the narrow side the steps are 8.8 mm, at the wide side 10.8 mm, and the last row stays 3 mm
-/// from the slanted border.
+/// Expected values, calculated by hand: a patch that is 50 mm wide on one side and 60 mm on the other has at most 54 mm
+/// between its outer rows, 5 steps. At the narrow side the steps are 8.8 mm, at the wide side 10.8 mm, and the last row
+/// stays 3 mm from the slanted border.
 #[test]
 fn the_last_row_follows_the_far_border() {
     let surface = quad([[0.0, 0.0], [100.0, 0.0], [100.0, 60.0], [0.0, 50.0]]);
@@ -55,12 +57,12 @@ fn the_last_row_follows_the_far_border() {
     }
 }
 
-/// On a cylinder, rows along its axis are r' apart around the circumference, where a distance is 400 mm times the
+/// On a cylinder, rows along the axis are r' apart around the circumference, on which a distance is 400 mm times the
 /// angle.
 #[test]
 fn the_step_over_holds_around_a_cylinder() {
     let (fit, _, _, settings) = fitted(Shape::Cylinder, ScanDefects::default(), "[path]\nstep_over_mm = 12\n");
-    // In the region, u runs around the cylinder; after the swap, rows run along the cylinder's axis.
+    // In the region, u runs around the cylinder; with u and v exchanged, rows run along the cylinder's axis.
     let surface = transposed(&fit.surface);
     let raster = raster(&surface, &WHOLE, &settings).expect("rows");
     let around_mm = |point: &Point<Panel>| 400.0 * (point.mm.x / (1_100.0 - point.mm.z)).atan();
@@ -95,8 +97,7 @@ fn transposed(surface: &BSplineSurface) -> BSplineSurface {
     BSplineSurface::new(knots, controls, Point::at(0.0, 0.0, 0.0)).expect("a surface")
 }
 
-/// Distances between neighbouring rows, each compared with the r' of its own column, on surfaces with every
-/// curvature.
+/// Compares the distances between successive rows with the r' of each column, on surfaces with every curvature.
 #[test]
 fn rows_lie_at_the_equal_distance_of_their_column() {
     for shape in SHAPES {
@@ -107,8 +108,8 @@ fn rows_lie_at_the_equal_distance_of_their_column() {
             let grids: Vec<GridId> = region.ids().collect();
             let plan = plan(&fit.surface, &region, &grids, &[], &settings).expect("a plan");
             let step_over = plan.step_over_mm.expect("rows");
-            // The scene's region is a rectangle in x and y. On a plane, all columns are equally wide, on other
-            // shapes nearly so.
+            // The scene's region is a rectangle in x and y. On a plane all columns are equally wide, on other shapes
+            // approximately.
             let spread = (step_over.max_mm - step_over.min_mm) / step_over.max_mm;
             println!("{shape:?} {angle_deg}: {step_over:?}");
             assert!(
@@ -158,7 +159,7 @@ impl Slanted {
     }
 }
 
-/// The smallest grid, disc, step-over and spacing: a case that failed in an earlier version.
+/// The smallest grid, disc, step-over and distance between waypoints: this case failed in an earlier version.
 #[test]
 fn the_smallest_rows_meet_their_limits() {
     let smallest =
@@ -178,10 +179,10 @@ proptest! {
     }
 }
 
-/// By hand: a patch 56 mm wide on one side and 64 on the other, insets of 3 mm. In the middle half of 54 mm is
-/// left. With 2 steps of 10.8 mm the innermost ring would end 24.6 mm before the wide side. There the patch is 62.0
-/// mm wide, and the sides of the ring are 62.0 − 6 − 43.2 = 12.8 mm apart. With 3 steps of 7.71 mm they are 61.9 −
-/// 6 − 46.3 = 9.6 mm apart there.
+/// Expected values, calculated by hand for a patch that is 56 mm wide on one side and 64 mm on the other, with insets
+/// of 3 mm. In the middle half of 54 mm remains. With 2 steps of 10.8 mm the innermost ring would end 24.6 mm before
+/// the wide side. At that end the patch is 62.0 mm wide, and the sides of the ring are 62.0 − 6 − 43.2 = 12.8 mm apart.
+/// With 3 steps of 7.71 mm they are 61.9 − 6 − 46.3 = 9.6 mm apart.
 #[test]
 fn the_innermost_ring_s_sides_keep_the_step_over_where_the_patch_is_widest() {
     let surface = quad([[0.0, 0.0], [100.0, 0.0], [100.0, 64.0], [0.0, 56.0]]);
@@ -196,7 +197,8 @@ fn the_innermost_ring_s_sides_keep_the_step_over_where_the_patch_is_widest() {
     assert!((9.0..10.5).contains(&widest_mm), "{widest_mm}");
 }
 
-/// Calculated by hand: 20 mm of track and a disc of 5 mm radius cover 20·10 + 25π = 278.54 of 2500 mm².
+/// Expected value, calculated by hand: a disc of 5 mm radius on a track of 20 mm covers 20·10 + 25π = 278.54 of 2500
+/// mm².
 #[test]
 fn a_straight_track_covers_a_stadium() {
     let surface = rectangle(50.0, 50.0);
@@ -205,12 +207,12 @@ fn a_straight_track_covers_a_stadium() {
     let found = coverage(&surface, (id, &WHOLE), &strokes(&track, |_| true), 5.0);
     assert!((found.area_mm2 - 2_500.0).abs() < 1e-6);
     assert!((found.covered_mm2 - 278.54).abs() < 3.0, "{found:?}");
-    // A single place is not a motion in contact, neither here nor for the dwell.
+    // A single point is not a motion in contact, neither for the coverage nor for the dwell time.
     assert!(strokes(&track, |index| index == 0).is_empty() && strokes(&track[..1], |_| true).is_empty());
 }
 
-/// Calculated by hand: a disc of 60 mm radius in the middle of r1c1, (−112, −56), would reach 11 mm beyond the edge at
-/// y = −105. The lines are moved inwards, and the disc still covers the grid.
+/// Expected value, calculated by hand: a disc of 60 mm radius in the middle of r1c1, (−112, −56), would reach 11 mm
+/// beyond the edge at y = −105. The lines are moved inwards, and the disc still covers the grid.
 #[test]
 fn a_large_disc_keeps_inside_the_outline() {
     let (fit, region, outline, settings) = fitted(
@@ -224,8 +226,9 @@ fn a_large_disc_keeps_inside_the_outline() {
     assert!((1.9..=2.0).contains(&plan.overhang.largest_mm), "{:?}", plan.overhang);
 }
 
-/// By hand: the panel ends at the end of its region, and the disc must not reach beyond the edge. So its middle keeps
-/// 15 mm from the edge, and at the corner (1 − π/4) · 15² = 48.3 of 56² mm² remain untreated, 1.54 %.
+/// Expected values, calculated by hand: the panel ends at the border of its region, and the disc must not reach beyond
+/// the edge. Therefore the disc's centre stays 15 mm from the edge, and at the corner (1 − π/4) · 15² = 48.3 of 56² mm²
+/// remain untreated, 1.54 %.
 #[test]
 fn places_that_the_outline_excludes_are_reported_as_untreated() {
     let (surface, region) = (rectangle(280.0, 168.0), region());
@@ -246,7 +249,7 @@ fn places_that_the_outline_excludes_are_reported_as_untreated() {
     }
 }
 
-/// Every pattern covers every grid completely, on every shape, and keeps the distance between its lines.
+/// Every pattern covers every grid completely, on every shape, and keeps the maximum distance between its lines.
 #[test]
 fn every_pattern_covers_the_region() {
     for (shape, more) in
@@ -271,9 +274,8 @@ fn every_pattern_covers_the_region() {
     }
 }
 
-/// Calculated by hand: 20 mm of track at 10 mm/s under a disc of 5 mm radius. A place on the track's line, 10 mm
-/// from its ends, lies under the disc for 1 s, a place 4 mm beside the line for 0.6 s. A track there and back
-/// counts as two passes.
+/// Expected values, calculated by hand for a disc of 5 mm radius on a track of 20 mm at 10 mm/s. On the track's line,
+/// 10 mm from its ends, the dwell time is 1 s; 4 mm beside the line it is 0.6 s. A track there and back has two passes.
 #[test]
 fn dwell_by_hand() {
     let (surface, region) = (rectangle(50.0, 50.0), one_grid());
@@ -296,8 +298,8 @@ fn dwell_by_hand() {
     assert!((sample(&twice, 25, 25).0 - 2.0).abs() < 0.21);
 }
 
-/// With every pattern, a disc that is larger than the grid covers the whole grid, both in the plan and in the
-/// simulation of its poses. If the disc reaches nothing, the result is 0 and not −0.
+/// With every pattern, a disc that is larger than the grid covers the whole grid, in the plan and in the simulation of
+/// its poses. If the disc reaches no part of the grid, the result is 0 and not −0.
 #[test]
 fn a_disc_larger_than_the_grid_covers_it() {
     let region = one_grid();
@@ -320,8 +322,8 @@ fn a_disc_larger_than_the_grid_covers_it() {
     assert!(none.spread().is_none());
 }
 
-/// The time under the disc is even over a single grid, which consists only of border areas. Both the plan and the
-/// simulation of its poses show this. At the recipe's feed throughout, the time would not be even.
+/// The dwell time of the disc is uniform over a single grid that consists only of border areas, in the plan and in the
+/// simulation of its poses. At a constant feed, the recipe's, it would not be uniform.
 #[test]
 fn the_feed_makes_the_time_under_the_disc_even() {
     let (surface, region, settings) = (rectangle(50.0, 50.0), one_grid(), settings(""));
@@ -342,7 +344,7 @@ fn the_feed_makes_the_time_under_the_disc_even() {
     assert!(judge(&at_one_feed, &settings).reasons.iter().any(|reason| reason.code == "uneven"));
 }
 
-/// The plan's own coverage and the simulation of its poses agree.
+/// The coverage that the plan states agrees with the simulation of its poses.
 #[test]
 fn the_planned_coverage_agrees_with_the_simulated_path() {
     let (fit, region, outline, settings) = fitted(Shape::Saddle, ScanDefects::default(), "");
@@ -364,8 +366,8 @@ fn the_planned_coverage_agrees_with_the_simulated_path() {
     assert!((used.swept_mm2 - plan.contact_mm * 30.0).abs() < 1e-6 && !used.is_change_needed());
 }
 
-/// A square hole of 44 mm in r2c2's neighbour at (207, 150) px: over the hole the tool is lifted, beside the hole
-/// nothing changes, and the part that was not abraded is reported.
+/// A square hole of 44 mm is in the grid beside r2c2, at (207, 150) px. Over the hole the tool is lifted, beside the
+/// hole the path does not change, and the part that was not sanded is reported.
 #[test]
 fn the_tool_is_lifted_over_a_hole() {
     let spoil = ScanDefects { hole_px: 14.0, ..ScanDefects::default() };
